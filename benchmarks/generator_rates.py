@@ -19,7 +19,7 @@ import warp as wp
 
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.layouts import LayoutStatus
 
 _ROUNDS = 21
 _EVERY = 50
@@ -57,7 +57,7 @@ def main() -> None:
         few = wp.array(np.arange(generator.nworld) % _EVERY == 0, dtype=bool, device=words.device)
         partial = median(lambda generator=generator, few=few: generator.generate(few), words.device)
         full = median(generator.generate, words.device)
-        valid = int((generator.layouts.status.numpy() == Status.VALID).sum())
+        valid = int((generator.layouts.status.numpy() == LayoutStatus.VALID).sum())
         found = {
             "scene": scene,
             "num_envs": int(worlds),

@@ -24,7 +24,7 @@ import tyro
 
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.registration import ENVS
@@ -95,7 +95,7 @@ class Judge:
         self.randomizer.pipeline.reseed(seed=np.uint64(seed) + np.arange(self.batch.nworld, dtype=np.uint64))
         self.randomizer.reset()
         in_contact, pairs = self._touching()
-        fallback = self.randomizer.layouts.status.numpy() == Status.FALLBACK
+        fallback = self.randomizer.layouts.status.numpy() == LayoutStatus.FALLBACK
         fastest = np.zeros(self.batch.nworld)
         for _ in range(self.steps):
             self.batch.step()

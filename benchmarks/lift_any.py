@@ -22,7 +22,7 @@ import tyro
 from sceniris_gym.adapters.rsl_rl import RslRlVecEnvWrapper
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.files import replacing
-from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.registration import ENTRY_POINTS, ENVS
 from sceniris_gym.training.judging import EVAL_SEED, judge
 from sceniris_gym.training.settings import Options as Training
@@ -75,7 +75,7 @@ def by_thing(env: RslRlVecEnvWrapper, found: dict[str, Any]) -> dict[str, Any]:
     env.reset(seed=EVAL_SEED)  # the layouts that it was judged on
     randomizer, config = env.unwrapped.randomizer, env.unwrapped.compiled.config
     names = config.variants["target"]
-    valid = (env.unwrapped.state.layout_status == Status.VALID).cpu().numpy()
+    valid = (env.unwrapped.state.layout_status == LayoutStatus.VALID).cpu().numpy()
     drawn = randomizer.variant.numpy()[valid, list(config.variants).index("target")][: found["layouts"]]
     verdicts: dict[str, list[int]] = {}
     for thing, success in zip(drawn, found["each"]["success"], strict=True):

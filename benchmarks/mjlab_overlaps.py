@@ -71,7 +71,7 @@ def main(arguments: Arguments) -> None:
             while len(found) < arguments.resets:
                 env.reset()
                 found += depths(env, cubes)
-                fallbacks += int(env.extras.get("layout_fallback", torch.zeros(1)).sum())
+                fallbacks += int(env.extras.get("layout", {}).get("fallback", torch.zeros(1)).sum())
             overlaps = [depth for depth in found if depth > MOST]
             what = "PlaceLayouts" if placed else "as it comes"
             print(

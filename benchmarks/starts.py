@@ -24,7 +24,7 @@ from scipy import stats
 from benchmarks.generator_rates import median
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.layout.stored import StoredLayouts
 from sceniris_gym.layout.tables import read_table
 from sceniris_gym.program.compiled import CompiledScene
@@ -72,7 +72,7 @@ def rates(scenes: Mapping[str, CompiledScene], nworld: int) -> dict[str, dict[st
     found = {}
     for name, (generator, _) in made.items():
         fresh, stored = np.median(times[name], axis=0).tolist()
-        valid = int((generator.layouts.status.numpy() == Status.VALID).sum())
+        valid = int((generator.layouts.status.numpy() == LayoutStatus.VALID).sum())
         found[name] = {"valid_per_s": valid / fresh, "ms": 1e3 * fresh, "stored_per_s": nworld / stored}
     return found
 

@@ -18,7 +18,7 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.geometry.resting_poses import heading_of
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.program.plan import PlacedObject
 from sceniris_gym.viewer.regions import Standing, area_of
 
@@ -72,7 +72,7 @@ class View:
         generator = LayoutGenerator(self.compiled, nworld)
         generator.generate()
         layouts = generator.layouts
-        self._fresh = layouts.status.numpy() == Status.VALID
+        self._fresh = layouts.status.numpy() == LayoutStatus.VALID
         self._present = layouts.present.numpy() == 1
         qpos, pos, quat = layouts.qpos.numpy(), layouts.mocap_pos.numpy(), layouts.mocap_quat.numpy()
         self._states = [self._posed(*row) for row in zip(qpos, pos, quat, strict=True)]

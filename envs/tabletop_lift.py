@@ -166,7 +166,7 @@ class TabletopLift(Task):
 
     def on_reset(self, s: State, mask: Tensor) -> None:
         """Choose an object, clear the last action and the timer, and set the tool's target to the tool."""
-        drawn = (s.random(1) * len(self.targets)).long().clamp(max=len(self.targets) - 1)
+        drawn = (s.uniform(1) * len(self.targets)).long().clamp(max=len(self.targets) - 1)
         chosen = torch.zeros_like(self.chosen).scatter_(1, drawn, 1.0)
         self.chosen.copy_(torch.where(mask[:, None], chosen, self.chosen))
         self.held.masked_fill_(mask, 0.0)

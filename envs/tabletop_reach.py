@@ -113,7 +113,7 @@ class TabletopReach(Task):
 
     def on_reset(self, s: State, mask: Tensor) -> None:
         """Choose an object, and clear the last action."""
-        drawn = (s.random(1) * len(OBJECTS)).long().clamp(max=len(OBJECTS) - 1)
+        drawn = (s.uniform(1) * len(OBJECTS)).long().clamp(max=len(OBJECTS) - 1)
         chosen = torch.zeros_like(self.chosen).scatter_(1, drawn, 1.0)
         self.chosen.copy_(torch.where(mask[:, None], chosen, self.chosen))
         self.last_action.masked_fill_(mask[:, None], 0.0)

@@ -20,7 +20,7 @@ def main(num_envs: int = 64, steps: int = 250, device: str | None = None) -> Non
     obs, info = envs.reset(seed=0)  # world i gets seed i: the same layouts on every run
     print("one world observes", envs.single_observation_space, "and takes", envs.single_action_space)
     print("policy:", tuple(obs["policy"].shape), "critic:", tuple(obs["critic"].shape), "on", obs["policy"].device)
-    print("layouts: seeds", info["layout_seed"][:4].tolist(), "episodes", info["layout_episode"][:4].tolist())
+    print("layouts: seeds", info["layout"]["seed"][:4].tolist(), "episodes", info["layout"]["episode"][:4].tolist())
 
     # a world whose episode ends is reset within the step, and gets the layout of its next episode
     envs.action_space.seed(0)
@@ -30,7 +30,7 @@ def main(num_envs: int = 64, steps: int = 250, device: str | None = None) -> Non
         obs, reward, terminated, truncated, info = envs.step(action)
         total += reward
         ended += int((terminated | truncated).sum())
-    fallbacks = int(info["layout_fallback"].sum())
+    fallbacks = int(info["layout"]["fallback"].sum())
     print(f"{steps} steps of {num_envs} worlds: mean reward {total.mean() / steps:.3f}, {ended} episodes ended")
     print("reward terms:", {name: round(float(term.mean()), 3) for name, term in info["reward_terms"].items()})
     print(f"{fallbacks} worlds hold a layout from the bank; the others were made for their reset")

@@ -39,12 +39,12 @@ def main(num_envs: int = 16, device: str | None = None) -> None:
     """Reset some of the worlds, and compare what they have drawn."""
     envs = SceneVectorEnv(RoughLift, num_envs, scene=SCENE, device=device)
     envs.reset(seed=0)
-    factors = envs.state.parameter("can.mass")[:, 0].clone()
+    factors = envs.state.randomized("can.mass")[:, 0].clone()
     print(f"masses of the can are {factors.min():.2f} to {factors.max():.2f} of the model's")
     top = envs.state.model_field("geom_friction", "table/top")
     print(f"{int((top[:, 0] > 1.0).sum())} of {num_envs} tables are rough")
     envs.reset(options={"reset_mask": torch.arange(num_envs) < 2})
-    kept = envs.state.parameter("can.mass")[:, 0] == factors
+    kept = envs.state.randomized("can.mass")[:, 0] == factors
     print(f"after a reset of 2 worlds, {int(kept.sum())} keep their masses")
 
 

@@ -23,7 +23,7 @@ def main(num_envs: int = 1024, resets: int = 4, device: str | None = None) -> No
     envs = gym.make_vec("sceniris_gym/TabletopReach-v0", num_envs=num_envs, device=device, params=PARAMS)
     base: Any = envs.unwrapped
     _, info = envs.reset(seed=0)
-    widest = {name: values[0] for name, values in info["layout_params"].items()}
+    widest = {name: values[0] for name, values in info["layout"]["params"].items()}
     for k in range(1, resets + 1):
         for name, box in widest.items():
             middle = 0.5 * (box[:2] + box[2:]).repeat(2)

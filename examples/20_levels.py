@@ -30,7 +30,7 @@ def main(num_envs: int = 1024, episodes: int = 20, device: str | None = None) ->
     replays = torch.zeros(num_envs, device=base.device)
     for _ in range(episodes * STEPS):
         *_, info = envs.step(envs.action_space.sample())
-        replays += info["_final_info"] * (info["layout_level"] >= 0)
+        replays += info["_final_info"] * (info["layout"]["level"] >= 0)
     print(f"{replays.sum() / (num_envs * episodes):.0%} of the episodes were on levels played before")
     print(f"{sampler.size} levels are in the buffer")
     drawn = sampler.sample(1000)

@@ -53,7 +53,7 @@ def main(words: str) -> None:
     wp.config.log_level = wp.LOG_WARNING
     from benchmarks.paper.scenes import compiled_scene
     from sceniris_gym.layout.generate import LayoutGenerator
-    from sceniris_gym.layout.layouts import Status
+    from sceniris_gym.layout.layouts import LayoutStatus
 
     scene, worlds, device = json.loads(words)
     imported = time.perf_counter()
@@ -70,7 +70,7 @@ def main(words: str) -> None:
         "imports_s": imported - start,
         "compile_s": ready - imported,
         "generate_s": end - ready,
-        "valid": float((status == Status.VALID).mean()),
+        "valid": float((status == LayoutStatus.VALID).mean()),
         "peak_bytes": peak_bytes(device),
     }
     print(json.dumps(found), flush=True)

@@ -16,7 +16,7 @@ import warp as wp
 
 from sceniris_gym.device.sequence import LaunchSequence
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.program.compiled import CompiledScene
 
 _KINDS = {
@@ -68,7 +68,7 @@ def warm(compiled: CompiledScene, worlds: int, rounds: int) -> Warm:
         generator.generate()
         wp.synchronize_device(compiled.device)
         times.append(time.perf_counter() - start)
-        valid += int((generator.layouts.status.numpy() == Status.VALID).sum())
+        valid += int((generator.layouts.status.numpy() == LayoutStatus.VALID).sum())
         attempts += int(generator.layouts.attempts.numpy().sum(dtype=np.int64))
     seconds, made = statistics.median(times), rounds * worlds
     return Warm(seconds, valid / made, attempts / made, 1e9 * seconds * rounds / attempts)

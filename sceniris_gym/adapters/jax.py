@@ -12,7 +12,7 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, SceneMismatchError, check_type, import_extra
-from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.layout.tables import RequestedLayouts
 from sceniris_gym.program.compiled import CompiledScene, refuse_draws, refuse_starts
 from sceniris_gym.sim.fit import check_model
@@ -84,7 +84,7 @@ class LayoutFunction:
             raise ArgumentError(f"LayoutFunction: seed, episode and where should be of one shape. {error}") from None
         episode, where = (jnp.broadcast_to(array, lead) for array in (episode.astype(jnp.int32), where))
         qpos, pos, quat, status = _vmappable(self)(jnp.broadcast_to(words, (*lead, 2)), episode, where)
-        return FreshLayouts(qpos, pos, quat, status == int(Status.FALLBACK))
+        return FreshLayouts(qpos, pos, quat, status == int(LayoutStatus.FALLBACK))
 
     def _call(self, words: Any, episode: Any, where: Any) -> list[Any]:
         """Return poses and statuses of layouts for arguments of one leading shape."""
@@ -108,9 +108,9 @@ class LayoutAutoResetWrapper:
     Everything else of a world that is done is as the environment's own reset made it: once, at the beginning, or with
     `full_reset` anew. Layouts take one call a step, which makes those of the worlds that are done.
 
-    `info` has what BraxAutoResetWrapper keeps there, and `layout_seed` (two uint32 words), `layout_episode` and
-    `layout_fallback` (the layout came from the bank) of each world; `compiled.layout_id(seed, episode, split)` names
-    the layout. Seeds are drawn from the keys of the reset.
+    `info` has the entries of BraxAutoResetWrapper. `info["layout"]` has `seed` (two uint32 words), `episode` and
+    `fallback` (the layout comes from the fallback bank) of each world, and `compiled.layout_id(seed, episode, split)`
+    names the layout. Seeds are drawn from the keys of the reset.
 
     Args:
         env: The batch, as BraxAutoResetWrapper takes it: a VmapWrapper, and an EpisodeWrapper around it.
@@ -170,7 +170,7 @@ class LayoutAutoResetWrapper:
             )
         info = {"rng": rng, "done_count": jnp.zeros(worlds, int)} | ({} if self.full_reset else {"first_data": data})
         state.info.update({f"AutoResetWrapper_{name}": value for name, value in info.items()})
-        state.info.update(layout_seed=_words(seed), layout_episode=episode, layout_fallback=fallback)
+        state.info["layout"] = {"seed": _words(seed), "episode": episode, "fallback": fallback}
         return state.replace(data=data, obs=obs)
 
     def step(self, state: Any, action: Any) -> Any:
@@ -185,11 +185,12 @@ class LayoutAutoResetWrapper:
             again = self.env.reset(key)
             first, new = again.data, {k: v for k, v in again.info.items() if k in info and k not in _KEPT}
             info |= _where(done, new, {name: info[name] for name in new})
-        episode = info["layout_episode"] + done
-        data, obs, fallback = self._start(first, info, info["layout_seed"], episode, done)
-        info |= {"AutoResetWrapper_rng": rng, "layout_episode": episode}
+        layout = info["layout"]
+        episode = layout["episode"] + done
+        data, obs, fallback = self._start(first, info, layout["seed"], episode, done)
+        fallback = jnp.where(done, fallback, layout["fallback"])
+        info |= {"AutoResetWrapper_rng": rng, "layout": layout | {"episode": episode, "fallback": fallback}}
         info["AutoResetWrapper_done_count"] = info["AutoResetWrapper_done_count"] + done
-        info["layout_fallback"] = jnp.where(done, fallback, info["layout_fallback"])
         data = jax.vmap(lambda one, old, new: old.where(one, new))(done, state.data, data)
         return state.replace(data=data, obs=_where(done, obs, state.obs), info=info)
 

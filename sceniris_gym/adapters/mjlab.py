@@ -18,7 +18,7 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ArgumentError, NotSupportedError, SceneKeyError, import_extra
 from sceniris_gym.layout.chosen import ChosenLayouts
 from sceniris_gym.layout.compile import compile_scene
-from sceniris_gym.layout.layouts import Layouts, Status
+from sceniris_gym.layout.layouts import Layouts, LayoutStatus
 from sceniris_gym.layout.masks import as_world_ids
 from sceniris_gym.program.compiled import CompiledScene, refuse_draws
 from sceniris_gym.scene.adopt import instead_of_variants
@@ -50,8 +50,8 @@ class PlaceLayouts(ManagerTermBase):
     scene, split, seed and episode. It does not know of other events, so objects may start inside a robot whose joints
     another event offsets. List this event after those that write the same entities.
 
-    After a reset `env.extras` has `layout_seed` and `layout_episode`, int64, `layout_fallback` (the layout came from
-    the bank of valid ones), and `layout_start` if the scene has kinds of starts, each of shape (num_envs,);
+    After a reset `env.extras["layout"]` has `seed` and `episode`, int64, `fallback` (the layout came from the bank of
+    valid ones), and `start` if the scene has kinds of starts, each of shape (num_envs,);
     `extras["log"]` has the share of environments with a layout from the bank. Starts write the joints of the arm and
     the fingers; the controls of the next step should close them.
 
@@ -181,13 +181,12 @@ class PlaceLayouts(ManagerTermBase):
     def _tell(self) -> None:
         """Report the layouts of the environments in `env.extras`."""
         layouts, extras = self.layouts, self._env.extras
-        fallback = wp.to_torch(layouts.status) == Status.FALLBACK
-        extras["layout_seed"] = wp.to_torch(layouts.seed).view(torch.int64).clone()
-        extras["layout_episode"] = wp.to_torch(layouts.episode).long()
-        extras["layout_fallback"] = fallback
+        fallback = wp.to_torch(layouts.status) == LayoutStatus.FALLBACK
+        seed, episode = wp.to_torch(layouts.seed).view(torch.int64).clone(), wp.to_torch(layouts.episode).long()
+        extras["layout"] = {"seed": seed, "episode": episode, "fallback": fallback}
         if self.compiled.config.start:
-            extras["layout_start"] = wp.to_torch(layouts.start).long()
-        extras.setdefault("log", {})["Layouts/fallback_share"] = fallback.float().mean()
+            extras["layout"]["start"] = wp.to_torch(layouts.start).long()
+        extras.setdefault("log", {})["Layouts/fallback_rate"] = fallback.float().mean()
 
 
 @dataclass(kw_only=True)

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from sceniris_gym.adapters.mjlab import layouts_term
 from sceniris_gym.errors import ArgumentError, import_extra
-from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.sim.redrawing import Redrawer
 from sceniris_gym.sim.reset_writer import Simulation
 from sceniris_gym.sim.rest import scene_rest
@@ -23,8 +23,9 @@ class RedrawObjects(_COMMANDS.CommandTerm):
     """Gives entities new places among everything else as it is, whenever its timer runs out.
 
     The entities are objects of the scene of `PlaceLayouts`, which places them in resets; this command leaves resets
-    alone, and begins its count there. `env.extras` then has `layout_redraw`, the number of redraws of each environment
-    since its reset, and `layout_kept`: nothing fitted in the latest one, so that its objects stayed where they were.
+    alone, and begins its count there. `env.extras["layout"]` then has `redraws`, the number of redraws of each
+    environment since its reset, and `redraw_failed`: the latest one found no places, so that its objects stayed where
+    they were.
 
     Attributes:
         command: The number of redraws since the reset, shape (num_envs, 1), float32.
@@ -60,8 +61,8 @@ class RedrawObjects(_COMMANDS.CommandTerm):
         due[env_ids] = True
         self._redrawer.launch(self.cfg.objects, wp.from_torch(due, dtype=wp.bool))
         self._env.sim.forward()
-        self._env.extras["layout_redraw"] = self._number.long()
-        self._env.extras["layout_kept"] = wp.to_torch(self._redrawer.status) == Status.KEPT
+        failed = wp.to_torch(self._redrawer.status) == LayoutStatus.KEPT
+        self._env.extras.setdefault("layout", {}).update(redraws=self._number.long(), redraw_failed=failed)
 
     def _update_metrics(self) -> None:
         pass

@@ -12,10 +12,9 @@ from sceniris_gym.device.fixed import StaysHere
 from sceniris_gym.device.sequence import launching
 from sceniris_gym.errors import ArgumentError, SceneMismatchError, check_type, import_extra
 from sceniris_gym.layout.masks import as_worlds, fill_mask
-from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.program.compiled import CompiledScene, refuse_draws, refuse_starts
 from sceniris_gym.sim.fit import check_fit, check_model
-from sceniris_gym.sim.sources import make_pipeline
+from sceniris_gym.sim.sources import SourceLike, make_pipeline
 
 newton: Any = import_extra("newton", "newton")
 
@@ -142,7 +141,7 @@ class NewtonRandomizer(StaysHere):
         *states: Any,
         seed: int | Sequence[int] | np.ndarray = 0,
         split: str = "train",
-        layout_source: LayoutSource | None = None,
+        layout_source: SourceLike | None = None,
         prefetch: bool | wp.Stream | None = None,
     ) -> None:
         arguments = [(compiled, CompiledScene, "compiled"), (model, newton.Model, "model")]

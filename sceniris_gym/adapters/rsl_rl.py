@@ -10,7 +10,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from torch import Tensor
 
 from sceniris_gym.errors import ArgumentError, MissingExtraError
-from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.program.device import Cause
 from sceniris_gym.vector.images import GROUP, as_channels
 from sceniris_gym.vector.vector_env import SceneVectorEnv
@@ -127,8 +127,8 @@ class RslRlVecEnvWrapper(VecEnv):
         counts = wp.to_torch(layouts.rejections).sum(dim=0).float()
         shares = counts / counts.sum().clamp(min=1.0)
         return {
-            "Reset/valid_share": (status == Status.VALID).float().mean(),
-            "Reset/fallback_share": (status == Status.FALLBACK).float().mean(),
+            "Reset/valid_share": (status == LayoutStatus.VALID).float().mean(),
+            "Reset/fallback_share": (status == LayoutStatus.FALLBACK).float().mean(),
             "Reset/attempts": wp.to_torch(layouts.attempts).float().mean(),
             **{f"Reset/reject_{cause.name.lower()}": shares[cause] for cause in Cause if cause != Cause.NONE},
         }

@@ -32,7 +32,7 @@ class Sb3VecEnvWrapper(VecEnv):
     A step copies observations, rewards and flags of all worlds to the host. Infos are empty except for the worlds that
     finished, which have `terminal_observation`, `TimeLimit.truncated`, `is_success` (of the last step), `broken` (the
     state was no longer finite), `episode` (`r`, `l` and `t` as in Monitor, from the environment's own rewards), and
-    the names of the episode's layout: `layout_seed`, `layout_episode`, `layout_fallback` and so on. These infos are
+    `layout`, which names the episode's layout by `seed`, `episode`, `fallback` and so on. These infos are
     gathered on the device first, so that only those of finished worlds are copied. `reset_infos` has those of the
     present layout of each world.
 
@@ -201,7 +201,7 @@ class Sb3VecEnvWrapper(VecEnv):
         self._returns[worlds], self._lengths[worlds] = 0.0, 0
 
     def _layouts(self, info: dict[str, Any]) -> dict[str, Any]:
-        return {name: values for name, values in info.items() if name.startswith("layout_")}
+        return {"layout": info["layout"]}
 
     def _owner(self, name: str) -> Any:
         """Return the environment or its task, whichever has the attribute."""

@@ -21,7 +21,7 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.device.sequence import LaunchSequence
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import ResetRandomizer
@@ -64,8 +64,8 @@ def bench(
 
     def count() -> None:
         status = generator.layouts.status.numpy()
-        counts["valid"] += int((status == Status.VALID).sum())
-        counts["fallbacks"] += int((status == Status.FALLBACK).sum())
+        counts["valid"] += int((status == LayoutStatus.VALID).sum())
+        counts["fallbacks"] += int((status == LayoutStatus.FALLBACK).sum())
         counts["candidates"] += int(generator.layouts.attempts.numpy().sum())
         counts["first_pass"] += int(generator.layouts.first_pass_valid.numpy().sum())
 

@@ -10,7 +10,7 @@ from sceniris_gym.commands.bench import median_time
 from sceniris_gym.commands.check import table_of_rejections
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.layout.tables import read_table
 from sceniris_gym.pictures.render import captioned, save
 from sceniris_gym.scene.layout_table import LayoutTable
@@ -40,7 +40,7 @@ def demo(out: Path, device: str | None) -> dict:
     made, shown = LayoutTable.concatenate(tables), tables[-1][:SHOWN]
     counts = generator.rejection_counts()
     captions = [
-        f"world {i}: seed {shown.seed[i]}, episode {shown.episode[i]}, {Status(int(shown.status[i])).name.lower()}"
+        f"world {i}: seed {shown.seed[i]}, episode {shown.episode[i]}, {LayoutStatus(shown.status[i]).name.lower()}"
         for i in range(SHOWN)
     ]
     save(captioned(compiled.mjm, shown, captions, device=compiled.device), out)

@@ -18,7 +18,7 @@ from sceniris_gym.layout.columns import columns
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layout_id import LayoutId
-from sceniris_gym.layout.layouts import LayoutsView, Status
+from sceniris_gym.layout.layouts import LayoutStatus, LayoutsView
 from sceniris_gym.layout.params import ParamTable, params_in
 from sceniris_gym.layout.tables import read_table
 from sceniris_gym.layout.world_columns import WorldColumns
@@ -133,7 +133,7 @@ def describe(compiled: CompiledScene, table: LayoutTable) -> dict:
             }
     return {
         "scene": compiled.config.name,
-        "status": Status(int(table.status[0])).name.lower(),
+        "status": LayoutStatus(int(table.status[0])).name.lower(),
         "first_pass_valid": bool(table.first_pass_valid[0]),
         "attempts": int(table.attempts[0]),
         **({"start": int(table.start[0])} if compiled.config.start else {}),

@@ -17,6 +17,8 @@ from sceniris_gym.config.stored_arrays import UNREADABLE
 from sceniris_gym.dataset.manifest import MANIFEST, SCENE, checksum, part_name, read_manifest, row_of
 from sceniris_gym.device.random import named_stream
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, DatasetError, check_names
+from sceniris_gym.layout.stored import StoredLayouts
+from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.progress import tell
 from sceniris_gym.scene.layout_table import COLUMNS, LayoutTable
 
@@ -133,6 +135,10 @@ class LayoutDataset(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
         if ((asked < -len(self)) | (asked >= len(self))).any():
             raise IndexError(f"{self.folder} has rows 0 to {len(self) - 1}.")
         return asked.astype(np.int64) % len(self)
+
+    def __call__(self, compiled: CompiledScene, num_envs: int) -> StoredLayouts:
+        """Return a source of these layouts, which makes a data set a `layout_source` of environments."""
+        return StoredLayouts(compiled, self.table(), num_envs)
 
     def table(self, first: int = 0, count: int | None = None) -> LayoutTable:
         """Return `count` rows (None: all) from row `first` on as a LayoutTable, as `StoredLayouts` takes it.

@@ -9,7 +9,7 @@ import numpy as np
 from sceniris_gym.config.bounds import MOST_ATTEMPTS
 from sceniris_gym.errors import FallbackWarning
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.program.compiled import FEWEST_ATTEMPTS, CompiledScene
 from sceniris_gym.program.device import Cause, Program, copied
 from sceniris_gym.program.notices import warn
@@ -65,7 +65,7 @@ def _still_failing(trial: CompiledScene, seeds: np.ndarray) -> tuple[np.ndarray,
         chunk = seeds[start : start + _CHUNK]
         generator = LayoutGenerator(trial, len(chunk), seed=chunk, split="train_bank")
         generator.launch_placing(None)
-        failed = chunk[generator.layouts.status.numpy() != Status.VALID]
+        failed = chunk[generator.layouts.status.numpy() != LayoutStatus.VALID]
         left.append(failed)
         restarts += len(failed) - _ended_at_once(generator)
         if restarts > _MOST_RESTARTS:

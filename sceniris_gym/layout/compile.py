@@ -24,7 +24,7 @@ from sceniris_gym.layout.attempts import find_attempts
 from sceniris_gym.layout.blame import infeasible, recording
 from sceniris_gym.layout.columns import BANKED
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.layout.scene_cache import UNREADABLE, from_arrays, load_arrays, scene_key, store_arrays, to_arrays
 from sceniris_gym.program.compiled import CompiledScene, upload_scene
 from sceniris_gym.program.device import Cause, Program, copied, fill_struct
@@ -188,7 +188,7 @@ class _Probe:
                 break
             self.generator.generate()
             drawn += int(layouts.attempts.numpy().sum(dtype=np.int64))
-            valid = layouts.status.numpy() == Status.VALID
+            valid = layouts.status.numpy() == LayoutStatus.VALID
             self.found += zip(*(getattr(layouts, name).numpy()[valid] for name in BANKED), strict=True)
             self.made += nworld
             self.first += int(layouts.first_pass_valid.numpy().sum())

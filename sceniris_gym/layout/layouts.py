@@ -24,7 +24,7 @@ LayoutKeys = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Seeds and episodes of layouts, shape (n,), and the numbers of their params, shape (n, nvalue)."""
 
 
-class Status(IntEnum):
+class LayoutStatus(IntEnum):
     """State of a row."""
 
     NONE = 0
@@ -247,7 +247,7 @@ class Layouts(StaysHere):
         grasp_qpos: The joints [rad, m] of the target's arm in this grasp, shape (nworld, nreach, MAX_JOINTS). NaN
             beyond the arm's joints, and everywhere if reach was judged only by the arm's map.
         pregrasp_qpos: The same for the pre-grasp, shape (nworld, nreach, MAX_JOINTS). NaN for tiers below `clear`.
-        status: A `Status` per world, shape (nworld,), int32.
+        status: A `LayoutStatus` per world, shape (nworld,), int32.
         attempts: Candidates drawn for the row, summed over objects and restarts, shape (nworld,), int32.
         first_pass_valid: 1 for rows that needed no restart, shape (nworld,), int32.
         rejections: Running count of rejected candidates of all layouts so far, int64, shape (nobject, ncause), objects

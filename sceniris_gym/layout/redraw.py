@@ -19,7 +19,7 @@ from sceniris_gym.device.angles import unit_circle
 from sceniris_gym.device.fixed import StaysHere
 from sceniris_gym.device.random import REDRAW_STREAM, SPLITS, philox
 from sceniris_gym.device.transforms import mul_quat, quat_mat, quat_z, rot_vec_quat
-from sceniris_gym.layout.layouts import Layouts, LayoutsView, Status, copy_draws, copy_poses, layout_width
+from sceniris_gym.layout.layouts import Layouts, LayoutStatus, LayoutsView, copy_draws, copy_poses, layout_width
 from sceniris_gym.layout.wave.search import Search, Workspace, numbered_stream
 from sceniris_gym.placement.kinematics import pose_body
 from sceniris_gym.placement.measure import bounds_of, heading_of
@@ -34,7 +34,7 @@ class RedrawCounts(NamedTuple):
 
     Attributes:
         number: Redraws of each world since its reset, shape (nworld,).
-        status: The `Status` of each world's latest redraw, VALID or KEPT, or NONE before the first, shape (nworld,).
+        status: The `LayoutStatus` of each world's latest redraw, VALID, KEPT, or NONE before the first, shape (nworld,).
         kept: Running number of redraws that found no place, shape (1,).
     """
 
@@ -213,12 +213,12 @@ def _finish(
     layouts.seed[worldid] = state.seed[worldid]
     layouts.episode[worldid] = state.episode[worldid]
     layouts.start[worldid] = state.start[worldid]
-    status_out[worldid] = Status.VALID
-    if layouts.status[worldid] == Status.VALID:
+    status_out[worldid] = LayoutStatus.VALID
+    if layouts.status[worldid] == LayoutStatus.VALID:
         placed_out[worldid] = True
         return
-    layouts.status[worldid] = Status.KEPT
-    status_out[worldid] = Status.KEPT
+    layouts.status[worldid] = LayoutStatus.KEPT
+    status_out[worldid] = LayoutStatus.KEPT
     wp.atomic_add(kept_out, 0, 1)
     # grasps are not copied: `state` has columns for all targets, `layouts` only for redrawn targets
     for i in range(width):

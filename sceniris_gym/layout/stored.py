@@ -12,8 +12,8 @@ from sceniris_gym.layout.columns import columns, row_types
 from sceniris_gym.layout.layouts import (
     LayoutKeys,
     Layouts,
+    LayoutStatus,
     LayoutsView,
-    Status,
     copy_draws,
     copy_layout,
     layout_width,
@@ -59,7 +59,7 @@ def _make(
         layouts.next_param[worldid, i] = stored.param[row, i]
     if i == 0:
         copy_draws(stored, row, layouts, worldid)
-        layouts.status[worldid] = Status.VALID
+        layouts.status[worldid] = LayoutStatus.VALID
 
 
 class StoredLayouts(LayoutSource):
@@ -173,7 +173,7 @@ def check_table(compiled: CompiledScene, table: LayoutTable, where: str) -> None
             f"{where}: row {wrong[0]} has a non-finite or out-of-bounds value, or a non-unit quaternion "
             f"({len(wrong)} of {len(table)} rows are affected). Store layouts exactly as a generator makes them."
         )
-    unmade = np.flatnonzero(table.status == Status.NONE) if table.scene else []
+    unmade = np.flatnonzero(table.status == LayoutStatus.NONE) if table.scene else []
     if len(unmade):
         raise SceneMismatchError(f"{where}: row {unmade[0]} has no layout yet. Generate before you read the table.")
     check_numbers(compiled, {name: getattr(table, name) for name in INTEGERS}, where)
@@ -190,7 +190,7 @@ def check_numbers(compiled: CompiledScene, numbers: Mapping[str, np.ndarray], wh
     grasps = np.array([len(target.grasp_set.grasps) for target in targets], int)
     kinds = {"present": (0, 1), "start": (-1, len(compiled.config.start) - 1), "grasp": (-1, grasps - 1)}
     kinds |= dict.fromkeys(("episode", "draw_episode", "next_episode"), (-1, MOST_EPISODES - 1))
-    kinds |= dict.fromkeys(("elapsed", "draw_stream", "attempts"), (0, _MOST)) | {"status": (0, max(Status))}
+    kinds |= dict.fromkeys(("elapsed", "draw_stream", "attempts"), (0, _MOST)) | {"status": (0, max(LayoutStatus))}
     kinds |= {"tree_asleep": (-_MOST - 1, compiled.sim_mjm.ntree - 1)}
     for name, (least, most) in kinds.items():
         values = numbers.get(name, np.zeros(0))

@@ -13,7 +13,7 @@ from sceniris_gym.device.sequence import launching
 from sceniris_gym.errors import check_type
 from sceniris_gym.layout.columns import columns, row_types
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.layout.masks import as_count
 from sceniris_gym.layout.seeds import as_seeds
 from sceniris_gym.program.compiled import CompiledScene
@@ -42,7 +42,7 @@ def read_table(generator: LayoutGenerator, nrow: int | None = None) -> LayoutTab
     rows = {name: read(name) for name in columns()}
     table = LayoutTable(
         **rows,
-        valid=rows["status"] == Status.VALID,
+        valid=rows["status"] == LayoutStatus.VALID,
         grasp_pose=COLUMNS["grasp_pose"].blanks(0),
         scene=generator.compiled.hash,
         split=generator.split,
@@ -168,7 +168,8 @@ class RequestedLayouts(StaysHere):
             mask: Rows that get a layout, shape (nworld,), bool.
             *outputs: Four arrays. (1) Joint positions [m, rad], quaternions wxyz, shape (nworld, nq). (2) Positions of
                 mocap bodies [m], shape (nworld, nmocap), vec3. (3) Orientations of mocap bodies, wxyz inside `wp.quat`,
-                shape (nworld, nmocap). (4) `Status` of each layout, NONE for the start pose, shape (nworld,), int32.
+                shape (nworld, nmocap). (4) `LayoutStatus` of each layout, NONE for the start pose, shape (nworld,),
+                int32.
         """
         generator = self._generator
         seeds = wp.array(ptr=seed.ptr, dtype=wp.uint64, shape=generator.nworld, device=mask.device)

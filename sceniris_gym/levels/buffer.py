@@ -7,7 +7,7 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.device.random import philox, uniform
-from sceniris_gym.layout.layouts import LayoutsView, Status
+from sceniris_gym.layout.layouts import LayoutStatus, LayoutsView
 from sceniris_gym.levels.curriculum import SCORES, LevelReplay
 from sceniris_gym.program.compiled import MOST_EPISODES
 from sceniris_gym.program.device import allocate
@@ -243,7 +243,7 @@ def _update(
         if not mask[row]:
             return
     if status:
-        if status[row] == Status.FALLBACK:
+        if status[row] == LayoutStatus.FALLBACK:
             return
     if not (outcome[row] >= 0.0 and outcome[row] <= _MOST_FLOAT):
         return

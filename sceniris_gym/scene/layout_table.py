@@ -56,7 +56,7 @@ class LayoutTable:
         qpos: Joint positions [m, rad], quaternions wxyz, shape (nrow, nq).
         mocap_pos: Positions of the mocap bodies [m], world frame, shape (nrow, nmocap, 3).
         mocap_quat: Orientations of the mocap bodies, wxyz, shape (nrow, nmocap, 4).
-        status: Codes of `layout.layouts.Status`, shape (nrow,), int32.
+        status: Codes of `layout.layouts.LayoutStatus`, shape (nrow,), int32.
         attempts: Candidates drawn for it, shape (nrow,), int32.
         start: Number of the kind of start in the scene file, -1 where there is none, shape (nrow,), int32.
         grasp: The accepted grasp of each reach target, as an index into its grasps, -1 where the object is absent,

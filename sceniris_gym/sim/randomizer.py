@@ -17,7 +17,6 @@ from sceniris_gym.device.sequence import LaunchSequence, launching
 from sceniris_gym.errors import check_names, check_type
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.masks import as_rows, as_shape, as_worlds, fill_mask, mask_of_rows
-from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.levels.curriculum import ADR, LevelReplay
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import LayoutTable
@@ -28,7 +27,7 @@ from sceniris_gym.sim.named_random import draw_named
 from sceniris_gym.sim.origins import as_origins, warn_of_origins
 from sceniris_gym.sim.redrawing import Redrawer
 from sceniris_gym.sim.reset_writer import ResetWriter, Simulation
-from sceniris_gym.sim.sources import make_pipeline, stored_rows
+from sceniris_gym.sim.sources import SourceLike, make_pipeline, stored_rows
 from sceniris_gym.sim.variants import VariantWriter
 from sceniris_gym.sim.versions import fields_of_data
 from sceniris_gym.sim.write import poses_of
@@ -71,7 +70,9 @@ class ResetRandomizer(Fixed, StaysHere):
             copies it. The layouts are the same; the memory is that of a second generator (88 MB for 4,096 worlds of
             `mid`, 640 MB of `kitchen_reset`). None prefetches on a GPU, unless a layout_source is given; a wp.Stream is
             the stream to prefetch on. A graph of your own that captures a reset makes layouts in place.
-        layout_source: The LayoutSource to use; None makes a LayoutGenerator with `seed`, `split` and `prefetch`.
+        layout_source: A LayoutSource, a LayoutTable or LayoutDataset whose rows are served, or a function
+            `(compiled, nworld)` that returns a LayoutSource. None makes a LayoutGenerator with `seed`, `split` and
+            `prefetch`.
         curriculum: Chooses the next layout of each world by the outcomes of earlier episodes: a LevelReplay, an ADR,
             or a mapping of the fields of one. None goes from episode to episode of one seed.
         params: Names of the params that worlds have, or patterns; see `LayoutSource.set_params`. Not with a
@@ -95,7 +96,8 @@ class ResetRandomizer(Fixed, StaysHere):
         split: The split of the layouts: that of the layout_source if it has one.
         fields: Model fields that have a row for each world.
         redraw_count: Redraws of each world since its reset, shape (nworld,), int32.
-        redraw_status: `Status` of each world's latest redraw, VALID or KEPT; NONE before the first; (nworld,), int32.
+        redraw_status: `LayoutStatus` of each world's latest redraw, VALID or KEPT; NONE before the first; (nworld,),
+            int32.
         redrawer: The launches of `redraw`; see `Redrawer`.
         variant: The variant that each world has of each object with variants, numbered as in the scene file, objects in
             the order of `SceneConfig.variants`; shape (nworld, number of these objects), int32.
@@ -144,7 +146,7 @@ class ResetRandomizer(Fixed, StaysHere):
         seed: int | Sequence[int] = 0,
         split: str = "train",
         prefetch: bool | wp.Stream | None = None,
-        layout_source: LayoutSource | None = None,
+        layout_source: SourceLike | None = None,
         curriculum: LevelReplay | ADR | Mapping[str, Any] | None = None,
         params: str | Sequence[str] = (),
         # what a reset writes:
@@ -229,9 +231,9 @@ class ResetRandomizer(Fixed, StaysHere):
         All else stays bit for bit as it is in `data`: it is an obstacle, an anchor of relations, and a support if it is
         level. The objects come to rest; joints of theirs that the scene does not draw go home. The result is a pure
         function of scene, split, seed, episode, number of the redraw since the reset (`redraw_count`) and state.
-        Where nothing fits, the world keeps its state, `redraw_status` is `Status.KEPT`, and `redrawer.kept` counts
-        it. Positions and orientations in space of the objects are brought up to date; those of all bodies only along
-        with `needs`. `data.contact` is that of the last step, unless `needs` has "contacts".
+        Where nothing fits, the world keeps its state, `redraw_status` is `LayoutStatus.KEPT`, and `redrawer.kept`
+        counts it. Positions and orientations in space of the objects are brought up to date; those of all bodies only
+        along with `needs`. `data.contact` is that of the last step, unless `needs` has "contacts".
 
         Seeds, episodes and presence are those of `layouts`, also in worlds that `write` has reset.
 

@@ -45,7 +45,8 @@ class Redrawer:
     Attributes:
         mask: The worlds of the latest redraw, shape (nworld,), bool; `launch` takes it as it is.
         number: Redraws of each world since its reset, shape (nworld,), int32.
-        status: The `Status` of the latest redraw of each world, VALID or KEPT; NONE before the first; (nworld,), int32.
+        status: The `LayoutStatus` of the latest redraw of each world, VALID or KEPT; NONE before the first; (nworld,),
+            int32.
         kept: Running count of the redraws in which nothing fitted, shape (1,), int32.
         prepared: The launches of each set of objects that was redrawn, by their names as they were given.
     """

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import inspect
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import warp as wp
 
+from sceniris_gym.config.fields import short
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, SceneMismatchError, as_names, check_type
 from sceniris_gym.layout.ahead import Ahead
 from sceniris_gym.layout.columns import columns
@@ -15,11 +17,14 @@ from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Layouts, LayoutsView, view_of
 from sceniris_gym.layout.pipeline import LayoutPipeline
 from sceniris_gym.layout.source import LayoutSource
-from sceniris_gym.layout.stored import check_table
+from sceniris_gym.layout.stored import StoredLayouts, check_table
 from sceniris_gym.levels.curriculum import ADR, LevelReplay, as_curriculum
 from sceniris_gym.levels.sampler import LevelSampler
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import LayoutTable
+
+SourceLike = LayoutSource | LayoutTable | Callable[[CompiledScene, int], LayoutSource]
+"""What `layout_source` takes: a source, stored rows, or a function of (compiled, num_envs), as a LayoutDataset is."""
 
 
 def make_pipeline(
@@ -27,7 +32,7 @@ def make_pipeline(
     nworld: int,
     where: str,
     *,
-    layout_source: LayoutSource | None = None,
+    layout_source: SourceLike | None = None,
     seed: int | Sequence[int] | np.ndarray = 0,
     split: str = "train",
     prefetch: bool | wp.Stream | None = None,
@@ -41,8 +46,8 @@ def make_pipeline(
         compiled: The scene.
         nworld: Number of worlds.
         where: Name of the class that holds the pipeline, with which errors begin.
-        layout_source: Makes the layouts; None makes a LayoutGenerator. See ResetRandomizer, which explains the others,
-            too.
+        layout_source: Makes the layouts, or has them. None makes a LayoutGenerator. See ResetRandomizer, which explains
+            the others, too.
         seed: Seeds of a generator.
         split: Its split.
         prefetch: Make its layouts ahead.
@@ -70,13 +75,35 @@ def make_pipeline(
             f"{where}: prefetch and params are for layouts that it generates itself. Give either them or a "
             "layout_source, which may be a LayoutPipeline that prefetches."
         )
-    check_type(layout_source, LayoutSource, f"{where}: layout_source")
+    layout_source = as_layout_source(layout_source, compiled, nworld, f"{where}: layout_source")
     if replay is not None and layout_source.chooser is not None:
         raise ArgumentError(f"{where}: both curriculum and layout_source choose layouts. Give one of them.")
     ahead = Ahead(layout_source, None if prefetch is True else prefetch, graph=graph) if prefetch else None
     split = layout_source.split or split
     sampler = None if replay is None else LevelSampler(replay, layout_source.layouts, split)
     return LayoutPipeline(layout_source, split, ahead=ahead, chooser=sampler), sampler
+
+
+def as_layout_source(given: Any, compiled: CompiledScene, nworld: int, where: str) -> LayoutSource:
+    """Return a LayoutSource for these worlds: as given, over the rows of a LayoutTable, or made by a function.
+
+    Raises:
+        ArgumentTypeError: None of these, or a function that returns another type.
+    """
+    if isinstance(given, LayoutSource):
+        return given
+    if isinstance(given, LayoutTable):
+        return StoredLayouts(compiled, given, nworld)
+    try:
+        inspect.signature(given).bind(compiled, nworld)
+    except (TypeError, ValueError):
+        raise ArgumentTypeError(
+            f"{where} should be a LayoutSource, LayoutTable, LayoutDataset or a function (compiled, num_envs), "
+            f"got {short(given)}."
+        ) from None
+    made = given(compiled, nworld)
+    check_type(made, LayoutSource, where)
+    return made
 
 
 def stored_rows(layouts: Layouts | LayoutTable, own: Layouts, device: str) -> LayoutsView:

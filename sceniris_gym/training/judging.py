@@ -15,7 +15,7 @@ from torch import Tensor
 from sceniris_gym.adapters.rsl_rl import RslRlVecEnvWrapper
 from sceniris_gym.errors import UnknownNameError
 from sceniris_gym.layout.compile import compile_scene
-from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.progress import tell
 from sceniris_gym.training import layout_sources
 from sceniris_gym.training.records import success_interval
@@ -92,7 +92,7 @@ def judge(policy: Any, env: RslRlVecEnvWrapper, task: str, layouts: int) -> dict
     obs, info = env.reset(seed=EVAL_SEED)
     ids = env.unwrapped.layout_ids(info)
     s = env.unwrapped.state
-    fresh = s.layout_status == Status.VALID
+    fresh = s.layout_status == LayoutStatus.VALID
     counted = fresh & (fresh.cumsum(dim=0) <= layouts)
     chosen = None if ":" in task else getattr(env.unwrapped.task, "chosen", None)
     chosen = torch.ones(env.num_envs, 1, device=env.device) if chosen is None else chosen.clone()

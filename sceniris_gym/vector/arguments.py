@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import inspect
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -64,23 +63,6 @@ def as_compiled_scene(scene: Any, overrides: Mapping[str, Any] | None, device: s
             )
         return scene
     return compile_scene(SceneConfig.load(scene, overrides or {}), device)
-
-
-def as_layout_source(make: Any, compiled: CompiledScene, num_envs: int) -> Any:
-    """Return the layout source of these worlds that a function makes, None for None.
-
-    Raises:
-        ArgumentTypeError: Not a function that takes a scene and a number of worlds.
-    """
-    if make is None:
-        return None
-    try:
-        inspect.signature(make).bind(compiled, num_envs)
-    except (TypeError, ValueError):
-        raise ArgumentTypeError(
-            f"layout_source should be a function (compiled, num_envs), got {short(make)}."
-        ) from None
-    return make(compiled, num_envs)
 
 
 def as_autoreset_mode(value: Any) -> AutoresetMode:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -40,7 +40,7 @@ class EpisodeResult:
 
 @torch.inference_mode()
 def evaluate(
-    policy: Callable[[Any], Any], envs: VectorEnv, ids: Iterable[str] | int | None = None
+    policy: Callable[[Any], Any], envs: VectorEnv, layouts: Iterable[str] | Mapping[str, Any] | int | None = None
 ) -> list[EpisodeResult]:
     """Run an episode from each of the layouts, as many at a time as there are worlds.
 
@@ -50,15 +50,15 @@ def evaluate(
         policy: Takes observations of all worlds as `envs` returns them, and returns actions.
         envs: A SceneVectorEnv with max_episode_steps, or wrappers around one that pass on `info`. Its episodes are left
             unfinished; reset it before further use.
-        ids: Layout ids of the scene and split of `envs`, or one; a number n for the first episodes of seeds 0 to n - 1;
-            None for as many as there are worlds.
+        layouts: Layout ids of the scene and split of `envs`, or one; `info["layout"]`, with a row for each world; or a
+            number n for episode 0 of the seeds 0 to n - 1. None is `num_envs`.
 
     Returns:
-        A result for each id, in the same order.
+        A result for each layout, in the same order.
 
     Raises:
-        ArgumentError: Not such an environment, or one without max_episode_steps. A negative number of ids. A malformed
-            id.
+        ArgumentError: Not such an environment, or one without max_episode_steps. A negative number of layouts. A
+            malformed id.
         SceneMismatchError: An id of another scene or split.
     """
     inner = envs.unwrapped if isinstance(envs, VectorEnv) else None
@@ -70,13 +70,15 @@ def evaluate(
     if inner.max_episode_steps is None:
         raise ArgumentError("evaluate: envs should have max_episode_steps, so that every episode ends.")
     split, number = inner.split, inner.num_envs
-    if isinstance(ids, str):
-        ids = [ids]
-    elif not isinstance(ids, Iterable):
-        count = number if ids is None else as_count(ids, "evaluate: ids", 0)
-        ids = [inner.compiled.layout_id(seed, 0, split) for seed in range(count)]
-    cure = "evaluate: ids should be of the environment's scene and split."
-    wanted = [LayoutId.of_scene(text, inner.compiled.scene, cure, split) for text in ids]
+    if isinstance(layouts, str):
+        layouts = [layouts]
+    elif isinstance(layouts, Mapping):
+        layouts = inner.layout_ids({"layout": layouts})
+    elif not isinstance(layouts, Iterable):
+        count = number if layouts is None else as_count(layouts, "evaluate: layouts", 0)
+        layouts = [inner.compiled.layout_id(seed, 0, split) for seed in range(count)]
+    cure = "evaluate: layouts should be of the environment's scene and split."
+    wanted = [LayoutId.of_scene(text, inner.compiled.scene, cure, split) for text in layouts]
     results = []
     for first in range(0, len(wanted), number):
         batch = wanted[first : first + number]
@@ -88,7 +90,7 @@ def evaluate(
 def _run(policy: Callable[[Any], Any], envs: VectorEnv, inner: SceneVectorEnv, ids: list[LayoutId]) -> list:
     """Run one episode in each world."""
     observation, info = envs.reset(options={LAYOUTS: ids})
-    fallback = _tensor(info["layout_fallback"], inner)
+    fallback = _tensor(info["layout"]["fallback"], inner)
     running = torch.ones_like(fallback)
     last, ever = torch.zeros_like(running), torch.zeros_like(running)
     total, length = torch.zeros(len(ids), dtype=torch.float64, device=inner.device), torch.zeros_like(running).long()

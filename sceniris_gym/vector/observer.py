@@ -15,7 +15,7 @@ from sceniris_gym.vector.sensing import Sensing, Sensors
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.task import Observation, Task, check_observation
 
-PARAMETERS = "parameters"
+RANDOMIZED = "randomized"
 """The name of drawn physics and looks in the group `critic`."""
 Names = dict[str, list[tuple[str, tuple[int, ...]]]]
 """Group -> (name, shape in one world) of its tensors, in the order in which they are concatenated."""
@@ -124,7 +124,8 @@ class Observer:
 
     def _of_task(self) -> Observation:
         """Return what the task observes, with the numbers that the scene has drawn in the group `critic`."""
-        observation, parameters = self._task.observe(self._state), self._state.parameters
-        if parameters is None or "critic" not in observation:
+        observation, draws = self._task.observe(self._state), self._state.scene.draws
+        if not draws or "critic" not in observation:
             return observation
-        return {**observation, "critic": {**observation["critic"], PARAMETERS: parameters}}
+        numbers = torch.cat([self._state.randomized(draw.name) for draw in draws], dim=1)
+        return {**observation, "critic": {**observation["critic"], RANDOMIZED: numbers}}

@@ -145,7 +145,7 @@ class Sensors:
             return exact
         there = torch.cat([_there(values).reshape(len(values), -1) for values in seen.values()], dim=1)
         # Box and Muller: 1 - u is never 0
-        u, v = s.random(2 * exact.shape[1], stream=NOISE).chunk(2, dim=1)
+        u, v = s.uniform(2 * exact.shape[1], stream=NOISE).chunk(2, dim=1)
         noise = (-2.0 * torch.log1p(-u)).sqrt() * (2.0 * torch.pi * v).cos()
         return exact + self._deviation * noise * there
 
@@ -153,7 +153,7 @@ class Sensors:
         low, high = self.sensing.delay
         if high == 0:
             return now
-        drawn = (low + s.random(1, high=high - low + 1.0, stream=DELAY)[:, 0].floor()).long().clamp(max=high)
+        drawn = (low + s.uniform(1, high=high - low + 1.0, stream=DELAY)[:, 0].floor()).long().clamp(max=high)
         self._delay.copy_(torch.where(s.elapsed == 0, drawn, self._delay))
         return torch.where(self._late, self._kept(self._past, s, now, self._delay), now)
 
@@ -161,7 +161,7 @@ class Sensors:
         if self.sensing.dropout == 0.0:
             return now
         elapsed, first = s.elapsed.long(), s.elapsed == 0
-        lost = (s.random(self._parts, stream=DROPOUT) < self.sensing.dropout)[:, self._part]
+        lost = (s.uniform(self._parts, stream=DROPOUT) < self.sensing.dropout)[:, self._part]
         lost = lost & self._late & ~first[:, None]
         shown = torch.where(lost, self._shown[self._rows, (elapsed - 1) % 2], now)
         return self._kept(self._shown, s, shown, 0)

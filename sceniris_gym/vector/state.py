@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, overload
 
 import torch
 import warp as wp
@@ -167,11 +166,11 @@ class State(Readings):
         """
         self._batch.fields.scale(name, of, factor, wp.from_torch(mask, dtype=wp.bool), "State.scale_field")
 
-    def parameter(self, name: str) -> Tensor:
+    def randomized(self, name: str) -> Tensor:
         """Return the numbers that `randomize` of the scene has drawn for this episode, shape (num_envs, n).
 
         These are factors for `scale`, terms for `add`, and values for `abs` and `choice`. They are in the group
-        `critic`, too, under the name "parameters".
+        `critic`, too, under the name "randomized".
 
         Args:
             name: The name of the draw: "can.mass", "robot.gains", "gravity", "lights.lamp.diffuse".
@@ -179,34 +178,25 @@ class State(Readings):
         Raises:
             UnknownNameError: The scene draws nothing of this name.
         """
-        return wp.to_torch(self._batch.fields.parameter(name, "State.parameter"))
+        return wp.to_torch(self._batch.fields.parameter(name, "State.randomized"))
 
-    @property
-    def parameters(self) -> Tensor | None:
-        """All numbers that `randomize` of the scene has drawn, shape (num_envs, n); None if it draws nothing."""
-        numbers = [self.parameter(draw.name) for draw in self.scene.draws]
-        return torch.cat(numbers, dim=1) if numbers else None
+    def uniform(self, n: int, low: float = 0.0, high: float = 1.0, *, stream: int = 0) -> Tensor:
+        """Draw uniform numbers in [low, high) for this step, shape (num_envs, n).
 
-    @overload
-    def random(self, n: int, low: float = 0.0, high: float = 1.0, *, stream: int = 0) -> Tensor: ...
-    @overload
-    def random(self, n: str, low: int | Sequence[int] = ()) -> Tensor: ...
-    def random(self, n: int | str, low: Any = None, high: float = 1.0, *, stream: int = 0) -> Tensor:
-        """Draw uniform numbers: `random(n, low, high)` for this step, or `random(name, shape)` for this episode.
-
-        With a number they are in [low, high), by default [0, 1), shape (num_envs, n), and depend only on the world's
-        seed and episode, the steps since its reset, and `stream`: a second call in the same step gives the same
-        numbers, so use another stream for another purpose.
-
-        With a name they are in [0, 1), shape (num_envs, *shape), and depend only on seed, episode and name.
+        They depend only on the world's seed and episode, the steps since its reset, and `stream`. A second call in the
+        same step gives the same numbers, so use another stream for another purpose.
         """
-        layouts = self._layouts
-        if isinstance(n, str):
-            shape = as_shape(() if low is None else low, "random: shape")
-            values = torch.empty(self.num_envs, math.prod(shape), device=self.device)
-            draw_named(layouts.seed, layouts.episode, self._split, n, wp.from_torch(values))
-            return values.reshape(self.num_envs, *shape)
-        values = torch.empty(self.num_envs, as_count(n, "random: n", 0), device=self.device)
-        number, low = task_stream(self._split, stream), low or 0.0
+        layouts, values = self._layouts, torch.empty(self.num_envs, as_count(n, "uniform: n", 0), device=self.device)
+        number = task_stream(self._split, stream)
         draw_uniform(layouts.seed, layouts.episode, self._elapsed, number, low, high, wp.from_torch(values))
         return values
+
+    def random(self, name: str, shape: int | Sequence[int] = ()) -> Tensor:
+        """Draw uniform numbers in [0, 1) for this episode, shape (num_envs, *shape).
+
+        They depend only on the world's seed and episode, and the name.
+        """
+        layouts, shape = self._layouts, as_shape(shape, "random: shape")
+        values = torch.empty(self.num_envs, math.prod(shape), device=self.device)
+        draw_named(layouts.seed, layouts.episode, self._split, name, wp.from_torch(values))
+        return values.reshape(self.num_envs, *shape)

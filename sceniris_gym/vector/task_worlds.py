@@ -10,7 +10,7 @@ import warp as wp
 from torch import Tensor
 
 from sceniris_gym.layout.columns import NEXT
-from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import ResetRandomizer
 from sceniris_gym.vector.snapshot import check_snapshot, live_tensors, put
@@ -98,24 +98,24 @@ class TaskWorlds:
         self.statistics.start(due)
         return due
 
-    def layout_info(self) -> dict[str, Any]:
-        """Return what `info` has of the present layouts."""
+    def layout_info(self) -> dict[str, dict[str, Any]]:
+        """Return `info["layout"]`: the present layouts, in a form that resets take as `layouts`."""
         s, sampler = self.state, self.randomizer.levels
-        info: dict[str, Any] = {
-            "layout_seed": s.seed.clone(),
-            "layout_episode": s.episode.clone(),
-            "layout_fallback": s.layout_status == Status.FALLBACK,
+        layout: dict[str, Any] = {
+            "seed": s.seed.clone(),
+            "episode": s.episode.clone(),
+            "fallback": s.layout_status == LayoutStatus.FALLBACK,
         }
         if self.randomizer.compiled.config.start:
-            info["layout_start"] = s.start.clone()
+            layout["start"] = s.start.clone()
         if self.randomizer.layouts.params.params:
-            info["layout_params"] = self.randomizer.layouts.params.named(s.layout_param.clone())
+            layout["params"] = self.randomizer.layouts.params.named(s.layout_param.clone())
         if s.variants.names:
-            info["layout_variants"] = {name: s.variant(name) for name in s.variants.names}
+            layout["variants"] = {name: s.variant(name) for name in s.variants.names}
         redrawer = self.randomizer.redrawer
         if redrawer.prepared:
-            info["layout_redraw"] = wp.to_torch(redrawer.number).clone()
-            info["layout_kept"] = wp.to_torch(redrawer.status) == Status.KEPT
+            layout["redraws"] = wp.to_torch(redrawer.number).clone()
+            layout["redraw_failed"] = wp.to_torch(redrawer.status) == LayoutStatus.KEPT
         if sampler is not None:
-            info["layout_level"] = torch.where(info["layout_fallback"], -2, wp.to_torch(sampler.level))
-        return info
+            layout["level"] = torch.where(layout["fallback"], -2, wp.to_torch(sampler.level))
+        return {"layout": layout}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
@@ -24,11 +24,11 @@ from sceniris_gym.device.sequence import ObjectLock, exclusive, launching
 from sceniris_gym.errors import ArgumentError, UnknownNameError, check_type
 from sceniris_gym.layout.chosen import ChosenLayouts
 from sceniris_gym.layout.masks import as_count, as_world_ids, check_mask
-from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.levels.curriculum import ADR, LevelReplay
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import ResetRandomizer
+from sceniris_gym.sim.sources import SourceLike
 from sceniris_gym.vector import arguments
 from sceniris_gym.vector.arguments import LAYOUTS, PARAMS, STATE
 from sceniris_gym.vector.images import Images, as_shots
@@ -57,11 +57,11 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
     float32: distance along the camera's axis [m], 0 where nothing is) and `["segmentation"]` (1 channel, int32: an
     index into `images.names`). Pictures are taken after resets, so that none shows the layout before.
 
-    `info` has `layout_seed`, `layout_episode` and `layout_fallback` (the layout came from the bank of valid ones) of
-    each world, `layout_variants` (the number of the present variant, by object) if objects have variants, and after a
+    `info["layout"]` has `seed`, `episode` and `fallback` (the layout came from the bank of valid ones) of each world,
+    and `variants` (the number of the present variant, by object) if objects have variants. `info` also has, after a
     step `success`, `reward_terms` and `broken` (below) of that step. With SAME_STEP it also has `final_obs` and
-    `final_info` for all worlds; only the worlds with `_final_obs` count. `layout_seed` is an int64, as torch lacks
-    uint64 arithmetic: seeds from 2^63 on appear as their two's complement, and `int(layout_seed) % 2**64` is the seed.
+    `final_info` for all worlds; only the worlds with `_final_obs` count. `seed` is an int64, as torch lacks
+    uint64 arithmetic: seeds from 2^63 on appear as their two's complement, and `int(seed) % 2**64` is the seed.
 
     Under `torchrun` each process takes the GPU of its LOCAL_RANK and adds RANK * 2^40 to integer seeds, so that no two
     processes get the same layout from `reset(seed=0)`. Lists of seeds are taken as they are.
@@ -88,13 +88,13 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         split: "train" or "eval", which share no layouts and no random numbers. A layout_source may have its own.
         prefetch: Make the next layout of every world ahead, beside the steps that follow; None does so on a GPU. See
             ResetRandomizer. Not with a layout_source.
-        layout_source: Function that makes a LayoutSource: `layout_source(compiled, num_envs)`. None makes a
-            LayoutGenerator.
+        layout_source: A LayoutSource, a LayoutTable or LayoutDataset whose rows are served, or a function
+            `(compiled, num_envs)` that returns a LayoutSource. None makes a LayoutGenerator.
         curriculum: Chooses the next layout of each world by the outcomes of earlier episodes: a LevelReplay, an ADR,
-            or a mapping of the fields of one. `info` then has `layout_level`: the layout's index in the level buffer,
-            -1 if it is fresh, and -2 if it comes from the bank.
+            or a mapping of the fields of one. `info["layout"]` then has `level`: the layout's index in the level
+            buffer, -1 if it is fresh, and -2 if it comes from the bank.
         params: Names of parts of the scene file that `set_param` can change, or patterns such as "objects.*.region";
-            see docs/levels.md. Not with a layout_source. `info` then has `layout_params`, their values by name.
+            see docs/levels.md. Not with a layout_source. `info["layout"]` then has `params`, their values by name.
         max_episode_steps: Control steps after which an episode is truncated; None is never.
         autoreset_mode: An AutoresetMode, or its value.
         observation_groups: The groups to observe, such as ("policy",), or the name of a single one; None is all.
@@ -159,7 +159,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         device: str | None = None,
         split: str = "train",
         prefetch: bool | None = None,
-        layout_source: Callable[[CompiledScene, int], LayoutSource] | None = None,
+        layout_source: SourceLike | None = None,
         curriculum: LevelReplay | ADR | Mapping[str, Any] | None = None,
         params: str | Sequence[str] = (),
         # episodes:
@@ -203,8 +203,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         physics: dict[str, Any] = {"nconmax": nconmax, "njmax": njmax, "nvmax": nvmax, "graph": graph}
         physics |= {name: getattr(self.task, name) for name in ("needs", "substeps", "options")}
         self.batch = batch = Batch(self.compiled.scene, num_envs, self.compiled.device, **physics)
-        source = arguments.as_layout_source(layout_source, self.compiled, num_envs)
-        words: dict[str, Any] = {"layout_source": source, "split": split, "prefetch": prefetch}
+        words: dict[str, Any] = {"layout_source": layout_source, "split": split, "prefetch": prefetch}
         words |= {"curriculum": curriculum, "needs": self.task.needs, "fields": batch.fields, "graph": graph}
         self.randomizer = ResetRandomizer(self.compiled, batch.model, batch.data, params=params, **words)
         self._worlds = worlds = TaskWorlds(self.task, batch, self.randomizer)
@@ -251,10 +250,10 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             options: {"reset_mask": mask} resets, and reseeds, only the masked worlds; the others do not change. The
                 mask is an array of booleans (numpy, torch or Warp), shape (num_envs,), true for at least one world.
                 {"layouts": ids} gives world i the layout with id `ids[i]`, or its next one where that is None; a single
-                id is for all worlds, and {"seed": ..., "episode": ...} takes `layout_seed` and `layout_episode` of an
-                `info`. The world goes on from that episode. {"state": snapshot} goes on where worlds were when
-                `snapshot` was called: each row in its own world, or with a mask in the masked worlds in order.
-                {"params": {name: value}} changes params of the masked worlds first, see `set_param`.
+                id is for all worlds, and `info["layout"]` of any `info` works as well. The world goes on from that
+                episode. {"state": snapshot} goes on where worlds were when `snapshot` was called: each row in its own
+                world, or with a mask in the masked worlds in order. {"params": {name: value}} changes params of the
+                masked worlds first, see `set_param`.
 
         Raises:
             ArgumentTypeError: The options are no mapping. The mask is not an array of booleans.
@@ -302,7 +301,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         """Give objects new places in some worlds, in the middle of their episodes; see `ResetRandomizer.redraw`.
 
         No episode begins, and all else keeps its state, the memory of the task too. From the first call on, `info` has
-        `layout_redraw`, the number of redraws of each world since its reset, and `layout_kept`: nothing fitted in the
+        `redraws`, the number of redraws of each world since its reset, and `redraw_failed`: nothing fitted in the
         latest one, so that its objects stay where they were. Seed, episode, that number and the state before determine
         the new places; the layout id does not name them.
 
@@ -386,10 +385,11 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         """
         if info is None:
             return self.randomizer.pipeline.ids(self.split)
-        if not isinstance(info, Mapping) or not {"layout_seed", "layout_episode"} <= {*info}:
+        if not isinstance(info, Mapping) or "layout" not in info:
             raise ArgumentError("layout_ids: info should be an info of reset or step, or its 'final_info'.")
-        params = self.randomizer.layouts.params.rows(info.get("layout_params", {}), self.num_envs)
-        seed, episode = (np.array(info[f"layout_{name}"].tolist()) for name in ("seed", "episode"))
+        layout = info["layout"]
+        params = self.randomizer.layouts.params.rows(layout.get("params", {}), self.num_envs)
+        seed, episode = (np.array(layout[name].tolist()) for name in ("seed", "episode"))
         return self.randomizer.pipeline.ids(self.split, (seed, episode, params))
 
     def _live(self) -> dict[str, Tensor]:

@@ -14,7 +14,7 @@ from sceniris_gym.errors import NotSupportedError
 from sceniris_gym.layout.blame import Blame, Hit
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layout_id import LayoutId
-from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.layout.seeds import as_seeds
 from sceniris_gym.layout.tables import read_rejected, read_table
 from sceniris_gym.program.compiled import CompiledScene
@@ -154,7 +154,7 @@ class LayoutDeck:
 
     def _count(self, generator: LayoutGenerator, table: LayoutTable) -> None:
         self.layouts += len(table)
-        self.valid += int((table.status == Status.VALID).sum())
+        self.valid += int((table.status == LayoutStatus.VALID).sum())
         rejections = generator.layouts.view.rejections
         self.counts += rejections.numpy()
         rejections.zero_()

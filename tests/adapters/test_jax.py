@@ -236,7 +236,7 @@ def rollout(fresh: LayoutAutoResetWrapper) -> list[Any]:
 
 def words_of(state: Any) -> np.ndarray:
     """Return the seeds of a state as words."""
-    return np.asarray(state.info["layout_seed"])
+    return np.asarray(state.info["layout"]["seed"])
 
 
 def placed(compiled: CompiledScene) -> np.ndarray:
@@ -254,7 +254,7 @@ def test_every_episode_starts_in_the_next_layout_of_its_seed(page: dict[str, Any
     for state in rollout[1:]:
         done = np.asarray(state.done, bool)
         last += done
-        assert np.array_equal(state.info["layout_episode"], last)
+        assert np.array_equal(state.info["layout"]["episode"], last)
         assert np.array_equal(state.info["AutoResetWrapper_done_count"], last)
         assert np.array_equal(words_of(state), words)
         resets.append(done.tolist())

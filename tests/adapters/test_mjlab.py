@@ -104,7 +104,7 @@ def test_episodes_start_with_the_fingers_around_a_cube():
     env = ManagerBasedRlEnv(cfg, device="cpu")
     env.reset()
     term = env.event_manager.get_term_cfg("layouts").func
-    kinds, layouts = env.extras["layout_start"].numpy(), term.layouts.qpos.numpy()
+    kinds, layouts = env.extras["layout"]["start"].numpy(), term.layouts.qpos.numpy()
     assert set(kinds) == {0, 1}
     mjm = env.sim.mj_model
     arm = [mjm.joint(f"robot/joint{i}").qposadr[0] for i in range(1, 7)]
@@ -151,11 +151,11 @@ def test_entities_start_apart_at_their_origins():
     np.testing.assert_allclose(places[..., 2], 0.0205, atol=1e-6)
     assert len(np.unique(env.scene.env_origins.numpy(), axis=0)) == NUM_ENVS
     assert not np.any(env.sim.data.qvel[:].numpy())
-    assert extras["layout_seed"].tolist() == list(range(5, 5 + NUM_ENVS))  # from the seed of the environment on
-    assert extras["layout_seed"].dtype == extras["layout_episode"].dtype == torch.int64
-    assert extras["layout_episode"].tolist() == [0] * NUM_ENVS
-    assert not extras["layout_fallback"].any()
-    assert float(extras["log"]["Layouts/fallback_share"]) == 0.0
+    assert extras["layout"]["seed"].tolist() == list(range(5, 5 + NUM_ENVS))  # from the seed of the environment on
+    assert extras["layout"]["seed"].dtype == extras["layout"]["episode"].dtype == torch.int64
+    assert extras["layout"]["episode"].tolist() == [0] * NUM_ENVS
+    assert not extras["layout"]["fallback"].any()
+    assert float(extras["log"]["Layouts/fallback_rate"]) == 0.0
 
 
 def test_only_environments_that_are_reset_get_a_new_layout():
@@ -166,7 +166,7 @@ def test_only_environments_that_are_reset_get_a_new_layout():
     _, extras = env.reset(env_ids=torch.tensor([4, 1]))
     changed = (env.sim.data.qpos[:] != before).any(dim=1)
     assert changed.tolist() == [i in (1, 4) for i in range(NUM_ENVS)]
-    assert extras["layout_episode"].tolist() == [int(i in (1, 4)) for i in range(NUM_ENVS)]
+    assert extras["layout"]["episode"].tolist() == [int(i in (1, 4)) for i in range(NUM_ENVS)]
     assert deepest(env) == 0.0
 
 
@@ -215,10 +215,10 @@ def test_chosen_environments_get_the_layouts_of_ids():
     wanted = term.layouts.pose("cube_0")[2].clone()
     term.reseed(layouts=[term.compiled.layout_id(7, 1), term.compiled.layout_id(7, 0)], env_ids=[4, 0])
     env.reset(env_ids=torch.tensor([1]))
-    assert env.extras["layout_seed"].tolist() == [5, 6, 7, 8, 9, 10]
+    assert env.extras["layout"]["seed"].tolist() == [5, 6, 7, 8, 9, 10]
     env.reset(env_ids=torch.tensor([0, 4]))
-    assert env.extras["layout_seed"].tolist() == [7, 6, 7, 8, 7, 10]
-    assert env.extras["layout_episode"].tolist() == [0, 2, 1, 1, 1, 1]
+    assert env.extras["layout"]["seed"].tolist() == [7, 6, 7, 8, 7, 10]
+    assert env.extras["layout"]["episode"].tolist() == [0, 2, 1, 1, 1, 1]
     assert torch.equal(term.layouts.pose("cube_0")[4], wanted)
     with pytest.raises(ArgumentError, match="should have a single entry, or 6, one for each world, got 1"):
         term.reseed(layouts=[term.compiled.layout_id(7, 1)])
@@ -364,7 +364,7 @@ def test_mjlab_trains_ten_iterations(cubes: int):
     runner = MjlabOnPolicyRunner(env, asdict(agent), None, "cpu")
     runner.learn(10)
     assert runner.current_learning_iteration == 9
-    assert env.unwrapped.extras["layout_episode"].min() >= 10
+    assert env.unwrapped.extras["layout"]["episode"].min() >= 10
 
 
 @pytest.mark.slow

@@ -36,8 +36,8 @@ def test_a_cube_is_elsewhere_whenever_the_timer_runs_out():
         assert moved.all() if step % 3 == 0 else not moved.any()
         assert command.command.flatten().tolist() == [step // 3] * NUM_ENVS
         assert deepest(env) < 1e-3  # cubes sink into the ground as they land
-    assert extras["layout_redraw"].tolist() == [2] * NUM_ENVS
-    assert not extras["layout_kept"].any()
+    assert extras["layout"]["redraws"].tolist() == [2] * NUM_ENVS
+    assert not extras["layout"]["redraw_failed"].any()
     assert ((places[6][:, :2] >= [0.25, -0.15]) & (places[6][:, :2] <= [0.40, 0.15])).all()
     np.testing.assert_allclose(env.scene["cube_1"].data.root_link_pos_w[:, 2], env.sim.data.qpos[:, 9], atol=1e-3)
     env.reset(env_ids=torch.tensor([0, 2]))

@@ -121,9 +121,9 @@ def test_seeds_hold_for_one_reset_and_without_them_episodes_go_on(make):
     envs = make()
     envs.seed(7)
     first = envs.reset()
-    assert envs.reset_infos[2] == {"layout_seed": 9, "layout_episode": 0, "layout_fallback": False}
+    assert envs.reset_infos[2] == {"layout": {"seed": 9, "episode": 0, "fallback": False}}
     assert (envs.reset() != first).any()
-    assert [info["layout_episode"] for info in envs.reset_infos] == [1, 1, 1]
+    assert [info["layout"]["episode"] for info in envs.reset_infos] == [1, 1, 1]
     envs.seed(7)
     np.testing.assert_array_equal(envs.reset(), first)
     assert len(set(envs.seed())) == 3
@@ -140,7 +140,7 @@ def test_options_are_those_of_the_environment(make):
     after = envs.reset()
     np.testing.assert_array_equal(after[[0, 2]], before[[0, 2]])
     assert (after[1] != before[1]).any()
-    assert [info["layout_episode"] for info in envs.reset_infos] == [0, 1, 0]
+    assert [info["layout"]["episode"] for info in envs.reset_infos] == [0, 1, 0]
     for _ in range(3):
         done, infos = envs.step(np.full((3, 5), 0.2))[2:]
     assert done.tolist() == [True, False, True]
@@ -150,7 +150,7 @@ def test_options_are_those_of_the_environment(make):
     assert done.tolist() == [False, True, False]
     assert infos[1]["episode"]["l"] == MAX_STEPS
     envs.reset()
-    assert [info["layout_episode"] for info in envs.reset_infos] == [2, 3, 2]
+    assert [info["layout"]["episode"] for info in envs.reset_infos] == [2, 3, 2]
     envs.set_options([{}, {}, {}])
     with pytest.raises(ValueError, match="all worlds together"):
         envs.set_options([{"reset_mask": np.array([True, False, False])}, {}, {}])
@@ -218,7 +218,7 @@ def test_a_param_is_set_in_single_worlds(make):
     for _ in range(MAX_STEPS):
         *_, dones, _ = envs.step(np.zeros((3, 5)))
     assert dones.all()
-    assert envs.reset_infos[2]["layout_params"][name] == pytest.approx([0.05, 0.06])
+    assert envs.reset_infos[2]["layout"]["params"][name] == pytest.approx([0.05, 0.06])
     low, high = envs.env.randomizer.layouts.param.numpy().T
     assert high.tolist() == pytest.approx([0.06, 0.16, 0.06])
     slide = envs.env.randomizer.layouts.joint("slide").numpy()
@@ -399,7 +399,7 @@ def test_worlds_on_a_gpu_are_seen_in_numpy():
     assert all(isinstance(array, np.ndarray) for array in (observation, reward, done))
     assert done.tolist() == [True] * 4
     assert all(np.isfinite(info["terminal_observation"]).all() for info in infos)
-    assert [info["layout_episode"] for info in envs.reset_infos] == [2, 1, 2, 1]
+    assert [info["layout"]["episode"] for info in envs.reset_infos] == [2, 1, 2, 1]
     PPO("MlpPolicy", envs, n_steps=8, batch_size=32, device="cpu").learn(64)
 
 

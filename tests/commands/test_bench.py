@@ -11,7 +11,7 @@ from ruamel.yaml import YAML
 
 from sceniris_gym.commands.bench import REPEATS, bench, faces, peak_bytes
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.layouts import LayoutStatus
 from tests.layout.crane import crane_map, crane_mjcf, crane_scene
 from tests.layout.scenes import box_mjcf, compile_on_cpu, write_mjcf
 
@@ -31,8 +31,8 @@ def test_shares_are_those_of_the_layouts_that_were_timed():
         first.append(layouts.first_pass_valid.numpy().copy())
         attempts.append(layouts.attempts.numpy().copy())
     timed = np.array(status[-REPEATS:])
-    assert found["valid"] == (timed == Status.VALID).mean() < 1.0
-    assert found["fallbacks"] == (timed == Status.FALLBACK).sum() > 0
+    assert found["valid"] == (timed == LayoutStatus.VALID).mean() < 1.0
+    assert found["fallbacks"] == (timed == LayoutStatus.FALLBACK).sum() > 0
     assert found["first_pass_valid"] == np.mean(first[-REPEATS:])
     assert found["candidates_per_layout"] == np.mean(attempts[-REPEATS:])
     assert (found["num_envs"], found["attempts"], found["restarts"]) == (WORLDS, 2, 0)

@@ -22,7 +22,7 @@ def test_the_seed_of_an_unseeded_batch_brings_it_back(make_env, asked_before):
     seed = envs.np_random_seed
     assert before in (seed, None)
     assert other.np_random_seed != seed
-    assert info["layout_seed"].tolist() == [seed, seed + 1]
+    assert info["layout"]["seed"].tolist() == [seed, seed + 1]
     np.testing.assert_array_equal(critic(other.reset(seed=seed)[0]), critic(first))
     np.testing.assert_array_equal(critic(other.reset()[0]), critic(second))
 
@@ -36,9 +36,9 @@ def test_the_seed_of_an_unseeded_world_brings_it_back(env_id, asked_before):
     env.reset()
     seed = env.unwrapped.np_random_seed
     assert before in (seed, None)
-    assert info["layout_seed"] == seed
+    assert info["layout"]["seed"] == seed
     again, info = env.reset(seed=seed)
-    assert (info["layout_seed"], info["layout_episode"]) == (seed, 0)
+    assert (info["layout"]["seed"], info["layout"]["episode"]) == (seed, 0)
     np.testing.assert_array_equal(critic(again), critic(first))
 
 
@@ -49,7 +49,7 @@ def test_a_world_that_is_given_a_wrong_seed_keeps_its_own(env_id):
     with pytest.raises(ValueError, match="seed"):
         env.reset(seed=1 << 64)
     assert env.unwrapped.np_random_seed == 3
-    assert env.reset()[1]["layout_seed"] == 3
+    assert env.reset()[1]["layout"]["seed"] == 3
 
 
 @pytest.mark.parametrize(
@@ -84,7 +84,7 @@ def test_the_seed_stays_known_where_no_world_was_given_one(make_env):
     envs.reset(options={"reset_mask": np.array([False, True, False])})
     envs.reset(seed=[None] * 3)
     _, info = envs.reset(seed=[None, 5, None], options={"reset_mask": np.array([True, False, False])})
-    assert envs.np_random_seed == 7 and list(info["layout_seed"]) == [7, 8, 9]
+    assert envs.np_random_seed == 7 and list(info["layout"]["seed"]) == [7, 8, 9]
 
 
 def test_a_generator_of_the_users_own_has_an_unknown_seed(make_env, env_id):

@@ -163,7 +163,7 @@ def test_infos_become_lists(make_env, mode):
     """DictInfoToList gives each world its own, and final ones to the worlds that ended."""
     envs = wrappers.DictInfoToList(make(make_env, mode))
     _, infos = envs.reset(seed=4)
-    assert [info["layout_seed"] for info in infos] == [4, 5, 6]
+    assert [info["layout"]["seed"] for info in infos] == [4, 5, 6]
     action = HOLD.copy()
     action[2, 0] = 1.0
     infos = envs.step(action)[4]

@@ -57,7 +57,7 @@ def test_the_programs_of_a_guide_run(page: str, tmp_path: Path, monkeypatch: pyt
             exec(compile(text, f"{page}.md", "exec"), found[-1])
     sys.modules.pop("my_tasks", None)
     if page == "index":
-        assert found[0]["info"]["layout_episode"][6:10].tolist() == [1, 1, 0, 0]
+        assert found[0]["info"]["layout"]["episode"][6:10].tolist() == [1, 1, 0, 0]
         assert set(found[1]["randomizer"].layouts.episode.numpy()) == {1}
     if page == "own_model":
         assert set(found[0]["randomizer"].layouts.episode.numpy()) == {1}

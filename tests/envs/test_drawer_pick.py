@@ -82,7 +82,7 @@ def test_one_world_of_it_passes_gymnasiums_checker(compiled):
     observation, info = env.reset(seed=5)
     batch, _ = SceneVectorEnv(DrawerPick, 3, scene=compiled).reset(seed=5)
     np.testing.assert_array_equal(observation["policy"], batch["policy"][0].numpy())
-    assert (info["layout_seed"], info["layout_episode"]) == (5, 0)
+    assert (info["layout"]["seed"], info["layout"]["episode"]) == (5, 0)
     _, reward, terminated, truncated, _ = env.step(np.zeros(5, np.float32))
     assert isinstance(reward, float)
     assert (terminated, truncated) == (False, False)

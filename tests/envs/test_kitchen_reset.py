@@ -30,7 +30,7 @@ def test_it_resets_and_steps_and_rewards_nothing():
         _, reward, terminated, _, info = envs.step(torch.zeros(2, 7))
         assert torch.equal(reward, torch.zeros(2))
         assert not (terminated | info["success"]).any()
-    assert info["layout_fallback"].sum() == 0
+    assert info["layout"]["fallback"].sum() == 0
     after = envs.state.poses(("mug", "bowl", "tin", "glass", "lemon"))
     torch.testing.assert_close(after[:, :, :3], before[:, :, :3], rtol=0, atol=2e-3)
 

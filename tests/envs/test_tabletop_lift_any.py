@@ -54,7 +54,7 @@ def test_training_never_sees_what_it_is_judged_on(compiled):
     seen = {}
     for split in ("train", "eval"):
         envs = SceneVectorEnv(TabletopLiftAny, 96, scene=compiled, split=split)
-        seen[split] = set(envs.reset(seed=0)[1]["layout_variants"]["target"].tolist())
+        seen[split] = set(envs.reset(seed=0)[1]["layout"]["variants"]["target"].tolist())
         assert len(seen[split]) == 8
     assert not seen["train"] & seen["eval"]
 
@@ -65,7 +65,7 @@ def test_a_script_lifts_most_things(compiled, split: str):
     """Of either split, by observations alone; the terms of the reward come one after the other, and success last."""
     envs = SceneVectorEnv(TabletopLiftAny, 16, scene=compiled, split=split, autoreset_mode="Disabled")
     observation, info = envs.reset(seed=3)
-    things = info["layout_variants"]["target"]
+    things = info["layout"]["variants"]["target"]
     closed = torch.zeros(16, dtype=torch.long)
     seen: dict[str, list[Tensor]] = {name: [] for name in ("grasping", "lifting", "holding")}
     success = torch.zeros(16, dtype=torch.bool)

@@ -86,14 +86,14 @@ def wrong_use(draws: np.random.Generator, folder: Path) -> str | None:
         return "a world without a layout"
     ids = envs.layout_ids()
     again = envs.reset(options={"layouts": ids})[1]
-    if not bool((again["layout_fallback"] == info["layout_fallback"]).all()):
+    if not bool((again["layout"]["fallback"] == info["layout"]["fallback"]).all()):
         return f"ids {ids} that make other layouts"
     return None
 
 
 def _options(envs: SceneVectorEnv, draws: np.random.Generator, folder: Path) -> None:
     info = envs.reset(seed=1)[1]
-    named = {"seed": info["layout_seed"], "episode": info["layout_episode"], "params": info["layout_params"]}
+    named = {"seed": info["layout"]["seed"], "episode": info["layout"]["episode"], "params": info["layout"]["params"]}
     mask = np.array([True, False] * 2)
     right: list[dict[str, Any]] = [
         {"reset_mask": mask, "params": dict(PARAMS)},
@@ -190,7 +190,7 @@ def _names(envs: SceneVectorEnv, draws: np.random.Generator, folder: Path) -> No
     calls: list[Callable[[], Any]] = [
         lambda: envs.randomizer.random("a", wrong),
         lambda: envs.randomizer.random(wrong, 2),
-        lambda: envs.state.random(wrong) if not isinstance(wrong, int) or wrong < 10**4 else None,
+        lambda: envs.state.uniform(wrong) if not isinstance(wrong, int) or wrong < 10**4 else None,
         lambda: envs.snapshot(some_array(draws)),
         lambda: envs.set_attr("max_episode_steps", wrong),
         lambda: envs.set_attr("task", wrong),

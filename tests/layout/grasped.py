@@ -14,7 +14,7 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.grasping.grasps import Grasp
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import Layouts, Status
+from sceniris_gym.layout.layouts import Layouts, LayoutStatus
 from sceniris_gym.layout.reaching.poses import OPENING_MARGIN
 from sceniris_gym.layout.reaching.search import PREGRASP_DISTANCE
 from sceniris_gym.layout.reaching.stage import ReachStage
@@ -148,7 +148,7 @@ def _grasped(
     rows = {name: getattr(layouts, name).numpy() for name in names}
     data, reaching = mujoco.MjData(compiled.mjm), compiled.reaching
     assert reaching is not None
-    for i in np.flatnonzero(rows["status"] != Status.NONE):
+    for i in np.flatnonzero(rows["status"] != LayoutStatus.NONE):
         for c, column in enumerate(reaching.targets):
             if rows["grasp"][i, c] < 0:
                 continue

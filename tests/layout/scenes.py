@@ -14,7 +14,7 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.layout.ahead import Ahead
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import Layouts, Status
+from sceniris_gym.layout.layouts import Layouts, LayoutStatus
 from sceniris_gym.layout.pipeline import LayoutPipeline
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import Cause
@@ -99,7 +99,7 @@ def posed(compiled: CompiledScene, rows: Rows) -> Iterator[mujoco.MjData]:
 
 def valid(rows: Rows) -> Rows:
     """Return the rows that are fresh and valid."""
-    return rows[rows.status == Status.VALID]
+    return rows[rows.status == LayoutStatus.VALID]
 
 
 def collisions(scene: Mapping, name: str, nworld: int = 200) -> tuple[int, int]:
@@ -108,7 +108,7 @@ def collisions(scene: Mapping, name: str, nworld: int = 200) -> tuple[int, int]:
     generator = LayoutGenerator(compiled, nworld)
     generator.generate()
     count = generator.layouts.rejections.numpy()[compiled.placed.index(name), Cause.COLLISION]
-    return int(count), int((generator.layouts.status.numpy() == Status.VALID).sum())
+    return int(count), int((generator.layouts.status.numpy() == LayoutStatus.VALID).sum())
 
 
 def write_mjcf(folder: Path, name: str, body: str, rest: str = "") -> str:

@@ -10,7 +10,7 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import FallbackWarning, InfeasibleSceneError
 from sceniris_gym.layout.attempts import _still_failing, find_attempts
 from sceniris_gym.layout.compile import compile_scene
-from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.program.compiled import CompiledScene, upload_scene
 from sceniris_gym.scene.build import build_model
 from tests.layout.scenes import box_mjcf, compile_on_cpu, make, valid
@@ -82,7 +82,7 @@ def test_attempts_are_raised_until_hardly_a_world_restarts(box: str):
     assert compiled.config.attempts == "auto"
     assert compiled.attempts in (40, 80, 160, 320)
     half, found = (
-        make(compile_on_cpu(_line(box, 2, NARROW, attempts=n, restarts=0)), 20_000, seed=9).status != Status.VALID
+        make(compile_on_cpu(_line(box, 2, NARROW, attempts=n, restarts=0)), 20_000, seed=9).status != LayoutStatus.VALID
         for n in (compiled.attempts // 2, compiled.attempts)
     )
     assert half.mean() > 0.008

@@ -24,7 +24,7 @@ from sceniris_gym.errors import (
     UnknownNameError,
 )
 from sceniris_gym.layout.compile import compile_scene
-from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.program.device import Program
 from sceniris_gym.scene.build import build_model
 from tests.layout.scenes import ANYWHERE, FLOOR, bank_rows, box_mjcf, compile_on_cpu, make, valid, write_mjcf
@@ -116,7 +116,7 @@ def test_many_fallbacks_are_told_with_what_cures_them(crate: dict):
     warning = told[0].message
     assert isinstance(warning, FallbackWarning)
     rows = make(compiled, 2000)
-    assert warning.share == pytest.approx((rows.status == Status.FALLBACK).mean(), abs=0.1)
+    assert warning.share == pytest.approx((rows.status == LayoutStatus.FALLBACK).mean(), abs=0.1)
     assert (warning.name, warning.cause) == ("b", "collision")
     for words in ("'restarts' above 0", "'attempts: auto'", "a larger region for 'b'", "a 'bank' above 64"):
         assert words in str(warning)
@@ -191,7 +191,7 @@ def test_a_scene_without_objects_is_a_scene(robot: dict | None, geometry: str):
     scene = {"floor": FLOOR, "objects": {}, "geometry": geometry, **({"robot": robot} if robot else {})}
     compiled = compile_on_cpu(scene)
     rows = make(compiled, 30)
-    assert (rows.status == Status.VALID).all()
+    assert (rows.status == LayoutStatus.VALID).all()
     if robot is None or "joints" not in robot:
         assert (rows.qpos == compiled.home_qpos).all()
         assert (rows.attempts == 0).all()
@@ -341,7 +341,7 @@ def test_an_open_mesh_is_refused_where_it_is_seen_and_is_a_hull_where_it_collide
     scene = {"floor": FLOOR, "objects": {"thing": {"asset": asset, "on": "floor"}}}
     says = ("objects.thing.asset: mesh of geom 'thing/shell'", "open", "geometry: physics")
     _refused({**scene, "geometry": "visual"}, MeshError, *says)
-    assert (make(compile_on_cpu(scene), 10).status == Status.VALID).all()
+    assert (make(compile_on_cpu(scene), 10).status == LayoutStatus.VALID).all()
 
 
 @pytest.mark.parametrize("geometry", ["physics", "visual"])
@@ -473,7 +473,7 @@ def test_a_robot_with_drawn_joints_is_feasible_as_it_is_shipped(geometry: str):
     """Links that touch or overlap as they are built do not count against the arm."""
     robot = {"asset": "panda", "joints": {"*": {"noise": 0.05}}}
     rows = make(compile_on_cpu({"floor": FLOOR, "robot": robot, "geometry": geometry}), 100)
-    assert (rows.status == Status.VALID).all()
+    assert (rows.status == LayoutStatus.VALID).all()
     assert rows.attempts.mean() < 1.1
 
 
@@ -512,7 +512,7 @@ def test_the_budget_of_the_probe_changes_no_layout(tmp_path: Path, monkeypatch: 
     poor = compile_on_cpu(scene)
     assert int(poor.program.restarts) == 20
     made = make(poor, 200)
-    fresh = rich.status == Status.VALID
+    fresh = rich.status == LayoutStatus.VALID
     assert fresh.any()
     assert (made.status == rich.status).all()
     assert made[fresh].bits() == rich[fresh].bits()

@@ -11,7 +11,7 @@ import pytest
 
 from sceniris_gym.errors import InfeasibleSceneError
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.program.compiled import CompiledScene
 from tests.layout.scenes import Rows, bank_rows, compile_on_cpu, make, posed, read
 
@@ -58,7 +58,7 @@ def test_explicit_pairs_come_before_bits_and_excludes(tmp_path: Path, exclude: s
     pair = f'<contact>{exclude}<pair geom1="big" geom2="small" margin="0.03"/></contact>'
     compiled = own_scene(tmp_path, crates(contype="2", conaffinity="1"), ON_FLOOR, pair)
     rows = make(compiled, N)
-    assert (rows.status == Status.VALID).all()
+    assert (rows.status == LayoutStatus.VALID).all()
     assert contacts(compiled, rows) == []
 
 
@@ -66,7 +66,7 @@ def test_margins_count_as_touching(tmp_path: Path):
     """Margins of 2 cm: no contact acts, among the boxes or with the floor, over which they stand that much higher."""
     compiled = own_scene(tmp_path, crates(margin="0.02"), ON_FLOOR)
     rows = make(compiled, N)
-    assert (rows.status == Status.VALID).all()
+    assert (rows.status == LayoutStatus.VALID).all()
     assert contacts(compiled, rows) == []
     heights = rows.qpos[:, compiled.mjm.jnt_qposadr[0] + 2] - 0.05
     assert heights == pytest.approx(0.02, abs=1e-4)
@@ -110,7 +110,7 @@ def test_a_crate_keeps_off_hundreds_of_bodies(tmp_path: Path):
         generator = LayoutGenerator(own_scene(tmp_path, bodies + crate, {"crate": {"on": "floor"}}), 1000)
         generator.generate()
         rows = read(generator.layouts)
-        assert (rows.status == Status.VALID).all()
+        assert (rows.status == LayoutStatus.VALID).all()
         assert contacts(generator.compiled, rows) == []
         assert generator.rejection_counts()["crate"]["collision"] > 100
         made.append(rows.bits())
@@ -148,7 +148,7 @@ def test_links_that_just_touch_at_home_do_not_keep_an_arm_from_its_place(tmp_pat
     assert abs(mujoco.mj_geomDistance(mjm, data, base, elbow, 1.0, None)) < 1e-9
     robot = {"asset": str(tmp_path / "arm.xml"), "joints": {"pan": {"noise": 0.02}}}
     compiled = compile_on_cpu({"floor": {"size": [2.0, 2.0]}, "robot": robot})
-    assert (make(compiled, 20).status == Status.VALID).all()
+    assert (make(compiled, 20).status == LayoutStatus.VALID).all()
 
 
 def test_a_refusal_names_the_geoms_that_collide(tmp_path: Path):

@@ -8,7 +8,7 @@ import pytest
 from sceniris_gym.audit.auditor import Auditor
 from sceniris_gym.errors import InfeasibleSceneError, SceneKeyError
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.layout.tables import make_table
 from tests.layout.related import Shapes, judged, near_middle, related, scene, table_of
 from tests.layout.scenes import FLOOR, box_mjcf, compile_on_cpu, make
@@ -50,7 +50,7 @@ def test_a_failed_world_does_not_switch_an_object_off_in_all_worlds(shapes: Shap
     compiled = scene(cubes, floor={"size": [0.15, 0.15]}, attempts=2, restarts=0)
     generator = LayoutGenerator(compiled, 300)
     generator.generate()
-    valid = generator.layouts.status.numpy() == Status.VALID
+    valid = generator.layouts.status.numpy() == LayoutStatus.VALID
     assert 10 < valid.sum() < 290
     assert generator.layouts.present.numpy().all()
     at = generator.layouts.qpos.numpy().reshape(300, 3, 7)[:, :, :3]

@@ -14,7 +14,7 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, ScenirisError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import REACH_CAUSES, Cause
 from sceniris_gym.scene.build import build_model
@@ -201,7 +201,7 @@ def test_the_size_of_the_bank_is_part_of_the_scene(hard: CompiledScene):
     other = compile_scene(SceneConfig.load(hard.config, {"bank": 17}), "cpu")
     assert other.hash != hard.hash
     rows, others = make(hard, 400), make(other, 400)
-    fallen = rows.status == Status.FALLBACK
+    fallen = rows.status == LayoutStatus.FALLBACK
     assert (rows.qpos == others.qpos)[~fallen].all()
     assert (rows.qpos != others.qpos)[fallen].any(axis=1).mean() > 0.8
     plain = SceneConfig.load("mid")
@@ -224,15 +224,15 @@ def test_rejections_and_attempts_add_up(restarts: int, tmp_path: Path):
         attempts += generator.layouts.attempts.numpy()
     counts = generator.layouts.rejections.numpy()
     status, first = generator.layouts.status.numpy(), generator.layouts.first_pass_valid.numpy()
-    assert (status[first == 1] == Status.VALID).all()
+    assert (status[first == 1] == LayoutStatus.VALID).all()
     last = generator.layouts.attempts.numpy()
     assert (last[first == 1] <= 6 * 4).all()
     assert last.max() <= 6 * 4 * (restarts + 1)
     assert 0 < first.sum() < 300
     if restarts == 0:
-        assert ((status == Status.VALID) == (first == 1)).all()
+        assert ((status == LayoutStatus.VALID) == (first == 1)).all()
     else:
-        assert (status == Status.VALID).sum() > first.sum()
+        assert (status == LayoutStatus.VALID).sum() > first.sum()
     named = generator.rejection_counts()
     assert list(named) == list(compiled.placed)
     unknown = (Cause.NONE, Cause.UNSOUND, Cause.FALLS, *REACH_CAUSES)  # nothing can fall here
@@ -241,7 +241,7 @@ def test_rejections_and_attempts_add_up(restarts: int, tmp_path: Path):
         assert named[name] == {c.name.lower(): counts[i, c] for c in causes}
     assert counts[:, Cause.NONE].sum() == 0
     assert {c for c in Cause if counts[:, c].any()} == {Cause.OVERHEAD, Cause.FOOTPRINT, Cause.COLLISION}
-    assert attempts.sum() - counts.sum() >= 6 * (status == Status.VALID).sum()
+    assert attempts.sum() - counts.sum() >= 6 * (status == LayoutStatus.VALID).sum()
 
 
 def test_each_world_accounts_for_its_attempts(hard: CompiledScene, mid: CompiledScene):

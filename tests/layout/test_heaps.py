@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.program.compiled import CompiledScene
 from tests.layout.scenes import compile_on_cpu, make, posed, read, write_mjcf
 from tests.scene.heaping import THINGS, folder, words
@@ -44,7 +44,7 @@ def test_all_things_of_a_heap_are_those_of_one_row(compiled: CompiledScene):
     with np.load(folder() / "pile.npz") as stored:
         pos, quat = stored["pos"], stored["quat"]
     rows = make(compiled, 300)
-    assert (rows.status == Status.VALID).all()
+    assert (rows.status == LayoutStatus.VALID).all()
     counts = np.bincount([row_of(data, pos, quat) for data in posed(compiled, rows)], minlength=len(pos))
     assert len(counts) == 5
     assert ((counts - 60) ** 2 / 60).sum() < 18.5  # chi-squared with four degrees of freedom, 1e-3
@@ -75,7 +75,7 @@ def test_what_stands_in_the_way_of_a_row_keeps_it_from_being_served(tmp_path: Pa
     served = {row_of(data, pos, quat) for data in posed(compiled, rows)}
     assert 0 not in served
     assert len(served) > 1
-    assert (rows.status == Status.VALID).mean() > 0.9
+    assert (rows.status == LayoutStatus.VALID).mean() > 0.9
 
 
 def test_a_heap_is_redrawn_alone_in_its_container(compiled: CompiledScene):
@@ -86,7 +86,7 @@ def test_a_heap_is_redrawn_alone_in_its_container(compiled: CompiledScene):
     generator.generate()
     before = read(generator.layouts)
     after = read(generator.redraw(generator.layouts, THINGS))
-    assert (after.status == Status.VALID).all()
+    assert (after.status == LayoutStatus.VALID).all()
     np.testing.assert_array_equal(after.mocap_pos, before.mocap_pos)
     old, new = ([row_of(data, pos, quat) for data in posed(compiled, rows)] for rows in (before, after))
     assert len(set(new)) == len(pos)

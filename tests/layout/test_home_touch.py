@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from sceniris_gym.errors import InfeasibleSceneError
-from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.program.compiled import CompiledScene
 from tests.layout.scenes import Rows, compile_on_cpu, make, posed
 from tests.versions import OLD
@@ -65,7 +65,7 @@ def test_doors_that_overlap_at_home_get_no_deeper_into_each_other(tmp_path: Path
     """Two leaves with an overlap of 0.2 mm, each drawn on both sides of home."""
     compiled = own_scene(tmp_path, DOORS, drawn={"*": {"range": [-0.3, 0.3]}})
     rows = make(compiled, N)
-    assert (rows.status == Status.VALID).all()
+    assert (rows.status == LayoutStatus.VALID).all()
     assert too_near(compiled, rows) == []
     assert np.abs(rows.qpos).max() > 0.25
 
@@ -88,7 +88,7 @@ def test_an_arm_gets_no_deeper_into_itself_than_at_home(tmp_path: Path):
     robot = {"asset": str(tmp_path / "arm.xml"), "joints": {"*": {"noise": 0.05}}}
     compiled = compile_on_cpu({"floor": {"size": [2.0, 2.0]}, "robot": robot})
     rows = make(compiled, N)
-    assert (rows.status == Status.VALID).all()
+    assert (rows.status == LayoutStatus.VALID).all()
     assert too_near(compiled, rows) == []
     lifted = rows.qpos[:, compiled.mjm.joint("arm/lift").qposadr[0]]
     assert lifted.max() < 1e-3
@@ -105,7 +105,7 @@ def test_what_is_within_its_margin_at_home_comes_no_nearer(tmp_path: Path):
       <body name="b" pos=".21 0 0">{slide.format("b", "")}</body>"""
     compiled = own_scene(tmp_path, bodies, drawn={"*": {"range": [-0.02, 0.02]}})
     rows = make(compiled, N)
-    assert (rows.status == Status.VALID).all()
+    assert (rows.status == LayoutStatus.VALID).all()
     assert too_near(compiled, rows) == []
     apart = 0.01 + rows.qpos[:, 1] - rows.qpos[:, 0]
     assert 0.01 - DEEPER <= apart.min() < 0.0102
@@ -127,7 +127,7 @@ def test_what_stays_as_deep_as_it_is_is_free_to_turn(tmp_path: Path, case: str):
     cylinder = '<geom type="cylinder" size=".05 .05"/>'
     bodies = two_links(cylinder, f"<geom {second}/>", at=at)
     compiled = own_scene(tmp_path, bodies, drawn={"*": {"range": [-3.0, 3.0]}}, attempts=1, restarts=0)
-    assert (make(compiled, 2000).status == Status.VALID).mean() > 0.999
+    assert (make(compiled, 2000).status == LayoutStatus.VALID).mean() > 0.999
 
 
 def test_other_geoms_of_bodies_that_touch_at_home_are_kept_apart(tmp_path: Path):
@@ -138,7 +138,7 @@ def test_other_geoms_of_bodies_that_touch_at_home_are_kept_apart(tmp_path: Path)
     bodies = two_links(first, second, 'pos="0 0 .059" euler="0 0 60"')
     compiled = own_scene(tmp_path, bodies, drawn={"*": {"range": [-1.0, 1.0]}})
     rows = make(compiled, N)
-    assert (rows.status == Status.VALID).all()
+    assert (rows.status == LayoutStatus.VALID).all()
     assert too_near(compiled, rows) == []
     between = np.radians(60.0) + rows.qpos[:, 1] - rows.qpos[:, 0]
     assert 0.15 < np.abs(between).min() < 0.25
@@ -176,7 +176,7 @@ def test_home_itself_is_always_valid(tmp_path: Path, nearness: float):
     objects = {f"thing{i}": thing for i in range(len(kinds))}
     compiled = compile_on_cpu({"model": str(path), "objects": objects, "attempts": 1, "restarts": 0})
     assert (compiled.program.pair_margin.numpy() < 0.0).sum() == len(kinds)
-    assert (make(compiled, 8).status == Status.VALID).all()
+    assert (make(compiled, 8).status == LayoutStatus.VALID).all()
 
 
 def _words(numbers: np.ndarray) -> str:

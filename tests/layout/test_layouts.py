@@ -9,7 +9,7 @@ import warp as wp
 
 from sceniris_gym.errors import UnknownNameError
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import Layouts, LayoutsView, Status, layout_width, view_of
+from sceniris_gym.layout.layouts import Layouts, LayoutStatus, LayoutsView, layout_width, view_of
 from sceniris_gym.layout.seeds import launch_open
 from sceniris_gym.layout.stored import _make
 from tests.layout.scenes import compiled_from
@@ -70,7 +70,7 @@ def test_a_new_batch_holds_no_layout():
     compiled = compiled_from(spec_of(), cubes_on("ground", 2, region=NEAR))
     layouts = Layouts.create(compiled, 3)
     assert (layouts.episode.numpy() == -1).all()
-    assert (layouts.status.numpy() == Status.NONE).all()
+    assert (layouts.status.numpy() == LayoutStatus.NONE).all()
     assert (layouts.present.numpy() == 1).all()
     np.testing.assert_array_equal(layouts.qpos.numpy(), np.tile(compiled.home_qpos, (3, 1)).astype(np.float32))
     data = mujoco.MjData(compiled.mjm)

@@ -9,7 +9,7 @@ import pytest
 
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.layouts import LayoutStatus
 from tests.layout.scenes import box_mjcf
 
 
@@ -31,7 +31,7 @@ def test_a_thousand_objects_of_a_hundred_kinds_among_a_thousand_geoms(tmp_path: 
     compiled = compile_scene(scene, "cpu", cache=False)
     generator = LayoutGenerator(compiled, 1)
     generator.generate()
-    assert generator.layouts.status.numpy()[0] == Status.VALID
+    assert generator.layouts.status.numpy()[0] == LayoutStatus.VALID
     places = np.array([generator.layouts.pose(name)[0, :2].numpy() for name in compiled.object_names])
     half = np.array([sizes[i % 100] / 2 for i in range(1000)])
     apart = np.abs(places[:, None] - places[None]).max(axis=2) - half[:, None] - half[None]

@@ -13,7 +13,7 @@ from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layout_id import LayoutId
-from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.layout.params import params_in
 from sceniris_gym.program.compiled import CompiledScene
 from tests.layout.param_scenes import scene_with_params
@@ -75,7 +75,7 @@ def test_a_narrowed_distance_holds(param_scene: CompiledScene):
     generator = LayoutGenerator(param_scene, NWORLD, params=[name])
     generator.set_params({name: [0.3, 0.35]}, EVEN)
     generator.generate()
-    valid = generator.layouts.status.numpy() == Status.VALID
+    valid = generator.layouts.status.numpy() == LayoutStatus.VALID
     away = generator.layouts.pose("near").numpy()[:, :2] - generator.layouts.pose("cabinet").numpy()[:, :2]
     distance = np.hypot(*away.T)
     assert ((distance > 0.3 - 1e-5) & (distance < 0.35 + 1e-5))[EVEN & valid].all()
@@ -124,10 +124,10 @@ def test_the_id_of_a_fallback_names_the_params_and_makes_it_again(tmp_path: Path
     generator = LayoutGenerator(full, 16, params="*.region")
     generator.set_params({"objects.crate_0.region": [[-0.05, -0.05], [0.1, 0.1]]})
     generator.generate()
-    fallback = generator.layouts.status.numpy() == Status.FALLBACK
+    fallback = generator.layouts.status.numpy() == LayoutStatus.FALLBACK
     assert 0 < fallback.sum() < 16
     for i, told in enumerate(generator.layouts.ids("train")):
         assert "objects.crate_0.region=" in told
         table = replay(full, LayoutId.parse(told))
         np.testing.assert_array_equal(table.qpos[0], generator.layouts.qpos.numpy()[i])
-        assert (table.status[0] == Status.FALLBACK) == fallback[i]
+        assert (table.status[0] == LayoutStatus.FALLBACK) == fallback[i]

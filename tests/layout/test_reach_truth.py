@@ -8,7 +8,7 @@ import pytest
 
 from sceniris_gym.config.loader import shipped
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.program.compiled import CompiledScene
 from tests.layout.scenes import compile_on_cpu
 from tests.oracle.exact_ik import ExactIk
@@ -59,11 +59,11 @@ def test_a_mug_is_accepted_where_any_of_its_grasps_is_reached(robot: str, tier: 
     generators = [LayoutGenerator(compiled, N, seed=100) for compiled in (asked, plain)]
     for generator in generators:
         generator.generate()
-    there = generators[1].layouts.status.numpy() == Status.VALID  # and not on the arm's foot
+    there = generators[1].layouts.status.numpy() == LayoutStatus.VALID  # and not on the arm's foot
     poses = grasp_poses(asked, plain, generators[1].layouts.qpos.numpy()[there])
     exact = ExactIk(mujoco.MjModel.from_xml_path(str(shipped("assets", ".xml")[robot])), robot)
     truth = exact.reachable(poses.reshape(-1, 4, 4))[0].reshape(len(poses), -1).any(axis=1)
-    accepted = (generators[0].layouts.status.numpy() == Status.VALID)[there]
+    accepted = (generators[0].layouts.status.numpy() == LayoutStatus.VALID)[there]
     assert 0.2 < truth.mean() < 0.9
     assert not (accepted & ~truth).any()
     assert (truth & ~accepted).sum() <= 2

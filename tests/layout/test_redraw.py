@@ -14,7 +14,7 @@ from sceniris_gym.device.random import named_stream
 from sceniris_gym.errors import ArgumentError, SceneMismatchError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator, make_redraw
-from sceniris_gym.layout.layouts import Layouts, LayoutsView, Status, view_of
+from sceniris_gym.layout.layouts import Layouts, LayoutStatus, LayoutsView, view_of
 from sceniris_gym.layout.redraw import RedrawCounts
 from sceniris_gym.program.compiled import CompiledScene
 from tests.layout.scenes import box_mjcf, compile_on_cpu, compiled_from
@@ -99,7 +99,7 @@ def redraw(
     found.launch(worlds.uploaded(), mask, counts, origins)
     assert (counts.number.numpy() == 1 + (0 if number is None else number.numpy())).all()
     np.testing.assert_array_equal(counts.status.numpy(), found.layouts.status.numpy())
-    assert counts.kept.numpy()[0] == (counts.status.numpy() == Status.KEPT).sum()
+    assert counts.kept.numpy()[0] == (counts.status.numpy() == LayoutStatus.KEPT).sum()
     return found.layouts
 
 
@@ -145,7 +145,7 @@ def test_relations_hold_to_anchors_as_they_are(room: CompiledScene):
     tray = address(room, "tray")
     worlds.qpos[:, tray : tray + 3] = [2.0, 2.0, 0.5]
     found = redraw(room, ("b",), worlds)
-    assert (found.status.numpy() == Status.VALID).all()
+    assert (found.status.numpy() == LayoutStatus.VALID).all()
     qpos = found.qpos.numpy()
     np.testing.assert_array_equal(
         np.delete(qpos, range(own, own + 7), 1), np.delete(worlds.qpos, range(own, own + 7), 1)
@@ -167,7 +167,7 @@ def test_a_support_counts_as_it_is_if_it_is_level(room: CompiledScene):
     worlds.qpos[:, tray : tray + 7] = [1.0, -1.0, 0.4, np.cos(half), 0.0, 0.0, np.sin(half)]
     worlds.qpos[leans, tray + 3 : tray + 7] = [np.cos(0.02), np.sin(0.02), 0.0, 0.0]
     found = redraw(room, ("c",), worlds)
-    np.testing.assert_array_equal(found.status.numpy(), np.where(leans, Status.KEPT, Status.VALID))
+    np.testing.assert_array_equal(found.status.numpy(), np.where(leans, LayoutStatus.KEPT, LayoutStatus.VALID))
     qpos = found.qpos.numpy()
     np.testing.assert_array_equal(qpos[leans], worlds.qpos[leans])
     np.testing.assert_allclose(qpos[~leans, own + 2], 0.4 + 0.01 + 0.02 + 0.0005, atol=1e-6)
@@ -246,7 +246,7 @@ def test_what_is_kept_leaves_grasps_alone():
     found.grasp.fill_(7)
     redrawn._make = lambda mask, launch: found.view.status.zero_()  # nothing fits
     redrawn.launch(generator.layouts.view, wp.ones(3, dtype=bool, device="cpu"), RedrawCounts.zeros(3, "cpu"))
-    assert (found.status.numpy() == Status.KEPT).all()
+    assert (found.status.numpy() == LayoutStatus.KEPT).all()
     np.testing.assert_array_equal(found.qpos.numpy(), generator.layouts.qpos.numpy())
     assert (found.grasp.numpy() == 7).all()
 
@@ -267,7 +267,7 @@ def test_the_top_of_a_settled_stack_is_redrawn_and_stands():
         lean[i] = np.degrees(np.arccos(min(1.0, data.xmat[compiled.scene.bodies["middle"]][8])))
     assert (lean > 0.1).mean() > 0.5
     found, judge = redraw(compiled, ("top",), worlds), StackJudge(compiled.mjm)
-    assert (found.status.numpy() == Status.VALID).mean() > 0.9
+    assert (found.status.numpy() == LayoutStatus.VALID).mean() > 0.9
     far = [judge.moves(qpos, np.zeros((0, 3)), np.zeros((0, 4))).max() for qpos in found.qpos.numpy()]
     assert max(far) < STILL
 
@@ -285,7 +285,7 @@ def test_a_carrier_moves_although_what_is_absent_might_stand_on_it(tmp_path: Pat
         generator.generate()
         adr, away = address(compiled, "tray"), [compiled.scene.bodies["other"]]
         after = generator.redraw(generator.redraw(generator.layouts, "tray"), ["tray", "one"])
-        assert (after.status.numpy() == Status.VALID).all()
+        assert (after.status.numpy() == LayoutStatus.VALID).all()
         assert (generator.layouts.qpos.numpy()[:, adr] != after.qpos.numpy()[:, adr]).all()
         assert after.present.numpy()[:, [compiled.slots.index(name) for name in loads]].tolist() == [[1, 0]] * 8
         far = [judge.moves(qpos, np.zeros((0, 3)), np.zeros((0, 4)), away).max() for qpos in after.qpos.numpy()]

@@ -10,7 +10,7 @@ import pytest
 from scipy import stats
 
 from sceniris_gym.errors import InfeasibleSceneError, SceneKeyError
-from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.layout.wave.search import default_size
 from sceniris_gym.program.compiled import CompiledScene
 from tests.layout.scenes import FLOOR, Rows, box_mjcf, compile_on_cpu, make, posed
@@ -39,7 +39,7 @@ def test_points_on_a_support_are_chosen_alike_in_its_frame(tmp_path: Path):
     }
     compiled = compile_on_cpu({"floor": FLOOR, "objects": objects})
     rows = make(compiled, 3000, seed=3)
-    assert (rows.status == Status.VALID).all()
+    assert (rows.status == LayoutStatus.VALID).all()
     slab, local = compiled.mjm.body("slab").id, []
     for data, at in zip(posed(compiled, rows), _at(compiled, rows, "goal"), strict=True):
         local.append(data.xmat[slab].reshape(3, 3).T @ (at - data.xpos[slab]))
@@ -67,7 +67,7 @@ def test_points_in_space_are_chosen_alike(related: bool):
     goal = {"kind": "marker", "region": {"points": points}, **near}
     compiled = compile_on_cpu({"objects": {"origin": origin, "goal": goal}})
     rows = make(compiled, 3000, seed=5)
-    assert (rows.status == Status.VALID).all()
+    assert (rows.status == LayoutStatus.VALID).all()
     chosen = _chosen(_at(compiled, rows, "goal"), points)
     assert stats.chisquare(chosen[:-1] if related else chosen).pvalue > 0.001
     assert (chosen[-1] == 0) == related
@@ -80,7 +80,7 @@ def test_relations_leave_points_which_are_chosen_alike():
     goal = {"kind": "marker", "on": "floor", "region": {"points": LATTICE}, "relations": [ring, {"front_of": "post"}]}
     compiled = compile_on_cpu({"floor": FLOOR, "objects": {"post": post, "goal": goal}})
     rows = make(compiled, 6000, seed=6)
-    assert (rows.status == Status.VALID).all()
+    assert (rows.status == LayoutStatus.VALID).all()
     x, y = np.array(LATTICE).T
     left = (np.hypot(x, y) > 0.15) & (np.hypot(x, y) < 0.35) & (y <= 0.0)
     edge = left & (y == 0.0)  # on the line that `front_of` ends at: within it or not, by rounding
@@ -114,7 +114,7 @@ def test_what_stands_on_a_point_leaves_the_others(tmp_path: Path):
     scene = {"floor": FLOOR, "objects": {name: {**block, "region": {"points": points}} for name in names[:3]}}
     compiled = compile_on_cpu({**scene, "attempts": 64})
     rows = make(compiled, 500, seed=7)
-    assert (rows.status == Status.VALID).all()
+    assert (rows.status == LayoutStatus.VALID).all()
     taken = np.stack([_at(compiled, rows, name)[:, :2] for name in names[:3]], axis=1)
     apart = np.linalg.norm(taken[:, :, None] - np.array(points), axis=3)
     assert np.array_equal(np.sort(apart.argmin(axis=2), axis=1), np.tile([0, 1, 2], (500, 1)))
@@ -141,7 +141,7 @@ def test_points_are_the_same_for_any_number_of_worlds_and_size_of_the_search():
     compiled = compile_on_cpu({"floor": FLOOR, "objects": {"post": post, "goal": {**goal, "relations": [near]}}})
     size = default_size("cpu")
     rows = make(compiled, 64, seed=8)
-    assert (rows.status == Status.VALID).all()
+    assert (rows.status == LayoutStatus.VALID).all()
     assert rows[:16].bits() == make(compiled, 16, seed=8).bits()
     assert rows.bits() == make(compiled, 64, seed=8, size=replace(size, candidates=max(size.candidates // 8, 1))).bits()
 

@@ -11,7 +11,7 @@ import warp as wp
 
 from sceniris_gym.errors import ArgumentTypeError
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import Layouts, LayoutsView, Status
+from sceniris_gym.layout.layouts import Layouts, LayoutStatus, LayoutsView
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.layout.stored import StoredLayouts
 from sceniris_gym.layout.tables import make_table
@@ -88,7 +88,7 @@ def test_masked_worlds_go_on_by_one_episode(mid: CompiledScene, make: Maker):
     assert source.layouts.episode.numpy().tolist() == [-1] * NWORLD
     source.launch_generate(None)
     assert source.layouts.episode.numpy().tolist() == [0] * NWORLD
-    assert (source.layouts.status.numpy() != Status.NONE).all()
+    assert (source.layouts.status.numpy() != LayoutStatus.NONE).all()
     before = source.layouts.qpos.numpy().copy()
     source.launch_generate(mask_of([True, False, False, True]))
     assert source.layouts.episode.numpy().tolist() == [1, 0, 0, 1]
@@ -171,7 +171,10 @@ def test_something_may_follow_every_reset(mid: CompiledScene):
 def test_what_is_no_source_is_refused(mid: CompiledScene):
     """Also where it has methods of the same names."""
     batch = Batch(mid.scene, NWORLD, "cpu")
-    with pytest.raises(ArgumentTypeError, match="ResetRandomizer: layout_source should be a LayoutSource, got"):
+    with pytest.raises(
+        ArgumentTypeError,
+        match="should be a LayoutSource, LayoutTable, LayoutDataset or",
+    ):
         ResetRandomizer(mid, batch.model, batch.data, layout_source=object())  # type: ignore[arg-type]
     with pytest.raises(ArgumentTypeError, match=r"LayoutSource: should have a method `launch_make\(mask\)`"):
         LayoutSource().launch_make(None)

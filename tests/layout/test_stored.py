@@ -13,7 +13,7 @@ import warp as wp
 
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, SceneMismatchError, ScenirisError
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import LayoutKeys, Layouts, Status
+from sceniris_gym.layout.layouts import LayoutKeys, Layouts, LayoutStatus
 from sceniris_gym.layout.pipeline import LayoutPipeline
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.layout.stored import StoredLayouts
@@ -94,7 +94,7 @@ def test_the_row_is_seed_and_episode_modulo_the_number_of_rows(
 ):
     """Three episodes; modulo 2^64 too, behind which seeds start at 0 again."""
     stored = StoredLayouts(crane, table, 4, seed=seed)
-    assert (stored.layouts.status.numpy() == Status.NONE).all()
+    assert (stored.layouts.status.numpy() == LayoutStatus.NONE).all()
     given = [int(s) for s in seed] if np.ndim(seed) else [int(seed) + i for i in range(4)]
     for episode in range(3):
         stored.generate()
@@ -103,7 +103,7 @@ def test_the_row_is_seed_and_episode_modulo_the_number_of_rows(
         assert_rows(stored.layouts, table, rows)
         assert stored.layouts.episode.numpy().tolist() == [episode] * 4
     assert stored.layouts.seed.numpy().tolist() == given
-    assert (stored.layouts.status.numpy() == Status.VALID).all()
+    assert (stored.layouts.status.numpy() == LayoutStatus.VALID).all()
 
 
 @pytest.mark.parametrize("name", ["qpos", "mocap_pos", "mocap_quat", "present", "grasp", "grasp_qpos", "pregrasp_qpos"])
@@ -158,7 +158,7 @@ def test_worlds_that_are_left_out_keep_their_rows(crane: CompiledScene, table: L
     for name, values in home.items():
         np.testing.assert_array_equal(found[name][[0, 2]], values[[0, 2]], err_msg=name)
         np.testing.assert_array_equal(found[name][1], getattr(table, name)[3], err_msg=name)
-    assert stored.layouts.status.numpy().tolist() == [Status.NONE, Status.VALID, Status.NONE]
+    assert stored.layouts.status.numpy().tolist() == [LayoutStatus.NONE, LayoutStatus.VALID, LayoutStatus.NONE]
     stored.launch_generate(wp.array([False] * 3, dtype=wp.bool, device="cpu"))
     assert stored.layouts.episode.numpy().tolist() == [-1, 0, -1]
     stored.launch_generate(wp.array([True, True, False], dtype=wp.bool, device="cpu"))

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.layout.seeds import as_seeds
 from sceniris_gym.layout.tables import RequestedLayouts, grasp_poses, make_table, make_tables, read_table
 from sceniris_gym.program.compiled import CompiledScene
@@ -33,7 +33,7 @@ def test_a_table_is_a_copy_of_the_batch(crane: CompiledScene):
     table, layouts = read_table(generator), generator.layouts
     for name in ("qpos", "attempts", "status", "seed", "episode", "grasp"):
         np.testing.assert_array_equal(getattr(table, name), getattr(layouts, name).numpy(), err_msg=name)
-    np.testing.assert_array_equal(table.valid, layouts.status.numpy() == Status.VALID)
+    np.testing.assert_array_equal(table.valid, layouts.status.numpy() == LayoutStatus.VALID)
     assert table.present.dtype == table.valid.dtype == table.first_pass_valid.dtype == bool
     assert table.mocap_pos.shape == (6, crane.mjm.nmocap, 3)
     assert table.grasp_qpos.shape == (6, 1, 4)  # the crane's own joints, not the room that there is for others
@@ -128,7 +128,7 @@ def made_one_by_one(compiled: CompiledScene, split: str = "train") -> tuple[list
         layouts = generator.layouts
         arrays = (layouts.qpos, layouts.mocap_pos, layouts.mocap_quat)
         rows.append([array.numpy()[0].copy() for array in arrays])
-        fallback.append(layouts.status.numpy()[0] == Status.FALLBACK)
+        fallback.append(layouts.status.numpy()[0] == LayoutStatus.FALLBACK)
     return [np.array(column) for column in zip(*rows, strict=True)], np.array(fallback)
 
 
@@ -140,7 +140,7 @@ def test_layouts_are_those_of_a_generator(stand: CompiledScene, split: str):
     for _ in range(2):
         found = ask(requested, stand, [True] * 5)
         assert all(np.array_equal(a, b) for a, b in zip(found[:3], expected, strict=True))
-        assert (found[3] == Status.VALID).all()
+        assert (found[3] == LayoutStatus.VALID).all()
         ask(requested, stand, [False, True, True, False, False])
 
 
@@ -157,7 +157,7 @@ def test_the_others_get_the_start_pose(stand: CompiledScene):
     body = np.flatnonzero(stand.mjm.body_mocapid >= 0)
     np.testing.assert_allclose(pos[others, 0], np.tile(stand.mjm.body_pos[body], (3, 1)), atol=1e-7)
     np.testing.assert_allclose(quat[others, 0], np.tile(stand.mjm.body_quat[body], (3, 1)), atol=1e-7)
-    assert (status == np.where(mask, Status.VALID, Status.NONE)).all()
+    assert (status == np.where(mask, LayoutStatus.VALID, LayoutStatus.NONE)).all()
 
 
 def test_layouts_from_the_bank_are_flagged(tmp_path: Path):
@@ -167,5 +167,5 @@ def test_layouts_from_the_bank_are_flagged(tmp_path: Path):
     expected, from_bank = made_one_by_one(tray)
     qpos, _, _, status = ask(RequestedLayouts(tray, len(SEEDS)), tray, [True] * 5)
     assert from_bank.any()
-    assert np.array_equal(status == Status.FALLBACK, from_bank)
+    assert np.array_equal(status == LayoutStatus.FALLBACK, from_bank)
     assert np.array_equal(qpos, expected[0])

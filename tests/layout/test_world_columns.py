@@ -16,7 +16,7 @@ from sceniris_gym.commands.replay import drawn, replay
 from sceniris_gym.errors import ArgumentError, SceneKeyError, SceneMismatchError
 from sceniris_gym.layout.generate import LayoutGenerator, make_redraw
 from sceniris_gym.layout.layout_id import LayoutId
-from sceniris_gym.layout.layouts import Layouts, Status
+from sceniris_gym.layout.layouts import Layouts, LayoutStatus
 from sceniris_gym.layout.redraw import RedrawCounts
 from sceniris_gym.layout.stored import StoredLayouts
 from sceniris_gym.layout.tables import read_table
@@ -86,7 +86,7 @@ def test_fallbacks_stand_by_what_their_stored_layout_was_proven_with(tmp_path: P
     randomizer = reset(compiled, prefetch=prefetch)
     rows, status = randomizer.fields.rows, randomizer.layouts.status.numpy()
     fields = {name: rows[name].numpy() for name in ("body_mass", "body_inertia", "body_ipos") if name in rows}
-    assert (status == Status.FALLBACK).sum() >= 10
+    assert (status == LayoutStatus.FALLBACK).sum() >= 10
     assert not moving(compiled, randomizer.layouts, fields).any()
 
 
@@ -132,7 +132,7 @@ def test_a_redraw_tips_nothing_that_carries_it(tmp_path: Path):
     randomizer = reset(seesaw(tmp_path, CENTERS, {}))
     fields = {"body_ipos": randomizer.fields.rows["body_ipos"].numpy()}
     randomizer.redraw("load")
-    placed = randomizer.redraw_status.numpy() == Status.VALID
+    placed = randomizer.redraw_status.numpy() == LayoutStatus.VALID
     assert placed.sum() > NWORLD // 2
     wp.copy(randomizer.layouts.qpos, randomizer.data.qpos)
     assert not moving(randomizer.compiled, randomizer.layouts, fields)[placed].any()

@@ -129,5 +129,5 @@ def test_a_snapshot_keeps_levels_and_the_ends_that_they_are_at(reach_scene):  # 
     envs.step(actions(8))
     assert (levels.state()["boundary"] != before["boundary"]).any()
     restored = envs.reset(options={"state": kept})[1]
-    assert restored["layout_level"].tolist() == info["layout_level"].tolist()
+    assert restored["layout"]["level"].tolist() == info["layout"]["level"].tolist()
     assert levels.state()["boundary"].tolist() == before["boundary"].tolist()

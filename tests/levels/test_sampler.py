@@ -36,9 +36,9 @@ def test_a_level_is_the_layout_of_its_id(make_env, prefetch):  # noqa: F811
     for _ in range(24):
         observation, _, _, _, info = envs.step(actions(3))
         if info["_final_obs"].any():
-            named = {"seed": info["layout_seed"], "episode": info["layout_episode"]}
+            named = {"seed": info["layout"]["seed"], "episode": info["layout"]["episode"]}
             assert_equal(plain.reset(options={"layouts": named})[0], observation)
-            replayed += int((info["layout_level"] >= 0).sum())
+            replayed += int((info["layout"]["level"] >= 0).sum())
     assert replayed > 3
     assert envs.randomizer.levels.size > 3
 
@@ -49,7 +49,7 @@ def test_levels_depend_on_seeds_and_outcomes_alone(make_env):  # noqa: F811
     for _ in range(2):
         envs = make_env(4, max_episode_steps=3, curriculum=LEVELS)
         envs.reset(seed=1)
-        runs.append([info["layout_seed"].tolist() for info in _play(envs, 20)])
+        runs.append([info["layout"]["seed"].tolist() for info in _play(envs, 20)])
     assert runs[0] == runs[1]
     assert len(set(map(tuple, runs[0]))) > 4
 
@@ -62,8 +62,8 @@ def test_a_sampler_goes_on_where_it_was(make_env):  # noqa: F811
     _play(first, 9)
     second.reset(seed=2)
     second.randomizer.levels.restore(first.randomizer.levels.state())
-    assert_equal(first.reset()[1], second.reset()[1])
-    runs = [[info["layout_seed"].tolist() for info in _play(envs, 30)] for envs in (first, second)]
+    assert_equal(first.reset()[1]["layout"], second.reset()[1]["layout"])
+    runs = [[info["layout"]["seed"].tolist() for info in _play(envs, 30)] for envs in (first, second)]
     assert runs[0] == runs[1]
     kept, before = first.randomizer.levels.state(), second.randomizer.levels.state()
     for name, shape in (("seed", r"\(64,\)"), ("resets", r"\(\)")):
@@ -82,7 +82,7 @@ def test_a_snapshot_goes_on_with_the_levels_of_its_step(make_env):  # noqa: F811
         envs.randomizer.levels.restore(levels)
         envs.reset(options={"state": kept})
         infos = _play(envs, 8)
-        runs.append([info[f"layout_{name}"].tolist() for info in infos for name in ("seed", "level")])
+        runs.append([info["layout"][name].tolist() for info in infos for name in ("seed", "level")])
     assert runs[0] == runs[1]
 
 
@@ -112,10 +112,10 @@ def test_scores_can_be_given(make_env):  # noqa: F811
     for _ in range(4):
         info = envs.step(actions(4))[-1]
         last, done = info["final_info"], info["_final_info"]
-        layouts = {name: last[f"layout_{name}"] for name in ("level", "seed", "episode")}
+        layouts = last["layout"]
         envs.randomizer.levels.update(layouts, torch.linspace(0.1, 1.0, 4), done)
     assert envs.randomizer.levels.size > 0
-    assert (envs.reset()[1]["layout_level"] >= 0).all()
+    assert (envs.reset()[1]["layout"]["level"] >= 0).all()
     for seed in ([1, [2, 3]], None, "1"):
         with pytest.raises(ArgumentError, match="one length"):
             envs.randomizer.levels.insert({"seed": seed, "episode": [0]}, [0.5])

@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 from shapely.geometry import box
 
-from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.layouts import LayoutStatus
 from tests.layout.scenes import compile_on_cpu, make, write_mjcf
 
 # An L of two tiles and a frame of four around a hole, 6 cm high.
@@ -37,5 +37,5 @@ def goal_points(scene: dict, nworld: int = 4000, seed: int = 11) -> np.ndarray:
     """Draw a goal without a body in each world: its positions, shape (nworld, 3)."""
     compiled = compile_on_cpu(scene)
     rows = make(compiled, nworld, seed=seed)
-    assert (rows.status == Status.VALID).all()
+    assert (rows.status == LayoutStatus.VALID).all()
     return rows.mocap_pos[:, int(compiled.mjm.body("goal").mocapid[0])]

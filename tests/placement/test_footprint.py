@@ -21,7 +21,7 @@ from sceniris_gym.device.transforms import Pose, relative
 from sceniris_gym.errors import InfeasibleSceneError
 from sceniris_gym.geometry.pieces import PieceType
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.placement import footprint
 from sceniris_gym.program.compiled import upload_scene
 from sceniris_gym.program.device import Program, fill_struct
@@ -62,7 +62,7 @@ def test_at_ratio_one_the_whole_footprint_lies_on_the_support(tmp_path: Path, as
             areas.append(footprint.difference(allowed).area)
         return np.array(areas)
 
-    accepted, (others, causes) = rows.status == Status.VALID, refused(generator)
+    accepted, (others, causes) = rows.status == LayoutStatus.VALID, refused(generator)
     assert 50 < accepted.sum() < 280
     assert outside(rows[accepted], 2e-6).max() == 0.0
     counts = {cause: n for cause, n in generator.rejection_counts()[asset].items() if n}
@@ -225,14 +225,14 @@ def test_the_cover_over_a_drawer_is_decided_by_its_opening(opening: float, geome
     for word in ("on", "inside", "in"):
         compiled = compile_on_cpu(_drawer(word, opening, geometry, attempts=100))
         rows[word] = make(compiled, 300, seed=5)
-        assert (rows[word].status == Status.VALID).all()
+        assert (rows[word].status == LayoutStatus.VALID).all()
     compiled = compile_on_cpu(_drawer("in", opening, geometry))
     covered = {word: _covered(compiled, rows[word], geometry) for word in rows}
     assert not covered["on"].any()
     assert covered["inside"].all()
     assert 0.05 < covered["in"].mean() < 0.95
     once = make(compile_on_cpu(_drawer("inside", opening, geometry, attempts=1, restarts=0)), 300, seed=5)
-    assert ((once.status == Status.VALID) == covered["in"]).all()
+    assert ((once.status == LayoutStatus.VALID) == covered["in"]).all()
 
 
 @pytest.mark.parametrize("geometry", ["physics", "visual"])

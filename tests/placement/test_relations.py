@@ -14,7 +14,7 @@ from sceniris_gym.audit.auditor import Auditor
 from sceniris_gym.config.relations import KINDS, RelationType
 from sceniris_gym.errors import InfeasibleSceneError
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.layout.tables import make_table
 from sceniris_gym.placement import relations
 from tests.layout.related import ONE_ANCHOR, Shapes, judged, near_middle, related, scene, table_of
@@ -244,7 +244,7 @@ def test_relations_hold_on_a_lid_that_is_shut(shapes: Shapes):
     compiled = scene(objects)
     generator = LayoutGenerator(compiled, 400)
     generator.generate()
-    assert (generator.layouts.status.numpy() == Status.VALID).mean() > 0.95
+    assert (generator.layouts.status.numpy() == LayoutStatus.VALID).mean() > 0.95
     assert (generator.layouts.qpos.numpy()[:, compiled.mjm.joint("chest/hinge").qposadr[0]] == 0.0).all()
     assert generator.rejection_counts()["a"]["empty"] > 100
     assert not [k for k in judged(compiled, make_table(compiled, 400, 0)) if k.broken]

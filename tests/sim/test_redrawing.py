@@ -13,7 +13,7 @@ import warp as wp
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ArgumentError, UnknownNameError
 from sceniris_gym.layout.compile import compile_scene
-from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.layout.tables import make_table
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.build import build_model
@@ -82,7 +82,7 @@ def test_only_the_named_objects_move_and_they_are_free(mid: CompiledScene):
         randomizer.redraw(names, HALF)
         after = state(randomizer)
         assert judge.differences(before, after, HALF) == []
-        assert (randomizer.redraw_status.numpy()[HALF] == Status.VALID).all()
+        assert (randomizer.redraw_status.numpy()[HALF] == LayoutStatus.VALID).all()
         assert max(judge.deepest(after, int(world)) for world in np.flatnonzero(HALF)) < DEEP
         for name in ("qpos", "qvel", "mocap_pos"):
             changed = (before[name] != after[name]).reshape((NWORLD, -1)).any(axis=1)
@@ -157,7 +157,7 @@ def test_where_nothing_fits_the_object_stays_and_is_counted(mid: CompiledScene):
     before = state(randomizer)
     randomizer.redraw("banana")
     status = randomizer.redraw_status.numpy()
-    np.testing.assert_array_equal(status, [Status.KEPT] * 3 + [Status.VALID] * 3)
+    np.testing.assert_array_equal(status, [LayoutStatus.KEPT] * 3 + [LayoutStatus.VALID] * 3)
     assert randomizer.redrawer.kept.numpy().tolist() == [3]
     after = state(randomizer)
     for name, old in before.items():

@@ -99,7 +99,7 @@ def with_variants(compiled: CompiledScene, state: dict[str, np.ndarray], variant
 def try_scene(scene: str, number: int, num_envs: int, device: str | None, seed: int) -> dict[str, object]:
     """Redraw objects of a scene at least `number` times, and count what is wrong."""
     from sceniris_gym.layout.compile import compile_scene
-    from sceniris_gym.layout.layouts import Status
+    from sceniris_gym.layout.layouts import LayoutStatus
     from sceniris_gym.sim.batch import Batch
     from sceniris_gym.sim.randomizer import ResetRandomizer
 
@@ -129,7 +129,7 @@ def try_scene(scene: str, number: int, num_envs: int, device: str | None, seed: 
         randomizer.redraw(names, mask)
         after = {name: getattr(data, name).numpy().copy() for name in ResetRandomizer.STATE_FIELDS}
         status = randomizer.redraw_status.numpy()
-        placed = mask & (status == Status.VALID)
+        placed = mask & (status == LayoutStatus.VALID)
         different |= set(moved[turn % len(choices)].differences(before, after, placed))
         if model.config.variants:
             after = with_variants(compiled, after, randomizer.variant.numpy())
@@ -137,7 +137,7 @@ def try_scene(scene: str, number: int, num_envs: int, device: str | None, seed: 
             depth = judge.deepest(after, int(world))
             worst, deep = max(worst, depth), deep + (depth > DEEP)
         broken += int((~np.isfinite(before["qpos"]).all(axis=1)).sum())
-        made, kept, turn = made + int(placed.sum()), kept + int((mask & (status == Status.KEPT)).sum()), turn + 1
+        made, kept, turn = made + int(placed.sum()), kept + int((mask & (status == LayoutStatus.KEPT)).sum()), turn + 1
     return {
         "scene": scene,
         "placed": made,

@@ -23,7 +23,7 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.layout.compile import compile_scene
-from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import ResetRandomizer
 
@@ -97,8 +97,8 @@ class Soak:
 
     def _judge(self, mask: np.ndarray) -> None:
         status = self.randomizer.layouts.status.numpy()[mask]
-        self.row.fallbacks += int((status == Status.FALLBACK).sum())
-        self.row.invalid += int((status == Status.NONE).sum())
+        self.row.fallbacks += int((status == LayoutStatus.FALLBACK).sum())
+        self.row.invalid += int((status == LayoutStatus.NONE).sum())
         state = [getattr(self.batch.data, name).numpy()[mask] for name in ("qpos", "qvel", "ctrl", "xpos")]
         self.row.not_finite += int(
             sum((~np.isfinite(part)).reshape(len(part), math.prod(part.shape[1:])).any(axis=1).sum() for part in state)

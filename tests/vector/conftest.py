@@ -49,7 +49,7 @@ class Reach(Task):
 
     def observe(self, s: State) -> Observation:
         """Show joints and tool to the policy, all to the critic."""
-        policy = {"arm": s.qpos("arm"), "tcp": s.site("arm/tcp"), "last": self.last, "noise": s.random(3, stream=1)}
+        policy = {"arm": s.qpos("arm"), "tcp": s.site("arm/tcp"), "last": self.last, "noise": s.uniform(3, stream=1)}
         return {"policy": policy, "critic": policy | {"block": s.pose("block"), "drawn": self.drawn}}
 
     def reward(self, s: State, action: Tensor) -> dict[str, Tensor]:
@@ -68,7 +68,7 @@ class Reach(Task):
     def on_reset(self, s: State, mask: Tensor) -> None:
         """Forget the action and draw anew."""
         self.last.masked_fill_(mask[:, None], 0.0)
-        self.drawn.copy_(torch.where(mask[:, None], s.random(2, -1.0, 1.0), self.drawn))
+        self.drawn.copy_(torch.where(mask[:, None], s.uniform(2, -1.0, 1.0), self.drawn))
 
 
 @pytest.fixture(scope="session")

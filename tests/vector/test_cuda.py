@@ -124,7 +124,7 @@ def test_levels_with_params_are_the_layouts_of_their_ids(cuda_scene):
         plain.reset(options={"layouts": envs.layout_ids()})
         found, wanted = (wp.to_torch(each.randomizer.layouts.qpos) for each in (envs, plain))
         assert torch.equal(found, wanted)
-        seen += info["layout_level"].tolist()
+        seen += info["layout"]["level"].tolist()
     assert len({level for level in seen if level >= 0}) > 3
 
 

@@ -110,7 +110,7 @@ def test_one_id_and_numbers_of_any_library_are_taken(make: Callable[..., SceneVe
     expected = evaluate(turning, envs, 3)
     assert evaluate(turning, envs, np.int64(3)) == expected  # pyright: ignore[reportArgumentType]
     assert evaluate(turning, envs, expected[1].id) == expected[1:2]
-    with pytest.raises(ArgumentError, match="evaluate: ids should be an integer of at least 0, got -1"):
+    with pytest.raises(ArgumentError, match="evaluate: layouts should be an integer of at least 0, got -1"):
         evaluate(turning, envs, -1)
 
 

@@ -188,13 +188,13 @@ def test_what_a_scene_draws_belongs_to_seed_and_episode(drawn_scene):
         for name, array in envs.state.model_rows.items():
             np.testing.assert_array_equal(array.numpy()[~mask], before[name][~mask], err_msg=name)
         s = envs.state
-        parameters = torch.cat([s.parameter(draw.name) for draw in s.scene.draws], dim=1)
+        parameters = torch.cat([s.randomized(draw.name) for draw in s.scene.draws], dim=1)
         assert torch.equal(observation["critic"][:, -parameters.shape[1] :], parameters)
-        assert "parameters" not in envs.observation_names["policy"]
+        assert "randomized" not in envs.observation_names["policy"]
     for name, array in one.state.model_rows.items():
         np.testing.assert_array_equal(array.numpy()[:2], other.state.model_rows[name].numpy(), err_msg=name)
-    with pytest.raises(UnknownNameError, match=r"State.parameter: unknown parameter 'block.mas'. Did you mean"):
-        one.state.parameter("block.mas")
+    with pytest.raises(UnknownNameError, match=r"State.randomized: unknown parameter 'block.mas'. Did you mean"):
+        one.state.randomized("block.mas")
 
 
 def test_own_loops_have_the_same_fields(drawn_scene):

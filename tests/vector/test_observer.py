@@ -51,9 +51,9 @@ def test_observations_are_flat_groups_with_named_parts(make_env):
     assert envs.observation_space["policy"].shape == (3, 19)
     assert envs.action_space.shape == (3, 5)
     assert envs.observation_space.contains({g: t.numpy() for g, t in observation.items()})
-    assert info["layout_seed"].tolist() == [1, 2, 3]
-    assert info["layout_episode"].tolist() == [0, 0, 0]
-    assert info["layout_fallback"].tolist() == [False, False, False]
+    assert info["layout"]["seed"].tolist() == [1, 2, 3]
+    assert info["layout"]["episode"].tolist() == [0, 0, 0]
+    assert info["layout"]["fallback"].tolist() == [False, False, False]
     assert len(np.unique(observation["critic"][:, 19:22].numpy(), axis=0)) == 3
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, SceneMismatchError, UnknownNameError
-from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.levels import LevelReplay
 from sceniris_gym.vector.single_env import SceneEnv
 from sceniris_gym.vector.vector_env import SceneVectorEnv
@@ -69,17 +69,17 @@ def test_an_id_with_params_is_a_layout_through_every_door(make_env):  # noqa: F8
     other = make_env(3, params=[SLIDE, "objects.block.region"])
     assert_equal(other.reset(options={"layouts": ids})[0], wanted)
     assert other.layout_ids() == ids
-    told = {"seed": info["layout_seed"], "episode": info["layout_episode"]}
-    told["params"] = {SLIDE: info["layout_params"][SLIDE]}
+    told = {"seed": info["layout"]["seed"], "episode": info["layout"]["episode"]}
+    told["params"] = {SLIDE: info["layout"]["params"][SLIDE]}
     assert_equal(other.reset(options={"layouts": told})[0], wanted)
     one = SceneEnv(Reach, scene=envs.compiled, params=SLIDE)
     found, _ = one.reset(options={"layouts": ids[1]})
     assert_equal({name: rows[None] for name, rows in found.items()}, {k: v[1:2] for k, v in wanted.items()})
     one.set_param(SLIDE, [0.1, 0.11])
-    assert one.reset()[1]["layout_params"][SLIDE].tolist() == pytest.approx([0.1, 0.11])
+    assert one.reset()[1]["layout"]["params"][SLIDE].tolist() == pytest.approx([0.1, 0.11])
     wrapped = gymnasium.wrappers.TimeLimit(one, 5)
     assert wrapped.set_wrapper_attr(SLIDE, [0.07, 0.08])  # as Gymnasium's own vector environments do in `set_attr`
-    assert wrapped.reset()[1]["layout_params"][SLIDE].tolist() == pytest.approx([0.07, 0.08])
+    assert wrapped.reset()[1]["layout"]["params"][SLIDE].tolist() == pytest.approx([0.07, 0.08])
     assert wrapped.set_wrapper_attr("note", "kept")
     assert wrapped.get_wrapper_attr("note") == "kept"
     with pytest.raises(UnknownNameError, match=SLIDE):
@@ -120,10 +120,10 @@ def test_levels_are_replayed_with_their_params(make_env):  # noqa: F811
             envs.set_param(SLIDE, [0.04 + 0.002 * step, 0.05 + 0.002 * step])
         observation, _, _, _, info = envs.step(actions(4))
         if info["_final_obs"].any():
-            told = {name: info[f"layout_{name}"] for name in ("seed", "episode", "params")}
+            told = info["layout"]
             assert_equal(plain.reset(options={"layouts": told})[0], observation)
-            replayed += int((info["layout_level"] >= 0).sum())
-            seen |= {tuple(row) for row in info["layout_params"][SLIDE].tolist()}
+            replayed += int((info["layout"]["level"] >= 0).sum())
+            seen |= {tuple(row) for row in info["layout"]["params"][SLIDE].tolist()}
     assert replayed > 10
     assert len(seen) > 3
     drawn = envs.randomizer.levels.sample(100)
@@ -136,11 +136,11 @@ def test_layouts_from_the_bank_are_no_levels(make_env, score: str):  # noqa: F81
     """Their outcomes count nowhere, nor do scores that are given for them."""
     envs = make_env(4, max_episode_steps=1, curriculum=LevelReplay(score, replay_prob=0.0, refresh_interval=1))
     envs.reset(seed=0)
-    envs.state.layout_status.fill_(int(Status.FALLBACK))
+    envs.state.layout_status.fill_(int(LayoutStatus.FALLBACK))
     for size in (0, 4):
         last = envs.step(actions(4))[-1]["final_info"]
         if score == "custom":
-            layouts = {name: last[f"layout_{name}"] for name in ("level", "seed", "episode")}
+            layouts = last["layout"]
             envs.randomizer.levels.update(layouts, np.ones(4))
         assert envs.randomizer.levels.size == size
 
@@ -149,7 +149,7 @@ def test_gymnasium_makes_environments_with_params():
     """By name, with patterns; a source of layouts of one's own has no params."""
     envs = gymnasium.make_vec("sceniris_gym/TabletopReach-v0", num_envs=2, device="cpu", params="objects.*.region")
     _, info = envs.reset(seed=0)
-    assert len(info["layout_params"]) == 5
+    assert len(info["layout"]["params"]) == 5
     with pytest.raises(ArgumentError, match="prefetch and params"):
         gymnasium.make_vec(
             "sceniris_gym/TabletopReach-v0",

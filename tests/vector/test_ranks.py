@@ -27,7 +27,7 @@ for _ in range(2):
     assert envs.np_random_seed == 0
 assert rows[0] == rows[1]
 found = [None] * dist.get_world_size()
-dist.all_gather_object(found, (info["layout_seed"].tolist(), rows[0]))
+dist.all_gather_object(found, (info["layout"]["seed"].tolist(), rows[0]))
 if dist.get_rank() == 0:
     seeds = [seed for part, _ in found for seed in part]
     layouts = {tuple(row) for _, part in found for row in part}

@@ -24,7 +24,7 @@ def test_an_episode_goes_on_with_its_objects_elsewhere(make_env):
     for mask, error in ((torch.ones(4), ArgumentTypeError), (torch.ones(3, dtype=torch.bool), ArgumentError)):
         with pytest.raises(error, match="worlds should"):
             envs.redraw("block", mask)
-    assert "layout_redraw" not in info
+    assert "redraws" not in info["layout"]
     envs.step(actions(4))
     before, block = state(envs), envs.state.pose("block").clone()
     last = envs.task.last.clone()
@@ -34,10 +34,10 @@ def test_an_episode_goes_on_with_its_objects_elsewhere(make_env):
     moved = (envs.state.pose("block") != block).any(dim=1)
     assert moved.tolist() == SOME.tolist()
     *_, info = envs.step(actions(4, ending=(3,)))
-    assert info["layout_redraw"].tolist() == [0, 1, 0, 0]
-    assert info["final_info"]["layout_redraw"].tolist() == [0, 1, 0, 1]
-    assert info["layout_episode"].tolist() == [0, 0, 0, 1]
-    assert not info["layout_kept"].any()
+    assert info["layout"]["redraws"].tolist() == [0, 1, 0, 0]
+    assert info["final_info"]["layout"]["redraws"].tolist() == [0, 1, 0, 1]
+    assert info["layout"]["episode"].tolist() == [0, 0, 0, 1]
+    assert not info["layout"]["redraw_failed"].any()
 
 
 def test_a_snapshot_has_the_number_of_redraws(make_env):

@@ -29,8 +29,8 @@ def test_a_masked_reset_changes_the_masked_worlds_alone(make_env, mask_type):
         assert_equal(state(envs), before, [1, 3])
         assert_equal(reset, observation, [1, 3])
         assert (reset["critic"][[0, 2]] != observation["critic"][[0, 2]]).any(dim=1).all()
-        assert info["layout_seed"].tolist() == seeds
-        assert info["layout_episode"].tolist() == episodes
+        assert info["layout"]["seed"].tolist() == seeds
+        assert info["layout"]["episode"].tolist() == episodes
     assert set(options) == {"reset_mask"}
     assert options["reset_mask"] is mask
     assert mask.tolist() == [True, False, True, False]
@@ -55,8 +55,8 @@ def test_an_int_seed_starts_again_and_none_goes_on(make_env):
     envs = make_env(2)
     first, _ = envs.reset(seed=3)
     second, info = envs.reset()
-    assert info["layout_seed"].tolist() == [3, 4]
-    assert info["layout_episode"].tolist() == [1, 1]
+    assert info["layout"]["seed"].tolist() == [3, 4]
+    assert info["layout"]["episode"].tolist() == [1, 1]
     again, _ = envs.reset(seed=3)
     assert_equal(again, first)
     assert (second["critic"] != first["critic"]).any(dim=1).all()
@@ -67,21 +67,21 @@ def test_none_in_a_list_of_seeds_goes_on(make_env):
     """Only the worlds that are given a seed start again; in a first reset the others draw one."""
     envs = make_env(3)
     _, info = envs.reset(seed=[None, 5, None])
-    drawn = info["layout_seed"].tolist()
+    drawn = info["layout"]["seed"].tolist()
     assert drawn[1] == 5
     assert len(set(drawn)) == 3
     _, info = envs.reset(seed=[6, None, None], options={"reset_mask": np.array([True, True, False])})
-    assert info["layout_seed"].tolist() == [6, *drawn[1:]]
-    assert info["layout_episode"].tolist() == [0, 1, 0]
+    assert info["layout"]["seed"].tolist() == [6, *drawn[1:]]
+    assert info["layout"]["episode"].tolist() == [0, 1, 0]
     _, info = envs.reset(seed=[None] * 3)
-    assert info["layout_episode"].tolist() == [1, 2, 1]
+    assert info["layout"]["episode"].tolist() == [1, 2, 1]
 
 
 def test_a_large_seed_is_told_as_its_twos_complement(make_env):
     """Modulo 2^64 it is the seed again."""
     _, info = make_env(2).reset(seed=[2**64 - 1, 2**63])
-    assert info["layout_seed"].tolist() == [-1, -(2**63)]
-    assert [int(seed) % 2**64 for seed in info["layout_seed"]] == [2**64 - 1, 2**63]
+    assert info["layout"]["seed"].tolist() == [-1, -(2**63)]
+    assert [int(seed) % 2**64 for seed in info["layout"]["seed"]] == [2**64 - 1, 2**63]
 
 
 def test_a_first_reset_without_a_seed_draws_one_and_records_it(make_env):
@@ -90,7 +90,7 @@ def test_a_first_reset_without_a_seed_draws_one_and_records_it(make_env):
     first, info = envs.reset()
     different, _ = other.reset()
     assert (first["critic"] != different["critic"]).any()
-    assert info["layout_seed"].tolist() == [envs.np_random_seed, envs.np_random_seed + 1]
+    assert info["layout"]["seed"].tolist() == [envs.np_random_seed, envs.np_random_seed + 1]
     again, _ = other.reset(seed=envs.np_random_seed)
     assert_equal(again, first)
 
@@ -156,16 +156,18 @@ def test_chosen_layouts_are_those_of_their_ids(make_env, prefetch):
         found, info = envs.reset(options={"layouts": ids})
         for world, episode in enumerate((1, 3, 2)):
             assert_equal(found, wanted[episode - 1][0], [world])
-        assert info["layout_seed"].tolist() == [7, 8, 9]
-        assert info["layout_episode"].tolist() == [1, 3, 2]
-    again, _ = envs.reset(options={"layouts": {"seed": info["layout_seed"], "episode": info["layout_episode"].numpy()}})
-    assert_equal(again, found)
+        assert info["layout"]["seed"].tolist() == [7, 8, 9]
+        assert info["layout"]["episode"].tolist() == [1, 3, 2]
+    told = {"seed": info["layout"]["seed"], "episode": info["layout"]["episode"].numpy()}
+    for layouts in (told, info["layout"]):
+        again, _ = envs.reset(options={"layouts": layouts})
+        assert_equal(again, found)
     found, info = envs.reset(options={"layouts": [None, ids[0], None], "reset_mask": np.array([True, True, False])})
-    assert info["layout_seed"].tolist() == [7, 7, 9]
-    assert info["layout_episode"].tolist() == [2, 1, 2]
+    assert info["layout"]["seed"].tolist() == [7, 7, 9]
+    assert info["layout"]["episode"].tolist() == [2, 1, 2]
     assert_equal(found, wanted[1][0], [0, 2])
     _, info = envs.reset(options={"layouts": ids[2]})
-    assert info["layout_seed"].tolist() == [9, 9, 9]
+    assert info["layout"]["seed"].tolist() == [9, 9, 9]
 
 
 @pytest.mark.parametrize("levels", [None, LevelReplay(replay_prob=0.0)])
@@ -187,10 +189,10 @@ def test_a_reseed_shows_once_its_layout_is_served(make_env):
     envs.reset(seed=3)
     envs.randomizer.pipeline.reseed(layouts={"seed": [50, 60], "episode": 4})
     *_, info = envs.step(actions(2, ending=(1,)))
-    assert info["final_info"]["layout_seed"].tolist() == [3, 4]
-    assert info["final_info"]["layout_episode"].tolist() == [0, 0]
-    assert info["layout_seed"].tolist() == [3, 60]
-    assert info["layout_episode"].tolist() == [0, 4]
+    assert info["final_info"]["layout"]["seed"].tolist() == [3, 4]
+    assert info["final_info"]["layout"]["episode"].tolist() == [0, 0]
+    assert info["layout"]["seed"].tolist() == [3, 60]
+    assert info["layout"]["episode"].tolist() == [0, 4]
 
 
 @pytest.mark.parametrize(

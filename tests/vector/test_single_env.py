@@ -56,17 +56,17 @@ def test_a_finished_episode_goes_on_until_it_is_reset(make_one):
     for step in range(1, 4):
         *_, terminated, truncated, info = one.step(np.zeros(5, np.float32))
         assert (terminated, truncated) == (False, step >= 2)
-        assert info["layout_episode"] == 0
+        assert info["layout"]["episode"] == 0
     *_, terminated, _, _ = one.step(np.ones(5, np.float32))
     assert terminated
-    assert one.reset()[1]["layout_episode"] == 1
+    assert one.reset()[1]["layout"]["episode"] == 1
 
 
 def test_the_seed_that_was_given_is_the_worlds(make_one):
     """It is recorded as Gymnasium wants it; without one the drawn seed is, and brings the layout back."""
     one, other = make_one(), make_one()
     _, info = one.reset(seed=12)
-    assert one.np_random_seed == info["layout_seed"] == 12
+    assert one.np_random_seed == info["layout"]["seed"] == 12
     drawn, _ = other.reset()
     assert other.np_random_seed != 12
     again, _ = one.reset(seed=other.np_random_seed)

@@ -36,8 +36,8 @@ def test_an_episode_goes_on_to_the_same_bits(make_env, words):
     first = _run(envs, 6)
     _, info = envs.reset(options={"state": kept})
     assert_equal(state(envs), before)
-    assert info["layout_seed"].tolist() == [4, 5, 6]
-    assert info["layout_episode"].tolist() == [0, 0, 0]
+    assert info["layout"]["seed"].tolist() == [4, 5, 6]
+    assert info["layout"]["episode"].tolist() == [0, 0, 0]
     for one, other in zip(first, _run(envs, 6), strict=True):
         torch.testing.assert_close(one, other, rtol=0.0, atol=0.0, equal_nan=True)
 
@@ -132,7 +132,7 @@ def test_rows_go_to_the_masked_worlds_in_order(make_env):
     after = state(envs)
     assert_equal(after, before, [1, 3])
     np.testing.assert_array_equal(after["qpos"][[0, 2]], old["data.qpos"])
-    assert info["layout_seed"].tolist() == [5, 5, 7, 7]
+    assert info["layout"]["seed"].tolist() == [5, 5, 7, 7]
     assert envs.state.elapsed.tolist() == [2, 4, 2, 4]
     envs.reset(options={"state": kept[[1]], "reset_mask": torch.tensor([False, True, False, False])})
     np.testing.assert_array_equal(state(envs)["qpos"][1], old["data.qpos"][1])

@@ -177,8 +177,8 @@ def test_without_copy_all_but_observations_is_kept(make_env):
     copies = [leaf.clone() for leaf in leaves(kept)]
     for _ in range(3):
         envs.step(actions(2))
-    assert final["layout_episode"].tolist() == [0, 0]
-    assert info["layout_episode"].tolist() == [1, 1]
+    assert final["layout"]["episode"].tolist() == [0, 0]
+    assert info["layout"]["episode"].tolist() == [1, 1]
     assert final["success"].tolist() == info["success"].tolist() == [True, True]
     for leaf, copy in zip(leaves(kept), copies, strict=True):
         assert torch.equal(leaf, copy)
@@ -194,7 +194,7 @@ def test_a_world_with_nans_is_ended_and_cured(make_env):
     observation, reward, terminated, _, info = envs.step(actions(2))
     assert terminated.tolist() == info["_final_obs"].tolist() == info["broken"].tolist() == [True, False]
     assert info["final_info"]["broken"].tolist() == [True, False]
-    assert info["final_info"]["layout_seed"].tolist() == [0, 1]
+    assert info["final_info"]["layout"]["seed"].tolist() == [0, 1]
     assert envs.statistics.read()["broken"] == 1
     assert float(reward[0]) == 0.0
     assert torch.isfinite(observation["critic"]).all()

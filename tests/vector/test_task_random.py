@@ -16,26 +16,26 @@ def test_random_numbers_depend_on_seed_episode_step_and_stream(make_env):
     envs, other = make_env(3), make_env(2)
     envs.reset(seed=[5, 6, 7])
     other.reset(seed=[7, 5])
-    first = envs.state.random(6, -2.0, 3.0)
-    assert torch.equal(first, envs.state.random(6, -2.0, 3.0))
-    assert torch.equal(first[[2, 0]], other.state.random(6, -2.0, 3.0))
+    first = envs.state.uniform(6, -2.0, 3.0)
+    assert torch.equal(first, envs.state.uniform(6, -2.0, 3.0))
+    assert torch.equal(first[[2, 0]], other.state.uniform(6, -2.0, 3.0))
     assert ((first >= -2.0) & (first < 3.0)).all()
-    drawn = [first, envs.state.random(6, -2.0, 3.0, stream=1)]
+    drawn = [first, envs.state.uniform(6, -2.0, 3.0, stream=1)]
     envs.step(torch.zeros(3, 5))
-    drawn.append(envs.state.random(6, -2.0, 3.0))
+    drawn.append(envs.state.uniform(6, -2.0, 3.0))
     envs.reset()
-    drawn.append(envs.state.random(6, -2.0, 3.0))
+    drawn.append(envs.state.uniform(6, -2.0, 3.0))
     values = torch.cat(drawn).flatten()
     assert len(torch.unique(values)) == len(values)
     with pytest.raises(ValueError, match="stream should be"):
-        envs.state.random(1, stream=-1)
+        envs.state.uniform(1, stream=-1)
 
 
 def test_random_numbers_fill_their_range_evenly(make_env):
     """A thousand numbers of a world have the mean and the spread of a uniform distribution."""
     envs = make_env(2)
     envs.reset(seed=0)
-    values = envs.state.random(1000)[1].numpy()
+    values = envs.state.uniform(1000)[1].numpy()
     assert values.mean() == pytest.approx(0.5, abs=0.04)
     assert values.std() == pytest.approx(np.sqrt(1 / 12), abs=0.02)
 

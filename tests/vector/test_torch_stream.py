@@ -28,7 +28,7 @@ def test_a_whole_step_can_be_captured_with_torch(cuda_scene):
     counts = []
     for _ in range(6):
         graph.replay()
-        counts.append((truncated.tolist(), info["layout_episode"].tolist()))
+        counts.append((truncated.tolist(), info["layout"]["episode"].tolist()))
     assert [flags for flags, _ in counts] == [[False] * 4, [False] * 4, [True] * 4] * 2
     assert [episodes for _, episodes in counts] == [[1] * 4, [1] * 4, [2] * 4, [2] * 4, [2] * 4, [3] * 4]
     assert torch.isfinite(observation["critic"]).all()

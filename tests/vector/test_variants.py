@@ -82,7 +82,7 @@ def test_a_task_sees_the_variant_that_is_there(envs: SceneVectorEnv, compiled: C
     assert set(index.tolist()) == {0, 1}
     assert torch.equal(s.variant("thing", one_hot=True), torch.eye(2)[index])
     observation, info = envs.reset(seed=3)
-    assert torch.equal(info["layout_variants"]["thing"], index)
+    assert torch.equal(info["layout"]["variants"]["thing"], index)
     assert observation["policy"].shape == (NWORLD, 5)
     assert s.present(("thing", "other")).all()
 
@@ -150,9 +150,9 @@ def test_an_unknown_object_is_named_with_those_that_there_are(envs: SceneVectorE
 
 def test_the_same_seed_brings_the_same_variants(envs: SceneVectorEnv):
     """Whatever came between; the next episode has others."""
-    first = envs.reset(seed=11)[1]["layout_variants"]["thing"]
-    second = envs.reset()[1]["layout_variants"]["thing"]
-    again = envs.reset(seed=11)[1]["layout_variants"]["thing"]
+    first = envs.reset(seed=11)[1]["layout"]["variants"]["thing"]
+    second = envs.reset()[1]["layout"]["variants"]["thing"]
+    again = envs.reset(seed=11)[1]["layout"]["variants"]["thing"]
     assert torch.equal(first, again)
     assert not torch.equal(first, second)
 

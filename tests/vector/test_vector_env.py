@@ -34,8 +34,8 @@ def test_same_step_returns_the_reset_observation_and_the_final_one(make_env):
     assert not truncated.any()
     assert_equal(info["final_obs"], final)
     assert_equal({"reward": reward}, {"reward": final_reward})
-    assert info["final_info"]["layout_episode"].tolist() == [0, 0, 0]
-    assert info["layout_episode"].tolist() == [0, 1, 0]
+    assert info["final_info"]["layout"]["episode"].tolist() == [0, 0, 0]
+    assert info["layout"]["episode"].tolist() == [0, 1, 0]
     assert_equal(info["final_info"]["reward_terms"], final_info["reward_terms"])
     reset, _ = twin.reset(options={"reset_mask": np.array([False, True, False])})
     assert_equal(observation, reset)
@@ -53,7 +53,7 @@ def test_next_step_resets_in_the_step_after(make_env):
     assert "final_obs" not in info
     assert_equal(observation, last)
     observation, reward, terminated, truncated, info = envs.step(action)
-    assert info["layout_episode"].tolist() == [0, 1, 0]
+    assert info["layout"]["episode"].tolist() == [0, 1, 0]
     assert float(reward[1]) == float(info["reward_terms"]["near"][1]) == 0.0
     assert not (terminated | truncated).any()
     twin.step(action)
@@ -115,14 +115,14 @@ def test_wrong_arguments_are_refused(make_env, arguments):
 @pytest.mark.parametrize("source", [3, lambda: 3])
 def test_what_makes_no_layout_source_is_refused(make_env, source):
     """It is a function of the scene and the number of worlds."""
-    with pytest.raises(TypeError, match=r"layout_source should be a function \(compiled, num_envs\), got"):
+    with pytest.raises(TypeError, match=r"LayoutDataset or a function \(compiled, num_envs\), got"):
         make_env(layout_source=source)
 
 
 def test_integers_of_numpy_are_integers(make_env):
     """Sizes are often computed."""
     envs = make_env(np.int64(2), max_episode_steps=np.int32(1), render_size=np.array([48, 32]))
-    assert envs.reset(seed=np.uint32(3))[1]["layout_seed"].tolist() == [3, 4]
+    assert envs.reset(seed=np.uint32(3))[1]["layout"]["seed"].tolist() == [3, 4]
     assert envs.step(actions(2))[3].tolist() == [True, True]
     assert (envs.num_envs, envs.np_random_seed) == (2, 3)
 
@@ -141,14 +141,13 @@ def test_returned_tensors_are_never_overwritten(make_env):
 
 
 def test_numpy_output_suits_gymnasiums_wrappers(make_env):
-    """Plain arrays, no objects and no key `episode`; statistics and lists of infos can be made of them."""
+    """Plain arrays, no objects and no key `episode` in `info`; statistics and lists of infos can be made of them."""
     envs = make_env(2, output="numpy", max_episode_steps=2)
     plain, _ = envs.reset(seed=0)
     result = envs.step(envs.action_space.sample())
 
     def check(value) -> None:
         if isinstance(value, dict):
-            assert "episode" not in value
             for item in value.values():
                 check(item)
         else:
@@ -157,6 +156,7 @@ def test_numpy_output_suits_gymnasiums_wrappers(make_env):
 
     for value in (plain, *result):
         check(value)
+    assert not {"episode", "_episode"} & {*result[-1], *result[-1].get("final_info", {})}
     wrapped = DictInfoToList(RecordEpisodeStatistics(envs))
     wrapped.reset(seed=0)
     total = np.zeros(2)
@@ -165,7 +165,7 @@ def test_numpy_output_suits_gymnasiums_wrappers(make_env):
         total += reward
     assert truncated.all()
     np.testing.assert_allclose([info["episode"]["r"] for info in infos], total, rtol=1e-5)
-    assert infos[1]["final_info"]["layout_episode"] == 0
+    assert infos[1]["final_info"]["layout"]["episode"] == 0
 
 
 def test_it_steps_under_inference_mode(make_env):

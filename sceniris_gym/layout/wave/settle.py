@@ -12,7 +12,7 @@ import warp as wp
 
 from sceniris_gym.device.blocks import block_any
 from sceniris_gym.device.random import BANK_BIT, BANK_STREAM, SPLITS, philox
-from sceniris_gym.layout.layouts import LayoutsView, Status, copy_layout, layout_width
+from sceniris_gym.layout.layouts import LayoutStatus, LayoutsView, copy_layout, layout_width
 from sceniris_gym.layout.wave.rounds import NEVER, await_round, row_of_restart
 from sceniris_gym.layout.wave.search import Search, Workspace, flip_failed, numbered_stream
 from sceniris_gym.program.device import Cause, Program
@@ -114,7 +114,7 @@ def _fall_back(program: Program, bank: Bank, layouts: LayoutsView, worldid: int,
     layouts.draw_seed[worldid] = bank.seed[row]
     layouts.draw_episode[worldid] = bank.episode[row]
     layouts.draw_stream[worldid] = layouts.stream | _BANK_BIT
-    return Status.FALLBACK
+    return LayoutStatus.FALLBACK
 
 
 @wp.func
@@ -182,7 +182,7 @@ def _settle(
             search.waiting[row_of_restart(search, worldid, i)] = False
         search.restart[worldid] = last + 1
         if placed and unsound == 0:
-            layouts.status[worldid] = Status.VALID
+            layouts.status[worldid] = LayoutStatus.VALID
             layouts.first_pass_valid[worldid] = wp.where(best == 0, 1, 0)
             search.pending[worldid] = False
         elif last == program.restarts or unsound != 0:

@@ -8,7 +8,7 @@ import warp as wp
 from benchmarks.paper.scenes import HARD, PHYSICS, compiled_scene, without_restarts
 from benchmarks.paper.warm import _key, _kinds_of_kernels, shares, warm
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.layout.wave import collision, draw
 
 DEVICES = ["cpu", pytest.param("cuda:0", marks=pytest.mark.cuda)]
@@ -23,7 +23,7 @@ def test_figures_are_those_of_the_layouts():
     valid = attempts = 0
     for _ in range(3):
         generator.generate()
-        valid += int((generator.layouts.status.numpy() == Status.VALID).sum())
+        valid += int((generator.layouts.status.numpy() == LayoutStatus.VALID).sum())
         attempts += int(generator.layouts.attempts.numpy().sum())
     assert found.valid == valid / 600 < 1.0
     assert found.candidates == attempts / 600

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.layout.wave.search import default_size
 from sceniris_gym.program.compiled import CompiledScene
 from tests.layout.grasped import IN_FRONT, scene, taken
@@ -45,7 +45,7 @@ def test_what_would_take_the_last_grasp_is_drawn_again(compiled: CompiledScene):
     counts, layouts = generator.rejection_counts(), generator.layouts
     assert sum(counts[f"post_{i}"]["blocked"] for i in range(4)) > N // 2
     assert counts["bar"]["blocked"] < N // 2
-    assert (layouts.status.numpy() == Status.VALID).all()
+    assert (layouts.status.numpy() == LayoutStatus.VALID).all()
     for which in ("grasp_qpos", "pregrasp_qpos"):
         found = list(taken(compiled, layouts, which))
         assert len(found) == N

@@ -12,7 +12,7 @@ import warp as wp
 
 from sceniris_gym.errors import InfeasibleSceneError
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import Layouts, Status
+from sceniris_gym.layout.layouts import Layouts, LayoutStatus
 from sceniris_gym.layout.wave.search import default_size
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.reach.solve import POS_TOL
@@ -112,7 +112,7 @@ def test_an_exhausted_world_takes_grasps_from_the_bank(tmp_path: Path):
     compiled = cluttered(tmp_path, "clear", restarts=0)
     generator = LayoutGenerator(compiled, 100, seed=8)
     generator.generate()
-    fallen = generator.layouts.status.numpy() == Status.FALLBACK
+    fallen = generator.layouts.status.numpy() == LayoutStatus.FALLBACK
     assert 10 < fallen.sum() < 90
     assert not generator.layouts.first_pass_valid.numpy()[fallen].any()
     for which in ("grasp_qpos", "pregrasp_qpos"):
@@ -179,7 +179,7 @@ def test_a_scene_launches_the_steps_of_its_tiers_alone(
     record("launch")
     record("launch_tiled")
     generator.launch_generate(None)
-    assert (generator.layouts.status.numpy() == Status.VALID).all()
+    assert (generator.layouts.status.numpy() == LayoutStatus.VALID).all()
     waves = "|".join(launched).split("_open_candidates|")[1:]
     assert [wave.strip("|").split("|")[: len(steps)] for wave in waves] == [steps] * len(waves)
     assert (len(waves) > 0) == (tier is not None)

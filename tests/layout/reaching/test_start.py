@@ -13,7 +13,7 @@ from sceniris_gym.config.tier import Tier
 from sceniris_gym.errors import InfeasibleSceneError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.layout.reaching.search import IN_HAND
 from sceniris_gym.layout.reaching.start import TRIALS, launch_queue_starts
 from sceniris_gym.layout.tables import make_table
@@ -142,7 +142,7 @@ def test_worlds_without_restarts_get_the_kind_of_their_bank():
     generator = LayoutGenerator(compiled, 1000, seed=2)
     generator.generate()
     rows, bank = _rows(generator), bank_rows(compiled, "train")
-    fell = np.flatnonzero(rows["status"] == Status.FALLBACK)
+    fell = np.flatnonzero(rows["status"] == LayoutStatus.FALLBACK)
     assert len(fell) > 5
     assert compiled.starts is not None
     states, kinds = compiled.bank.qpos.numpy()[bank], compiled.bank.start.numpy()[bank]
@@ -191,7 +191,7 @@ def test_what_is_held_stays_in_the_hand_on_a_gpu():
     generator.generate()
     on_cpu = LayoutGenerator(starting(), 256)
     on_cpu.generate()
-    assert (layouts.status.numpy() == Status.VALID).all()
+    assert (layouts.status.numpy() == LayoutStatus.VALID).all()
     for other in (generator, on_cpu):
         for name, values in _rows(other).items():
             np.testing.assert_array_equal(values, getattr(layouts, name).numpy())

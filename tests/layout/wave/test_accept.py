@@ -9,7 +9,7 @@ import numpy as np
 
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.layout.wave.search import default_size
 from sceniris_gym.program.compiled import upload_scene
 from sceniris_gym.program.device import Cause
@@ -40,7 +40,7 @@ def test_the_lowest_trial_that_passed_is_placed(tmp_path: Path):
     assert 20 < (first == ATTEMPTS).sum() < N - 20
     assert len(np.unique(first)) == ATTEMPTS + 1
     assert (layouts.attempts.numpy()[rows] == np.minimum(first + 1, ATTEMPTS)).all()
-    assert ((layouts.status.numpy()[rows] == Status.VALID) == (first < ATTEMPTS)).all()
+    assert ((layouts.status.numpy()[rows] == LayoutStatus.VALID) == (first < ATTEMPTS)).all()
     drawn_in_vain = causes[np.arange(ATTEMPTS) < first[:, None]]
     expected = {cause: int((drawn_in_vain == cause).sum()) for cause in Cause}
     assert {cause: int(layouts.rejections.numpy()[0, cause]) for cause in Cause} == expected
@@ -60,6 +60,6 @@ def test_what_no_trial_can_open_is_not_tried_again(tmp_path: Path):
         generator = LayoutGenerator(compiled, N, size=replace(default_size("cpu"), busy=busy, candidates=4096))
         generator.generate()
         counts, status = generator.rejection_counts()["q"], generator.layouts.status.numpy()
-        assert counts["empty"] + counts["region"] == (status != Status.VALID).sum()
+        assert counts["empty"] + counts["region"] == (status != LayoutStatus.VALID).sum()
         assert 20 < counts["empty"] < N - 20
         assert (generator.layouts.attempts.numpy() == 2).all()

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.stats import kstest
 
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.program.compiled import CompiledScene
 
 NWORLD = 40
@@ -17,7 +17,7 @@ def _places(generator: LayoutGenerator, name: str, episodes: int) -> np.ndarray:
     found = []
     for _ in range(episodes):
         generator.generate()
-        valid = generator.layouts.status.numpy() == Status.VALID
+        valid = generator.layouts.status.numpy() == LayoutStatus.VALID
         found.append(generator.layouts.pose(name).numpy()[valid, :3])
     return np.concatenate(found)
 

@@ -15,7 +15,7 @@ from scipy import stats
 from sceniris_gym.audit.auditor import Auditor
 from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.layout.tables import make_table
 from sceniris_gym.program.compiled import CompiledScene
 from tests.layout.related import Shapes, judged, near_middle, related, scene
@@ -62,7 +62,7 @@ def test_restarts_do_not_favour_small_sets(shapes: Shapes):
     generator = LayoutGenerator(compiled, 3000)
     generator.generate()
     assert generator.layouts.first_pass_valid.numpy().mean() < 0.8
-    assert (generator.layouts.status.numpy() == Status.VALID).all()
+    assert (generator.layouts.status.numpy() == LayoutStatus.VALID).all()
     assert stats.chisquare(np.bincount(generator.layouts.present.numpy().sum(1), minlength=6)).pvalue > 0.001
 
 

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.program.compiled import CompiledScene
 from tests.layout.scenes import FLOOR, Rows, box_mjcf, compile_on_cpu, make, posed, write_mjcf
 from tests.oracle.solids import Solids
@@ -18,7 +18,7 @@ from tests.oracle.solids import Solids
 def _one(scene: Mapping, nworld: int = 400) -> tuple[CompiledScene, Rows]:
     compiled = compile_on_cpu(scene)
     rows = make(compiled, nworld, seed=13)
-    assert (rows.status == Status.VALID).all()
+    assert (rows.status == LayoutStatus.VALID).all()
     return compiled, rows
 
 

@@ -15,7 +15,7 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.config.tier import Tier
 from sceniris_gym.errors import GraspError, InfeasibleSceneError
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.layout.wave.prefilter import launch_prefilter, reject_cause
 from sceniris_gym.layout.wave.search import Search, default_size
 from sceniris_gym.program.compiled import CompiledScene
@@ -93,7 +93,7 @@ def test_everything_accepted_is_reached_and_everything_reached_is_accepted(ring:
     """Off the origin and turned: the grasps fill the ring of the crane evenly, to its edges and nothing else."""
     generator = LayoutGenerator(ring, 3000)
     generator.generate()
-    assert (generator.layouts.status.numpy() == Status.VALID).all()
+    assert (generator.layouts.status.numpy() == LayoutStatus.VALID).all()
     poses = tcps(ring, generator)
     assert reached(poses).all()
     r = np.hypot(poses[:, 0, 3], poses[:, 1, 3])
@@ -204,7 +204,7 @@ def test_absent_objects_have_no_grasp_and_the_bank_has_one(crane: str, cube: str
     generator.generate()
     status, grasp = generator.layouts.status.numpy(), generator.layouts.grasp.numpy()
     present = generator.layouts.present.numpy()[:, :2]
-    assert {int(s) for s in status} == {Status.VALID, Status.FALLBACK}
+    assert {int(s) for s in status} == {LayoutStatus.VALID, LayoutStatus.FALLBACK}
     assert ((grasp >= 0) == (present != 0)).all()
     for name in ("thing", "other"):
         poses = tcps(compiled, generator, name)

@@ -9,7 +9,7 @@ import pytest
 import warp as wp
 
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.layout.wave import rounds
 from sceniris_gym.layout.wave.draw import begin_wave
 from sceniris_gym.layout.wave.search import Search, create_search, default_size, queue_row
@@ -143,5 +143,5 @@ def test_the_first_restart_that_places_everything_is_the_layout(tray: CompiledSc
     first = many.layouts.first_pass_valid.numpy()
     assert 0 < first.sum() < 50
     assert (many.layouts.attempts.numpy()[first == 1] <= 3 * ATTEMPTS).all()
-    assert (many.layouts.status.numpy()[first == 1] == Status.VALID).all()
+    assert (many.layouts.status.numpy()[first == 1] == LayoutStatus.VALID).all()
     assert many.layouts.attempts.numpy().max() > 3 * ATTEMPTS

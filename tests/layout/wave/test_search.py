@@ -15,7 +15,7 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import LayoutsView, Status
+from sceniris_gym.layout.layouts import LayoutStatus, LayoutsView
 from sceniris_gym.layout.reaching.search import ReachSearch
 from sceniris_gym.layout.wave.ahead import count_ahead
 from sceniris_gym.layout.wave.search import Search, SearchSize, create_search, default_size
@@ -83,7 +83,7 @@ def test_the_scenes_are_as_hard_as_they_should_be(name: str, tmp_path: Path):
     """Many worlds of some start anew, and many of one fall back."""
     generator = LayoutGenerator(SCENES[name](tmp_path, "cpu"), N, seed=21)
     generator.generate()
-    fresh = generator.layouts.status.numpy() == Status.VALID
+    fresh = generator.layouts.status.numpy() == LayoutStatus.VALID
     assert (fresh.mean() < 0.9) == (name == "tray")
     assert fresh.mean() > 0.2
     assert (generator.layouts.first_pass_valid.numpy().mean() < 0.95) == (name in RESTARTING)
@@ -190,7 +190,7 @@ def test_combs_within_each_other_keep_their_distance(geometry: str, tmp_path: Pa
     """Pegs of 4 mm on a grid of 20 mm and 1 mm between them: the offset in x or in y is at least 5 mm."""
     generator = LayoutGenerator(_combs(tmp_path, "cpu", geometry), 50)
     generator.generate()
-    fresh = generator.layouts.status.numpy() == Status.VALID
+    fresh = generator.layouts.status.numpy() == LayoutStatus.VALID
     offset = np.abs(generator.layouts.qpos.numpy()[fresh, :2])
     apart = np.minimum(offset, 0.02 - offset).max(axis=1)
     assert 10 < fresh.sum() <= 50
@@ -292,7 +292,7 @@ def test_floors_without_objects_need_no_candidates():
     """Nothing is to be placed: every world has a layout at once."""
     generator = LayoutGenerator(_compile({"floor": FLOOR}, "cpu"), 5, size=SIZES["64-3-5-3"])
     generator.generate()
-    assert (generator.layouts.status.numpy() == Status.VALID).all()
+    assert (generator.layouts.status.numpy() == LayoutStatus.VALID).all()
     assert (generator.layouts.attempts.numpy() == 0).all()
 
 

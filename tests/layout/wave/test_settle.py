@@ -17,7 +17,7 @@ from scipy import stats
 from sceniris_gym.errors import InfeasibleSceneError
 from sceniris_gym.layout.compile import _with_bank
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.layout.wave.rounds import NEVER, launch_begin_episodes
 from sceniris_gym.layout.wave.search import default_size
 from sceniris_gym.layout.wave.settle import launch_settle
@@ -56,8 +56,8 @@ def test_a_world_takes_the_lowest_restart_that_is_done(tmp_path: Path):
     tried = [sum(1 << row for row in rows[world][:number]) for world, number in enumerate((1, 3, 3, 3))]
     assert layouts.attempts.numpy().tolist() == tried
     assert layouts.row_rejections.numpy()[:4, 0, 2].tolist() == tried
-    assert layouts.status.numpy().tolist()[:2] == [Status.VALID, Status.VALID]
-    assert layouts.status.numpy()[3] == Status.FALLBACK
+    assert layouts.status.numpy().tolist()[:2] == [LayoutStatus.VALID, LayoutStatus.VALID]
+    assert layouts.status.numpy()[3] == LayoutStatus.FALLBACK
     assert layouts.qpos.numpy()[:3, 0].tolist() == state[[0, 7, 2], 0].tolist()
     assert layouts.first_pass_valid.numpy()[:2].tolist() == [1, 0]
     assert search.pending.numpy().tolist() == [False, False, True, False]
@@ -78,9 +78,9 @@ def test_an_exhausted_world_takes_an_entry_of_the_bank(hard: CompiledScene, spli
     generator = LayoutGenerator(hard, 400, seed=0, split=split)
     generator.generate()
     rows = read(generator.layouts)
-    fallen = rows.status == Status.FALLBACK
+    fallen = rows.status == LayoutStatus.FALLBACK
     assert 100 < fallen.sum() < 390
-    assert (fallen | (rows.status == Status.VALID)).all()
+    assert (fallen | (rows.status == LayoutStatus.VALID)).all()
     served = [bank.index(row.tobytes()) for row in rows.qpos[fallen]]
     assert stats.chisquare(np.bincount(served, minlength=len(bank))).pvalue > 0.001
     assert not any(row.tobytes() in bank for row in rows.qpos[~fallen])
@@ -92,7 +92,7 @@ def test_an_exhausted_world_takes_an_entry_of_the_bank(hard: CompiledScene, spli
 def test_no_row_of_an_evaluation_is_one_of_training(hard: CompiledScene):
     """Though half of the worlds fall back: each split has a bank of its own, and both are full."""
     made = {split: make(hard, 2000, split=split) for split in ("train", "eval")}
-    assert all((rows.status == Status.FALLBACK).mean() > 0.3 for rows in made.values())
+    assert all((rows.status == LayoutStatus.FALLBACK).mean() > 0.3 for rows in made.values())
     seen = {row.tobytes() for row in made["train"].qpos}
     assert not any(row.tobytes() in seen for row in made["eval"].qpos)
     assert len(hard.bank.qpos.numpy()) == 2 * hard.config.bank
@@ -113,7 +113,7 @@ def test_bank_entries_are_valid_layouts(hard: CompiledScene):
 def test_a_failed_world_does_not_touch_its_neighbours(hard: CompiledScene):
     """Beside worlds that fall back, and with the same seeds alone, valid worlds are bit for bit the same."""
     rows = make(hard, 60, seed=900)
-    keep = rows.status == Status.VALID
+    keep = rows.status == LayoutStatus.VALID
     seeds = 900 + np.flatnonzero(keep)
     assert 3 < len(seeds) < 57
     assert make(hard, len(seeds), seed=seeds).bits() == rows[keep].bits()
@@ -133,9 +133,9 @@ def test_a_scene_without_a_bank_serves_no_fallback(hard: CompiledScene):
     bank = copied(Bank, hard.bank)
     bank.ntrain = 0
     rows, filled = make(replace(hard, bank=bank), 60, seed=900), make(hard, 60, seed=900)
-    assert set(rows.status.tolist()) == {Status.NONE, Status.VALID}
-    assert ((rows.status == Status.NONE) == (filled.status == Status.FALLBACK)).all()
-    assert rows[rows.status == Status.VALID].bits() == filled[filled.status == Status.VALID].bits()
+    assert set(rows.status.tolist()) == {LayoutStatus.NONE, LayoutStatus.VALID}
+    assert ((rows.status == LayoutStatus.NONE) == (filled.status == LayoutStatus.FALLBACK)).all()
+    assert rows[rows.status == LayoutStatus.VALID].bits() == filled[filled.status == LayoutStatus.VALID].bits()
 
 
 def mixed_tray(folder: Path) -> CompiledScene:
@@ -161,7 +161,7 @@ def test_a_fallback_is_nearest_to_what_was_drawn(tmp_path: Path, split: str):
     made = LayoutGenerator(replace(compiled, program=patient), 600, split=split)
     usual.generate()
     made.generate()
-    fell = (usual.layouts.status.numpy() == Status.FALLBACK) & (made.layouts.status.numpy() == Status.VALID)
+    fell = (usual.layouts.status.numpy() == LayoutStatus.FALLBACK) & (made.layouts.status.numpy() == LayoutStatus.VALID)
     assert 150 < fell.sum() < 500
 
     variants = [compiled.slots.index(name) for name in compiled.config.variants["x"]]
@@ -215,7 +215,7 @@ def test_what_is_not_sound_is_replaced_by_a_valid_layout(compiled: CompiledScene
     generator = LayoutGenerator(_with(compiled, *BROKEN[kind]), 32)
     generator.generate()
     rows = read(generator.layouts)
-    assert (rows.status == Status.FALLBACK).all()
+    assert (rows.status == LayoutStatus.FALLBACK).all()
     assert np.isfinite(rows.qpos).all()
     assert (np.abs(rows.qpos[:, :3]) < 1.0).all()
     np.testing.assert_allclose(np.linalg.norm(rows.qpos[:, 3:], axis=1), 1.0, atol=1e-5)
@@ -233,5 +233,5 @@ def test_sound_layouts_are_served_as_they_are(compiled: CompiledScene):
     """And nothing is counted."""
     generator = LayoutGenerator(compiled, 32)
     generator.generate()
-    assert (read(generator.layouts).status == Status.VALID).all()
+    assert (read(generator.layouts).status == LayoutStatus.VALID).all()
     assert "unsound" not in generator.rejection_counts()["cube"]

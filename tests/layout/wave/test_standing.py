@@ -12,7 +12,7 @@ import pytest
 from sceniris_gym.audit.auditor import Auditor
 from sceniris_gym.errors import InfeasibleSceneError
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import Status
+from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.layout.tables import read_table
 from sceniris_gym.program.compiled import CompiledScene
 from tests.layout.scenes import box_mjcf, compile_on_cpu, make, read
@@ -46,7 +46,7 @@ def test_a_tower_stands(tmp_path: Path):
     compiled = tower(tmp_path)
     generator = LayoutGenerator(compiled, _LAYOUTS)
     generator.generate()
-    assert (generator.layouts.status.numpy() == Status.VALID).all()
+    assert (generator.layouts.status.numpy() == LayoutStatus.VALID).all()
     assert not moving(compiled, generator).any()
     assert Balance(Auditor(compiled.mjm, compiled.config, compiled.scene.bodies)).falling(read_table(generator)) == []
     counts = generator.rejection_counts()
@@ -180,7 +180,7 @@ def test_what_leans_with_gravity_needs_a_wider_foot():
     compiled = compile_on_cpu({"model": mujoco.MjSpec.from_string(text.format(0.01)), **scene}, bank=8)
     generator = LayoutGenerator(compiled, _LAYOUTS)
     generator.generate()
-    assert (generator.layouts.status.numpy() == Status.VALID).all()
+    assert (generator.layouts.status.numpy() == LayoutStatus.VALID).all()
     assert not moving(compiled, generator).any()
     with pytest.raises(InfeasibleSceneError, match="falls"):
         compile_on_cpu({"model": mujoco.MjSpec.from_string(text.format(0.003)), **scene}, bank=8)
