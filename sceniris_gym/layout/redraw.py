@@ -34,7 +34,7 @@ class RedrawCounts(NamedTuple):
 
     Attributes:
         number: Redraws of each world since its reset, shape (nworld,).
-        status: The `LayoutStatus` of each world's latest redraw, VALID, KEPT, or NONE before the first, shape (nworld,).
+        status: The latest `LayoutStatus` of each world, VALID or KEPT, or NONE before a redraw, shape (nworld,).
         kept: Running number of redraws that found no place, shape (1,).
     """
 
