@@ -234,7 +234,7 @@ def test_the_advice_never_overwrites_another_arms_map(arm: Path, tmp_path: Path,
             reach.judge(str(new), path, poses_file, out, Tier.of("map"), "cpu")
         assert str(told.value).endswith(f"{build}.")
     new.with_suffix(".reach").write_text("damaged")
-    with pytest.raises(MapError, match="not a reachability map, or a damaged one") as told:
+    with pytest.raises(MapError, match="not a reachability map, or a damaged file") as told:
         reach.judge(str(new), None, poses_file, out, Tier.of("map"), "cpu")
     assert str(told.value).endswith(f"Build it again: {build}.")
 
