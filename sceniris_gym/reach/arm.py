@@ -188,7 +188,9 @@ def _check_joints(mjm: mujoco.MjModel, base_body: int, tcp: str, ids: list[int])
             f"arm '{base}': no joint is between it and the site '{tcp}'. Put the site on a body that joints move."
         )
     if len(ids) > MAX_JOINTS:
-        raise ArmError(f"arm '{base}' should have at most {MAX_JOINTS} joints up to the site '{tcp}', got {len(ids)}.")
+        raise ArmError(
+            f"arm '{base}' has {len(ids)} joints up to the site '{tcp}': it should have at most {MAX_JOINTS}."
+        )
     for i in ids:
         kind = mujoco.mjtJoint(mjm.jnt_type[i])
         if kind not in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):

@@ -307,7 +307,7 @@ def test_a_map_that_depends_on_turns_is_used_with_a_warning(tmp_path: Path):
         found = reach.judge("heron", None, poses_file, out, None, "cpu")
         reach.judge("panda", None, poses_file, out, Tier.of("map"), "cpu")
     assert found["tier"] == "ik"
-    assert "does not know" in found["why_ik"]
+    assert "which maps ignore" in found["why_ik"]
 
 
 def test_a_map_that_is_too_coarse_says_so(arm: Path, tmp_path: Path, capfd: pytest.CaptureFixture):

@@ -136,7 +136,7 @@ TWO = link(hinge(name="a") + link(hinge("0 1 0", name="b") + site(), name="hand"
         (lambda: model(chain=link(site())), "no joint is between it and the site 'tcp'. Put the site on a body"),
         (
             lambda: model(chain=link(hinge() * 5 + link(hinge() * 4 + site()))),
-            "should have at most 8 joints up to the site 'tcp', got 9",
+            "has 9 joints up to the site 'tcp': it should have at most 8",
         ),
         (lambda: model(chain=link('<joint type="ball" name="b"/>' + site())), "joint 'b' is a ball joint"),
         (lambda: model(chain=link(slide(range=None, name="s") + site())), "joint 's' is a slide without limits"),
