@@ -122,7 +122,7 @@ class SerialArm:
 
     @property
     def vertical(self) -> bool:
-        """Whether the first joint is a hinge with an axis parallel to the base's z axis."""
+        """True if the first joint is a hinge with an axis parallel to the base's z axis."""
         return not self.slide[0] and self.tilt < _ANGLE_TOL
 
     @property
@@ -133,7 +133,7 @@ class SerialArm:
 
     @property
     def no_map(self) -> str | None:
-        """Why the arm cannot have a reachability map, or None. Maps are symmetric about the base's and the TCP's z."""
+        """Reason that excludes a reachability map, or None. Maps are symmetric about the base's and the TCP's z."""
         first, last = (f" '{name}'" if name else "" for name in (self.joints[0], self.joints[-1]))
         if self.slide[0]:
             return f"the first joint{first} is a slide, not a hinge about the vertical axis of '{self.name}'"

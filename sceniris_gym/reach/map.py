@@ -93,12 +93,12 @@ class ReachMap:
 
     @property
     def limited(self) -> bool:
-        """Whether too many verdicts depend on base or wrist limits. If so, solve poses by inverse kinematics."""
+        """True if too many verdicts depend on base or wrist limits. If so, solve poses by inverse kinematics."""
         return self.turn_error > MOST_TURN_ERROR
 
     @property
     def coarse(self) -> bool:
-        """Whether too many of the accepted poses were measured to be out of reach."""
+        """True if too many of the accepted poses are out of reach by measurement."""
         return self.false_accepts is not None and self.false_accepts > MOST_FALSE_ACCEPTS
 
     @property

@@ -195,7 +195,7 @@ class FoundSupport:
 
     @property
     def is_endless(self) -> bool:
-        """Whether one of the surfaces is an infinite plane."""
+        """True if one of the surfaces is an infinite plane."""
         return any(s.is_endless for s in self.surfaces)
 
 
