@@ -164,7 +164,7 @@ class TabletopLift(Task):
         return self.chosen_pose(s)[:, 2] < LOST_HEIGHT
 
     def on_reset(self, s: State, mask: Tensor) -> None:
-        """Choose an object, clear the last action and the timer, and reset the tool's target to the tool."""
+        """Choose an object, clear the last action and the timer, and set the tool's target to the tool."""
         drawn = (s.random(1) * len(self.targets)).long().clamp(max=len(self.targets) - 1)
         chosen = torch.zeros_like(self.chosen).scatter_(1, drawn, 1.0)
         self.chosen.copy_(torch.where(mask[:, None], chosen, self.chosen))
