@@ -234,7 +234,7 @@ def test_the_advice_never_overwrites_another_arms_map(arm: Path, tmp_path: Path,
             reach.judge(str(new), path, poses_file, out, Tier.of("map"), "cpu")
         assert str(told.value).endswith(f"{build}.")
     new.with_suffix(".reach").write_text("damaged")
-    with pytest.raises(MapError, match="not a reachability map, or a damaged one") as told:
+    with pytest.raises(MapError, match="not a reachability map, or a damaged file") as told:
         reach.judge(str(new), None, poses_file, out, Tier.of("map"), "cpu")
     assert str(told.value).endswith(f"Build it again: {build}.")
 
@@ -307,7 +307,7 @@ def test_a_map_that_depends_on_turns_is_used_with_a_warning(tmp_path: Path):
         found = reach.judge("heron", None, poses_file, out, None, "cpu")
         reach.judge("panda", None, poses_file, out, Tier.of("map"), "cpu")
     assert found["tier"] == "ik"
-    assert "does not know" in found["why_ik"]
+    assert "which maps ignore" in found["why_ik"]
 
 
 def test_a_map_that_is_too_coarse_says_so(arm: Path, tmp_path: Path, capfd: pytest.CaptureFixture):
