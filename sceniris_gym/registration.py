@@ -1,4 +1,4 @@
-"""Registration of the environments with Gymnasium. Entry points are strings, so nothing heavy is imported here."""
+"""Registration of the environments with Gymnasium. Entry points are strings, so no large library is imported."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ ENTRY_POINTS = {
 
 
 def register_envs() -> None:
-    """Register every environment of this package with Gymnasium; a second call changes nothing."""
+    """Register every environment of this package with Gymnasium, unless it is registered already."""
     for env_id, arguments in ENVS.items():
         if env_id not in gymnasium.registry:
             gymnasium.register(id=env_id, **ENTRY_POINTS, **arguments)

@@ -1,4 +1,4 @@
-"""PPO on the tasks of the package and on tasks of your own."""
+"""PPO on the tasks of the package and on your tasks."""
 
 import lazy_loader
 

@@ -19,7 +19,7 @@ _WORDS = ("size", "data", "shadows", "thin")
 
 @dataclass(frozen=True, kw_only=True)
 class SimConfig:
-    """How an environment runs. These settings change speed and memory, not episodes.
+    """Settings that change the speed and memory of an environment, not its episodes.
 
     Attributes:
         nconmax: Contacts per world. None leaves room for a busy scene; see `make_worlds`.

@@ -11,6 +11,7 @@ import warp as wp
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import ResetRandomizer
 from sceniris_gym.sim.worlds import make_worlds
 
@@ -111,11 +112,12 @@ def test_two_randomizers_of_the_same_worlds_draw_what_one_would(device: str, sha
 def test_randomizers_that_share_fields_have_the_same_params_of_draws(scene: CompiledScene):
     """The fields draw by the columns of one row of params."""
     name = "objects.can.randomize.mass"
-    one = make(scene, params=(name,))
+    batch = Batch(scene.scene, NWORLD, scene.device)
+    ResetRandomizer.of_batch(batch, scene, params=(name,))
     for params in ((), ("objects.*.randomize.*",)):
-        with pytest.raises(ArgumentError, match="params: another randomizer of the same `fields`"):
-            ResetRandomizer(scene, one.model, one.data, fields=one.fields, params=params)
-    ResetRandomizer(scene, one.model, one.data, fields=one.fields, params=(name,))
+        with pytest.raises(ArgumentError, match="params: another randomizer of the same Batch"):
+            ResetRandomizer.of_batch(batch, scene, params=params)
+    ResetRandomizer.of_batch(batch, scene, params=(name,))
 
 
 def test_params_narrow_draws(scene: CompiledScene):

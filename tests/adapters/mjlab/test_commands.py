@@ -12,7 +12,7 @@ pytest.importorskip("mjlab", reason="needs mjlab: make test-mjlab")
 from mjlab.envs import ManagerBasedRlEnv  # pyright: ignore[reportMissingImports]
 
 from sceniris_gym.adapters.mjlab import RedrawObjectsCfg
-from tests.adapters.test_mjlab import NUM_ENVS, cubes_on, deepest, local, plain_cfg
+from tests.adapters.mjlab.test_terms import NUM_ENVS, cubes_on, deepest, local, plain_cfg
 
 
 def make() -> ManagerBasedRlEnv:
