@@ -23,7 +23,7 @@ from sceniris_gym.scene.model import SceneModel
 
 # Greatest angle [degrees] between gravity and the vertical: a friction of 0.02 holds objects there.
 _TILT = 1.0
-# Greatest depth [m] to which an object sinks into its support, and to which a support gives way under a load.
+# Greatest sink [m] of an object into its support, and greatest yield [m] of a support under a load.
 _GIVES = 5.0e-3
 # Duration of a simulated test [s], and the number of looks at the support during it.
 _SECONDS, _LOOKS = 0.5, 10

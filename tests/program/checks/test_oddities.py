@@ -232,4 +232,4 @@ def test_what_reaches_far_is_named_where_rounding_may_use_up_a_clearance(
     if says is not None:
         assert says in found[0]
         assert "128 m" in found[0]
-        assert "'clearance' of 0.0001" in found[0]
+        assert "'clearance' of at least 0.0001" in found[0]
