@@ -97,7 +97,7 @@ class HomeShape:
         return StablePose(quat, rotation.T @ bottom, np.concatenate([-half, half]), probability)
 
     def inner_radius(self) -> float:
-        """Return the radius [m] of a ball inside the hull: half of a lower bound of the width in any orientation."""
+        """Return the radius [m] of a ball inside the hull. The bounds are at least twice as wide in any orientation."""
         if not self._pieces:
             return 0.0
         hull = convex_hull(np.concatenate(self.points()))

@@ -234,7 +234,7 @@ def upload_plan(plan: Plan, device: str, *, starts: bool = True) -> CompiledScen
     program = Program()
     program.visual = is_visual
     program.face_vertadr = 0
-    if is_visual and any(p.type in ROUND for p in plan.pieces):  # triangles are hulls as well
+    if is_visual and any(p.type in ROUND for p in plan.pieces):  # triangles are tested as hulls against round pieces
         program.face_vertadr = len(arrays["vert"])
         corners = np.stack([arrays[name] for name in ("face_a", "face_b", "face_c")], axis=1)
         arrays["vert"] = np.concatenate([arrays["vert"], corners.reshape(-1, 3)])

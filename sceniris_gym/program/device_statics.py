@@ -7,7 +7,7 @@ that cannot move.
 import warp as wp
 
 DIRECTIONS = 16
-"""Number of directions in which a patch is measured."""
+"""Number of directions that measure a patch."""
 MOST_MOVE = 6.5e-3
 """Greatest move [m] of an object until it is at rest."""
 RISE = 0.9
@@ -36,7 +36,7 @@ class Statics:
     stable_footadr: wp.array[int]
     stable_footnum: wp.array[int]
     stable_law: wp.array[LawVector]  # see `Law`
-    stable_center: wp.array[wp.vec2]  # around the pivot, at heading 0; see `Roll`
+    stable_center: wp.array[wp.vec2]  # around the pivot, at heading 0, as in `Roll`
     stable_axis: wp.array[wp.vec2]
     stable_reach: wp.array[wp.vec2]
     stable_radius: wp.array[float]  # of its foot around its pivot, or 1e30 if the foot needs a test even on one part
@@ -51,8 +51,8 @@ class Statics:
     level_loadnum: wp.array[int]
     load: wp.array[int]
 
-    # Convex parts of the surfaces of `Program`: the ends of their edges, counter-clockwise. Surfaces that keep every
-    # foot whole have no parts.
+    # Convex parts of the surfaces of `Program`: the ends of their edges, counter-clockwise. A surface that keeps every
+    # foot whole has one part without edges.
     surface_partadr: wp.array[int]
     surface_partnum: wp.array[int]
     part_sideadr: wp.array[int]

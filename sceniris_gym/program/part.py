@@ -54,11 +54,11 @@ def chosen_objects(
             continue
         if any(other in names for other in with_variants([support.parent.split("/")[0]], config.variants)):
             load = config.owners.get(name, name)
-            raise ArgumentError(f"{where}: '{support.parent}' carries '{load}'. Name '{load}' as well.")
+            raise ArgumentError(f"{where}: '{support.parent}' carries '{load}'. Name '{load}', too.")
     for heap in config.heaps.values():
         left = [name for name in heap.of if name not in names]
         if left and len(left) < len(heap.of):
-            raise ArgumentError(f"{where}: a heap is placed as a whole. Name {', '.join(left)} as well.")
+            raise ArgumentError(f"{where}: a heap is placed as a whole. Name {', '.join(left)}, too.")
     return tuple(name for name in valid if name in names)
 
 

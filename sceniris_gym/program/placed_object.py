@@ -51,7 +51,7 @@ class PlacedObject:
     Attributes:
         name: The object's name, or the robot's.
         stream: Its random stream, from its place in the scene file.
-        kind: How its pose is written; STATIC if only joint positions are drawn.
+        kind: The kind of its pose, STATIC if only joint positions are drawn.
         bodies: Its bodies, the root first, parents before children.
         config: Its words in the scene file. A robot with a fixed base has the words of a static object.
         joint_ranges: The draws of its joints.

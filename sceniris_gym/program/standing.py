@@ -121,8 +121,8 @@ class Foot:
         most: Greatest such distance [m].
         bottom: Height [m] over the object's root of the lowest point that drawn joints do not move.
         hangs: Greatest depth [m] below `bottom` of parts that drawn joints move, negative above it.
-        drop: Height [m] from which the object falls until its support carries it, negative inside the support. It is 0
-            unless the geoms that collide differ from the geoms used for placing.
+        drop: Height [m] of the object's fall until its support carries it, negative inside the support. It is 0 unless
+            the geoms that collide differ from the geoms used for placing.
         roll: The rectangle of a curved foot.
     """
 
@@ -145,7 +145,7 @@ class Stance:
             move, as numbers in `Plan.objects`.
         feet: Its foot in each of its stable poses, empty if it does not collide with its support.
         load: Greatest simultaneous weight [kg] of the object and everything on it.
-        depth: Greatest depth to which it may sink into its support [m].
+        depth: Greatest depth of its sink into the support [m].
         touch: Distance at which its support begins to carry it [m], 0 without contact margins.
         friction: Greatest coefficient of sliding friction between the object and its support, with the least drawn
             friction.
@@ -332,7 +332,7 @@ def _foot(
             and the pieces used for placing that drawn joints move.
         pose: The pose.
         law: The law, unless the foot is round or curved.
-        lower: Height [m] of the support used for placing over the support that the object collides with.
+        lower: Height [m] of the support used for placing over the support that collides.
         is_shifted: Whether draws of masses move its centre of mass.
         takes_edges: Whether the support carries edges and corners of pieces. If not, a foot with them does not hold.
         steady: `Law.steady` of a curved foot.

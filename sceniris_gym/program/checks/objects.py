@@ -71,8 +71,7 @@ def check_relations(plan: Plan) -> None:
         for i, relation in enumerate(relations):
             if relation.has_own_width and max(v.short_edge for v in o.stable_poses) == 0.0:
                 raise SceneKeyError(
-                    f"{where}.{i}.width: is missing. '{o.name}' has no geom that collides, so it has no bounds to take "
-                    "a width from."
+                    f"{where}.{i}.width: is missing. '{o.name}' has no geom that collides, so its bounds have no width."
                 )
         pieces, points = cut_pieces(o), None if o.config.region is None else o.config.region.points
         if pieces > MAX_PIECES and points is not None:

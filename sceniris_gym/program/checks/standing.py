@@ -101,8 +101,8 @@ def check_standing(plan: Plan) -> None:
             )
         if stance.depth > _GIVES:
             raise SceneKeyError(
-                f"{where}: '{o.name}' sinks into its support by {1e3 * stance.depth:.3g} mm, which should be "
-                f"{1e3 * _GIVES:g} mm at most. Give its geoms a harder 'solref' or 'solimp', or a weight closer to "
+                f"{where}: '{o.name}' sinks into its support by {1e3 * stance.depth:.3g} mm, which should be at most "
+                f"{1e3 * _GIVES:g} mm. Give its geoms a harder 'solref' or 'solimp', or a weight closer to "
                 f"its support's, {_ANYWAY}."
             )
         levels = len(stance.levels)
@@ -117,7 +117,7 @@ def check_standing(plan: Plan) -> None:
 
 
 def _check_gravity(scene: SceneModel, o: PlacedObject, where: str) -> None:
-    """Reject a model in which contacts are off, or the greatest drawn tilt of gravity and wind is too large."""
+    """Reject a model whose contacts are off, or whose greatest drawn tilt of gravity and wind is too large."""
     mjm, bits = scene.mjm, mujoco.mjtDisableBit
     pull, push = least_upright(scene), wind_push(scene, o)
     if np.hypot(*pull[:2]) + push > -pull[2] * np.tan(np.radians(_TILT)):
@@ -223,7 +223,7 @@ def _point(data: mujoco.MjData, body: int, at: np.ndarray) -> np.ndarray:
 
 
 def _yielding(mjm: mujoco.MjModel, home: mujoco.MjData, body: int, at: np.ndarray) -> set[int]:
-    """Return the joints by which a load on a support moves it up or down at a point `at` in its frame [m]."""
+    """Return the joints that let a load move a support up or down at a point `at` in the support's frame [m]."""
     jacobian = np.zeros((3, mjm.nv))
     mujoco.mj_jac(mjm, home, jacobian, None, _point(home, body, at), body)
     joints = mjm.dof_jntid[np.abs(jacobian[2]) > _LEAST_LIFT]
