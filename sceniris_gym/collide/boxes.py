@@ -92,6 +92,7 @@ def next_step(program: Program, entry: wp.vec3i, poses: PairPoses, margin: float
         step.leaf = True
         return step
     step.inner = True
+    # open the larger box, whose halves are more likely to be apart from the other box
     if child_b < 0 or (child_a >= 0 and wp.max(program.node_half[na]) > wp.max(program.node_half[nb])):
         step.left = wp.vec3i(pair, child_a, nb)
         step.right = wp.vec3i(pair, child_a + 1, nb)

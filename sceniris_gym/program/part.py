@@ -98,7 +98,7 @@ def part_of(compiled: CompiledScene, names: Sequence[str]) -> CompiledScene:
     # Only a static support or one placed by the same program is sure to be level. Heaps draw no points on a support.
     firm = [o.support is None or o.support.owner in names or still[o.support.body] for o in objects]
     objects = [o if is_firm or o.heap else replace(o, tilts=True) for o, is_firm in zip(objects, firm, strict=True)]
-    for i, o in enumerate(objects[: len(given)]):
+    for i, o in enumerate(objects[: len(given)]):  # given objects keep their poses, so their reach is not tested
         objects[i] = replace(o, config=o.config.model_copy(update={"reachable": False}))
     made = upload_plan(replace(plan, objects=objects), compiled.device, starts=False)
     program, whole = made.program, compiled.program

@@ -93,7 +93,7 @@ def placement_order(scene: SceneModel) -> list[str]:
         sorter.prepare()
     except graphlib.CycleError as error:
         raise in_a_cycle(config.where, error.args[1][:0:-1], "objects refer to each other") from None
-    ready: list[int] = []
+    ready: list[int] = []  # a heap, so that objects keep the file's order where references permit
     while sorter.is_active():
         for name in sorter.get_ready():
             heapq.heappush(ready, number[name])

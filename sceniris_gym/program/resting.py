@@ -115,7 +115,7 @@ def drawn_states(scene: SceneModel, o: PlacedObject) -> Iterator[mujoco.MjData]:
         thin = [values[np.unique(np.linspace(0, len(values) - 1, most).round().astype(int))] for values in levels]
         chosen = [np.array(values) for values in product(*thin)]
     else:
-        rng = np.random.default_rng(0)
+        rng = np.random.default_rng(0)  # a fixed seed, so that a scene has the same stable poses at every compilation
         inner = [[rng.choice(values) for values in levels] for _ in range(_STATES // 2)]
         ends = [[rng.choice(values[[0, -1]]) for values in levels] for _ in range(_STATES // 2)]
         chosen = [np.array(values) for values in (*ends, *inner)]
