@@ -177,7 +177,7 @@ def load_map(arm: SerialArm, robot: RobotConfig, where: str) -> ReachMap | None:
 
 def asset_and_words(robot: RobotConfig) -> tuple[str, str]:
     """Return what `build_command` takes of a robot: its file, and the options that name its TCP."""
-    file, words = robot.file or robot.name, robot.model_dump(mode="json", exclude_unset=True).get("tcp")
+    file, words = robot.asset or robot.name, robot.model_dump(mode="json", exclude_unset=True).get("tcp")
     if words is None:
         return file, ""
     return file, f"--set 'robot.tcp={words['site'] if words.get('site') == words.get('body') else json.dumps(words)}'"

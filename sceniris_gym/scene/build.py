@@ -152,7 +152,7 @@ def _scene(
 
 def _apart(robot: RobotConfig, config: SceneConfig) -> SceneModel:
     """Return the model of a robot that is not in the scene."""
-    words = {word: getattr(robot, word) for word in ("asset", "model", "tcp", "map", "keyframe")}
+    words = {word: getattr(robot, word) for word in ("asset", "tcp", "map", "keyframe")}
     given = {word: value for word, value in words.items() if word in robot.model_fields_set}
     with reading(f"{config.where}: {robot.section}"):
         return build_model(SceneConfig(robot=RobotConfig(**given)))
