@@ -20,7 +20,7 @@ from sceniris_gym.config.variants import check_shared, with_members, with_varian
 _FILES = ("asset", "map", "rows")
 """Keys of objects, robots and heaps that name files."""
 _HASHED_AS = {"site": "my", "of_site": "its", "angle": "turn"}
-"""Words of a connection in hashes: the ones that it had when the first scenes were hashed."""
+"""Words of a connection, and the older words that hashes keep for them."""
 _WRITTEN = TypeAdapter(dict[str, Any])
 """The words of a scene. Some may be parts made in Python."""
 
