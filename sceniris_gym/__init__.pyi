@@ -7,8 +7,11 @@ from .errors import ScenirisError as ScenirisError
 from .errors import ScenirisWarning as ScenirisWarning
 from .layout.compile import compile_scene as compile_scene
 from .layout.generate import LayoutGenerator as LayoutGenerator
+from .layout.ahead import Ahead as Ahead
 from .layout.layouts import Layouts as Layouts
 from .layout.layouts import LayoutStatus as LayoutStatus
+from .layout.pipeline import Chooser as Chooser
+from .layout.pipeline import LayoutPipeline as LayoutPipeline
 from .layout.source import LayoutSource as LayoutSource
 from .layout.stored import StoredLayouts as StoredLayouts
 from .levels.curriculum import ADR as ADR

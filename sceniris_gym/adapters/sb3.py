@@ -103,18 +103,18 @@ class Sb3VecEnvWrapper(VecEnv):
             self._fill(infos, worlds, flags, info)
         return self.seen(observation), rewards, dones, infos
 
-    def seen(self, observation: dict[str, Any], rows: Tensor | None = None) -> Any:
+    def seen(self, observation: dict[str, Any], worlds: Tensor | None = None) -> Any:
         """Return the agent's part of an observation of the environment, on the host: an array, or a dict of arrays.
 
         Args:
             observation: Observation of all worlds, as the environment returns it.
-            rows: Numbers of some worlds, for an observation without NaNs: a world that diverged has them in its last
+            worlds: Numbers of some worlds, for an observation without NaNs: a world that diverged has them in its last
                 observation, and NaN * 0 would spoil a replay buffer's targets. None is all worlds, as they are.
         """
         parts = _parts(observation)
 
         def part(name: str) -> np.ndarray:
-            return to_host(parts[name] if rows is None else parts[name][rows].nan_to_num(0.0, 0.0, 0.0))
+            return to_host(parts[name] if worlds is None else parts[name][worlds].nan_to_num(0.0, 0.0, 0.0))
 
         return part(self.group) if isinstance(self.group, str) else {name: part(name) for name in self.group}
 

@@ -1,23 +1,35 @@
-"""Objects that hold memory of a device: they belong to one process, and captured graphs use their attributes."""
+"""Base classes of objects that hold device memory: one process owns them, and captured graphs use their attributes."""
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, NoReturn
+from typing import TYPE_CHECKING, Any, ClassVar, NoReturn
 
-from sceniris_gym.errors import FixedError, NotSupportedError
+from sceniris_gym.errors import FixedError, NotSupportedError, new_name
 
 
-class StaysHere:
-    """Base class of objects that hold memory of a device, and so belong to one process.
+class RefusesOldNames:
+    """Base class of objects that refuse an old attribute by its new name."""
+
+    if not TYPE_CHECKING:  # a type checker would take any attribute to be there
+
+        def __getattr__(self, name: str) -> Any:
+            """Raise the error for a missing attribute."""
+            if new := new_name(name, dir(self)):
+                raise AttributeError(f"{type(self).__name__}:{new}")
+            return object.__getattribute__(self, name)
+
+
+class StaysHere(RefusesOldNames):
+    """Base class of objects that hold device memory and therefore belong to one process.
 
     Attributes:
-        _SEND: The object to send instead, as the error message says it.
+        _SEND: The object to send instead, worded for the error message.
     """
 
     _SEND = "its CompiledScene, which is compiled again where it arrives, or the scene's name, and make it there"
 
     def __reduce__(self) -> NoReturn:
-        """Refuse to be pickled or copied.
+        """Reject pickling and copying.
 
         Raises:
             NotSupportedError: Always.
@@ -32,7 +44,7 @@ class Fixed:
 
     Attributes:
         _FIXED: Attributes that only the constructor sets.
-        _ARGUMENTS: Arguments of the constructor that are no attributes: assigning to them would have no effect either.
+        _ARGUMENTS: Arguments of the constructor that are not attributes. Assigning to them would have no effect.
     """
 
     _FIXED: ClassVar[tuple[str, ...]] = ()
@@ -42,7 +54,7 @@ class Fixed:
         """Set an attribute.
 
         Raises:
-            FixedError: A fixed one, or an argument.
+            FixedError: The attribute is fixed, or is an argument of the constructor.
         """
         if name in self._ARGUMENTS or (name in self._FIXED and name in self.__dict__):
             raise FixedError(type(self).__name__, name)
@@ -52,7 +64,7 @@ class Fixed:
         """Delete an attribute.
 
         Raises:
-            FixedError: A fixed one.
+            FixedError: The attribute is fixed.
         """
         if name in self._FIXED:
             raise FixedError(type(self).__name__, name)
