@@ -5,9 +5,9 @@ from .config.scene import SceneConfig as SceneConfig
 from .dataset.reader import LayoutDataset as LayoutDataset
 from .errors import ScenirisError as ScenirisError
 from .errors import ScenirisWarning as ScenirisWarning
+from .layout.ahead import Ahead as Ahead
 from .layout.compile import compile_scene as compile_scene
 from .layout.generate import LayoutGenerator as LayoutGenerator
-from .layout.ahead import Ahead as Ahead
 from .layout.layouts import Layouts as Layouts
 from .layout.layouts import LayoutStatus as LayoutStatus
 from .layout.pipeline import Chooser as Chooser

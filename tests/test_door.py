@@ -29,10 +29,13 @@ ALLOWED = {
     **dict.fromkeys(("ArmController.start(mask)", "EpisodeStatistics.start(mask)", "Task.on_reset(mask)"), BOOLEANS),
     **{f"State.{name}(mask)": BOOLEANS for name in ("put_joints", "put_pose", "scale_field", "sleep")},
     **{f"Sb3VecEnvWrapper.{n}(indices)": PROTOCOL for n in ("env_is_wrapped", "env_method", "get_attr", "set_attr")},
-    **{f"PlaceLayouts.{n}(env_ids)": PROTOCOL for n in ("__call__", "reseed", "reset", "restore", "set_param", "state")},
+    **{
+        f"PlaceLayouts.{n}(env_ids)": PROTOCOL for n in ("__call__", "reseed", "reset", "restore", "set_param", "state")
+    },
     "scene_param_stages(env_ids)": PROTOCOL,
     "ResetRandomizer.write(rows)": "the row of a table for each world",
     "Layouts.create(rows)": "the number of rows",
+    "LayoutDataset.rows(indices)": "rows of files, as `dataset[index]`",
 }
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -99,8 +100,12 @@ def test_two_randomizers_of_the_same_worlds_draw_what_one_would(device: str, sha
     one, alone = make(scene, prefetch=True), make(scene, prefetch=False)
     one.reset()
     alone.pipeline.reseed(seed=70)
-    words: dict[str, Any] = {"fields": one.fields} if shared else {}
-    other = ResetRandomizer(scene, one.model, one.data, seed=70, prefetch=True, **words)
+    worlds: Any = SimpleNamespace(model=one.model, data=one.data, fields=one.fields)
+    words: dict[str, Any] = {"seed": 70, "prefetch": True}
+    if shared:
+        other = ResetRandomizer.of_batch(worlds, scene, **words)
+    else:
+        other = ResetRandomizer(scene, one.model, one.data, **words)
     for randomizer in (other, one, other, alone, alone):
         randomizer.reset()
     rows, wanted = values(other), values(alone)
