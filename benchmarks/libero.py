@@ -279,7 +279,7 @@ def measure(file: Path, options: Options, compiles: bool) -> dict[str, Any]:
     begin = time.perf_counter()
     for _ in range(_REPEATS):
         generator.generate()
-    generator.layouts.status.numpy()  # waits for the device
+    generator.layouts.status.cpu().numpy()  # waits for the device
     rate = _REPEATS * options.layouts / (time.perf_counter() - begin)
     sampler = CircleSampler(task, compiled, options.seed)
     begin, theirs, failed = time.perf_counter(), [], 0

@@ -72,7 +72,7 @@ def rates(scenes: Mapping[str, CompiledScene], nworld: int) -> dict[str, dict[st
     found = {}
     for name, (generator, _) in made.items():
         fresh, stored = np.median(times[name], axis=0).tolist()
-        valid = int((generator.layouts.status.numpy() == LayoutStatus.VALID).sum())
+        valid = int((generator.layouts.status.cpu().numpy() == LayoutStatus.VALID).sum())
         found[name] = {"valid_per_s": valid / fresh, "ms": 1e3 * fresh, "stored_per_s": nworld / stored}
     return found
 
@@ -96,7 +96,7 @@ def held(compiled: CompiledScene, nworld: int) -> Iterator[dict[str, Any]]:
     for _ in range(round(SECONDS / compiled.mjm.opt.timestep)):
         step_all()
     drift = np.linalg.norm(_in_hand(compiled, model, data) - before, axis=1)
-    kinds = randomizer.layouts.start.numpy()
+    kinds = randomizer.layouts.start.cpu().numpy()
     for number, kind in enumerate(compiled.config.start):
         of_kind = drift[kinds == number]
         if kind.robot == "grasp" and len(of_kind):
@@ -114,7 +114,7 @@ def shares(compiled: CompiledScene, nworld: int, layouts: int) -> dict[str, Any]
     found = np.zeros(len(weights), int)
     for _ in range(-(-layouts // nworld)):
         generator.generate()
-        found += np.bincount(generator.layouts.start.numpy(), minlength=len(weights))
+        found += np.bincount(generator.layouts.start.cpu().numpy(), minlength=len(weights))
     p = stats.chisquare(found, found.sum() * weights / weights.sum()).pvalue
     return {"layouts": int(found.sum()), "of_kinds": found.tolist(), "chi_square_p": float(p)}
 

@@ -14,7 +14,7 @@ from sceniris_gym.device.fixed import Fixed
 from sceniris_gym.device.random import SPLITS
 from sceniris_gym.device.sequence import launching, repeat_launches
 from sceniris_gym.errors import ArgumentError, SceneMismatchError, check_type
-from sceniris_gym.layout.layouts import Layouts
+from sceniris_gym.layout.layouts import Layouts, column_of
 from sceniris_gym.layout.loading import load_kernels
 from sceniris_gym.layout.masks import as_count, fill_mask
 from sceniris_gym.layout.reaching.stage import ReachStage
@@ -269,7 +269,7 @@ class LayoutGenerator(Fixed, LayoutSource):
                 "redraw: the layouts have params of drawn physics, but a redraw draws physics from the scene file. "
                 "Make the layouts without these params."
             )
-        there = layouts.present.numpy().any(axis=0)
+        there = column_of(layouts, "present").numpy().any(axis=0)
         present = [self.compiled.slots[i] for i in np.flatnonzero(there)]
         names = chosen_objects(self.compiled, objects, "redraw", present)
         if names not in self._redraws:
@@ -284,7 +284,7 @@ class LayoutGenerator(Fixed, LayoutSource):
         Causes of the reach stage are included in scenes with reach targets, `unsound` if it occurred, and `falls` if
         objects can fall.
         """
-        counts = self.layouts.rejections.numpy()
+        counts = self.layouts.view.rejections.numpy()
         unused = {Cause.NONE, *(REACH_CAUSES if self.compiled.reaching is None else ())}
         if not counts[:, Cause.UNSOUND].any():
             unused.add(Cause.UNSOUND)

@@ -13,7 +13,7 @@ from sceniris_gym.device.sequence import launching
 from sceniris_gym.errors import check_type
 from sceniris_gym.layout.columns import columns, row_types
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import LayoutStatus
+from sceniris_gym.layout.layouts import LayoutStatus, column_of
 from sceniris_gym.layout.masks import as_count
 from sceniris_gym.layout.seeds import as_seeds
 from sceniris_gym.program.compiled import CompiledScene
@@ -33,11 +33,11 @@ def read_table(generator: LayoutGenerator, nrow: int | None = None) -> LayoutTab
     check_type(generator, LayoutGenerator, "read_table: generator")
     nrow = nrow if nrow is None else as_count(nrow, "read_table: nrow", 0)
     layouts = generator.layouts
-    types = row_types(generator.compiled, nvalue=layouts.param.shape[1])
+    types = row_types(generator.compiled, nvalue=layouts.view.param.shape[1])
 
     def read(name: str) -> np.ndarray:
         dtype, shape = types[name]  # astype also copies: on a CPU, `numpy()` is a view that the next reset overwrites
-        return getattr(layouts, name).numpy()[(slice(nrow), *map(slice, shape))].astype(dtype)
+        return column_of(layouts, name).numpy()[(slice(nrow), *map(slice, shape))].astype(dtype)
 
     rows = {name: read(name) for name in columns()}
     table = LayoutTable(
@@ -153,7 +153,7 @@ class RequestedLayouts(StaysHere):
     @launching
     def __init__(self, compiled: CompiledScene, nworld: int, split: str = "train") -> None:
         self._generator = LayoutGenerator(compiled, nworld, split=split)
-        self._parts = [getattr(self._generator.layouts, name) for name in PARTS]
+        self._parts = [column_of(self._generator.layouts, name) for name in PARTS]
         self._start = [wp.clone(part) for part in self._parts]
         self._generator.generate(wp.zeros(nworld, dtype=wp.bool, device=compiled.device))  # records its graph
         wp.synchronize_device(compiled.device)  # later launches use other streams, which do not wait for this stream

@@ -82,7 +82,7 @@ def wrong_use(draws: np.random.Generator, folder: Path) -> str | None:
     layouts = envs.randomizer.layouts
     if not observation["policy"].isfinite().all() or info["broken"].any():
         return "an observation that is not finite"
-    if (layouts.status.numpy() == 0).any() or not np.isfinite(layouts.qpos.numpy()).all():
+    if (layouts.status.cpu().numpy() == 0).any() or not np.isfinite(layouts.qpos.cpu().numpy()).all():
         return "a world without a layout"
     ids = envs.layout_ids()
     again = envs.reset(options={"layouts": ids})[1]

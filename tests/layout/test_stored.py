@@ -102,7 +102,7 @@ def test_the_row_is_seed_and_episode_modulo_the_number_of_rows(
         assert episode > 0 or rows == first
         assert_rows(stored.layouts, table, rows)
         assert stored.layouts.episode.numpy().tolist() == [episode] * 4
-    assert stored.layouts.seed.numpy().tolist() == given
+    assert stored.layouts.view.seed.numpy().tolist() == given
     assert (stored.layouts.status.numpy() == LayoutStatus.VALID).all()
 
 

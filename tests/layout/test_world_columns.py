@@ -134,7 +134,7 @@ def test_a_redraw_tips_nothing_that_carries_it(tmp_path: Path):
     randomizer.redraw("load")
     placed = randomizer.redraw_status.numpy() == LayoutStatus.VALID
     assert placed.sum() > NWORLD // 2
-    wp.copy(randomizer.layouts.qpos, randomizer.data.qpos)
+    randomizer.data.qpos.assign(randomizer.layouts.qpos.numpy())
     assert not moving(randomizer.compiled, randomizer.layouts, fields)[placed].any()
 
 
@@ -174,7 +174,7 @@ def test_masses_of_variants_are_those_that_resets_write(tmp_path: Path):
     generator, slot = randomizer.pipeline.maker, compiled.scene.sim.bodies["load"]
     assert isinstance(generator, LayoutGenerator)
     assert generator._work.statics is not None
-    variant, rows = randomizer.variant.numpy()[:, 0], np.arange(NWORLD)
+    variant, rows = randomizer.variants.numpy()[:, 0], np.arange(NWORLD)
     members = np.array([compiled.scene.bodies[f"load/{name}"] for name in HEIGHTS])[variant]
     weights = generator._work.statics.body_weight.numpy()[rows, members]
     np.testing.assert_allclose(weights, randomizer.model.body_mass.numpy()[:, slot], rtol=1e-6)
