@@ -11,9 +11,9 @@ from sceniris_gym.errors import FixedError
 
 
 class TensorView:
-    """An attribute that shares memory with a Warp array, which is never replaced; uint64 is read as int64.
+    """An attribute that is a torch tensor in the memory of a Warp array. It reads uint64 as int64.
 
-    The tensor is made when it is first read, so torch is imported then, and kept.
+    The first read imports torch and makes the tensor. Later reads return the same one, so the array is never replaced.
 
     Args:
         array: Function of the object and the attribute's name that returns the array.
@@ -32,7 +32,7 @@ class TensorView:
         if tensor is None:
             array = self._array(holder, self._name)
             tensor = wp.to_torch(array.view(wp.int64) if array.dtype is wp.uint64 else array)
-            if not tensor.is_inference():  # which nobody could write to outside of inference mode
+            if not tensor.is_inference():  # outside of inference mode it could not be written to
                 vars(holder)[self._name] = tensor
         return tensor
 

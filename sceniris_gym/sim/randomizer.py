@@ -241,8 +241,8 @@ class ResetRandomizer(Fixed, StaysHere):
         """
         self.redrawer.launch(objects, as_worlds(worlds, self.data.nworld, self.device, self.redrawer.mask))
 
-    def model_field(self, name: str, of: str | None = None) -> wp.array:
-        """Return a field of the Model with a row for each world, to write to after a reset.
+    def model_field(self, name: str, of: str | None = None) -> Any:
+        """Return a field of the Model with a row for each world as a torch tensor, to write to after a reset.
 
         The Model has to be made with a row for each world, by `put_model(compiled, nworld, name)`. Call `refresh` after
         writing to it. A field that `put_model` has made for the scene's draws is asked for before the first reset.
@@ -280,8 +280,8 @@ class ResetRandomizer(Fixed, StaysHere):
         """
         self.fields.scale(name, of, factor, self._mask, "ResetRandomizer.scale_field")
 
-    def random(self, name: str, shape: int | Sequence[int] = ()) -> wp.array:
-        """Draw uniform numbers in [0, 1) by name, shape (nworld, *shape), float32.
+    def random(self, name: str, shape: int | Sequence[int] = ()) -> Any:
+        """Draw uniform numbers in [0, 1) by name, as a torch tensor, shape (nworld, *shape), float32.
 
         They depend only on the seed and the episode of a world's layout, the split, and the name.
         """

@@ -168,7 +168,7 @@ def test_a_replay_has_the_physics_and_looks_of_its_episode():
     assert set(numbers) == {"can.mass", "can.rgba", "extra.mass", "extra.rgba", "gravity", "materials.table/wood.rgba"}
     for draw, found in numbers.items():
         assert found == batch.fields.parameter(draw, "test").numpy()[2].tolist(), draw
-    present = f"extra/{list(variants)[randomizer.variants.numpy()[2, 0]]}"
+    present = f"extra/{list(variants)[randomizer.variants.cpu().numpy()[2, 0]]}"
     for ours, theirs in (("can", "can"), ("extra", present)):
         masses = batch.model.body_mass.numpy()[2, batch.scene.bodies[ours]]
         assert mjm.body_mass[compiled.scene.bodies[theirs]] == masses
