@@ -236,8 +236,8 @@ class Layouts(StaysHere):
         start: Index of the kind of start in the scene file, -1 in scenes without, shape (nworld,), int32.
         present: 1 for present objects, 0 for objects that a group left out, shape (nworld, nslot), slots in the order
             of `CompiledScene.slots`.
-        grasp: The accepted grasp of each ReachTarget, as an index into its GraspSet in `CompiledScene.reaching`, shape
-            (nworld, nreach), targets in placement order. -1 for absent objects.
+        grasp: The accepted grasp of each ReachTarget, as an index into its GraspSet in `CompiledScene.reaching`. -1 for
+            absent objects, shape (nworld, nreach), targets in placement order.
         grasp_qpos: The joints [rad, m] of the target's arm in this grasp, shape (nworld, nreach, MAX_JOINTS). NaN
             beyond the arm's joints, and everywhere if reach was judged only by the arm's map.
         pregrasp_qpos: The same for the pre-grasp, shape (nworld, nreach, MAX_JOINTS). NaN for tiers below `clear`.
