@@ -8,7 +8,7 @@ import lazy_loader
 
 from sceniris_gym import registration
 
-__version__ = "0.2.0"
+__version__ = "0.2.0.dev0"
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 registration.register_envs()
