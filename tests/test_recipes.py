@@ -32,7 +32,7 @@ def test_every_library_has_a_recipe():
         "skrl",
         "Images with skrl",
         "TorchRL",
-        "A loop of your own",
+        "Your own training loop",
         "A policy on chosen layouts",
     }
     assert named <= set(RECIPES)
