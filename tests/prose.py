@@ -17,7 +17,7 @@ import json
 import re
 import tokenize
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -97,14 +97,13 @@ def sentences(text: str, *, markdown: bool = False) -> list[Sentence]:
     return found
 
 
-def over(words: int, hits: Mapping[str, int]) -> dict[str, int]:
-    """Return the hits above the budget of a file, by marker and, below "all", of their sum."""
-    if words < FEWEST_WORDS:
-        return {}
-    most = {name: int(FREE + rate * words / 1000) for name, (rate, _) in MARKERS.items()}
-    most["all"] = int(FREE_TOTAL + TOTAL_RATE * words / 1000)
-    counts = {**hits, "all": sum(hits.values())}
-    return {name: counts[name] - most[name] for name in most if counts.get(name, 0) > most[name]}
+def excess(found: Sequence[Sentence]) -> int:
+    """Return how many hits a file has to lose to be within its budget; 0 for a file with few words."""
+    words = sum(sentence.words for sentence in found)
+    hits = Counter(name for sentence in found for name in sentence.markers)
+    by_marker = (hits[name] - int(FREE + rate * words / 1000) for name, (rate, _) in MARKERS.items())
+    in_all = hits.total() - int(FREE_TOTAL + TOTAL_RATE * words / 1000)
+    return 0 if words < FEWEST_WORDS else max(0, in_all, sum(number for number in by_marker if number > 0))
 
 
 def _paragraphs(block: Iterable[Line]) -> Iterator[list[Line]]:
@@ -180,9 +179,9 @@ def _comments(text: str) -> Iterator[list[Line]]:
     yield from (block for block in blocks if not re.search("copyright|licen[cs]e", str(block), re.IGNORECASE))
 
 
-def judged(root: Path = ROOT) -> Iterator[Path]:
+def judged() -> Iterator[Path]:
     """Yield the files that have a budget, each once where a folder is also reached by a link."""
-    for path in (root / name for name in JUDGED):
+    for path in (ROOT / name for name in JUDGED):
         found = [path] if path.is_file() else sorted([*path.rglob("*.py"), *path.rglob("*.md")])
         yield from (path for path in found if path.resolve() == path)
 
@@ -191,13 +190,6 @@ def judged(root: Path = ROOT) -> Iterator[Path]:
 def read(path: Path) -> list[Sentence]:
     """Return the sentences of a file."""
     return sentences(path.read_text(encoding="utf-8"), markdown=path.suffix == ".md")
-
-
-def excess(found: Iterable[Sentence]) -> int:
-    """Return how many hits a file has to lose to be within its budget."""
-    found = list(found)
-    beyond = over(sum(s.words for s in found), Counter(name for s in found for name in s.markers))
-    return max(beyond.pop("all", 0), sum(beyond.values()))
 
 
 def over_budget() -> dict[str, int]:
@@ -229,7 +221,8 @@ def main() -> None:
             print(f"{path.relative_to(ROOT)}:{sentence.line} [{', '.join(sentence.markers)}] {sentence.text}")
     if args.write or not args.paths:
         now = over_budget()
-        print(*(f"{path}: {number} over budget" for path, number in now.items()), sep="\n")
+        for path, number in now.items():
+            print(f"{path}: {number} over budget")
         if args.write:
             write(now)
 

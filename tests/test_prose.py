@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -112,12 +113,16 @@ def test_a_reason_on_the_line_before_excuses_one_sentence():
 
 def test_a_budget_grows_with_the_words_of_a_file():
     """One hit of a marker and two in all are free; a file with few words is not judged."""
-    assert prose.over(39, {"thing": 9}) == {}
-    assert prose.over(100, {"thing": 2}) == {"thing": 1}
-    assert prose.over(1000, {"thing": 2, "semicolon": 7}) == {}
-    assert prose.over(1000, {"thing": 2, "semicolon": 8, "of which": 5}) == {"semicolon": 1, "all": 2}
-    words = "Words of a sentence. " * 20
-    assert prose.excess(prose.sentences(f"{words} A thing; a thing; a thing; a thing.", markdown=True)) == 5
+
+    def excess(words: int, hits: dict[str, int]) -> int:
+        return prose.excess([prose.Sentence(1, "", words, list(Counter(hits).elements()))])
+
+    assert excess(39, {"thing": 9}) == 0
+    assert excess(100, {"thing": 2}) == 1
+    assert excess(1000, {"thing": 2, "semicolon": 7}) == 0
+    assert excess(1000, {"thing": 2, "semicolon": 8, "of which": 5}) == 2
+    assert excess(1000, dict.fromkeys(prose.MARKERS, 1)) == 0
+    assert excess(1000, dict.fromkeys(prose.MARKERS, 2)) == 13
 
 
 def test_the_list_is_only_lowered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
