@@ -1,1 +1,1 @@
-"""The shipped assets: one MJCF file each, their meshes, and the scripts that made them."""
+"""The shipped assets: an MJCF file per asset, the meshes, and the scripts that generate them."""

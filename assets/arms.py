@@ -1,4 +1,4 @@
-"""Whole arms: links on hinges with position actuators, a gripper, a start pose."""
+"""Complete arms: links on hinges with position actuators, a gripper and a start pose."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ COLOURS = {"white": (0.93, 0.93, 0.92), "light": (0.78, 0.79, 0.80), "dark": (0.
 
 @dataclass(frozen=True)
 class Joint:
-    """A hinge: its frame in that of the joint before (position [m], wxyz), limits [rad] and drive.
+    """A hinge: its frame in the previous joint's frame (position [m], wxyz), limits [rad] and drive.
 
-    ``torque`` [N m] and ``speed`` [rad/s] are the greatest, stiffness is in N m/rad, damping in N m s/rad. The link
-    behind it is given in the joint's frame.
+    ``torque`` [N m] and ``speed`` [rad/s] are maxima. Stiffness is in N m/rad, damping in N m s/rad. The next link is
+    given in the joint's frame.
     """
 
     pos: Point
@@ -35,7 +35,7 @@ class Joint:
 
     @property
     def friction(self) -> float:
-        """The share of the damping that is the joint's own: against it the greatest torque makes the greatest speed."""
+        """Passive damping of the joint [N m s/rad]: the maximum torque reaches the maximum speed against it."""
         return round(self.torque / self.speed, 3)
 
 
@@ -43,8 +43,8 @@ class Joint:
 class Arm:
     """An arm: base and links with masses [kg] and materials, joints between them, and the gripper on its flange.
 
-    ``flange`` [m] is along z of the last link, ``turn`` [rad] the hand's turn about it; ``home`` are the joints' angles
-    [rad]. Contacts between links at most ``apart`` joints apart are excluded.
+    ``flange`` [m] is the distance along the last link's z axis, and ``turn`` [rad] the hand's rotation about this axis.
+    ``home`` has the joint angles [rad]. Contacts between links at most ``apart`` joints apart are excluded.
     """
 
     name: str
@@ -60,13 +60,13 @@ class Arm:
     caps: str = "dark"
 
     def excluded(self) -> list[tuple[str, str]]:
-        """Names of bodies that never collide. Joined ones share a joint's drum."""
+        """Pairs of bodies without contacts. Neighbouring links share a joint's drum."""
         chain = [self.name, *(f"link{i}" for i in range(1, len(self.links))), "hand"]
         return [pair for k in range(1, self.apart + 1) for pair in zip(chain, chain[k:], strict=False)]
 
 
 def write_arm(arm: Arm, colours: dict[str, Point] | None = None) -> None:
-    """Write the arm's MJCF and meshes. Gravity is compensated."""
+    """Write the arm's MJCF and meshes, with gravity compensation."""
     document = Document(arm.name, gravcomp=1)
     add(add(document.default, "default", class_="revolute"), "joint", axis=(0, 0, 1), armature=0.1)
     for name, rgb in (COLOURS | (colours or {})).items():
@@ -85,7 +85,7 @@ def write_arm(arm: Arm, colours: dict[str, Point] | None = None) -> None:
 
 
 def add_links(document: Document, arm: Arm) -> Element:
-    """The chain of bodies from the base to the last link, which is returned."""
+    """Add the chain of bodies from the base to the last link, and return the last body."""
     body = document.root
     for i, (link, mass, material) in enumerate(zip(arm.links, arm.masses, arm.materials, strict=True)):
         if i > 0:
@@ -98,7 +98,7 @@ def add_links(document: Document, arm: Arm) -> Element:
 
 
 def add_actuators(document: Document, arm: Arm) -> None:
-    """A position actuator for each joint, and the gripper's."""
+    """Add a position actuator for each joint, and the gripper's actuator."""
     actuator = add(document.tree, "actuator")
     for i, joint in enumerate(arm.joints, start=1):
         add(
@@ -115,6 +115,6 @@ def add_actuators(document: Document, arm: Arm) -> None:
 
 
 def hinge_frame(a: float, alpha: float, d: float) -> tuple[Point, tuple[float, float, float, float]]:
-    """Position [m] and orientation (wxyz) of a joint's frame by Craig's table: Rx(alpha) Tx(a) Tz(d)."""
+    """Position [m] and orientation (wxyz) of a joint's frame in Craig's convention: Rx(alpha) Tx(a) Tz(d)."""
     pos = (a, -np.sin(alpha) * d, np.cos(alpha) * d)
     return pos, (np.cos(alpha / 2), np.sin(alpha / 2), 0, 0)

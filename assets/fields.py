@@ -1,4 +1,4 @@
-"""Solids from signed distances (negative inside): rounded bodies that flow into each other, like cast housings."""
+"""Solids from signed distance fields (negative inside): rounded bodies that blend, like cast housings."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Field = Callable[[float, float, float], float]
 
 
 def rod(start: Point, end: Point, radius: float, tip: float | None = None, edge: float = 0.012) -> Field:
-    """A round bar from ``start`` to ``end`` [m] whose radius goes to ``tip``, with rims rounded by ``edge``."""
+    """A round bar from ``start`` to ``end`` [m], tapered from ``radius`` to ``tip``, with rims rounded by ``edge``."""
     length = math.dist(start, end)
     ax, ay, az = start
     ux, uy, uz = ((b - a) / length for a, b in zip(start, end, strict=True))
@@ -43,7 +43,7 @@ def block(low: Point, high: Point, edge: float) -> Field:
 
 
 def flow(fields: Sequence[Field], fillet: float) -> Field:
-    """All fields as one, with fillets of about ``fillet`` [m] where they meet (a polynomial smooth minimum)."""
+    """Union of all fields, with fillets of about ``fillet`` [m] (a polynomial smooth minimum)."""
 
     def distance(x: float, y: float, z: float) -> float:
         value = fields[0](x, y, z)
@@ -61,7 +61,7 @@ def carve(
 ) -> manifold3d.Manifold:
     """The solid where ``field`` is negative, within the corners ``low`` and ``high`` [m].
 
-    Triangles have sides of about ``edge`` [m]; flat places are then thinned out within ``tolerance`` [m].
+    Triangles have sides of about ``edge`` [m]. Flat areas are then simplified within ``tolerance`` [m].
     """
     body = manifold3d.Manifold.level_set(
         lambda x, y, z: -field(x, y, z), [*np.asarray(low, float), *np.asarray(high, float)], edge

@@ -1,9 +1,9 @@
 """Grasps of a parallel gripper on the small assets, as sites ``grasp_*`` of their bodies.
 
-A grasp is a frame: its origin midway between the fingertips, z the approach, y the direction in which the fingers
-close. The same grasp turned by 180 degrees about z is no site of its own. All of them suit the arms' hands: the Panda's
-opens 80 mm, has 38 mm between its TCP and its palm, and its fingers end 9 mm beyond the TCP, which leaves them some
-millimetres above what the object stands on. Positions are in the assets' frames.
+A grasp is a frame with the origin midway between the fingertips, z along the approach and y along the closing axis. A
+grasp rotated by 180 degrees about z is the same grasp, without a separate site. All grasps suit the hands of the arms.
+The Panda's hand opens 80 mm, its palm is 38 mm behind the TCP, and its fingers end 9 mm beyond the TCP, a few
+millimetres above the object's support. Positions are in the assets' frames.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ UP, DOWN = (0, 0, 1), (0, 0, -1)
 
 @dataclass(frozen=True)
 class Grasp:
-    """Position [m], approach and closing direction of a grasp, in the frame of the body that is grasped."""
+    """Position [m], approach and closing direction of a grasp, in the frame of the grasped body."""
 
     pos: Vector
     approach: Vector
@@ -54,7 +54,8 @@ def quaternion(matrix: np.ndarray) -> np.ndarray:
 def around(name: str, height: float, tilt: float, count: int = 8, out: float = 0.0) -> dict[str, Grasp]:
     """Grasps across an upright body of revolution from ``count`` sides, ``tilt`` degrees off straight down.
 
-    Fingers close level. The TCP is ``out`` [m] before the axis, which it would reach at ``height`` [m].
+    Fingers close horizontally. The approach crosses the body's axis at ``height`` [m], and the TCP is ``out`` [m] short
+    of it.
     """
     lean, grasps = np.radians(tilt), {}
     for i, angle in enumerate(2 * np.pi * np.arange(count) / count):
@@ -64,13 +65,13 @@ def around(name: str, height: float, tilt: float, count: int = 8, out: float = 0
 
 
 def above(name: str, height: float, count: int = 4) -> dict[str, Grasp]:
-    """Grasps straight down an upright body of revolution; closing directions share the half circle."""
+    """Grasps straight down on an upright body of revolution, with closing directions spread over a half circle."""
     angles = np.pi * np.arange(count) / count
     return {f"{name}_{i}": Grasp((0, 0, height), DOWN, (np.cos(a), np.sin(a), 0)) for i, a in enumerate(angles)}
 
 
 def across(name: str, pos: Vector, along: Vector, tilts: Sequence[float] = (0,)) -> dict[str, Grasp]:
-    """Grasps from above across a level bar that runs ``along``, leaning ``tilts`` degrees towards that direction."""
+    """Grasps from above across a horizontal bar in direction ``along``, tilted by ``tilts`` degrees towards it."""
     forward = np.asarray(along, dtype=float) / np.linalg.norm(along)
     closing = np.cross(UP, forward)
     backs = [np.sin(lean) * forward + np.cos(lean) * np.array(UP) for lean in np.radians(tilts)]
@@ -80,10 +81,10 @@ def across(name: str, pos: Vector, along: Vector, tilts: Sequence[float] = (0,))
 
 
 def rim(radius: float, height: float, tilt: float, angles: Sequence[float], axis: float = 0.0) -> dict[str, Grasp]:
-    """Grasps of a vessel's wall at some ``angles`` [degrees], one finger inside.
+    """Grasps of a vessel's wall at ``angles`` [degrees], with one finger inside.
 
-    ``radius`` and ``height`` [m] are those of the TCP, ``axis`` is the vessel's along x. The hand leans outward by
-    ``tilt`` degrees.
+    ``radius`` and ``height`` [m] locate the TCP, and ``axis`` [m] is the x coordinate of the vessel's axis. The hand is
+    tilted outward by ``tilt`` degrees.
     """
     lean, grasps = np.radians(tilt), {}
     for i, angle in enumerate(np.radians(angles)):
@@ -94,7 +95,7 @@ def rim(radius: float, height: float, tilt: float, angles: Sequence[float], axis
 
 
 def mug() -> dict[str, Grasp]:
-    """By the rim, not above the handle; by the handle from its side, from above and between the two."""
+    """At the rim except above the handle, and at the handle from the side, from above and in between."""
     axis, tilted = -0.0155, np.radians(25)
     return rim(0.0392, 0.077, 0.0, (60, 100, 140, 180, 220, 260, 300), axis) | {
         "handle_side": Grasp((axis + 0.066, 0, 0.055), (-np.cos(tilted), 0, -np.sin(tilted)), (0, 1, 0)),
@@ -104,7 +105,7 @@ def mug() -> dict[str, Grasp]:
 
 
 def banana() -> dict[str, Grasp]:
-    """From above at three places of its bend, and leaning either way at the middle."""
+    """From above at three places along its bend, and tilted either way at the middle."""
     grasps = across("middle", (0.0, -0.009, 0.016), (1, 0, 0), (0, 30, -30))
     for name, bend in (("stem", -0.33), ("tip", 0.33)):
         place = (0.135 * np.sin(bend), 0.126 - 0.135 * np.cos(bend), 0.016)
@@ -113,7 +114,7 @@ def banana() -> dict[str, Grasp]:
 
 
 def block(half: float) -> dict[str, Grasp]:
-    """Across both pairs of sides from above, and leaning from four sides."""
+    """Across both pairs of sides from above, and tilted from four sides."""
     x, y = (1, 0, 0), (0, 1, 0)
     low, high = (0, 0, half + 0.002), (0, 0, half + 0.0035)
     level = across("top_x", low, y) | across("top_y", low, x)
@@ -121,7 +122,7 @@ def block(half: float) -> dict[str, Grasp]:
 
 
 def book() -> dict[str, Grasp]:
-    """By its edges: for a book that stands, or that lies over an edge."""
+    """At its edges, for a book that stands or overhangs an edge."""
     sides = {"spine": (-0.05, 0), "fore_edge": (0.05, 0), "front": (0, -0.08), "back": (0, 0.08)}
     return {name: Grasp((x, y, 0.015), (-np.sign(x), -np.sign(y), 0), (0, 0, 1)) for name, (x, y) in sides.items()}
 
@@ -144,7 +145,7 @@ def handle(start: float, stop: float, height: float, slope: float = 0.0) -> dict
     return grasps
 
 
-# Of each asset: the names of its sites without ``grasp_``, and the grasps.
+# For each asset, the grasps by their site names without ``grasp_``.
 GRASPS: dict[str, dict[str, Grasp]] = {
     "apple": above("top", 0.044) | around("lean", 0.040, 40, out=0.004),
     "orange": above("top", 0.039) | around("lean", 0.036, 40, out=0.004),
@@ -167,11 +168,11 @@ GRASPS: dict[str, dict[str, Grasp]] = {
 
 
 def add_grasps(document: Document, body: Element, asset: str | None = None) -> None:
-    """Give ``body`` the grasps of an asset, which is the document's own unless another is named."""
+    """Add the grasps of an asset to ``body``. By default, the asset is the document's asset."""
     for name, grasp in GRASPS.get(asset or document.name, {}).items():
         add_grasp(body, name, grasp)
 
 
 def add_grasp(body: Element, name: str, grasp: Grasp) -> None:
-    """Give ``body`` the site ``grasp_<name>``."""
+    """Add the site ``grasp_<name>`` to ``body``."""
     add(body, "site", name=f"grasp_{name}", pos=grasp.pos, quat=grasp.quat, size=0.005, group=4)

@@ -1,4 +1,4 @@
-"""Parallel grippers: a hand with two fingers that slide apart along its y axis, coupled, on one actuator."""
+"""Parallel grippers: one actuator moves two coupled fingers along the y axis of the hand."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from .make_furniture import EDGE, Corners, inset
 from .mjcf import Document, add, inertial
 from .shapes import box, hull, surface, write_obj
 
-# Rubber pads: they resist spinning about the contact, and their contacts are stiff, since what is held creeps through
-# soft ones (2.3 mm/s for a 0.2 kg cube with MuJoCo's default solimp). Priority: so whatever they touch.
+# Rubber pads resist spinning about the contact. Their contacts are stiff, because held objects creep through soft ones
+# (2.3 mm/s for a 0.2 kg cube with MuJoCo's default solimp). The priority applies these values to all contacts of pads.
 PAD = {
     "friction": (1.2, 0.01, 0.0001),
     "condim": 4,
@@ -22,17 +22,17 @@ PAD = {
     "solref": (0.01, 1),
     "solimp": (0.995, 0.999, 0.001),
 }
-# The gripper's stiffness [N/m], and the inertia of its gears, felt at each finger [kg]. It keeps fingers below 0.5 m/s:
-# light ones close at 2 m/s, are deep in what they grip within a step, and push it away sideways.
+# The gripper's stiffness [N/m], and the inertia of its gears at each finger [kg]. The inertia keeps fingers below
+# 0.5 m/s. Light fingers close at 2 m/s, penetrate an object deeply within a step, and push it sideways.
 GRIP, GEARS = 4000.0, 2.0
 
 
 @dataclass(frozen=True)
 class Gripper:
-    """A gripper in the hand's frame: z is the approach, y the direction in which the fingers close. Units are metres.
+    """A gripper in the hand's frame: z is the approach axis, y the closing axis. Units are metres.
 
-    ``carriage`` and ``pad`` are corners in a finger's frame, in which the pad's face is the plane y = 0 and the finger
-    leaves the hand at z = 0. ``taper`` is the height from which the blade gets as thin as its pad.
+    ``carriage`` and ``pad`` are corners in a finger's frame. Its plane y = 0 is the pad's face, and the finger leaves
+    the hand at z = 0. ``taper`` is the height where the blade starts to narrow to the thickness of its pad.
     """
 
     housing: Link
@@ -48,7 +48,7 @@ class Gripper:
 
 
 def finger_solid(gripper: Gripper) -> Manifold:
-    """A finger: the carriage with rounded edges, and a blade that is thicker than its pad but for the tip."""
+    """A finger: the carriage with rounded edges, and a blade that is thicker than its pad except at the tip."""
     (x0, y0, z0), (x1, y1, z1) = gripper.pad
     back = [(x, y, z) for x in (x0, x1) for y, z in ((y1 + 0.0015, z0), (y1 + 0.0015, gripper.taper), (y1, z1))]
     blade = hull(np.array([(x, y0, z) for x in (x0, x1) for z in (z0, z1)] + back))
@@ -56,10 +56,11 @@ def finger_solid(gripper: Gripper) -> Manifold:
 
 
 def add_gripper(document: Document, parent: Element, gripper: Gripper, flange: float, turn: float = 0.0) -> None:
-    """Hang the hand, its two fingers and the TCP at ``flange`` [m] along z of the last link, turned by ``turn`` [rad].
+    """Attach the hand, two fingers and the TCP at ``flange`` [m] along the last link's z, rotated by ``turn`` [rad].
 
-    Fingers are critically damped; each feels half of the stiffness. Damping alone would not do: the constraint solver
-    knows nothing of its implicit integration, and contacts shake where time step x damping nears the mass.
+    Each finger is critically damped for half of the stiffness. Damping without the inertia of the gears is not enough:
+    the constraint solver ignores its implicit integration, so contacts shake if time step x damping is close to the
+    mass.
     """
     default = add(document.default, "default", class_="finger")
     damping = round(2 * np.sqrt(0.5 * GRIP * GEARS))
@@ -81,7 +82,7 @@ def add_gripper(document: Document, parent: Element, gripper: Gripper, flange: f
 
 
 def couple_fingers(document: Document) -> None:
-    """Make the fingers move as one. The gripper's command is the travel of one finger, 0 when closed."""
+    """Couple the fingers. The gripper's command is the travel of one finger, 0 when closed."""
     tendon = add(add(document.tree, "tendon"), "fixed", name="gripper")
     for i in (1, 2):
         add(tendon, "joint", joint=f"finger_joint{i}", coef=0.5)
@@ -97,7 +98,7 @@ def couple_fingers(document: Document) -> None:
 
 
 def add_grip(actuator: Element, gripper: Gripper) -> None:
-    """The actuator of the fingers, after those of the joints."""
+    """Add the actuator of the fingers, after the joint actuators."""
     add(
         actuator,
         "position",

@@ -1,4 +1,4 @@
-"""Convex pieces for contacts. They lie inside the meshes that the eye sees: what is kept apart then never touches."""
+"""Convex collision pieces inside the visual meshes, so that objects kept apart by their visual meshes never touch."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from scipy.spatial import ConvexHull
 
 from .shapes import DECIMALS, Mesh, hull, surface
 
-# A face of a mesh may lie this deep [m] inside a piece.
+# Largest depth of a visual mesh's face inside a piece [m].
 TOLERANCE = 5e-6
-# Where faces are looked at (barycentric): corners, sides, and within.
+# Sample points on a face (barycentric): corners, sides and interior.
 SAMPLES = np.array([[i, j, 15 - i - j] for i in range(16) for j in range(16 - i)]) / 15.0
 
 
 def press_in(points: np.ndarray, meshes: Sequence[Mesh], ground: float = -np.inf) -> Mesh:
     """The convex hull of ``points`` (n, 3) [m], pressed in where it sticks out of one of the ``meshes``.
 
-    A hull bridges the inside of a bend. From a face inside it, the face's normal leads outward through one of its
-    sides, and that side is moved inward to the face, the deepest face first. An underside at the
-    height ``ground`` [m] stays there.
+    A hull bridges the inside of a bend, so it contains faces of the mesh. The normal of such a face exits the hull
+    through one of the hull's sides, and this side is moved inward to the face. The deepest face comes first. An
+    underside at the height ``ground`` [m] stays at this height.
     """
     samples, normals = (np.concatenate(part) for part in zip(*map(face_samples, meshes), strict=True))
     low, high = points.min(axis=0), points.max(axis=0)
@@ -37,7 +37,7 @@ def press_in(points: np.ndarray, meshes: Sequence[Mesh], ground: float = -np.inf
         depth = depths.min(axis=1, initial=1.0)
         if len(depth) == 0 or depth.max() < TOLERANCE:
             return surface(hull(vertices.round(DECIMALS)))
-        # The piece only shrinks: what is outside now stays outside.
+        # The piece only shrinks, so faces that are outside now stay outside.
         inside = depth > 0.0
         samples, normals, depths, depth = samples[inside], normals[inside], depths[inside], depth[inside]
         deepest = depth.argmax()
@@ -49,7 +49,7 @@ def press_in(points: np.ndarray, meshes: Sequence[Mesh], ground: float = -np.inf
 
 
 def face_samples(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
-    """Points on the faces of a mesh [m], and the normals there, both (n, 3)."""
+    """Points on the faces of a mesh [m] and their normals, both (n, 3)."""
     corners = mesh.vertices[mesh.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = np.linalg.norm(normals, axis=1)
@@ -58,7 +58,7 @@ def face_samples(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
 
 
 def few_corners(points: np.ndarray, count: int) -> np.ndarray:
-    """At most ``count`` of the ``points`` (n, 3) [m]: those where their hull has been missed most so far."""
+    """At most ``count`` of the ``points`` (n, 3) [m], each the farthest outside the hull of the previous ones."""
     points = points[ConvexHull(points).vertices]
     ends = np.concatenate([np.eye(3), -np.eye(3), [[1, 1, 1], [-1, 1, -1], [1, -1, -1], [-1, -1, 1]]])
     chosen = np.unique(((points - points.mean(axis=0)) @ ends.T).argmax(axis=0)).tolist()

@@ -1,7 +1,7 @@
-"""Links of arms: rounded solids that fill space, with the convex pieces that they collide as.
+"""Links of arms: rounded solids with convex collision pieces.
 
-From link to link a round tube ends in a drum about the next joint's axis, or in half of one; the other half belongs to
-the next link. Shapes are given in the links' frames.
+A round tube connects the joints of a link. It ends in a drum about the next joint's axis, or in half of a drum: the
+other half belongs to the next link. Shapes are given in the links' frames.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ Plane = tuple[Point, float]
 
 @dataclass
 class Link:
-    """A link's housing: what fills space, where the neighbour's drum turns, and how it falls into convex pieces.
+    """A link's housing: its parts, the space for the neighbour's drum, and the division into convex pieces.
 
-    A plane (normal, offset) stands for its positive side.
+    A plane (normal, offset) represents its positive side.
     """
 
     parts: list[Field]
@@ -33,22 +33,22 @@ class Link:
     high: Point
     fillet: float = 0.02
     trims: list[Plane] = field(default_factory=list)
-    # What lies in neither of the two sides is cut away: there the neighbour's drum turns.
+    # The neighbour's drum rotates in the region outside both sides, so this region is cut away.
     seat: tuple[Plane, Plane] | None = None
-    # Parts whose hulls make convex pieces: on the first side of the seat, and on the second side only.
+    # Groups of parts that form convex pieces: on the first side of the seat, and on the second side only.
     pieces: list[list[int]] = field(default_factory=list)
     second: list[list[int]] = field(default_factory=list)
-    # Places and directions of dark caps on drums: (centre, axis, radius).
+    # Dark caps on drums: (centre, axis, radius).
     caps: list[tuple[Point, Point, float]] = field(default_factory=list)
 
 
 def housing(link: Link) -> Manifold:
-    """The solid of a link."""
+    """The solid of a link's housing."""
     return seated(carved(link, link.parts), link).as_original().simplify(0.0003)
 
 
 def carved(link: Link, parts: list[Field]) -> Manifold:
-    """Some parts of a link as one solid, trimmed."""
+    """Parts of a link as one trimmed solid."""
     body = carve(flow(parts, link.fillet), link.low, link.high, edge=0.008, tolerance=0.0005)
     for normal, offset in link.trims:
         body = body.trim_by_plane(normal, offset)
@@ -56,14 +56,14 @@ def carved(link: Link, parts: list[Field]) -> Manifold:
 
 
 def seated(body: Manifold, link: Link) -> Manifold:
-    """A solid without what is on neither side of the seat."""
+    """Cut away the region of a solid outside both sides of the seat."""
     if link.seat is None:
         return body
     return body.trim_by_plane(*link.seat[0]) + body.trim_by_plane(*link.seat[1])
 
 
 def convex_pieces(link: Link) -> list[np.ndarray]:
-    """Points (n, 3) [m] whose hulls fill the housing except for its fillets."""
+    """Point sets (n, 3) [m]. Their hulls fill the housing except for its fillets."""
     groups = [[carved(link, [link.parts[part]]) for part in parts] for parts in link.pieces + link.second]
     if link.seat is not None:
         first, second = link.seat
@@ -75,32 +75,32 @@ def convex_pieces(link: Link) -> list[np.ndarray]:
     pieces = []
     for bodies in groups:
         points = np.concatenate([surface(body).vertices for body in bodies])
-        # The housing's own surface is up to 0.3 mm simpler.
+        # The housing's surface is simplified by up to 0.3 mm.
         foot = np.append(points.mean(axis=0)[:2], points[:, 2].min())
         pieces.append(foot + 0.995 * (points - foot))
     return pieces
 
 
 def cap() -> Manifold:
-    """A shallow dish of radius 1 and thickness 0.08, around z, that closes a drum."""
+    """A shallow dish of radius 1 and thickness 0.08 around z, which closes a drum."""
     profile = [(0, 0.075), (0.78, 0.075), (0.80, 0.06), (0.80, 0.0), (0.80, -0.06), (0, -0.06)]
     return solid(lathe(np.array(profile), 40))
 
 
 def add_caps(document: Document, arm: Sequence[Link]) -> None:
-    """The caps of an arm's drums, one mesh in all its sizes."""
+    """Add the meshes of an arm's drum caps: one shape, scaled to each size."""
     write_obj(f"{document.name}_cap", surface(cap()))
     for size in dict.fromkeys(cap_size(radius) for link in arm for _, _, radius in link.caps):
         add(document.asset, "mesh", name=f"cap_{size}", file=f"{document.name}_cap.obj", scale=(size / 1000,) * 3)
 
 
 def cap_size(radius: float) -> int:
-    """The radius [m] of a drum in mm, which names its cap."""
+    """Convert a drum's radius [m] to mm, for the name of its cap."""
     return round(radius * 1000)
 
 
 def facing(direction: Point) -> np.ndarray:
-    """The quaternion (wxyz) that turns z into ``direction`` (a unit vector)."""
+    """The quaternion (wxyz) that rotates z to ``direction`` (a unit vector)."""
     quat = np.array([1.0 + direction[2], -direction[1], direction[0], 0.0])
     return quat / np.linalg.norm(quat) if np.linalg.norm(quat) > 0 else np.array([0.0, 1.0, 0.0, 0.0])
 
@@ -108,7 +108,7 @@ def facing(direction: Point) -> np.ndarray:
 def dress(
     document: Document, body: Element, name: str, link: Link, mass: float, material: str, caps: str = "dark"
 ) -> None:
-    """Give a link's body its mass, its housing with caps, and its convex pieces."""
+    """Add mass, housing, caps and convex pieces to a link's body."""
     mesh = surface(housing(link))
     write_obj(f"{document.name}_{name}", mesh)
     document.mesh(name, f"{document.name}_{name}")

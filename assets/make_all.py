@@ -1,4 +1,4 @@
-"""Make every shipped asset again: ``python -m assets.make_all`` from the repository's root."""
+"""Generate all shipped assets: ``python -m assets.make_all`` from the repository's root."""
 
 from __future__ import annotations
 

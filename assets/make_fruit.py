@@ -1,4 +1,4 @@
-"""Apple, orange and banana: one closed surface each, coarse and fine, and convex pieces for contacts."""
+"""Apple, orange and banana: a coarse and a fine closed surface, and convex collision pieces."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ ORANGE = [
     (28.5, 59.0, 1), (35.5, 46.5, 1), (37.2, 36.0, 1), (35.8, 25.0, 1), (29.5, 11.8, 1), (20.0, 3.4, 1),
     (11.0, 0.0, 1.2), (0.0, 0.0, 1.0),
 ]  # fmt: skip
-# The banana's axis is an arc of this radius [m] and half-angle [rad], measured at the middle of its thickness.
+# Radius [m] and half-angle [rad] of the arc along the middle of the banana.
 BANANA_RADIUS, BANANA_HALF_ANGLE = 0.135, 0.71
-# Radius of its section [mm] along the arc, from the stem to the blossom end; third number as above.
+# The banana's profile from stem to blossom end: radius of the section and position along the arc [mm], ring density.
 BANANA = [
     (0.0, 0.0, 1), (4.4, 1.0, 3), (4.9, 6.0, 1.5), (4.7, 20.0, 1), (6.8, 31.0, 1.5), (12.6, 47.0, 1.2),
     (16.2, 70.0, 1), (17.4, 98.0, 1), (17.0, 126.0, 1), (14.6, 150.0, 1), (9.8, 171.0, 1.2), (5.3, 184.0, 1.5),
     (4.1, 188.0, 2), (2.6, 192.8, 1.5), (0.0, 193.6, 2),
 ]  # fmt: skip
-# Rings of the coarse meshes: those that make a hull, and those between which the banana falls into convex pieces.
+# Indices of rings of the coarse meshes: rings of the hulls, and rings of each convex piece of the banana.
 APPLE_RINGS, ORANGE_RINGS = (7, 9, 11, 14, 17, 20, 22), (4, 7, 10, 13, 16, 19, 22)
 BANANA_PIECES = [(0, 2, 5), (5, 9), (9, 11, 14), (14, 18), (18, 21, 24), (24, 26, 31)]
-# Rings and segments. The fine mesh has all vertices of the coarse one: steps are divided by 5 and 3, the banana's by 4
-# and 3.
+# Rings and segments. The fine mesh contains all vertices of the coarse mesh: its steps are a fifth and a third of the
+# coarse steps, for the banana a quarter and a third.
 COARSE, FINE = (24, 24), (124, 72)
 BANANA_COARSE, BANANA_FINE = (32, 22), (131, 66)
 
@@ -43,7 +43,7 @@ BANANA_COARSE, BANANA_FINE = (32, 22), (131, 66)
 def apple(rows: int, segments: int) -> Mesh:
     """An apple with five faint lobes, lopsided by a few tenths of a millimetre, and a leaning stem."""
     profile, t = smooth_profile(APPLE, rows)
-    # One whole ring is the lowest: the apple stands on it.
+    # The lowest ring is level, so that the apple stands on it.
     profile[np.argmin(profile[:, 1]), 1] = 0.0
     body = lathe(profile, segments, t)
     x, y, z = body.vertices.T.copy()
@@ -67,13 +67,13 @@ def banana(rows: int, segments: int) -> Mesh:
     radius, along = stations[:, 0], stations[:, 1]
     bend = BANANA_HALF_ANGLE * (2.0 * along / along[-1] - 1.0)
     angle = 2.0 * np.pi * (np.arange(segments) + 0.5) / segments - 0.5 * np.pi
-    # Blunt edges: the section lies between a circle and a pentagon, and one flat of it is the underside.
+    # Blunt edges: the section is a blend of a circle and a pentagon, and one flat side is the underside.
     turned = np.mod(angle + 0.5 * np.pi + np.pi / 5, 2 * np.pi / 5) - np.pi / 5
     pentagon = np.cos(np.pi / 5) / np.cos(turned) / np.cos(np.pi / 10)
     section = 0.55 + 0.45 * pentagon
     in_plane, upward = section * np.cos(angle), section * np.sin(angle)
-    # The thick middle lies flat on the ground, the tips float: the axis is nearly as high as the section needs (what
-    # would be below is flattened) and never low.
+    # The thick middle lies flat on the ground, and the tips are above it. The axis is slightly lower than the section's
+    # radius, and the section is cut at the ground. A minimum height keeps the thin tips up.
     height = np.maximum(radius, 0.7 * radius.max()) * 0.946 * (0.55 + 0.45 * np.cos(np.pi / 5) / np.cos(np.pi / 10))
     reach = BANANA_RADIUS + radius[:, None] * in_plane[None, :]
     x, y = reach * np.sin(bend)[:, None], -reach * np.cos(bend)[:, None]
@@ -86,33 +86,33 @@ def banana(rows: int, segments: int) -> Mesh:
 
 
 def centred(mesh: Mesh) -> Mesh:
-    """The mesh with the bottom centre of its bounds at the origin."""
+    """Move a mesh so that the bottom centre of its bounds is the origin."""
     low, high = mesh.bounds
     return mesh.moved((-(low[0] + high[0]) / 2, -(low[1] + high[1]) / 2, -low[2]))
 
 
 def staggered(mesh: Mesh, rows: Sequence[int]) -> Mesh:
-    """The hull of some rings of a convex body: every second corner of each, by turns, and every third at the ends."""
+    """The hull of rings of a convex body, with alternating second corners, and every third corner in the end rings."""
     corners = mesh.vertices[1:-1].reshape(*COARSE, 3)
     ends = [corners[rows[0], ::3], corners[rows[-1], ::3]]
     return surface(hull(np.concatenate([*ends, *(corners[row, i % 2 :: 2] for i, row in enumerate(rows[1:-1], 1))])))
 
 
 def apple_pieces(coarse: Mesh, fine: Mesh) -> list[Mesh]:
-    """The apple up to the bottom of its dimple, and the stem."""
+    """Convex pieces of the apple: the body up to the bottom of its dimple, and the stem."""
     stem = press_in(coarse.vertices[1:-1].reshape(*COARSE, 3)[:3, ::4].reshape(-1, 3), [coarse, fine])
     return [staggered(coarse, APPLE_RINGS), stem]
 
 
 def banana_pieces(coarse: Mesh, fine: Mesh) -> list[Mesh]:
-    """Convex pieces along the banana, from every second corner of some rings; they begin and end at its flat."""
+    """Convex pieces along the banana, from about half of the corners of each ring, including both ends of its flat."""
     rings = coarse.vertices[1:-1].reshape(*BANANA_COARSE, 3)
     rings = rings[:, [1, 2, 4, 6, 8, 10, 11, 13, 15, 17, 19, 20]]
     return [press_in(rings[list(rows)].reshape(-1, 3), [coarse, fine], ground=0.0) for rows in BANANA_PIECES]
 
 
 def write_fruit(name: str, coarse: Mesh, fine: Mesh, pieces: list[Mesh], mass: float, grasp: tuple) -> None:
-    """Write ``<name>.xml`` and ``<name>_16k.xml``: they differ in the mesh for the eye alone."""
+    """Write ``<name>.xml`` and ``<name>_16k.xml``, which differ only in the visual mesh."""
     write_obj(name, coarse)
     write_obj(f"{name}_16k", fine)
     for i, piece in enumerate(pieces):
@@ -131,7 +131,7 @@ def write_fruit(name: str, coarse: Mesh, fine: Mesh, pieces: list[Mesh], mass: f
         document.save()
 
 
-# Colours (red, green, blue in 0..255) at places along the profiles above, 0 to 1.
+# Colours (red, green, blue in 0..255) at positions 0 to 1 along the profiles above.
 APPLE_SKIN = [
     (0.0, (74, 48, 26)), (0.13, (86, 60, 30)), (0.16, (150, 140, 60)), (0.22, (190, 150, 60)), (0.34, (176, 40, 34)),
     (0.70, (158, 20, 28)), (0.86, (186, 60, 40)), (0.95, (170, 130, 60)), (1.0, (60, 44, 30)),

@@ -1,7 +1,8 @@
-"""A table, and a cabinet with two drawers: solids cut and united for the eye, a box per board for contacts.
+"""A table, and a cabinet with two drawers: visual solids, and a collision box per board.
 
-Edges are rounded for the eye by ``EDGE``; the boxes for contacts are as much smaller along two axes, so that their own
-sharp edges stay within, and as large along the third, where something may stand on a board or against it.
+``EDGE`` is the radius of the rounded visual edges. Collision boxes are smaller by ``EDGE`` along two axes, so that
+their sharp edges stay inside the visual surface. Along the third axis they keep the full size, because objects may
+stand on a board or against it.
 """
 
 from __future__ import annotations
@@ -18,15 +19,15 @@ Corners = tuple[tuple[float, float, float], tuple[float, float, float]]
 # Radius of rounded edges [m].
 EDGE = 0.0015
 
-# Table [m]: narrow along x, so that an arm whose base stands at x = -0.5 has the whole top before it.
+# Table [m]: narrow along x, so that an arm with its base at x = -0.5 has the whole top in front of it.
 TABLE_SIZE, TABLE_HEIGHT, TABLE_TOP, TABLE_LEG = (0.8, 1.0), 0.4, 0.03, 0.06
 
-# Cabinet [m]; the front of the frame is at y = -DEPTH / 2.
+# Cabinet [m]. The front of the frame is at y = -DEPTH / 2.
 WIDTH, DEPTH, HEIGHT = 0.42, 0.32, 0.50
 SIDE, BOARD, BACK = 0.015, 0.014, 0.010
 OPENING = (HEIGHT - 3 * BOARD) / 2
 TRAVEL = 0.25
-# Drawer, in a frame whose origin is the front bottom edge of its opening, on the middle plane.
+# Drawer. The origin of its frame is the front bottom edge of its opening, on the middle plane.
 GAP, WALL, FRONT, TRAY_HEIGHT = 0.003, 0.010, 0.018, 0.13
 HALF = WIDTH / 2 - SIDE - GAP
 TRAY_BACK = DEPTH - BACK - GAP - 0.002
@@ -34,7 +35,7 @@ HANDLE_HEIGHT, HANDLE_REACH, HANDLE_HALF, HANDLE_THICKNESS = 0.135, 0.034, 0.065
 
 
 def unite(solids: list[Manifold]) -> Manifold:
-    """All solids as one."""
+    """The union of all solids."""
     whole = solids[0]
     for other in solids[1:]:
         whole = whole + other
@@ -42,7 +43,7 @@ def unite(solids: list[Manifold]) -> Manifold:
 
 
 def inset(corners: Corners, axes: str) -> Corners:
-    """Corners moved inward by ``EDGE`` along some axes, at both ends of each."""
+    """Move corners inward by ``EDGE`` along ``axes``, at both ends."""
     (x0, y0, z0), (x1, y1, z1) = corners
     x, y, z = (EDGE * (axis in axes) for axis in "xyz")
     return (x0 + x, y0 + y, z0 + z), (x1 - x, y1 - y, z1 - z)
@@ -71,7 +72,7 @@ def make_table() -> None:
     parts = [box(*boards["top"], radius=EDGE)]
     for name, (low, high) in boards.items():
         if name != "top":
-            # They reach into the top, so that the union has no seam.
+            # Legs and rails reach into the top, so that the union has no seam.
             parts.append(box(low, (high[0], high[1], high[2] + 0.01), radius=EDGE if "leg" in name else 0.0))
     mesh = surface(unite(parts))
     write_obj("table", mesh)
@@ -86,7 +87,7 @@ def make_table() -> None:
 
 
 def frame_boards() -> dict[str, Corners]:
-    """Corners of the boxes for the frame's boards."""
+    """Corners of the collision boxes for the frame's boards."""
     x, y = WIDTH / 2 - EDGE, DEPTH / 2 - EDGE
     inner = WIDTH / 2 - SIDE
     shelf = BOARD + OPENING
@@ -101,7 +102,7 @@ def frame_boards() -> dict[str, Corners]:
 
 
 def frame_solid() -> Manifold:
-    """The frame: a block with rounded edges and two openings whose rims are bevelled."""
+    """The frame: a block with rounded edges and two openings with bevelled rims."""
     x, y = WIDTH / 2, DEPTH / 2
     body = box((-x, -y, 0), (x, y, HEIGHT), radius=EDGE, steps=10)
     bevel = EDGE
@@ -126,7 +127,7 @@ def drawer_boards() -> dict[str, Corners]:
 
 
 def drawer_boxes() -> dict[str, Corners]:
-    """Corners of the boxes for a drawer's boards: where the tray's outer edges are rounded, they end before."""
+    """Corners of the collision boxes for a drawer's boards. They end before the tray's rounded outer edges."""
     boards = drawer_boards()
     (x0, y0, z0), (x1, y1, z1) = boards["floor"]
     boxes = {"front": inset(boards["front"], "xz"), "floor": ((x0 + EDGE, y0, z0), (x1 - EDGE, y1 - EDGE, z1))}
@@ -138,7 +139,7 @@ def drawer_boxes() -> dict[str, Corners]:
 
 
 def drawer_solid() -> Manifold:
-    """The drawer: a tray, hollowed with rounded inner edges, and a front panel whose edges are rounded."""
+    """The drawer: a tray with rounded inner edges, and a front panel with rounded edges."""
     boards = drawer_boards()
     panel = box(*boards["front"], radius=EDGE, steps=8)
     tray = box((-HALF, FRONT - 0.006, GAP), (HALF, TRAY_BACK, GAP + TRAY_HEIGHT), radius=EDGE, steps=4)
@@ -147,7 +148,7 @@ def drawer_solid() -> Manifold:
 
 
 def handle_bars() -> dict[str, Corners]:
-    """Corners of a handle's bar and of its two feet, which end in the front panel."""
+    """Corners of a handle's bar and its two feet, which end inside the front panel."""
     x, y, z, half = HANDLE_HALF, -HANDLE_REACH, HANDLE_HEIGHT, HANDLE_THICKNESS / 2
     return {
         "handle_bar": ((-x - half, y - half, z - half), (x + half, y + half, z + half)),
@@ -157,7 +158,7 @@ def handle_bars() -> dict[str, Corners]:
 
 
 def handle_boxes() -> dict[str, Corners]:
-    """Corners of the boxes for a handle's bars: the feet begin behind the bar and end on the panel."""
+    """Corners of the collision boxes for a handle. The feet begin behind the bar and end on the panel."""
     bars = {name: inset(corners, "xz") for name, corners in handle_bars().items()}
     behind = -HANDLE_REACH + HANDLE_THICKNESS / 2
     for name in ("handle_left", "handle_right"):
@@ -193,7 +194,7 @@ def make_cabinet() -> None:
     write_obj("cabinet_handle", surface(handle_solid()))
     document = Document("cabinet")
     slide = add(document.default, "default", class_="slide")
-    # Dry friction keeps a drawer where it was left; it gives way to a pull of 1.5 N.
+    # Dry friction keeps a drawer in place, up to a pull of 1.5 N.
     add(slide, "joint", type="slide", axis=(0, -1, 0), range=(0, TRAVEL), damping=6, frictionloss=1.5, armature=0.1)
     document.colour("body", (0.72, 0.55, 0.37), shine=0.2)
     document.colour("front", (0.90, 0.86, 0.78), shine=0.3)

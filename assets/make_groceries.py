@@ -1,4 +1,4 @@
-"""Bottle, tin, cereal box, pear and lemon: printed or mottled surfaces, and a few convex pieces within each."""
+"""Bottle, tin, cereal box, pear and lemon: printed or mottled surfaces with a few convex pieces inside."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ PEAR = [
     (17.0, 81.0, 1), (19.0, 73.0, 1), (22.5, 61.0, 1), (28.5, 49.0, 1), (32.0, 36.0, 1), (31.0, 23.0, 1),
     (25.5, 9.0, 1), (16.0, 1.2, 1.2), (10.0, 0.0, 1.5), (0.0, 0.0, 1),
 ]  # fmt: skip
-# The lemon's half: distance from its middle and radius [mm].
+# Half of the lemon's profile: distance from its middle, and radius [mm].
 LEMON = [(0, 26.5), (10, 25.4), (20, 21.8), (28, 16.0), (33, 10.2), (36, 7.2), (39, 6.2), (41.5, 4.2), (42.4, 0)]
 
 
 def picture(rows: int, columns: int, colour: tuple[int, int, int]) -> np.ndarray:
-    """An empty print of one colour."""
+    """A picture of one colour."""
     return np.full((rows, columns, 3), colour, dtype=float)
 
 
@@ -88,8 +88,8 @@ def make_tin() -> None:
 def around(mesh: Mesh, size: tuple[float, float, float]) -> Mesh:
     """Texture coordinates for a box of ``size`` [m] about the z axis.
 
-    The sides share the width: u runs around them, from 0 at the left of the front; v is 0 at the top of the sides, 0.9
-    at their bottom. What faces up or down takes the corner (u, v) = (0.99, 0.97).
+    u runs around the sides, starting with 0 at the left of the front. v is 0 at the top of the sides and 0.9 at their
+    bottom. Faces that point up or down use the corner (u, v) = (0.99, 0.97).
     """
     x, y, z = size
     corners = mesh.vertices[mesh.faces]
@@ -183,7 +183,7 @@ def make_lemon() -> None:
     segments = 20
     angle = 2 * np.pi * (np.arange(segments) + 0.5) / segments
     fine = np.unique(np.concatenate([along, (along[1:] + along[:-1]) / 2]))
-    # Seen from the start, at -x, rings run counter-clockwise.
+    # Rings run counter-clockwise as seen from their start at -x.
     r = PchipInterpolator(along, size)(fine)[1:-1, None]
     rings = np.stack(np.broadcast_arrays(fine[1:-1, None], -r * np.cos(angle), r * np.sin(angle)), axis=-1)
     rings[..., 2] = np.maximum(rings[..., 2], -0.0248)
@@ -201,7 +201,7 @@ def make_lemon() -> None:
     write_png("lemon", blend(v, stops) * (1 + 0.05 * pores)[..., None])
 
     def slab(start: float, stop: float, share: float = 1.0) -> Mesh:
-        """The hull of two rings [mm], drawn towards the axis to ``share``: the lemon's ends bend inward."""
+        """The hull of two rings [mm], scaled towards the axis by ``share`` where the lemon's ends are concave."""
         chosen = [rings[np.abs(1000 * fine[1:-1] - place).argmin()] for place in (start, stop)]
         return surface(hull(np.concatenate(chosen) * (1.0, share, share)))
 

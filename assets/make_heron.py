@@ -1,9 +1,9 @@
-"""Heron: a slim 6-joint bench arm of our own, whose base and last joint have less than a full turn.
+"""Heron: a slim 6-joint bench arm of our design. Its base and last joint rotate by less than 360 degrees.
 
-Standing straight up (all joints at zero) every frame is the base's, axes are z, y, y, z, y, z. The first two axes meet,
-the second and the third are parallel, the last three meet in the wrist's centre: inverse kinematics is closed form.
-The upper arm runs beside the shoulder and the forearm, and one cheek carries the wrist: so the arm folds far. Shapes
-are given in the links' frames.
+The arm points straight up with all joints at zero. All frames are then aligned with the base, and the axes are z, y, y,
+z, y, z. The first two axes intersect, the second and third are parallel, and the last three intersect at the wrist's
+centre, so inverse kinematics has a closed form. The arm folds far, because the upper arm runs next to the shoulder and
+the forearm, and a single cheek carries the wrist. Shapes are given in the links' frames.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from .links import Link
 SHOULDER, UPPER_ARM, FOREARM, FLANGE = 0.24, 0.32, 0.30, 0.085
 STRAIGHT = (1, 0, 0, 0)
 Y, Z = (0, 1, 0), (0, 0, 1)
-# Of each joint: place in the frame before [m], axis, limits [degrees], greatest torque [N m] and speed [rad/s],
-# stiffness [N m/rad], damping.
+# For each joint: position in the previous frame [m], axis, limit [degrees, +-], maximum torque [N m] and speed [rad/s],
+# stiffness [N m/rad], damping [N m s/rad].
 JOINTS = [
     ((0, 0, 0), Z, 150, 60, 2.5, 1200, 80),
     ((0, 0, SHOULDER), Y, 115, 60, 2.5, 1200, 80),
@@ -31,7 +31,7 @@ JOINTS = [
 # Masses [kg] of the base and the six links.
 MASSES = [2.4, 2.2, 2.3, 1.3, 0.8, 0.5, 0.2]
 HOME = np.radians([0, 20, 100, 0, 60, 0]).tolist()
-# Radii [m] of the drums, and where the shoulder's and the elbow's meet the upper arm.
+# Radii [m] of the drums, where the drums of shoulder and elbow meet the upper arm, and half of the gap between links.
 DRUM, ELBOW, WRIST, SIDE, GAP = 0.055, 0.047, 0.034, 0.056, 0.0015
 # Height of the forearm's roll joint below the wrist's centre, and of the wrist's underside above its neck [m].
 ROLL, CHEEK = 0.175, 0.034
@@ -99,7 +99,7 @@ def links() -> list[Link]:
 
 
 def hand_link() -> Link:
-    """The gripper's housing in the hand's frame: broad along y, its fingers leave it at z = 0.047."""
+    """The gripper's housing in the hand's frame: wide along y, with the fingers leaving it at z = 0.047."""
     parts = [
         block((-0.026, -0.085, 0.006), (0.026, 0.085, 0.054), 0.012),
         rod((0, 0, -0.02), (0, 0, 0.03), 0.031, 0.028, 0.004),
@@ -108,7 +108,7 @@ def hand_link() -> Link:
 
 
 def joints() -> list[Joint]:
-    """The six joints, all frames turned like the base's."""
+    """The six joints. All frames have the base's orientation."""
     return [
         Joint(pos, STRAIGHT, (-np.radians(limit), np.radians(limit)), torque, speed, stiffness, damping, axis)
         for pos, axis, limit, torque, speed, stiffness, damping in JOINTS

@@ -1,6 +1,6 @@
-"""Mug, bowl and can. The hollow ones collide as a ring of wall pieces on a bottom; one mesh, turned, makes the ring.
+"""Mug, bowl and can. Mug and bowl collide as a ring of wall pieces on a bottom. Copies of one mesh form the ring.
 
-Meshes for the eye have 32 or 96 segments, so that the corners of a piece with 16 or 32 lie on their edges.
+Visual meshes have 32 or 96 segments, so that the corners of collision pieces with 16 or 32 segments lie on their edges.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ CAN = [
     (27, 2, 2), (24.5, 0, 0.6), (0, 0, 0),
 ]  # fmt: skip
 COARSE, FINE, WALLS = 32, 96, 16
-# The mug's handle: half thickness and half breadth of its section, and its path (x, z), all [mm].
+# The mug's handle: half thickness and half width of its section, and its path (x, z) [mm].
 HANDLE_HALF, HANDLE_BREADTH = 4.0, 6.6
 # Stations and segments of the handle's coarse surface.
 HANDLE_COARSE = (15, 12)
@@ -39,9 +39,9 @@ HANDLE = [
 
 
 def rounded(corners: Sequence[tuple[float, float, float]], steps: int, spacing: float) -> tuple[np.ndarray, np.ndarray]:
-    """A profile (n, 2) [m] through corners, each made an arc of ``steps`` steps, straights cut to ``spacing`` [m].
+    """Sample a profile: corners become arcs of ``steps`` steps, and straights are cut to ``spacing`` [m].
 
-    Also returns the share of the length passed at each station, shape (n,).
+    Returns the stations (n, 2) [m], and the fraction of the profile's length at each station, shape (n,).
     """
     points = np.array(corners, dtype=float) / 1000.0
     line = [points[0, :2]]
@@ -56,7 +56,7 @@ def rounded(corners: Sequence[tuple[float, float, float]], steps: int, spacing: 
             continue
         centre = here[:2] + (back + ahead) / np.linalg.norm(back + ahead) * radius / np.sin(half)
         start, end = here[:2] + back * radius / np.tan(half) - centre, here[:2] + ahead * radius / np.tan(half) - centre
-        # Directions between start and end, normalised: the arc is below 180 degrees.
+        # Spherical interpolation from start to end, which works because the arc is below 180 degrees.
         for share in np.linspace(0.0, 1.0, steps + 1):
             turn = share * (np.pi - 2 * half)
             line.append(centre + (np.sin(np.pi - 2 * half - turn) * start + np.sin(turn) * end) / np.sin(2 * half))
@@ -71,22 +71,22 @@ def rounded(corners: Sequence[tuple[float, float, float]], steps: int, spacing: 
 
 
 def ring(radius: float, z: float, count: int, start: float = 0.0, stop: float = 2 * np.pi) -> np.ndarray:
-    """Points (count, 3) [m] on a circle, radius and height in mm; the last point is left out of a full circle."""
+    """Points (count, 3) [m] on a circle or arc. Radius and height are in mm. A full circle has no repeated point."""
     full = stop - start > 6.28
     angle = np.linspace(start, stop, count, endpoint=not full)
     return np.stack([radius * np.cos(angle), radius * np.sin(angle), np.full(count, z)], axis=1) / 1000.0
 
 
 def disc(rings: Sequence[tuple[float, float]]) -> Mesh:
-    """The hull of circles (r, z) [mm], of 16 corners each."""
+    """The hull of circles (r, z) [mm] with 16 corners each."""
     return surface(hull(np.concatenate([ring(r, z, WALLS) for r, z in rings])))
 
 
 def wall(levels: Sequence[tuple[float | None, float, float]]) -> Mesh:
     """One of ``WALLS`` wall pieces, about the x axis. Levels are (inner r or None, outer r, z) [mm].
 
-    Its outside has a corner in the middle. Its inside is flat and touches the inner circle in the middle: its ends lie
-    deeper in the wall, 2% of the radius.
+    The outside has a corner in the middle. The inside is flat and touches the inner circle in the middle. Its ends are
+    deeper in the wall, by 2% of the radius.
     """
     half = np.pi / WALLS
     points = []
@@ -98,7 +98,7 @@ def wall(levels: Sequence[tuple[float | None, float, float]]) -> Mesh:
 
 
 def handle(stations: int, segments: int) -> Mesh:
-    """The mug's handle, a flattened tube that ends within the wall."""
+    """The mug's handle, a flattened tube that ends inside the wall."""
     points = np.array(HANDLE, dtype=float) / 1000.0
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     x, z = CubicSpline(along, points)(np.linspace(0.0, along[-1], stations)).T
@@ -107,7 +107,7 @@ def handle(stations: int, segments: int) -> Mesh:
 
 
 def mug_mesh(segments: int, steps: int, spacing: float, handle_grid: tuple[int, int]) -> Mesh:
-    """The mug: a turned wall united with its handle."""
+    """The mug: the union of a turned wall and its handle."""
     profile, t = rounded(MUG, steps, spacing)
     return surface(solid(lathe(profile, segments, t)) + solid(handle(*handle_grid)))
 
@@ -123,10 +123,10 @@ def handle_pieces(coarse: Mesh, fine: Mesh, count: int = 7) -> dict[str, Mesh]:
 def write_vessel(
     name: str, meshes: dict[str, Mesh], pieces: dict[str, Mesh], look: dict, mass: float, grasp: tuple
 ) -> None:
-    """Write one MJCF file per entry of ``meshes`` (name of the asset -> mesh for the eye).
+    """Write one MJCF file per entry of ``meshes`` (name of the asset -> visual mesh).
 
-    ``pieces`` are convex; the one named ``wall`` is used ``WALLS`` times around the axis. All is moved so that the
-    bottom centre of the bounds is the origin.
+    ``pieces`` are convex. The piece ``wall`` is repeated ``WALLS`` times around the axis. The bottom centre of the
+    bounds becomes the origin.
     """
     low, high = meshes[name].bounds
     shift = -np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
@@ -154,7 +154,7 @@ def write_vessel(
 
 
 def can_label() -> None:
-    """The can's print: bare ends, a coloured body with a wave and a row of dots. v runs from the lid over the side."""
+    """The can's print: bare ends, a coloured body with a wave and a row of dots. v runs from the lid down the side."""
     rows, columns = 256, 256
     profile, t = rounded(CAN, 4, 0.012)
     side = t[profile[:, 0] > 0.0325]
@@ -172,7 +172,7 @@ def can_label() -> None:
         (wave - 0.19, 0.022, (240, 168, 48)),
     ):
         picture[inside & (np.abs(height - centre) < breadth)] = colour
-    # Dots are round on the can: its girth is 207 mm, its side about 100 mm.
+    # Dots are round on the can, which has a circumference of 207 mm and a side of about 100 mm.
     around = (np.mod(u * 8, 1.0) - 0.5) * 207 / 8
     for place, size in ((0.10, 4.5), (0.92, 3.0)):
         picture[inside & (np.hypot(around, (height - place) * 100) < size)] = (240, 168, 48)

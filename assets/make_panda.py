@@ -1,8 +1,8 @@
 """A 7-joint arm with the kinematics that Franka publishes for its Panda, and a parallel gripper.
 
-Housings are our own: from link to link a round tube ends in half of a drum about the next joint's axis; the other half
-of the drum belongs to the next link. Shapes are given in the links' frames, which are those of the published (modified,
-Craig) Denavit-Hartenberg table: frame i sits on joint i, z along its axis.
+The housings are our design. The round tube of each link ends in half of a drum about the next joint's axis. The other
+half of the drum belongs to the next link. Shapes are given in the links' frames, which follow the published (modified,
+Craig) Denavit-Hartenberg table: frame i is at joint i, with z along its axis.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from .gripper import Gripper
 from .links import Link
 
 HALF_PI = 0.5 * np.pi
-# The published table, of each joint: a [m], alpha [rad], d [m].
+# The published table: a [m], alpha [rad], d [m] of each joint.
 DH = [
     (0.0, 0.0, 0.333),
     (0.0, -HALF_PI, 0.0),
@@ -25,7 +25,7 @@ DH = [
     (0.0, HALF_PI, 0.0),
     (0.088, HALF_PI, 0.0),
 ]
-# Of each joint: limits [rad], greatest torque [N m] and speed [rad/s], stiffness [N m/rad], damping.
+# For each joint: limits [rad], maximum torque [N m] and speed [rad/s], stiffness [N m/rad], damping [N m s/rad].
 JOINTS = [
     ((-2.8973, 2.8973), 87, 2.175, 2000, 140),
     ((-1.7628, 1.7628), 87, 2.175, 2000, 140),
@@ -37,7 +37,7 @@ JOINTS = [
 ]
 FLANGE, GRIPPER_TURN, TCP, FINGER_ROOT = 0.107, -0.25 * np.pi, 0.1034, 0.0584
 HOME = [0.0, -0.25 * np.pi, 0.0, -0.75 * np.pi, 0.0, HALF_PI, 0.25 * np.pi]
-# Masses [kg] of the base, the seven links and the hand, near those identified for the real arm.
+# Masses [kg] of the base, the seven links and the hand, close to identified masses of the real arm.
 MASSES = [2.8, 2.9, 2.8, 2.5, 2.4, 2.6, 1.5, 0.5, 0.7]
 DRUM, WRIST = 0.058, 0.049
 DRUM, WRIST = 0.058, 0.049
@@ -116,7 +116,7 @@ def links() -> list[Link]:
 
 
 def hand_link() -> Link:
-    """The gripper's housing in the hand's frame: broad along y, its fingers leave it at z = 0.0584."""
+    """The gripper's housing in the hand's frame: wide along y, with the fingers leaving it at z = 0.0584."""
     parts = [
         block((-0.031, -0.102, 0.006), (0.031, 0.102, 0.0655), 0.014),
         rod((0, 0, -0.02), (0, 0, 0.03), 0.040, 0.034, 0.004),
@@ -136,7 +136,7 @@ def main() -> None:
         pad=((-0.0105, 0.0, 0.017), (0.0105, 0.0085, 0.0538)),
         taper=0.032,
     )
-    # Neighbours share a joint's drum; links two apart meet only where their pieces are fatter than the arm.
+    # Neighbours share a joint's drum. Links two joints apart touch only where collision pieces exceed the housings.
     write_arm(
         Arm(
             name="panda",

@@ -1,4 +1,4 @@
-"""Chair, dining table, shelf, cupboard and counter: boards for the eye, and a convex piece for each of them."""
+"""Chair, dining table, shelf, cupboard and counter: visual boards, and a convex collision piece per board."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ OAK, DARK_OAK, PAINT, STEEL, STONE, CARCASS = (
     (0.62, 0.60, 0.56),
 )  # fmt: skip
 
-# Chair [m]: the seat's upper side; the back leans by a slope.
+# Chair [m]: height of the seat's upper side, and slope of the back.
 SEAT_HALF, SEAT_HEIGHT, SEAT_THICK, CHAIR_HEIGHT, LEAN = 0.21, 0.45, 0.028, 0.86, 0.13
 # Dining table [m].
 TABLE, TABLE_HEIGHT, TABLE_TOP = (1.2, 0.8), 0.74, 0.03
-# Shelf [m]: upper sides of its boards.
+# Shelf [m]: heights of the boards' upper sides.
 SHELF_WIDTH, SHELF_DEPTH, SHELF_HEIGHT, SHELF_BOARDS, BOARD = 0.80, 0.30, 1.12, (0.08, 0.43, 0.78), 0.018
-# Cupboard [m]: the frame, without its door.
+# Cupboard [m]: the frame without the door.
 CUPBOARD_WIDTH, CUPBOARD_DEPTH, CUPBOARD_HEIGHT, PLINTH, DOOR, DOOR_GAP = 0.50, 0.40, 0.80, 0.06, 0.018, 0.003
-# Counter [m]: the sink's inside, and where its middle is.
+# Counter [m]: the inside of the sink and its centre.
 COUNTER, COUNTER_HEIGHT, COUNTER_TOP, TOE = (2.0, 0.6), 0.90, 0.04, 0.10
 SINK, SINK_DEPTH, SINK_WALL, SINK_PLACE = (0.40, 0.35), 0.15, 0.006, (0.45, 0.01)
 
 
 def union(boards: Mapping[str, Corners]) -> Mesh:
-    """Boards with sharp edges as one surface."""
+    """The union of boards with sharp edges, as one surface."""
     return surface(unite([box(*corners) for corners in boards.values()]))
 
 
@@ -53,7 +53,7 @@ def make_chair() -> None:
     inner = half - 0.012 - leg
     upright["apron_front"] = ((-inner, -half + 0.019, 0.365), (inner, -half + 0.039, under))
     upright["apron_back"] = ((-inner, half - 0.039, 0.365), (inner, half - 0.019, under))
-    # Boards of the back are thinner than 2 cm: they end in edges, not in surfaces that something could stand on.
+    # Boards of the back are thinner than 2 cm, so their tops are edges and not support surfaces.
     front, rear = half - 0.030, half - 0.012
     back: dict[str, Corners] = {}
     for name, x in (("left", -half + 0.012), ("right", half - 0.012 - leg)):
@@ -108,12 +108,12 @@ def make_shelf() -> None:
 
 
 def to_front(mesh: Mesh) -> Mesh:
-    """The mesh turned by 90 degrees about x: what was up is to the front."""
+    """Rotate a mesh by 90 degrees about x, so that its top faces the front."""
     return Mesh(mesh.vertices[:, [0, 2, 1]] * (1.0, -1.0, 1.0), mesh.faces)
 
 
 def make_cupboard() -> None:
-    """Write ``cupboard.xml``: a door hinged at the left, one board inside; the origin is that of the frame."""
+    """Write ``cupboard.xml``: a door hinged at the left, and one board inside. The frame defines the origin."""
     x, y, z, side, back = CUPBOARD_WIDTH / 2, CUPBOARD_DEPTH / 2, CUPBOARD_HEIGHT, 0.016, 0.008
     middle = 0.44
     boards: dict[str, Corners] = {
@@ -127,7 +127,7 @@ def make_cupboard() -> None:
     }
     pieces: dict[str, Piece] = {**boards}
     frame = Part({"frame": Look(union(boards), OAK, 0.2)}, pieces, 18.0)
-    # The door turns about the back of its left edge, so that it swings clear of the frame.
+    # The door rotates about the back of its left edge, so that it swings clear of the frame.
     width, height = CUPBOARD_WIDTH - 0.002, z - PLINTH - 0.003
     low, high = (0.0, -DOOR, 0.0), (width, 0.0, height)
     panel = box(low, high) - box((0.06, -DOOR - 1, 0.06), (width - 0.06, -DOOR + 0.0012, height - 0.06), 0.0)
@@ -146,7 +146,7 @@ def make_cupboard() -> None:
     document = Document("cupboard")
     add_part(document, document.root, "", frame)
     hinge = add(document.root, "body", name="door", pos=(-x + 0.001, -y - DOOR_GAP, PLINTH))
-    # Dry friction keeps the door where it was left; a pull of 1 N at its knob moves it.
+    # Dry friction keeps the door in place. A pull of 1 N at its knob moves it.
     add(hinge, "joint", name="door", type="hinge", axis=(0, 0, -1), range=(0, np.radians(110)), damping=0.4,
         frictionloss=0.4, armature=0.02)  # fmt: skip
     add_part(document, hinge, "", door)
@@ -156,7 +156,7 @@ def make_cupboard() -> None:
 
 
 def counter_top() -> tuple[Corners, dict[str, Corners]]:
-    """The worktop's hole for the sink, and the four boards around it."""
+    """The hole for the sink in the worktop, and the four boards around it."""
     x, y, z = COUNTER[0] / 2, COUNTER[1] / 2, COUNTER_HEIGHT
     under = z - COUNTER_TOP
     (sx, sy), (px, py) = SINK, SINK_PLACE
@@ -165,7 +165,7 @@ def counter_top() -> tuple[Corners, dict[str, Corners]]:
     boards: dict[str, Corners] = {
         "top_left": ((-x, -y, under), (left, y, z)),
         "top_right": ((right, -y, under), (x, y, z)),
-        # They overlap by 1 mm, so that rounding leaves no slit in what the worktop carries.
+        # Boards overlap by 1 mm, so that rounding leaves no slit in the support surface of the worktop.
         "top_front": ((left - 0.001, -y, under), (right + 0.001, front, z)),
         "top_back": ((left - 0.001, back, under), (right + 0.001, y, z)),
     }
@@ -173,12 +173,12 @@ def counter_top() -> tuple[Corners, dict[str, Corners]]:
 
 
 def make_counter() -> None:
-    """Write ``counter.xml``: cupboards below a worktop, and a body ``sink`` let into it."""
+    """Write ``counter.xml``: cupboards below a worktop, and a body ``sink`` in the worktop."""
     x, y, z = COUNTER[0] / 2, COUNTER[1] / 2, COUNTER_HEIGHT
     under = z - COUNTER_TOP
     hole, tops = counter_top()
     sink_floor = z - SINK_DEPTH - SINK_WALL
-    # What is below the sink belongs to its body: the worktop's body has no level side that is hidden under it.
+    # The box below the sink belongs to the sink's body, so that the worktop has no level surface hidden under the sink.
     (left, front, _), (right, back, _) = hole
     body: dict[str, Corners] = {}
     for name, low, high in (("left", -x + 0.01, left), ("right", right, x - 0.01)):
@@ -203,7 +203,7 @@ def make_counter() -> None:
         "back": ((px - sx / 2, py + sy / 2, base), (px + sx / 2, back, rim)),
     }
     below: Corners = ((left, front, 0.0), (right, back, sink_floor))
-    # 5 um above the floor: seen, but no step, and no level of its own.
+    # 5 um above the floor: visible, but without a step or a separate level surface.
     drain = lathe(np.array([(0, 0.005), (22, 0.005), (22, -1), (0, -1)]) / 1000.0, 24)
     pieces: dict[str, Piece] = {**tops, **body, **fronts}
     counter = Part(

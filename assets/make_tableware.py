@@ -1,4 +1,4 @@
-"""Plate, glass, pan and spatula. The hollow ones collide as a ring of wall pieces on a bottom."""
+"""Plate, glass, pan and spatula. Plate, glass and pan collide as a ring of wall pieces on a bottom."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ PAN = [(0, 5, 0), (72, 5, 6), (91, 48, 0.8), (96, 48, 0.8), (76, 0, 4), (0, 0, 0
 
 
 def turned(corners: Sequence[tuple[float, float, float]], segments: int, steps: int, spacing: float) -> Mesh:
-    """A profile turned about the z axis, its corners rounded in ``steps`` steps, straights cut to ``spacing`` [m]."""
+    """Turn a profile about the z axis, with corners rounded in ``steps`` steps and straights cut to ``spacing`` [m]."""
     profile, t = rounded(corners, steps, spacing)
     return lathe(profile, segments, t)
 
@@ -43,7 +43,7 @@ def make_glass() -> None:
 
 
 def make_pan() -> None:
-    """Write ``pan.xml``: its handle to +x, slightly rising."""
+    """Write ``pan.xml``, with a slightly rising handle to +x."""
     vessel = turned(PAN, 48, 3, 0.05)
     low, high, radius, slope = (0.0895, -0.0095, 0.031), (0.245, 0.0095, 0.041), 0.0045, (0.0, 0.0, 0.12)
     handle = sheared(surface(box(low, high, radius, 5)), slope, 0, low[0])
@@ -58,12 +58,12 @@ def make_pan() -> None:
 
 
 def make_spatula() -> None:
-    """Write ``spatula.xml``: a wooden turner lying flat along x, its blade to +x."""
+    """Write ``spatula.xml``: a wooden turner that lies flat along x, with its blade to +x."""
     low, high, radius = (0.055, -0.030, 0.0), (0.150, 0.030, 0.005), 0.0022
     grip = (-0.150, -0.008, 0.0), (0.075, 0.008, 0.011), 0.0045
 
     def narrowed(p: Sequence[float] | np.ndarray) -> tuple[float, float, float]:
-        """The blade narrows towards the handle."""
+        """Narrow the blade towards the handle."""
         return p[0], p[1] * (0.62 + 0.38 * min(1.0, max(0.0, (p[0] - low[0]) / 0.08))), p[2]
 
     blade = surface(hull(np.array([narrowed(p) for p in chamfered(low, high, radius).vertices])))

@@ -1,4 +1,4 @@
-"""Book, toy brick, toy block, a peg, and a chest with a hinged lid."""
+"""A book, a toy brick, a toy block, a peg, and a chest with a hinged lid."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from .mjcf import Document, add
 from .parts import Copies, Look, Part, Piece, add_part, chamfered, circle, disc, write_thing
 from .shapes import box, hull, surface
 
-# Book [m]: it lies flat, the spine to the left.
+# Book [m], lying flat with the spine to the left.
 BOOK, COVER, OVERHANG = (0.15, 0.21, 0.030), 0.0025, 0.004
-# Brick [m] with eight studs, whose radius is in mm.
+# Brick [m] with eight studs. Their radius is in mm.
 BRICK, STUD_RADIUS, PITCH = (0.064, 0.032, 0.020), 4.9, 0.016
 BLOCK = 0.045
 PEG = (0.04, 0.04, 0.06)
@@ -59,7 +59,7 @@ def make_block() -> None:
 
 
 def make_peg() -> None:
-    """Write ``peg.xml``: a standing square peg, with room below a palm for what is lower than it."""
+    """Write ``peg.xml``: a standing square peg, with room below the palm for lower objects around it."""
     x, y, z = PEG[0] / 2, PEG[1] / 2, PEG[2]
     low, high, radius = (-x, -y, 0.0), (x, y, z), 0.003
     look = Look(surface(box(low, high, radius, 6)), (0.80, 0.16, 0.12), shine=0.25)
@@ -67,7 +67,7 @@ def make_peg() -> None:
 
 
 def make_chest() -> None:
-    """Write ``chest.xml``: an open box, and a lid that turns about the upper edge of its back."""
+    """Write ``chest.xml``: an open box, and a lid that rotates about the upper edge of its back."""
     x, y, z = CHEST[0] / 2, CHEST[1] / 2, CHEST[2]
     wall, radius = CHEST_WALL, 0.004
     hollow = box((-x + wall, -y + wall, wall), (x - wall, y - wall, 1.0))
@@ -79,9 +79,9 @@ def make_chest() -> None:
         "back": ((-x + wall, y - wall, wall), (x - wall, y, z)),
     }
     body = Part({"body": Look(surface(box((-x, -y, 0), (x, y, z)) - hollow), (0.52, 0.33, 0.19), 0.25)}, walls, 0.9)
-    # The lid's frame lies on its axis, the lower edge of its back.
+    # The origin of the lid's frame is on its axis, the lower edge of its back.
     low, high = (-x, -2 * y - 0.001, 0.0), (x, 0.0, LID)
-    # The clasp hangs from the front of the lid, 1 mm before the box.
+    # The clasp hangs from the front of the lid, 1 mm in front of the box.
     clasp = ((-0.014, -2 * y - 0.004, -0.018), (0.014, -2 * y - 0.001, 0.010))
     lid = Part(
         {
@@ -95,7 +95,7 @@ def make_chest() -> None:
     document = Document("chest")
     add_part(document, document.root, "", body)
     hinge = add(document.root, "body", name="lid", pos=(0, y, z + LID_GAP))
-    # Dry friction holds the lid at any angle, but for a slow creep; 5 N at its edge move it.
+    # Dry friction holds the lid at any angle, except for a slow creep. A force of 5 N at its edge moves it.
     add(hinge, "joint", name="lid", type="hinge", axis=(-1, 0, 0), range=(0, np.radians(105)), damping=0.02,
         frictionloss=0.4, armature=0.002)  # fmt: skip
     add_part(document, hinge, "", lid)

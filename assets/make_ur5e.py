@@ -1,8 +1,8 @@
 """A 6-joint arm with the kinematics that Universal Robots publishes for its UR5e, and a parallel gripper.
 
-Housings and gripper are our own. Drums sit side by side along the axes of the shoulder, the elbow and the first wrist
-joint, so that little is in the arm's way when it folds. Shapes are given in the links' frames: frame i sits on joint i,
-z along its axis, and is frame i - 1 of the published (standard) Denavit-Hartenberg table.
+Housings and gripper are our design. Drums are side by side along the axes of the shoulder, the elbow and the first
+wrist joint, so that the arm folds far. Shapes are given in the links' frames: frame i is at joint i, with z along its
+axis. It is frame i - 1 of the published (standard) Denavit-Hartenberg table.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from .fields import block, rod
 from .gripper import Gripper
 from .links import Link
 
-# The published table, of each joint: d [m], a [m], alpha [rad].
+# The published table: d [m], a [m], alpha [rad] of each joint.
 DH = [
     (0.1625, 0.0, np.pi / 2),
     (0.0, -0.425, 0.0),
@@ -26,7 +26,7 @@ DH = [
 SHOULDER, UPPER_ARM, FOREARM, FLANGE = 0.1625, 0.425, 0.3922, 0.0996
 WRIST_1, WRIST_2 = 0.1333, 0.0997
 FULL, HALF = 2 * np.pi, np.pi
-# Of each joint: limits [rad], greatest torque [N m] and speed [rad/s], stiffness [N m/rad], damping.
+# For each joint: limits [rad], maximum torque [N m] and speed [rad/s], stiffness [N m/rad], damping [N m s/rad].
 JOINTS = [
     ((-FULL, FULL), 150, HALF, 2500, 180),
     ((-FULL, FULL), 150, HALF, 2500, 180),
@@ -35,12 +35,12 @@ JOINTS = [
     ((-FULL, FULL), 28, HALF, 500, 20),
     ((-FULL, FULL), 28, HALF, 400, 14),
 ]
-# Masses [kg] of the base and the six links, near the published ones.
+# Masses [kg] of the base and the six links, close to the published masses.
 MASSES = [3.4, 3.76, 8.06, 2.85, 1.37, 1.30, 0.37]
 HOME = np.radians([0, -95, -100, -75, 90, 90]).tolist()
-# Radii [m] of the drums about the shoulder, the elbow and the wrist, and half of the gap that joints leave.
+# Radii [m] of the drums at shoulder, elbow and wrist, and half of the gap between links.
 DRUM, ELBOW, WRIST, GAP = 0.064, 0.056, 0.0455, 0.0015
-# Where drums meet along the axis of shoulder, elbow and first wrist joint [m], and the middles of the tubes.
+# Positions [m] along the axes of shoulder, elbow and first wrist joint: where drums meet, and middles of the tubes.
 INNER, OUTER, JOINT_4 = 0.068, 0.206, 0.068
 UPPER_TUBE, FORE_TUBE = 0.1375, 0.007
 
@@ -108,7 +108,7 @@ def links() -> list[Link]:
 
 
 def hand_link() -> Link:
-    """The gripper's housing in the hand's frame: broad along y, its fingers leave it at z = 0.073."""
+    """The gripper's housing in the hand's frame: wide along y, with the fingers leaving it at z = 0.073."""
     parts = [
         block((-0.033, -0.088, 0.020), (0.033, 0.088, 0.080), 0.010),
         rod((0, 0, -0.02), (0, 0, 0.04), 0.036, 0.033, 0.004),
@@ -117,7 +117,7 @@ def hand_link() -> Link:
 
 
 def joints() -> list[Joint]:
-    """The six joints: joint i + 1 sits on frame i of the table."""
+    """The six joints. Joint i + 1 is at frame i of the table."""
     frames = [(0.0, 0.0, 0.0), *DH[:-1]]
     return [
         Joint((a, 0, d), (np.cos(alpha / 2), np.sin(alpha / 2), 0, 0), *rest)

@@ -17,7 +17,7 @@ Element = ET.Element
 
 
 def text(value: object) -> str:
-    """An attribute's text: numbers with nine significant digits, sequences separated by spaces."""
+    """Format an attribute: numbers with nine significant digits, sequences separated by spaces."""
     if isinstance(value, str):
         return value
     if isinstance(value, Iterable):
@@ -34,7 +34,7 @@ def add(parent: Element, tag: str, **attributes: object) -> Element:
 
 
 class Document:
-    """The MJCF file of one asset: its sections in MuJoCo's order, with one root body named like the asset."""
+    """The MJCF file of one asset: sections in MuJoCo's order, and one root body with the asset's name."""
 
     def __init__(self, name: str, friction: tuple[float, float, float] = (0.8, 0.005, 0.0001), **root: object):
         self.name = name
@@ -51,7 +51,7 @@ class Document:
     def colour(
         self, name: str, rgb: tuple[float, float, float], shine: float = 0.3, texture: str | None = None
     ) -> None:
-        """A material; ``texture`` names a PNG file beside the meshes."""
+        """Add a material. ``texture`` is the name of a PNG file next to the meshes."""
         if texture is None:
             add(self.asset, "material", name=name, rgba=(*rgb, 1), specular=shine, shininess=shine)
             return
@@ -59,21 +59,21 @@ class Document:
         add(self.asset, "material", name=name, texture=name, specular=shine, shininess=shine)
 
     def mesh(self, name: str, file: str) -> None:
-        """A mesh asset read from ``meshes/<file>.obj``."""
+        """Add a mesh asset for ``meshes/<file>.obj``."""
         add(self.asset, "mesh", name=name, file=f"{file}.obj")
 
     def visual(self, body: Element, name: str, mesh: str, material: str, **more: object) -> None:
-        """A geom for the eye."""
+        """Add a visual geom."""
         add(body, "geom", name=name, class_="visual", mesh=mesh, material=material, **more)
 
     def collision(self, body: Element, name: str, mesh: str, **more: object) -> None:
-        """A convex mesh for contacts."""
+        """Add a convex collision mesh."""
         add(body, "geom", name=name, class_="collision", mesh=mesh, **more)
 
     def collision_box(
         self, body: Element, name: str, low: Iterable[float], high: Iterable[float], **more: object
     ) -> None:
-        """A box for contacts between two corners [m] in the body's frame."""
+        """Add a collision box between two corners [m] in the body's frame."""
         low, high = np.asarray(list(low)), np.asarray(list(high))
         add(
             body, "geom", name=name, class_="collision", type="box", pos=(low + high) / 2, size=(high - low) / 2, **more
@@ -87,11 +87,11 @@ class Document:
 
 
 def inertial(body: Element, mesh: Mesh, mass: float) -> None:
-    """Give ``body`` the mass [kg] and the inertia of a homogeneous ``mesh`` in its frame."""
+    """Set the mass [kg] of ``body``, and its inertia from a homogeneous ``mesh`` in its frame."""
     shape = trimesh.Trimesh(mesh.vertices, mesh.faces, process=True)
     inertia = shape.moment_inertia * mass / shape.volume
     i, j = [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]
-    # The element comes first in its body, as in files written by hand.
+    # The element comes first in its body, as is usual in MJCF files.
     element = ET.Element(
         "inertial", {"pos": text(shape.center_mass), "mass": text(mass), "fullinertia": text(inertia[i, j])}
     )

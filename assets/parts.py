@@ -1,4 +1,4 @@
-"""Convex parts for contacts that lie within what the eye sees, and the file of an object made of several surfaces."""
+"""Convex collision parts inside visual surfaces, and MJCF files of objects with several surfaces."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Corners = tuple[tuple[float, float, float], tuple[float, float, float]]
 
 @dataclass(frozen=True)
 class Look:
-    """A surface for the eye and its material."""
+    """A visual surface and its material."""
 
     mesh: Mesh
     rgb: tuple[float, float, float] = (1.0, 1.0, 1.0)
@@ -26,7 +26,7 @@ class Look:
 
 @dataclass(frozen=True)
 class Copies:
-    """One convex piece used several times: positions (n, 3) [m] and orientations (n, 4), wxyz."""
+    """Copies of a convex piece: positions (n, 3) [m] and orientations (n, 4), wxyz."""
 
     mesh: Mesh
     pos: np.ndarray
@@ -38,7 +38,7 @@ Piece = Mesh | Copies | Corners
 
 @dataclass(frozen=True)
 class Part:
-    """One body: what is seen of it, and what it collides with, by name; boxes are given by two corners [m]."""
+    """One body: its visual surfaces and its collision pieces by name. Boxes are given by two corners [m]."""
 
     looks: Mapping[str, Look]
     pieces: Mapping[str, Piece]
@@ -47,7 +47,7 @@ class Part:
 
 
 def chamfered(low: Sequence[float], high: Sequence[float], radius: float) -> Mesh:
-    """The convex hull of the six flats of a box between two corners [m] whose edges are rounded by ``radius``."""
+    """The convex hull of the six flats of a box between two corners [m] with edges rounded by ``radius``."""
     lowest, highest = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
     points = []
     for axis in range(3):
@@ -59,7 +59,7 @@ def chamfered(low: Sequence[float], high: Sequence[float], radius: float) -> Mes
 
 
 def circle(radius: float, z: float, sides: int, start: float = 0.0, stop: float = 2.0 * np.pi) -> np.ndarray:
-    """Corners of a regular polygon on a circle, or ``sides`` + 1 points of an arc; mm to m, shape (n, 3)."""
+    """Corners of a regular polygon on a circle, or ``sides`` + 1 points of an arc, shape (n, 3): from mm to m."""
     angle = start + (stop - start) * np.arange(sides + (stop - start < 6.28)) / sides
     return np.stack([radius * np.cos(angle), radius * np.sin(angle), np.full(len(angle), z)], axis=1) / 1000.0
 
@@ -67,7 +67,7 @@ def circle(radius: float, z: float, sides: int, start: float = 0.0, stop: float 
 def disc(levels: Sequence[tuple[float, float]], sides: int) -> Mesh:
     """The hull of polygons inscribed in circles (r, z) [mm].
 
-    It lies within a turned solid whose number of segments is a multiple of ``sides``.
+    The hull is inside a turned solid if the solid's number of segments is a multiple of ``sides``.
     """
     return surface(hull(np.concatenate([circle(r, z, sides) for r, z in levels])))
 
@@ -75,8 +75,9 @@ def disc(levels: Sequence[tuple[float, float]], sides: int) -> Mesh:
 def wall(levels: Sequence[tuple[float | None, float, float]], count: int, steps: int = 2) -> Copies:
     """A wall of ``count`` pieces. Levels are (inner r or None, outer r, z) [mm].
 
-    The outside of a piece has ``steps`` flats inscribed in the circle; its inside is one flat that touches the circle
-    from without. It lies within a turned wall whose number of segments is a multiple of ``steps`` x ``count``.
+    The outside of a piece has ``steps`` flats inscribed in the outer circle. Its inside is one flat that touches the
+    inner circle from outside. A piece is inside a turned wall if the wall's number of segments is a multiple of
+    ``steps`` x ``count``.
     """
     half = np.pi / count
     points = []
@@ -90,26 +91,26 @@ def wall(levels: Sequence[tuple[float | None, float, float]], count: int, steps:
 
 
 def sheared(mesh: Mesh, slope: Sequence[float], axis: int, start: float) -> Mesh:
-    """The mesh moved along ``slope`` by as much as its coordinate ``axis`` is above ``start`` [m]."""
+    """Shear a mesh: vertices move by ``slope`` times the height of coordinate ``axis`` above ``start`` [m]."""
     shift = (mesh.vertices[:, axis, None] - start) * np.asarray(slope, dtype=float)
     return Mesh(mesh.vertices + shift, mesh.faces, mesh.uv, mesh.uv_faces)
 
 
 def together(meshes: Sequence[Mesh]) -> Mesh:
-    """Several meshes as one list of triangles."""
+    """Join meshes into one list of triangles."""
     starts = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes[:-1]])
     faces = [mesh.faces + start for mesh, start in zip(meshes, starts, strict=True)]
     return Mesh(np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(faces))
 
 
 def bottom_centre(meshes: Sequence[Mesh]) -> np.ndarray:
-    """Bottom centre [m] of the bounds of some meshes."""
+    """Bottom centre [m] of the bounds of several meshes."""
     low, high = together(meshes).bounds
     return np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
 
 
 def add_part(document: Document, body: Element, prefix: str, part: Part, shift: np.ndarray | None = None) -> None:
-    """Write the meshes of a part as ``<asset>_<prefix><name>`` and its geoms into ``body``, moved by ``shift``."""
+    """Write a part's meshes to ``<asset>_<prefix><name>``, and add its geoms to ``body``, moved by ``shift``."""
     offset = np.zeros(3) if shift is None else shift
     inertial(body, together([look.mesh for look in part.looks.values()]).moved(offset), part.mass)
     for name, look in part.looks.items():
@@ -137,7 +138,7 @@ def add_part(document: Document, body: Element, prefix: str, part: Part, shift: 
 
 
 def write_thing(name: str, part: Part, friction: float = 0.8) -> None:
-    """Write an asset of one body, moved so that the bottom centre of its bounds is the origin."""
+    """Write an asset with one body. The bottom centre of its bounds becomes the origin."""
     document = Document(name, friction=(friction, 0.005, 0.0001))
     add_part(document, document.root, "", part, -bottom_centre([look.mesh for look in part.looks.values()]))
     add_grasps(document, document.root)

@@ -1,4 +1,4 @@
-"""Folders of the scripts: MJCF files go into ``FOLDER``, meshes and textures into its ``meshes``."""
+"""Output folders of the scripts: ``FOLDER`` for MJCF files, and its ``meshes`` for meshes and textures."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ FOLDER = Path(__file__).parent
 
 
 def mjcf_file(name: str) -> Path:
-    """The MJCF file of an asset."""
+    """Path of an asset's MJCF file."""
     return FOLDER / f"{name}.xml"
 
 
 def mesh_file(name: str) -> Path:
-    """A mesh or texture, with its ending."""
+    """Path of a mesh or texture. ``name`` includes the suffix."""
     return FOLDER / "meshes" / name

@@ -1,4 +1,4 @@
-"""Closed meshes from profiles and rounded boxes, their convex hulls, and OBJ files of them. Units are metres."""
+"""Closed meshes from profiles and rounded boxes, convex hulls, and OBJ files. Units are metres."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from sceniris_gym.files import replacing
 
 from .paths import mesh_file
 
-# A micrometre: fine enough that neighbours near the pole of a 16,000-face mesh stay apart when written as text.
+# One micrometre, so that neighbours at the pole of a 16,000-face mesh remain different in the text file.
 DECIMALS = 6
 
 
 @dataclass(frozen=True)
 class Mesh:
-    """Triangles: ``vertices`` (n, 3) [m], ``faces`` (m, 3), and perhaps texture coordinates with faces of their own."""
+    """Triangles: ``vertices`` (n, 3) [m], ``faces`` (m, 3), and optional texture coordinates with separate faces."""
 
     vertices: np.ndarray
     faces: np.ndarray
@@ -33,15 +33,15 @@ class Mesh:
         return np.array([self.vertices.min(axis=0), self.vertices.max(axis=0)])
 
     def moved(self, offset: Sequence[float] | np.ndarray) -> Mesh:
-        """The same mesh, shifted by ``offset`` [m]."""
+        """Return the mesh shifted by ``offset`` [m]."""
         return replace(self, vertices=self.vertices + np.asarray(offset))
 
 
 def smooth_profile(points: Sequence[tuple[float, float, float]], rows: int) -> tuple[np.ndarray, np.ndarray]:
     """Sample a curve through control points ``(r [mm], z [mm], weight)`` at ``rows`` + 2 stations.
 
-    ``weight`` says how much denser than by arc length the stations lie on the span that ends in its point.
-    Returns the stations (rows + 2, 2) [m] and their parameters in [0, 1]; the first and the last are the ends.
+    ``weight`` is the density of stations on the span that ends in its point, relative to spacing by arc length.
+    Returns the stations (rows + 2, 2) [m], including both ends, and their parameters in [0, 1].
     """
     control = np.asarray(points, dtype=float)
     spans = np.linalg.norm(np.diff(control[:, :2], axis=0), axis=1) * control[1:, 2]
@@ -51,10 +51,10 @@ def smooth_profile(points: Sequence[tuple[float, float, float]], rows: int) -> t
 
 
 def skin(rings: np.ndarray, start: np.ndarray, end: np.ndarray, t: np.ndarray) -> Mesh:
-    """Close a stack of ``rings`` (row, segment, 3) with a fan to the point ``start`` and one to ``end``.
+    """Connect a stack of ``rings`` (row, segment, 3), and close it with fans to the points ``start`` and ``end``.
 
-    Rings run counter-clockwise when seen from ``start``, so that faces look outward. The texture's u goes once around,
-    its v is ``t`` (row + 2,). There are 2 x rows x segments faces.
+    Rings run counter-clockwise as seen from ``start``, so that faces point outward. The texture's u goes once around,
+    and its v is ``t`` (row + 2,). The mesh has 2 x rows x segments faces.
     """
     rows, segments = rings.shape[:2]
     vertices = np.concatenate([start[None], rings.reshape(-1, 3), end[None]])
@@ -79,7 +79,7 @@ def skin(rings: np.ndarray, start: np.ndarray, end: np.ndarray, t: np.ndarray) -
 
 
 def lathe(profile: np.ndarray, segments: int, t: np.ndarray | None = None) -> Mesh:
-    """Turn a profile (n, 2) of (r, z) [m] about the z axis: from above on the axis outward, and down to the axis."""
+    """Turn a profile (n, 2) of (r, z) [m] about the z axis. It runs from the top of the axis outward to its bottom."""
     angle = 2.0 * np.pi * np.arange(segments) / segments
     r, z = profile[1:-1, :1], profile[1:-1, 1:]
     rings = np.stack(np.broadcast_arrays(r * np.cos(angle), r * np.sin(angle), z), axis=-1)
@@ -88,11 +88,11 @@ def lathe(profile: np.ndarray, segments: int, t: np.ndarray | None = None) -> Me
 
 
 def solid(mesh: Mesh) -> manifold3d.Manifold:
-    """The mesh as a solid that can be united, cut and intersected."""
+    """Convert a mesh to a solid for Boolean operations."""
     data = manifold3d.Mesh64(np.ascontiguousarray(mesh.vertices, float), np.ascontiguousarray(mesh.faces, np.uint64))
     body = manifold3d.Manifold(data)
     if body.status() != manifold3d.Error.NoError:
-        raise ValueError(f"not a closed mesh of {len(mesh.faces)} faces: {body.status()}")
+        raise ValueError(f"the mesh of {len(mesh.faces)} faces should be closed: {body.status()}")
     return body
 
 
@@ -108,7 +108,7 @@ def hull(points: np.ndarray) -> manifold3d.Manifold:
 
 
 def box(low: Sequence[float], high: Sequence[float], radius: float = 0.0, steps: int = 4) -> manifold3d.Manifold:
-    """A box between two corners [m] whose edges are rounded by ``radius`` in ``steps`` steps."""
+    """A box between two corners [m] with edges rounded by ``radius`` in ``steps`` steps."""
     lowest, highest = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
     signs = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
     if radius == 0.0:
@@ -116,7 +116,7 @@ def box(low: Sequence[float], high: Sequence[float], radius: float = 0.0, steps:
     lift = 0.5 * np.pi * np.arange(steps + 1) / steps
     turn, rise = np.meshgrid(lift, lift)
     octant = np.stack([np.cos(turn) * np.cos(rise), np.sin(turn) * np.cos(rise), np.sin(rise)], axis=-1).reshape(-1, 3)
-    # Poles repeat for every turn, up to rounding: unequal copies of one point would leave slivers in the hull.
+    # Poles repeat at every step around the axis, up to rounding: unequal copies would leave slivers in the hull.
     octant = np.unique(octant.round(12), axis=0)
     corners = np.where(signs == 0, lowest + radius, highest - radius)
     points = [corner + radius * octant * (2 * sign - 1) for corner, sign in zip(corners, signs, strict=True)]
@@ -124,7 +124,7 @@ def box(low: Sequence[float], high: Sequence[float], radius: float = 0.0, steps:
 
 
 def write_obj(name: str, mesh: Mesh) -> None:
-    """Write ``meshes/<name>.obj``; refuse a mesh that, read back, would not be closed or not face outward."""
+    """Write ``meshes/<name>.obj``. Raise ValueError unless the written mesh is closed and faces outward."""
     lines = [f"v {x:.{DECIMALS}f} {y:.{DECIMALS}f} {z:.{DECIMALS}f}" for x, y, z in mesh.vertices + 0.0]
     if mesh.uv is None or mesh.uv_faces is None:
         lines += [f"f {a} {b} {c}" for a, b, c in mesh.faces + 1]
@@ -134,6 +134,6 @@ def write_obj(name: str, mesh: Mesh) -> None:
         lines += ["f {}/{} {}/{} {}/{}".format(*row) for row in corners]
     read = trimesh.Trimesh(np.round(mesh.vertices, DECIMALS), mesh.faces, process=True)
     if not (read.is_watertight and read.is_winding_consistent and read.volume > 0):
-        raise ValueError(f"{name}.obj is not a closed mesh that faces outward")
+        raise ValueError(f"{name}.obj should be a closed mesh that faces outward")
     with replacing(mesh_file(f"{name}.obj")) as file:
         file.write_text("\n".join(lines).replace("-0.000000", "0.000000") + "\n")

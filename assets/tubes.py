@@ -10,8 +10,8 @@ from .shapes import Mesh, skin
 def tube(path: np.ndarray, radius: float | np.ndarray, segments: int, flatten: float = 1.0) -> Mesh:
     """A tube with flat ends along ``path`` (n, 3) [m].
 
-    ``radius`` [m] is one number or one for each station; ``flatten`` scales the section across the plane of the path.
-    The section is carried along without twist: the path may bend in space, but must not double back on itself.
+    ``radius`` [m] is one value, or one per station. ``flatten`` scales the section across the plane of the path. The
+    section moves along the path without twist. The path may bend in space, but must not reverse its direction.
     """
     tangent = np.gradient(path, axis=0)
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
@@ -24,6 +24,6 @@ def tube(path: np.ndarray, radius: float | np.ndarray, segments: int, flatten: f
         normal = normal - along * (normal @ along)
         normal = normal / np.linalg.norm(normal)
         side = np.cross(normal, along)
-        # Counter-clockwise when seen from the start of the path.
+        # Counter-clockwise as seen from the start of the path.
         rings.append(point + size * (np.outer(np.sin(angle), side) + flatten * np.outer(np.cos(angle), normal)))
     return skin(np.array(rings), path[0], path[-1], np.linspace(0.0, 1.0, len(path) + 2))

@@ -1,4 +1,4 @@
-"""The examples of the pages on the scene language: every YAML block with its picture below it."""
+"""The examples on the pages of the scene language: every YAML block and the picture below it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from sceniris_gym.config.variants import with_variants
 FOLDER = Path(__file__).parent / "language"
 PAGES = sorted(FOLDER.glob("*.md"))
 TEXT_KEY = "Scene"
-"""Key of the PNG text that holds the example from which the picture was drawn."""
+"""Key of the PNG text with the example of the picture."""
 _BLOCK = re.compile(r"^```yaml\n(?P<text>.*?)^```$(?P<rest>[^`]*)", re.MULTILINE | re.DOTALL)
 _PICTURE = re.compile(r"\n!\[(?P<caption>[^\]]+)\]\((?P<path>[^)\s]+)\)\n")
 
@@ -25,8 +25,8 @@ class Example:
 
     Attributes:
         text: The YAML as written on the page. Paths in it are relative to the picture's folder.
-        caption: What the picture shows.
-        picture: Its path.
+        caption: Caption of the picture.
+        picture: Path of the picture.
     """
 
     text: str
@@ -35,12 +35,12 @@ class Example:
 
     @property
     def name(self) -> str:
-        """The picture's name, which no two examples share."""
+        """The unique name of the picture."""
         return self.picture.stem
 
     @property
     def own_objects(self) -> list[str]:
-        """The objects and robots that the example itself mentions; all objects if it mentions none of them."""
+        """The objects and robots in the text of the example. For a text without them, all objects of the scene."""
         data = self._data()
         robots = ["robot"] if "robot" in data else list(data.get("robots", {}))
         scene = self.load()
@@ -49,7 +49,7 @@ class Example:
 
     @property
     def jointed_objects(self) -> list[str]:
-        """The objects whose joints it samples."""
+        """The objects whose joints the example samples."""
         return [name for name, words in self._data().get("objects", {}).items() if "joints" in words]
 
     def load(self) -> SceneConfig:
@@ -72,16 +72,16 @@ def read_examples(*pages: Path) -> list[Example]:
     """Return the examples of pages in order.
 
     Raises:
-        ValueError: an example without a picture, or two with the same one.
+        ValueError: an example has no picture, or two examples have the same picture.
     """
     found: dict[Path, Example] = {}
     for page in pages:
         for block in _BLOCK.finditer(page.read_text(encoding="utf-8")):
             picture = _PICTURE.match(block["rest"])
             if picture is None:
-                raise ValueError(f"{page}: an example has no picture below it:\n{block['text']}")
+                raise ValueError(f"{page}: an example should have a picture below it:\n{block['text']}")
             path = page.parent / picture["path"]
             if path in found:
-                raise ValueError(f"{page}: '{picture['path']}' is the picture of two examples.")
+                raise ValueError(f"{page}: '{picture['path']}' should be the picture of one example, got two.")
             found[path] = Example(block["text"], picture["caption"], path)
     return list(found.values())

@@ -1,7 +1,7 @@
 """Draw the diagrams of docs/how_it_works.md: `python -m docs.make_drawings`.
 
-Text stands in filled boxes and the background is transparent, so a drawing reads well on light and on dark pages.
-Drawings are no wider than a telephone's screen.
+Text is in filled boxes on a transparent background, so a drawing reads well on light and dark pages. Drawings are
+narrow enough for a telephone's screen.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ FILLS = {
     "kept": "#5f6b7a",
     "label": "#5f6b7a",
 }
-"""Colours by the role of a box; white text on each has a contrast of 4.5 or more."""
+"""Colours by the role of a box. White text on each has a contrast of 4.5 or more."""
 LINE = "#8592a6"
 
 
@@ -28,8 +28,8 @@ class Drawing:
     """Boxes and arrows as SVG.
 
     Args:
-        title: What a screen reader says.
-        height: Height [px]; the width is WIDTH.
+        title: Title for screen readers.
+        height: Height [px]. The width is WIDTH.
     """
 
     def __init__(self, title: str, height: int) -> None:
@@ -42,7 +42,7 @@ class Drawing:
         ]
 
     def box(self, x: float, y: float, w: float, h: float, role: str, *lines: str, size: float = 13) -> None:
-        """Add a box with centred lines of text, the first of them in bold if there are several."""
+        """Add a box with centred lines of text. If there are several, the first line is bold."""
         self.parts.append(f'<rect x="{x}" y="{y}" width="{w}" height="{h}" rx="6" fill="{FILLS[role]}"/>')
         for i, line in enumerate(lines):
             bold = ' font-weight="600"' if i == 0 and len(lines) > 1 else ""

@@ -1,6 +1,6 @@
-"""The pictures of the list of examples: three worlds of the scene of each.
+"""The pictures in the list of examples: three worlds of the scene of each example.
 
-python -m docs.make_examples   # less than a minute; the mesh of one is imported first
+python -m docs.make_examples   # less than a minute, including the import of a mesh
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ SHIPPED = {
     "20_levels": "tabletop_reach",
     "tour": "mid",
 }
-"""Examples of scenes of the package."""
+"""Examples that use a scene of the package, and the scene."""
 _COLUMNS = 3
 
 
 def example(name: str) -> ModuleType:
-    """Import an example, whose name starts with a digit."""
+    """Import an example by its path, because its name starts with a digit."""
     spec = importlib.util.spec_from_file_location(f"example_{name}", ROOT / "examples" / f"{name}.py")
     assert spec is not None
     assert spec.loader is not None
@@ -46,13 +46,13 @@ def example(name: str) -> ModuleType:
 
 
 def scenes(folder: Path) -> dict[str, str | Mapping]:
-    """Return the scene of each example, by its name; a folder takes an imported mesh."""
+    """Return the scene of each example by name. Imported meshes and models are written to a folder."""
     in_memory, own_mesh = example("12_model_in_memory"), example("13_own_mesh")
     own_mesh.main(folder, device="cpu")
     loop, adr = example("17_randomised_loop"), example("21_adr")
     (folder / "ground.xml").write_text(loop.MJCF)
     (folder / "cube.xml").write_text(adr.MJCF)
-    (folder / "model.xml").write_text(in_memory.MJCF)  # a model in memory has no camera that sees all of it
+    (folder / "model.xml").write_text(in_memory.MJCF)  # only a model from a file gets the overview camera
     return SHIPPED | {
         "02_own_loop": example("02_own_loop").SCENE,
         "04_own_task": example("04_own_task").SCENE,
@@ -67,7 +67,7 @@ def scenes(folder: Path) -> dict[str, str | Mapping]:
 
 
 def main() -> None:
-    """Draw the pictures; each number of an example starts from seeds of its own."""
+    """Draw the pictures, with separate seeds for each example."""
     FOLDER.mkdir(exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
         found = scenes(Path(folder))

@@ -1,4 +1,4 @@
-"""The pictures of docs/images.md: what two cameras see of the same worlds, and the looks of small pictures.
+"""The pictures of docs/images.md: views of the same worlds from two cameras, and variants of small pictures.
 
 python -m docs.make_images   # about a minute
 """
@@ -18,12 +18,12 @@ FOLDER = Path(__file__).parent
 TASK = "sceniris_gym.envs.tabletop_reach_pixels:TabletopReachPixels"
 _WORLDS, _PIXELS, _GAP = 5, 144, 4
 _LOOKS = ({}, {"shadows": True}, {"thin": True})
-_NEAR, _FAR = 0.4, 2.2  # m; depths between them go from light to dark
+_NEAR, _FAR = 0.4, 2.2  # m, from light to dark in pictures of depth
 _PALETTE = "tab10"
 
 
 def pictures(images: dict[str, dict], seed: int = 0) -> dict[str, dict[str, np.ndarray]]:
-    """Return pictures of some worlds of TabletopReachPixels-v0 by cameras and kinds."""
+    """Return pictures of some worlds of TabletopReachPixels-v0 by camera and kind."""
     envs = SceneVectorEnv(TASK, _WORLDS, device="cpu", output="numpy", images=images)
     return envs.reset(seed=seed)[0]["images"]
 
@@ -36,12 +36,12 @@ def as_colours(kind: str, values: np.ndarray) -> np.ndarray:
         grey = np.where(values > 0.0, 1.0 - (values - _NEAR) / (_FAR - _NEAR), 0.0)
         return np.repeat((255 * grey.clip(0.0, 1.0)).astype(np.uint8), 3, axis=3)
     colours = (255 * np.array(matplotlib.colormaps[_PALETTE].colors)).astype(np.uint8)  # type: ignore[attr-defined]
-    colours[0] = 245  # the surroundings
+    colours[0] = 245  # the background
     return colours[values[..., 0]]
 
 
 def sheet(rows: Sequence[np.ndarray], scale: int = 1) -> Image.Image:
-    """Return rows of pictures with gaps between them, each pixel drawn `scale` times as large."""
+    """Return rows of pictures with gaps between them, with pixels enlarged by `scale`."""
     height, width = (scale * n for n in rows[0].shape[1:3])
     drawn = Image.new("RGB", (len(rows[0]) * (width + _GAP) - _GAP, len(rows) * (height + _GAP) - _GAP), "white")
     for y, row in enumerate(rows):

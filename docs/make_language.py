@@ -1,7 +1,7 @@
 """The pictures of docs/language: 64 layouts of each example, seen from above.
 
-python -m docs.make_language            # all of them, about half a minute
-python -m docs.make_language near any   # some of them
+python -m docs.make_language            # all examples, about half a minute
+python -m docs.make_language near any   # some examples
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from docs.seen import Bounds, View
 from sceniris_gym.config.fields import FLOOR
 
 LAYOUTS = 64
-_SIZE, _DPI = (4.8, 3.6), 100  # inches; 480 x 360 pixels
-_COLORS = 64  # in a picture's palette: halves its size
+_SIZE, _DPI = (4.8, 3.6), 100  # inches and pixels per inch, so 480 x 360 pixels
+_COLORS = 64  # in a picture's palette, which halves the size of the file
 _DOTS = ("#1668b8", "#d2601a", "#2e8b3d", "#8a4fb0")
 _INK, _PALE, _SHADE, _NAMED, _OTHER = "#333333", "#8c8c8c", "#d3e6f6", "#dcb988", "#e2e2e2"
 _TICK, _WEDGE = 0.022, 0.04  # sizes of marks, as fractions of the width
-_FROM_THE_FRONT = ("region_space", "gap")  # examples that are about height
-_WITHOUT_REGIONS = ("first",)  # examples whose anchors move, so that each world has another region
-_NEARER = {"beside": (-0.3, 0.45, -0.1, 0.46)}  # examples shown closer up: low and high x, low and high y [m]
+_FROM_THE_FRONT = ("region_space", "gap")  # examples about height
+_WITHOUT_REGIONS = ("first",)  # examples whose anchors move, so that each world has a different region
+_NEARER = {"beside": (-0.3, 0.45, -0.1, 0.46)}  # closer views of examples: low and high x, low and high y [m]
 
 
 def draw(example: Example) -> bytes:
@@ -77,7 +77,7 @@ def _draw_surroundings(axes: Axes, view: View, placed: Sequence[str], jointed: S
     for name in placed:
         owner = view.owner(name)
         if owner in (None, FLOOR) or (owner in view.names and view.stays(str(owner))):
-            # the world in which most objects are present
+            # the world with the most present objects
             i = max(range(LAYOUTS), key=lambda i: sum(view.is_present(other, i) for other in view.names))
             below, thick = (1, 0.9) if owner == FLOOR else (3, 0.9) if owner else (5.5, 0.6)
             for support in view.supports(name, i):
@@ -88,7 +88,7 @@ def _draw_surroundings(axes: Axes, view: View, placed: Sequence[str], jointed: S
 
 
 def _draw_other(axes: Axes, view: View, name: str, color: str, zorder: int, jointed: bool) -> None:
-    """Draw an object that the example does not place: filled if it never moves, else faintly in all worlds."""
+    """Draw an object that the example does not place: filled if it never moves, otherwise faintly in all worlds."""
     worlds = view.worlds(name)
     moving = view.moving_bodies(name) if jointed else []
     bodies = [body for body in view.bodies(name) if body not in moving]
@@ -112,7 +112,7 @@ def _width(example: Example, view: View) -> float:
 def _draw_object(axes: Axes, view: View, name: str, color: str, tick: float) -> None:
     """Draw the pivots of an object, with ticks of length `tick` [m] to the front and faint bounds.
 
-    A cross is a world that fell back on the bank, a ring one in which an object that this one refers to is absent.
+    A cross marks a world with a layout from the bank, a ring a world without an object from this object's relations.
     """
     others = [other for _, other in view.config.parts[name].references]
     labels: dict[str, tuple[list[Bounds], dict]] = {
@@ -139,7 +139,7 @@ def _draw_object(axes: Axes, view: View, name: str, color: str, tick: float) -> 
 
 
 def _draw_moving(axes: Axes, view: View, body: int) -> None:
-    """Draw the rectangle around a body that sampled joints move, with a dot in its centre, for each world."""
+    """Draw the rectangle around a body with sampled joints, and a dot in its centre, for each world."""
     for i in range(LAYOUTS):
         if (outline := view.outline(body, i)) is not None:
             _fill(axes, outline, facecolor="none", edgecolor=_DOTS[1], linewidth=0.6, alpha=0.3, zorder=6)
@@ -205,7 +205,7 @@ def main(names: Sequence[str]) -> None:
     matplotlib.use("Agg")
     examples = {e.name: e for e in read_examples(*PAGES)}
     if unknown := set(names) - set(examples):
-        sys.exit(f"There is no example {', '.join(sorted(unknown))}. Examples: {', '.join(examples)}.")
+        sys.exit(f"Unknown examples: {', '.join(sorted(unknown))}. Valid examples: {', '.join(examples)}.")
     for name in names or examples:
         picture = draw(examples[name])
         examples[name].picture.write_bytes(picture)

@@ -1,4 +1,4 @@
-"""The moving picture of the README: arms reach for one object after another, each in a fresh layout.
+"""The animation of the README: arms reach for one object after another, each in a fresh layout.
 
 python -m docs.make_resets   # some minutes on a CPU
 """
@@ -23,13 +23,13 @@ from sceniris_gym.vector.arm_controller import JOINT_STEP
 PICTURE = Path(__file__).parent / "resets.gif"
 _ENV = "sceniris_gym/TabletopReach-v0"
 _WORLDS, _COLUMNS = 8, 4
-_EPISODE, _EPISODES, _EVERY = 36, 4, 3  # control steps of an episode, episodes, control steps from picture to picture
+_EPISODE, _EPISODES, _EVERY = 36, 4, 3  # control steps per episode, episodes, control steps per picture
 _COLOURS = 96
 _PARTS = [7, 7, 7, 7, 15, 5, 7]  # sizes of the parts of the policy's observation
 
 
 class Scripted:
-    """Moves the tool over the chosen object by inverse kinematics, from the policy's observation alone."""
+    """Moves the tool over the chosen object by inverse kinematics, with only the policy's observation."""
 
     def __init__(self, envs: Any) -> None:
         self.arm, self.over = robot_arm(envs.compiled.scene), envs.task.over

@@ -1,4 +1,4 @@
-"""The picture of docs/starts.md: a world of each kind of start of its scene.
+"""The picture of docs/starts.md: one world per kind of start in its scene.
 
 python -m docs.make_starts   # half a minute
 """
@@ -26,7 +26,7 @@ def main() -> None:
     assert found is not None
     compiled = compile_scene(SceneConfig.load(YAML(typ="safe").load(found[1])), "cpu")
     kinds = make_table(compiled, _WORLDS, 0).start
-    # in these worlds everything that is held can be seen
+    # Held objects are visible in these worlds.
     chosen = [int(np.flatnonzero(kinds == number)[-2]) for number in range(len(compiled.config.start))]
     pictures = worlds_of(compiled, max(chosen) + 1)
     grid([pictures[world] for world in chosen], _COLUMNS, _GAP).save(PICTURE, quality=85, optimize=True)

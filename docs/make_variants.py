@@ -1,4 +1,4 @@
-"""The picture of docs/variants.md: sixteen worlds of its scene, each with the things that it got.
+"""The picture of docs/variants.md: sixteen worlds of its scene with their variants.
 
 python -m docs.make_variants   # half a minute
 """

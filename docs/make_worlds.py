@@ -1,4 +1,4 @@
-"""Pictures of worlds as their cameras see them: of three scenes for the README, and with randomised looks.
+"""Pictures of worlds from their cameras: of three scenes for the README, and with randomised appearance.
 
 python -m docs.make_worlds   # about a minute
 """
@@ -19,13 +19,13 @@ from sceniris_gym.pictures.context import Looks, Shot
 
 PICTURE = Path(__file__).parent / "worlds.jpg"
 RANDOMISED = PICTURE.with_name("randomised.jpg")
-"""The picture of docs/randomisation.md: worlds with physics and looks of their own."""
+"""The picture of docs/randomisation.md: worlds with randomised physics and appearance."""
 SCENES = ("clutter", "kitchen", "mid")
 SIZE = (200, 150)
 """Pixels of a world."""
 PAPER = (255, 255, 255)
 _WORLDS, _COLUMNS = 9, 3
-_DRAWN = 3  # times as large as it is shown
+_DRAWN = 3  # pixels are drawn at this multiple of SIZE, and scaled down
 _BETWEEN, _STRIP = 16, 24
 _INK = (40, 44, 50)
 
@@ -41,7 +41,7 @@ def worlds_of(compiled: CompiledScene, worlds: int, seed: int = 0) -> np.ndarray
 
 
 def grid(pictures: Sequence[np.ndarray], columns: int, gap: int) -> Image.Image:
-    """Return pictures, made as small as SIZE, in rows with gaps of some pixels."""
+    """Return pictures, scaled to SIZE, in rows with gaps of `gap` pixels."""
     width, height = SIZE[0] + gap, SIZE[1] + gap
     sheet = Image.new("RGB", (columns * width - gap, -(-len(pictures) // columns) * height - gap), PAPER)
     for i, picture in enumerate(pictures):

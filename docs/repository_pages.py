@@ -1,6 +1,6 @@
-"""Pages of the site that are made from files beside docs/, and links between the two.
+"""Pages of the site from files outside docs/, and links to and from these pages.
 
-A hook of MkDocs: links in Markdown are those of the repository, so that they also work where the files are read there.
+This is a hook of MkDocs. Links in Markdown are paths in the repository, so that they also work on its web pages.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ EXAMPLES = sorted(
     path.relative_to(ROOT).as_posix() for path in (ROOT / "examples").glob("*") if path.suffix in (".py", ".ipynb")
 )
 LIST = "examples/index.md"
-"""The page that lists the examples; in the navigation they follow it."""
+"""The page that lists the examples. In the navigation, the examples follow it."""
 PAGES = {
     "CONTRIBUTING.md": "contributing.md",
     "CHANGELOG.md": "changelog.md",
@@ -33,9 +33,9 @@ PAGES = {
     "examples": LIST,
     **{path: PurePosixPath(path).with_suffix(".md").as_posix() for path in EXAMPLES},
 }
-"""Paths in the repository, and the pages that are made from them."""
+"""Path in the repository -> page of the site."""
 _SPELLED = {"env": "environment", "gpus": "GPUs", "ppo": "PPO", "usd": "USD"}
-"""Words of file names that are spelled otherwise in titles."""
+"""Words of file names with another spelling in titles."""
 _SOURCES = {page: source for source, page in PAGES.items()}
 _FENCE = re.compile(r"(^```.*?^```$)", re.MULTILINE | re.DOTALL)
 _LINK = re.compile(r"(?P<image>!?)\[(?P<text>[^\]]*)\]\((?P<target>[^)\s#:]+)(?P<anchor>#[^)\s]*)?\)")
@@ -55,7 +55,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
-    """Return the page with links to files of the repository as links to pages of the site."""
+    """Turn links to files of the repository into links to pages of the site."""
     parts = _FENCE.split(markdown)
     parts[::2] = [_LINK.sub(lambda link: _on_site(link, page.file.src_uri), part) for part in parts[::2]]
     return "".join(parts)
@@ -99,7 +99,7 @@ def _title(example: str) -> str:
 
 
 def _summary(example: str) -> str:
-    """Return the first line that an example has about itself."""
+    """Return the first line of an example's description."""
     text = (ROOT / example).read_text(encoding="utf-8")
     if example.endswith(".py"):
         return (ast.get_docstring(ast.parse(text)) or "").splitlines()[0]
@@ -108,7 +108,7 @@ def _summary(example: str) -> str:
 
 
 def _on_site(link: re.Match, page: str) -> str:
-    """Return a link of a page as the site needs it; a file that is no page leaves its text alone."""
+    """Return a link of a page for the site. For a file without a page, return only the text of the link."""
     source = _SOURCES.get(page, f"docs/{page}")
     folder = PurePosixPath(source) if source == "examples" else PurePosixPath(source).parent
     target = os.path.normpath(folder / link["target"])

@@ -1,4 +1,4 @@
-"""Layouts seen from above: pivots, headings and bounds by MuJoCo C; supports and regions by shapely."""
+"""Layouts seen from above: pivots, headings and bounds from MuJoCo C, and supports and regions from shapely."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.program.plan import PlacedObject
 from sceniris_gym.viewer.regions import Standing, area_of
 
-_FAR = 10.0  # m: further than any support extends
+_FAR = 10.0  # m, beyond the extent of all supports
 _UNIT_BOX = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
 
 
@@ -49,7 +49,7 @@ class Bounds:
 
     @property
     def standing(self) -> Standing:
-        """The same as the viewer has it."""
+        """Place and bounds in the form of the viewer."""
         return np.array([*self.pivot, self.heading]), np.array([*self.low, *self.high])
 
     @property
@@ -63,7 +63,7 @@ class View:
 
     Args:
         config: The scene.
-        nworld: Number of layouts; world i has seed i.
+        nworld: Number of layouts. World i has seed i.
     """
 
     def __init__(self, config: SceneConfig, nworld: int) -> None:
@@ -83,7 +83,7 @@ class View:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """All objects, then the robot if there is one."""
+        """All objects, then the robots."""
         return self.compiled.slots
 
     def is_placed(self, name: str) -> bool:
@@ -95,7 +95,7 @@ class View:
         return not self._geoms(self.compiled.scene.subtree(name))
 
     def is_fresh(self, i: int) -> bool:
-        """Return whether world i has a fresh layout rather than one from the bank."""
+        """Return whether world i has a fresh layout, not a layout from the bank."""
         return bool(self._fresh[i])
 
     def is_present(self, name: str, i: int) -> bool:
@@ -103,7 +103,7 @@ class View:
         return bool(self._present[i, self.names.index(name)])
 
     def worlds(self, name: str) -> list[int]:
-        """The worlds in which an object is present."""
+        """Return the worlds with an object."""
         return [int(i) for i in np.flatnonzero(self._present[:, self.names.index(name)])]
 
     def stays(self, name: str) -> bool:
@@ -112,15 +112,15 @@ class View:
         return bool(np.ptp(at, axis=0).max() < 0.005)
 
     def bounds(self, name: str, i: int) -> Bounds:
-        """The bounds of an object in world i. Sampled joints change only the height of its pivot."""
+        """Return the bounds of an object in world i. Sampled joints change only the height of its pivot."""
         return self._bounds(name, self.bodies(name), i)
 
     def root_bounds(self, name: str, i: int) -> Bounds:
-        """The bounds of its root body only, without what its joints move."""
+        """Return the bounds of only an object's root body, without the bodies that its joints move."""
         return self._bounds(name, self.bodies(name)[:1], i)
 
     def outline(self, body: int, i: int = 0) -> shapely.Geometry | None:
-        """The rectangle around a body's own geoms, aligned with its x axis, in world i; None if it has no geoms."""
+        """Return the rectangle around a body's geoms in world i, aligned with its x axis, None without geoms."""
         points = self._points(self._states[i], [body])
         if not len(points):
             return None
@@ -129,36 +129,36 @@ class View:
         return _moved(_box(local.min(0), local.max(0)), np.zeros(2), heading)
 
     def boxes_from_the_front(self, body: int, i: int = 0) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Low and high corners in x and z [m] of a body's geoms in world i."""
+        """Return the low and high corners in x and z [m] of a body's geoms in world i."""
         parts = [self._points_of(self._states[i], g)[:, [0, 2]] for g in self._geoms([body])]
         return [(p.min(0), p.max(0)) for p in parts]
 
     def owner(self, name: str) -> str | None:
-        """The object that an object stands on, or 'floor'; None for an object in the air."""
+        """Return the object below an object, 'floor' on the floor, or None in the air."""
         support = self.config.parts[name].support
         return None if support is None else support.parent.split("/")[0]
 
     @cached_property
     def extent(self) -> float:
-        """Width of all supports [m], or of all objects if there are none; scales the marks."""
+        """Width of all supports [m], or of all objects in a scene without supports. It scales the marks."""
         shapes = [s for name in self.names if self.is_placed(name) for s in self.supports(name)]
         shapes = shapes or [self.root_bounds(name, 0).shape for name in self.names]
         x0, y0, x1, y1 = shapely.union_all(shapes).bounds
         return max(x1 - x0, (y1 - y0) * 4 / 3)
 
     def bodies(self, name: str) -> list[int]:
-        """All bodies of an object."""
+        """Return all bodies of an object."""
         return self.compiled.scene.subtree(name)
 
     def moving_bodies(self, name: str) -> list[int]:
-        """The bodies that sampled joints move; for the robot only its hand."""
+        """Return the bodies that sampled joints move, or only the hand of a robot."""
         joints = self.compiled.scene.joint_configs(name)
         if name in self.config.all_robots:
             return [b for b in self.bodies(name) if self.compiled.mjm.body(b).name.endswith("/hand")]
         return [int(self.compiled.mjm.jnt_bodyid[j]) for j in joints]
 
     def supports(self, name: str, i: int = 0) -> list[shapely.Geometry]:
-        """The outlines of the surfaces that an object is placed on, or of its box in space, in world i."""
+        """Return the outlines of an object's support surfaces, or of its box in space, in world i."""
         plan = self._plan(name)
         if plan.ground is None:
             region = self.config.parts[name].region
@@ -169,7 +169,7 @@ class View:
         return [self._on_body(plan.ground, s.outline, i) for s in surfaces.values()]
 
     def region(self, name: str, i: int = 0) -> shapely.Geometry | None:
-        """The region of an object in world i, or None where it depends on the orientation of the object."""
+        """Return the region of an object in world i, or None if the region depends on the object's orientation."""
         plan, config = self._plan(name), self.config.parts[name]
         if plan.ground is None:
             return shapely.union_all(self.supports(name, i))
@@ -183,7 +183,7 @@ class View:
         return region
 
     def _relation(self, name: str, relation: Relation, ground: int, i: int) -> shapely.Geometry:
-        """The region in which a relation holds in world i: everywhere if its frame or too many anchors are absent."""
+        """Return the region of a relation in world i: everywhere if its frame or too many anchors are absent."""
         anchors = [self.bounds(a, i).standing for a in relation.anchors if self.is_present(a, i)]
         turned_by = [other for key, other in relation.references if key == "frame"]
         if len(anchors) < relation.least_anchors or not all(self.is_present(other, i) for other in turned_by):
@@ -216,7 +216,7 @@ class View:
         return Bounds(np.array([*turn @ middle, now[:, 2].min()]), heading, local.min(0), local.max(0))
 
     def _points(self, data: mujoco.MjData, bodies: Container[int]) -> np.ndarray:
-        """Corners of the collision geoms of bodies [m], shape (n, 3)."""
+        """Return the corners of the collision geoms of bodies [m], shape (n, 3)."""
         return np.concatenate([np.zeros((0, 3)), *(self._points_of(data, g) for g in self._geoms(bodies))])
 
     def _points_of(self, data: mujoco.MjData, geom: int) -> np.ndarray:
@@ -224,7 +224,7 @@ class View:
 
     @cached_property
     def _corners(self) -> dict[int, np.ndarray]:
-        """Corners of every collision geom in its own frame: the vertices of a mesh, else the corners of its box."""
+        """Geom -> its corners in its frame: the vertices of a mesh, or the corners of the box of another geom."""
         mjm = self.compiled.mjm
         found = {}
         for g in self._geoms(range(1, mjm.nbody)):

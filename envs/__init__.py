@@ -1,1 +1,1 @@
-"""The shipped tasks, a small file each, and the shipped scenes as YAML files."""
+"""The shipped tasks, one file per task, and the shipped scenes as YAML files."""

@@ -1,4 +1,4 @@
-"""ClutterExtract-v0: take a peg out from among other things without moving them."""
+"""ClutterExtract-v0: extract a peg from clutter without moving the other objects."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ KINDS = {
     "pear": (0.032, 0.024, 0.018),
     "lemon": (0.034, -1.0, -1.0),
 }
-"""Kinds of things, and their radii [m] at the heights of the three parts in HAND; -1 if a thing is lower than that."""
+"""Radii [m] of each kind of object at the heights of the three parts in HAND, -1 if the object is lower."""
 
 HAND = ((0.025, 0.034, 0.011), (0.030, 0.050, 0.009), (0.0, 0.101, 0.031))
-"""Finger pads, fingers and palm on either side of the TCP: begin and end along the closing axis, half the width [m]."""
+"""Finger pads, fingers and palm: start and end along the closing axis from the TCP, and half the width [m]."""
 
 CLOSE = ("can", "can_2", "tin", "tin_2", "apple", "orange", "pear", "lemon")
 
@@ -35,48 +35,48 @@ AROUND = (
 OTHERS = (*CLOSE, *AROUND)
 
 SLOTS = 11
-"""Number of other things that can be present."""
+"""Maximum number of other objects."""
 
 FINGERS = ("panda/left_finger", "panda/right_finger")
 
 GRASP_HEIGHT = 0.035
-"""Height over its underside at which the peg is grasped [m]; the palm is 37 mm over the TCP."""
+"""Height of the grasp above the peg's underside [m]. The palm is 37 mm above the TCP."""
 
 LIFTED = 0.1
-"""Height over the table at which the peg counts as lifted [m]."""
+"""Height above the table at which the peg counts as lifted [m]."""
 
 HOLD = 0.5
-"""Time for which it has to be held there [s]."""
+"""Required holding time at this height [s]."""
 
 MOVED = 0.02
-"""Largest distance by which another thing may be moved [m]."""
+"""Largest allowed displacement of another object [m]."""
 
 TOPPLED = 0.5
-"""Largest angle by which it may be tilted [rad]."""
+"""Largest allowed tilt of another object [rad]."""
 
 LOWEST = 0.015
-"""Lowest target of the tool over the table [m]; the fingertips reach 9 mm below the tool."""
+"""Lowest height of the tool's target above the table [m]. The fingertips are 9 mm below the tool."""
 
 LOST_HEIGHT = -0.05
-"""Height of its origin below which the peg has fallen off the table [m]."""
+"""The peg has fallen off the table if its origin is below this height [m]."""
 
 
 class ClutterExtract(Task):
-    """A Panda on a table grasps a peg among 5 to 11 other things, lifts it by 10 cm, and moves nothing else.
+    """A Panda on a table grasps a peg among 5 to 11 other objects, and lifts it by 10 cm without moving the others.
 
-    The bounds of at least two other things are within 3 cm of the peg's, so the fingers often fit on only one pair of
-    its sides: the grasp has to be chosen by what stands around the peg. Every layout leaves at least one grasp free
-    (`reachable: clear`).
+    The bounds of at least two other objects are within 3 cm of the peg's bounds, so the fingers often fit on only one
+    pair of the peg's sides. The policy has to choose the grasp that the surrounding objects leave free. Every layout
+    has at least one such grasp (`reachable: clear`).
 
-    Frames: poses and velocities are in the robot's base frame (on the table's top, x forward, z up); rotations are
-    quaternions wxyz. Every reset draws which of 19 other things are present, the positions and yaws of all things, and
-    a little noise on the arm. The tool always points down. A thing's underside is the origin of its body; its axes are
-    the x and the z axis of its body. A thing sleeps, in MuJoCo's sense, until something touches it: it does not move,
-    and costs no time. The things that are present occupy slots, ordered by their distance from the peg at the start;
-    the numbers of empty slots are 0.
+    Frames: poses and velocities are in the robot's base frame (on the table top, x forward, z up). Rotations are wxyz
+    quaternions. Every reset draws which of 19 other objects are present, the positions and yaws of all objects, and a
+    little noise on the arm. The tool always points down. An object's underside is the origin of its body. Its axes are
+    the x and z axes of its body. An object sleeps, in MuJoCo's sense, until it is touched: it does not move, and takes
+    no simulation time. The present objects occupy slots, ordered by their distance from the peg at the start. Values of
+    empty slots are 0.
 
     Action, 5 numbers in [-1, 1] at 50 Hz: changes of the tool's target along x, y and z in units of 0.02 m and about
-    the vertical in units of 0.1 rad, and the opening of the gripper from -1 (closed) to 1 (open).
+    the vertical in units of 0.1 rad, and the gripper's opening from -1 (closed) to 1 (open).
 
     Observations, group `policy`, 225 numbers:
 
@@ -84,64 +84,62 @@ class ClutterExtract(Task):
     |---|---|---|
     | arm_qpos | 7 | joint angles [rad] |
     | arm_qvel | 7 | joint velocities [rad/s] |
-    | finger_width | 1 | distance between the fingers [m] |
-    | tcp_pose | 7 | TCP, the point between the fingertips: position [m], rotation |
+    | finger_width | 1 | gap between the fingers [m] |
+    | tcp_pose | 7 | TCP, midway between the fingertips: position [m], rotation |
     | tool_lead | 4 | the tool's target minus the tool: x, y, z [m], yaw [rad] |
     | tcp_to_target | 3 | from the TCP to the peg's underside [m] |
     | target_axes | 6 | axes of the peg |
-    | target_from_tool | 9 | the peg in the tool's frame: its underside [m], its axes |
-    | others_present | 11 | 1 for each slot with a thing in it |
-    | others_kind | 11, 6 | 1 for its kind: can, tin, apple, orange, pear, lemon |
-    | target_to_others | 11, 3 | from the peg's underside to the thing's [m] |
-    | others_from_tool | 11, 3 | the thing's underside in the tool's frame [m] |
-    | others_up | 11, 3 | the thing's z axis |
+    | target_from_tool | 9 | underside [m] and axes of the peg in the tool's frame |
+    | others_present | 11 | 1 for each occupied slot |
+    | others_kind | 11, 6 | 1 for the object's kind: can, tin, apple, orange, pear, lemon |
+    | target_to_others | 11, 3 | from the peg's underside to the object's underside [m] |
+    | others_from_tool | 11, 3 | the object's underside in the tool's frame [m] |
+    | others_up | 11, 3 | the object's z axis |
     | last_action | 5 | the last action, zeros after a reset |
 
     Group `critic`, 318 numbers: the same, then
 
-    - `touching` (2): 1 where the left and the right finger touch the peg,
-    - `held` (1): time for which the peg has been held up without a break, in units of 0.5 s,
-    - `moved` (11): how far each other thing is from where it was, or tilted, as a share of what is allowed,
+    - `touching` (2): 1 if the left and the right finger touch the peg,
+    - `held` (1): uninterrupted time that the peg has been held up, in units of 0.5 s,
+    - `moved` (11): displacement or tilt of each other object, whichever is larger, as a fraction of its limit,
     - `target_velocity` (6) and `others_velocity` (11, 6): linear [m/s], angular [rad/s],
-    - `clear_side` (7): the direction in which the fingers should close, given what is beside the peg: cosine and sine
-      of twice its angle, and of twice the angle from the tool to it; then the gaps along both axes of the peg, and the
-      larger of the two [m].
+    - `clear_side` (7): the closing direction with more room around the peg, as cosine and sine of twice its angle and
+      of twice its angle from the tool, then the gaps along both axes of the peg, and the larger gap [m].
 
-    Reward terms, per second (each is multiplied by the 0.02 s of a step), are summed:
+    The reward is the sum of these terms, per second (each is multiplied by the step of 0.02 s):
 
-    - `reaching`, 0 to 1: how near the tool is to the grasp, or to the funnel above it,
-    - `aligning`, 0 to 1: over the peg, how well the fingers close in the direction with more room,
-    - `grasping`, 0 to 2: while both fingers touch the peg, how near the tool is to the grasp,
-    - `lifting`, 0 to 4: while both fingers touch the peg, the root of the share of the way up,
+    - `reaching`, 0 to 1: how close the tool is to the grasp, or to the funnel above it,
+    - `aligning`, 0 to 1: above the peg, how well the fingers align with the direction that has more room,
+    - `grasping`, 0 to 2: how close the tool is to the grasp, while both fingers touch the peg,
+    - `lifting`, 0 to 4: the square root of the lifted fraction of 10 cm, while both fingers touch the peg,
     - `holding`, 5 while the peg is up and both fingers touch it,
-    - `disturbing`, down to -0.75: minus a quarter of the sum of the other things' speeds [m/s], and minus half of the
-      largest share in `moved`,
+    - `disturbing`, down to -0.75: minus a quarter of the sum of the other objects' speeds [m/s], and minus half of the
+      largest fraction in `moved`,
     - `effort`: -0.05 times the mean square of the action.
 
-    The more is moved, the less `lifting` and `holding` count, down to a fifth.
+    `lifting` and `holding` shrink with the largest fraction in `moved`, down to a fifth.
 
-    Success: at the end of 26 steps in a row, 0.5 s from the first to the last, the peg is 10 cm or more over the table
-    and touched by both fingers; and no other thing is more than 2 cm from where it was, or tilted by more than 0.5 rad.
-    It is judged at the last step. The episode terminates when the peg has fallen off the table, and is truncated after
-    200 steps (4 s).
+    Success: at the end of 26 consecutive steps, 0.5 s from first to last, the peg is at least 10 cm above the table and
+    both fingers touch it. All other objects are within 2 cm and 0.5 rad of their start poses. Success is judged at the
+    last step. The episode terminates when the peg has fallen off the table, and is truncated after 200 steps (4 s).
     """
 
     scene = "clutter_extract"
-    # 99.8% of a trained policy's physics steps need at most 10 iterations; one world that needs more stalls all others
+    # 99.8% of a trained policy's physics steps need at most 10 iterations. More in one world would delay all worlds.
     options = SLEEPING | {"iterations": 10}
     action_size = 5
 
     def bind(self, s: State) -> None:
-        """Find the arm, its contacts and the peg's bounds, and allocate the tensors that are kept between steps.
+        """Find the arm, its contacts and the peg's bounds, and allocate the tensors that persist between steps.
 
         Raises:
-            ArgumentError: The scene's groups let more things be present than there are slots.
+            ArgumentError: The scene's groups allow more objects than slots.
         """
         most = sum(group.count[1] for group in s.scene.config.groups.values())
         if most > SLOTS:
             raise ArgumentError(
-                f"ClutterExtract-v0: up to {most} things beside the peg can be present in this scene, and there are "
-                f"{SLOTS} slots for them. Lower `count` of the groups in `overrides`."
+                f"ClutterExtract-v0: the groups of the scene should have at most {SLOTS} objects present, got up to "
+                f"{most}. Lower `count` of the groups in `overrides`."
             )
         self.arm = ArmController(s, "panda")
         self.touch = ContactSensor(s, FINGERS, ("target",))
@@ -159,18 +157,18 @@ class ClutterExtract(Task):
         self.hold_steps = round(HOLD / s.dt)
 
     def apply(self, s: State, action: Tensor) -> None:
-        """Move the tool, and open or close the gripper."""
+        """Move the tool's target, and set the gripper's opening."""
         self.arm.move_tool(s, action[:, :4], lowest=LOWEST)
         self.arm.grip(s, action[:, 4])
         self.last_action.copy_(action)
 
     def observe(self, s: State) -> Observation:
-        """Return the observations that the class lists."""
+        """Return the observations listed in the class docstring."""
         tool, target, others = self.arm.tool(s), s.pose("target"), self.others(s)
         filled, to_tool = self.filled[:, :, None], rotations.conjugate(tool[:, 3:])
         away, axes = target[:, :3] - tool[:, :3], rotations.axes(target[:, 3:])
         to_others = others[:, :, :3] - tool[:, None, :3]
-        # one rotation of them all: the way to the peg, its two axes, and the ways to the other things
+        # rotate all vectors in one call: to the peg, the peg's two axes, and to the other objects
         ways = torch.cat([away[:, None], axes.unflatten(1, (2, 3)), to_others], dim=1)
         seen = rotations.rotate(to_tool[:, None], ways)
         policy = {
@@ -200,16 +198,16 @@ class ClutterExtract(Task):
         return {"policy": policy, "critic": policy | critic}
 
     def reward(self, s: State, action: Tensor) -> dict[str, Tensor]:
-        """Return the terms that the class lists, and count the steps held up."""
+        """Return the reward terms listed in the class docstring, and count the steps held up."""
         tool, height = self.arm.tool(s)[:, :3], self.height(s)
         away = s.pose("target")[:, :3] - tool
         aside = away[:, :2].norm(dim=1)
         aligned = 0.5 + 0.5 * self._turn(s).cos()
-        # a funnel: the further aside, the higher the tool should be
+        # a funnel: the farther the tool is to the side, the higher it should be
         over = (1.5 * (aside - 0.01)).clamp(0.0, 0.12)
         below = away[:, 2] + GRASP_HEIGHT
         distance = torch.hypot(aside, below + over)
-        # fingers that press on the peg from above touch it as well: only near the grasp does it count
+        # fingers that press on the peg from above also touch it, so touching counts only near the grasp
         around = torch.exp(-(torch.hypot(aside, below) / 0.03).square())
         grasped = self.touching(s).prod(dim=1)
         up = grasped * (height >= LIFTED)
@@ -230,15 +228,15 @@ class ClutterExtract(Task):
         }
 
     def success(self, s: State) -> Tensor:
-        """Return the worlds in which the peg has been held up for 0.5 s and everything else is where it was."""
+        """Return whether the peg was held up for 0.5 s and the other objects stayed in place, shape (num_envs,)."""
         return (self.held > self.hold_steps) & (self.moved(s) <= 1.0).all(dim=1)
 
     def terminated(self, s: State) -> Tensor:
-        """Return the worlds in which the peg has fallen off the table."""
+        """Return whether the peg has fallen off the table, shape (num_envs,)."""
         return s.pose("target")[:, 2] < LOST_HEIGHT
 
     def on_reset(self, s: State, mask: Tensor) -> None:
-        """Give the things that are present their slots, and start all that is kept between steps anew."""
+        """Assign slots to the present objects, and reset the tensors that persist between steps."""
         target, poses = s.pose("target"), s.poses(OTHERS)
         away = (poses[:, :, :2] - target[:, None, :2]).norm(dim=2)
         away = torch.where(s.present(OTHERS), away, torch.inf)
@@ -253,19 +251,19 @@ class ClutterExtract(Task):
         s.sleep(("target", *OTHERS), mask)
 
     def height(self, s: State) -> Tensor:
-        """Return the height of the peg's lowest corner over the table [m], shape (num_envs,)."""
+        """Return the height of the peg's lowest corner above the table [m], shape (num_envs,)."""
         return self.bounds.lowest(s.poses(("target",)))[:, 0]
 
     def touching(self, s: State) -> Tensor:
-        """Return 1 where the left and the right finger touch the peg, else 0; shape (num_envs, 2)."""
+        """Return 1 if the left and the right finger touch the peg, 0 if not, shape (num_envs, 2)."""
         return self.touch(s)[:, :, 0].float()
 
     def others(self, s: State) -> Tensor:
-        """Return the poses of the things in the slots: position [m], rotation; shape (num_envs, 11, 7)."""
+        """Return the poses of the objects in the slots: position [m] and rotation, shape (num_envs, 11, 7)."""
         return self._gather(s.poses(OTHERS))
 
     def moved(self, s: State) -> Tensor:
-        """Return by which share of what is allowed each thing has moved or tilted, shape (num_envs, 11)."""
+        """Return the displacement or tilt of each object as a fraction of its limit, shape (num_envs, 11)."""
         now = self.others(s)
         shift = (now[:, :, :3] - self.start[:, :, :3]).norm(dim=2) / MOVED
         before, after = (rotations.axes(pose[:, :, 3:])[:, :, 3:] for pose in (self.start, now))
@@ -273,11 +271,11 @@ class ClutterExtract(Task):
         return torch.maximum(shift, tilt) * self.filled
 
     def _gather(self, values: Tensor) -> Tensor:
-        """Return the values of the things in the slots, out of those of all other things, shape (num_envs, 11, ...)."""
+        """Select the values of the objects in the slots from the values of all others, shape (num_envs, 11, ...)."""
         return values.gather(1, self.slots[:, :, None].expand(-1, -1, values.shape[2]))
 
     def _clearer(self, s: State) -> Tensor:
-        """Return the angle of the closing axis with more room [rad], then the room along both [m], (num_envs, 3)."""
+        """Return the closing axis with more room as an angle [rad], and the room along both axes [m], (num_envs, 3)."""
         target, others = s.pose("target"), self.others(s)
         flat = others[:, :, :2] - target[:, None, :2]
         radii, absent = self.radii[self.slots], torch.where(self.filled > 0, 0.0, torch.inf)
@@ -295,8 +293,8 @@ class ClutterExtract(Task):
         return torch.stack([angle, *rooms], dim=1)
 
     def _turn(self, s: State) -> Tensor:
-        """Return twice the angle from the fingers' closing axis to the one with more room [rad], shape (num_envs,)."""
-        # the closing axis is the tool's y axis: of a tool that points down, it is a quarter turn behind the x axis
+        """Return twice the angle [rad] from the fingers' closing axis to the axis with more room, shape (num_envs,)."""
+        # the closing axis is the tool's y axis: if the tool points down, it is 90 degrees behind the x axis
         return 2.0 * (self.clear[:, 0] - rotations.yaw(self.arm.tool(s)[:, 3:]) + 0.5 * torch.pi)
 
     def _clear_side(self, s: State) -> Tensor:

@@ -14,29 +14,30 @@ CLUTTER = ("can", "orange", "block")
 OBJECTS = ("tin", *CLUTTER)
 
 BEHIND = 0.06
-"""Distance behind the tin's centre, as seen from the mark, of the point from which the closed fingers push [m]."""
+"""The closed fingers push from a point this far behind the tin's centre, as seen from the mark [m]."""
 
 PUSH_HEIGHT = 0.02
-"""Height of the tool over the table while it pushes, and the lowest target of the tool [m]."""
+"""Height of the tool above the table while it pushes, and the lowest height of the tool's target [m]."""
 
 CLOSE = 0.04
-"""Distance of the tin's underside from the mark within which it has arrived [m]."""
+"""The tin has arrived if its underside is within this distance of the mark [m]."""
 
 AT_REST = 0.01
-"""Speed below which the tin is at rest [m/s]."""
+"""The tin is at rest below this speed [m/s]."""
 
 LOST_HEIGHT = -0.05
-"""Height of its origin below which the tin has fallen off the table [m]."""
+"""The tin has fallen off the table if its origin is below this height [m]."""
 
 
 class ClutterPush(Task):
-    """A Panda on a table pushes a tin to a mark with closed fingers; a can is in the way, an orange and a block may be.
+    """A Panda on a table pushes a tin to a mark with closed fingers, past a can, an orange and a block.
 
-    Frames: poses and velocities are in the robot's base frame (on the table's top, x forward, z up); rotations are
-    quaternions wxyz. Every reset draws the positions and yaws of all objects, the position of the mark (a green disc in
-    pictures), which may lie under an object, and a little noise on the arm. The tool always points down. The can's
-    centre is within 5 cm of the straight line from the tin to the mark. An object's underside is the origin of its
-    body: the centre of the face on which it stands at the start. It turns with the object.
+    Frames: poses and velocities are in the robot's base frame (on the table top, x forward, z up). Rotations are wxyz
+    quaternions. Every reset draws the positions and yaws of all objects, the position of the mark, and a little noise
+    on the arm. The mark is a green disc in images, and may lie under an object. The tool always points down. The can's
+    centre is within 5 cm of the straight line from the tin to the mark. The orange and the block may also be in the
+    way. An object's underside is the origin of its body, the centre of the face that it stands on at the start. The
+    underside moves with the object.
 
     Action, 4 numbers in [-1, 1] at 50 Hz: changes of the tool's target along x, y and z in units of 0.02 m and about
     the vertical in units of 0.1 rad.
@@ -47,7 +48,7 @@ class ClutterPush(Task):
     |---|---|---|
     | arm_qpos | 7 | joint angles [rad] |
     | arm_qvel | 7 | joint velocities [rad/s] |
-    | tcp_pose | 7 | TCP, the point between the fingertips: position [m], rotation |
+    | tcp_pose | 7 | TCP, midway between the fingertips: position [m], rotation |
     | tcp_to_tin | 3 | from the TCP to the tin's underside [m] |
     | tin_to_goal | 3 | from the tin's underside to the mark [m] |
     | tcp_to_clutter | 3, 3 | from the TCP to the undersides of can, orange and block [m] |
@@ -56,41 +57,41 @@ class ClutterPush(Task):
 
     Group `critic`, 71 numbers: the same, then
 
-    - `tcp_to_behind` (3): from the TCP to the point behind the tin from which it should be pushed [m],
-    - `object_velocities` (4, 6): of tin, can, orange and block; linear [m/s], angular [rad/s].
+    - `tcp_to_behind` (3): from the TCP to the push point behind the tin [m],
+    - `object_velocities` (4, 6): of tin, can, orange and block, linear [m/s] and angular [rad/s].
 
-    Reward terms, per second (each is multiplied by the 0.02 s of a step), are summed:
+    The reward is the sum of these terms, per second (each is multiplied by the step of 0.02 s):
 
-    - `reaching`, 0 to 1: how near the tool is to the point from which it should push,
-    - `pushing`, 0 to 4: how near the tin's underside is to the mark,
+    - `reaching`, 0 to 1: how close the tool is to the push point,
+    - `pushing`, 0 to 4: how close the tin's underside is to the mark,
     - `arrived`, 2 while the tin is at the mark,
-    - `resting`, 4 while it is at rest there,
+    - `resting`, 4 while the tin is at rest at the mark,
     - `disturbing`, down to -1: minus half the sum of the other objects' speeds [m/s],
     - `effort`: -0.05 times the mean square of the action.
 
-    Success: the centre of the tin's underside is within 4 cm of the mark, height included, so that a tin on its side or
-    upside down does not count, and slower than 1 cm/s. It is judged at the last step: a tin that passes over the mark
-    has not arrived. The episode terminates when the tin has fallen off the table, and is truncated after 250 steps
-    (5 s).
+    Success: the centre of the tin's underside is within 4 cm of the mark and slower than 1 cm/s. The distance includes
+    height, so a tin on its side or upside down does not count. Success is judged at the last step, so a tin that only
+    passes over the mark does not count. The episode terminates when the tin has fallen off the table, and is truncated
+    after 250 steps (5 s).
     """
 
     scene = "clutter_push"
     action_size = 4
 
     def bind(self, s: State) -> None:
-        """Find the arm, and allocate the tensors that are kept between steps."""
+        """Find the arm, and allocate the tensors that persist between steps."""
         self.arm = ArmController(s, "panda")
         self.closed = torch.full((s.num_envs,), -1.0, device=s.device)
         self.last_action = torch.zeros(s.num_envs, 4, device=s.device)
 
     def apply(self, s: State, action: Tensor) -> None:
-        """Move the tool, with closed fingers."""
+        """Move the tool's target, with closed fingers."""
         self.arm.move_tool(s, action, lowest=PUSH_HEIGHT)
         self.arm.grip(s, self.closed)
         self.last_action.copy_(action)
 
     def observe(self, s: State) -> Observation:
-        """Return the observations that the class lists."""
+        """Return the observations listed in the class docstring."""
         tool, objects = self.arm.tool(s), s.poses(OBJECTS)[:, :, :3]
         to_goal = self.to_goal(s)
         policy = {
@@ -110,7 +111,7 @@ class ClutterPush(Task):
         }
 
     def reward(self, s: State, action: Tensor) -> dict[str, Tensor]:
-        """Return the terms that the class lists."""
+        """Return the reward terms listed in the class docstring."""
         to_goal = self.to_goal(s)
         away = to_goal.norm(dim=1)
         behind = self._behind(s.pose("tin")[:, :3], to_goal) - self.arm.tool(s)[:, :3]
@@ -125,15 +126,15 @@ class ClutterPush(Task):
         }
 
     def success(self, s: State) -> Tensor:
-        """Return the worlds in which the tin is at rest on the mark."""
+        """Return whether the tin is at rest on the mark, shape (num_envs,)."""
         return (self.to_goal(s).norm(dim=1) < CLOSE) & (s.velocity("tin")[:, :3].norm(dim=1) < AT_REST)
 
     def terminated(self, s: State) -> Tensor:
-        """Return the worlds in which the tin has fallen off the table."""
+        """Return whether the tin has fallen off the table, shape (num_envs,)."""
         return s.pose("tin")[:, 2] < LOST_HEIGHT
 
     def on_reset(self, s: State, mask: Tensor) -> None:
-        """Clear the last action, and start the tool's target at the tool."""
+        """Clear the last action, and reset the tool's target to the tool."""
         self.last_action.masked_fill_(mask[:, None], 0.0)
         self.arm.start(s, mask)
 
@@ -142,6 +143,6 @@ class ClutterPush(Task):
         return s.pose("goal")[:, :3] - s.pose("tin")[:, :3]
 
     def _behind(self, tin: Tensor, to_goal: Tensor) -> Tensor:
-        """Return the point from which to push [m], by the tin's position and the vector to the mark: (num_envs, 3)."""
+        """Return the push point [m] for the tin's position and the vector to the mark, shape (num_envs, 3)."""
         back = -BEHIND * torch.nn.functional.normalize(to_goal[:, :2], dim=1)
         return tin + torch.cat([back, torch.full_like(back[:, :1], PUSH_HEIGHT)], dim=1)

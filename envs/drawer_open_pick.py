@@ -12,18 +12,18 @@ from sceniris_gym.vector.task import Observation
 from .drawer_pick import DrawerPick
 
 OPEN = 0.22
-"""Opening at which the drawer counts as open [m]; it goes up to 0.25 m."""
+"""Opening at which the drawer counts as open [m]. The maximum is 0.25 m."""
 
 
 class DrawerOpenPick(DrawerPick):
     """A Panda in front of a closed cabinet pulls the upper drawer open, and takes a banana out of it.
 
-    No policy has been trained on it yet. Frames, the banana's axes and its height are those of `DrawerPick-v0`. Every
-    reset draws the cabinet's position and yaw, the poses of banana and apple, and a little noise on the arm; both
-    drawers are closed.
+    We have not trained a policy on this task yet. Frames, the banana's axes and its height are the same as in
+    `DrawerPick-v0`. Every reset draws the cabinet's position and yaw, the poses of banana and apple, and a little noise
+    on the arm. Both drawers are closed.
 
-    Action, 8 numbers in [-1, 1] at 50 Hz: changes of the targets of joints 1 to 7 in units of 0.04 rad, and the opening
-    of the gripper from -1 (closed) to 1 (open).
+    Action, 8 numbers in [-1, 1] at 50 Hz: changes of the targets of joints 1 to 7 in units of 0.04 rad, and the
+    gripper's opening from -1 (closed) to 1 (open).
 
     Observations, group `policy`, 57 numbers:
 
@@ -32,8 +32,8 @@ class DrawerOpenPick(DrawerPick):
     | arm_qpos | 7 | joint angles [rad] |
     | arm_qvel | 7 | joint velocities [rad/s] |
     | arm_lead | 7 | joint targets minus joint angles [rad] |
-    | finger_width | 1 | distance between the fingers [m] |
-    | tcp_pose | 7 | TCP, the point between the fingertips: position [m], rotation |
+    | finger_width | 1 | gap between the fingers [m] |
+    | tcp_pose | 7 | TCP, midway between the fingertips: position [m], rotation |
     | tcp_to_banana | 3 | from the TCP to the banana's underside [m] |
     | banana_axes | 6 | axes of the banana |
     | tcp_to_handle | 3 | from the TCP to the middle of the drawer's handle [m] |
@@ -45,28 +45,29 @@ class DrawerOpenPick(DrawerPick):
     `tcp_to_grasp` (3) and `turn_to_grasp` (2) as in `DrawerPick-v0`, and `facing` (1): cosine of the angle between the
     tool's approach and the drawer's depth.
 
-    Reward terms, per second (each is multiplied by the 0.02 s of a step), are summed:
+    The reward is the sum of these terms, per second (each is multiplied by the step of 0.02 s):
 
-    - `handle`, 0 to 1: how near the tool is to the handle, of which half counts in any case and half by how well the
-      tool faces it; 1 once the drawer is 0.22 m open,
-    - `opening`, 0 to 3: the share of 0.22 m to which the drawer is open,
-    - `reaching`, `aligning`, `grasping`, `lifting` and `out` as in `DrawerPick-v0`, once the drawer is 0.22 m open,
+    - `handle`, 0 to 1: how close the tool is to the handle, times a factor from 0.5 to 1 for how well the tool faces
+      it, or 1 while the drawer is at least 0.22 m open,
+    - `opening`, 0 to 3: the drawer's opening as a fraction of 0.22 m,
+    - `reaching`, `aligning`, `grasping`, `lifting` and `out` as in `DrawerPick-v0`, while the drawer is at least 0.22 m
+      open,
     - `effort`: -0.05 times the mean square of the action.
 
-    Success and termination are those of `DrawerPick-v0`. The episode is truncated after 400 steps (8 s).
+    Success and termination are the same as in `DrawerPick-v0`. The episode is truncated after 400 steps (8 s).
     """
 
     scene = "drawer_open_pick"
     action_size = 8
 
     def apply(self, s: State, action: Tensor) -> None:
-        """Move the joint targets, and open or close the gripper."""
+        """Move the joint targets, and set the gripper's opening."""
         self.arm.move_joints(s, action[:, :7])
         self.arm.grip(s, action[:, 7])
         self.last_action.copy_(action)
 
     def observe(self, s: State) -> Observation:
-        """Return the observations that the class lists."""
+        """Return the observations listed in the class docstring."""
         seen, joints = super().observe(s)["critic"], self.arm.qpos(s)
         policy = {
             "arm_qpos": joints,
@@ -86,7 +87,7 @@ class DrawerOpenPick(DrawerPick):
         return {"policy": policy, "critic": policy | critic}
 
     def reward(self, s: State, action: Tensor) -> dict[str, Tensor]:
-        """Return the terms that the class lists, and count the steps held out."""
+        """Return the reward terms listed in the class docstring, and count the steps held out."""
         picking = super().reward(s, action)
         effort = picking.pop("effort")
         share = (s.qpos("cabinet/upper")[:, 0] / OPEN).clamp(0.0, 1.0)

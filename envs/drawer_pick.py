@@ -12,36 +12,36 @@ from sceniris_gym.vector.state import State
 from sceniris_gym.vector.task import Observation, Task
 
 CLEAR_HEIGHT = 0.55
-"""Height over the floor at which the banana is out [m]: 5 cm over the cabinet, 7 cm over the drawer's face."""
+"""Height above the floor at which the banana is out [m]: 5 cm above the cabinet, 7 cm above the drawer's face."""
 
 HOLD = 0.5
-"""Time for which it has to be held there [s]."""
+"""Required holding time above this height [s]."""
 
 FINGERS = ("panda/left_finger", "panda/right_finger")
 
 LOST_HEIGHT = 0.15
-"""Height of its origin below which the banana has fallen out of the drawer, whose floor is at 0.27 m [m]."""
+"""The banana has fallen out if its origin is below this height [m]. The drawer's floor is at 0.27 m."""
 
 LOWEST = 0.282
-"""Lowest target of the tool over the floor [m]; the fingertips, 9 mm lower, are then just over the drawer's floor."""
+"""Lowest height of the tool's target above the floor [m]: the fingertips, 9 mm lower, just clear the drawer's floor."""
 
 TURNS = (-0.6, 2.4)
-"""Limits of the yaw of the tool's target [rad]; the banana's yaw is between 0.3 and 2.2."""
+"""Limits of the yaw of the tool's target [rad]. The banana's yaw is between 0.3 and 2.2."""
 
 
 class DrawerPick(Task):
-    """A Panda in front of a cabinet takes a banana out of the open upper drawer; an apple lies on the floor.
+    """A Panda in front of a cabinet takes a banana out of the open upper drawer. An apple lies on the floor.
 
-    Frames: poses and velocities are in the robot's base frame (on the floor, x forward, z up); rotations are
-    quaternions wxyz. Every reset draws the cabinet's position and yaw, the drawer's opening, the poses of banana and
-    apple, and a little noise on the arm. The tool always points down. The banana's underside is the origin of its body:
-    the centre of the face on which it lies at the start. It turns with the banana, and so do its axes, the body's x
-    axis, which is along the banana, and z axis. The banana's height is that of the lowest corner of the smallest box
-    around it along its own axes. This is exact for a banana that lies as at the start, and up to 4 cm too low for a
-    tilted one.
+    Frames: poses and velocities are in the robot's base frame (on the floor, x forward, z up). Rotations are wxyz
+    quaternions. Every reset draws the cabinet's position and yaw, the drawer's opening, the poses of banana and apple,
+    and a little noise on the arm. The tool always points down. The banana's underside is the origin of its body, the
+    centre of the face that it lies on at the start. The banana's axes are the x axis of its body, along the banana, and
+    the z axis. Underside and axes move with the banana. The banana's height is the lowest corner of its bounding box
+    along the body's axes. This height is exact for a banana that lies as at the start, and up to 4 cm too low for a
+    tilted banana.
 
     Action, 5 numbers in [-1, 1] at 50 Hz: changes of the tool's target along x, y and z in units of 0.02 m and about
-    the vertical in units of 0.1 rad, and the opening of the gripper from -1 (closed) to 1 (open).
+    the vertical in units of 0.1 rad, and the gripper's opening from -1 (closed) to 1 (open).
 
     Observations, group `policy`, 47 numbers:
 
@@ -49,8 +49,8 @@ class DrawerPick(Task):
     |---|---|---|
     | arm_qpos | 7 | joint angles [rad] |
     | arm_qvel | 7 | joint velocities [rad/s] |
-    | finger_width | 1 | distance between the fingers [m] |
-    | tcp_pose | 7 | TCP, the point between the fingertips: position [m], rotation |
+    | finger_width | 1 | gap between the fingers [m] |
+    | tcp_pose | 7 | TCP, midway between the fingertips: position [m], rotation |
     | tool_lead | 4 | the tool's target minus the tool: x, y, z [m], yaw [rad] |
     | tcp_to_banana | 3 | from the TCP to the banana's underside [m] |
     | banana_axes | 6 | axes of the banana |
@@ -61,31 +61,30 @@ class DrawerPick(Task):
 
     - `banana_velocity` (6): linear [m/s], angular [rad/s],
     - `apple_pose` (7): position [m], rotation,
-    - `touching` (2): 1 where the left and the right finger touch the banana,
-    - `held` (1): time for which the banana has been held out without a break, in units of 0.5 s; a success from 1 on,
-    - `tcp_to_grasp` (3): from the TCP to the point where the banana is grasped [m],
-    - `turn_to_grasp` (2): cosine and sine of twice the angle from the tool's yaw to the banana's.
+    - `touching` (2): 1 if the left and the right finger touch the banana,
+    - `held` (1): uninterrupted time that the banana has been held out, in units of 0.5 s, a success from 1,
+    - `tcp_to_grasp` (3): from the TCP to the banana's grasp point [m],
+    - `turn_to_grasp` (2): cosine and sine of twice the angle from the tool's yaw to the banana's yaw.
 
-    Reward terms, per second (each is multiplied by the 0.02 s of a step), are summed:
+    The reward is the sum of these terms, per second (each is multiplied by the step of 0.02 s):
 
-    - `reaching`, 0 to 1: how near the tool is to the grasp, or to the funnel above it, down which it should come,
-    - `aligning`, 0 to 1: over the banana, how well the fingers are turned across it,
+    - `reaching`, 0 to 1: how close the tool is to the grasp, or to the funnel above it that leads to the grasp,
+    - `aligning`, 0 to 1: above the banana, how well the fingers are aligned across it,
     - `grasping`, 1 while both fingers touch the banana,
-    - `lifting`, 0 to 4: while both fingers touch the banana, the root of the share of the way out,
+    - `lifting`, 0 to 4: the square root of the fraction of the way out, while both fingers touch the banana,
     - `out`, 5 while the banana is out and both fingers touch it,
     - `effort`: -0.05 times the mean square of the action.
 
-    Success: at the end of 26 steps in a row, 0.5 s from the first to the last, the banana is higher than 0.55 m and
-    touched by both fingers. Contacts are those of the last of a step's 4 physics steps; the other three are not
-    checked. The episode terminates when the banana has fallen out of the drawer, and is truncated after 200 steps
-    (4 s).
+    Success: at the end of 26 consecutive steps, 0.5 s from first to last, the banana is higher than 0.55 m and both
+    fingers touch it. Contacts are checked in the last of a step's 4 physics steps only. The episode terminates when the
+    banana has fallen out of the drawer, and is truncated after 200 steps (4 s).
     """
 
     scene = "drawer_pick"
     action_size = 5
 
     def bind(self, s: State) -> None:
-        """Find the arm, its contacts and the banana's bounds, and allocate the tensors that are kept between steps."""
+        """Find the arm, its contacts and the banana's bounds, and allocate the tensors that persist between steps."""
         self.arm = ArmController(s, "panda")
         self.touch = ContactSensor(s, FINGERS, ("banana",))
         self.bounds = Bounds(s, ("banana",))
@@ -95,13 +94,13 @@ class DrawerPick(Task):
         self.hold_steps = round(HOLD / s.dt)
 
     def apply(self, s: State, action: Tensor) -> None:
-        """Move the tool, and open or close the gripper."""
+        """Move the tool's target, and set the gripper's opening."""
         self.arm.move_tool(s, action[:, :4], lowest=LOWEST, turns=TURNS)
         self.arm.grip(s, action[:, 4])
         self.last_action.copy_(action)
 
     def observe(self, s: State) -> Observation:
-        """Return the observations that the class lists."""
+        """Return the observations listed in the class docstring."""
         tool, banana, turn = self.arm.tool(s), s.pose("banana"), self._turn(s)
         policy = {
             "arm_qpos": self.arm.qpos(s),
@@ -125,10 +124,10 @@ class DrawerPick(Task):
         return {"policy": policy, "critic": policy | critic}
 
     def reward(self, s: State, action: Tensor) -> dict[str, Tensor]:
-        """Return the terms that the class lists, and count the steps held out."""
+        """Return the reward terms listed in the class docstring, and count the steps held out."""
         away, height = self._to_grasp(s), self.height(s)
         aside = away[:, :2].norm(dim=1)
-        # a funnel: the further aside, the higher the tool should be
+        # a funnel: the farther the tool is to the side, the higher it should be
         distance = torch.hypot(aside, away[:, 2] + (1.5 * (aside - 0.01)).clamp(0.0, 0.2))
         near = 0.5 * (1.0 - torch.tanh(4.0 * distance)) + 0.5 * torch.exp(-((distance / 0.03) ** 2))
         grasped = self.touching(s).prod(dim=1)
@@ -145,26 +144,26 @@ class DrawerPick(Task):
         }
 
     def success(self, s: State) -> Tensor:
-        """Return the worlds in which the banana has been held out for 0.5 s, clear of drawer and cabinet."""
-        return self.held > self.hold_steps  # one step, and as many more as HOLD takes
+        """Return whether the banana was held out for 0.5 s, above drawer and cabinet, shape (num_envs,)."""
+        return self.held > self.hold_steps  # the first step, plus the steps of HOLD
 
     def terminated(self, s: State) -> Tensor:
-        """Return the worlds in which the banana has fallen out of the drawer."""
+        """Return whether the banana has fallen out of the drawer, shape (num_envs,)."""
         return s.pose("banana")[:, 2] < LOST_HEIGHT
 
     def on_reset(self, s: State, mask: Tensor) -> None:
-        """Clear the last action and the timer, note the banana's height, and set the tool's target to the tool."""
+        """Clear the last action and the timer, store the banana's height, and reset the tool's target to the tool."""
         self.last_action.masked_fill_(mask[:, None], 0.0)
         self.held.masked_fill_(mask, 0.0)
         self.start_height.copy_(torch.where(mask, self.height(s), self.start_height))
         self.arm.start(s, mask)
 
     def height(self, s: State) -> Tensor:
-        """Return the height of the banana's lowest point over the floor [m], shape (num_envs,); see the class."""
+        """Return the height of the banana above the floor [m], shape (num_envs,), as defined by the class."""
         return self.bounds.lowest(s.poses(("banana",)))[:, 0]
 
     def touching(self, s: State) -> Tensor:
-        """Return 1 where the left and the right finger touch the banana, else 0; shape (num_envs, 2)."""
+        """Return 1 if the left and the right finger touch the banana, 0 if not, shape (num_envs, 2)."""
         return self.touch(s)[:, :, 0].float()
 
     def _to_grasp(self, s: State) -> Tensor:
@@ -172,5 +171,5 @@ class DrawerPick(Task):
         return s.site("banana/grasp")[:, :3] - self.arm.tool(s)[:, :3]
 
     def _turn(self, s: State) -> Tensor:
-        """Return twice the angle from the tool's yaw to the banana's [rad], shape (num_envs,)."""
+        """Return twice the angle from the tool's yaw to the banana's yaw [rad], shape (num_envs,)."""
         return 2.0 * (rotations.yaw(s.pose("banana")[:, 3:]) - rotations.yaw(self.arm.tool(s)[:, 3:]))

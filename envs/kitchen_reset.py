@@ -1,4 +1,4 @@
-"""KitchenReset-v0: a furnished kitchen, for measuring the cost of resets."""
+"""KitchenReset-v0: a furnished kitchen, to measure the cost of resets."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ THINGS = (
     "glass",
 )
 ALONE = tuple(name for name in THINGS if name not in ("chest", "lemon"))
-"""Things that stand on furniture and carry nothing; the chest carries the lemon on its lid."""
+"""Objects on furniture that do not support others. The lemon is on the lid of the chest."""
 
 
 class KitchenReset(Task):
-    """A Panda on the worktop of a furnished kitchen with twelve objects in it. There is no goal.
+    """A Panda on the worktop of a furnished kitchen with twelve objects. The task has no goal.
 
-    It is for measuring resets, not for training: every reward is 0, and no step is a success.
+    Use it to measure resets, not for training: every reward is 0, and a step is never a success.
 
-    Frames: poses are in the robot's base frame (over the worktop, x forward, z up); rotations are quaternions wxyz.
+    Frames: poses are in the robot's base frame (over the worktop, x forward, z up). Rotations are wxyz quaternions.
     Every reset draws the positions of furniture and objects, the angle of the cupboard's door, and a little noise on
-    the arm. Things sleep where they were placed until something touches them. Steps are then quicker on a GPU, and take
-    about twice as long on a CPU. In a scene of your own, a thing that is placed out of balance does not tip over before
-    it is touched.
+    the arm. Objects sleep in their placed poses until they are touched. Steps are then faster on a GPU, and take about
+    twice as long on a CPU. In your scene, an object that is placed out of balance does not tip over until it is
+    touched.
 
     Action, 7 numbers in [-1, 1] at 50 Hz: changes of the targets of joints 1 to 7 in units of 0.04 rad.
 
@@ -49,7 +49,7 @@ class KitchenReset(Task):
     | door | 1 | angle of the cupboard's door [rad] |
     | things | 12, 7 | underside of each object: position [m], rotation |
 
-    The only reward term, `nothing`, is 0. The episode is truncated after 200 steps (4 s).
+    The single reward term, `nothing`, is 0. The episode is truncated after 200 steps (4 s).
     """
 
     scene = "kitchen_reset"
@@ -65,7 +65,7 @@ class KitchenReset(Task):
         self.arm.move_joints(s, action)
 
     def observe(self, s: State) -> Observation:
-        """Return the observations that the class lists."""
+        """Return the observations listed in the class docstring."""
         seen = {
             "arm_qpos": self.arm.qpos(s),
             "arm_qvel": self.arm.qvel(s),
@@ -75,7 +75,7 @@ class KitchenReset(Task):
         return {"policy": seen, "critic": seen}
 
     def on_reset(self, s: State, mask: Tensor) -> None:
-        """Let things sleep where they were placed, so that the steps after a reset are no slower than others."""
+        """Let objects sleep in their placed poses, so that steps after a reset are as fast as others."""
         s.sleep(ALONE, mask)
 
     def reward(self, s: State, action: Tensor) -> dict[str, Tensor]:
@@ -83,5 +83,5 @@ class KitchenReset(Task):
         return {"nothing": torch.zeros(s.num_envs, device=s.device)}
 
     def success(self, s: State) -> Tensor:
-        """Return False for all worlds, as there is no goal."""
+        """Return False for all worlds, because the task has no goal."""
         return torch.zeros(s.num_envs, dtype=torch.bool, device=s.device)

@@ -1,4 +1,4 @@
-"""TabletopLift-v0: grasp the chosen one of several objects on a table, and lift it."""
+"""TabletopLift-v0: grasp the chosen object among several on a table, and lift it."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from sceniris_gym.vector.state import State
 from sceniris_gym.vector.task import Observation, Task
 
 GRASP_HEIGHTS = {"block": 0.0225, "can": 0.095, "lemon": 0.025}
-"""Objects that can be chosen, and the heights over their undersides at which they are grasped [m].
+"""Grasp heights over the undersides of the objects that can be chosen [m].
 
-The palm is 37 mm over the TCP.
+The palm is 37 mm above the TCP.
 """
 
 OBJECTS = (*GRASP_HEIGHTS, "tin", "orange")
@@ -22,31 +22,31 @@ OBJECTS = (*GRASP_HEIGHTS, "tin", "orange")
 FINGERS = ("panda/left_finger", "panda/right_finger")
 
 LIFTED = 0.1
-"""Height over the table at which an object counts as lifted [m]."""
+"""Height above the table at which an object counts as lifted [m]."""
 
 HOLD = 0.5
-"""Time for which it has to be held there [s]."""
+"""Required holding time at this height [s]."""
 
 LOWEST = 0.01
-"""Lowest target of the tool over the table [m]; the fingertips reach 9 mm below the tool."""
+"""Lowest height of the tool's target above the table [m]. The fingertips are 9 mm below the tool."""
 
 LOST_HEIGHT = -0.05
-"""Height of its origin below which the chosen object has fallen off the table [m]."""
+"""The chosen object has fallen off the table if its origin is below this height [m]."""
 
 
 class TabletopLift(Task):
-    """A Panda on a table grasps the chosen one of block, can and lemon among other objects, and lifts it by 10 cm.
+    """A Panda on a table grasps the chosen object, a block, can or lemon, among other objects, and lifts it by 10 cm.
 
-    Frames: poses and velocities are in the robot's base frame (on the table's top, x forward, z up); rotations are
-    quaternions wxyz. Every reset draws the positions and yaws of all objects, which of them is chosen, and a little
-    noise on the arm. The tool always points down. An object's underside is the origin of its body: the centre of the
-    face on which it stands at the start. It turns with the object. The chosen object's height is that of the lowest
-    corner of the smallest box around it along its own axes. This is exact for an object that stands as at the start,
-    and up to 2.4 cm too low for a tilted one. Pictures do not show which object is chosen; the attribute `chosen`,
-    shape (num_envs, 3), does.
+    Frames: poses and velocities are in the robot's base frame (on the table top, x forward, z up). Rotations are wxyz
+    quaternions. Every reset draws the positions and yaws of all objects, the chosen object, and a little noise on the
+    arm. The tool always points down. An object's underside is the origin of its body, the centre of the face that it
+    stands on at the start. The underside moves with the object. The chosen object's height is the lowest corner of its
+    bounding box along the object's axes. This height is exact for an object that stands as at the start, and up to
+    2.4 cm too low for a tilted object. Images do not show which object is chosen. The attribute `chosen`, shape
+    (num_envs, 3), marks it.
 
     Action, 5 numbers in [-1, 1] at 50 Hz: changes of the tool's target along x, y and z in units of 0.02 m and about
-    the vertical in units of 0.1 rad, and the opening of the gripper from -1 (closed) to 1 (open).
+    the vertical in units of 0.1 rad, and the gripper's opening from -1 (closed) to 1 (open).
 
     Observations, group `policy`, 79 numbers:
 
@@ -54,37 +54,36 @@ class TabletopLift(Task):
     |---|---|---|
     | arm_qpos | 7 | joint angles [rad] |
     | arm_qvel | 7 | joint velocities [rad/s] |
-    | finger_width | 1 | distance between the fingers [m] |
-    | tcp_pose | 7 | TCP, the point between the fingertips: position [m], rotation |
+    | finger_width | 1 | gap between the fingers [m] |
+    | tcp_pose | 7 | TCP, midway between the fingertips: position [m], rotation |
     | tool_lead | 4 | the tool's target minus the tool: x, y, z [m], yaw [rad] |
-    | chosen | 3 | 1 for the chosen one of block, can and lemon, 0 for the others |
+    | chosen | 3 | 1 for the chosen object (block, can or lemon), 0 for the others |
     | tcp_to_objects | 5, 3 | from the TCP to the undersides of block, can, lemon, tin and orange [m] |
-    | object_axes | 5, 6 | their x and z axes |
+    | object_axes | 5, 6 | x and z axes of the objects |
     | last_action | 5 | the last action, zeros after a reset |
 
     Group `critic`, 117 numbers: the same, then
 
-    - `tcp_to_grasp` (3): from the TCP to the point where the chosen object is grasped [m],
-    - `turn_to_grasp` (2): cosine and sine of twice the angle from the tool's yaw to the chosen object's,
-    - `touching` (2): 1 where the left and the right finger touch the chosen object,
-    - `held` (1): time for which it has been held up without a break, in units of 0.5 s; a success from 1 on,
+    - `tcp_to_grasp` (3): from the TCP to the grasp point of the chosen object [m],
+    - `turn_to_grasp` (2): cosine and sine of twice the angle from the tool's yaw to the chosen object's yaw,
+    - `touching` (2): 1 if the left and the right finger touch the chosen object,
+    - `held` (1): uninterrupted time held up, in units of 0.5 s, a success from 1,
     - `object_velocities` (5, 6): linear [m/s], angular [rad/s].
 
-    In `TabletopLiftEasy-v0` the policy observes most of that, too.
+    In `TabletopLiftEasy-v0`, the policy also observes most of these values.
 
-    Reward terms, per second (each is multiplied by the 0.02 s of a step), are summed:
+    The reward is the sum of these terms, per second (each is multiplied by the step of 0.02 s):
 
-    - `reaching`, 0 to 1: how near the tool is to the grasp,
+    - `reaching`, 0 to 1: how close the tool is to the grasp,
     - `grasping`, 1 while both fingers touch the chosen object,
-    - `lifting`, 0 to 4: while both fingers touch it, the share of the way up,
-    - `holding`, 5 while it is up and both fingers touch it,
+    - `lifting`, 0 to 4: the lifted fraction of 10 cm while both fingers touch the chosen object,
+    - `holding`, 5 while the chosen object is up and both fingers touch it,
     - `disturbing`, down to -1: minus half the sum of the other objects' speeds [m/s],
     - `effort`: -0.05 times the mean square of the action.
 
-    Success: at the end of 26 steps in a row, 0.5 s from the first to the last, the chosen object is 10 cm or more over
-    the table and touched by both fingers. Contacts are those of the last of a step's 4 physics steps; the other three
-    are not checked. The episode terminates when the chosen object has fallen off the table, and is truncated after 150
-    steps (3 s).
+    Success: at the end of 26 consecutive steps, 0.5 s from first to last, the chosen object is at least 10 cm above the
+    table and both fingers touch it. Contacts are checked in the last of a step's 4 physics steps only. The episode
+    terminates when the chosen object has fallen off the table, and is truncated after 150 steps (3 s).
     """
 
     scene = "tabletop_lift"
@@ -92,10 +91,10 @@ class TabletopLift(Task):
     targets = tuple(GRASP_HEIGHTS)
     """Objects that can be chosen."""
     objects = OBJECTS
-    """All objects on the table, first those that can be chosen."""
+    """All objects on the table. Objects that can be chosen come first."""
 
     def bind(self, s: State) -> None:
-        """Find the arm, its contacts and the objects' bounds, and allocate the tensors that are kept between steps."""
+        """Find the arm, its contacts and the objects' bounds, and allocate the tensors that persist between steps."""
         self.arm = ArmController(s, "panda")
         self.touch = ContactSensor(s, FINGERS, self.targets)
         self.bounds = Bounds(s, self.targets)
@@ -106,13 +105,13 @@ class TabletopLift(Task):
         self.hold_steps = round(HOLD / s.dt)
 
     def apply(self, s: State, action: Tensor) -> None:
-        """Move the tool, and open or close the gripper."""
+        """Move the tool's target, and set the gripper's opening."""
         self.arm.move_tool(s, action[:, :4], lowest=LOWEST)
         self.arm.grip(s, action[:, 4])
         self.last_action.copy_(action)
 
     def observe(self, s: State) -> Observation:
-        """Return the observations that the class lists."""
+        """Return the observations listed in the class docstring."""
         tool, poses = self.arm.tool(s), s.poses(self.objects)
         grasp = self._grasp(s, self._chosen(poses))
         turn = 2.0 * (rotations.yaw(grasp[:, 3:]) - rotations.yaw(tool[:, 3:]))
@@ -137,7 +136,7 @@ class TabletopLift(Task):
         return {"policy": policy, "critic": policy | critic}
 
     def reward(self, s: State, action: Tensor) -> dict[str, Tensor]:
-        """Return the terms that the class lists, and count the steps held up."""
+        """Return the reward terms listed in the class docstring, and count the steps held up."""
         poses = s.poses(self.objects)
         pose, height = self._chosen(poses), self._height(poses)
         distance = (self._grasp(s, pose)[:, :3] - self.arm.tool(s)[:, :3]).norm(dim=1)
@@ -157,11 +156,11 @@ class TabletopLift(Task):
         }
 
     def success(self, s: State) -> Tensor:
-        """Return the worlds in which the chosen object has been held up for 0.5 s."""
-        return self.held > self.hold_steps  # one step, and as many more as HOLD takes
+        """Return whether the chosen object has been held up for 0.5 s, shape (num_envs,)."""
+        return self.held > self.hold_steps  # the first step, plus the steps of HOLD
 
     def terminated(self, s: State) -> Tensor:
-        """Return the worlds in which the chosen object has fallen off the table."""
+        """Return whether the chosen object has fallen off the table, shape (num_envs,)."""
         return self.chosen_pose(s)[:, 2] < LOST_HEIGHT
 
     def on_reset(self, s: State, mask: Tensor) -> None:
@@ -174,19 +173,19 @@ class TabletopLift(Task):
         self.arm.start(s, mask)
 
     def height(self, s: State) -> Tensor:
-        """Return the height of the chosen object over the table [m], shape (num_envs,); see the class."""
+        """Return the height of the chosen object above the table [m], shape (num_envs,), as defined by the class."""
         return self._height(s.poses(self.objects))
 
     def chosen_pose(self, s: State) -> Tensor:
-        """Return the pose of the chosen object: position [m], rotation; shape (num_envs, 7)."""
+        """Return the pose of the chosen object: position [m] and rotation, shape (num_envs, 7)."""
         return self._chosen(s.poses(self.objects))
 
     def touching(self, s: State) -> Tensor:
-        """Return 1 where the left and the right finger touch the chosen object, else 0; shape (num_envs, 2)."""
+        """Return 1 if the left and the right finger touch the chosen object, 0 if not, shape (num_envs, 2)."""
         return (self.touch(s) * self.chosen[:, None]).sum(dim=2)
 
     def _chosen(self, poses: Tensor) -> Tensor:
-        """Return the pose of the chosen object, out of the poses of all objects, shape (num_envs, 7)."""
+        """Select the pose of the chosen object from the poses of all objects, shape (num_envs, 7)."""
         return (self.chosen[:, :, None] * poses[:, : len(self.targets)]).sum(dim=1)
 
     def _height(self, poses: Tensor) -> Tensor:
@@ -194,5 +193,5 @@ class TabletopLift(Task):
         return (self.chosen * self.bounds.lowest(poses[:, : len(self.targets)])).sum(dim=1)
 
     def _grasp(self, s: State, pose: Tensor) -> Tensor:
-        """Return the grasp of the chosen object in that pose, shape (num_envs, 7): the point [m], and the turn."""
+        """Return the grasp of the chosen object at `pose`: position [m] and rotation, shape (num_envs, 7)."""
         return torch.cat([pose[:, :3] + (self.chosen[:, :, None] * self.grasp_heights).sum(dim=1), pose[:, 3:]], dim=1)

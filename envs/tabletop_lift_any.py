@@ -1,4 +1,4 @@
-"""TabletopLiftAny-v0: grasp whichever of many things is on a table, and lift it."""
+"""TabletopLiftAny-v0: grasp one of many objects on a table, and lift it."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ POLICY = (
 
 
 class TabletopLiftAny(TabletopLift):
-    """A Panda on a table grasps the thing that a reset brought, one of sixteen, and lifts it by 10 cm.
+    """A Panda on a table grasps the target, one of sixteen objects, and lifts it by 10 cm.
 
-    As TabletopLift-v0 in frames, action, reward, success and the end of an episode, with another thing to lift in every
-    world and at every reset: a bottle, a mug, a banana, bricks and cans of two sizes. In the split `train` there are
-    eight of them, in `eval` the other eight. The policy is not told which one it is, but how large it is, and where and
-    how to grasp it: at the grasp from above that its layout was accepted for.
+    Frames, action, reward, success and the end of an episode are the same as in TabletopLift-v0. Each reset draws a
+    target for each world, such as a bottle, a mug, a banana, a brick or a can, in two sizes. The split `train` has
+    eight of the sixteen objects, and `eval` has the other eight. The policy does not observe the kind of target. It
+    observes the target's size, and the grasp from above that makes its layout reachable.
 
     Observations, group `policy`, 75 numbers:
 
@@ -30,21 +30,21 @@ class TabletopLiftAny(TabletopLift):
     |---|---|---|
     | arm_qpos | 7 | joint angles [rad] |
     | arm_qvel | 7 | joint velocities [rad/s] |
-    | finger_width | 1 | distance between the fingers [m] |
-    | tcp_pose | 7 | TCP, the point between the fingertips: position [m], rotation |
+    | finger_width | 1 | gap between the fingers [m] |
+    | tcp_pose | 7 | TCP, midway between the fingertips: position [m], rotation |
     | tool_lead | 4 | the tool's target minus the tool: x, y, z [m], yaw [rad] |
-    | tcp_to_grasp | 3 | from the TCP to the point where the thing is grasped [m] |
-    | turn_to_grasp | 2 | cosine and sine of twice the angle from the tool's yaw to the grasp's |
-    | tcp_to_objects | 3, 3 | from the TCP to the undersides of the thing and the two others [m] |
-    | object_axes | 3, 6 | their x and z axes |
-    | extents | 3, 3 | the edges of the boxes around them, along their axes [m] |
-    | touching | 2 | 1 where the left and the right finger touch the thing |
-    | held | 1 | time for which it has been held up without a break, in units of 0.5 s; a success from 1 on |
+    | tcp_to_grasp | 3 | from the TCP to the target's grasp point [m] |
+    | turn_to_grasp | 2 | cosine and sine of twice the angle from the tool's yaw to the grasp's yaw |
+    | tcp_to_objects | 3, 3 | from the TCP to the undersides of the target and the two other objects [m] |
+    | object_axes | 3, 6 | x and z axes of the objects |
+    | extents | 3, 3 | edges of the objects' bounding boxes along the objects' axes [m] |
+    | touching | 2 | 1 if the left and the right finger touch the target |
+    | held | 1 | uninterrupted time held up, in units of 0.5 s, a success from 1 |
     | last_action | 5 | the last action, zeros after a reset |
 
     Group `critic`, 109 numbers: the same, then
 
-    - `variant` (16): 1 for the thing that it is, 0 for the others,
+    - `variant` (16): 1 for the target's variant, 0 for the others,
     - `object_velocities` (3, 6): linear [m/s], angular [rad/s].
     """
 
@@ -53,12 +53,12 @@ class TabletopLiftAny(TabletopLift):
     objects = ("target", "first", "second")
 
     def observe(self, s: State) -> Observation:
-        """Return the observations that the class lists."""
+        """Return the observations listed in the class docstring."""
         found = super().observe(s)
         extents = torch.stack([s.extent(name) for name in self.objects], dim=1)
         found["critic"] |= {"extents": extents, "variant": s.variant("target", one_hot=True)}
         return regrouped(found, policy=POLICY, more=("variant", "object_velocities"))
 
     def _grasp(self, s: State, pose: Tensor) -> Tensor:
-        """Return the grasp that the layout was accepted for, which moves with the thing, shape (num_envs, 7)."""
+        """Return the grasp that makes the layout reachable, shape (num_envs, 7). It moves with the target."""
         return s.grasp("target")

@@ -24,9 +24,9 @@ POLICY = (
 
 
 class TabletopLiftEasy(TabletopLift):
-    """TabletopLift-v0, but the policy observes where and how to grasp, what it touches, and how long it has held on.
+    """TabletopLift-v0 with the grasp, finger contacts and the holding time in the policy's observations.
 
-    Scene, action, reward, success and the end of an episode are those of `TabletopLift-v0`.
+    Scene, action, reward, success and the end of an episode are the same as in `TabletopLift-v0`.
 
     Observations, group `policy`, 57 numbers:
 
@@ -34,20 +34,20 @@ class TabletopLiftEasy(TabletopLift):
     |---|---|---|
     | arm_qpos | 7 | joint angles [rad] |
     | arm_qvel | 7 | joint velocities [rad/s] |
-    | finger_width | 1 | distance between the fingers [m] |
-    | tcp_pose | 7 | TCP, the point between the fingertips: position [m], rotation |
+    | finger_width | 1 | gap between the fingers [m] |
+    | tcp_pose | 7 | TCP, midway between the fingertips: position [m], rotation |
     | tool_lead | 4 | the tool's target minus the tool: x, y, z [m], yaw [rad] |
-    | tcp_to_grasp | 3 | from the TCP to the point where the chosen object is grasped [m] |
-    | turn_to_grasp | 2 | cosine and sine of twice the angle from the tool's yaw to the chosen object's |
-    | chosen | 3 | 1 for the chosen one of block, can and lemon, 0 for the others |
+    | tcp_to_grasp | 3 | from the TCP to the grasp point of the chosen object [m] |
+    | turn_to_grasp | 2 | cosine and sine of twice the angle from the tool's yaw to the chosen object's yaw |
+    | chosen | 3 | 1 for the chosen object (block, can or lemon), 0 for the others |
     | tcp_to_objects | 5, 3 | from the TCP to the undersides of block, can, lemon, tin and orange [m] |
-    | touching | 2 | 1 where the left and the right finger touch the chosen object |
-    | held | 1 | time for which it has been held up without a break, in units of 0.5 s; a success from 1 on |
+    | touching | 2 | 1 if the left and the right finger touch the chosen object |
+    | held | 1 | uninterrupted time held up, in units of 0.5 s, a success from 1 |
     | last_action | 5 | the last action, zeros after a reset |
 
     Group `critic`, 87 numbers: the same, then `object_velocities` (5, 6: linear [m/s], angular [rad/s]).
     """
 
     def observe(self, s: State) -> Observation:
-        """Return the observations that the class lists."""
+        """Return the observations listed in the class docstring."""
         return regrouped(super().observe(s), policy=POLICY, more=("object_velocities",))

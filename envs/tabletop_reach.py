@@ -1,4 +1,4 @@
-"""TabletopReach-v0: move the tool over the chosen one of several objects on a table."""
+"""TabletopReach-v0: move the tool over the chosen object among several on a table."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ from sceniris_gym.vector.state import State
 from sceniris_gym.vector.task import FRICTION_PYRAMIDS, Observation, Task
 
 HEIGHTS = {"bottle": 0.252, "apple": 0.076, "orange": 0.070, "can": 0.122, "block": 0.045}
-"""The objects and their heights [m]."""
+"""Heights of the objects [m]."""
 
 OBJECTS = tuple(HEIGHTS)
 
 OVER = 0.05
-"""Height of the target over the top of the chosen object [m]."""
+"""Height of the target above the top of the chosen object [m]."""
 
 CLOSE = 0.025
-"""Distance from the target within which it is reached [m]."""
+"""The target is reached within this distance [m]."""
 
 
 class TabletopReach(Task):
-    """A Panda on a table moves the point between its fingertips over the chosen one of five objects.
+    """A Panda on a table moves the point between its fingertips over the chosen object, one of five.
 
-    Frames: poses and velocities are in the robot's base frame (on the table's top, x forward, z up); rotations are
-    quaternions wxyz. Every reset draws the positions and yaws of all objects, which of them is chosen, and a little
-    noise on the arm. The target is straight over the centre of the chosen object's underside, 5 cm over the top of an
-    object that stands upright. It moves with an object that is pushed, and stays as high over one that is tipped over.
-    Pictures do not show which object is chosen; the attribute `chosen`, shape (num_envs, 5), does.
+    Frames: poses and velocities are in the robot's base frame (on the table top, x forward, z up). Rotations are wxyz
+    quaternions. Every reset draws the positions and yaws of all objects, the chosen object, and a little noise on the
+    arm. The target is vertically above the centre of the chosen object's underside, 5 cm above the top of an upright
+    object. The target moves with an object that is pushed. Its height above the underside does not change if the object
+    tips over. Images do not show which object is chosen. The attribute `chosen`, shape (num_envs, 5), marks it.
 
     Action, 7 numbers in [-1, 1] at 50 Hz: changes of the targets of joints 1 to 7 in units of 0.04 rad.
 
@@ -39,7 +39,7 @@ class TabletopReach(Task):
     | arm_qpos | 7 | joint angles [rad] |
     | arm_qvel | 7 | joint velocities [rad/s] |
     | arm_lead | 7 | joint targets minus joint angles [rad] |
-    | tcp_pose | 7 | TCP, the point between the fingertips: position [m], rotation |
+    | tcp_pose | 7 | TCP, midway between the fingertips: position [m], rotation |
     | tcp_to_objects | 5, 3 | from the TCP to the undersides of bottle, apple, orange, can and block [m] |
     | chosen | 5 | 1 for the chosen object, 0 for the others |
     | last_action | 7 | the last action, zeros after a reset |
@@ -49,17 +49,17 @@ class TabletopReach(Task):
     - `tcp_to_target` (3): from the TCP to the target [m],
     - `object_velocities` (5, 3): linear velocities of the objects [m/s].
 
-    In `TabletopReachEasy-v0` the policy observes `tcp_to_target`, too.
+    In `TabletopReachEasy-v0`, the policy also observes `tcp_to_target`.
 
-    Reward terms, per second (each is multiplied by the 0.02 s of a step), are summed:
+    The reward is the sum of these terms, per second (each is multiplied by the step of 0.02 s):
 
-    - `reaching`, 0 to 1: how near the tool is to the target, on the scale of the arm,
-    - `hovering`, 0 to 2: the same on the scale of centimetres,
+    - `reaching`, 0 to 1: how close the tool is to the target, on the scale of the arm,
+    - `hovering`, 0 to 2: the same, on the scale of centimetres,
     - `disturbing`, down to -1: minus the sum of the objects' speeds [m/s],
     - `effort`: -0.1 times the mean square of the action.
 
-    Success: the tool is less than 2.5 cm from the target, for however short a time. To succeed at the last step, it has
-    to stay there. The episode is truncated after 100 steps (2 s).
+    Success: the tool is less than 2.5 cm from the target, in a single step. To count as a success at the last step, the
+    tool has to stay there. The episode is truncated after 100 steps (2 s).
     """
 
     scene = "tabletop_reach"
@@ -67,7 +67,7 @@ class TabletopReach(Task):
     action_size = 7
 
     def bind(self, s: State) -> None:
-        """Find the arm, and allocate the tensors that are kept between steps."""
+        """Find the arm, and allocate the tensors that persist between steps."""
         self.arm = ArmController(s, "panda")
         self.over = torch.tensor([[0.0, 0.0, height + OVER] for height in HEIGHTS.values()], device=s.device)
         self.chosen = torch.zeros(s.num_envs, len(OBJECTS), device=s.device)
@@ -79,7 +79,7 @@ class TabletopReach(Task):
         self.last_action.copy_(action)
 
     def observe(self, s: State) -> Observation:
-        """Return the observations that the class lists."""
+        """Return the observations listed in the class docstring."""
         tool, positions, qpos = self.arm.tool(s), self._positions(s), self.arm.qpos(s)
         policy = {
             "arm_qpos": qpos,
@@ -97,7 +97,7 @@ class TabletopReach(Task):
         return {"policy": policy, "critic": policy | critic}
 
     def reward(self, s: State, action: Tensor) -> dict[str, Tensor]:
-        """Return the terms that the class lists."""
+        """Return the reward terms listed in the class docstring."""
         distance = self.distance(s)
         speeds = self._velocities(s).norm(dim=2).sum(dim=1)
         return {
@@ -108,7 +108,7 @@ class TabletopReach(Task):
         }
 
     def success(self, s: State) -> Tensor:
-        """Return the worlds in which the tool is within 2.5 cm of the target."""
+        """Return whether the tool is within 2.5 cm of the target, shape (num_envs,)."""
         return self.distance(s) < CLOSE
 
     def on_reset(self, s: State, mask: Tensor) -> None:

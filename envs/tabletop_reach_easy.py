@@ -20,9 +20,9 @@ POLICY = (
 
 
 class TabletopReachEasy(TabletopReach):
-    """TabletopReach-v0, but the policy observes where its target is: a first task for a training loop.
+    """TabletopReach-v0, but the policy observes the vector to its target: a first task for a training loop.
 
-    Scene, action, reward, success and the end of an episode are those of `TabletopReach-v0`.
+    Scene, action, reward, success and the end of an episode are the same as in `TabletopReach-v0`.
 
     Observations, group `policy`, 58 numbers:
 
@@ -31,7 +31,7 @@ class TabletopReachEasy(TabletopReach):
     | arm_qpos | 7 | joint angles [rad] |
     | arm_qvel | 7 | joint velocities [rad/s] |
     | arm_lead | 7 | joint targets minus joint angles [rad] |
-    | tcp_pose | 7 | TCP, the point between the fingertips: position [m], rotation |
+    | tcp_pose | 7 | TCP, midway between the fingertips: position [m], rotation |
     | tcp_to_target | 3 | from the TCP to the target [m] |
     | tcp_to_objects | 5, 3 | from the TCP to the undersides of bottle, apple, orange, can and block [m] |
     | chosen | 5 | 1 for the chosen object, 0 for the others |
@@ -41,5 +41,5 @@ class TabletopReachEasy(TabletopReach):
     """
 
     def observe(self, s: State) -> Observation:
-        """Return the observations that the class lists."""
+        """Return the observations listed in the class docstring."""
         return regrouped(super().observe(s), policy=POLICY, more=("object_velocities",))

@@ -1,4 +1,4 @@
-"""TabletopReachPixels-v0: TabletopReach-v0 from images, without the poses of things."""
+"""TabletopReachPixels-v0: TabletopReach-v0 from images, without object poses."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ MORE = ("tcp_to_objects", "tcp_to_target", "object_velocities")
 
 
 class TabletopReachPixels(TabletopReach):
-    """TabletopReach-v0, but the policy has to find the chosen object in the pictures of two cameras.
+    """TabletopReach-v0, but the policy has to find the chosen object in the images of two cameras.
 
-    Scene, action, reward, success and the end of an episode are those of `TabletopReach-v0`. The pictures have 64 x 64
-    pixels: colours and depth of the camera `front`, which sees the objects and the hand, and colours of the camera
+    Scene, action, reward, success and the end of an episode are the same as in `TabletopReach-v0`. Images have 64 x 64
+    pixels: colour and depth of the camera `front`, which sees the objects and the hand, and colour of the camera
     `wrist`, which looks between the fingers.
 
-    Observations, group `policy`, 40 numbers, of the arm and the choice alone:
+    Observations of the arm and the choice, group `policy`, 40 numbers:
 
     | name | shape | meaning |
     |---|---|---|
     | arm_qpos | 7 | joint angles [rad] |
     | arm_qvel | 7 | joint velocities [rad/s] |
     | arm_lead | 7 | joint targets minus joint angles [rad] |
-    | tcp_pose | 7 | TCP, the point between the fingertips: position [m], rotation |
+    | tcp_pose | 7 | TCP, midway between the fingertips: position [m], rotation |
     | chosen | 5 | 1 for the chosen object, 0 for the others |
     | last_action | 7 | the last action, zeros after a reset |
 
@@ -34,5 +34,5 @@ class TabletopReachPixels(TabletopReach):
     """
 
     def observe(self, s: State) -> Observation:
-        """Return the observations that the class lists."""
+        """Return the observations listed in the class docstring."""
         return regrouped(super().observe(s), policy=POLICY, more=MORE)

@@ -1,4 +1,4 @@
-"""Your own model in your own mujoco_warp loop: a paddle pushes boxes off a bench, and worlds with one fallen reset."""
+"""Your model in your mujoco_warp loop: a paddle pushes boxes off a bench, and a world with a fallen crate is reset."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ from sceniris_gym import ResetRandomizer, compile_scene
 
 SCENE = {
     "model": str(Path(__file__).with_name("bench.xml")),  # keeps its options, names and start pose
-    "objects": {  # bodies of the model, as they name no asset
+    "objects": {  # without an asset, an object is a body of the model
         "bench": {"kind": "static", "joints": {"travel": {"range": [0.0, 0.1]}}},
         "crate": {"on": "bench", "region": {"fraction": [[0.3, 0.0], [0.9, 1.0]]}, "ratio_on_support": 1},
         "parcel": {"on": "bench", "relations": [{"near": "crate", "distance": {"max": 0.25}}], "ratio_on_support": 1},
@@ -19,23 +19,23 @@ SCENE = {
 
 
 def main(nworld: int = 64, steps: int = 1500, device: str | None = None) -> None:
-    """Push until the crate falls, again and again.
+    """Push until the crate falls, reset, and repeat.
 
     Args:
         nworld: number of worlds.
         steps: physics steps, of 2 ms each.
-        device: "cpu" or "cuda:0"; by default cuda:0 if there is one, else cpu.
+        device: "cpu" or "cuda:0", by default cuda:0 if available, otherwise cpu.
     """
     compiled = compile_scene(SCENE, device)
     with wp.ScopedDevice(compiled.device):
         model = mjw.put_model(compiled.mjm)
-        data = mjw.make_data(compiled.mjm, nworld=nworld, nconmax=64, njmax=256)  # room in each world
+        data = mjw.make_data(compiled.mjm, nworld=nworld, nconmax=64, njmax=256)  # contacts and rows per world
         randomizer = ResetRandomizer(compiled, model, data, seed=0)
-        randomizer.reset()  # resets all worlds; the paddle's actuator holds the sampled position
+        randomizer.reset()  # all worlds, and the paddle's actuator holds the sampled position
         with wp.ScopedCapture() as capture:
             mjw.step(model, data)
 
-        # views of the simulation's arrays: any library can compute the mask from them, and nothing goes to the host
+        # Views of the simulation's arrays. Any library can compute the mask from them, without copies to the host.
         height = wp.to_torch(data.xpos)[:, compiled.mjm.body("crate").id, 2]
         control = wp.to_torch(data.ctrl)
         resets = 0

@@ -1,4 +1,4 @@
-"""A data set of layouts, written to files and used with nothing but MuJoCo and NumPy.
+"""A data set of layouts, written to files and read with only MuJoCo and NumPy.
 
 `sceniris-gym generate kitchen -n 64 -o layouts/kitchen` writes the same files from the command line.
 """
@@ -16,13 +16,13 @@ from sceniris_gym import cli
 def main(
     scene: str = "kitchen", n: int = 64, folder: Path = Path("layouts/kitchen"), device: str | None = None
 ) -> None:
-    """Write layouts of a scene, and open them again.
+    """Write layouts of a scene, and read them.
 
     Args:
         scene: name of a shipped scene, or the path of a scene file.
-        n: number of layouts; row i has seed i and episode 0, whatever n is.
-        folder: folder for `dataset.json`, `scene.zip` and `layouts-*.npy`, without a data set in it.
-        device: "cpu" or "cuda:0"; by default cuda:0 if there is one, else cpu.
+        n: number of layouts. Row i has seed i and episode 0.
+        folder: folder for `dataset.json`, `scene.zip` and `layouts-*.npy`. It should not hold a data set.
+        device: "cpu" or "cuda:0", by default cuda:0 if available, otherwise cpu.
     """
     where = [] if device is None else ["--device", device]
     cli.main(["generate", scene, "-n", str(n), "-o", str(folder), *where])
@@ -30,7 +30,7 @@ def main(
 
 
 def look(folder: Path) -> None:
-    """Load the layouts into stock MuJoCo, measure contacts, and let the first one settle for half a second."""
+    """Load the layouts into stock MuJoCo, measure contacts, and let the first layout settle for half a second."""
     layouts = np.concatenate([np.load(part) for part in sorted(folder.glob("layouts-*.npy"))])
     model = mujoco.MjSpec.from_zip(str(folder / "scene.zip")).compile()
     data = mujoco.MjData(model)

@@ -1,4 +1,4 @@
-"""A task from scratch, with a scene of its own: an arm moves its fingers to an orange on a table."""
+"""A task and its scene from scratch: an arm moves its fingers to an orange on a table."""
 
 import gymnasium as gym
 import torch
@@ -22,7 +22,7 @@ class TouchOrange(Task):
     action_size = 7
 
     def bind(self, s: State) -> None:
-        self.arm = ArmController(s)  # of the only robot of the scene, so it needs no name
+        self.arm = ArmController(s)  # a scene with several robots needs the robot's name
 
     def apply(self, s: State, action: Tensor) -> None:
         self.arm.move_joints(s, action)

@@ -1,4 +1,4 @@
-"""Train Stable-Baselines3's PPO on TabletopReachEasy-v0, and evaluate it on layouts that it has never seen.
+"""Train Stable-Baselines3's PPO on TabletopReachEasy-v0, and evaluate it on unseen layouts.
 
 Needs the extra: pip install 'sceniris-gym[sb3]'.
 """
@@ -15,7 +15,7 @@ ENV_ID = "sceniris_gym:sceniris_gym/TabletopReachEasy-v0"
 SETTINGS = {
     "n_steps": 10,
     "learning_rate": 2e-3,
-    "use_sde": True,  # noise that lasts for several steps moves an arm further
+    "use_sde": True,  # noise that lasts several steps moves an arm further
     "sde_sample_freq": 10,
     "policy_kwargs": {"log_std_init": -1.0},
     "device": "cpu",  # small networks, and SB3 exchanges numpy arrays
@@ -23,7 +23,7 @@ SETTINGS = {
 
 
 def judge(model: PPO, trained: VecNormalize, device: str | None) -> str:
-    """Return the result of the first episodes of the split `eval`, without exploration."""
+    """Return the result of the first episodes of the split `eval`, with deterministic actions."""
     envs = Sb3VecEnvWrapper(gym.make_vec(ENV_ID, num_envs=trained.num_envs, device=device, split="eval"))
     envs.seed(0)
     normalized = VecNormalize(envs, training=False, norm_reward=False)
@@ -40,13 +40,13 @@ def main(
     device: str | None = None,
     out: str = "results/sb3",
 ) -> None:
-    """Train, evaluate before and after, and save what `sceniris-gym view --policy` plays."""
+    """Train, evaluate before and after, and save the policy for `sceniris-gym view --policy`."""
     envs = VecNormalize(Sb3VecEnvWrapper(gym.make_vec(ENV_ID, num_envs=num_envs, device=device)), gamma=0.9)
     model = PPO("MlpPolicy", envs, gamma=0.9, batch_size=5 * num_envs, seed=0, **SETTINGS)
     print("before:", judge(model, envs, device))
     for _ in range(10):
         model.learn(steps // 10, reset_num_timesteps=False)
-        found = envs.get_attr("statistics")[0].read()  # of the episodes that ended since the last call
+        found = envs.get_attr("statistics")[0].read()  # over the episodes that ended since the last call
         terms = ", ".join(f"{name} {value:.3f}" for name, value in found["reward_terms"].items())
         print(f"{model.num_timesteps} steps: return {found['return']:.3f}, success {found['success']:.2f}; {terms}")
     print("after:", judge(model, envs, device))

@@ -1,4 +1,4 @@
-"""Your own learning loop: PPO (Schulman et al. 2017) in one file, all of it on the worlds' device."""
+"""Your learning loop: PPO (Schulman et al. 2017) in one file, entirely on the worlds' device."""
 
 from typing import Any
 
@@ -12,13 +12,13 @@ GAMMA, LAMBDA, CLIP = 0.98, 0.95, 0.2
 
 
 def network(size: int, out: int) -> nn.Sequential:
-    """Return an MLP whose first layer normalizes by the statistics of all observations so far."""
+    """Return an MLP whose first layer normalises by the statistics of all observations so far."""
     layers = [nn.Linear(size, 256), nn.ELU(), nn.Linear(256, 128), nn.ELU(), nn.Linear(128, out)]
     return nn.Sequential(nn.BatchNorm1d(size, affine=False, momentum=None), *layers).eval()
 
 
 def advantages(rewards: Tensor, values: Tensor, done: Tensor) -> Tensor:
-    """Return generalized advantages (Schulman et al. 2016), shape (steps, num_envs); `values` has one more step."""
+    """Return generalised advantages (Schulman et al. 2016), shape (steps, num_envs). `values` has one more step."""
     found, later = torch.zeros_like(rewards), torch.zeros_like(rewards[0])
     for t in reversed(range(len(rewards))):
         found[t] = later = rewards[t] - values[t] + GAMMA * ~done[t] * (values[t + 1] + LAMBDA * later)
@@ -26,7 +26,7 @@ def advantages(rewards: Tensor, values: Tensor, done: Tensor) -> Tensor:
 
 
 def main(task: str = "TabletopReachEasy-v0", num_envs: int = 2048, iterations: int = 120, steps: int = 24) -> None:
-    """Train, and print how episodes went. The critic sees more than the actor."""
+    """Train, and print the statistics of episodes. The critic sees more than the actor."""
     torch.manual_seed(0)
     envs: Any = gym.make_vec(f"sceniris_gym:sceniris_gym/{task}", num_envs=num_envs)
     obs, _ = envs.reset(seed=0)
@@ -41,7 +41,7 @@ def main(task: str = "TabletopReachEasy-v0", num_envs: int = 2048, iterations: i
             for _ in range(steps):
                 action = Normal(actor(obs["policy"]), log_std.exp()).sample()
                 after, reward, terminated, truncated, info = envs.step(action)
-                # A truncated episode would have gone on. Select its value: in a world that broke, it is NaN.
+                # A truncated episode counts with its value. `where` drops other values: a broken world's is NaN.
                 to_come = torch.where(truncated & ~terminated, critic(info["final_obs"]["critic"])[:, 0], 0.0)
                 rows.append((obs["policy"], obs["critic"], action, reward + GAMMA * to_come, terminated | truncated))
                 obs = after

@@ -1,7 +1,7 @@
-"""Watch an environment in the browser: every reset and every step of it, in real time.
+"""Watch an environment in the browser: every reset and every step, in real time.
 
-Needs the extra: pip install 'sceniris-gym[viewer]'. The address of the page is printed on stderr. Scenes alone, without
-an environment, are shown by `sceniris-gym view SCENE`.
+Needs the extra: pip install 'sceniris-gym[viewer]'. The address of the page is printed on stderr. To see a scene
+without an environment, run `sceniris-gym view SCENE`.
 """
 
 from typing import Any
@@ -10,7 +10,7 @@ import gymnasium as gym
 import torch
 import tyro
 
-import sceniris_gym  # noqa: F401, importing it registers the environments
+import sceniris_gym  # noqa: F401, registers the environments
 
 
 def main(
@@ -19,19 +19,19 @@ def main(
     steps: int = 1000,
     device: str | None = None,
 ) -> None:
-    """Let arms move at random, and watch them.
+    """Watch arms that move at random.
 
     Args:
         env: id of the environment.
         num_envs: number of worlds.
         steps: control steps of each world.
-        device: "cpu" or "cuda:0"; by default cuda:0 if there is one, else cpu.
+        device: "cpu" or "cuda:0", by default cuda:0 if available, otherwise cpu.
     """
     envs: Any = gym.make_vec(env, num_envs=num_envs, device=device, render_mode="human").unwrapped
     envs.reset(seed=0)
     episodes, actions = 0, torch.zeros(num_envs, *envs.single_action_space.shape, device=envs.device)
     for step in range(steps):
-        if step % 10 == 0:  # an arm whose actions change in every step only trembles
+        if step % 10 == 0:  # with new actions in every step, an arm only trembles
             actions = 0.5 * (2.0 * torch.rand_like(actions) - 1.0)
         _, _, terminated, truncated, _ = envs.step(actions)
         episodes += int((terminated | truncated).sum())

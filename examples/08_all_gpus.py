@@ -1,4 +1,4 @@
-"""Train with rsl-rl on all GPUs of a host, each with worlds and layouts of its own.
+"""Train with rsl-rl on all GPUs of a host, with separate worlds and layouts on each.
 
     torchrun --standalone --nproc-per-node gpu examples/08_all_gpus.py
 
@@ -33,18 +33,18 @@ def main(
     device: str | None = None,
     out: Path = Path("all_gpus"),
 ) -> None:
-    """Train; the first process writes checkpoints, and a log of averages over its own worlds.
+    """Train. The first process writes checkpoints, and a log of averages over its worlds.
 
     Args:
         num_envs: number of worlds of each process.
-        iterations: updates of the policy; gradients are averaged over the processes.
+        iterations: updates of the policy, with gradients averaged over the processes.
         seed: world i of process r gets the seed r * 2^40 + seed + i.
-        device: "cpu" or "cuda:0"; by default each process takes its own GPU.
+        device: "cpu" or "cuda:0", by default a separate GPU for each process.
         out: folder for checkpoints and the log.
     """
     envs = RslRlVecEnvWrapper(gym.make_vec(ENV_ID, num_envs=num_envs, device=device), seed=seed)
     rank = envs.unwrapped.rank
-    torch.manual_seed(seed * rank.size + rank.number)  # for the noise on actions; weights come from the first process
+    torch.manual_seed(seed * rank.size + rank.number)  # for action noise, as weights come from the first process
     runner = OnPolicyRunner(envs, {**CONFIG, "seed": seed}, log_dir=str(out), device=str(envs.device))
     runner.learn(iterations, init_at_random_ep_len=True)
     print(f"process {rank.number} of {rank.size}: {envs.unwrapped.statistics.read()['success']:.3f} success")

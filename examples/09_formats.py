@@ -1,4 +1,4 @@
-"""A data set as npz and JSON, read back in stock MuJoCo: poses of things by name, and the whole state.
+"""A data set as npz and JSON, read back in stock MuJoCo: poses of objects by name, and the full state.
 
 `sceniris-gym generate mid -n 64 -o layouts/formats --format npz,json` writes the same files from the command line.
 """
@@ -14,13 +14,13 @@ from sceniris_gym import cli
 
 
 def main(scene: str = "mid", n: int = 64, folder: Path = Path("layouts/formats"), device: str | None = None) -> None:
-    """Write layouts of a scene in both formats, and read them with the libraries that own these formats.
+    """Write layouts of a scene in both formats, and read them with NumPy and json.
 
     Args:
         scene: name of a shipped scene, or the path of a scene file.
         n: number of layouts.
-        folder: folder for the files, without a data set in it.
-        device: "cpu" or "cuda:0"; by default cuda:0 if there is one, else cpu.
+        folder: folder for the files. It should not hold a data set.
+        device: "cpu" or "cuda:0", by default cuda:0 if available, otherwise cpu.
     """
     where = [] if device is None else ["--device", device]
     cli.main(["generate", scene, "-n", str(n), "-o", str(folder), "--format", "npz,json", *where])
@@ -31,7 +31,7 @@ def main(scene: str = "mid", n: int = 64, folder: Path = Path("layouts/formats")
 
 
 def read_json(folder: Path, model: mujoco.MjModel, bodies: set[str]) -> None:
-    """Put every layout into stock MuJoCo by its `qpos`, and compare the poses of bodies with `poses`."""
+    """Load every layout into stock MuJoCo by its `qpos`, and compare the poses of bodies with `poses`."""
     data, off, joints = mujoco.MjData(model), 0.0, 0
     layouts = json.loads((folder / "layouts-00000.json").read_text())
     for layout in layouts:
@@ -45,7 +45,7 @@ def read_json(folder: Path, model: mujoco.MjModel, bodies: set[str]) -> None:
 
 
 def read_npz(folder: Path, model: mujoco.MjModel, bodies: set[str]) -> None:
-    """Put free objects at their poses in the last layout by name, whatever their addresses in `qpos` are."""
+    """Set free objects to their poses in the last layout by name, without addresses in `qpos`."""
     data, layouts = mujoco.MjData(model), np.load(folder / "layouts-00000.npz")
     names = [key.removeprefix("pose/") for key in layouts if key.removeprefix("pose/") in bodies]
     for name in names:

@@ -1,4 +1,4 @@
-"""A data set as USD: a stage with one frame for each layout, and a single layout as a stage of its own.
+"""A data set as USD: a stage with one frame per layout, and a separate stage of a single layout.
 
 `sceniris-gym generate mid -n 64 -o layouts/usd --format npz,usd` writes the same files from the command line.
 Needs the extra: pip install 'sceniris-gym[import]'.
@@ -16,14 +16,14 @@ from sceniris_gym import cli
 def main(
     scene: str = "mid", n: int = 64, folder: Path = Path("layouts/usd"), row: int = 0, device: str | None = None
 ) -> None:
-    """Write layouts of a scene, compare the stage with the npz file, and freeze one layout.
+    """Write layouts of a scene, compare the stage with the npz file, and export one layout.
 
     Args:
         scene: name of a shipped scene, or the path of a scene file.
         n: number of layouts.
-        folder: folder for the files, without a data set in it.
-        row: layout that becomes a stage of its own.
-        device: "cpu" or "cuda:0"; by default cuda:0 if there is one, else cpu.
+        folder: folder for the files. It should not hold a data set.
+        row: layout to export as a separate stage.
+        device: "cpu" or "cuda:0", by default cuda:0 if available, otherwise cpu.
     """
     where = [] if device is None else ["--device", device]
     cli.main(["generate", scene, "-n", str(n), "-o", str(folder), "--format", "npz,usd", *where])
@@ -39,11 +39,11 @@ def main(
     print(f"usd: {len(frames)} frames, the last of seed {seed}; {meshes} meshes; poses within {1e6 * off:.1f} um")
     path = folder / f"layout-{row}.usda"
     frozen(stage, row, path)
-    print(f"row {row} as a stage of its own: {path}")
+    print(f"row {row} as a separate stage: {path}")
 
 
 def frozen(moving: Usd.Stage, row: int, path: Path) -> None:
-    """Write one row as a stage without time, beside `scene.usdc`, for simulators and renderers of single scenes."""
+    """Write one row as a stage without time next to `scene.usdc`, for simulators and renderers of single scenes."""
     stage = Usd.Stage.CreateNew(str(path))
     stage.GetRootLayer().subLayerPaths.append("./scene.usdc")
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)

@@ -1,4 +1,4 @@
-"""A simulation that somebody else has made: place some of its bodies at a reset, and leave everything else alone."""
+"""An existing simulation in memory: resets place some of its bodies, and keep the state of all others."""
 
 import mujoco
 import mujoco_warp as mjw
@@ -22,20 +22,20 @@ OBJECTS = {"cup": {"on": "top"}, "brick": {"on": "top", "relations": [{"left_of"
 
 
 def main(nworld: int = 64, steps: int = 200, device: str | None = None) -> None:
-    """Step a model with a ball that rolls on, while cup and brick get new places.
+    """Step a model with a rolling ball, while resets place cup and brick.
 
     Args:
         nworld: number of worlds.
         steps: physics steps between two resets, of 2 ms each.
-        device: "cpu" or "cuda:0"; by default cuda:0 if there is one, else cpu.
+        device: "cpu" or "cuda:0", by default cuda:0 if available, otherwise cpu.
     """
     mjm = mujoco.MjModel.from_xml_string(MJCF)
     compiled = compile_scene({"model": mjm, "objects": OBJECTS}, device)
     with wp.ScopedDevice(compiled.device):
         model, data = mjw.put_model(mjm), mjw.make_data(mjm, nworld=nworld, nconmax=32, njmax=128)
-        # "scene" writes cup and brick alone; `mjm` says which names the bodies of `model` have
+        # "scene" writes only cup and brick. `mjm` has the names of the bodies of `model`.
         randomizer = ResetRandomizer(compiled, model, data, seed=0, scope="scene", mjm=mjm)
-        wp.to_torch(data.qvel)[:, mjm.body("ball").dofadr[0]] = 0.5  # m/s, once
+        wp.to_torch(data.qvel)[:, mjm.body("ball").dofadr[0]] = 0.5  # m/s, only once
         for _ in range(3):
             randomizer.reset()
             for _ in range(steps):

@@ -1,4 +1,4 @@
-"""A task that is seen by two cameras, one of them on the arm's hand; saves their pictures of a few worlds."""
+"""A task with two cameras, one of them on the arm's hand. Saves their pictures of a few worlds."""
 
 import torch
 import tyro
@@ -23,7 +23,7 @@ IMAGES = {"side": {"size": (96, 96), "data": ("rgb", "depth"), "shadows": True},
 
 
 class SeeOrange(Task):
-    """Task of moving the fingertips to within 6 cm of an orange that the policy has to find in its pictures."""
+    """Task of moving the fingertips to within 6 cm of an orange, which the policy sees only in pictures."""
 
     action_size = 7
 
@@ -47,7 +47,7 @@ class SeeOrange(Task):
 
 
 def main(num_envs: int = 6, device: str | None = None, out: str = "images.png") -> None:
-    """Save what the cameras see at first: a row for colours, depth and the wrist, a column for each world."""
+    """Save the first pictures: rows for colours, depth and the wrist camera, and a column per world."""
     envs = SceneVectorEnv(SeeOrange, num_envs, scene=SCENE, images=IMAGES, device=device)
     images = envs.reset(seed=0)[0]["images"]
     depth = images["side"]["depth"]

@@ -1,4 +1,4 @@
-"""Train Stable-Baselines3's PPO from pixels on TabletopReachPixels-v0, and judge it on layouts that it has never seen.
+"""Train Stable-Baselines3's PPO from pixels on TabletopReachPixels-v0, and evaluate it on unseen layouts.
 
 Needs the extra: pip install 'sceniris-gym[sb3]'.
 """
@@ -16,13 +16,13 @@ SEEN = ("policy", "front/rgb", "wrist/rgb")
 
 
 def main(num_envs: int = 256, steps: int = 4_000_000, device: str | None = None, out: str = "pixels.zip") -> None:
-    """Train, print how episodes went, and save and judge the policy."""
+    """Train, print the statistics of episodes, and save and evaluate the policy."""
     made = {"num_envs": num_envs, "device": device, "final_images": True}
     envs = Sb3VecEnvWrapper(gym.make_vec(ENV_ID, **made), SEEN)
     model = PPO("MultiInputPolicy", envs, n_steps=24, batch_size=6 * num_envs, gamma=0.98, seed=0)
     for _ in range(10):
         model.learn(steps // 10, reset_num_timesteps=False)
-        found = envs.get_attr("statistics")[0].read()  # of the episodes that ended since the last call
+        found = envs.get_attr("statistics")[0].read()  # over the episodes that ended since the last call
         print(f"{model.num_timesteps} steps: return {found['return']:.3f}, success {found['success']:.2f}")
     model.save(out)
 

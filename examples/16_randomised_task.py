@@ -1,4 +1,4 @@
-"""Physics and looks from the layout's seed: a scene draws masses, gains, colours and light, and a task its own."""
+"""Physics and appearance from the layout's seed: the scene draws masses, gains and colours, the task draws friction."""
 
 import pkgutil
 from typing import Any
@@ -25,18 +25,18 @@ SCENE = {
 
 
 class RoughLift(TabletopLift):
-    """TabletopLift with a tabletop that is rough in every second world: of two geoms the greater friction counts."""
+    """TabletopLift with a rough tabletop in half of the worlds. The greater friction of two geoms counts."""
 
     model_fields = ("geom_friction",)
 
     def on_reset(self, s: State, mask: Tensor) -> None:
-        """Draw its friction, in the worlds that were reset."""
+        """Draw the tabletop's friction in the worlds that are reset."""
         super().on_reset(s, mask)
         s.scale_field("geom_friction", "table/top", torch.where(s.random("rough top") < 0.5, 3.0, 1.0), mask)
 
 
 def main(num_envs: int = 16, device: str | None = None) -> None:
-    """Reset some of the worlds, and compare what they have drawn."""
+    """Reset some of the worlds, and compare the drawn values."""
     envs = SceneVectorEnv(RoughLift, num_envs, scene=SCENE, device=device)
     envs.reset(seed=0)
     factors = envs.state.randomized("can.mass")[:, 0].clone()

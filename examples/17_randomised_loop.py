@@ -1,4 +1,4 @@
-"""Model fields in your own mujoco_warp loop: pushed blocks slide as far as their own friction lets them."""
+"""Model fields in your mujoco_warp loop: pushed blocks slide as far as the friction of their world allows."""
 
 import mujoco
 import mujoco_warp as mjw
@@ -21,23 +21,23 @@ OBJECTS = {"block": {"on": "ground", "region": {"box": [[-0.5, -0.5], [-0.3, 0.5
 
 
 def main(nworld: int = 64, steps: int = 500, device: str | None = None) -> None:
-    """Push the blocks, and see how far they come.
+    """Push the blocks, and print how far they slide.
 
     Args:
         nworld: number of worlds.
         steps: physics steps, of 2 ms each.
-        device: "cpu" or "cuda:0"; by default cuda:0 if there is one, else cpu.
+        device: "cpu" or "cuda:0", by default cuda:0 if available, otherwise cpu.
     """
     compiled = compile_scene({"model": mujoco.MjSpec.from_string(MJCF), "objects": OBJECTS}, device)
     with wp.ScopedDevice(compiled.device):
-        model = put_model(compiled, nworld, "body_mass", "geom_friction")  # a row for each world
+        model = put_model(compiled, nworld, "body_mass", "geom_friction")  # a row per world
         data = mjw.make_data(compiled.mjm, nworld=nworld, nconmax=32, njmax=128)
         randomizer = ResetRandomizer(compiled, model, data, seed=0)
         randomizer.reset()
-        u, v = (wp.to_torch(randomizer.random(name)) for name in ("mass", "friction"))  # of this seed and episode
+        u, v = (wp.to_torch(randomizer.random(name)) for name in ("mass", "friction"))  # from seed and episode
         randomizer.scale_field("body_mass", "block", 0.5 + 2.0 * u)
         randomizer.scale_field("geom_friction", "block", 0.1 + 0.6 * v)
-        randomizer.refresh()  # inverse weights follow
+        randomizer.refresh()  # recomputes inverse weights
         mass, friction = (wp.to_torch(randomizer.model_field(name, "block")) for name in ("body_mass", "geom_friction"))
         start = wp.to_torch(randomizer.layouts.qpos)[:, 0].clone()
         wp.to_torch(data.qvel)[:, 0] = 1.0  # m/s
@@ -46,7 +46,7 @@ def main(nworld: int = 64, steps: int = 500, device: str | None = None) -> None:
         way = wp.to_torch(data.qpos)[:, 0] - start
     slow = friction[:, 0, 0] > 0.4
     print(f"masses from {mass.min():.2f} to {mass.max():.2f} kg")
-    print(f"blocks of little friction slide {way[~slow].mean():.2f} m, the others {way[slow].mean():.2f} m")
+    print(f"blocks of low friction slide {way[~slow].mean():.2f} m, the others {way[slow].mean():.2f} m")
     print(f"correlation of friction and way: {torch.corrcoef(torch.stack([friction[:, 0, 0], way]))[0, 1]:.2f}")
 
 

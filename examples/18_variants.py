@@ -1,4 +1,4 @@
-"""Another thing in every world at every reset: things fall onto a table, and each stays its own."""
+"""Object variants: each reset gives each world another asset, which falls onto a table with its own mass."""
 
 import mujoco_warp as mjw
 import numpy as np
@@ -22,19 +22,19 @@ SCENE = {
 
 
 def main(nworld: int = 32, resets: int = 3, seconds: float = 1.0, device: str | None = None) -> None:
-    """Let the things of all worlds fall, and print how fast and how high they are afterwards.
+    """Let the objects of all worlds fall, and print their masses and how many stay on the table.
 
     Args:
         nworld: number of worlds.
-        resets: number of times that all of them get another thing.
-        seconds: time that things have to fall and to come to rest [s].
-        device: "cpu" or "cuda:0"; by default cuda:0 if there is one, else cpu.
+        resets: number of resets. Every reset draws the assets again.
+        seconds: time for objects to fall and come to rest [s].
+        device: "cpu" or "cuda:0", by default cuda:0 if available, otherwise cpu.
     """
     compiled = compile_scene(SCENE, device)
-    mjm = compiled.sim_mjm  # one body for all things
+    mjm = compiled.sim_mjm  # one body for all variants
     nconmax, njmax = default_budget(mjm, compiled.scene)
     with wp.ScopedDevice(compiled.device):
-        model = put_model(compiled, nworld)  # a row for each world where things differ
+        model = put_model(compiled, nworld)  # a row per world in fields that differ between variants
         data = mjw.make_data(mjm, nworld=nworld, nconmax=nconmax, njmax=njmax)
         randomizer = ResetRandomizer(compiled, model, data, seed=0)
         body = mjm.body("thing").id

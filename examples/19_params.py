@@ -1,4 +1,4 @@
-"""Params: widen the regions of things while an environment runs, and make a layout again by its id."""
+"""Params: widen the regions of objects while an environment runs, and reproduce a layout by its id."""
 
 from typing import Any
 
@@ -13,12 +13,12 @@ PARAMS = [f"objects.{name}.region" for name in THINGS]
 
 
 def main(num_envs: int = 1024, resets: int = 4, device: str | None = None) -> None:
-    """Reset to wider and wider regions.
+    """Reset with wider and wider regions.
 
     Args:
         num_envs: number of worlds.
-        resets: number of resets, the last one to the regions of the scene file.
-        device: "cpu" or "cuda:0"; by default cuda:0 if there is one, else cpu.
+        resets: number of resets. The last reset has the regions of the scene file.
+        device: "cpu" or "cuda:0", by default cuda:0 if available, otherwise cpu.
     """
     envs = gym.make_vec("sceniris_gym/TabletopReach-v0", num_envs=num_envs, device=device, params=PARAMS)
     base: Any = envs.unwrapped
@@ -32,7 +32,7 @@ def main(num_envs: int = 1024, resets: int = 4, device: str | None = None) -> No
         envs.reset()
         at = torch.stack([base.state.pose(name)[:, :2] for name in THINGS])
         size = at.amax(dim=(0, 1)) - at.amin(dim=(0, 1))
-        print(f"{share:.0%} of the regions: things lie within {size[0]:.2f} by {size[1]:.2f} m")
+        print(f"{share:.0%} of the regions: objects lie within {size[0]:.2f} by {size[1]:.2f} m")
         if k == 1:
             told, wanted = base.layout_ids()[0], base.state.pose("apple")[0].clone()
     envs.reset(options={"layouts": told})

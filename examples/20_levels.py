@@ -19,7 +19,7 @@ def main(num_envs: int = 1024, episodes: int = 20, device: str | None = None) ->
     Args:
         num_envs: number of worlds.
         episodes: episodes of each world.
-        device: "cpu" or "cuda:0"; by default cuda:0 if there is one, else cpu.
+        device: "cpu" or "cuda:0", by default cuda:0 if available, otherwise cpu.
     """
     replay = LevelReplay("failure", replay_prob=0.5, capacity=1 << 14, refresh_interval=4)
     kwargs: dict[str, Any] = {"num_envs": num_envs, "device": device, "max_episode_steps": STEPS, "curriculum": replay}
@@ -34,13 +34,13 @@ def main(num_envs: int = 1024, episodes: int = 20, device: str | None = None) ->
     print(f"{replays.sum() / (num_envs * episodes):.0%} of the episodes were on levels played before")
     print(f"{sampler.size} levels are in the buffer")
     drawn = sampler.sample(1000)
-    print(f"a draw of 1000 has {len(np.unique(drawn['level']))} different ones")
+    print(f"1000 draws have {len(np.unique(drawn['level']))} different levels")
 
     state = sampler.state()  # arrays, for a checkpoint
     again: Any = gym.make_vec("sceniris_gym/TabletopReach-v0", **kwargs | {"scene": base.compiled}).unwrapped
     again.reset(seed=1)
     again.randomizer.levels.restore(state)
-    print(f"a resumed training has {again.randomizer.levels.size} of them")
+    print(f"after a restore, a new environment has {again.randomizer.levels.size} of them")
 
 
 if __name__ == "__main__":

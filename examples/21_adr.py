@@ -1,4 +1,4 @@
-"""Automatic domain randomisation: the region of a cube grows as far as a scripted player succeeds."""
+"""Automatic domain randomisation: the region of a cube grows while episodes at its edges succeed."""
 
 import mujoco
 import tyro
@@ -20,26 +20,26 @@ OBJECTS = {"cube": {"on": "ground", "region": {"box": [[-0.4, -0.4], [0.4, 0.4]]
 
 
 class Near(sceniris_gym.Task):
-    """A success is a cube at less than 0.2 m along x, wherever it is along y."""
+    """Succeed if the cube is within 0.2 m along x, at any place along y."""
 
     def apply(self, s: sceniris_gym.State, action) -> None:
-        """Do nothing: there is nothing to control."""
+        """Ignore actions: the task has no actuators."""
 
     def observe(self, s: sceniris_gym.State):
-        """Show where the cube is."""
+        """Return the pose of the cube."""
         return {"policy": {"cube": s.pose("cube")}}
 
     def reward(self, s: sceniris_gym.State, action):
-        """Reward nothing."""
+        """Return a reward of 0."""
         return {"near": 0.0 * s.pose("cube")[:, 0]}
 
     def success(self, s: sceniris_gym.State):
-        """Say where the cube is near enough."""
+        """Return the worlds where the cube is near enough."""
         return s.pose("cube")[:, 0].abs() < 0.2
 
 
 def main(num_envs: int = 256, steps: int = 200, device: str | None = None) -> None:
-    """Let the region grow."""
+    """Step, and print the growing region."""
     scene = {"model": mujoco.MjSpec.from_string(MJCF), "objects": OBJECTS}
     adr = ADR({NAME: [[-0.05, -0.05], [0.05, 0.05]]}, delta=0.05, boundary_fraction=1.0, queue_length=64)
     kwargs = {"scene": scene, "device": device, "max_episode_steps": 2, "curriculum": adr}

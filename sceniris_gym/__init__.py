@@ -1,7 +1,7 @@
 """Fresh, collision-free scene layouts for every reset of batched MuJoCo-Warp environments.
 
-The public names are those of `__init__.pyi`, imported on first use: `import sceniris_gym` loads neither torch, warp nor
-mujoco.
+`__init__.pyi` lists the public names. Each is imported on first use, so `import sceniris_gym` does not load torch, warp
+or mujoco.
 """
 
 import lazy_loader

@@ -1,4 +1,4 @@
-"""The program `sceniris-gym`. Signals end it at once, also during its imports."""
+"""The program `sceniris-gym`. Signals end it at once, even during its imports."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from sceniris_gym.stopping import end_at_signals
 
 
 def main() -> None:
-    """Run the command line; see `cli.main`. Ctrl-C ends it with status 130 and SIGTERM with 143, as in a shell."""
+    """Run the command line, see `cli.main`. As in a shell, Ctrl-C exits with status 130 and SIGTERM with 143."""
     end_at_signals("sceniris-gym")
     from sceniris_gym import cli
 

@@ -50,7 +50,7 @@ from sceniris_gym.training.settings import Options
 from sceniris_gym.viewer.server import HOST, MOST_SHOWN, PORT, address, close_server, open_server
 
 P = ParamSpec("P")
-_MOST_LAYOUTS = 1_000_000_000  # of a data set, some hundred gigabytes
+_MOST_LAYOUTS = 1_000_000_000  # of a data set: some hundred gigabytes
 
 
 def _command(work: Callable[P, Answer]) -> Callable[P, Answer]:
@@ -113,11 +113,11 @@ def generate(
 
     Args:
         out: folder for dataset.json, scene.zip and layouts-*.npy
-        chunk: layouts made at once, which does not change them, by default suits DEVICE
-        shard: write every K-th part, from part R on, by default as torchrun or a Slurm array sets it
-        format_: further formats of the parts, one or several
-        resume: continue the data set in the folder, if there is one
-        verify: compare the data set in the folder with its checksums, and exit with status 1 if a file is damaged
+        chunk: number of layouts per batch, by default chosen for DEVICE (the layouts do not depend on it)
+        shard: write every K-th part, starting with part R, by default from torchrun or a Slurm array
+        format_: additional formats of the parts, one or several
+        resume: continue the data set in the folder, if it exists
+        verify: compare the data set in the folder with its checksums, with exit status 1 if a file is damaged
     """
     if out is None:
         raise NotSupportedError("generate: should have a folder to write to: -o FOLDER.")
@@ -162,15 +162,15 @@ def audit(
     changes: Changes = (),
     json: Json = False,
 ) -> Answer:
-    """Audit layouts with FCL, MuJoCo C and shapely, which share no code with the generator.
+    """Audit layouts with FCL, MuJoCo C and shapely, independently of the generator's code.
 
-    The exit status is 1 if a layout breaks a promise.
+    The exit status is 1 if a layout is invalid.
 
     Args:
-        rejected: rejected candidates to judge
-        settled: layouts to step for 0.5 s, by default all
+        rejected: number of rejected candidates to judge
+        settled: number of layouts to step for 0.5 s, by default all
         save: write layouts and candidates to this .npz instead of judging them
-        load: judge the layouts and candidates of such a file on a CPU
+        load: judge the layouts and candidates of such a file, on a CPU
     """
     check_counts(1, layouts=layouts)
     check_counts(0, rejected=rejected, settled=settled or 0)
@@ -204,7 +204,7 @@ def bench(
     """Measure how fast layouts of a scene are made and its worlds are reset.
 
     Args:
-        geometry: kind of geometry, by default as the scene says
+        geometry: kind of geometry, by default from the scene file
     """
     check_counts(1, num_envs=num_envs)
     check_seed(seed)
@@ -225,18 +225,18 @@ def replay(
     changes: Changes = (),
     json: Json = False,
 ) -> Answer:
-    """Make layouts again from their ids, and show them as numbers and in one picture.
+    """Make layouts again from their ids, and show them as numbers and as one picture.
 
     Args:
-        layouts: scenehash:split:seed:episode, or a file with one id a line
-        scene: scene of the layouts, if it is not a shipped one
+        layouts: scenehash:split:seed:episode, or a file with one id per line
+        scene: scene of the layouts, unless it is a shipped scene
         out: picture to write, by default in demo/
     """
     from sceniris_gym.commands import replay as tool
 
     ids = read_ids(layouts)
     if not ids:
-        raise NotSupportedError("replay: should have a layout id, or a file of them.")
+        raise NotSupportedError("replay: should have a layout id, or a file of ids.")
     picture = checked_target(out, tool.default_picture(ids))
     found = tool.shown(ids, None if scene is None else scene_config(scene, changes), picture, device)
     return answer(found, json, tool.report)
@@ -340,20 +340,20 @@ def view(
     device: Annotated[str | None, tyro.conf.arg(help="with --env: cpu, cuda:0, ...")] = None,
     changes: Changes = (),
 ) -> Answer:
-    """Open a page that shows a scene or a policy at work: layouts, rejected candidates with the reasons, physics.
+    """Open a page that shows a scene or a running policy: layouts, rejected candidates with the reasons, physics.
 
-    The command prints the address of the page first. A saved change of the scene file shows at once. Ctrl-C ends it.
+    The command first prints the address of the page. A saved change of the scene file shows at once. Ctrl-C exits.
 
     Args:
-        episode: number of resets of the worlds since they got the seed
-        split: training or evaluation layouts, by default the split of --layout, else train
+        episode: number of resets since the worlds were seeded
+        split: training or evaluation layouts, by default the split of --layout, or train without it
         env: environment instead of a scene, e.g. sceniris_gym/TabletopLift-v0, or your own as MODULE:ID
         policy: an rsl-rl checkpoint (.pt), an SB3 model (.zip), or module:function, by default random actions
-        layout: layout to play, by id, or a file with one id a line (repeatable)
+        layout: layout to play, by id, or a file with one id per line (repeatable)
         host: address to listen on, 0.0.0.0 for all
-        port: port to listen on, or the next free one
+        port: port to listen on, or the next free port
         allow_origin: address of the page in a browser on another machine, as in https://hub.example.org
-        trust: read a policy's .zip, which executes code in it
+        trust: read a policy's .zip, although that executes its code
     """
     if (scene is None) == (env is None):
         raise NotSupportedError("view: should have either a SCENE or --env, as in 'sceniris-gym view mid'.")
@@ -371,7 +371,7 @@ def view(
     server = open_server(host, port, allow_origin)
     with ExitStack() as stack:
         stack.callback(close_server, server)
-        print(address(server), flush=True)  # before anything that takes a while
+        print(address(server), flush=True)  # before any slow work
         if server.get_port() != port:
             print(f"Port {port} is in use, so the page is at port {server.get_port()}.", file=sys.stderr, flush=True)
         stack.enter_context(_stdout_to_stderr())
@@ -398,17 +398,17 @@ def import_(
     device: Device = None,
     json: Json = False,
 ) -> Answer:
-    """Make assets of meshes, URDF and USD: convex parts, mass, resting poses, grasps, a picture and a manifest.
+    """Make assets from meshes, URDF and USD: convex parts, mass, resting poses, grasps, a picture and a manifest.
 
     Args:
         thing: OBJ, STL, PLY, GLB, DAE, URDF or USD file, or a folder of them
-        out: MJCF file to write, or a folder for a folder
-        scale: metres for each unit, or m, cm, mm, in, ft
-        up: the axis of the file that points up
-        density: density where the file has no masses [kg/m^3]
+        out: MJCF file to write, or the output folder if THING is a folder
+        scale: metres per unit, or m, cm, mm, in, ft
+        up: the file's axis that points up
+        density: density of parts without a mass in the file [kg/m^3]
         tolerance: largest distance of convex parts from the surface [m], by default 2 mm or 2%
-        shell: take open surfaces for sheets without an inside
-        jobs: files of a folder to import at once, by default one for each core
+        shell: treat open surfaces as sheets without an inside
+        jobs: number of files of a folder to import in parallel, by default one per core
     """
     from sceniris_gym.commands import import_things as tool
     from sceniris_gym.importers.things.importer import Options
@@ -436,15 +436,15 @@ def init(
 ) -> Answer:
     """Write a first scene file from a model: its free bodies on their supports, its robot, and all supports.
 
-    The command tries the scene first, and comments out objects that cannot be placed, with the reason. A problem file
+    The command first tries the scene, and comments out objects that cannot be placed, with the reason. A problem file
     of LIBERO (.bddl) becomes a scene file and a folder with its model.
 
     Args:
         model: an MJCF or URDF file, or a problem file
         out: scene file to write, by default stdout
-        assets: with a problem file: the folder of LIBERO's models
-        widen: with a problem file: factor for the size of its regions
-        clutter: with a problem file: the number of further objects in each layout
+        assets: folder of LIBERO's models, for a problem file
+        widen: factor for the size of the regions of a problem file
+        clutter: number of additional objects in each layout of a problem file
     """
     from sceniris_gym.commands import init as tool
 
@@ -478,12 +478,12 @@ def settle(
     changes: Changes = (),
     json: Json = False,
 ) -> Answer:
-    """Settle the objects of a heap in their container by MuJoCo C, and write rows that layouts use.
+    """Settle the objects of a heap in their container with MuJoCo C, and write rows that layouts use.
 
     Args:
-        heap: heap of the scene, by default the only one
+        heap: heap of the scene, needed if it has several heaps
         rows: number of rows
-        out: .npz to write, by default as the heap says
+        out: .npz to write, by default `rows` of the heap
     """
     check_counts(1, rows=rows, most=1_000_000)
     check_seed(seed)
@@ -495,7 +495,7 @@ def settle(
 
 @_command
 def train(options: Annotated[Options, tyro.conf.arg(name="")], json: Json = False) -> Answer:
-    """Train a task with rsl-rl's PPO (extra `rsl-rl`), and judge its policy on layouts that it has not seen."""
+    """Train a task with rsl-rl's PPO (extra `rsl-rl`), and evaluate its policy on unseen layouts."""
     check_counts(1, num_envs=options.num_envs, layouts=options.layouts, every=options.every)
     check_counts(0, most=2**31 - 1, seed=options.seed)
     checked_target(options.out / CONFIG)
@@ -517,15 +517,15 @@ def evaluate(
     device: Device = None,
     json: Json = False,
 ) -> Answer:
-    """Judge the policy of a training on layouts that it has not seen: valid ones, and ones placed without checks.
+    """Evaluate the policy of a training on unseen layouts: valid layouts, and layouts placed without checks.
 
     Args:
         run: folder of a training, with its model.pt
-        out: JSON file to write, with the result on every layout
-        failed: file to write, with the ids of the valid layouts without success, one a line
-        min_success: exit with status 1 if a smaller fraction of the valid layouts ends in success
-        task: the task, by default as RUN says; a task of your own as MODULE:ID
-        trust: read a checkpoint with more than weights, which executes code in it
+        out: JSON file to write, with the result for every layout
+        failed: file to write, with the ids of the valid layouts without success, one per line
+        min_success: minimum fraction of valid layouts that end in success, with exit status 1 below it
+        task: the task, by default from RUN, or your own task as MODULE:ID
+        trust: read a checkpoint with more than weights, although that executes its code
     """
     check_counts(1, layouts=layouts)
     for file in filter(None, (out, failed)):
@@ -547,8 +547,7 @@ COMMANDS = {
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run a command.
 
-    The exit status is 1 after a bad verdict. A ScenirisError or an OSError ends the command with a message on stderr
-    and exit status 2.
+    The exit status is 1 after a bad verdict. After a ScenirisError or an OSError, it is 2 and stderr has the message.
     """
     arguments = sys.argv[1:] if arguments is None else list(arguments)
     if arguments == ["--version"]:
@@ -558,7 +557,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         with warnings.catch_warnings():
             warnings.showwarning = each_once()
-            if arguments[:1] and arguments[0] in COMMANDS:  # whose usage errors then name its own --help
+            if arguments[:1] and arguments[0] in COMMANDS:  # so that usage errors name this command's --help
                 command, prog = COMMANDS[arguments[0]], f"sceniris-gym {arguments[0]}"
                 said = tyro.cli(command, prog=prog, args=arguments[1:])
             else:

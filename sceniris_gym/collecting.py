@@ -9,11 +9,11 @@ from contextlib import contextmanager
 
 @contextmanager
 def uncollected() -> Iterator[None]:
-    """Collect no garbage in this block.
+    """Disable garbage collection in this block.
 
-    Warp keeps the syntax trees of all kernels, for MuJoCo-Warp half a million objects. The collector would walk them
-    several times while they are made, which takes a second. Freezing and unfreezing all objects in the end moves them
-    to its oldest generation at once. Objects that a program has frozen itself stay frozen.
+    Warp keeps the syntax trees of all kernels: half a million objects for MuJoCo-Warp. The collector would walk them
+    several times while Warp builds them, which takes a second. At the end of the block, freezing and unfreezing moves
+    all objects to the oldest generation at once. If the program has frozen objects itself, they stay frozen.
     """
     collecting = gc.isenabled()
     gc.disable()

@@ -1,4 +1,4 @@
-"""All errors and warnings that a user can meet. Each message names the place, the mistake and the fix."""
+"""All errors and warnings for users. Each message names the place, the mistake and the fix."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 
 def did_you_mean(name: str, valid: Iterable[str]) -> str:
-    """Return " Did you mean 'x'?" for the valid name closest to `name`, or an empty string if no name is close."""
+    """Return " Did you mean 'x'?" with the valid name closest to `name`, or an empty string if no name is close."""
     valid = list(valid)
     found = difflib.get_close_matches(name, valid, n=1, cutoff=0.5)
     if not found:  # names with prefixes: 'upper_drawer' is close to 'cabinet/upper_drawer'
@@ -37,19 +37,19 @@ class ScenirisWarning(_Pickled, UserWarning):
 
 
 class SceneFileError(ScenirisError):
-    """A file of a scene, YAML or MJCF, that is missing or cannot be read."""
+    """A missing or unreadable YAML or MJCF file of a scene."""
 
 
 class SceneKeyError(ScenirisError):
-    """A wrong key or value in a scene, a support without room, or names in a cycle. The message names its path."""
+    """A wrong key or value in a scene, a support without room, or names in a cycle. The message has the key's path."""
 
 
 class NotSupportedError(ScenirisError):
-    """A word of the scene language, or a feature of a model, that is known but not supported yet."""
+    """A known word of the scene language, or a known feature of a model, that is not supported yet."""
 
 
 class UnknownNameError(ScenirisError):
-    """A name of a body, joint, object, asset or scene that does not exist. `valid` has the existing names."""
+    """A body, joint, object, asset or scene name that does not exist. `valid` lists the existing names."""
 
     def __init__(self, kind: str, name: str, where: str, valid: Iterable[str]) -> None:
         self.kind, self.name, self.where, self.valid = kind, name, where, sorted(filter(None, valid))
@@ -58,16 +58,16 @@ class UnknownNameError(ScenirisError):
 
 
 def in_a_cycle(where: str, names: Iterable[str], what: str) -> SceneKeyError:
-    """Return the error for names that depend on each other in a cycle, each on the next."""
+    """Return the error for a cycle of names, in which each depends on the next."""
     names = list(names)
     cycle = " -> ".join([*names, names[0]])
     return SceneKeyError(f"{where}: {what}: {cycle}. Remove one of these references to break the cycle.")
 
 
 MeshReason = Literal["empty", "flat", "open", "large", "not finite", "sliver", "size", "parts", "refused"]
-"""Why a mesh cannot be used: it has no faces, no volume, holes that are too large, too many faces, or vertices that are
-not finite; it is too thin and light for MuJoCo, or under 1 mm or over 50 m long; no convex parts stay near its surface;
-or MuJoCo refuses it."""
+"""Why a mesh cannot be used, in this order: it has no faces, no volume, holes that are too large, too many faces, or
+non-finite vertices. It is too thin and light for MuJoCo, or is under 1 mm or over 50 m long. No set of convex parts
+stays near its surface. MuJoCo rejects it."""
 
 
 class MeshError(ScenirisError):
@@ -75,7 +75,7 @@ class MeshError(ScenirisError):
 
     Args:
         text: The message.
-        reason: Its fault, by a word of `MeshReason`.
+        reason: The defect, a word of `MeshReason`.
     """
 
     def __init__(self, text: str, reason: MeshReason) -> None:
@@ -85,9 +85,9 @@ class MeshError(ScenirisError):
 
 
 class GraspError(ScenirisError):
-    """An object that the gripper cannot grasp: the least opening `needed` [m] is more than its widest `opening` [m].
+    """An object that the gripper cannot grasp: it has to open by `needed` [m], and its widest opening is `opening` [m].
 
-    `needed` is None if no grasp has anything between the fingers.
+    `needed` is None if no grasp has a part of the object between the fingers.
     """
 
     def __init__(self, text: str, needed: float | None, opening: float) -> None:
@@ -96,13 +96,13 @@ class GraspError(ScenirisError):
 
 
 class InfeasibleSceneError(ScenirisError):
-    """A scene for which no valid layout was found.
+    """A scene without any valid layout found.
 
     Args:
         text: The message.
         where: The scene.
-        name: The object that could not be placed, after all objects before it were.
-        cause: The most frequent cause of its rejections.
+        name: The first object that could not be placed.
+        cause: The most frequent cause of this object's rejections.
         counts: Rejections per object and cause.
     """
 
@@ -118,7 +118,7 @@ class InfeasibleSceneError(ScenirisError):
 
 
 class ArmError(ScenirisError):
-    """Bodies and joints that do not form a serial arm, or not a supported one."""
+    """Bodies and joints that do not form a supported serial arm."""
 
 
 class MapError(ScenirisError):
@@ -126,7 +126,7 @@ class MapError(ScenirisError):
 
 
 class ContactBudgetError(ScenirisError):
-    """More contacts or constraint rows than a batch has room for: `budget`, "nconmax" or "njmax", per world."""
+    """A batch without room for all contacts or constraint rows. `budget` is "nconmax" or "njmax", per world."""
 
     def __init__(self, budget: str, room: int, wanted: int) -> None:
         self.budget, self.room, self.wanted = budget, room, wanted
@@ -137,42 +137,42 @@ class ContactBudgetError(ScenirisError):
 
 
 class SceneMismatchError(ScenirisError, ValueError):
-    """A model, data or layout source that does not belong to the CompiledScene it is used with."""
+    """A model, data or layout source of another CompiledScene."""
 
 
 class BusyError(ScenirisError, RuntimeError):
-    """An object that another thread uses at this moment."""
+    """An object that another thread is using."""
 
 
 class FixedError(ScenirisError, AttributeError):
-    """Raised on assignment to an attribute `name` of a class `what` that captured graphs already use."""
+    """Assignment to the attribute `name` of a class `what`, although captured graphs already use its arrays."""
 
     def __init__(self, what: str, name: str, cure: str | None = None) -> None:
         self.what, self.cure = what, cure
         super().__init__(
             f"{what}.{name} cannot be changed: steps and resets are captured with the arrays of the scene that {what} "
-            "was made with, and would go on with them. " + (cure or f"Make another {what} with the other '{name}'.")
+            "was made with, and would keep using them. " + (cure or f"Make another {what} with the other '{name}'.")
         )
-        self.name = name  # which AttributeError has as well, and sets to None
+        self.name = name  # set last: AttributeError's constructor sets its own `name` to None
 
 
 class TaskError(ScenirisError, TypeError):
-    """A method of a task returned something of the wrong type or form."""
+    """A method of a task returned a value of the wrong type or form."""
 
 
 class ArgumentError(ScenirisError, ValueError):
-    """An argument, such as a mask, a seed, a count or a layout id, that its function does not take."""
+    """An invalid argument, such as a mask, a seed, a count or a layout id."""
 
 
 class ArgumentTypeError(ArgumentError, TypeError):
-    """An argument of a type that its function does not take."""
+    """An argument of the wrong type."""
 
 
 def check_type(value: object, kind: type, name: str) -> None:
-    """Refuse an argument that is not of a type. `name` names the function and the argument.
+    """Refuse an argument of another type. `name` names the function and the argument.
 
     Raises:
-        ArgumentTypeError: It is of another type.
+        ArgumentTypeError: The argument has another type.
     """
     if not isinstance(value, kind):
         raise ArgumentTypeError(f"{name} should be a {kind.__name__}, got {type(value)}.")
@@ -182,7 +182,7 @@ def check_names(kind: str, names: Iterable[object], where: str, valid: Collectio
     """Refuse names that are not among the valid ones. `kind` and `where` are for the message.
 
     Raises:
-        UnknownNameError: For the first of them.
+        UnknownNameError: The first invalid name.
     """
     for name in names:
         if name not in valid:
@@ -190,10 +190,10 @@ def check_names(kind: str, names: Iterable[object], where: str, valid: Collectio
 
 
 def as_names(value: Any, name: str) -> tuple[str, ...]:
-    """Return names that are given as a single one or as several. `name` names the argument.
+    """Return one name or several names as a tuple. `name` names the argument.
 
     Raises:
-        ArgumentTypeError: Anything else.
+        ArgumentTypeError: The value has another type.
     """
     if isinstance(value, str):
         return (value,)
@@ -204,14 +204,14 @@ def as_names(value: Any, name: str) -> tuple[str, ...]:
 
 
 class FallbackWarning(ScenirisWarning):
-    """A scene whose worlds run out of attempts or restarts more often than they should. The message names the remedies.
+    """A scene whose worlds run out of attempts or restarts too often. The message names the remedies.
 
     Args:
         text: The message.
-        share: Share of the layouts made for the bank that ran out of restarts, or None if attempts ran out.
+        share: Fraction of the bank's layouts that ran out of restarts, None if attempts ran out.
         name: The object with the most rejections.
-        cause: Their most frequent cause.
-        held: Layouts in the smaller of the two banks, and the number wanted, if fewer were found.
+        cause: The most frequent cause of these rejections.
+        held: The number of layouts in the smaller of the two banks and the wanted number, if the bank is not full.
     """
 
     def __init__(
@@ -222,11 +222,11 @@ class FallbackWarning(ScenirisWarning):
 
 
 class ReachWarning(ScenirisWarning):
-    """Reachability that is not decided as requested. The message gives the reason."""
+    """A reachability test that cannot be made as requested. The message gives the reason."""
 
 
 class ModelWarning(ScenirisWarning):
-    """A detail of a model that is accepted but was probably not meant. The message names it and a remedy."""
+    """An accepted but probably unintended detail of a model. The message names the detail and a remedy."""
 
 
 class OutputError(ScenirisError, OSError):
@@ -238,15 +238,15 @@ class OutputError(ScenirisError, OSError):
 
 
 class MemoryLimitError(ScenirisError, MemoryError):
-    """Something that takes more bytes than are free on a device."""
+    """A request for more memory than is free on a device."""
 
 
 class DatasetError(ScenirisError):
-    """A data set of layouts that is incomplete, damaged, or not the one asked for."""
+    """A data set of layouts that is incomplete, damaged, or of another kind than requested."""
 
 
 class MissingExtraError(ScenirisError, ImportError):
-    """A library that is not installed, and that an extra of this package installs."""
+    """A missing library that an extra of this package installs."""
 
     def __init__(self, package: str, extra: str) -> None:
         self.package, self.extra = package, extra
@@ -254,10 +254,10 @@ class MissingExtraError(ScenirisError, ImportError):
 
 
 def import_extra(module: str, extra: str, package: str = "") -> Any:
-    """Import a module that an extra of this package installs; `package` is its distribution, if named otherwise.
+    """Import a module of an extra. `package` is its distribution, if its name differs from the module's.
 
     Raises:
-        MissingExtraError: It is not installed.
+        MissingExtraError: The module is not installed.
     """
     try:
         return importlib.import_module(module)

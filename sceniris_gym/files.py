@@ -1,4 +1,4 @@
-"""Files that are written completely or not at all, checks beforehand that they can be, JSON, and files of strangers."""
+"""Atomic file writes, checks before long work that a file can be written, JSON, and safe reads of untrusted files."""
 
 from __future__ import annotations
 
@@ -18,18 +18,19 @@ from sceniris_gym.errors import NotSupportedError, OutputError
 from sceniris_gym.stopping import temporary
 
 UNWRITABLE = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG, errno.EIO})
-"""Errors of the operating system that mean that nothing can be written."""
+"""Errors of the operating system that mean that the file system rejects writes."""
 
 NO_FILE = "a folder, a pipe or a device, not a file"
-"""What is there, but is not read."""
+"""Kinds of paths that exist but are not read."""
 
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Yield the path of a temporary file beside `path`, which replaces `path` if the block succeeds.
+    """Yield the path of a temporary file next to `path`, which replaces `path` if the block succeeds.
 
-    If it fails, or a signal ends the program, the temporary file is removed and `path` stays as it was. The file of a
-    killed process is removed by the next one in the same container. The user's umask sets the permissions.
+    If the block fails, or a signal ends the program, the temporary file is removed and `path` stays unchanged. If a
+    process is killed, its temporary file stays until the next process in the same container writes to `path`. The
+    user's umask sets the permissions.
 
     Raises:
         OutputError: The file cannot be written.
@@ -46,16 +47,16 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def opened(path: Path, *, own: bool = False) -> BinaryIO:
-    """Open a file for reading, but no pipe and no device, which may have no end.
+    """Open a regular file for reading. Pipes and devices are refused, because they may never end.
 
     Args:
         path: The file.
-        own: Refuse a file that belongs to another user, or that others may write.
+        own: Also refuse a file that other users own or may write. Root may own it.
 
     Raises:
-        OSError: It cannot be opened, or is refused.
+        OSError: The file cannot be opened, or is refused.
     """
-    file = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)  # to open a pipe would wait
+    file = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)  # opening a pipe would block
     found = os.fstat(file)
     foreign = found.st_uid not in (0, os.geteuid()) or found.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
     if stat.S_ISREG(found.st_mode) and not (own and foreign):
@@ -65,27 +66,27 @@ def opened(path: Path, *, own: bool = False) -> BinaryIO:
 
 
 def no_file(path: Path, what: str = "file") -> str:
-    """Return in words why a path is no file, though it should be one, as `what` says."""
+    """Return why a path is not a file, for an error message. `what` names the kind of file."""
     return f"it is {NO_FILE}" if path.exists() else f"there is no such {what}"
 
 
 def read_bytes(path: Path) -> bytes:
-    """Read a whole file; see `opened`."""
+    """Read a whole file, opened by `opened`."""
     with opened(path) as file:
         return file.read()
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file, whole or not at all; see `replacing`."""
+    """Write a text file atomically, see `replacing`."""
     with replacing(path) as file:
         file.write_text(text)
 
 
 def check_writable(path: Path) -> None:
-    """Make sure that `path` can be written, before the work whose result it will hold. Leaves nothing behind.
+    """Check that `path` can be written, before the work that produces its content. Leaves no file behind.
 
     Raises:
-        OutputError: It cannot.
+        OutputError: The path cannot be written.
     """
     if path.is_dir():
         raise OutputError(str(path), "it is a folder")
@@ -95,11 +96,11 @@ def check_writable(path: Path) -> None:
 
 
 def check_picture(path: Path | None) -> None:
-    """Make sure that `path` ends in .png and can be written; None is no picture.
+    """Check that `path` ends in .png and can be written. None means no picture.
 
     Raises:
-        NotSupportedError: It has another suffix.
-        OutputError: It cannot.
+        NotSupportedError: The path has another suffix.
+        OutputError: The path cannot be written.
     """
     if path is None:
         return
@@ -109,12 +110,12 @@ def check_picture(path: Path | None) -> None:
 
 
 def as_json(value: Any, *, digits: int | None = None, indent: int | None = None) -> str:
-    """Return strict JSON, in which numbers that are not finite are null and paths are text.
+    """Return strict JSON. Non-finite numbers become null, and paths become text.
 
     Args:
         value: The value.
-        digits: Significant digits of floats; None for all.
-        indent: Spaces by which nested lines are indented; None for a single line.
+        digits: Significant digits of floats, None for all.
+        indent: Spaces per level of indentation, None for a single line.
     """
 
     def plain(part: Any) -> Any:
@@ -131,7 +132,7 @@ def as_json(value: Any, *, digits: int | None = None, indent: int | None = None)
 
 
 def _file_beside(path: Path) -> AbstractContextManager[Path]:
-    """Make an empty file beside `path`, for as long as the block lasts."""
+    """Make an empty file next to `path`, and remove it at the end of the block."""
 
     def make() -> Path:
         with _in_words(path):
@@ -145,7 +146,7 @@ def _file_beside(path: Path) -> AbstractContextManager[Path]:
 
 
 def _remove_orphans(path: Path) -> None:
-    """Remove temporary files of this path whose process, of those that can be seen from here, has ended."""
+    """Remove temporary files of this path whose process has ended, if they come from this container."""
     form = re.compile(rf"\.{re.escape(path.name)}\.{_container()}-(\d+)\.\w+\.tmp")
     for other in path.parent.iterdir():
         found = form.fullmatch(other.name)
@@ -154,9 +155,10 @@ def _remove_orphans(path: Path) -> None:
 
 
 def _container() -> str:
-    """Return a name for the processes that can be seen from here: the running kernel and its namespace of processes.
+    """Return a name for this container: the running kernel's boot id and its process namespace.
 
-    The names of hosts do not tell containers apart. Where the system names neither, each call has another name.
+    Host names do not distinguish containers. On systems without /proc, each call returns a different name, so that no
+    process takes another container's file for an orphan.
     """
     with suppress(OSError):
         kernel = Path("/proc/sys/kernel/random/boot_id").read_text().strip()

@@ -1,4 +1,4 @@
-"""The progress of long work: its author tells, whoever wants to show it listens, and a terminal gets a bar."""
+"""Progress of long work: code reports it by `tell`, `listening` receives it, and `shown` draws a bar on a terminal."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 
 Progress = Callable[[str, int, int], object]
-"""Called with the name of the work, the number of its parts that are done, and the number of all."""
+"""Called with the name of the work, the number of finished parts, and the total number of parts."""
 
-_SOON = 1.0  # s, in which most work is over and needs no bar
-# Of the thread: an argument would pass through every function between the work and its listener.
+_SOON = 1.0  # s. Most work ends earlier, and needs no bar.
+# A context variable, because an argument would have to pass through every function between work and listener.
 _listener: ContextVar[Progress | None] = ContextVar("progress", default=None)
 
 
 @contextmanager
 def listening(listener: Progress) -> Iterator[None]:
-    """Let `listener` hear the progress of the work in this block, such as `compile_scene`."""
+    """Call `listener` with the progress of the work in this block, such as `compile_scene`."""
     token = _listener.set(listener)
     try:
         yield
@@ -26,7 +26,7 @@ def listening(listener: Progress) -> Iterator[None]:
 
 
 def tell(what: str, done: int, total: int) -> None:
-    """Tell the progress of some work, if anyone listens."""
+    """Report the progress of some work to the listener, if one is set."""
     listener = _listener.get()
     if listener is not None:
         listener(what, done, total)
@@ -34,11 +34,11 @@ def tell(what: str, done: int, total: int) -> None:
 
 @contextmanager
 def shown(quiet: bool = False) -> Iterator[None]:
-    """Show the progress of this block's work, such as `compile_scene`; nothing where stderr is no terminal."""
+    """Show a progress bar for this block's work, such as `compile_scene`, if stderr is a terminal."""
     if quiet or not sys.stderr.isatty():
         yield
         return
-    from tqdm import tqdm  # not needed where nothing is shown
+    from tqdm import tqdm  # imported only where a bar is shown
 
     bar = tqdm(disable=True)
 

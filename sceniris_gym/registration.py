@@ -1,4 +1,4 @@
-"""Registration of the environments with Gymnasium. Entry points are strings, so nothing heavy is imported here."""
+"""Registration of the environments with Gymnasium. Entry points are strings, so no large library is imported."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ ENVS = {
     ),
     "sceniris_gym/TabletopLift-v0": _env("tabletop_lift:TabletopLift", 150, nconmax=48, njmax=192),
     "sceniris_gym/TabletopLiftEasy-v0": _env("tabletop_lift_easy:TabletopLiftEasy", 150, nconmax=48, njmax=192),
-    # Random actions in 4,096 worlds need more than 256 rows now and then: a gripper pressed on a thing of many parts.
+    # Random actions in 4,096 worlds sometimes need more than 256 rows: a gripper presses on an object of many parts.
     "sceniris_gym/TabletopLiftAny-v0": _env("tabletop_lift_any:TabletopLiftAny", 150, nconmax=64, njmax=512),
-    # 81 degrees of freedom: the arm's 9, and 6 for the peg and each of the 11 others that are present at most.
+    # 81 degrees of freedom: 9 for the arm, 6 for the peg, and 6 for each of at most 11 other objects.
     "sceniris_gym/ClutterExtract-v0": _env("clutter_extract:ClutterExtract", 200, nconmax=128, njmax=512, nvmax=81),
     "sceniris_gym/ClutterPush-v0": _env("clutter_push:ClutterPush", 250, nconmax=40, njmax=160),
     "sceniris_gym/KitchenReset-v0": _env("kitchen_reset:KitchenReset", 200, nconmax=256, njmax=1024),
@@ -40,7 +40,7 @@ ENTRY_POINTS = {
 
 
 def register_envs() -> None:
-    """Register every environment of this package with Gymnasium; a second call changes nothing."""
+    """Register every environment of this package with Gymnasium, unless it is registered already."""
     for env_id, arguments in ENVS.items():
         if env_id not in gymnasium.registry:
             gymnasium.register(id=env_id, **ENTRY_POINTS, **arguments)

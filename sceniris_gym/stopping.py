@@ -1,7 +1,7 @@
-"""Ctrl-C and SIGTERM end the program at once, whatever it is doing.
+"""Ctrl-C and SIGTERM end the program at once, during any work.
 
-They raise no exception: libraries catch it while they are imported, and it waits until a call into C returns. A thread
-hears of the signal instead, ends child processes, removes temporary files, and exits.
+The signals do not raise an exception, because libraries catch it during their import, and because it waits until a call
+into C returns. Instead a thread receives the signal, ends child processes, removes temporary files, and exits.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-_PATIENCE = 2.0  # [s] for a file system, or a reader of standard error, that does not answer
+_PATIENCE = 2.0  # [s] to wait for a file system or a reader of standard error that does not respond
 _WORDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
-# These two belong to the process, as signals do: the thread that answers one has to find whatever is there.
+# Global, because signals belong to the process: the thread that handles one has to find all temporary objects.
 _temporary: dict[Any, Callable[[Any], object]] = {}
 _making = threading.Lock()
-"""Held while something temporary is made or removed. The thread that answers a signal takes it and never returns it."""
+"""Held while a temporary object is made or removed. The thread that handles a signal takes the lock for good."""
 
 
 @contextmanager
 def temporary(make: Callable[[], Any], remove: Callable[[Any], object]) -> Iterator[Any]:
-    """Yield the result of `make` and `remove` it in the end, also when a signal ends the program.
+    """Yield the result of `make`, and `remove` it at the end of the block or when a signal ends the program.
 
     Raises:
         Exception: From `make` or `remove`.
@@ -42,12 +42,12 @@ def temporary(make: Callable[[], Any], remove: Callable[[Any], object]) -> Itera
 
 
 def end_at_signals(name: str) -> None:
-    """Let SIGINT and SIGTERM end this process from now on, with status 128 + signal, as in a shell, and a line.
+    """Let SIGINT and SIGTERM end this process from now on, with status 128 + signal, as in a shell.
 
-    The line goes to standard error. An ignored signal stays ignored, such as Ctrl-C for a background job.
+    A line on standard error reports the signal. Ignored signals stay ignored, such as Ctrl-C for a background job.
 
     Args:
-        name: The program, for the line.
+        name: The program's name in that line.
     """
     heard, tell = os.pipe()
     os.set_blocking(tell, False)
@@ -58,7 +58,7 @@ def end_at_signals(name: str) -> None:
     threading.Thread(target=_end, args=(heard, name), daemon=True).start()
 
     def forget() -> None:
-        """Let signals end a forked child as usual: it shares the pipe, but has no thread that reads it."""
+        """Restore the usual handlers in a forked child. It shares the pipe, but has no thread that reads it."""
         signal.set_wakeup_fd(-1)
         for number, handler in caught.items():
             signal.signal(number, handler)
@@ -67,7 +67,7 @@ def end_at_signals(name: str) -> None:
 
 
 def _end(heard: int, name: str) -> None:
-    """Wait for a signal, and end the process."""
+    """Wait for a signal, then end the process."""
     while (number := os.read(heard, 1)[0]) not in _WORDS:
         pass
     threading.Timer(_PATIENCE, os._exit, [128 + number]).start()

@@ -139,7 +139,7 @@ def test_a_data_set_is_written_in_shares_resumed_and_verified(
         (command, "--resume"),
         ([*command, "--verify"], "Leave out SCENE"),
         (["generate", "mid", "-n", "5", "-o", str(tmp_path), "--format", "npz,csv"], "unknown format 'csv'"),
-        (["generate", "-o", str(tmp_path / "nowhere"), "--verify"], "no whole data set"),
+        (["generate", "-o", str(tmp_path / "nowhere"), "--verify"], "should be a complete data set"),
         (["generate", "mid", "-n", "5"], "-o FOLDER"),
         (["generate", "mid", "-o", "x"], "-n N"),
         ([*command, "--shard", "2/2"], "R/K"),

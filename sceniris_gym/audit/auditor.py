@@ -1,9 +1,9 @@
 """`Auditor`: all checks of layouts except reach, as one report.
 
-There is one verdict on collisions. With `geometry: physics`, a contact in MuJoCo C deeper than 0.01 mm is a missed
-collision, so a layout without any has no deeper penetration; allowed contacts are listed with the reason. FCL adds what
-MuJoCo does not report: clearances, and fixtures in each other or in the static scene. With `geometry: visual`, FCL
-alone decides, on the meshes that are drawn, and contacts of the colliding shapes are listed as allowed.
+Every pair of geoms gets one verdict. With `geometry: physics`, a contact in MuJoCo C deeper than 0.01 mm is a missed
+collision, and the report lists allowed contacts with the reason. FCL checks the distances that MuJoCo does not report:
+clearances, and fixtures against each other and the static scene. With `geometry: visual`, only FCL decides, on the
+rendered meshes, and the report lists contacts of the colliding shapes as allowed.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.progress import tell
 from sceniris_gym.scene.layout_table import LayoutTable
 
-CHUNK = 500  # rows whose poses are held at once
-FAR = 38.0  # m; parked objects are beyond it along both axes, present ones are nearer to the origin
+CHUNK = 500  # rows judged at once, which bounds the memory for their poses
+FAR = 38.0  # m, parked objects are beyond it along both axes, present ones are nearer to the origin
 
 
 @dataclass(frozen=True)
@@ -38,17 +38,17 @@ class Report:
     Attributes:
         layouts: Number of layouts that were judged.
         conflicts: Missed collisions, one entry per pair of geoms.
-        misplaced: Objects that are not where the scene says.
-        penetration: The deepest contact that is not allowed, None if there is none.
-        allowed: Pairs of bodies with contacts that are allowed.
+        misplaced: Objects in a place that the scene file does not permit.
+        penetration: The deepest contact that is not allowed, or None.
+        allowed: Pairs of bodies with allowed contacts.
         kept: Counts for every relation, orientation and group.
         settled: Number of layouts that were stepped.
-        frozen: Names of joints that no position actuator holds; they were held still while stepping.
-        moved: Object name -> number of layouts in which it moved more than 1 cm while settling.
-        fast: Object name -> number of layouts in which it was faster than 1 m/s.
+        frozen: Names of joints without a position actuator. They were held still while stepping.
+        moved: Object name -> number of layouts where it moved more than 1 cm while settling.
+        fast: Object name -> number of layouts where it was faster than 1 m/s.
         top_speed: The largest speed of any free object [m/s].
-        unstable: Kind of MuJoCo's warning -> number of layouts whose stepping it ended, and its first text. These
-            layouts count as neither moved nor fast.
+        unstable: Kind of MuJoCo's warning -> number of layouts whose rollout it ended, and the first warning's text.
+            `moved` and `fast` leave these layouts out.
     """
 
     layouts: int
@@ -71,7 +71,7 @@ class Report:
 
     @property
     def depth(self) -> float:
-        """Greatest depth of a contact beyond what is allowed [m]."""
+        """Greatest depth of a contact beyond its allowed depth [m]."""
         return self.penetration.excess if self.penetration is not None else 0.0
 
     @property
@@ -81,7 +81,7 @@ class Report:
 
 
 class Auditor:
-    """Judges layouts of one scene, and tells the progress.
+    """Judges layouts of one scene, and reports the progress.
 
     Args:
         mjm: The model.
@@ -89,7 +89,7 @@ class Auditor:
         bodies: Object name -> root body id.
 
     Raises:
-        NotSupportedError: A geom has a type that the audit does not know.
+        NotSupportedError: A geom has a type that the audit does not support.
     """
 
     def __init__(self, mjm: mujoco.MjModel, config: SceneConfig, bodies: Mapping[str, int]) -> None:
@@ -109,19 +109,19 @@ class Auditor:
         self.standing = StandingAudit(scene, self.outlines, heaps, pairs)
         self.starts = StartAudit(scene, self.outlines)
         hulls = self.standing.hulls
-        if config.geometry != "physics":  # visual geoms keep objects apart, colliding ones carry them
+        if config.geometry != "physics":  # objects rest on colliding geoms, even if visual geoms keep them apart
             hulls = scene.hulls(solids_of(mjm, "physics"))
         self.orientations = relations.OrientationAudit(scene, hulls)
         self.free = {name: bodies[name] for name, part in placed.items() if part.kind == "free"}
         self._to_stand = self._have_to_stand()
 
     def judge(self, table: LayoutTable, *, settled: int = 0) -> Report:
-        """Check layouts. Of absent objects only the groups, contacts and settling are checked.
+        """Check layouts. For absent objects, only groups, contacts and settling are checked.
 
         Args:
             table: The layouts.
-            settled: Number of layouts, from the first on, that are also stepped for half a second, in which objects
-                may be found to fall; without those in which a hand holds something in the air, which would open.
+            settled: Number of layouts, from the first on, that are also stepped for half a second to find objects that
+                fall. Layouts where a gripper holds an object in the air are skipped, because the gripper would open.
         """
         conflicts: list[Conflict] = []
         misplaced: list[Misplaced] = []
@@ -155,7 +155,10 @@ class Auditor:
         return self._settle(report, table[rows], rows)
 
     def _have_to_stand(self) -> list[str]:
-        """Return the objects that have to stand, without those of stacks whose centre of mass is drawn."""
+        """Return the objects that have to stand.
+
+        Stacks with a randomised centre of mass are left out. A random mass moves the centre of a stack of bodies, too.
+        """
         objects = self.scene.config.objects
         stacks: dict[str, list[str]] = {}
         for name in self.free:
@@ -170,19 +173,19 @@ class Auditor:
         return [name for name in known if objects[name].has_to_stand and name not in filling]
 
     def _bottom(self, name: str) -> str:
-        """Return the lowest free object of the stack that one is in."""
+        """Return the lowest free object in the stack of a free object."""
         support = self.scene.config.objects[name].support
         below = self.scene.carrier(support.parent).owner if support is not None else None
         return self._bottom(below) if below in self.free else name
 
     def _settle(self, report: Report, table: LayoutTable, rows: np.ndarray) -> Report:
-        """Return the report with the motion of free objects in some layouts; `rows` (nrow,) are their numbers in it."""
+        """Return the report with the motion of free objects in layouts, whose numbers in it are `rows` (nrow,)."""
         if not len(table) or not self.free:
             return report
         mjm, owner, config = self.scene.mjm, self.scene.tree.owner, self.scene.config
         joints = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
         driven = mjm.actuator_trnid[np.isin(mjm.actuator_trntype, joints), 0]
-        # robots, and anything else with actuators that is no object of the scene
+        # robots, and actuated bodies outside the scene's objects
         names = {*config.all_robots} | {owner[body] for body in mjm.jnt_bodyid[driven]} - {*config.objects}
         limp = limp_joints(mjm, {body for body, name in enumerate(owner) if name in names})
         motion = settle(mjm, self.free, table, frozen=limp)
@@ -209,7 +212,7 @@ class Auditor:
         )
 
     def excess(self, table: LayoutTable, poses: Poses) -> Excess:
-        """Measure relations, orientations and groups alone.
+        """Measure only relations, orientations and groups.
 
         Args:
             table: The layouts.
@@ -226,12 +229,12 @@ class Auditor:
         """Check candidates that were rejected for collision.
 
         Args:
-            table: Layouts in which the rejected object stands at its candidate pose.
+            table: Layouts with the rejected object at its candidate pose.
             candidate: Name of the rejected object of each row.
-            order: Names of the placed objects in placement order; those after the candidate are not there yet.
+            order: Names of the placed objects in placement order. Objects after the candidate do not count.
 
         Returns:
-            The candidates that keep their clearance from everything, and have no contact that is not allowed.
+            The candidates that keep all clearances and have only allowed contacts.
         """
         alarms = []
         names = np.asarray(candidate)
@@ -256,7 +259,7 @@ class Auditor:
 
 
 def presence(config: SceneConfig, table: LayoutTable) -> dict[str, np.ndarray]:
-    """Return name of an object or robot -> rows in which it, or one of its variants, is present, shape (nrow,)."""
+    """Return name of an object or robot -> mask of the rows where it or a variant is present, shape (nrow,)."""
     names = [*config.objects, *config.all_robots]
     found = {name: table.present[:, i].astype(bool) for i, name in enumerate(names)}
     return found | {name: np.any([found[m] for m in members], axis=0) for name, members in config.variants.items()}
@@ -266,8 +269,8 @@ def excess_of_groups(config: SceneConfig, seen: Seen) -> Excess:
     """Count the violations of groups.
 
     Returns:
-        (group or object, word, "objects") -> in each row the number of members that a group has too many or too few,
-        and for every member 1 if it is parked although present, or not parked although absent. Shape (nrow,).
+        (group or object, word, "objects") -> violation in each row, shape (nrow,). For a group, the number of surplus
+        or missing members. For a member, 1 if it is present but parked, or absent but not parked.
     """
     found = {}
     for name, group in config.groups.items():

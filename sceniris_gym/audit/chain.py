@@ -1,8 +1,8 @@
-"""Forward and inverse kinematics in NumPy, with which the audit judges the reach of an arm.
+"""Forward and inverse kinematics in NumPy, to judge the reach of an arm.
 
-Nothing is shared with reach/solve.py, the kinematics in Warp of resets and maps. Forward kinematics are the product of
-exponentials (R. W. Brockett, "Robotic manipulators and the product of exponentials formula", 1984), with the axes of
-joints where MuJoCo C has them at `qpos0`.
+They share no code with reach/solve.py, the Warp kinematics of resets and maps. Forward kinematics are the product of
+exponentials (R. W. Brockett, "Robotic manipulators and the product of exponentials formula", 1984), with the joint
+axes that MuJoCo C computes at `qpos0`.
 """
 
 from __future__ import annotations
@@ -14,10 +14,9 @@ from scipy.spatial.transform import Rotation
 POSITION = 1e-3
 """Greatest distance [m] of the TCP from a pose that counts as reached."""
 ROTATION = np.radians(0.5)
-"""Greatest angle [rad] between the two."""
-# A radian of error counts as much as this many metres, about half the length of an arm's link.
-_LEVER = 0.3
-# Damping of a step: a share of the squared error, plus a constant for singular poses.
+"""Greatest angle [rad] between a TCP and a pose that counts as reached."""
+_LEVER = 0.3  # m, weight of a radian of error, about half the length of an arm's link
+# Damping of a step: a fraction of the squared error, plus a constant for singular poses.
 _DAMPING, _LEAST_DAMPING = 0.1, 1.0e-6
 _LONGEST_STEP = 1.0  # [rad, m]
 
@@ -31,8 +30,8 @@ class Chain:
         site: Id of the site that is its TCP.
 
     Attributes:
-        joints: Ids of its n joints, from the base to the TCP, shape (n,).
-        lower, upper: Their limits [rad, m], shape (n,). -inf and inf without limits.
+        joints: Ids of the n joints from the base to the TCP, shape (n,).
+        lower, upper: Limits of the joints [rad, m], shape (n,). -inf and inf without limits.
     """
 
     def __init__(self, mjm: mujoco.MjModel, root: int, site: int) -> None:
@@ -51,7 +50,7 @@ class Chain:
         self._tcp = np.eye(4)
         self._tcp[:3, :3] = base.T @ data.site_xmat[site].reshape(3, 3)
         self._tcp[:3, 3] = base.T @ (data.site_xpos[site] - data.xpos[root])
-        # The twist of a hinge is its axis and its moment about the base, that of a slide its axis alone.
+        # The twist of a hinge is its axis and its moment about the base. The twist of a slide is only its axis.
         axis, anchor = data.xaxis[self.joints] @ base, (data.xanchor[self.joints] - data.xpos[root]) @ base
         self._twist = np.zeros((len(self.joints), 4, 4))
         self._twist[:, :3, :3] = np.where(self._slide[:, None, None], 0.0, np.cross(axis[:, None], -np.eye(3)))
@@ -62,7 +61,7 @@ class Chain:
         return self._placed(q)[0]
 
     def ik(self, poses: np.ndarray, starts: np.ndarray, iterations: int) -> np.ndarray:
-        """Find joints for TCP poses by damped least squares within limits, one start after the other.
+        """Find joints for TCP poses by damped least squares within limits, from each start in turn.
 
         Args:
             poses: TCP poses in the base frame, shape (N, 4, 4).
@@ -70,8 +69,8 @@ class Chain:
             iterations: Number of steps from each start.
 
         Returns:
-            Joints [rad, m] within limits, whose TCP is within POSITION and ROTATION of the pose, shape (N, n); NaN
-            where none were found.
+            Joints [rad, m] within limits, shape (N, n), that bring the TCP within POSITION and ROTATION of the pose.
+            NaN if the search fails.
         """
         found = np.full((len(poses), len(self.joints)), np.nan)
         for start in starts:
@@ -86,7 +85,7 @@ class Chain:
         return found
 
     def random_joints(self, num: int, seed: int = 0) -> np.ndarray:
-        """Return joints drawn uniformly within limits (-pi to pi for a hinge without), shape (num, n)."""
+        """Return joints drawn uniformly within limits (-pi to pi for a hinge without limits), shape (num, n)."""
         lower = np.where(np.isfinite(self.lower), self.lower, -np.pi)
         upper = np.where(np.isfinite(self.upper), self.upper, np.pi)
         return np.random.default_rng(seed).uniform(lower, upper, (num, len(lower)))
@@ -96,7 +95,7 @@ class Chain:
 
         Damping shrinks with the squared error (T. Sugihara, "Solvability-unconcerned inverse kinematics by the
         Levenberg-Marquardt method", IEEE Transactions on Robotics 27, 2011). A step leaves out joints that it would
-        push beyond a limit. Hinges without limits come back in [-pi, pi].
+        push beyond a limit. Hinges without limits are returned in [-pi, pi].
         """
         q = self._within(q)
         lever = np.array([1.0, 1.0, 1.0, _LEVER, _LEVER, _LEVER])

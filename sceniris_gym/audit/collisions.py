@@ -21,8 +21,8 @@ class Judged:
     Attributes:
         first, second: Indices into the list of solids.
         clearance: Least distance between them [m], unless one supports the other.
-        owners: The objects that own them; the same one twice for two parts of an object.
-        margin: Distance below which MuJoCo acts on the two [m].
+        owners: Their objects, the same name twice for two parts of an object.
+        margin: Distance at which MuJoCo starts to act on the pair [m].
     """
 
     first: int
@@ -37,8 +37,8 @@ class Tree:
 
     Args:
         mjm: The model.
-        bodies: Object name -> root body id; a body outside all objects belongs to the top-level body above it.
-        keyframe: The keyframe that is the start pose; None for 'home'.
+        bodies: Object name -> root body id. A body outside all objects belongs to the top-level body above it.
+        keyframe: The keyframe of the start pose, None for 'home'.
     """
 
     def __init__(self, mjm: mujoco.MjModel, bodies: Mapping[str, int], keyframe: str | None = None) -> None:
@@ -64,20 +64,20 @@ def judged_pairs(
 ) -> list[Judged]:
     """List the pairs of solids that a layout must keep apart.
 
-    Contact bits (of the physics), explicit pairs and exclusions are honoured. Two bodies that no layout moves are not
-    judged. Fixtures are kept apart from each other and from the static scene, although MuJoCo reports no contacts
-    between them. Parts of one object are judged by MuJoCo's rules if a layout draws its joints.
+    Contact bits (with "physics"), explicit pairs and exclusions apply. Two bodies that no layout moves are not judged.
+    Fixtures must be apart from each other and from the static scene, although MuJoCo reports no contacts between them.
+    Parts of one object are judged by MuJoCo's rules if a layout draws its joints.
 
     Args:
         tree: Owners of the bodies.
         solids: The solids of the model.
         geometry: "physics" or "visual".
-        clearances: Clearance [m] of each placed object; a pair keeps the larger one.
+        clearances: Clearance [m] of each placed object. A pair keeps the larger clearance.
         jointed: Names of the objects whose joints are drawn.
-        at_home: Pairs of geoms, the lower id first, that touch at home; MuJoCo alone judges them. With "visual" their
-            bodies are not judged at all.
-        placed: Names of the objects that layouts place, None for all. Two other objects keep no clearance, and MuJoCo
-            alone judges them if their joints are not drawn either, because they stay as they are at home.
+        at_home: Pairs of geoms, the lower id first, that touch at home. They are left to the contacts of MuJoCo C. With
+            "visual", their bodies are not judged at all.
+        placed: Names of the objects that layouts place, None for all. Two other objects keep no clearance. If their
+            joints are not drawn either, they stay as they are at home and are left to the contacts of MuJoCo C.
     """
     mjm = tree.mjm
     touching = {frozenset(mjm.geom_bodyid[list(geoms)].tolist()) for geoms in at_home if geometry == "visual"}
@@ -123,9 +123,9 @@ def _filtered(mjm: mujoco.MjModel, body1: int, body2: int) -> bool:
     return bool(weld1 != 0 and weld2 != 0 and (weld1 == parent2 or weld2 == parent1))
 
 
-MISSED_TOLERANCE = 1e-5  # m; a layout may be this much nearer than its clearance
-POLYHEDRON_TOLERANCE = 1e-5  # m; a rejected candidate may be this much farther than its clearance
-CURVED_TOLERANCE = 1e-4  # m; the same where a sphere, capsule, cylinder or ellipsoid takes part
+MISSED_TOLERANCE = 1e-5  # m, a layout may be this much nearer than its clearance
+POLYHEDRON_TOLERANCE = 1e-5  # m, a rejected candidate may be this much farther than its clearance
+CURVED_TOLERANCE = 1e-4  # m, the same for pairs with a sphere, capsule, cylinder or ellipsoid
 
 
 @dataclass(frozen=True)
@@ -136,8 +136,8 @@ class Conflict:
         row: The layout.
         geoms: Ids of the two geoms.
         owners: Names of the two objects.
-        distance: Distance [m]; at most 0 if the surfaces cross, minus infinity if one solid is inside the other.
-        clearance: The least distance that they must keep [m]; negative if they may be as deep as at home.
+        distance: Distance [m], at most 0 if the surfaces cross, minus infinity if one solid is inside the other.
+        clearance: Required distance [m], negative if the geoms may be as deep as at home.
     """
 
     row: int
@@ -149,12 +149,12 @@ class Conflict:
 
 @dataclass(frozen=True)
 class FalseAlarm:
-    """A candidate that was rejected for collision although it keeps its clearance from everything.
+    """A candidate that was rejected for collision although it keeps all clearances.
 
     Attributes:
         row: The candidate.
-        owners: Names of the nearest pair; None if nothing is near.
-        surplus: Distance beyond the clearance [m], infinite if nothing is near.
+        owners: Names of the nearest pair, None if all other objects are far.
+        surplus: Distance beyond the clearance [m], infinite if all other objects are far.
     """
 
     row: int
@@ -168,7 +168,7 @@ class CollisionAudit:
     Args:
         tree: Owners of the bodies.
         solids: The solids of the model.
-        pairs: The pairs of them that must be apart.
+        pairs: The pairs of solids that must be apart.
     """
 
     def __init__(self, tree: Tree, solids: list[Solid], pairs: list[Judged]) -> None:
@@ -179,12 +179,12 @@ class CollisionAudit:
     def missed(self, poses: Poses, supporting: Rows) -> list[Conflict]:
         """Return all pairs of solids that are nearer than their clearance.
 
-        An object may touch the body that supports it, but not intersect it. FCL gives no penetration depth for meshes,
-        so the object is raised by the tolerance for this test.
+        An object may touch the body that supports it, but not intersect it. FCL returns no penetration depth for
+        meshes, so this test raises the object by the tolerance.
 
         Args:
             poses: World poses of the rows.
-            supporting: Object name -> id of the body that supports it in each row, shape (nrow,), -1 for none.
+            supporting: Object name -> id of the supporting body in each row, shape (nrow,), -1 without support.
         """
         conflicts = []
         for pair in self.pairs:
@@ -206,13 +206,13 @@ class CollisionAudit:
     def false_alarms(
         self, poses: Poses, supporting: Rows, candidate: np.ndarray, rank: Mapping[str, int]
     ) -> list[FalseAlarm]:
-        """Return the rejected candidates that keep their clearance and more than a tolerance from everything.
+        """Return the rejected candidates whose distances all exceed the clearance by more than the tolerance.
 
         Args:
-            poses: World poses of the rows; in each, the candidate stands where it was rejected.
-            supporting: Object name -> id of the body that supports it in each row, shape (nrow,), -1 for none.
+            poses: World poses of the rows, with each candidate at its rejected pose.
+            supporting: Object name -> id of the supporting body in each row, shape (nrow,), -1 without support.
             candidate: Name of the rejected object of each row, shape (nrow,).
-            rank: Placed object -> its number in placement order; those after the candidate are not there yet.
+            rank: Placed object -> its number in placement order. Objects after the candidate do not count.
         """
         free = np.ones(len(candidate), bool)
         nearest = [FalseAlarm(row, None, np.inf) for row in range(len(candidate))]
@@ -232,7 +232,7 @@ class CollisionAudit:
         return [nearest[row] for row in np.flatnonzero(free)]
 
     def _lifted(self, pair: Judged, supporting: Rows, rows: np.ndarray) -> np.ndarray:
-        """Return for each of the rows 1 or 2 if the other solid's body supports the first or second one, else 0."""
+        """Return 1 or 2 in each of the rows where the other solid's body supports the first or second solid, or 0."""
         lifted = np.zeros(len(rows), int)
         for side, (solid, other) in enumerate(((pair.first, pair.second), (pair.second, pair.first)), start=1):
             owner = self.tree.owner[self._body[solid]]
@@ -241,7 +241,7 @@ class CollisionAudit:
         return lifted
 
     def _over_halfspace(self, pair: Judged) -> int | None:
-        """Return the solid over a half-space; None if neither is one."""
+        """Return the solid of a pair whose other solid is a half-space, None without a half-space."""
         if self.solids[pair.first].form is Form.HALFSPACE:
             return pair.second
         return pair.first if self.solids[pair.second].form is Form.HALFSPACE else None
@@ -250,7 +250,7 @@ class CollisionAudit:
         return self.solids[pair.first].geom, self.solids[pair.second].geom
 
     def _lower_bound(self, pair: Judged, poses: Poses, rows: np.ndarray | slice = slice(None)) -> np.ndarray:
-        """Return a lower bound of the distance [m] in each row: exact for half-spaces, else from the boxes."""
+        """Return a lower bound of the distance [m] in each row: exact for half-spaces, from boxes for other solids."""
         geoms = self._geoms(pair)
         pos = [poses.geom_xpos[rows, g] for g in geoms]
         mat = [poses.geom_xmat[rows, g] for g in geoms]
@@ -263,7 +263,7 @@ class CollisionAudit:
         return _box_gap(self.solids[pair.first], self.solids[pair.second], pos, mat)
 
     def _exact(self, pair: Judged, poses: Poses, row: int, lifted: int) -> float:
-        """Return the distance [m] of a pair in a row, with one of the two lifted if it is 1 or 2."""
+        """Return the distance [m] of a pair in a row, with the first or second solid raised if `lifted` is 1 or 2."""
         first, second = (
             (poses.geom_xpos[row, geom] + [0.0, 0.0, MISSED_TOLERANCE * (side == lifted)], poses.geom_xmat[row, geom])
             for side, geom in enumerate(self._geoms(pair), start=1)
@@ -272,12 +272,14 @@ class CollisionAudit:
 
 
 def takes_part(owners: tuple[str, str], candidate: np.ndarray, rank: Mapping[str, int]) -> np.ndarray:
-    """Return the rows in which two owners are the candidate and itself, or an object placed before it, shape (nrow,).
+    """Return a mask of the rows where two owners are the candidate and an object placed before it, shape (nrow,).
+
+    A pair of two parts of the candidate counts, too.
 
     Args:
         owners: Names of the two objects.
         candidate: Name of the candidate of each row, shape (nrow,).
-        rank: Placed object -> its number in placement order; all others are always there.
+        rank: Placed object -> its number in placement order. All other objects always count.
     """
     mine = [candidate == owner for owner in owners]
     if owners[0] == owners[1]:

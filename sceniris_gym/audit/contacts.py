@@ -1,11 +1,11 @@
-"""Contacts of layouts in MuJoCo C: each is a missed collision, or is allowed for a reason.
+"""Contacts of layouts in MuJoCo C: missed collisions, and allowed contacts with the reason.
 
-MuJoCo applies its own rules: contact bits, `exclude` and `pair`, margins, parents and welded bodies. Two kinds of
-contact are allowed:
+MuJoCo applies its rules: contact bits, `exclude` and `pair`, margins, parents and welded bodies. Two kinds of contact
+are allowed:
 
 - An object may be within the contact margin of its support, but must not intersect it.
-- Geoms that touch at home, in a relative pose that no placing changes, may be as deep as at home: links of a robot,
-  doors of a cabinet, a robot and the desk it is mounted on.
+- Geoms that touch at home, in a relative pose that placement does not change, may be as deep as at home: links of a
+  robot, doors of a cabinet, a robot and its desk.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from sceniris_gym.audit.collisions import Tree
 from sceniris_gym.audit.geometry import Rows, home_of
 from sceniris_gym.scene.layout_table import LayoutTable
 
-CONTACT_TOLERANCE = 1e-5  # m; a deeper contact is a collision
-ROUNDING = 1e-6  # m; the depth of contacts between geoms that stay as they are at home varies by this
-_APART = 1000.0  # m; distance between placed objects in the search for contacts at home
+CONTACT_TOLERANCE = 1e-5  # m, a deeper contact is a collision
+ROUNDING = 1e-6  # m, variation of the depth of contacts between geoms that stay as they are at home
+_APART = 1000.0  # m, distance between placed objects in the search for contacts at home
 
 
 @dataclass(frozen=True)
@@ -33,9 +33,9 @@ class Contact:
         row: The layout.
         geoms: Ids of the two geoms, the lower one first.
         owners: Names of the two objects.
-        depth: Depth below the distance at which MuJoCo begins to act [m]: the margin of the pair, or 0 between an
-            object and its support.
-        home: The depth at home if the two geoms touch there, else None.
+        depth: Depth below the margin of the pair, where MuJoCo starts to act [m]. Between an object and its support,
+            depth below 0.
+        home: The depth at home, None if the two geoms are apart there.
     """
 
     row: int
@@ -46,7 +46,7 @@ class Contact:
 
     @property
     def excess(self) -> float:
-        """The depth beyond what is allowed [m]."""
+        """The depth beyond the allowed depth [m]."""
         return self.depth - (self.home or 0.0)
 
 
@@ -57,8 +57,8 @@ class Allowed:
     Attributes:
         names: Names of the two bodies.
         why: The reason.
-        home: Their depth in each other at home [m], 0 if they only touch.
-        depth: Their greatest depth in the layouts [m].
+        home: Depth of their contact at home [m], 0 if they only touch.
+        depth: Greatest depth in the layouts [m].
     """
 
     names: tuple[str, str]
@@ -76,8 +76,8 @@ class ContactAudit:
         markers: Names of objects that may intersect anything.
 
     Attributes:
-        at_home: Pairs of geoms, the lower id first, that touch at home -> their depth there [m]. Pairs of heaps, which
-            touch as MuJoCo settled them, are added with the depth that they may have.
+        at_home: Pairs of geoms, the lower id first, that touch at home -> their depth there [m]. The auditor adds pairs
+            of geoms in heaps with their allowed depth, because MuJoCo settled them in contact.
     """
 
     def __init__(self, tree: Tree, placed: Mapping[str, int], markers: set[str]) -> None:
@@ -86,11 +86,11 @@ class ContactAudit:
         self.at_home = self._touching_at_home(placed)
 
     def contacts(self, table: LayoutTable, supporting: Rows) -> Iterator[Contact]:
-        """Yield the deepest contact of every pair of geoms in every row, allowed ones included.
+        """Yield the deepest contact of every pair of geoms in every row, including allowed contacts.
 
         Args:
             table: The layouts.
-            supporting: Object name -> id of the body that carries it in each row, shape (nrow,), -1 for none.
+            supporting: Object name -> id of the supporting body in each row, shape (nrow,), -1 without support.
         """
         mjm, data, owner = self.tree.mjm, self._data, self.tree.owner
         for row in range(len(table)):
@@ -108,7 +108,7 @@ class ContactAudit:
                     yield Contact(row, geoms, owners, depth, self.at_home.get(geoms))
 
     def _touching_at_home(self, placed: Mapping[str, int]) -> dict[tuple[int, int], float]:
-        """Return geoms that touch at home -> depth [m], with each placed object moved far from all others."""
+        """Return geoms that touch at home -> depth [m], after moving each placed object far from all others."""
         mjm, owner, data = self.tree.mjm, self.tree.owner, home_of(self.tree.mjm, self.tree.keyframe)
         for i, body in enumerate(placed.values(), start=1):
             away = [_APART * i, 0.0, _APART]
@@ -118,7 +118,7 @@ class ContactAudit:
                 adr = mjm.jnt_qposadr[mjm.body_jntadr[body]]
                 data.qpos[adr : adr + 3] = away
         mujoco.mj_kinematics(mjm, data)
-        wide = copy(mjm)  # also reports geoms that are nearer than the tolerance
+        wide = copy(mjm)  # also reports geoms that are apart, but nearer than the tolerance
         wide.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_OVERRIDE
         wide.opt.o_margin = CONTACT_TOLERANCE
         found: dict[tuple[int, int], float] = {}
@@ -136,11 +136,11 @@ class ContactTally:
 
     Args:
         mjm: The model.
-        geometry: "physics" or "visual"; with the latter all contacts are allowed.
-        heaped: Pairs of geoms, the lower id first, that touch as MuJoCo settled them.
+        geometry: "physics" or "visual". With "visual", all contacts are allowed.
+        heaped: Pairs of geoms, the lower id first, that MuJoCo settled in contact.
 
     Attributes:
-        deepest: The contact with the greatest excess, None if there is none.
+        deepest: The contact with the greatest excess, or None.
     """
 
     def __init__(self, mjm: mujoco.MjModel, geometry: str, heaped: Collection[tuple[int, int]] = ()) -> None:
@@ -149,13 +149,13 @@ class ContactTally:
         self.deepest: Contact | None = None
 
     def add(self, start: int, contacts: Iterable[Contact]) -> list[Contact]:
-        """Count contacts, whose rows begin at `start`, and return the missed collisions among them."""
+        """Count contacts, whose rows begin at `start`, and return the missed collisions."""
         missed = []
         for c in contacts:
             if self._visual or c.home is not None:
                 first, second = sorted(int(self._mjm.geom_bodyid[g]) for g in c.geoms)
                 names = tuple(self._mjm.body(b).name or f"body {b}" for b in (first, second))
-                unknown = Allowed((names[0], names[1]), "the scene keeps what is drawn apart", 0.0, 0.0)
+                unknown = Allowed((names[0], names[1]), "the scene keeps visual geoms apart", 0.0, 0.0)
                 known = self._allowed.get((first, second), unknown)
                 why = known.why
                 if c.home is not None:
@@ -176,14 +176,14 @@ class ContactTally:
 
 
 def deepest_contacts(mjm: mujoco.MjModel, data: mujoco.MjData) -> dict[tuple[int, int], tuple[float, float]]:
-    """Return the contacts at the poses in `data`, the deepest of each two geoms.
+    """Return the deepest contact of each pair of geoms at the poses in `data`.
 
     Returns:
-        (geoms, the lower id first) -> distance, and the distance below which MuJoCo acts [m].
+        (geoms, the lower id first) -> distance, and the distance where MuJoCo starts to act [m].
     """
     mujoco.mj_comPos(mjm, data)
     mujoco.mj_collision(mjm, data)
     columns = (data.contact.geom, data.contact.dist, data.contact.includemargin)
     rows = zip(*(column.tolist() for column in columns), strict=True)
     acting = sorted((min(g), max(g), -dist, margin) for g, dist, margin in rows if min(g) >= 0 and dist <= margin)
-    return {(first, second): (-depth, margin) for first, second, depth, margin in acting}  # the deepest is the last
+    return {(first, second): (-depth, margin) for first, second, depth, margin in acting}  # keeps the last, the deepest

@@ -1,13 +1,13 @@
 """Exact distances between solids by FCL, and containment by winding numbers.
 
-The algorithms of FCL were measured against Minkowski differences in double precision:
+Errors of FCL's algorithms, measured against Minkowski differences in double precision:
 
 - Triangle BVH against triangle BVH: errors below 1e-16 m over 1,425 random pairs of hulls and boxes. Boxes, hulls and
   meshes are therefore BVHs here. GJK on `fcl.Convex` was wrong by up to 7e-5 m and is not used.
-- A sphere or capsule is a point or segment (a degenerate triangle in a BVH) widened by its radius: below 1e-16 m too.
+- A sphere or capsule is a point or segment (a degenerate triangle in a BVH) widened by its radius: below 1e-16 m.
 - Cylinders and ellipsoids stay FCL primitives: 2e-6 m against a BVH, up to 3e-4 m against each other.
 
-BVHs are hollow: a solid that is wholly inside another one touches no triangle, so containment needs the winding number.
+BVHs are hollow: a solid entirely inside another solid touches no triangle, so containment needs the winding number.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class Narrow:
     """Distances between the solids of one model.
 
     Args:
-        solids: The solids, to which the methods refer by index.
+        solids: The solids. Methods take their indices.
     """
 
     def __init__(self, solids: list[Solid]) -> None:
@@ -34,9 +34,9 @@ class Narrow:
         }
 
     def distance(self, i: int, j: int, pose_i: Pose, pose_j: Pose) -> float:
-        """Return the distance [m] between two solids, neither of which is a half-space.
+        """Return the distance [m] between two solids that are not half-spaces.
 
-        It is at most 0 if their surfaces cross, and minus infinity if one of them is inside the other.
+        The distance is at most 0 if the surfaces cross, and minus infinity if one solid is inside the other.
 
         Args:
             i: Index of the first solid.
@@ -58,9 +58,9 @@ class Narrow:
 
 
 def _contains(outer: Solid, inner: Solid, outer_pose: Pose, inner_pose: Pose) -> bool:
-    """Return whether the first vertex, or the centre, of a solid is inside the closed surface of a polyhedron.
+    """Return whether the first vertex of a solid, or its centre, is inside the closed surface of a polyhedron.
 
-    False if `outer` is no polyhedron: other forms are already solid in FCL.
+    False if `outer` is not a polyhedron: other forms are already solid in FCL.
     """
     if outer.form is not Form.POLYHEDRON:
         return False
@@ -74,7 +74,7 @@ def _contains(outer: Solid, inner: Solid, outer_pose: Pose, inner_pose: Pose) ->
 def winding_number(triangles: np.ndarray, point: np.ndarray) -> float:
     """Return the winding number of triangles (n, 3, 3) around a point (3,): 1 inside a closed surface, 0 outside.
 
-    It is the sum of the signed solid angles (A. Van Oosterom and J. Strackee, 1983) over 4 pi.
+    The winding number is the sum of the signed solid angles (A. Van Oosterom and J. Strackee, 1983) over 4 pi.
     """
     a, b, c = (triangles - point).transpose(1, 0, 2)
     la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))

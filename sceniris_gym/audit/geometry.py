@@ -1,7 +1,6 @@
 """Solids of a MuJoCo model and their poses.
 
-The audit shares no code with the generator that it judges: all of this comes from a `mujoco.MjModel`, in double
-precision.
+The audit shares no code with the generator. It takes solids and poses from a `mujoco.MjModel`, in double precision.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from sceniris_gym.errors import NotSupportedError
 from sceniris_gym.scene.layout_table import LayoutTable
 
 Rows = Mapping[str, np.ndarray]
-"""Object name -> something about it in each row, shape (nrow,)."""
+"""Object name -> a value in each row, shape (nrow,)."""
 _BOX_CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
 _VISIBLE_GROUPS = (0, 1, 2)
 
@@ -47,13 +46,13 @@ class Solid:
 
     Attributes:
         geom: Geom id.
-        form: Its kind of description.
+        form: Kind of its description.
         vertices: Surface vertices of a polyhedron, or the point or segment inside a rounded solid, shape (nvert, 3).
         faces: Triangles of a polyhedron, counter-clockwise seen from outside, shape (nface, 3).
-        radius: Radius of a rounded solid, else 0.
+        radius: Radius of a rounded solid, 0 for other forms.
         size: MuJoCo's sizes of the geom, shape (3,).
         center: Centre of the local bounding box, shape (3,).
-        half: Half extents of the local bounding box, shape (3,); infinite for a half-space.
+        half: Half extents of the local bounding box, shape (3,), infinite for a half-space.
     """
 
     geom: int
@@ -74,7 +73,7 @@ class Solid:
         object.__setattr__(self, "half", half)
 
     def lowest(self, up: np.ndarray) -> np.ndarray:
-        """Return the least height of the solid along directions `up` (n, 3) of its own frame, shape (n,)."""
+        """Return the least height of the solid along directions `up` (n, 3) in its frame, shape (n,)."""
         if self.form is Form.CYLINDER:
             return -self.size[0] * np.linalg.norm(up[:, :2], axis=1) - self.size[1] * np.abs(up[:, 2])
         if self.form is Form.ELLIPSOID:
@@ -93,7 +92,7 @@ class Poses:
 
 
 def poses_of(mjm: mujoco.MjModel, table: LayoutTable) -> Poses:
-    """Return the poses of all geoms and bodies in each row of a table, by MuJoCo C's forward kinematics."""
+    """Return the poses of all geoms and bodies in each row of a table, from MuJoCo C's forward kinematics."""
     data = mujoco.MjData(mjm)
     n = len(table)
     geom_xpos, geom_xmat = np.empty((n, mjm.ngeom, 3)), np.empty((n, mjm.ngeom, 9))
@@ -108,7 +107,7 @@ def poses_of(mjm: mujoco.MjModel, table: LayoutTable) -> Poses:
 def home_of(mjm: mujoco.MjModel, keyframe: str | None = None) -> mujoco.MjData:
     """Return the data at a keyframe, 'home' by default, with poses and subtree masses.
 
-    Without a keyframe of that name, it is the default state.
+    Without a keyframe of this name, return the default state.
     """
     data = mujoco.MjData(mjm)
     home = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_KEY, keyframe or "home")
@@ -152,9 +151,9 @@ def convex_hull(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _mesh(mjm: mujoco.MjModel, mesh: int, *, hull: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Return vertices and triangles of a mesh, or of the hull with which MuJoCo collides it.
+    """Return vertices and triangles of a mesh, or of its collision hull in MuJoCo.
 
-    A mesh with `maxhullvert` has a hull of fewer vertices.
+    With `maxhullvert`, the hull has fewer vertices.
     """
     vertadr, faceadr = mjm.mesh_vertadr[mesh], mjm.mesh_faceadr[mesh]
     vertices = mjm.mesh_vert[vertadr : vertadr + mjm.mesh_vertnum[mesh]].astype(float)
@@ -169,10 +168,10 @@ def _mesh(mjm: mujoco.MjModel, mesh: int, *, hull: bool) -> tuple[np.ndarray, np
 
 
 def solid_of(mjm: mujoco.MjModel, geom: int, *, hull: bool) -> Solid:
-    """Return the solid of a geom; a mesh is its convex hull if `hull`, else its drawn surface.
+    """Return the solid of a geom. For a mesh, return the convex hull with `hull`, and the rendered surface without.
 
     Raises:
-        NotSupportedError: The geom has a type that the audit does not know (height field, signed distance field).
+        NotSupportedError: The geom has a type that the audit does not support (height field, signed distance field).
     """
     kind, size = mujoco.mjtGeom(mjm.geom_type[geom]), mjm.geom_size[geom].copy()
     none, no_faces = np.zeros((0, 3)), np.zeros((0, 3), int)
@@ -193,12 +192,12 @@ def solid_of(mjm: mujoco.MjModel, geom: int, *, hull: bool) -> Solid:
 
 
 def solids_of(mjm: mujoco.MjModel, geometry: str) -> list[Solid]:
-    """Return the solids of a model: those that collide ("physics"), or those that are seen ("visual")."""
+    """Return the solids of a model: colliding geoms ("physics") or visible geoms ("visual")."""
     collides = (mjm.geom_contype != 0) | (mjm.geom_conaffinity != 0)
     if geometry == "physics":
         chosen = collides
     else:
         visible = np.isin(mjm.geom_group, _VISIBLE_GROUPS) & (mjm.geom_rgba[:, 3] > 0)
-        # An invisible plane that collides is still ground; a drawn backdrop that does not collide is not.
+        # A colliding plane is ground, even if invisible. A visible plane without collisions is only a backdrop.
         chosen = np.where(mjm.geom_type == mujoco.mjtGeom.mjGEOM_PLANE, collides, visible)
     return [solid_of(mjm, int(g), hull=geometry == "physics") for g in np.flatnonzero(chosen)]

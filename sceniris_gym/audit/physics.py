@@ -1,4 +1,4 @@
-"""Tests in MuJoCo C: free objects of a layout should stay where they are, and equalities should be kept."""
+"""Tests in MuJoCo C: free objects of a layout should stay in place, and equalities should hold."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ import numpy as np
 from sceniris_gym.scene.layout_table import LayoutTable
 
 SETTLE_SECONDS = 0.5
-STILL = 0.01  # m; greatest motion of a free object at rest
+STILL = 0.01  # m, greatest motion of a free object at rest
 FAST = 1.0  # m/s
-BROKEN = 2e-4  # m or rad; greatest error of an equality that is kept, as keyframes have few digits
-_IMMOVABLE = 1e8  # kg m^2 or kg; a torque of 1,000 N m turns it by 1e-6 rad in half a second
-_FIRST_MOMENT = 0.005  # s; the contact solver's first push is not a motion
+BROKEN = 2e-4  # m or rad, greatest error of an equality that holds, as keyframes have few digits
+_IMMOVABLE = 1e8  # kg m^2 or kg, a torque of 1,000 N m rotates it by 1e-6 rad in half a second
+_FIRST_MOMENT = 0.005  # s, the contact solver's first push does not count as motion
 _THREADS = os.cpu_count() or 1
-_CHUNK = 250  # rows whose states are kept at once
+_CHUNK = 250  # rows stepped at once, which bounds the memory for their states
 _GIVEN = mujoco.mjtState.mjSTATE_CTRL | mujoco.mjtState.mjSTATE_MOCAP_POS | mujoco.mjtState.mjSTATE_MOCAP_QUAT
 
 
@@ -32,7 +32,7 @@ class Settling:
     Attributes:
         moved: Object name -> distance between start and end [m], shape (nrow,), NaN where MuJoCo warned.
         speed: Object name -> largest speed [m/s], shape (nrow,), NaN where MuJoCo warned.
-        warnings: Row in which MuJoCo warned -> kind and text of its first warning.
+        warnings: Row with a warning of MuJoCo -> kind and text of the first warning.
     """
 
     moved: dict[str, np.ndarray]
@@ -42,7 +42,7 @@ class Settling:
 
 @contextmanager
 def without_log() -> Iterator[None]:
-    """Suppress the file that MuJoCo writes its warnings to, also those of its threads, in the working folder."""
+    """Keep MuJoCo and its threads from writing a log file of warnings into the working folder."""
     before = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(lambda _: None)
     try:
@@ -61,11 +61,11 @@ def settle(
 ) -> Settling:
     """Step each layout for some time while the actuators hold the start pose.
 
-    A warning of MuJoCo ends a rollout early; after a bad acceleration MuJoCo has reset the state.
+    A warning of MuJoCo ends a rollout early. After a bad acceleration, MuJoCo has also reset the state.
 
     Args:
         mjm: The model.
-        bodies: Free object name -> its body id, which has a free joint.
+        bodies: Name of a free object -> id of its body with the free joint.
         table: The layouts.
         seconds: Duration [s].
         frozen: Ids of joints that are held still.
@@ -96,7 +96,7 @@ def settle(
 def _first_warning(
     mjm: mujoco.MjModel, data: mujoco.MjData, first: np.ndarray, given: np.ndarray, nstep: int
 ) -> tuple[str, str]:
-    """Return kind and text of the first warning, from a repetition of a rollout that ended early."""
+    """Repeat a rollout that ended early, and return kind and text of its first warning."""
     mujoco.mj_resetData(mjm, data)
     mujoco.mj_setState(mjm, data, first, mujoco.mjtState.mjSTATE_FULLPHYSICS)
     mujoco.mj_setState(mjm, data, given, _GIVEN)
@@ -110,7 +110,7 @@ def _first_warning(
 
 
 def _start(mjm: mujoco.MjModel, table: LayoutTable) -> tuple[np.ndarray, np.ndarray]:
-    """Return start states (nrow, nstate), and controls with mocap poses (nrow, ngiven), of layouts."""
+    """Return the start states of layouts (nrow, nstate), and their controls and mocap poses (nrow, ngiven)."""
     data = mujoco.MjData(mjm)
     full = mujoco.mjtState.mjSTATE_FULLPHYSICS
     states = np.empty((len(table), mujoco.mj_stateSize(mjm, full)))
@@ -125,7 +125,7 @@ def _start(mjm: mujoco.MjModel, table: LayoutTable) -> tuple[np.ndarray, np.ndar
 
 
 def hold(mjm: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Set the controls of position servos so that they exert no force, and others to the first keyframe's."""
+    """Set controls: position servos exert no force, other actuators take the controls of the first keyframe."""
     if mjm.nkey:
         data.ctrl[:] = mjm.key_ctrl[0]
     mujoco.mj_fwdPosition(mjm, data)
@@ -133,7 +133,7 @@ def hold(mjm: mujoco.MjModel, data: mujoco.MjData) -> None:
     rest = -(bias[servo, 0] + bias[servo, 1] * data.actuator_length[servo]) / gain[servo]
     limits = np.where(mjm.actuator_ctrllimited[servo, None], mjm.actuator_ctrlrange[servo], [-np.inf, np.inf])
     data.ctrl[servo] = np.clip(rest, *limits.T)
-    for actuator in np.flatnonzero(mjm.actuator_history[:, 0] > 0):  # a delayed actuator has had this control all along
+    for actuator in np.flatnonzero(mjm.actuator_history[:, 0] > 0):  # delayed actuators start with this control
         past = np.full((int(mjm.actuator_history[actuator, 0]), 1), data.ctrl[actuator])
         mujoco.mj_initCtrlHistory(mjm, data, int(actuator), None, past)
 
@@ -141,8 +141,7 @@ def hold(mjm: mujoco.MjModel, data: mujoco.MjData) -> None:
 def limp_joints(mjm: mujoco.MjModel, bodies: Collection[int]) -> list[int]:
     """Return the joints of some bodies that no position servo holds, except free joints.
 
-    A servo holds the joint it acts on, or all joints of the tendon it acts on, and those that equalities couple to
-    them.
+    A servo holds its joint, or all joints of its tendon, and all joints that equalities couple to them.
     """
     held: set[int] = set()
     for actuator in np.flatnonzero(_servos(mjm)):
@@ -167,9 +166,9 @@ def _servos(mjm: mujoco.MjModel) -> np.ndarray:
 
 
 def _prepared(mjm: mujoco.MjModel, joints: Sequence[int]) -> mujoco.MjModel:
-    """Return the model with dense Jacobians, and with so much inertia in some joints that nothing moves them.
+    """Return the model with dense Jacobians, and with enough inertia in some joints to hold them still.
 
-    MuJoCo 4.0.0 factorises sparse ones wrongly (google-deepmind/mujoco#3767), so that stacks creep.
+    MuJoCo 4.0.0 factorises sparse Jacobians wrongly (google-deepmind/mujoco#3767), so that stacks creep.
     """
     frozen = copy(mjm)
     frozen.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
@@ -186,7 +185,7 @@ class Equalities:
     Attributes:
         broken: Number of layouts with an error above `BROKEN`.
         worst: The largest error [m or rad].
-        name: The equality with the largest error, by its number if it has no name; empty if there is no error.
+        name: The equality with the largest error, by its number if it has no name. Empty without an error.
     """
 
     broken: int

@@ -1,9 +1,9 @@
-"""Check of claims that an arm reaches objects: by MuJoCo C if joints are claimed, else by a search for joints.
+"""Check claims that an arm reaches objects: MuJoCo C tests claimed joints, inverse kinematics tests poses only.
 
-Joints, limits and hand come from the MjModel: the chain from the robot's root body to its TCP, a site. The search is
-that of chain.py, from random joints. The opening of the fingers is taken as claimed. With that opening the arm may
-touch nothing but the object, with its hand alone (all that the last joint carries) and in the grasp alone. Parts of the
-robot that touch each other at home may be as deep as there.
+Joints, limits and hand come from the MjModel: the chain from the robot's root body to its TCP, a site. Inverse
+kinematics (chain.py) start from random joints. The claim sets the opening of the fingers. In the grasp, only the hand
+may touch the object, and it may touch only the object. The hand is everything that the last joint carries. Parts of the
+robot that touch each other at home may be as deep as at home.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ from sceniris_gym.audit.standing import Misplaced
 from sceniris_gym.config.tier import Tier
 from sceniris_gym.scene.layout_table import LayoutTable
 
-BACK = 0.08  # m; distance from the pre-grasp to the grasp along the approach
+BACK = 0.08  # m, distance from the pre-grasp to the grasp along the approach
 _LIMIT = 1e-6  # rad or m
-_DEEP = 1e-5  # m; bodies that overlap by more touch
-_OFF = 0.03  # m; greatest distance from the TCP of a grasp to the nearest box of the object's geoms
-_STARTS, _STEPS = 64, 40  # of the search
+_DEEP = 1e-5  # m, a deeper contact is a collision
+_OFF = 0.03  # m, greatest distance from the TCP of a grasp to the nearest box of the object's geoms
+_STARTS, _STEPS = 64, 40  # of inverse kinematics
 
 
 @dataclass(frozen=True)
 class Claim:
-    """Claim that a robot reaches an object, one entry per row; NaN in rows without a claim.
+    """Claim that a robot reaches an object, one entry per row, NaN in rows without a claim.
 
     Attributes:
         name: The object.
@@ -44,9 +44,9 @@ class Claim:
         pose: TCP in the world frame, position [m] and orientation (w, x, y, z), shape (nrow, 7).
         qpos: Joints of the arm in the grasp [rad or m], from its base on, shape (nrow, njoint).
         pregrasp_qpos: The same for the pre-grasp.
-        fingers: Positions of the fingers' joints, shape (nrow, nfinger).
-        finger_adr: Their addresses in qpos, shape (nfinger,).
-        pattern: The glob of the word `grasp`, which chooses among the object's grasps; None for all of them.
+        fingers: Positions of the finger joints, shape (nrow, nfinger).
+        finger_adr: Addresses of the finger joints in qpos, shape (nfinger,).
+        pattern: The glob of the word `grasp`, which selects grasps of the object. None for all grasps.
     """
 
     name: str
@@ -62,7 +62,7 @@ class Claim:
 
 @dataclass(frozen=True)
 class Unreached:
-    """An object that is not reached as claimed: row, name and cause."""
+    """A wrong claim about reach: row, name of the object, and cause."""
 
     row: int
     name: str
@@ -77,7 +77,7 @@ class ReachAudit:
         root: Id of the robot's root body.
         bodies: Object name -> root body id.
         tcp: Name of the site that is the robot's tool centre point.
-        chain: The chain of a robot of which the model has the base body alone; its joints are not judged.
+        chain: The chain of a robot, if the model has only its base body. Its joints are not judged.
     """
 
     def __init__(
@@ -99,7 +99,7 @@ class ReachAudit:
         Args:
             table: The layouts.
             claims: One for each object with `reachable` by this robot.
-            present: Object name -> rows in which it is present, shape (nrow,).
+            present: Object name -> mask of the rows with the object, shape (nrow,).
         """
         found, asked = [], []
         for claim in claims:
@@ -120,7 +120,7 @@ class ReachAudit:
         return found
 
     def _wrong(self, claim: Claim, row: int) -> str | None:
-        """Return what is wrong with a claim in the layout in `data`, without a search for joints."""
+        """Return the error of a claim about the layout in `data`, as far as known without inverse kinematics."""
         pose = claim.pose[row]
         if np.isnan(pose).any():
             return "no grasp"
@@ -140,7 +140,10 @@ class ReachAudit:
         return cause
 
     def _is_chosen(self, claim: Claim, pose: np.ndarray) -> bool:
-        """Return whether a pose (4, 4) is at a chosen site `grasp_*`, or half a turn from it; true without sites."""
+        """Return whether a pose (4, 4) is at a selected site `grasp_*`, up to half a rotation about its approach.
+
+        True for an object without such sites.
+        """
         sites = np.flatnonzero(np.isin(self.mjm.site_bodyid, list(self._of[claim.name]))).tolist()
         names = {s: self.mjm.site(s).name.rsplit("/", 1)[-1] for s in sites}
         own = {s: name for s, name in names.items() if name.startswith("grasp_")}
@@ -177,14 +180,14 @@ class ReachAudit:
 
     def _touching_at_home(self) -> dict[tuple[int, int], float]:
         """Return pairs of the robot's geoms in contact at home -> their least distance [m]."""
-        alone = copy(self.mjm)  # without the placed objects, which are at the origin at home
+        alone = copy(self.mjm)  # objects do not collide, because they are at the origin at home
         others = ~np.isin(alone.geom_bodyid, list(self._robot))
         alone.geom_contype[others] = alone.geom_conaffinity[others] = 0
         contacts = deepest_contacts(alone, home_of(alone))
         return {geoms: min(dist, 0.0) for geoms, (dist, _) in contacts.items()}
 
     def _distance(self, name: str, point: np.ndarray) -> float:
-        """Return the distance [m] from a point to the nearest box of an object's geoms; 0 for one without geoms."""
+        """Return the distance [m] from a point to the nearest box of an object's geoms, 0 without geoms."""
         geoms = np.isin(self.mjm.geom_bodyid, list(self._of[name]))
         center, half = np.split(self.mjm.geom_aabb[geoms], 2, axis=1)
         mat = self.data.geom_xmat[geoms].reshape(-1, 3, 3)
@@ -201,11 +204,11 @@ class ReachAudit:
 
 Sides = dict[tuple[int, str], set[int]]
 """(Row, object) -> geoms of a robot that touch it."""
-_AT_MARKER = 1e-4  # m; greatest distance of an object from its marker, seen from above
+_AT_MARKER = 1e-4  # m, greatest distance of an object from its marker, seen from above
 
 
 class StartAudit:
-    """Judges the starts of layouts, and says what they excuse.
+    """Checks the starts of layouts, and filters out violations that a start permits.
 
     Args:
         scene: The scene.
@@ -223,15 +226,18 @@ class StartAudit:
         self._carriers = {name: scene.tree.owner[body] for name, body in carriers.items()}
 
     def grasped(self, table: LayoutTable) -> dict[str, np.ndarray]:
-        """Return object -> rows in which an arm holds it."""
+        """Return object -> mask of the rows where an arm holds it, shape (nrow,)."""
         return _rows(table, self._grasped)
 
     def moved(self, table: LayoutTable) -> dict[str, np.ndarray]:
-        """Return object -> rows in which its support, region, relations and orientation do not say where it is."""
+        """Return object -> mask of the rows where the start sets its place, shape (nrow,).
+
+        Its support, region, relations and orientation do not apply there.
+        """
         return _rows(table, self._moved)
 
     def excuse(self, excess: Excess, moved: Rows) -> Excess:
-        """Return violations without those of objects that are moved, or that refer to one that is."""
+        """Drop violations of objects that a start moves, and of objects whose relations refer to a moved object."""
         found = dict(excess)
         parts = self.scene.config.parts
         for key in excess:
@@ -242,10 +248,10 @@ class StartAudit:
         return found
 
     def excuses(self, table: LayoutTable, conflict: Conflict, grasped: Rows) -> bool:
-        """Return whether a start excuses a conflict: of an arm and what it holds, or of clearances alone.
+        """Return whether a start permits a conflict: of an arm with its held object, or of a clearance without contact.
 
-        An arm that has left its start pose, and what it holds in the air, keep no clearance; they only touch nothing. A
-        thing at its marker keeps none from its support, as everywhere.
+        Clearances do not apply to an arm away from its start pose, or to an object held in the air: for them, only
+        contact is a conflict. An object at its marker has no clearance to its support, as usual.
         """
         number, owners, config = int(table.start[conflict.row]), set(conflict.owners), self.scene.config
         if number < 0:
@@ -266,12 +272,12 @@ class StartAudit:
         )
 
     def between(self, contacts: Iterable[Contact], grasped: Rows, sides: Sides) -> Iterator[Contact]:
-        """Yield the contacts that no start excuses, and collect the robot's geoms that touch what it holds.
+        """Yield the contacts that starts do not permit, and collect the robot's geoms in contact with a held object.
 
         Args:
             contacts: The contacts.
             grasped: As from `grasped`.
-            sides: Filled with the robot's geoms that touch what it holds.
+            sides: Filled with the robot's geoms in contact with a held object.
         """
         for contact in contacts:
             if not self._holds(contact.owners, contact.row, grasped):
@@ -282,7 +288,7 @@ class StartAudit:
                     sides.setdefault((contact.row, other), set()).add(geom)
 
     def check(self, table: LayoutTable, poses: Poses, there: Rows, sides: Sides) -> list[Misplaced]:
-        """Return what is not held, or not at its marker, although the start says so; `sides` as from `between`."""
+        """Return objects that are not held or not at their marker, as the start requires. `between` fills `sides`."""
         found = [
             Misplaced(int(row), name, "start")
             for name, rows in self.grasped(table).items()
@@ -298,5 +304,5 @@ class StartAudit:
 
 
 def _rows(table: LayoutTable, named: Sequence[tuple[int, str]]) -> dict[str, np.ndarray]:
-    """Return object -> rows with one of the kinds of starts that are listed with it."""
+    """Return object -> mask of the rows whose start is listed with the object, shape (nrow,)."""
     return {name: np.isin(table.start, [i for i, other in named if other == name]) for _, name in named}

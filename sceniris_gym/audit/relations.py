@@ -1,4 +1,4 @@
-"""Checks of relations and orientations, by distances and angles in double precision and by shapely; counts of both."""
+"""Checks of relations and orientations with shapely and angles in double precision, and counts of violations."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ class Kept:
         word: The relation (its index among the object's relations, and its word), or a part of the orientation or of
             the group.
         unit: "m", "rad" or "objects".
-        checked: Number of rows in which it applies.
+        checked: Number of rows where the requirement applies.
         broken: Number of rows with a violation above the tolerance of the unit.
-        worst: Largest violation, in the unit; at most 0 if there is none.
+        worst: Largest violation in the unit, at most 0 if the requirement is always met.
         row: The row with the largest violation, -1 if the requirement applies nowhere.
     """
 
@@ -45,7 +45,7 @@ class Kept:
 
 
 def count(found: Sequence[Excess]) -> list[Kept]:
-    """Count the rows that keep each requirement, from the violations in each chunk of rows."""
+    """Count the rows that violate each requirement, from the violations in each chunk of rows."""
     return [_counted(key, np.concatenate([chunk[key] for chunk in found])) for key in (found[0] if found else ())]
 
 
@@ -57,19 +57,19 @@ def _counted(key: tuple[str, str, str], amount: np.ndarray) -> Kept:
     return Kept(*key, int(applies.sum()), broken, float(amount.max(initial=-np.inf)), row)
 
 
-THIN = 1e-3  # m; anchors with a thinner hull lie on a line
-_NEARLY_THIN = 1e-5  # m; so near to THIN, either answer is right
-_ROUNDING = 1e-6  # m; rounding error of a position in single precision, a large angle close to the anchor
-_LOWEST = 1e-4  # m; points up to this height above the lowest one carry the object
-_ONE_POINT = 1e-5  # m; pivots that are no further apart coincide, up to rounding
+THIN = 1e-3  # m, anchors with a thinner hull lie on a line
+_NEARLY_THIN = 1e-5  # m, this near to THIN, the hull and the strip are both right
+_ROUNDING = 1e-6  # m, rounding error of a position in single precision, a large angle close to the anchor
+_LOWEST = 1e-4  # m, points up to this height above the lowest point carry the object
+_ONE_POINT = 1e-5  # m, pivots up to this distance apart coincide, up to rounding
 
 
 def excess(scene: JudgedScene, seen: Seen) -> Excess:
     """Measure every relation of every object.
 
     Returns:
-        (object, relation, unit) -> violation in each row [m or rad], at most 0 where the relation holds, NaN where it
-        does not apply because something is absent. Shape (nrow,).
+        (object, relation, unit) -> violation in each row [m or rad], shape (nrow,). At most 0 if the relation holds,
+        NaN if it does not apply because an object is absent.
     """
     found = {}
     for name, part in scene.config.parts.items():
@@ -81,14 +81,14 @@ def excess(scene: JudgedScene, seen: Seen) -> Excess:
 
 
 def _is_complete(relation: Relation, seen: Seen) -> np.ndarray:
-    """Return the rows in which enough of a relation's objects are present, shape (nrow,)."""
+    """Return a mask of the rows with enough of a relation's objects, shape (nrow,)."""
     enough = np.sum([seen.present[anchor] for anchor in relation.anchors], axis=0) >= relation.least_anchors
     return np.all([enough, *(seen.present[name] for key, name in relation.references if key == "frame")], axis=0)
 
 
 @singledispatch
 def _missed(relation: Relation, name: str, scene: JudgedScene, seen: Seen) -> dict[str, np.ndarray]:
-    """Return unit -> violation of an object's relation. Absent objects count, except anchors of 'between'."""
+    """Return unit -> violation of an object's relation, also for absent objects, except anchors of 'between'."""
     raise NotImplementedError(f"no audit of {type(relation).__name__}")
 
 
@@ -120,7 +120,7 @@ def _off_between(relation: Between, name: str, scene: JudgedScene, seen: Seen) -
 
 @_missed.register
 def _off_beside(relation: Beside, name: str, scene: JudgedScene, seen: Seen) -> dict[str, np.ndarray]:
-    """Return the larger of two errors: that of the gap, and the part of the narrower bounds beyond the wider ones."""
+    """Return the larger of two errors: in the gap, and the part of the narrower bounds beyond the wider bounds."""
     own, anchor, heading = seen.outlines[name], seen.outlines[relation.beside], _heading(relation, name, scene, seen)
     side = np.stack([np.cos(heading), np.sin(heading)], 1)
     across = np.stack([-side[:, 1], side[:, 0]], 1)
@@ -133,7 +133,7 @@ def _off_beside(relation: Beside, name: str, scene: JudgedScene, seen: Seen) -> 
 
 @_missed.register
 def _off_site(relation: Joined, name: str, scene: JudgedScene, seen: Seen) -> dict[str, np.ndarray]:
-    """Return the distance of the sites from where they should meet, and the error of the angle between them."""
+    """Return the errors of the distance and of the angle between the two sites."""
     sites = relation.beside
     own, own_x = _site(name, sites.my, scene, seen)
     its, its_x = _site(sites.of, sites.its, scene, seen)
@@ -168,14 +168,14 @@ def _wrapped(angle: np.ndarray) -> np.ndarray:
 
 
 def _rectangles(outline: Outline) -> np.ndarray:
-    """Return the bounds as shapes, shape (nrow,); bounds without area become a point or a line."""
+    """Return the bounds as shapes, shape (nrow,). Bounds without area become a point or a line."""
     return np.asarray(shapely.convex_hull(shapely.multipoints(outline.corners())))
 
 
 def _off_hull(point: np.ndarray, anchors: np.ndarray, there: np.ndarray, width: np.ndarray) -> np.ndarray:
     """Return the distance [m] of points (nrow, 2) from the hull, strip or square of anchors (nrow, n, 2)."""
     first = anchors[np.arange(len(there)), there.argmax(1)]
-    anchors = np.where(there[..., None], anchors, first[:, None])  # absent ones do not count
+    anchors = np.where(there[..., None], anchors, first[:, None])  # absent anchors do not count
     hull = shapely.convex_hull(shapely.multipoints(anchors))
     to_hull = shapely.distance(shapely.points(point), hull)
 
@@ -215,8 +215,8 @@ class OrientationAudit:
         """Measure the orientation of every placed object.
 
         Returns:
-            (object, word, unit) -> violation in each row [m or rad], at most 0 where the orientation is right, NaN
-            where the object is absent. Shape (nrow,).
+            (object, word, unit) -> violation in each row [m or rad], shape (nrow,). At most 0 if the orientation is
+            right, NaN if the object is absent.
         """
         found, outlines = {}, seen.outlines
         for name, part in self.scene.placed.items():
@@ -246,7 +246,7 @@ class OrientationAudit:
 
 
 def _center_of_weight(home: mujoco.MjData, root: int) -> np.ndarray:
-    """Return the centre [m] of the weight of a root and all bodies below it, without the share of `gravcomp`."""
+    """Return the centre [m] of the weight of a root and all bodies below it, less the weight that `gravcomp` bears."""
     mjm = home.model
     weight = np.where(mjm.body_rootid == root, mjm.body_mass * (1.0 - mjm.body_gravcomp), 0.0)
     if not mjm.body_gravcomp.any() or weight.sum() <= 0.0:
@@ -255,7 +255,7 @@ def _center_of_weight(home: mujoco.MjData, root: int) -> np.ndarray:
 
 
 def _off_interval(angle: np.ndarray, rounding: np.ndarray | float, drawn_as: DrawnOrientation) -> np.ndarray:
-    """Return the distance [rad] of angles, known up to `rounding`, from the yaw interval of `turn`."""
+    """Return the distance [rad] of angles, known up to `rounding`, from the yaw interval."""
     low, high = drawn_as.yaw
     return np.abs(_wrapped(angle - (low + high) / 2)) - (high - low) / 2 - rounding
 
@@ -263,7 +263,7 @@ def _off_interval(angle: np.ndarray, rounding: np.ndarray | float, drawn_as: Dra
 def _from_target(own: Outline, target: Outline) -> tuple[np.ndarray, np.ndarray]:
     """Return the angle [rad] from the direction of the target to an object's front (-y), and its rounding error.
 
-    If both are at one point, as `points` allow, there is no direction and any angle is right.
+    If both are at one point, which `points` allow, the direction is undefined and any angle is right.
     """
     to = target.pivot[:, :2] - own.pivot[:, :2]
     apart = np.linalg.norm(to, axis=1)

@@ -1,4 +1,4 @@
-"""The scene that the audit judges: owners, carriers, solids and start pose; and its objects seen from above."""
+"""The scene that the audit judges: owners, carriers, solids, start pose, and outlines of objects from above."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ class Carrier(NamedTuple):
     """The carrier of an object.
 
     Attributes:
-        body: Id of the body; 0 for the world.
-        geom: Id of the one geom that carries; None for any geom of the body.
-        owner: The object that owns the body; None for the world and for bodies that never move.
-        is_ground: Whether it is the ground workspace, whose size is in the scene file.
+        body: Id of the body, 0 for the world.
+        geom: Id of the carrying geom, None for any geom of the body.
+        owner: The object that owns the body, None for the world and for bodies that never move.
+        is_ground: Whether the carrier is the ground workspace, whose size is in the scene file.
     """
 
     body: int
@@ -45,11 +45,11 @@ class JudgedScene:
         tree: Owners of the bodies.
         markers: Names of the objects that may intersect anything.
         placed: Object name -> its ObjectConfig, for all placed objects.
-        solids: The solids of its geometry, without those of markers.
-        home: The model at the start pose.
+        solids: The solids of the scene, without markers.
+        home: The model's data at the start pose.
 
     Raises:
-        NotSupportedError: A geom has a type that the audit does not know.
+        NotSupportedError: A geom has a type that the audit does not support.
     """
 
     def __init__(self, mjm: mujoco.MjModel, config: SceneConfig, bodies: Mapping[str, int]) -> None:
@@ -60,7 +60,7 @@ class JudgedScene:
         self.solids = [s for s in solids_of(mjm, config.geometry) if self.owner(s) not in self.markers]
 
     def owner(self, solid: Solid) -> str:
-        """Return the name of the object that a solid belongs to."""
+        """Return the name of the object that owns a solid."""
         return self.tree.owner[self.mjm.geom_bodyid[solid.geom]]
 
     def at_home(self, geom: int, body: int) -> tuple[np.ndarray, np.ndarray]:
@@ -72,7 +72,7 @@ class JudgedScene:
         """Return the carrier of an object.
 
         Args:
-            parent: Its name in the scene file: 'floor', 'object', 'object/body', a geom or a body that never moves.
+            parent: The carrier in the scene file: 'floor', 'object', 'object/body', or a geom or body that never moves.
         """
         mjm, bodies = self.mjm, self.bodies
         if parent == FLOOR and self.config.floor is not None:
@@ -97,7 +97,7 @@ class JudgedScene:
         """Return the corners of the convex hulls of placed objects in their roots' frames at home [m], by name.
 
         Args:
-            solids: Solids of the model; an object without any is a point.
+            solids: Solids of the model. An object without solids is a point.
 
         Returns:
             Object name -> corners, shape (n, 3).
@@ -122,8 +122,8 @@ class Outline:
     """One object seen from above in each row.
 
     Attributes:
-        pivot: Bottom centre of the bounds [m], world frame, shape (nrow, 3); for a robot, the origin of its base.
-        heading: Direction of the root's x axis [rad], shape (nrow,); if that axis points straight up or down, the
+        pivot: Bottom centre of the bounds [m], world frame, shape (nrow, 3). For a robot, the origin of its base.
+        heading: Direction of the root's x axis [rad], shape (nrow,). If the x axis points straight up or down, the
             direction of the y axis minus a right angle.
         low, high: Bounds [m] around the pivot, along the heading and to the left of it, shape (nrow, 2).
     """
@@ -153,9 +153,9 @@ class Seen:
     Attributes:
         poses: The poses in the rows.
         outlines: Object name -> its outline.
-        present: Object name -> rows in which it is present, shape (nrow,).
-        support_heading: Object name -> heading of the x axis of its support [rad], 0 on the floor and in the air, shape
-            (nrow,).
+        present: Object name -> mask of the rows with the object, shape (nrow,).
+        support_heading: Object name -> heading of the support's x axis [rad], shape (nrow,). 0 on the floor and in the
+            air.
     """
 
     poses: Poses
@@ -165,7 +165,7 @@ class Seen:
 
 
 class Outlines:
-    """The objects of a scene, of which it computes outlines.
+    """Computes the outlines of the objects of a scene.
 
     Args:
         scene: The scene.
@@ -179,11 +179,11 @@ class Outlines:
                 self._solids[scene.owner(solid)].append(solid)
 
     def see(self, poses: Poses, present: Rows) -> Seen:
-        """Return the objects as relations, orientations and groups are judged by them.
+        """Return the objects from above, for the checks of relations, orientations and groups.
 
         Args:
             poses: Poses in the rows.
-            present: Object name -> rows in which it is present, shape (nrow,).
+            present: Object name -> mask of the rows with the object, shape (nrow,).
         """
         headings = {}
         for name, part in self.scene.config.parts.items():
@@ -192,7 +192,7 @@ class Outlines:
                 x = poses.xmat[:, self.scene.carrier(part.support.parent).body, :, 0]
                 headings[name] = np.arctan2(x[:, 1], x[:, 0])
         outlines = {name: self.outline(name, poses) for name in self.scene.bodies}
-        for name, members in self.scene.config.variants.items():  # relations name the object, whichever variant it is
+        for name, members in self.scene.config.variants.items():  # relations name the object, not its variants
             there = np.argmax([present[member] for member in members], axis=0), np.arange(len(poses.xpos))
             own = [outlines[member] for member in members]
             outlines[name] = Outline(*(np.stack([getattr(o, f.name) for o in own])[there] for f in fields(Outline)))
@@ -201,9 +201,9 @@ class Outlines:
     def outline(self, name: str, poses: Poses) -> Outline:
         """Return the outline of an object in each row.
 
-        The pivot is the centre of the bounds in the orientation of the row with the joints at home; with `orientation:
-        any`, with the joints of the row. The bounds, and the height of the pivot, always have the joints of the row. A
-        robot's pivot is the origin of its base.
+        The bounds follow the joints of the row. The pivot is the bottom centre of the bounds with the joints at home,
+        or with the joints of the row for `orientation: any`. Its height always follows the joints of the row. A robot's
+        pivot is the origin of its base.
         """
         root = self.scene.bodies[name]
         at, heading = poses.xpos[:, root], _heading(poses.xmat[:, root])
@@ -222,7 +222,7 @@ class Outlines:
         return Outline(pivot, heading, (low - middle)[:, :2], (high - middle)[:, :2])
 
     def _bounds(self, name: str, poses: Poses, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the least and greatest coordinates [m] of an object along axes (nrow, 3, 3) from its root."""
+        """Return the least and greatest coordinates [m] of an object along axes (nrow, 3, 3), relative to its root."""
         at, low, high = poses.xpos[:, self.scene.bodies[name]], [], []
         for solid in self._solids[name]:
             middle = np.einsum("nkj,nj->nk", axes, poses.geom_xpos[:, solid.geom] - at)
@@ -232,7 +232,7 @@ class Outlines:
         return np.min(low, axis=0), np.max(high, axis=0)
 
     def _with_joints_at_home(self, name: str, poses: Poses) -> Poses:
-        """Return the same poses, but for the geoms of an object: they are as with its joints at home."""
+        """Return a copy of the poses with the geoms of an object as with its joints at home."""
         root, pos, mat = self.scene.bodies[name], poses.geom_xpos.copy(), poses.geom_xmat.copy()
         for solid in self._solids[name]:
             at, rotation = self.scene.at_home(solid.geom, root)

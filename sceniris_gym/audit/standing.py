@@ -1,4 +1,4 @@
-"""Check that every placed object is where the scene says: on its support, in its region, in its heap, under a roof."""
+"""Check the place of every placed object: on its support, in its region, in its heap, under a roof."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ from sceniris_gym.audit.supports import EDGE_TOLERANCE, HEIGHT_TOLERANCE, LevelS
 from sceniris_gym.config.bounds import LEAST_GAP
 from sceniris_gym.config.objects import ObjectConfig
 
-DEEPEST = 1e-3  # m; greatest depth of the soft contacts of a heap
-AS_SETTLED = 1e-5  # m, and per entry of a rotation matrix; greatest difference from a settled row
-_HIGH = 10.0  # m; what is higher above a point does not cover it
+DEEPEST = 1e-3  # m, greatest depth of the soft contacts of a heap
+AS_SETTLED = 1e-5  # m, or per entry of a rotation matrix, greatest difference from a settled row
+_HIGH = 10.0  # m, solids higher above a point do not cover it
 _AROUND = np.array([[0, 0, 0], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]]) * EDGE_TOLERANCE
 
 
 @dataclass(frozen=True)
 class Misplaced:
-    """An object that does not stand where the scene says.
+    """An object in a place that the scene file does not permit.
 
     Attributes:
         row: The layout.
         name: The object.
-        cause: "support" (its pivot is on no surface of its support, or not in its region), "footprint" (part of it
-            overhangs), "overhead" (it is covered but should be open above, or the reverse), "heap" (it matches no
-            settled row), "start" (it is not in the fingers, or not at its marker) or "falls" (it has to stand, and
-            MuJoCo C moves it by more than 1 cm in half a second).
+        cause: "support" (the pivot is off the surfaces of the support, or outside the region), "footprint" (a part of
+            the object overhangs), "overhead" (the object is covered but should be open above, or the reverse), "heap"
+            (no settled row matches), "start" (the fingers do not hold the object, or it is not at its marker) or
+            "falls" (the object has to stand, and MuJoCo C moves it by more than 1 cm in half a second).
     """
 
     row: int
@@ -43,7 +43,7 @@ class Misplaced:
 
 
 class HeapAudit:
-    """Judges heaps by the file of their rows, with a reader of its own.
+    """Judges heaps by the file of their settled rows, without code of the generator.
 
     Args:
         scene: The scene.
@@ -54,7 +54,7 @@ class HeapAudit:
         self._filled = [(heap, scene.carrier(heap.fill).body) for heap in scene.config.heaps.values()]
 
     def may_touch(self) -> dict[tuple[int, int], float]:
-        """Return pairs of geoms, the lower id first, that were settled together -> greatest depth [m]."""
+        """Return pairs of geoms, the lower id first, that were settled together -> allowed depth [m]."""
         found, of = {}, self.mjm.geom_bodyid
         root, weld = self.mjm.body_rootid[of], self.mjm.body_weldid[of]
         for heap, filled in self._filled:
@@ -68,7 +68,7 @@ class HeapAudit:
         return found
 
     def elsewhere(self, poses: Poses) -> dict[str, np.ndarray]:
-        """Return thing -> rows in which its heap matches none of the settled rows, shape (nrow,)."""
+        """Return object -> mask of the rows where its heap differs from all settled rows, shape (nrow,)."""
         found = {}
         for heap, filled in self._filled:
             with np.load(Path(str(heap.rows))) as stored:
@@ -86,7 +86,7 @@ class HeapAudit:
 
 
 class StandingAudit:
-    """Checks the standing of objects in layouts.
+    """Checks the places of objects in layouts.
 
     Args:
         scene: The scene.
@@ -96,7 +96,7 @@ class StandingAudit:
 
     Attributes:
         hulls: Object name -> corners of its convex hull in its root's frame at home [m], shape (n, 3).
-        surfaces: Returns the level surfaces of a support by the word and the carrier, in the frame of its body.
+        surfaces: Returns the level surfaces of a support for a word and a carrier, in the frame of its body.
     """
 
     def __init__(self, scene: JudgedScene, outlines: Outlines, heaps: HeapAudit, pairs: list[Judged]) -> None:
@@ -106,7 +106,7 @@ class StandingAudit:
         self._narrow = Narrow([*scene.solids, ray])
         self.hulls = scene.hulls(scene.solids)
         self.surfaces = cache(self._surfaces)
-        self._touch: dict[tuple[str, int], float] = {}  # (object, body) -> distance from which on that carries it
+        self._touch: dict[tuple[str, int], float] = {}  # (object, body) -> distance at which the body carries it
         for pair, ends in ((p, ends) for p in pairs for ends in ((p.first, p.second), (p.second, p.first))):
             one, other = (scene.solids[i] for i in ends)
             key = scene.owner(one), int(scene.mjm.geom_bodyid[other.geom])
@@ -116,7 +116,8 @@ class StandingAudit:
         """Judge all placed objects in all rows.
 
         Returns:
-            The misplaced objects, and object name -> id of its supporting body in each row, shape (nrow,), -1 for none.
+            The misplaced objects, and object name -> id of the supporting body in each row, shape (nrow,), -1 without
+            support.
         """
         found: list[Misplaced] = []
         supporting = {}
@@ -148,7 +149,7 @@ class StandingAudit:
     def _supporting(
         self, name: str, part: ObjectConfig, carrier: Carrier, poses: Poses, pivots: np.ndarray, erosion: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the supporting body in each row (-1 for none), and whether it carries the whole footprint if required.
+        """Return the supporting body in each row, -1 without support, and whether it carries the required footprint.
 
         Pivots (nrow, 3) keep a distance `erosion` (nrow,) from the edge of their surface.
         """
@@ -171,12 +172,12 @@ class StandingAudit:
         return body, stands
 
     def gap(self, name: str, carrier: Carrier) -> float:
-        """Return the height [m] at which an object is put down: the scene's, or more where MuJoCo acts from there."""
+        """Return the height [m] above the support: the scene file's gap, or more to stay outside MuJoCo's margin."""
         touch = self._touch.get((name, carrier.body), 0.0)
         return max(self.scene.placed[name].gap, touch + LEAST_GAP if touch > 0.0 else 0.0)
 
     def in_frame(self, body: int, poses: Poses, points: np.ndarray) -> np.ndarray:
-        """Return world points (nrow, n, 3) in the frame of a body; NaN in rows in which that leans."""
+        """Return world points (nrow, n, 3) in the frame of a body, NaN in rows where the body leans."""
         local = (points - poses.xpos[:, body, None]) @ poses.xmat[:, body]
         return np.where(poses.xmat[:, body, 2, 2][:, None, None] >= supports.UPRIGHT, local, np.nan)
 
@@ -192,7 +193,7 @@ class StandingAudit:
             assert self.scene.config.floor is not None
             x, y = (extent / 2 for extent in self.scene.config.floor.size)
             return [LevelSurface(0.0, shapely.box(-x, -y, x, y))]
-        # A support that never moves is open wherever there is room: a thing above it is an obstacle or not.
+        # Space above a static support counts as open: the collision checks handle objects above it.
         open_above = word == "on" and carrier.owner is not None
         solids = self._triangles(body)
         only = None if geom is None else [list(solids).index(geom)] if geom in solids else []
@@ -202,12 +203,12 @@ class StandingAudit:
         return found + [surface for surface in rectangles if surface is not None]
 
     def planes(self, carrier: Carrier) -> list[int]:
-        """Return the planes that a support may be."""
+        """Return the ids of plane geoms that are a surface of a support."""
         of = self.scene.mjm.geom_bodyid
         return [g for g in self._planes if of[g] == carrier.body and carrier.geom in (None, g)]
 
     def _triangles(self, body: int) -> dict[int, np.ndarray]:
-        """Return the outward triangles (n, 3, 3) of each solid of a body, in the body's frame [m], by geom."""
+        """Return geom -> outward triangles (n, 3, 3) of its solid, in the body's frame [m]."""
         parts = {}
         for solid in self.scene.solids:
             if self.scene.mjm.geom_bodyid[solid.geom] == body and solid.form is not Form.HALFSPACE:
@@ -217,9 +218,9 @@ class StandingAudit:
         return parts
 
     def _wrongly_covered(self, word: str, carrier: Carrier, poses: Poses, pivots: np.ndarray) -> np.ndarray:
-        """Return the rows in which the support covers the object but should not, or the reverse, shape (nrow,).
+        """Return a mask of the rows where the support covers the object but should not, or the reverse, shape (nrow,).
 
-        A ray that passes an edge within the tolerance is not conclusive, so its four neighbours must agree.
+        A ray within the tolerance of an edge is not conclusive, so its four neighbours must agree.
         """
         wrong = np.zeros(len(pivots), bool)
         if word == "in" or carrier.is_ground or (word == "on" and carrier.owner is None):
@@ -255,12 +256,12 @@ def _in_space(part: ObjectConfig, points: np.ndarray) -> np.ndarray:
 
 
 def _at_one_of(allowed: tuple[tuple[float, ...], ...], points: np.ndarray) -> np.ndarray:
-    """Return a mask of the points (n, k) that coincide with an allowed one, along each axis."""
+    """Return a mask of the points (n, k) that coincide with an allowed point along each axis."""
     return np.any([(np.abs(points - np.array(at)) <= EDGE_TOLERANCE).all(axis=1) for at in allowed], axis=0)
 
 
 def _in_region(area: shapely.Geometry, bounds: np.ndarray, part: ObjectConfig, points: np.ndarray) -> np.ndarray:
-    """Return a mask of the points (n, 2) of a surface in the object's region; `bounds` (4,) are of the support."""
+    """Return a mask of the points (n, 2) of a surface in the object's region. The support has the `bounds` (4,)."""
     if (region := part.region) is None:
         return inside(area, points)
     if region.points is not None:

@@ -9,13 +9,13 @@ import shapely
 
 from sceniris_gym.audit.geometry import Form, Solid, convex_hull
 
-COS_MAX_SLOPE = np.cos(np.radians(1.0))  # of the greatest slope of a face that can carry something, 1 degree
-UPRIGHT = np.cos(np.radians(0.101))  # the same of a body's z axis in the world: 0.1 degree, and rounding
-NARROW = 0.02  # m; narrower strips carry nothing
+COS_MAX_SLOPE = np.cos(np.radians(1.0))  # greatest slope of a carrying face, 1 degree
+UPRIGHT = np.cos(np.radians(0.101))  # greatest tilt of a body's z axis in the world, 0.1 degree and rounding
+NARROW = 0.02  # m, narrower strips carry no objects
 HEIGHT_TOLERANCE = 1e-4  # m
 EDGE_TOLERANCE = 1e-5  # m
 _SEGMENTS = 128
-_ABOVE = 5e-4  # m; height above a surface at which parts that stand on it are cut
+_ABOVE = 5e-4  # m, height above a surface of the section through parts that stand on it
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class LevelSurface:
 
 
 def surface_of(solid: Solid) -> tuple[np.ndarray, np.ndarray]:
-    """Return vertices and outward triangles of a solid; a curved one is approximated by a hull of its points."""
+    """Return vertices and outward triangles of a solid. The hull of surface points approximates a curved solid."""
     if solid.form is Form.POLYHEDRON:
         return solid.vertices, solid.faces
     turn = np.linspace(0, 2 * np.pi, _SEGMENTS, endpoint=False)
@@ -48,12 +48,12 @@ def surface_of(solid: Solid) -> tuple[np.ndarray, np.ndarray]:
 
 
 def plane_surface(size: np.ndarray, pos: np.ndarray, mat: np.ndarray) -> LevelSurface | None:
-    """Return the rectangle of a plane, endless along a size of 0; None if it is not level.
+    """Return the rectangle of a plane, None if it is not level. A size of 0 is endless.
 
     Args:
         size: MuJoCo's sizes of the plane [m].
-        pos: Its position [m] in the body's frame.
-        mat: Its orientation there, shape (3, 3).
+        pos: Position [m] in the body's frame.
+        mat: Orientation in the body's frame, shape (3, 3).
     """
     if mat[2, 2] <= COS_MAX_SLOPE:
         return None
@@ -63,14 +63,14 @@ def plane_surface(size: np.ndarray, pos: np.ndarray, mat: np.ndarray) -> LevelSu
 
 
 def level_surfaces(parts: list[np.ndarray], *, open_above: bool, only: list[int] | None = None) -> list[LevelSurface]:
-    """Return the level surfaces of a body, joined if they have the same height.
+    """Return the level surfaces of a body. Surfaces at the same height are joined.
 
-    They exclude areas on which another part of the body stands, and with `open_above` also those below another part.
+    Areas under another part of the body that stands on them are excluded.
 
     Args:
         parts: Outward triangles (n, 3, 3) of each solid of the body, in the body's frame [m].
-        open_above: Whether nothing of the body may be above the surfaces.
-        only: The solids whose surfaces are wanted, as numbers among `parts`; all if None.
+        open_above: Whether to exclude all areas below another part of the body.
+        only: Indices among `parts` of the solids to search for surfaces, all if None.
     """
     triangles = np.concatenate([np.zeros((0, 3, 3)), *(t for i, t in enumerate(parts) if only is None or i in only)])
     normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
@@ -127,9 +127,9 @@ def _clipped(triangle: np.ndarray, z: float) -> shapely.Geometry:
 
 
 def inside(area: shapely.Geometry, points: np.ndarray, erosion: np.ndarray | None = None) -> np.ndarray:
-    """Return a mask of the points (n, 2) in an area, and at least `erosion` [m] (n,) from its boundary if given.
+    """Return a mask of the points (n, 2) in an area and at least `erosion` [m] (n,) from its boundary, if given.
 
-    Both hold up to the edge tolerance.
+    Both tests allow the edge tolerance.
     """
     grown = shapely.buffer(area, EDGE_TOLERANCE, join_style="mitre")
     shapely.prepare(grown)

@@ -1,1 +1,1 @@
-"""Device code that decides if two bodies are too near each other; it knows neither search nor layouts."""
+"""Device code that tests whether two bodies are too close to each other, independent of the search and of layouts."""

@@ -1,12 +1,12 @@
-"""Pairs of boxes: their separating axes, near parts of large ones, and boxes inside of pieces.
+"""Pairs of boxes: their separating axes, the near parts of large boxes, and boxes inside pieces.
 
 The axes are the face normals of both boxes, and the cross products of their edges: S. Gottschalk, M. Lin, D. Manocha,
-"OBBTree", SIGGRAPH 1996. The boxes have half extents ha and hb [m]; b is centred at t and its axes are the columns of
-r, both in the frame of a.
+"OBBTree", SIGGRAPH 1996. The boxes have half extents ha and hb [m]. In the frame of a, box b is centred at t, and the
+columns of r are its axes.
 
-A gap of 10 um beside a wall of ten metres is lost in rounding. Rounding can also stop the general test before it finds
-a gap: it reports contact for some boxes of decimetres that are 10 to 100 um apart. So large boxes are cut to their near
-parts. Two pieces overlap wherever the boxes inside of them do, which is quick to prove.
+Rounding loses a gap of 10 um next to a wall of ten metres. It can also stop the general test before that finds a gap:
+the test reports contact for some boxes of decimetres that are 10 to 100 um apart. Large boxes are therefore cut to
+their near parts. Two pieces overlap if boxes inside them overlap, which is quick to prove.
 """
 
 import warp as wp
@@ -19,15 +19,15 @@ from sceniris_gym.program.device import Program
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _SPACE = wp.constant(wp.vec3(1.0, 1.0, 1.0))
-# Everything that is cut off is at least this much [m] further away than the margin.
+# The parts cut off are further away than the margin by at least this [m].
 _BEYOND = wp.constant(1.0e-3)
 # Rounding of a sum of six products in single precision, relative to the sum of lengths.
 _ROUNDING = wp.constant(4.0e-7)
 
-# Edges count as parallel up to an angle of 1.4e-3 rad, whose cosine this is; three pairs of edges may be so at once.
+# Cosine of the greatest angle of parallel edges, 1.4e-3 rad. Up to three pairs of edges may be parallel at once.
 _PARALLEL = wp.constant(1.0 - 1.0e-6)
-# The overlap required along face normals, as a share of the sum of the half diagonals: twice the displacement from
-# turning the boxes until such edges are exactly parallel.
+# The overlap required along face normals, as a fraction of the sum of the half diagonals: twice the displacement from
+# a rotation that makes parallel edges exactly parallel.
 _OVERLAP = wp.constant(5.0e-3)
 _EDGE_ROUNDING = wp.constant(1.0e-7)
 
@@ -40,7 +40,7 @@ def absolute(r: wp.mat33) -> wp.mat33:
 
 @wp.func
 def gap_at_faces(ha: wp.vec3, hb: wp.vec3, t: wp.vec3, f: wp.mat33) -> float:
-    """Return the widest gap [m] along the face normals of a, negative for an overlap; `f` is `absolute(r)`.
+    """Return the widest gap [m] along the face normals of a, negative for an overlap. `f` is `absolute(r)`.
 
     For the face normals of b, pass (hb, ha), t in the frame of b, and the transpose of f.
     """
@@ -49,7 +49,7 @@ def gap_at_faces(ha: wp.vec3, hb: wp.vec3, t: wp.vec3, f: wp.mat33) -> float:
 
 @wp.func
 def gap_across_edges(ha: wp.vec3, hb: wp.vec3, t: wp.vec3, r: wp.mat33, f: wp.mat33, i: int, j: int) -> float:
-    """Return the gap [m] along the cross product of edge i of a and edge j of b, times that product's length (<= 1)."""
+    """Return the gap [m] along the cross product of edge i of a and edge j of b, times the product's length (<= 1)."""
     i1 = (i + 1) % 3
     i2 = (i + 2) % 3
     j1 = (j + 1) % 3
@@ -60,9 +60,9 @@ def gap_across_edges(ha: wp.vec3, hb: wp.vec3, t: wp.vec3, r: wp.mat33, f: wp.ma
 
 @wp.func
 def _near_part(shape: Shape, at: wp.vec3, reach: float):
-    """Return the part of a box within `reach` [m] of a point along each axis, its centre, and False if there is none.
+    """Return the part of a box within `reach` [m] of a point along each axis, its centre, and whether it exists.
 
-    Point and centre are in the box's frame. Shapes of any other kind are returned whole.
+    Point and centre are in the box's frame. Shapes of other kinds are returned whole.
     """
     part = shape
     middle = wp.vec3(0.0)
@@ -80,7 +80,7 @@ def _near_part(shape: Shape, at: wp.vec3, reach: float):
 def _boxes_apart(ha: wp.vec3, hb: wp.vec3, rel: Pose, margin: float) -> bool:
     """Test whether two boxes, each centred in its frame, have a separating axis with a gap above `margin` [m].
 
-    The cross product of two edges is the shorter, and rounding weighs the more, the more parallel they are.
+    The more parallel two edges are, the shorter is their cross product, and the more rounding weighs.
     """
     t = rel.pos
     r = rel.rot
@@ -129,12 +129,13 @@ def near_parts_separated(
 def boxes_within(ca: wp.vec3, ha: wp.vec3, cb: wp.vec3, hb: wp.vec3, rel: Pose, margin: float) -> bool:
     """Test whether two boxes (centre, half extents [m]) are certainly within `margin` [m], 0 or more, of each other.
 
-    Box b is given in a frame whose pose in a's frame is `rel`. It is moved towards a by the margin: boxes that overlap
-    then are no further apart than that. May return False for boxes that are just within the margin, never the reverse.
+    Box b is given in a frame whose pose in a's frame is `rel`. The test moves b towards a by the margin. If the boxes
+    then overlap, their distance is at most the margin. True is always right, but the test may return False for boxes
+    just within the margin.
 
-    S. Gottschalk, M. Lin, D. Manocha, "OBBTree", SIGGRAPH 1996. Parallel edges have no cross product, and that of
-    nearly parallel ones is mostly rounding. Such axes are skipped; instead the boxes have to overlap along their face
-    normals by so much that no skipped axis could separate them.
+    S. Gottschalk, M. Lin, D. Manocha, "OBBTree", SIGGRAPH 1996. Parallel edges have no cross product, and the product
+    of nearly parallel edges is mostly rounding. Such axes are skipped. Instead, the boxes have to overlap along their
+    face normals so deeply that a skipped axis could not separate them.
     """
     t = apply(rel, cb) - ca
     t = t * wp.max(1.0 - margin / wp.max(wp.length(t), 1.0e-9), 0.0)
@@ -155,7 +156,7 @@ def boxes_within(ca: wp.vec3, ha: wp.vec3, cb: wp.vec3, hb: wp.vec3, rel: Pose, 
 
 @wp.func
 def inner_boxes_within(program: Program, a: int, b: int, rel: Pose, margin: float) -> bool:
-    """Test whether inner boxes prove that two pieces are within `margin` [m]; `rel` poses b's body in a's frame."""
+    """Test whether inner boxes prove that two pieces are within `margin` [m]. `rel` poses b's body in a's frame."""
     ha = program.inner_half[a]
     hb = program.inner_half[b]
     if ha[0] == 0.0 or hb[0] == 0.0:

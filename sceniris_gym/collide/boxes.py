@@ -1,8 +1,8 @@
 """Bounding-volume descent: one step down two box trees, and the test of a list of broad-phase pairs.
 
-An *entry* is a pair of nodes: (pair of colliders, node of a, node of b). Where the boxes of an entry are near each
-other, two entries further down take its place, until both nodes are leaves: a narrow-phase pair. The lanes of a block
-share a stack of entries, and each takes one at a time.
+An *entry* is a pair of nodes: (pair of colliders, node of a, node of b). If the boxes of an entry are near each other,
+two entries further down replace it, until both nodes are leaves: a narrow-phase pair. The lanes of a block share a
+stack of entries, and each lane takes one entry at a time.
 """
 
 from typing import Any
@@ -18,11 +18,12 @@ from sceniris_gym.program.device import Cause, Program
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 SHARED_STACK = 512
-"""Capacity of the stack of entries that a block shares: one for each lane and each level of both trees."""
+"""Capacity of the stack of entries that a block shares: one entry for each lane and each level of both trees."""
 OWN_STACK = 64
 """Capacity of the stack of a single lane: one entry for each level of both trees, which halve at each level."""
 NARROW_STACK = 64
-"""Capacity of the stack of narrow-phase pairs, which wait for one per lane: fewer than two a lane, up to 32 lanes."""
+"""Capacity of the stack of narrow-phase pairs. They wait until each lane has one, so a lane has fewer than two. For up
+to 32 lanes."""
 UNPROVEN = -1
 """Sentinel in place of a cause: a stack was too small to complete the test."""
 
@@ -61,14 +62,14 @@ def _nodes_separated(program: Program, pair: int, na: int, nb: int, poses: PairP
         n = over.normal
         reach = wp.abs(n[0]) * half[0] + wp.abs(n[1]) * half[1] + wp.abs(n[2]) * half[2]
         return over.height + wp.dot(n, center) - reach > margin
-    # only leaves may penetrate by a negative margin: boxes prove no depth
+    # a negative margin only applies to leaves, because boxes cannot prove a depth
     least = wp.max(margin, 0.0)
     return boxes_separated(center, half, program.node_center[nb], program.node_half[nb], poses.rel, least)
 
 
 @wp.struct
 class Step:
-    """The outcome of one entry: nothing, two entries further down (`inner`), or a narrow-phase test (`leaf`)."""
+    """The outcome of one entry: separated, two entries further down (`inner`), or a narrow-phase test (`leaf`)."""
 
     inner: bool
     leaf: bool
@@ -91,6 +92,7 @@ def next_step(program: Program, entry: wp.vec3i, poses: PairPoses, margin: float
         step.leaf = True
         return step
     step.inner = True
+    # open the larger box, whose halves are more likely to be apart from the other box
     if child_b < 0 or (child_a >= 0 and wp.max(program.node_half[na]) > wp.max(program.node_half[nb])):
         step.left = wp.vec3i(pair, child_a, nb)
         step.right = wp.vec3i(pair, child_a + 1, nb)
@@ -104,7 +106,7 @@ def next_step(program: Program, entry: wp.vec3i, poses: PairPoses, margin: float
 def leaves_below_touch(
     program: Program, first: wp.vec3i, poses: PairPoses, margin: float, stack: wp.array[wp.vec3i]
 ) -> bool:
-    """Test whether any leaves below an entry are too near. One lane does this alone, with its own stack."""
+    """Test whether any leaves below an entry are too close. A single lane does this with a separate stack."""
     stack[0] = first
     count = int(1)
     while count > 0:
@@ -138,9 +140,9 @@ def collides(
 ) -> int:
     """Test a list of broad-phase pairs: COLLISION, NONE, or UNPROVEN if a stack was too small.
 
-    All lanes of a block call it together, with empty stacks. `own_pos` and `own_quat` are the poses of the bodies that
-    are tested, `body_pos` and `body_quat` those of all others; `support` is the body that they stand on, or -1. Pairs
-    of arms have the same margins in all worlds.
+    All lanes of a block call it together, with empty stacks. `own_pos` and `own_quat` are the poses of the tested
+    bodies, `body_pos` and `body_quat` the poses of all others. `support` is the body below the tested bodies, or -1.
+    Pairs of arms have the same margins in all worlds.
     """
     base = int(startadr)
     last = base + startnum
@@ -190,7 +192,7 @@ def collides_without_stack(
     body_pos: wp.array[wp.vec3],
     body_quat: wp.array[wp.vec4],
 ) -> bool:
-    """Test pairs of an arm as `collides` does. Each lane has its own stack, which is never too small."""
+    """Test pairs of an arm as `collides` does. Each lane has a separate stack, which is always large enough."""
     hit = int(0)
     stack = wp.zeros(shape=(wp.static(OWN_STACK),), dtype=wp.vec3i)
     for i in range(startadr + lane, startadr + startnum, wp.block_dim()):

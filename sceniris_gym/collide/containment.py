@@ -1,6 +1,6 @@
-"""Containment: points of one collider against the winding number of the other's mesh.
+"""Containment: points of one collider against the winding number of the other collider's mesh.
 
-Two surfaces that do not intersect may still enclose one another.
+If two surfaces do not intersect, one may still enclose the other.
 """
 
 import warp as wp
@@ -33,7 +33,7 @@ def in_bounds(program: Program, collider: int, p: wp.vec3) -> bool:
 
 @wp.func
 def _has_points_inside(program: Program, a: int, b: int, rel: Pose) -> bool:
-    """Test whether a component of collider a lies inside the solid of b; `rel` is the pose of b's body in a's frame."""
+    """Test whether a component of collider a lies inside the solid of b. `rel` is the pose of b's body in a's frame."""
     at = wp.transpose(rel.rot)
     for i in range(program.collider_pointnum[a]):
         p = at * (program.point[program.collider_pointadr[a] + i] - rel.pos)
@@ -68,7 +68,7 @@ def encloses(
 ) -> bool:
     """Test whether one collider of any pair of a list lies inside the other.
 
-    All lanes of a block call it together, with the poses that `collides` takes.
+    All lanes of a block call it together, with the same poses as `collides`.
     """
     inside = int(0)
     for pair in range(pairadr + lane, pairadr + pairnum, wp.block_dim()):

@@ -1,8 +1,9 @@
 """Separation of two convex pieces by a margin: one test for distance, penetration and containment.
 
 E. Gilbert, D. Johnson, S. Keerthi, "A fast procedure for computing the distance between complex objects", IEEE J.
-Robotics and Automation 4(2), 1988, which ends early because only yes or no is asked: a direction whose support lies
-beyond the margin proves separation, and a point of the Minkowski difference within the margin proves contact.
+Robotics and Automation 4(2), 1988. The procedure ends early here, because only yes or no matters: a direction whose
+support lies beyond the margin proves separation, and a point of the Minkowski difference within the margin proves
+contact.
 """
 
 import warp as wp
@@ -11,15 +12,16 @@ from sceniris_gym.device.transforms import Pose, apply
 from sceniris_gym.geometry.pieces import PieceType
 from sceniris_gym.program.device import Program
 
-# Lower and upper bound have to meet to 1 um: ten times the float32 rounding of a scene of 1 m, and a tenth of the error
-# that a false alarm may have.
+# Greatest final difference [m] of lower and upper bound: ten times the float32 rounding of a scene of 1 m, and a tenth
+# of the error of a false alarm.
 _TOLERANCE = wp.constant(1.0e-6)
-# A tetrahedron is flat if its height is below this share of its longest edge.
+# A tetrahedron is flat if its height is below this fraction of its longest edge.
 _FLAT = wp.constant(1.0e-4)
-# Number of restarts after rounding has stopped progress, and the gap between bounds [m] that needs no restart.
+# Number of restarts after rounding has stopped progress.
 _MAX_RESTARTS = wp.constant(3)
+# Gap between bounds [m] that needs no restart.
 _SETTLED = wp.constant(1.0e-5)
-# Polytopes take fewer than 20; a cylinder or ellipsoid that takes more is known to far better than 0.1 mm by then.
+# Polytopes take fewer than 20. The distance of a cylinder or ellipsoid is then far more accurate than 0.1 mm.
 _MAX_ITERATIONS = wp.constant(48)
 
 
@@ -36,7 +38,7 @@ class Shape:
 
 @wp.func
 def piece_shape(program: Program, piece: int) -> Shape:
-    """Return the shape of a piece. Spheres and capsules are a point and a segment with a radius, and so exact."""
+    """Return the shape of a piece. Spheres and capsules are exact, as a point and a segment with a radius."""
     s = Shape()
     s.kind = program.piece_type[piece]
     s.size = program.piece_size[piece]
@@ -83,7 +85,7 @@ def support(vert: wp.array[wp.vec3], s: Shape, d: wp.vec3) -> wp.vec3:
 
 @wp.func(inline=False)
 def least_extent(vert: wp.array[wp.vec3], s: Shape, frame: Pose, along: wp.vec3) -> float:
-    """Return the least coordinate [m] of a shape along a unit vector, both in the frame that `frame` is given in."""
+    """Return the least coordinate [m] of a shape along a unit vector, both in the parent frame of `frame`."""
     down = -(wp.transpose(frame.rot) * along)
     return wp.dot(along, apply(frame, support(vert, s, down))) - s.radius
 
@@ -113,7 +115,7 @@ def _nearer(a: wp.vec3, bits_a: int, b: wp.vec3, bits_b: int):
 def _closest_on_triangle(a: wp.vec3, b: wp.vec3, c: wp.vec3):
     """Return the point of a triangle nearest to the origin, and a bit for each vertex that supports it.
 
-    C. Ericson, "Real-Time Collision Detection", 2005, section 5.1.5. Of a triangle without area only the edges count.
+    C. Ericson, "Real-Time Collision Detection", 2005, section 5.1.5. A triangle without area counts as its edges.
     """
     ab = b - a
     ac = c - a
@@ -134,7 +136,7 @@ def _closest_on_triangle(a: wp.vec3, b: wp.vec3, c: wp.vec3):
 
 @wp.func
 def _beyond(a: wp.vec3, b: wp.vec3, c: wp.vec3, d: wp.vec3) -> bool:
-    """Test whether the face abc of a tetrahedron separates the origin from d; true for a flat tetrahedron."""
+    """Test whether the face abc of a tetrahedron separates the origin from d, true for a flat tetrahedron."""
     n = wp.cross(b - a, c - a)
     toward = wp.dot(d - a, n)
     origin = -wp.dot(a, n)
@@ -143,7 +145,7 @@ def _beyond(a: wp.vec3, b: wp.vec3, c: wp.vec3, d: wp.vec3) -> bool:
 
 @wp.func
 def _is_flat(a: wp.vec3, b: wp.vec3, c: wp.vec3, d: wp.vec3) -> bool:
-    """Test whether a tetrahedron is so flat that rounding decides the side of its faces on which a point lies."""
+    """Test whether a tetrahedron is so flat that rounding decides on which side of a face a point lies."""
     ab = b - a
     ac = c - a
     ad = d - a
@@ -160,7 +162,7 @@ def _closest_on_tetrahedron(p0: wp.vec3, p1: wp.vec3, p2: wp.vec3, p3: wp.vec3):
 
     All four bits are set if the origin lies inside.
     """
-    best = wp.vec3(1.0e15)  # further away than anything
+    best = wp.vec3(1.0e15)  # beyond all points
     bits = int(15)
     if _beyond(p0, p1, p2, p3):
         v, k = _closest_on_triangle(p0, p1, p2)
@@ -179,9 +181,9 @@ def _closest_on_tetrahedron(p0: wp.vec3, p1: wp.vec3, p2: wp.vec3, p3: wp.vec3):
 
 @wp.func
 def _kept(p0: wp.vec3, p1: wp.vec3, p2: wp.vec3, p3: wp.vec3, bits: int):
-    """Return the vertices of a simplex that support its nearest point, one after the other, and their number.
+    """Return the vertices of a simplex that support its nearest point, and their number.
 
-    At most three do; what stands behind them has no meaning.
+    At most three vertices do. Returned vertices beyond the number have no meaning.
     """
     a = p0
     b = p1
@@ -198,8 +200,8 @@ def _kept(p0: wp.vec3, p1: wp.vec3, p2: wp.vec3, p3: wp.vec3, bits: int):
     return a, b, c, (bits & 1) + ((bits >> 1) & 1) + ((bits >> 2) & 1) + (bits >> 3)
 
 
-# One copy for covers, footprints and obstacles rather than one each: with it, and the map asked before the cover, an
-# H200 makes 1.065 times the layouts of the scene `mid`.
+# A single copy for covers, footprints and obstacles. With this copy, and the map's test before the cover's, an H200
+# makes 1.065 times the layouts of the scene `mid`.
 @wp.func(inline=False)
 def separated(vert: wp.array[wp.vec3], sa: Shape, sb: Shape, rel: Pose, mask: wp.vec3, margin: float) -> bool:
     """Test whether the distance between two shapes is above `margin` [m].
@@ -250,7 +252,7 @@ def separated(vert: wp.array[wp.vec3], sa: Shape, sb: Shape, rel: Pose, mask: wp
             if bits == 15:
                 if restarts == _MAX_RESTARTS or not _is_flat(p0, p1, p2, p3):
                     return False  # the origin lies inside
-                # rounding decides where the tetrahedron is flat: restart from the last point
+                # in a flat tetrahedron, rounding decides whether the origin is inside: restart from the last point
                 restarts += 1
                 p0 = w
                 v = w

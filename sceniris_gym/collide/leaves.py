@@ -1,7 +1,7 @@
 """The narrow phase: tests of two leaves of box trees, which are convex pieces, triangles or planes.
 
-With `geometry: physics` a leaf is a convex piece, with `geometry: visual` a triangle or a round piece. One pair of
-leaves that are too near rejects a candidate, so the order of the pairs does not matter.
+With `geometry: physics`, a leaf is a convex piece. With `geometry: visual`, it is a triangle or a round piece. A single
+pair of leaves that are too close rejects a candidate, so the order of the pairs does not matter.
 """
 
 import warp as wp
@@ -16,8 +16,8 @@ from sceniris_gym.program.device import OWN_A, OWN_B, ObjectKind, Program
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-# Added to every margin [m]: more than the rounding of float32 poses and vertices within a few metres, less than the
-# 10 um by which a rejection may be wrong.
+# Added to every margin [m]. It exceeds the rounding of float32 poses and vertices within a few metres, and is below the
+# permitted error of a rejection, 10 um.
 SKIN = 5.0e-6
 
 
@@ -40,7 +40,7 @@ class OverPlane:
 
 @wp.struct
 class Leaf:
-    """A convex leaf in the frame of its body, within `radius` [m] of the origin of its own frame."""
+    """A convex leaf in the frame of its body, within `radius` [m] of the origin of the leaf's frame."""
 
     shape: Shape
     pose: Pose
@@ -56,7 +56,7 @@ def pair_poses(
     body_pos: wp.array[wp.vec3],
     body_quat: wp.array[wp.vec4],
 ) -> PairPoses:
-    """Return the poses of a pair's bodies: from `own_*` if they are part of what is tested, else from `body_*`."""
+    """Return the poses of a pair's bodies, from `own_*` for bodies of the tested candidate and `body_*` for others."""
     bodies = program.pair_bodies[pair]
     a = bodies[0]
     b = bodies[1]
@@ -76,7 +76,7 @@ def pair_poses(
 
 @wp.func
 def margin_of(program: Program, worldid: int, pair: int, support_body: int) -> float:
-    """Return the least distance [m] of a pair, negative for a depth; no clearance applies to the supporting body."""
+    """Return the least distance [m] of a pair, negative for a depth. Clearances do not apply to the supporting body."""
     margin = program.pair_margin[worldid, pair]
     if program.pair_bodies[pair][1] == support_body:
         margin = program.pair_touch[pair]
@@ -85,7 +85,7 @@ def margin_of(program: Program, worldid: int, pair: int, support_body: int) -> f
 
 @wp.func
 def support_of(program: Program, obj: int) -> int:
-    """Return the body that an object stands on, to which its clearance does not apply; -1 for none."""
+    """Return the supporting body of an object, whose distance ignores the clearance, or -1."""
     if program.obj_kind[obj] == ObjectKind.STATIC:
         return -1
     return program.obj_ground[obj]
@@ -99,7 +99,7 @@ def piece_pose(program: Program, piece: int) -> Pose:
 
 @wp.func
 def piece_origin(program: Program, piece: int, body_pos: wp.array[wp.vec3], body_quat: wp.array[wp.vec4]) -> wp.vec3:
-    """Return the origin of a piece's frame in the world, around which `piece_radius` holds the piece."""
+    """Return the origin of a piece's frame in the world, the centre of the enclosing sphere of `piece_radius`."""
     body = program.piece_body[piece]
     return body_pos[body] + rot_vec_quat(program.piece_pos[piece], body_quat[body])
 
@@ -127,7 +127,7 @@ def _piece_leaf(program: Program, piece: int) -> Leaf:
 
 @wp.func
 def _piece_of(program: Program, leaf: int) -> int:
-    """Return the piece that a leaf stands for, or -1 for a triangle."""
+    """Return the piece of a leaf, or -1 for a triangle."""
     if not program.visual:
         return leaf
     return wp.max(leaf - PIECE_LEAF, -1)
@@ -135,7 +135,7 @@ def _piece_of(program: Program, leaf: int) -> int:
 
 @wp.func
 def _leaf(program: Program, leaf: int) -> Leaf:
-    """Return a leaf: its piece, or the hull of a triangle's corners, which has no bound."""
+    """Return a leaf: its piece, or the hull of a triangle's corners without a bounding radius."""
     piece = _piece_of(program, leaf)
     if piece >= 0:
         return _piece_leaf(program, piece)
@@ -147,8 +147,8 @@ def _leaf(program: Program, leaf: int) -> Leaf:
 def _separated(program: Program, pair: int, a: Leaf, b: Leaf, rel: Pose, margin: float) -> bool:
     """Test whether two leaves are further apart than `margin` [m].
 
-    `rel` is the pose of b's body in a's frame. A negative margin allows penetration: the leaves are then tested where
-    they are, and with b moved by that depth along each separating direction of the pair; one success is enough.
+    `rel` is the pose of b's body in a's frame. A negative margin permits penetration. The leaves are then tested in
+    place, and with b moved by the permitted depth along each separating direction of the pair. One success is enough.
     """
     frame = relative(a.pose, compose(rel, b.pose))
     here = frame.pos

@@ -2,23 +2,23 @@
 
 import warp as wp
 
-# A triangle is thin if its height is below this share of its longest edge. Rounding then rotates the cross product of
-# two edges, which shifts the heights of points far away: by up to 0.6 mm for a sliver of 1 m x 0.1 mm.
+# A triangle is thin if its height is below this fraction of its longest edge. Rounding then rotates the cross product
+# of two edges, which shifts the heights of points far away: by up to 0.6 mm for a sliver of 1 m x 0.1 mm.
 _THIN = wp.constant(0.01)
-# Below this share the height itself is rounding: the triangle has no normal and counts as its three edges.
+# Below this fraction, the height itself is rounding. The triangle has no normal and counts as its three edges.
 _FLAT = wp.constant(4.0e-7)
-# Squared sines: of an angle below which the quick formula for the nearest points loses too much to rounding, and of one
-# below which segments count as parallel.
+# Squared sine of an angle. Below it, the quick formula for the nearest points loses too much to rounding.
 _NEARLY_PARALLEL = wp.constant(1.0e-4)
+# Squared sine of an angle. Below it, segments count as parallel.
 _PARALLEL = wp.constant(1.0e-12)
 
 
 @wp.func
 def _thin_normal(e0: wp.vec3, e1: wp.vec3, e2: wp.vec3) -> wp.vec3:
-    """Return the normal of a thin triangle with these consecutive edges; zero for a triangle without height.
+    """Return the normal of a thin triangle with these consecutive edges, zero for a triangle without height.
 
-    The normal is exactly perpendicular to the longest edge, so rounding can only rotate it about that edge. Within the
-    triangle that moves the plane by less than the rounding of a vertex.
+    The normal is exactly perpendicular to the longest edge, so rounding can only rotate it about this edge. Such a
+    rotation moves the plane within the triangle by less than the rounding of a vertex.
     """
     edge = e0
     after = e1
@@ -45,7 +45,7 @@ def _thin_normal(e0: wp.vec3, e1: wp.vec3, e2: wp.vec3) -> wp.vec3:
 
 @wp.func
 def _normal(a: wp.vec3, b: wp.vec3, c: wp.vec3) -> wp.vec3:
-    """Return the normal of a triangle, with twice its area as length; zero for a triangle without height."""
+    """Return the normal of a triangle, with twice its area as length, or zero for a triangle without height."""
     ab = b - a
     ac = c - a
     n = wp.cross(ab, ac)
@@ -74,7 +74,7 @@ def _segments_within(p: wp.vec3, p1: wp.vec3, q: wp.vec3, q1: wp.vec3, limit_sq:
     if denominator > _NEARLY_PARALLEL * a * e:
         s = wp.clamp((b * f - c * e) / denominator, 0.0, 1.0)
     else:
-        n = wp.cross(d1, d2)  # the same, without subtracting two nearly equal products
+        n = wp.cross(d1, d2)  # the same value, without the difference of two nearly equal products
         denominator = wp.dot(n, n)
         if denominator > _PARALLEL * a * e:
             s = wp.clamp(wp.dot(wp.cross(d2, r), n) / denominator, 0.0, 1.0)
@@ -109,8 +109,8 @@ def _meets_face(
 ) -> bool:
     """Test whether the vertex p is within `limit` of the face abc, or the edge pq passes through it.
 
-    The heights hp and hq of p and q over the face, and `limit`, are multiplied by |n|. A face without a normal meets
-    nothing: a point near it is near one of its edges.
+    The heights hp and hq of p and q over the face, and `limit`, are multiplied by |n|. The test is False for a face
+    without a normal, because a point near such a face is also near one of its edges.
     """
     if wp.abs(hp) < limit and _over_face(p, a, b, c, n):
         return True
@@ -125,12 +125,12 @@ def _all_beyond(h: wp.vec3, limit: float) -> bool:
     return wp.min(h) > limit or wp.max(h) < -limit
 
 
-# Not inlined, as `separated` in `convex.py`: otherwise the kernel holds these registers all the time.
+# Not inlined, like `separated` in `convex.py`: otherwise the kernel holds these registers all the time.
 @wp.func(inline=False)
 def triangles_separated(
     a0: wp.vec3, a1: wp.vec3, a2: wp.vec3, b0: wp.vec3, b1: wp.vec3, b2: wp.vec3, margin: float
 ) -> bool:
-    """Test whether the distance between two triangles, given in one frame, is above `margin` [m], a positive number."""
+    """Test whether the distance between two triangles in the same frame is above a positive `margin` [m]."""
     na = _normal(a0, a1, a2)
     la = wp.length(na) * margin
     hb = wp.vec3(wp.dot(na, b0 - a0), wp.dot(na, b1 - a0), wp.dot(na, b2 - a0))

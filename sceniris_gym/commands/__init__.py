@@ -1,1 +1,1 @@
-"""The work of the commands: a file for each, of its name."""
+"""The work of the commands, one file per command."""

@@ -1,4 +1,4 @@
-"""Results of commands: the text that a command prints, and its verdict."""
+"""Results of commands: text for stdout, and a verdict."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 from sceniris_gym.files import as_json
 
 OK = "ok"
-"""Key of the verdict, in the findings of commands that judge."""
+"""Key of the verdict in findings."""
 
 
 @dataclass(frozen=True)
@@ -21,15 +21,15 @@ class Answer:
 
 
 def listing(found: Mapping[str, Any]) -> str:
-    """Return findings as text, one a line."""
+    """Return findings as text, one per line."""
     return "\n".join(f"{name:<24}{value}" for name, value in found.items())
 
 
 def answer(found: Mapping[str, Any], json: bool, report: Callable[[Any], str] = listing) -> Answer:
-    """Return findings as one line of JSON, or as text by `report`."""
+    """Return findings as one line of JSON, or as text from `report`."""
     return Answer(as_json(found) if json else report(found), found.get(OK, True))
 
 
 def verdict(found: Mapping[str, Any], text: str) -> str:
-    """Return the first line of a report that judges."""
+    """Return the first line of a report with a verdict."""
     return f"{'ok' if found[OK] else 'FAIL'}: {text}"

@@ -1,4 +1,4 @@
-"""The `audit` command: layouts and rejected candidates of a scene, and the judgement of the audit on them."""
+"""The `audit` command: makes or loads layouts and rejected candidates of a scene, and judges them."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ PROMISES = {
 """Finding that breaks a promise -> its text, and the finding with details."""
 
 _WORLDS = 1024  # worlds that are reset until enough candidates were rejected
-_EPISODES = 1000  # resets after which a scene is taken to reject hardly anything
+_EPISODES = 1000  # greatest number of these resets, for scenes with hardly any rejections
 
 
 def rejected_candidates(
@@ -48,8 +48,8 @@ def rejected_candidates(
     """Make layouts until n candidates were rejected for collision.
 
     Returns:
-        The layouts with the rejected objects at their candidate poses, and the names of these objects. Fewer than n if
-        the scene rejects hardly anything.
+        The layouts with the rejected objects at their candidate poses, and the names of these objects. Fewer than n for
+        a scene with hardly any rejections.
     """
     generator = LayoutGenerator(compiled, _WORLDS, seed=seed, split=split, rejected=n)
     for _ in range(_EPISODES):
@@ -61,7 +61,7 @@ def rejected_candidates(
 
 
 def reach_claims(compiled: CompiledScene, table: LayoutTable) -> list[Claim]:
-    """Return the claims of a table about reach, with the gripper opened 1 cm wider than a grasp needs."""
+    """Return the claims of a table about reach, with the gripper open 1 cm wider than the grasp."""
     if compiled.reaching is None:
         return []
     claims = []
@@ -89,11 +89,11 @@ def reach_claims(compiled: CompiledScene, table: LayoutTable) -> list[Claim]:
 
 
 def judge_reach(compiled: CompiledScene, table: LayoutTable, claims: list[Claim]) -> list[Unreached]:
-    """Return the claims about reach that the audit refutes."""
+    """Return the claims about reach that are wrong."""
     if not claims:
         return []
     scene, found = compiled.scene, []
-    # with something in the hand the arm would have to put it down first
+    # An arm that starts with a held object would have to put it down first.
     full = np.isin(table.start, [i for i, kind in enumerate(compiled.config.start) if kind.is_held])
     present = {claim.name: table.present[:, compiled.slots.index(claim.name)] & ~full for claim in claims}
     for robot in dict.fromkeys(claim.robot for claim in claims):
@@ -113,7 +113,7 @@ class Rows:
     Attributes:
         table: The layouts.
         rejected: Layouts with the rejected objects at their candidate poses.
-        names: Names of these objects.
+        names: Names of the rejected objects.
         seed: Seed of the first layout.
         split: "train" or "eval".
     """
@@ -135,7 +135,7 @@ def make_rows(compiled: CompiledScene, layouts: int, rejected: int, seed: int, s
 
 
 def save_rows(compiled: CompiledScene, rows: Rows, path: Path) -> None:
-    """Write rows to an npz file, whole or not at all, with their scene and seeds."""
+    """Write rows with their scene and seeds to an npz file. An error leaves no partial file."""
     parts = {"layouts": rows.table, "rejected": rows.rejected}
     arrays = {f"{part}_{name}": getattr(t, name) for part, t in parts.items() for name in COLUMNS}
     arrays |= {
@@ -151,11 +151,11 @@ def save_rows(compiled: CompiledScene, rows: Rows, path: Path) -> None:
 
 
 def load_rows(compiled: CompiledScene, path: Path) -> Rows:
-    """Read the rows of a file that `save_rows` wrote.
+    """Read rows from a file of `save_rows`.
 
     Raises:
-        SceneFileError: The file is missing, or was not saved by `save_rows`.
-        SceneMismatchError: Its rows are of another scene.
+        SceneFileError: The file is missing, or `save_rows` did not write it.
+        SceneMismatchError: The rows belong to another scene.
         UnknownNameError: The scene does not place a rejected object.
     """
     try:
@@ -165,17 +165,17 @@ def load_rows(compiled: CompiledScene, path: Path) -> Rows:
         names, seed, split = arrays["rejected_object"], int(arrays["seed"]), str(arrays["split"])
     except UNREADABLE as error:
         raise SceneFileError(
-            f"--load {path}: should be a file that 'sceniris-gym audit SCENE --save FILE' has written: {error}"
+            f"--load {path}: should be a file from 'sceniris-gym audit SCENE --save FILE': {error}"
         ) from error
     if found != compiled.hash:
-        cure = "Give the scene, and the changes by --set, that the rows were made with."
+        cure = "Give the scene of the rows, and the same changes by --set."
         raise SceneMismatchError(f"--load {path}: {compiled.scene.mismatch(found, cure)}")
     _check_columns(compiled, path, table, rejected, names)
     return Rows(table, rejected, names.tolist(), seed, split)
 
 
 def _table_of(arrays: dict[str, np.ndarray], part: str, scene: str) -> LayoutTable:
-    """Return a part of a stored file as a table, with blanks for columns that older files lack."""
+    """Return a part of a stored file as a table. Columns that older files lack are blank."""
     nrow = len(arrays[f"{part}_status"])
     later = {f"{part}_{name}": COLUMNS[name].blanks(nrow) for name in ("start", "param", *columns("draw"))}
     rows: dict[str, Any] = {name: (later | arrays)[f"{part}_{name}"] for name in COLUMNS}
@@ -185,25 +185,25 @@ def _table_of(arrays: dict[str, np.ndarray], part: str, scene: str) -> LayoutTab
 def _check_columns(
     compiled: CompiledScene, path: Path, table: LayoutTable, rejected: LayoutTable, names: np.ndarray
 ) -> None:
-    """Refuse columns that do not fit the scene: shapes, types, and names of rejected objects."""
+    """Reject columns that do not fit the scene: shapes, types, and names of rejected objects."""
 
     def check(name: str, found: np.ndarray, shape: tuple[int, ...], dtype: Any) -> None:
         if found.shape != shape:
-            raise SceneFileError(f"--load {path}: {name} has shape {found.shape}, but should have {shape}.")
+            raise SceneFileError(f"--load {path}: {name} should have shape {shape}, got {found.shape}.")
         if not np.can_cast(found.dtype, dtype, "same_kind"):
-            raise SceneFileError(f"--load {path}: {name} has type {found.dtype}, but should have {dtype}.")
+            raise SceneFileError(f"--load {path}: {name} should have type {dtype}, got {found.dtype}.")
 
     check("rejected_object", names, (len(np.atleast_1d(rejected.valid)),), "<U1")
     for part, rows in (("layouts", table), ("rejected", rejected)):
         n = len(np.atleast_1d(rows.valid))
         for name, (dtype, shape) in row_types(compiled).items():
-            if rows is table or "grasp" not in name:  # nothing reads the grasps of candidates
+            if rows is table or "grasp" not in name:  # the audit does not read the grasps of candidates
                 check(f"{part}_{name}", getattr(rows, name), (n, *shape), dtype)
     check_names("object", names.tolist(), f"--load {path}: rejected_object", compiled.placed)
 
 
 def _finite(rows: Rows) -> tuple[np.ndarray, np.ndarray, dict[str, str]]:
-    """Return masks of the layouts and candidates that are finite, and by column the rows that are not."""
+    """Return masks of the finite layouts and candidates, and the other rows by column."""
     found, by = [], {}
     for part, table in (("layouts", rows.table), ("rejected", rows.rejected)):
         known = {name: np.isfinite(getattr(table, name)) for name in ("qpos", "mocap_pos", "mocap_quat")}
@@ -228,7 +228,7 @@ def save(compiled: CompiledScene, layouts: int, rejected: int, seed: int, path: 
 
 
 def judge_file(config: SceneConfig, path: Path, settled: int | None) -> dict:
-    """Return the findings of the audit on the rows of a file, as `judge` does."""
+    """Judge the rows of a file and return the findings, as `judge` does."""
     compiled = upload_scene(build_model(config), "cpu")
     return judge_rows(compiled, load_rows(compiled, path), settled)
 
@@ -236,13 +236,13 @@ def judge_file(config: SceneConfig, path: Path, settled: int | None) -> dict:
 def judge(
     compiled: CompiledScene, layouts: int, rejected: int, settled: int | None, seed: int, split: str = "train"
 ) -> dict:
-    """Make layouts and rejected candidates, and return the findings of the audit as plain numbers and names.
+    """Make layouts and rejected candidates, judge them, and return the findings as plain numbers and names.
 
     Args:
         compiled: The compiled scene.
         layouts: Number of layouts.
         rejected: Number of rejected candidates.
-        settled: Number of layouts that are stepped for half a second, or None for all of them.
+        settled: Number of layouts that are stepped for half a second, or None for all.
         seed: Seed of the first layout.
         split: "train" or "eval".
     """
@@ -251,9 +251,9 @@ def judge(
 
 @without_log()
 def judge_rows(compiled: CompiledScene, rows: Rows, settled: int | None = None) -> dict:
-    """Return the findings of the audit on rows, without making any; `settled` as in `judge`, None for all of them.
+    """Judge existing rows and return the findings. `settled` is as in `judge`.
 
-    Rows with a number that is not finite are invalid. The audit judges the others.
+    Rows with a non-finite number count as invalid and are not judged further.
     """
     finite, finite_candidates, invalid_by = _finite(rows)
     table, candidates = rows.table[finite], rows.rejected[finite_candidates]
@@ -312,7 +312,7 @@ def judge_rows(compiled: CompiledScene, rows: Rows, settled: int | None = None) 
 
 
 def report(found: Mapping[str, Any]) -> str:
-    """Return the findings as text: the verdict, then all findings that are not empty or zero."""
+    """Return the findings as text: the verdict, then the findings that are not empty or zero."""
     broken = []
     for name, (text, detail) in PROMISES.items():
         if found[name]:
@@ -324,7 +324,7 @@ def report(found: Mapping[str, Any]) -> str:
 
 
 def _filled(found: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the findings that are not empty or zero, other than the verdict."""
+    """Return the findings that are not empty or zero, without the verdict."""
     filled = {}
     for name, value in found.items():
         if isinstance(value, Mapping):

@@ -1,4 +1,4 @@
-"""The `bench` command: the rates of making layouts and of resetting worlds."""
+"""The `bench` command: measures how fast layouts are made and worlds are reset."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ from sceniris_gym.sim.randomizer import ResetRandomizer
 
 REPEATS = 20
 _WARM_UP = 3
-_NARROWED = 4096  # most layouts for the measure of `reachable`
-_PARTIAL = 50  # every such world is reset in a partial reset
+_NARROWED = 4096  # greatest number of layouts for the measure of `reachable`
+_PARTIAL = 50  # a partial reset resets one in 50 worlds
 
 
 def bench(
@@ -42,8 +42,8 @@ def bench(
 ) -> dict:
     """Measure a scene.
 
-    Times are wall-clock times, with the device idle before and after; warm ones are medians of 20 replays of a captured
-    graph. Rates and shares are those of the layouts made in these 20 replays.
+    Times are wall-clock times, with the device idle before and after. Warm times are medians of 20 replays of a
+    captured graph. Rates and fractions refer to the layouts of these 20 replays.
 
     Args:
         scene: Name of a shipped scene, or a path.
@@ -51,7 +51,7 @@ def bench(
         device: Warp's name of the device. None takes "cuda:0" if available, otherwise "cpu".
         seed: Seed of the first world.
         overrides: Parts of the scene to change.
-        picture: PNG to write, of the places that `reachable` leaves to objects, or None for no picture.
+        picture: PNG to write, of the places that `reachable` permits, or None.
     """
     start = time.perf_counter()
     compiled = compile_scene(SceneConfig.load(scene, overrides), device, cache=False)
@@ -96,7 +96,7 @@ def bench(
 
 
 def faces(compiled: CompiledScene) -> dict[str, int]:
-    """Return the number of triangles of each object in the scene's geometry; for `physics`, those of the hulls."""
+    """Return the number of triangles of each object in the scene's geometry. `physics` counts convex hulls."""
     tree = Tree(compiled.mjm, compiled.scene.bodies)
     total = dict.fromkeys(compiled.scene.bodies, 0)
     for solid in solids_of(compiled.mjm, compiled.config.geometry):
@@ -115,7 +115,7 @@ def peak_bytes(device: str) -> int:
 
 
 def _resets(compiled: CompiledScene, generator: LayoutGenerator) -> dict[str, float]:
-    """Return the times [us] to reset all worlds and 2% of them: layouts, the masked write and kinematics."""
+    """Return the times [us] to reset all worlds and 2% of the worlds: layouts, the masked write and kinematics."""
     batch = Batch(compiled.scene, generator.nworld, compiled.device)
     randomizer = ResetRandomizer(compiled, batch.model, batch.data, layout_source=generator)
     times = {}
@@ -126,7 +126,7 @@ def _resets(compiled: CompiledScene, generator: LayoutGenerator) -> dict[str, fl
 
 
 def median_time(work: Callable[[], object], device: str, after: Callable[[], object] = lambda: None) -> float:
-    """Return the median time [s] of `work` over 20 repeats after 3 to warm up; `after` runs untimed after each."""
+    """Return the median time [s] of 20 runs of `work`, after 3 warm-up runs. An untimed `after` follows each run."""
     times = []
     for i in range(_WARM_UP + REPEATS):
         wp.synchronize_device(device)

@@ -1,4 +1,4 @@
-"""The `check` command: whether a scene has room, and its rejected candidates by object and cause."""
+"""The `check` command: reports whether a scene has valid layouts, and rejected candidates by object and cause."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def judge(
         seed: Seed of the first layout.
         picture: PNG to write, or None.
         split: "train" or "eval".
-        strict: A FallbackWarning is a bad verdict.
+        strict: Whether a FallbackWarning makes the verdict bad.
         device: Warp's name of the device. None takes "cuda:0" if available, otherwise "cpu".
     """
     with warnings.catch_warnings(record=True) as warned:
@@ -51,9 +51,9 @@ def judge(
 
 
 def check(compiled: CompiledScene, layouts: int, seed: int, picture: Path | None = None, split: str = "train") -> dict:
-    """Make layouts, and return the fraction of valid ones and the rejections per object and cause.
+    """Make layouts, and return the fraction of valid layouts and the rejections per object and cause.
 
-    Draw where objects lie into `picture`. For a scene with `reachable`, also measure how much that narrows it.
+    Draw the places of objects into `picture`. For a scene with `reachable`, also measure its effect on these places.
     """
     generator = recording(LayoutGenerator(compiled, layouts, seed=seed, split=split))
     generator.generate()

@@ -1,4 +1,4 @@
-"""The `demo` command: figures of 64 worlds of a scene that are reset three times, and a picture of 16 of them."""
+"""The `demo` command: resets 64 worlds of a scene three times, reports figures, and draws 16 of the worlds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The `evaluate` command: judges the policy of a training on layouts that it has not seen."""
+"""The `evaluate` command: evaluates a trained policy on unseen layouts."""
 
 from __future__ import annotations
 
@@ -28,23 +28,23 @@ def evaluate(
     task: str = "",
     trust: bool = False,
 ) -> dict[str, Any]:
-    """Judge the policy in the folder of a run, and return the findings of `judge` by the kind of layouts.
+    """Evaluate the policy of a run, and return the findings of `judge` by the kind of layouts.
 
     Args:
-        run: The folder, as `train` made it.
+        run: The folder that `train` made.
         layouts: Number of layouts of each kind.
         device: Warp's name of the device. None takes "cuda:0" if available, otherwise "cpu".
         out: JSON file to write, with the result on each layout.
         failed: File to write, with the ids of valid layouts without success.
-        min_success: Least fraction of successes on valid layouts for a good verdict.
-        task: The task, as `spec_of` takes it; "" takes the one that the folder names, if no import is needed for it.
+        min_success: Least success rate on valid layouts for a good verdict, or None for no verdict.
+        task: The task, as `spec_of` takes it. "" takes the folder's task, if it is registered without an import.
         trust: Read a checkpoint with more than weights, which executes code in it.
 
     Raises:
         ArgumentError: The folder holds no run, or names a task of another package, or its checkpoint holds more
             than weights.
-        SceneMismatchError: It is of a version with other layouts of the scene.
-        ScenirisError: There is no such task, or its scene cannot be compiled.
+        SceneMismatchError: The run belongs to a version with other layouts of the scene.
+        ScenirisError: The task is unknown, or its scene cannot be compiled.
     """
     named, settings = read_config(run)
     if ":" in named and not task:
@@ -72,7 +72,7 @@ def evaluate(
 
 
 def report(found: Mapping[str, Any]) -> str:
-    """Return the fractions of successes as text, one line for each kind of layouts, and how to view the failures."""
+    """Return the success rates as text, one line per kind of layouts, and the command to view the failures."""
     lines = [f"{n}: {share(found[n])} of {found[n]['layouts']:,} layouts" for n in ("valid", "unfiltered")]
     if OK in found:
         lines[0] = verdict(found, lines[0])

@@ -1,4 +1,4 @@
-"""The `generate` command: writes a data set of layouts, together with their model."""
+"""The `generate` command: writes a data set of layouts with their model."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from sceniris_gym.dataset.writer import DatasetWriter
 from sceniris_gym.errors import DatasetError
 from sceniris_gym.program.compiled import CompiledScene
 
-# Layouts made at once: as many as keep a GPU busy, and on a CPU no more than its caches hold.
+# Layouts made at once: enough to keep a GPU busy, and few enough for a CPU's caches.
 _CHUNK, _CHUNK_CUDA = 4096, 16_384
 
 
@@ -30,7 +30,7 @@ def generate(
     resume: bool = False,
     formats: tuple[str, ...] = (),
 ) -> dict[str, Any]:
-    """Write a data set, or a process's shard of it, and return its figures.
+    """Write a data set, or one process's shard, and return its figures.
 
     Args:
         compiled: The compiled scene.
@@ -38,15 +38,15 @@ def generate(
         folder: The folder to write to, created if missing.
         seed: Seed of the first row.
         split: "train" or "eval".
-        chunk: Number of layouts made at once, without effect on them, or None for a number that suits the device.
-        shard: The parts that this process writes, or None for all of them.
-        resume: Go on with a data set that was begun.
+        chunk: Number of layouts made at once, or None for a number that suits the device. It does not affect layouts.
+        shard: The parts that this process writes, or None for all parts.
+        resume: Continue an incomplete data set.
         formats: Formats of parts in addition to `.npy`, out of `dataset.formats.FORMATS`, in alphabetical order.
 
     Raises:
         DatasetError, MissingExtraError: See `DatasetWriter`.
         OutputError: A file cannot be written.
-        SceneKeyError: The scene's model is an MjModel, of which no `scene.zip` can be written.
+        SceneKeyError: The scene's model is an MjModel, which cannot be written to `scene.zip`.
     """
     plan, shard = DatasetPlan.of(compiled, n, seed, split, formats), shard or Shard()
     if chunk is None:
@@ -83,7 +83,7 @@ def verify(folder: Path) -> dict[str, Any]:
     """Compare the files of a data set with its checksums, and return the verdict.
 
     Raises:
-        DatasetError: The folder holds no whole data set.
+        DatasetError: The folder holds no complete data set.
     """
     held = reader.LayoutDataset(folder).manifest
     found = {name: held[name] for name in ("scene", "hash", "split", "seed", "layouts")} | {"folder": str(folder)}

@@ -1,4 +1,4 @@
-"""The `import` command: assets of a file of a thing, or of a folder of them, each with a picture."""
+"""The `import` command: turns a mesh file, or a folder of mesh files, into assets with pictures."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from sceniris_gym.scene.layout_table import LayoutTable
 
 
 def import_one(source: Path, out: Path, options: Options, ask: Ask | None, device: str | None) -> dict[str, Any]:
-    """Import a thing, and draw it.
+    """Import a mesh file, and draw the asset.
 
     Returns:
         The manifest, with the paths of the asset and its picture.
@@ -33,21 +33,21 @@ def import_one(source: Path, out: Path, options: Options, ask: Ask | None, devic
 
 
 def import_many(folder: Path, out: Path, options: Options, jobs: int | None, device: str | None) -> dict[str, Any]:
-    """Import all things below a folder, and draw them; progress goes to stderr.
+    """Import all mesh files below a folder, draw the assets, and print progress to stderr.
 
     Returns:
-        The number of imported things, the refused ones with the reasons, and the manifest's path.
+        The number of imported files, the rejected files with reasons, and the manifest's path.
 
     Raises:
         NotSupportedError: `out` is an MJCF file.
-        SceneFileError: There is nothing to import.
+        SceneFileError: The folder holds no files to import.
     """
     if out.suffix == ".xml":
-        raise NotSupportedError(f"--out {out}: a folder of things becomes a folder of assets. Give a folder.")
+        raise NotSupportedError(f"--out {out}: a folder of files becomes a folder of assets. Give a folder.")
     sources = things_in(folder)
     if not sources:
         raise SceneFileError(
-            f"{folder}: there is nothing to import below it. Give a folder with {', '.join(SUFFIXES)}."
+            f"{folder}: should have files to import below it. Give a folder with {', '.join(SUFFIXES)}."
         )
     outcomes = import_folder(sources, out, options, jobs=jobs, done=_tell)
     for outcome in outcomes:
@@ -61,7 +61,7 @@ def import_many(folder: Path, out: Path, options: Options, jobs: int | None, dev
 
 
 def draw(asset: Path, device: str | None) -> Path:
-    """Draw an asset in its start pose, and return the path of the picture, in the asset's folder."""
+    """Draw an asset in its start pose into the asset's folder, and return the path of the picture."""
     from sceniris_gym.pictures.render import CAMERA, captioned, save
 
     spec = mujoco.MjSpec.from_file(str(asset))
@@ -75,7 +75,7 @@ def draw(asset: Path, device: str | None) -> Path:
 
 
 def report(found: dict[str, Any]) -> str:
-    """Return the manifest of one thing as text."""
+    """Return the manifest of one asset as text."""
     rests = [rest["moved_mm"] for rest in found["rests"] if rest["moved_mm"] < 10.0]
     lines = [
         f"{found['source']} -> {found['asset']}",

@@ -1,4 +1,4 @@
-"""The `init` command: a first scene file for a model or a problem file of LIBERO, tried before it is written."""
+"""The `init` command: writes a first scene file for a model or a LIBERO problem file, once layouts are found."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.scene.model_files import write_zip
 
-_BANK = 8  # layouts: a scene is tried with a small bank, as all that counts is that there are some
+_BANK = 8  # layouts, a small bank is enough to show that the scene has layouts
 _OBJECT = re.compile(r"objects\.([A-Za-z_][A-Za-z0-9_-]*)|robot")
 
 
 def init(model: Path, device: str | None = None) -> FirstScene:
-    """Work out a first scene of a model that compiles, and of which layouts are found.
+    """Find a first scene of a model that compiles and has layouts.
 
-    What has no place on its support as a whole may hang over the edge; what still cannot be placed is commented out,
-    with the reason.
+    An object that does not fit entirely on its support may hang over the edge. If it still cannot be placed, it is
+    commented out, with the reason.
 
     Args:
         model: An MJCF or URDF file.
-        device: The device that layouts are tried on.
+        device: The device for trial layouts.
 
     Raises:
-        ScenirisError: The model cannot be read, or no scene can be made of it, whatever it places.
+        ScenirisError: The model cannot be read, or no choice of objects gives a scene.
     """
     scene = first_scene(model)
     _try(scene, build_model)
@@ -55,7 +55,7 @@ def text(scene: FirstScene, out: Path | None) -> str:
 
 
 def summary(scene: FirstScene, out: Path | None) -> dict[str, Any]:
-    """Return the robot or None, the names of placed objects, and the reasons for those that are commented out."""
+    """Return the robot or None, the names of placed objects, and the commented-out objects with their reasons."""
     robot = None if scene.robot is None or scene.robot.why else scene.robot.words["in_model"]
     placed = [entry.name for entry in scene.objects if not entry.why]
     left = {entry.name: entry.why for entry in scene.objects if entry.why}
@@ -71,13 +71,13 @@ def report(found: dict[str, Any]) -> str:
 
 
 def write_task(task: LiberoTask, out: Path, device: str | None = None) -> dict[str, Any]:
-    """Write a problem file as a scene file, and its model into the folder `NAME_model` beside it.
+    """Write a problem file as a scene file, and its model into the folder `NAME_model` next to the scene file.
 
     Returns:
         The scene file, the folder, the names of placed objects, and the goal.
 
     Raises:
-        ScenirisError: The scene cannot be made, or nothing can be written.
+        ScenirisError: The scene cannot be made, or a file cannot be written.
     """
     compile_scene(SceneConfig.load(task.scene, {"bank": _BANK}), device)
     folder, problem = out.with_name(f"{out.stem}_model"), task.problem
@@ -100,7 +100,7 @@ def write_task(task: LiberoTask, out: Path, device: str | None = None) -> dict[s
 
 
 def _try(scene: FirstScene, make: Callable[[SceneConfig], object]) -> None:
-    """Let objects that errors name hang over, or leave them out, one after another until there is no error."""
+    """Try a scene. While an error names an object, let the object overhang or comment it out, and try again."""
     while True:
         config = SceneConfig.load(scene.words(), {"bank": _BANK, "name": scene.model.stem})
         try:

@@ -1,4 +1,4 @@
-"""Messages of commands on stderr: each warning once, and errors of the operating system in words."""
+"""Messages of commands on stderr: each warning once, and readable errors of the operating system."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def each_once() -> Callable[..., None]:
 
 
 def in_words(error: OSError) -> str:
-    """Return an error of the operating system in words: the file, the reason, and a remedy."""
+    """Return an error of the operating system as text: the file, the reason, and a remedy."""
     file = "a file" if error.filename is None else str(error.filename)
     why = str(error) if error.strerror is None else error.strerror.lower()
     if error.filename is not None and _is_unwritable_cache(file):
@@ -31,12 +31,12 @@ def in_words(error: OSError) -> str:
             f"{file}: the folder for compiled kernels cannot be written: {why}. "
             "Set WARP_CACHE_PATH to a folder that you can write to."
         )
-    advice = "Make room there, or give it another place: --out for results, WARP_CACHE_PATH for compiled kernels."
+    advice = "Free space there, or choose another folder: --out for results, WARP_CACHE_PATH for compiled kernels."
     return f"{file}: {why}. {advice if error.errno in UNWRITABLE else ''}".rstrip()
 
 
 def _is_unwritable_cache(file: str) -> bool:
-    """Return True if a file is Warp's kernel cache, or inside or above it, and is not writable."""
+    """Return True if Warp's kernel cache is not writable, and a file is the cache, or inside or above it."""
     import warp as wp
 
     if not wp.config.kernel_cache_dir:

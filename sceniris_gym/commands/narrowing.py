@@ -1,9 +1,10 @@
-"""The effect of `reachable` on where objects lie: compares a scene with it and without, in numbers and a picture.
+"""The effect of `reachable` on the places of objects: compares a scene with and without it, in numbers and a picture.
 
-A scene in which no object has it is drawn as it is.
+For a scene without `reachable`, the picture shows only its places.
 
-The share of candidates that is kept is that of the layouts made without `reachable` in which the arm's map accepts a
-grasp of the object. For the tiers `ik` and `clear` it is multiplied by the share of finished layouts that passed them.
+The fraction of candidates that `reachable` keeps is measured in layouts made without it: in this fraction of them, the
+arm's map accepts a grasp of the object. For the tiers `ik` and `clear`, it is multiplied by the fraction of finished
+layouts that passed the tier.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.scene.poses import body_poses
 
 _REASONS = ("unreachable", "no_ik", "blocked")
-_SCALE = 320  # pixels a metre, as far as a panel is no larger than _PANEL
+_SCALE = 320  # pixels per metre, less if a panel would be larger than _PANEL
 _PANEL = 620
 _GAP, _STRIP = 12, 26
 _INK, _PAPER, _PALE, _ARM = (40, 44, 50), (255, 255, 255), (226, 229, 233), (90, 96, 104)
@@ -38,15 +39,15 @@ _COLOURS = ((214, 96, 36), (38, 110, 184), (62, 140, 74), (150, 78, 158), (186, 
 
 @dataclass(frozen=True)
 class Narrowing:
-    """Positions of the objects that should be reachable, without `reachable` and with it.
+    """Positions of the objects that should be reachable, with and without `reachable`.
 
     Attributes:
-        before: Object name -> its world positions [m] in the layouts with it, shape (n, 2), without `reachable`; empty
-            if no object of the scene has it.
-        after: The same with `reachable`, or of all objects that are placed if none has it.
-        kept: Object name -> share of its candidates that `reachable` accepts.
+        before: Object name -> world positions [m] in the layouts with the object, shape (n, 2), made without
+            `reachable`. Empty for a scene without `reachable`.
+        after: The same with `reachable`. For a scene without `reachable`, positions of all placed objects.
+        kept: Object name -> fraction of its candidates that `reachable` accepts.
         rejections: Rejections per object and cause, with `reachable`.
-        bases: Position [m] and heading [rad] of the bases of robots that stand where they are, shape (n, 3).
+        bases: Position [m] and heading [rad] of the bases of robots that layouts do not place, shape (n, 3).
         lower, upper: Opposite corners of the picture [m], shape (2,).
     """
 
@@ -59,7 +60,7 @@ class Narrowing:
     upper: np.ndarray
 
     def figures(self) -> dict[str, dict[str, float | int]]:
-        """Return for each object the share of candidates kept, their number, and the rejections by cause of reach."""
+        """Return per object the kept fraction, the number of candidates, and the rejections by cause of reach."""
         return {
             name: {
                 "kept": round(self.kept[name], 4),
@@ -73,14 +74,14 @@ class Narrowing:
 def narrow(
     compiled: CompiledScene, layouts: int, seed: int, path: Path | None = None, made: LayoutGenerator | None = None
 ) -> dict:
-    """Return the entries that commands print: `narrowing` with `reachable`, and `picture` if one was drawn.
+    """Return the entries that commands print: `narrowing` for a scene with `reachable`, and `picture` with `path`.
 
     Args:
         compiled: The compiled scene.
-        layouts: Number of layouts to make with `reachable`, and as many without.
+        layouts: Number of layouts to make with `reachable`, and again without.
         seed: Seed of the first layout.
-        path: The file of the picture, or None for no picture.
-        made: A generator of the compiled scene that has made these layouts already.
+        path: The file of the picture, or None.
+        made: A generator of the compiled scene that has already made these layouts.
     """
     if path is None and compiled.reaching is None:
         return {}
@@ -93,7 +94,7 @@ def narrow(
 
 
 def narrowing(compiled: CompiledScene, layouts: int, seed: int, made: LayoutGenerator | None = None) -> Narrowing:
-    """Compare layouts of a scene that has `reachable` with as many of the same scene without it; see `narrow`."""
+    """Compare layouts of a scene with the same number of layouts without `reachable`. See `narrow` for arguments."""
     generator = made or _made(compiled, layouts, seed)
     table, counts = read_table(generator), generator.rejection_counts()
     before, kept = {}, {}
@@ -113,16 +114,16 @@ def narrowing(compiled: CompiledScene, layouts: int, seed: int, made: LayoutGene
 
 
 def _made(compiled: CompiledScene, layouts: int, seed: int) -> LayoutGenerator:
-    """Return a generator that has made the layouts of its first episode."""
+    """Return a generator after it made the layouts of its first episode."""
     generator = LayoutGenerator(compiled, layouts, seed=seed)
     generator.generate()
     return generator
 
 
 def picture(found: Narrowing, title: str) -> Image.Image:
-    """Draw the objects from above: without `reachable` on the left, with it on the right; x points right.
+    """Draw the objects from above, with x to the right: without `reachable` on the left, with it on the right.
 
-    If no object has it, one panel shows all.
+    For a scene without `reachable`, one panel shows all objects.
     """
     panels = {title: found.after}
     if found.before:
@@ -156,7 +157,7 @@ def picture(found: Narrowing, title: str) -> Image.Image:
 
 
 def _wrapped(texts: list[str], wide: int, font: ImageFont.FreeTypeFont | ImageFont.ImageFont) -> list[tuple]:
-    """Return texts with their column and line, in lines that are no wider than the picture."""
+    """Return texts with their column and line, wrapped to the width of the picture."""
     places, x, line = [], float(_GAP), 0
     for text in texts:
         length = font.getlength(text)
@@ -168,14 +169,17 @@ def _wrapped(texts: list[str], wide: int, font: ImageFont.FreeTypeFont | ImageFo
 
 
 def _positions(compiled: CompiledScene, table: LayoutTable, name: str) -> np.ndarray:
-    """Return the positions of an object's root [m] in the valid layouts in which it is present, shape (n, 2)."""
+    """Return the positions of an object's root [m] in the valid layouts with the object, shape (n, 2)."""
     there = table.present[:, compiled.slots.index(name)] & table.valid
     states = (column[there] for column in (table.qpos, table.mocap_pos, table.mocap_quat))
     return body_poses(compiled.mjm, compiled.scene.bodies[name], *states)[0][:, :2]
 
 
 def _on_map(compiled: CompiledScene, plain: CompiledScene, table: LayoutTable, name: str) -> float:
-    """Return the share of the layouts of `plain` with an object in which the arm's map accepts a grasp of it."""
+    """Return the fraction of layouts where the arm's map accepts a grasp of an object, of all layouts with the object.
+
+    `table` holds layouts of `plain`, the scene without `reachable`.
+    """
     reaching, data = compiled.reaching, mujoco.MjData(plain.mjm)
     assert reaching is not None
     target = reaching.targets[reaching.names.index(name)]
@@ -203,9 +207,9 @@ def _on_map(compiled: CompiledScene, plain: CompiledScene, table: LayoutTable, n
 def _staged(
     compiled: CompiledScene, table: LayoutTable, rejections: Mapping[str, Mapping[str, int]]
 ) -> dict[str, float]:
-    """Return the share of finished layouts that passed `ik` or `clear`, by object, which are tested in order.
+    """Return the fraction of finished layouts that passed `ik` or `clear`, by object.
 
-    A layout that failed at a later object had passed at the earlier ones.
+    Objects are tested in order, so a layout that failed at an object had passed for all objects before it.
     """
     assert compiled.reaching is not None
     shares, later = {}, 0
@@ -226,6 +230,6 @@ def _corners(points: list[np.ndarray], floor: Sequence[float] | None) -> tuple[n
     """Return the corners of the smallest rectangle around points and the floor, plus a margin."""
     ends = [] if floor is None else [0.5 * np.outer([-1.0, 1.0], floor)]
     every = np.concatenate([*points, *ends])
-    if len(every) == 0:  # no layout is valid, and nothing else is there
+    if len(every) == 0:  # no valid layout, no robot and no floor
         every = np.zeros((1, 2))
     return every.min(axis=0) - 0.05, every.max(axis=0) + 0.05

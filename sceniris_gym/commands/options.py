@@ -1,4 +1,4 @@
-"""Options that commands share, and the checks of them before any work."""
+"""Shared options of commands, and checks of their values before any work."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ Seed = Annotated[
 ]
 Split = Annotated[Literal["train", "eval"], tyro.conf.arg(help="training or evaluation layouts")]
 Flag = Annotated[bool, tyro.conf.FlagCreatePairsOff]
-Device = Annotated[str | None, tyro.conf.arg(help="cpu, cuda:0, ..., by default cuda:0 if there is one, else cpu")]
+Device = Annotated[str | None, tyro.conf.arg(help="cpu, cuda:0, ..., by default cuda:0 if available, otherwise cpu")]
 Json = Annotated[Flag, tyro.conf.arg(help="print only one line of JSON")]
 Picture = Annotated[
     Path | None, tyro.conf.arg(help="PNG to write: the places of objects from above, also without 'reachable'")
@@ -42,7 +42,7 @@ Changes = Annotated[
 
 
 def checked_target(out: Path | None, default: str | Path = "") -> Path:
-    """Return the path of a result, which can be written."""
+    """Return the path of a result, checked to be writable."""
     from sceniris_gym.files import check_writable
 
     path = Path(default) if out is None else out
@@ -58,7 +58,7 @@ def compiled_scene(scene: str, changes: Sequence[str], device: str | None) -> Co
 
 
 def scene_config(scene: str, changes: Sequence[str]) -> SceneConfig:
-    """Read the scene of a command, with its changes laid over it."""
+    """Read the scene of a command and apply its changes."""
     from sceniris_gym.config.scene import SceneConfig
 
     return SceneConfig.load(scene, read_changes(changes))
@@ -83,7 +83,7 @@ def read_changes(changes: Sequence[str]) -> dict[str, Any]:
 
 
 def read_ids(given: Sequence[str]) -> list[str]:
-    """Return the given layout ids, and the ids in the given files, one a line."""
+    """Return the given layout ids, and the ids in the given files, one per line."""
     ids: list[str] = []
     for text in given:
         path = Path(text)
@@ -91,13 +91,13 @@ def read_ids(given: Sequence[str]) -> list[str]:
             raise ArgumentError(f"{text}: should be a layout id, scenehash:split:seed:episode, or a file of them.")
         found = [text] if ":" in text else path.read_text().split()
         if not found:
-            raise ArgumentError(f"{text}: should have a layout id on each line, but is empty.")
+            raise ArgumentError(f"{text}: should have one layout id per line, but is empty.")
         ids += found
     return ids
 
 
 def check_counts(least: int, *, most: int = MOST_WORLDS, **counts: int) -> None:
-    """Refuse counts that are too small or too large, by the names of their options."""
+    """Reject counts that are too small or too large. The keyword is the name of the option."""
     for name, count in counts.items():
         if not least <= count <= most:
             bound = f"at least {least}" if count < least else f"at most {most}"
@@ -105,6 +105,6 @@ def check_counts(least: int, *, most: int = MOST_WORLDS, **counts: int) -> None:
 
 
 def check_seed(seed: int) -> None:
-    """Refuse a seed that is not an unsigned integer of 64 bits."""
+    """Reject a seed that is not an unsigned integer of 64 bits."""
     if not 0 <= seed < 1 << 64:
         raise ArgumentError(f"--seed {seed}: should be an integer from 0 to 2^64 - 1.")

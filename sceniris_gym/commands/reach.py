@@ -1,4 +1,4 @@
-"""The `reach` command: an arm's map, its verdicts on poses, and pictures of its reach."""
+"""The `reach` command: builds an arm's reachability map, judges poses, and draws the arm's reach."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ from sceniris_gym.reach.map import SUFFIX, ReachMap, build_command, default_tier
 from sceniris_gym.reach.solve import solve
 from sceniris_gym.scene.build import build_model
 
-_ROUNDING = 1e-5  # m; how much deeper than at home parts of an arm may be in each other
-_ROUNDS = 32  # attempts at poses for which the joints found so far make the arm hit itself
+_ROUNDING = 1e-5  # m, parts of an arm may overlap by this much more than at home
+_ROUNDS = 32  # attempts at poses whose joints so far make the arm hit itself
 
 
 def read_arm(name: str, changes: Mapping[str, Any] | None = None) -> tuple[mujoco.MjModel, SerialArm]:
@@ -42,9 +42,9 @@ def read_arm(name: str, changes: Mapping[str, Any] | None = None) -> tuple[mujoc
         changes: Words of a scene, such as `robot.tcp` for an arm without a site 'tcp'.
 
     Raises:
-        UnknownNameError: There is no such asset, or it has no such TCP.
+        UnknownNameError: The asset is unknown, or has no such TCP.
         SceneFileError: The file is missing, or cannot be read.
-        ArmError: It is not a serial arm.
+        ArmError: The model is not a serial arm.
     """
     if SHIPPED_NAME.fullmatch(name) and name not in (assets := shipped("assets", ".xml")):
         arms = [asset for asset, path in assets.items() if f'<site name="{TCP}"' in path.read_text()]
@@ -63,9 +63,9 @@ def build(
     seed: int = 0,
     changes: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """Build the map of an arm into a file, tell the progress, and describe the map.
+    """Build the map of an arm into a file, report the progress, and describe the map.
 
-    Until the map is written, its state is saved in a file beside `out`, from which a later build resumes.
+    Until the map is complete, a file next to `out` stores its state, and a later build resumes from this file.
     """
     _, arm = read_arm(name, changes)
     state = out.with_name(f".{out.name}.state")
@@ -82,7 +82,7 @@ def build(
 
 
 def default_map(name: str) -> Path:
-    """Return the default path of a new map: beside the user's own file, or in the working folder for a shipped arm."""
+    """Return the default path of a new map: next to the user's file, or in the working folder for a shipped arm."""
     return Path(f"{name}{SUFFIX}") if SHIPPED_NAME.fullmatch(name) else map_path(name)
 
 
@@ -95,14 +95,14 @@ def judge(
     device: str | None = None,
     changes: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """Judge the TCP poses of a file, (N, 4, 4), write the verdicts, (N,) bool, and count the reached ones.
+    """Judge the TCP poses of a file (N, 4, 4), write the verdicts (N,) bool, and count the reached poses.
 
     Args:
         name: The arm, as in `read_arm`.
-        path: Its map, or None for the arm's own.
+        path: A map, or None for the arm's default map.
         poses: The .npy file of poses.
         out: The .npy file of verdicts.
-        tier: The tier that decides, or None for the arm's default.
+        tier: The tier of the test, or None for the arm's default.
         device: Warp's name of the device. None takes "cuda:0" if available, otherwise "cpu".
         changes: As in `read_arm`.
     """
@@ -129,10 +129,10 @@ def show(
     device: str | None = None,
     changes: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """Describe an arm and its map, and draw the map. An arm without a map is described without a picture.
+    """Describe an arm and its map, and draw the map. For an arm without a map, there is no picture.
 
     Raises:
-        MapError: There is no map at `path`, or `height` is above or below the map.
+        MapError: `path` is not a map of the arm, or `height` is above or below the map.
     """
     _, arm = read_arm(name, changes)
     if path is None and not _has_map(name, arm):
@@ -141,7 +141,7 @@ def show(
     reach_map = find_map(name, arm, path)
     low, high = reach_map.z_low, reach_map.z_low + reach_map.step * (reach_map.nz - 1)
     if not low <= height <= high:  # NaN, too
-        raise MapError(f"reach {name} --height {height:g}: should be from {low:.2f} to {high:.2f} m, as the map is.")
+        raise MapError(f"reach {name} --height {height:g}: should be from {low:.2f} to {high:.2f} m, inside the map.")
     save(draw(reach_map, height, device_name(device, "reach")), out)
     return describe(name, arm, reach_map) | {"picture": str(out)}
 
@@ -149,10 +149,10 @@ def show(
 def narrowed(
     name: str, config: SceneConfig, out: Path, device: str | None = None, *, layouts: int = 1024, seed: int = 0
 ) -> dict[str, Any]:
-    """Measure how many places `reachable` leaves to the objects of a scene with the arm, and draw them from above.
+    """Measure how many places `reachable` permits in a scene with the arm, and draw the places from above.
 
     Raises:
-        SceneKeyError: The scene has another robot or none, or no object of it has `reachable`.
+        SceneKeyError: The arm is not a robot of the scene, or the scene has no object with `reachable`.
     """
     robots = [robot.file or robot.name for robot in config.all_robots.values()]
     if not any(_same(name, robot) for robot in robots):
@@ -178,10 +178,10 @@ def _has_map(name: str, arm: SerialArm) -> bool:
 
 
 def find_map(name: str, arm: SerialArm, path: Path | None) -> ReachMap:
-    """Load the map at `path`, else the arm's own.
+    """Load the map at `path`, or the arm's default map if None.
 
     Raises:
-        MapError: There is none, or it does not fit the arm.
+        MapError: The map is missing, or does not fit the arm.
     """
     if arm.no_map is not None:
         raise MapError(f"reach: '{name}' cannot have a map: {arm.no_map}. Use --tier ik.")
@@ -224,7 +224,7 @@ def read_poses(path: Path) -> np.ndarray:
     """Read TCP poses in the arm's base frame from a .npy file, shape (N, 4, 4).
 
     Raises:
-        ArgumentError: The file is missing or holds something else.
+        ArgumentError: The file is missing, or its content is not such an array.
     """
     form = "should be a .npy file with an array of shape (N, 4, 4): rigid TCP poses in the arm's base frame"
     if not path.is_file():
@@ -242,7 +242,7 @@ def read_poses(path: Path) -> np.ndarray:
         rigid &= (np.linalg.det(turns) > 0.0) & (np.abs(poses[:, 3] - [0, 0, 0, 1]).max(axis=1) < 1e-6)
     rigid &= np.isfinite(poses[:, :3, 3]).all(axis=1)
     if not rigid.all():
-        raise ArgumentError(f"--poses {path}: pose {np.argmin(rigid)} is not a rotation and a position. It {form}.")
+        raise ArgumentError(f"--poses {path}: pose {np.argmin(rigid)} is not a rigid transform. It {form}.")
     return poses
 
 
@@ -253,11 +253,11 @@ def judge_poses(
 
     Raises:
         NotSupportedError: The tier is `clear`, which depends on a layout.
-        MapError: The tier needs a map, and there is none.
+        MapError: The tier needs a map, and the arm has no map.
     """
     if tier == Tier.CLEAR:
         raise NotSupportedError(
-            "reach --tier clear: this tier asks whether the arm hits a layout, and poses alone have none. "
+            "reach --tier clear: this tier tests the arm against the objects of a layout, and poses have no layout. "
             "Use `reachable: clear` in a scene, or --tier ik here."
         )
     if tier == Tier.IK:
@@ -270,13 +270,13 @@ def judge_poses(
 
 
 def _solvable(mjm: mujoco.MjModel, arm: SerialArm, poses: np.ndarray, device: str) -> np.ndarray:
-    """Return a mask of the poses with joints within limits in which the arm does not hit itself, shape (N,), bool."""
+    """Return a mask of the poses with a solution within limits that keeps the arm off itself, shape (N,), bool."""
     reached = np.zeros(len(poses), bool)
     left = np.arange(len(poses))
     flat = np.reshape([[*pose[:3, 3], *quaternion(pose[:3, :3])] for pose in poses], (-1, 7))
     for seed in range(_ROUNDS):
         joints, ok = solve(arm, flat[left], device, seed=seed)
-        left, joints = left[ok], joints[ok]  # poses that no start solved stay unreached
+        left, joints = left[ok], joints[ok]  # poses without a solution stay unreached
         hits = hits_itself(mjm, arm, joints)
         reached[left[~hits]] = True
         left = left[hits]
@@ -286,9 +286,9 @@ def _solvable(mjm: mujoco.MjModel, arm: SerialArm, poses: np.ndarray, device: st
 
 
 def hits_itself(mjm: mujoco.MjModel, arm: SerialArm, joints: np.ndarray) -> np.ndarray:
-    """Return a mask of the joints, shape (N, njoint), in which the arm touches itself by MuJoCo, shape (N,), bool.
+    """Return a mask of the joints (N, njoint) that make the arm touch itself in MuJoCo, shape (N,), bool.
 
-    Parts that overlap at home may overlap as deep.
+    Parts that overlap at home may overlap to the same depth.
     """
     data = mujoco.MjData(mjm)
     if mjm.nkey:

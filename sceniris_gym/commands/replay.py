@@ -1,4 +1,4 @@
-"""The `replay` command: layouts made again from their ids `scenehash:split:seed:episode`."""
+"""The `replay` command: makes layouts again from their ids `scenehash:split:seed:episode`."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ from sceniris_gym.scene.model import SceneModel
 
 
 def find_scene(scenehash: str, config: SceneConfig | None = None) -> SceneModel:
-    """Return the scene with a hash: `config` if given, else a shipped scene.
+    """Return the scene with a hash: `config` if given, otherwise a shipped scene.
 
     Raises:
         UnknownNameError: No scene has this hash.
-        SceneMismatchError: A scene had it in a version with other layouts.
+        SceneMismatchError: A scene had this hash in a version with other layouts.
     """
     configs = [config] if config is not None else [SceneConfig.load(name) for name in shipped("envs", ".yaml")]
     known = {}
@@ -49,7 +49,7 @@ def find_scene(scenehash: str, config: SceneConfig | None = None) -> SceneModel:
             raise SceneMismatchError(f"replay: this layout of '{candidate.name}' {model.mismatch(scenehash, '')}")
         known[model.hash] = candidate.name
     valid = [f"{h} ({name})" for h, name in known.items()]
-    more = ["or that of a scene that --scene names"] if config is None else []  # sorted after hexadecimal digits
+    more = ["or the hash of a scene given by --scene"] if config is None else []  # sorted after hexadecimal digits
     raise UnknownNameError("scene hash", scenehash, "replay", valid + more)
 
 
@@ -64,7 +64,7 @@ def replay(compiled: CompiledScene, layout: LayoutId) -> LayoutTable:
 
 
 def drawn(compiled: CompiledScene, table: LayoutTable) -> tuple[mujoco.MjModel, dict[str, list[float]]]:
-    """Return the model with the physics and looks of a table's first layout, and the drawn numbers by name."""
+    """Return the model with the physics and appearance of a table's first layout, and the drawn values by name."""
     draws, mjm = compiled.scene.draws, copy.copy(compiled.mjm)
     if not draws:
         return mjm, {}
@@ -104,14 +104,14 @@ def shown(ids: Sequence[str], config: SceneConfig | None, picture: Path, device:
 
 
 def describe(compiled: CompiledScene, table: LayoutTable) -> dict:
-    """Return the first layout of a table, bit for bit, by names: poses in the world frame, joints in m and rad.
+    """Return the first layout of a table by names, bit for bit: poses in the world frame, joints in m and rad.
 
     `absent` lists the objects of the scene file that are not present.
     """
     mjm, data = compiled.mjm, mujoco.MjData(compiled.mjm)
     table.put(data, 0)
     mujoco.mj_kinematics(mjm, data)
-    # MuJoCo normalizes the layout's quaternions, which changes their last bits
+    # MuJoCo normalises the layout's quaternions, which changes their last bits.
     free, mocap = np.flatnonzero(mjm.jnt_type == mujoco.mjtJoint.mjJNT_FREE), mjm.body_mocapid >= 0
     data.xquat[mjm.jnt_bodyid[free]] = data.qpos[mjm.jnt_qposadr[free][:, None] + np.arange(3, 7)]
     data.xquat[mocap] = data.mocap_quat[mjm.body_mocapid[mocap]]
@@ -147,7 +147,7 @@ def _known(qpos: np.ndarray) -> list[float] | None:
 
 
 def report(found: Mapping) -> str:
-    """Return layouts as text, angles in degrees."""
+    """Return layouts as text, with angles in degrees."""
     return "\n".join([*map(_text, found["layouts"]), f"picture: {found['picture']}"])
 
 

@@ -1,4 +1,4 @@
-"""The `settle` command: rows of a scene's heap, settled by MuJoCo C."""
+"""The `settle` command: settles rows of a scene's heap in MuJoCo C."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ def settle(config: SceneConfig, heap: str | None, num: int, out: Path | None, se
 
     Args:
         config: The scene.
-        heap: The name of the heap, or None for the only one.
+        heap: The name of the heap, or None for the only heap of the scene.
         num: Number of rows.
         out: File to write, or None for the path in the scene.
         seed: Row i depends only on the seed and on i.
 
     Raises:
-        UnknownNameError: There is no such heap.
-        NotSupportedError: It is not clear which heap is meant, or where to write to.
-        SceneKeyError: The container does not hold the things.
+        UnknownNameError: The heap is unknown.
+        NotSupportedError: `heap` is None and the scene has no heap or several, or the output path is missing.
+        SceneKeyError: The container does not hold the objects.
     """
     if heap is None and len(config.heaps) != 1:
         listed = ", ".join(config.heaps) or "none"
-        raise NotSupportedError(f"settle: should say which heap, by --heap NAME. Heaps of {config.where}: {listed}.")
+        raise NotSupportedError(f"settle: should have --heap NAME. Heaps of {config.where}: {listed}.")
     heap = next(iter(config.heaps)) if heap is None else heap
     check_names("heap", [heap], config.where, config.heaps)
     named = config.heaps[heap].rows
     if out is None and named is None:
-        raise NotSupportedError(f"settle: nowhere to write to. Give -o ROWS.npz, or heaps.{heap}.rows in the scene.")
+        raise NotSupportedError(f"settle: no file to write. Give -o ROWS.npz, or heaps.{heap}.rows in the scene.")
     path = out if out is not None else Path(str(named))
     check_writable(path)
     rows = settled(build_model(config), heap, num, seed)
@@ -45,5 +45,5 @@ def settle(config: SceneConfig, heap: str | None, num: int, out: Path | None, se
 
 def report(found: dict[str, Any]) -> str:
     """Return the settled heap as text."""
-    things = f"{len(found['things'])} things"
-    return f"{found['file']}: {found['rows']} heaps of {things}; name it in the scene: heaps.{found['heap']}.rows"
+    things = f"{len(found['things'])} objects"
+    return f"{found['file']}: {found['rows']} heaps of {things}. Set heaps.{found['heap']}.rows to it in the scene."

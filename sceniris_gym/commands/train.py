@@ -1,4 +1,4 @@
-"""The `train` command: trains a task with rsl-rl's PPO, and judges its policy."""
+"""The `train` command: trains a policy for a task with rsl-rl's PPO, and evaluates it."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from sceniris_gym.training.train import Run
 
 
 def train(options: Options, quiet: bool = False) -> dict[str, Any]:
-    """Train a task, show the log on stderr, and return the last evaluation.
+    """Train a policy for a task, print the log to stderr, and return the last evaluation.
 
     Args:
         options: The options of the run.
-        quiet: Show nothing.
+        quiet: Do not print the log.
 
     Raises:
         ScenirisError: See `Run`.
@@ -26,12 +26,12 @@ def train(options: Options, quiet: bool = False) -> dict[str, Any]:
 
     def show(line: str) -> None:
         if not quiet:
-            tqdm.write(line, sys.stderr)  # leaves progress bars whole
+            tqdm.write(line, sys.stderr)  # does not break progress bars
 
     run = Run(options, show)
     task = run.options.task
     if task not in SETTINGS:
-        show(f"{task} has no settings of its own, so it trains with {run.settings}. --changes tries others.")
+        show(f"{task} has no tuned settings, so it trains with {run.settings}. Change them by --changes.")
     judged = run.go()
     del judged["kind"]
     return {"task": task, "model": str(run.checkpoint), **judged}

@@ -1,1 +1,1 @@
-"""The scene language: what a scene file may say, how it is read, and what errors say about it."""
+"""The scene language: the words of a scene file, how the file is read, and its error messages."""

@@ -1,6 +1,6 @@
-"""Bounds of scenes, which are compiled into device code, of a batch, and of the numbers in scene files and models.
+"""Bounds of scenes, batches, and the numbers in scene files and models. Device code is compiled with these bounds.
 
-Positions end where single precision gets coarse. The other bounds are far above every sensible value that was seen.
+Positions end where single precision gets coarse. The other bounds are far above any sensible value.
 """
 
 from __future__ import annotations
@@ -8,28 +8,28 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 MOST_FAR = 100.0
-"""Largest distance [m] from the world's origin, along each axis, at which objects are placed: single precision resolves
-8 um there."""
+"""Largest distance [m] of placed objects from the world's origin, along each axis. Single precision resolves 8 um
+there."""
 MOST_WIDE = 1000.0
-"""Largest distance [m] from the world's origin, along each axis, that a geom which comes near the origin may reach:
-single precision resolves 61 um there, and distances in layouts are exact to that. `oddities.py` warns where it matters.
+"""Largest distance [m] from the world's origin, along each axis, of any part of a geom near the origin. Single
+precision resolves 61 um there, which limits the accuracy of distances in layouts. `oddities.py` warns if this matters.
 A plane makes better ground, because it has no corners."""
 STANDING_GAP = 5.0e-3
-"""Largest gap [m] over a support at which an object is put down; from higher up it is dropped, and need not stand."""
+"""Largest gap [m] for putting an object down. Objects with a larger gap are dropped, and need not stand."""
 LEAST_GAP = 2.0e-5
-"""Least height over a support [m]: any lower, rounding makes the object touch it."""
+"""Smallest height over a support [m]. Closer objects could touch it by rounding."""
 
 
 @dataclass(frozen=True)
 class Bound:
-    """The least and the greatest value of a kind of number, and its unit for messages."""
+    """The lowest and the highest value of a kind of number, and its unit for messages."""
 
     low: float
     high: float
     unit: str
 
     def holds(self, value: float) -> bool:
-        """Return whether a value is within the bound; NaN never is."""
+        """Return whether a value is within the bound. NaN is not."""
         return self.low <= value <= self.high
 
     @property
@@ -60,30 +60,30 @@ BOUNDS = {
     "iterations": Bound(0.0, 1.0e5, ""),
     "impedance ratio": Bound(1.0e-6, 1.0e6, ""),
 }
-"""The kinds of all numbers of a scene file except shares, counts and the angle of a relation, and of those numbers of a
-model that MuJoCo itself does not check."""
+"""The kinds of numbers. In scene files, these are all numbers except fractions, counts and the angle of a relation. In
+models, these are the numbers that MuJoCo does not check."""
 
 
 MOST_ATTEMPTS = 10_000
-"""Greatest number of candidates of one object between two restarts."""
+"""Maximum number of candidates of one object between two restarts."""
 MAX_RELATIONS = 4
-"""Greatest number of relations of one object."""
+"""Maximum number of relations of one object."""
 MAX_ANCHORS = 8
-"""Greatest number of anchors of one `between`."""
+"""Maximum number of anchors of one `between`."""
 MAX_CORNERS = 24
-"""Greatest number of corners of a piece of a region: a triangle cut by four relations of four half-planes each has up
-to 19, one cut by three of them and a hull of eight anchors up to 23."""
+"""Maximum number of corners of a piece of a region. A triangle has up to 19 corners after cuts by four relations of
+four half-planes each, and up to 23 after cuts by three such relations and a hull of eight anchors."""
 MAX_FOOT = 24
-"""Greatest number of corners of an object's foot, and of a convex part of a support below it."""
+"""Maximum number of corners of an object's foot, and of a convex part of its support."""
 MAX_LEVELS = 12
-"""Greatest number of free objects that stand on each other."""
+"""Maximum number of free objects that stand on each other."""
 
 MAX_POINTS = 4096
-"""Greatest number of points of a region `points`: every draw searches all of them."""
+"""Maximum number of points of a region `points`. Every draw searches all of them."""
 
 MAX_PIECES = 65536
-"""Greatest number of pieces that the relations of one object may cut its region into, over all combinations: every draw
-cuts and measures each."""
+"""Maximum number of pieces of a region after cuts by the object's relations, over all combinations. Every draw cuts and
+measures each piece."""
 
 MOST_WORLDS = 1 << 24
-"""Upper limit of worlds in a batch: far more than fit on any GPU with a scene of a few objects."""
+"""Maximum number of worlds in a batch: far more than fit on a GPU, even for scenes of a few objects."""

@@ -1,4 +1,4 @@
-"""The types of values in a scene file (numbers, intervals, points, names), and their errors in the file's terms."""
+"""Types of values in a scene file (numbers, intervals, points, names), with errors in the words of the file."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ ROBOT = "robot"
 
 
 def wrong(advice: str, word: str = "", valid: Iterable[str] = ()) -> PydanticCustomError:
-    """Return the error about a wrong value.
+    """Return the error for a wrong value.
 
     Args:
-        advice: A phrase that says what is right, beginning with "should".
-        word: The word that was found, if it may be misspelt.
+        advice: A phrase that describes the right value and begins with "should".
+        word: The word in the file, if it may be misspelt.
         valid: The valid words.
     """
     context = {"advice": advice, "hint": did_you_mean(word, valid)}
@@ -39,7 +39,7 @@ def listed(value: Any) -> Any:
 
 
 def must(holds: Callable[[Any], bool], advice: str) -> AfterValidator:
-    """Return the check that a value passes a test; `advice` begins with "should"."""
+    """Return the validator that requires `holds`. `advice` begins with "should"."""
 
     def check(value: Any) -> Any:
         if not holds(value):
@@ -50,7 +50,7 @@ def must(holds: Callable[[Any], bool], advice: str) -> AfterValidator:
 
 
 def within(kind: str) -> AfterValidator:
-    """Return the check of a number against the bound of its kind in `BOUNDS`."""
+    """Return the validator for the bound of a kind of number in `BOUNDS`."""
     return must(BOUNDS[kind].holds, BOUNDS[kind].advice)
 
 
@@ -71,7 +71,7 @@ _ASCENDING = must(lambda ends: ends[0] <= ends[1], "should be [low, high] with l
 _NOT_ZERO = must(lambda xy: max(map(abs, xy)) >= 1e-9, "should be a direction [x, y] that is not [0, 0]")
 _OFF_THE_SUPPORT = must(
     lambda gap: gap >= LEAST_GAP,
-    "should be at least 0.00002 m: any closer, rounding makes the object touch its support",
+    "should be at least 0.00002 m: a closer object could touch its support by rounding",
 )
 _EACH_ONCE = must(lambda names: len(set(names)) == len(names), "should name each object once")
 _CORNERS = must(_are_corners, "should be [[x, y], [x, y]] or [[x, y, z], [x, y, z]], the low corner first")
@@ -99,7 +99,7 @@ def _model(model: Any) -> Any:
 
 
 class MemberName(str):
-    """The name of a variant of an object, 'object/variant', as `config.variants` writes it."""
+    """The name of an object's variant, 'object/variant', as written by `config.variants`."""
 
     __slots__ = ()
 
@@ -150,15 +150,15 @@ PartName = Annotated[
 Model = Annotated[Any, BeforeValidator(_model)]
 
 
-# Of the thread: pydantic hands its validators no argument of ours.
+# A context variable, because pydantic's validators cannot take additional arguments.
 where_now: ContextVar[str | None] = ContextVar("where_now", default=None)
-"""The file or the class that is being read, or None while nothing is."""
+"""The file or the class that is being read, or None."""
 
-# Our own types of error. Context of the first: key, valid; of the second: advice (a phrase that begins with "should"),
-# hint (a guess at what was meant).
+# Error types of this module. UNKNOWN_KEY has the context key and valid. ADVICE has the context advice (a phrase that
+# begins with "should") and hint (a guess at the intended word).
 UNKNOWN_KEY, ADVICE = "unknown_key", "advice"
 DRAWN = ("weight", "split")
-"""Words of a variant about how it is drawn."""
+"""Words that set how a variant is drawn."""
 
 _SHOULD = {
     "float_type": "should be a number",
@@ -179,7 +179,7 @@ _SHOULD = {
     "literal_error": "should be {expected}",
     ADVICE: "{advice}",
 }
-"""Advice by the type of pydantic's error, with the keys of its context."""
+"""Advice by the type of pydantic's error, with fields of the error's context."""
 _VARIANT = re.compile(r"^(objects\.[^./]*)/[^.]*")
 
 
@@ -196,13 +196,13 @@ def reading(where: str) -> Iterator[None]:
 
 
 def _told(error: ValidationError | UnicodeError, where: str) -> str:
-    with suppress(UnicodeError):  # half of a surrogate pair, which pydantic cannot put into an error
+    with suppress(UnicodeError):  # half of a surrogate pair: pydantic cannot format the error
         if isinstance(error, ValidationError):
             found: dict[tuple[str, str], list[str]] = {}
             for each in error.errors(include_url=False):
                 path = _path(each)
                 found.setdefault((_VARIANT.sub(r"\1", path), _sentence(each)), []).append(path)
-            # what all variants of an object have alike is told once
+            # errors shared by all variants of an object are reported once
             told = (f"{path if len(own) > 1 else own[0]}: {sentence}" for (path, sentence), own in found.items())
             return "\n".join(f"{where}: {line}" for line in told)
     return f"{where}: a name or a value has a character that is not text."
@@ -211,7 +211,7 @@ def _told(error: ValidationError | UnicodeError, where: str) -> str:
 def _path(error: ErrorDetails) -> str:
     match error["loc"]:
         case ("groups", group, "weights" | "splits" as word, member) if str(member).startswith(f"{group}/"):
-            return f"objects.{member}.{word.removesuffix('s')}"  # where the weight of a variant is written
+            return f"objects.{member}.{word.removesuffix('s')}"  # the key in the file of a variant's weight
     return ".".join(str(key) for key in error["loc"] if not str(key).startswith("[")) or "scene"
 
 
@@ -231,15 +231,15 @@ def _sentence(error: ErrorDetails) -> str:
     hint = context.get("hint", "")
     if kind == "literal_error" and isinstance(error["input"], str):
         hint = did_you_mean(error["input"], re.findall(r"'([^']*)'", str(context["expected"])))
-    # The first few words of a whole scene help nobody.
+    # The first few words of a whole scene do not help.
     subject = "it" if not error["loc"] and isinstance(error["input"], dict) else short(error["input"])
     return f"{subject} {advice}.{hint}"
 
 
 def short(value: Any) -> str:
-    """Return a value for a message: on one line, cut off after 80 characters."""
+    """Return a value for a message, on one line of at most 80 characters."""
     try:
         text = " ".join(repr(value).split())
-    except (ValueError, RecursionError):  # an integer of more digits than Python writes, or lists nested too deeply
+    except (ValueError, RecursionError):  # an integer with too many digits for Python, or lists nested too deeply
         text = f"a {type(value).__name__}"
     return text if len(text) <= 80 else text[:77] + "..."

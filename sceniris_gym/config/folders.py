@@ -1,4 +1,4 @@
-"""Files of a folder, of which each is a variant of an object; tags in their manifests choose among them."""
+"""Folders whose files are the variants of an object, and the tags in their manifests that select files."""
 
 from __future__ import annotations
 
@@ -24,28 +24,28 @@ def is_pattern(asset: Any) -> TypeGuard[str]:
 def files_of(pattern: str) -> list[Path]:
     """Return the MJCF files that a pattern matches, in the order of their names.
 
-    Warns of files whose names are no text, which are left out.
+    Files with unprintable names are left out, with a warning.
 
     Raises:
-        PydanticCustomError: There is none, or the pattern is one of folders.
+        PydanticCustomError: The pattern matches no file, or has '*' in a folder.
     """
     if is_pattern(str(Path(pattern).parent)):
-        raise wrong("should have its '*' in the name of the file and in no folder's")
+        raise wrong("should have '*' only in the file name, not in a folder")
     found = sorted(path for path in Path(pattern).parent.glob(Path(pattern).name) if path.suffix == ".xml")
     named = [path for path in found if path.name.isprintable()]
     if not named:
         raise wrong("should match MJCF files, as `sceniris-gym import` writes them")
     if len(named) < len(found):
         odd = ascii(next(path.name for path in found if path not in named))
-        warnings.warn(ModelWarning(f"{pattern}: files whose names are no text are left out: {odd}"), stacklevel=2)
+        warnings.warn(ModelWarning(f"{pattern}: files with unprintable names are left out: {odd}"), stacklevel=2)
     return named
 
 
 def with_tags(files: Iterable[Path], tags: Any) -> list[Path]:
-    """Return the files whose manifests have all of some tags.
+    """Return the files whose manifests have all given tags.
 
     Raises:
-        PydanticCustomError: The tags are not names, no manifest has one of them, or none has all of them.
+        PydanticCustomError: The tags are not names, a tag is in no manifest, or no manifest has all of them.
     """
     tags = [tags] if isinstance(tags, str) else listed(tags)
     if not isinstance(tags, list | tuple) or not tags or not all(isinstance(tag, str) for tag in tags):
@@ -54,16 +54,16 @@ def with_tags(files: Iterable[Path], tags: Any) -> list[Path]:
     known = sorted(set().union(*tags_of.values()))
     for tag in tags:
         if tag not in known:
-            has = f"have {', '.join(known)}" if known else f"name no 'tags': their {MANIFEST} should"
-            raise wrong(f"should be tags of the folder's things, which {has}", tag, known)
+            has = f"have {', '.join(known)}" if known else f"have no 'tags' in their {MANIFEST}"
+            raise wrong(f"should be tags of the folder's assets, which {has}", tag, known)
     found = [path for path, own in tags_of.items() if own.issuperset(tags)]
     if not found:
-        raise wrong("should be tags that one of the folder's things has all of")
+        raise wrong("should be tags that at least one of the folder's assets has together")
     return found
 
 
 def _tags(asset: Path) -> set[str]:
-    """Return the tags in the manifest of an asset; none if it has no manifest."""
+    """Return the tags in the manifest of an asset, an empty set without a manifest."""
     path = asset.with_suffix("") / MANIFEST
     try:
         told = json.loads(read_bytes(path)).get("tags", ())
@@ -75,5 +75,5 @@ def _tags(asset: Path) -> set[str]:
     except (OSError, ValueError, AttributeError, TypeError, RecursionError) as error:
         reason = str(error).splitlines()[0]
         raise wrong(
-            f"should have manifests as `sceniris-gym import` writes them, but {path} is none: {reason}"
+            f"should have manifests written by `sceniris-gym import`, but {path} is not one: {reason}"
         ) from None

@@ -1,4 +1,4 @@
-"""Objects that belong together: `groups`, of which some are present, `heaps` in containers, and `stacks`."""
+"""Objects that belong together: `groups` with some members present, `heaps` in containers, and `stacks`."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ SPLITS = ("train", "eval")
 _Weight = Annotated[Number, Field(ge=0.0), within("weight")]
 _Count = Annotated[int, Strict(), Field(ge=0)]
 PLACING = ("on", "inside", "region", "relations", "joints", "ratio_on_support", "gap")
-"""Words that an object of a heap cannot have."""
+"""Words that objects of a heap cannot have."""
 _THINNEST = 2.0e-4
-"""Least width of an offset [m], as of any distance."""
+"""Smallest width of an offset [m], as for any distance."""
 
 _OFFSET_ADVICE = f"should be [low, high] with 0 <= low and high at least {_THINNEST} m above it"
 
@@ -33,16 +33,16 @@ def _both_ends(value: Any) -> Any:
 
 
 class GroupConfig(Section):
-    """Objects of which `count` are present in a world, drawn anew for every layout; the others are parked far away.
+    """A group: each layout draws `count` members to be present in the world. The others are parked far away.
 
     Attributes:
         of: Names of the members.
-        count: Least and greatest number of members that are present; the number is drawn uniformly, then the members.
-        missing: Treatment of references to a member that may be absent: the scene is refused ('refuse'), or the
-            reference is dropped in worlds without the member ('drop').
-        weights: Weights of members, 1 for all others: members are drawn one after the other without replacement, each
-            with a probability in proportion to its weight among those that are left.
-        splits: The only split, 'train' or 'eval', in which a member is drawn, for members that are not drawn in both.
+        count: Minimum and maximum number of present members. The number is drawn uniformly, then the members.
+        missing: Treatment of references to a member that may be absent: reject the scene ('refuse'), or drop the
+            reference in worlds without the member ('drop').
+        weights: Weights of members, by default 1. Members are drawn one by one without replacement, with probabilities
+            proportional to the weights of the remaining members.
+        splits: The only split, 'train' or 'eval', that draws a member. Members without an entry are drawn in both.
     """
 
     of: Annotated[Names, Field(min_length=1)]
@@ -52,12 +52,12 @@ class GroupConfig(Section):
     splits: dict[str, Literal["train", "eval"]] = Field(default_factory=dict)
 
     def weights_in(self, split: str) -> list[float]:
-        """Return the weights of the members in a split, 'train' or 'eval'; 0 for those that are not drawn there."""
+        """Return the weights of the members in a split, 'train' or 'eval', 0 for members that it does not draw."""
         return [self.weights.get(n, 1.0) if self.splits.get(n, split) == split else 0.0 for n in self.of]
 
     @property
     def is_uniform(self) -> bool:
-        """True if every set of members of a size is drawn as often as any other, in both splits."""
+        """True if all sets of members of the same size are equally likely, in both splits."""
         return not self.splits and len(set(self.weights_in("train"))) == 1
 
     @property
@@ -84,12 +84,12 @@ class GroupConfig(Section):
 
 
 class HeapConfig(Section):
-    """Things that lie in a container as one row of a file has them, drawn anew for every layout.
+    """Objects in a container. Each layout draws a row of a file with their settled poses.
 
     Attributes:
-        fill: The container: an object, or a body of one, as in `on`.
-        of: Names of the things, all of which are in the container.
-        rows: The file of settled heaps that `sceniris-gym settle` writes; None until there is one.
+        fill: The container: an object, or a body of an object, as in `on`.
+        of: Names of the objects. All of them are in the container.
+        rows: The file of settled heaps from `sceniris-gym settle`, None before it is written.
     """
 
     fill: str
@@ -98,9 +98,9 @@ class HeapConfig(Section):
 
 
 def with_places(scene: Any) -> Any:
-    """Return the words of a scene with the things of heaps `in` their containers, in any orientation.
+    """Return the words of a scene with the objects of heaps `in` their containers, in any orientation.
 
-    Anything that is not a scene, and unknown names, are left to the checks that follow.
+    Later checks report a value that is not a scene, and unknown names.
     """
     placed, heaps = named_things(scene, "heaps")
     for words, things in heaps:
@@ -112,9 +112,9 @@ def with_places(scene: Any) -> Any:
 
 
 def named_things(scene: Any, key: str) -> tuple[dict[str, Any], list[tuple[Mapping, list[str]]]]:
-    """Return the objects of a scene, and the words of each of its heaps or stacks with the names of its things.
+    """Return the objects of a scene, and the words of each heap or stack with the names of its objects.
 
-    Nothing is returned of what is no scene, and nothing that is no name.
+    Values of wrong types are left out. Later checks report them.
     """
     parts, objects = (scene.get(word) if isinstance(scene, Mapping) else None for word in (key, "objects"))
     if not isinstance(parts, Mapping) or not isinstance(objects, Mapping):
@@ -133,13 +133,13 @@ def _is_offset(ends: Any) -> bool:
 
 
 class StackConfig(Section):
-    """Things on top of each other, in the words `on` and `near` of the objects.
+    """Objects on top of each other, as a short form of `on` and `near` for each object.
 
     Attributes:
-        of: Names of the things, the lowest first.
-        on: The support of the lowest one.
-        offset: Interval of the distance of a thing's pivot from that of the one below, seen from above [m]; None for
-            anywhere on it.
+        of: Names of the objects, the lowest first.
+        on: The support of the lowest object.
+        offset: Interval of the distance [m] between the pivots of an object and the object below, seen from above. None
+            allows any place on the object below.
     """
 
     of: Annotated[Names, Field(min_length=2)]
@@ -148,9 +148,9 @@ class StackConfig(Section):
 
 
 def with_chains(scene: Any) -> Any:
-    """Return the words of a scene with each thing of a stack `on` the one below, and `near` it by the stack's offset.
+    """Return the words of a scene with each object of a stack `on` the object below, and `near` it by the offset.
 
-    Things that have a support already, unknown names, and anything that is no scene are left to the checks that follow.
+    Later checks report objects that already have a support, unknown names, and a value that is not a scene.
     """
     placed, stacks = named_things(scene, "stacks")
     for words, things in stacks:

@@ -1,4 +1,4 @@
-"""Search, reading and merging of scene files, before validation; and paths as users write them."""
+"""Finding, reading and merging scene files before validation, and paths as users write them."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ from sceniris_gym.errors import (
 )
 from sceniris_gym.files import no_file
 
-SHIPPED_NAME = re.compile(r"[A-Za-z0-9_-]+")  # anything else, such as 'my/scene.yaml', is a path
+SHIPPED_NAME = re.compile(r"[A-Za-z0-9_-]+")  # any other text, such as 'my/scene.yaml', is a path
 
-# The longest dotted key of a scene has five.
+# The longest dotted key of a scene has five parts.
 _MOST_KEYS = 16
 
 OF_VARIANTS = VARIANTS, HOLDOUT, TAGS = "variants", "holdout", "tags"
 """Words of an object with variants."""
-# Sets of keys of which only one may be given. When scenes are merged, a later one replaces an earlier one.
+# Groups of exclusive keys: at most one may be given. When scenes are merged, a later key replaces an earlier key.
 SUPPORT_WORDS = ("on", "inside", "in")
 REGION_FORMS = ("box", "fraction", "polygon", "points")
 JOINT_FORMS = ("fraction", "range", "choice", "value", "noise")
@@ -42,12 +42,12 @@ ORIENTATION_FORMS = ("yaw", "any", "stable", "face_to")
 ROBOT_FORMS = ("asset", "model", "in_model")
 ROBOT_FILES = ("asset", "model", "map")
 MOST_VALUES = 1_000_000
-"""Greatest number of values in a scene file: a scene of 10,000 objects has a tenth of it."""
+"""Maximum number of values in a scene file. A scene of 10,000 objects has a tenth of it."""
 
 
 @dataclass(frozen=True)
 class RawScene:
-    """A scene as written: `data` with its bases merged in, and its source `where`, for messages."""
+    """A scene as written: `data` merged into its bases, and its source `where`, for messages."""
 
     data: dict
     where: str
@@ -64,9 +64,9 @@ def read_scene(scene: str | Path | Mapping, files: list[Path] | None = None) -> 
     """Read a scene and merge it into its bases.
 
     Args:
-        scene: The name of a shipped scene, the path of a YAML file, or a mapping of the same form. Relative paths in
-            a file are relative to its folder, those in a mapping to the working directory.
-        files: A list that gets the files of the scene as they are read: its own and those of its bases.
+        scene: The name of a shipped scene, the path of a YAML file, or a mapping of the same form. Paths in a file are
+            relative to its folder, and paths in a mapping to the working directory.
+        files: A list to append the files of the scene and its bases to, as they are read.
     """
     files = [] if files is None else files
     if isinstance(scene, Mapping):
@@ -79,9 +79,9 @@ def read_scene(scene: str | Path | Mapping, files: list[Path] | None = None) -> 
 
 
 def scene_files(scene: str | Path) -> list[Path]:
-    """Return the files of a scene: its own and those of its bases, as far as they can be found."""
+    """Return the files of a scene and of its bases, as far as they can be found."""
     found: list[Path] = []
-    with suppress(ScenirisError):  # reading the scene says which file is wrong, and why
+    with suppress(ScenirisError):  # the later reading of the scene reports the wrong file
         read_scene(scene, found)
     return found
 
@@ -89,7 +89,7 @@ def scene_files(scene: str | Path) -> list[Path]:
 def merge(base: Mapping, child: Mapping, path: tuple[str, ...] = ()) -> dict:
     """Return `base` updated with the keys of `child`, recursively.
 
-    Where only one of several keys may be given (such as `on` and `in`), the key of `child` replaces the others.
+    If the key of `child` excludes other keys (such as `on` and `in`), it replaces them.
     """
     merged = dict(base)
     group = _one_of(path)
@@ -103,9 +103,9 @@ def merge(base: Mapping, child: Mapping, path: tuple[str, ...] = ()) -> dict:
 
 
 def override(scene: Mapping, overrides: Mapping[str, Any], where: str) -> dict:
-    """Return a scene updated with overrides by dotted keys such as `objects.apple.clearance`, one after the other.
+    """Return a scene with overrides by dotted keys such as `objects.apple.clearance`, applied in their order.
 
-    Dotted keys reach into existing objects and groups only; a new one is given as a whole.
+    Dotted keys only reach into existing objects and groups. Give a new object or group as a whole.
     """
     if not isinstance(overrides, Mapping):
         raise ArgumentTypeError(f"overrides should be a mapping of dotted keys to values, got {type(overrides)}.")
@@ -129,7 +129,7 @@ def _check_there(parts: Any, keys: list[str], where: str) -> None:
     name, where = keys[1], f"{where}: overrides: {'.'.join(keys)}"
     if not isinstance(parts, Mapping):
         return
-    if name not in parts and name.partition("/")[0] not in parts:  # a variant has the name of its object before its own
+    if name not in parts and name.partition("/")[0] not in parts:  # a variant is named 'object/variant'
         raise UnknownNameError(keys[0].removesuffix("s"), name, where, parts)
     known = parts[name].get(VARIANTS) if isinstance(parts.get(name), Mapping) else None
     if keys[2] == VARIANTS and len(keys) > 4 and isinstance(known, Mapping) and keys[3] not in known:
@@ -191,12 +191,12 @@ def _with_base(data: dict, where: str, name: str, folder: Path, seen: list[Path]
 
 
 def _read_yaml(path: Path) -> dict:
-    yaml = YAML(typ="safe", pure=True)  # the pure loader reads YAML 1.2, in which `on` is a word
+    yaml = YAML(typ="safe", pure=True)  # the pure loader reads YAML 1.2, where `on` is text
     try:
         text = path.read_text(encoding="utf-8")
         if expanded_size(text) > MOST_VALUES:
             raise SceneFileError(
-                f"{path}: with its aliases and merges written out the file has more than {MOST_VALUES} values. A scene "
+                f"{path}: has more than {MOST_VALUES} values after its aliases and merges are expanded. A scene "
                 "should have fewer."
             )
         data = yaml.load(text)
@@ -206,7 +206,7 @@ def _read_yaml(path: Path) -> dict:
         if isinstance(error, DuplicateKeyError):
             problem = f"{str(error.problem).split(' with value')[0]}: every key should be given only once."
         raise SceneFileError(f"{path}{line}: {problem}") from None
-    except (YAMLError, ValueError) as error:  # ValueError: wrong bytes or dates, or a number of too many digits
+    except (YAMLError, ValueError) as error:  # ValueError: wrong bytes or dates, or too many digits
         raise SceneFileError(f"{path}: this is not YAML: {str(error).splitlines()[0]}.") from None
     except RecursionError:
         raise SceneFileError(f"{path}: lists or mappings are nested too deeply for a scene.") from None
@@ -214,12 +214,12 @@ def _read_yaml(path: Path) -> dict:
         raise SceneFileError(f"{path}: the file cannot be read: {error.strerror}.") from None
     if not isinstance(data, dict):
         found = "nothing" if data is None else f"a {type(data).__name__}"
-        raise SceneFileError(f"{path}: a scene should be a mapping with keys such as 'objects'; found {found}.")
+        raise SceneFileError(f"{path}: a scene should be a mapping with keys such as 'objects', found {found}.")
     return data
 
 
 def _resolve_paths(data: dict, folder: Path, where: str) -> dict:
-    """Return the scene with absolute paths, so that they keep their meaning after merging."""
+    """Return the scene with absolute paths, which stay valid after merging."""
 
     def resolved(part: Any, *keys: str) -> Any:
         found = {key: part[key] for key in keys if key in part} if isinstance(part, Mapping) else {}
@@ -245,7 +245,7 @@ def _resolve_paths(data: dict, folder: Path, where: str) -> dict:
 
 
 def expanded_size(text: str) -> int:
-    """Return the number of values in a YAML text, `MOST_VALUES` + 1 for more, or for a value that contains itself.
+    """Return the number of values in a YAML text, `MOST_VALUES` + 1 for more or for a value that contains itself.
 
     Raises:
         YAMLError: The text is not YAML.
@@ -259,7 +259,7 @@ def expanded_size(text: str) -> int:
 def _size(node: Node, known: dict[int, int]) -> int:
     if id(node) in known:
         return known[id(node)]
-    known[id(node)] = MOST_VALUES + 1  # until it is known, since an alias inside of itself never ends
+    known[id(node)] = MOST_VALUES + 1  # until it is counted, because an alias inside itself would never end
     if isinstance(node, MappingNode):
         parts = [part for pair in node.value for part in pair]
     else:
@@ -269,10 +269,10 @@ def _size(node: Node, known: dict[int, int]) -> int:
 
 
 def user_path(text: str | Path, folder: Path, where: str) -> Path:
-    """Return a path, relative ones below `folder`, with `~` as the home folder.
+    """Return a path with `~` expanded. Relative paths are below `folder`.
 
     Raises:
-        SceneFileError: It is not a path, there is no such user, or no file system accepts such a path.
+        SceneFileError: The text is not a path, its `~user` does not exist, or file systems reject it.
     """
     try:
         path = folder / Path(text).expanduser()

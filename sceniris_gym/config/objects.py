@@ -1,7 +1,7 @@
 """One object of a scene: `ObjectConfig`, with its support, region, relations and joints.
 
-Lengths are metres. Angles are degrees in files, except for joint positions; these, `ObjectConfig.drawn_orientation` and
-the attributes of relations are radians.
+Lengths are in metres. Angles are in degrees in files, except for joint positions. Joint positions,
+`ObjectConfig.drawn_orientation` and the attributes of relations are in radians.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _REACH_WORDS = ("tier", "by", "grasp")
 
 
 class JointConfig(Section):
-    """The draw of one joint position at a reset; exactly one of the words is given.
+    """The draw of one joint position at a reset. Give exactly one of the words.
 
     `fraction` [low, high] of the joint's limits, `range` [low, high] in m or rad, `choice` of values and `value` in
     m or rad, and `noise` n: uniform in [home - n, home + n], clipped to the limits.
@@ -42,10 +42,10 @@ class JointConfig(Section):
 
 
 class RegionConfig(Section):
-    """A part of the support, in its body frame (the world's for the floor); exactly one of the words is given.
+    """A part of the support, in its body frame (world frame for the floor). Give exactly one of the words.
 
     `box` ((x, y), (x, y)) [m], `fraction` ((x, y), (x, y)) of the support's bounds, `polygon` ((x, y), ...) [m], or
-    `points` ((x, y), ...) [m]. For an object without support, a `box` or `points` of (x, y, z) in the world frame.
+    `points` ((x, y), ...) [m]. An object without a support takes a `box` or `points` of (x, y, z) in the world frame.
     """
 
     one_of = REGION_FORMS
@@ -61,7 +61,7 @@ class RegionConfig(Section):
 
     @property
     def corners(self) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
-        """The low and the high corner [m] of the box, or of the upright box around the points; None for other forms."""
+        """The low and the high corner [m] of the box, or of the upright box around the points, None for other forms."""
         if self.points is None:
             return self.box
         axes = list(zip(*self.points, strict=True))
@@ -72,7 +72,7 @@ class RegionConfig(Section):
 class SupportConfig:
     """The support of an object: `word` is 'on', 'inside' or 'in'.
 
-    `parent` is 'floor', 'object', 'object/body', or a geom or body of the scene's own model that never moves.
+    `parent` is 'floor', 'object', 'object/body', or a static geom or body of the scene's model.
     """
 
     word: str
@@ -80,7 +80,7 @@ class SupportConfig:
 
 
 class ObjectConfig(Section):
-    """One object of the scene; docs/language/ explains each word."""
+    """One object of the scene. docs/language/ explains each word."""
 
     model_config = ConfigDict(populate_by_name=True)
     misplaced = dict.fromkeys(
@@ -114,41 +114,41 @@ class ObjectConfig(Section):
 
     @property
     def drawn_orientation(self) -> DrawnOrientation:
-        """The distribution of its orientation: any yaw by default."""
+        """The distribution of the object's orientation, by default any yaw."""
         return DrawnOrientation("yaw") if self.orientation is None else self.orientation.drawn
 
     @property
     def is_placed(self) -> bool:
-        """True if a reset draws its pose; otherwise it stays in the pose of the model."""
+        """True if a reset draws the object's pose. Otherwise, the object keeps its pose of the model."""
         return self.kind != "static" and (self.support is not None or self.region is not None)
 
     @property
     def has_to_stand(self) -> bool:
-        """True if it is to stay where it is put: free, put down from `STANDING_GAP` at most, not in any orientation."""
+        """True if the object has to stay in place: free, a gap of at most `STANDING_GAP`, not in any orientation."""
         is_put_down = self.kind == "free" and self.support is not None and self.gap <= STANDING_GAP
         return self.stands and is_put_down and self.drawn_orientation.kind != "any"
 
     @property
     def is_turned(self) -> bool:
-        """True if it may come to lie on another side: free, and in a drawn pose or meant to fall."""
+        """True if the object may lie on different sides: free, and in a drawn stable pose or allowed to fall."""
         is_drawn = self.drawn_orientation.kind == "stable" or not self.has_to_stand
         return is_drawn and self.is_placed and self.kind == "free"
 
     @property
     def joined_to(self) -> str | None:
-        """The object that it is joined to at sites, or None."""
+        """The object that this object is joined to at sites, or None."""
         return next((relation.beside.of for relation in self.relations if isinstance(relation, Joined)), None)
 
     @property
     def references(self) -> list[tuple[str, str]]:
-        """The objects that its relations and orientation name: (path of the key in the object, name)."""
+        """The objects named by the relations and the orientation: (path of the key in the object, name)."""
         found = [(f"relations.{i}.{key}", name) for i, r in enumerate(self.relations) for key, name in r.references]
         target = self.drawn_orientation.target
         return found + ([("orientation.face_to", target)] if target is not None else [])
 
     @property
     def needs(self) -> tuple[str, ...]:
-        """The objects that are placed before it ('robot' for the robot): its support, then all objects it names."""
+        """The objects placed before this object ('robot' for the robot): its support, then all objects it names."""
         owner = [] if self.support is None else [self.support.parent.split("/")[0]]
         names = [*owner, *(name for _, name in self.references)]
         return tuple(dict.fromkeys(name for name in names if name != FLOOR))
@@ -160,7 +160,7 @@ class ObjectConfig(Section):
     @model_validator(mode="before")
     @classmethod
     def _reachable_in_words(cls, data: Any) -> Any:
-        """Return the words with `reachable: {tier: ik, by: left, grasp: ...}` written as the three words it means."""
+        """Return the words with `reachable: {tier: ik, by: left, grasp: ...}` written as three separate words."""
         words = data.get("reachable") if isinstance(data, Mapping) else None
         if not isinstance(words, Mapping):
             return data
@@ -169,7 +169,7 @@ class ObjectConfig(Section):
             raise wrong(f"should have only {', '.join(_REACH_WORDS)} in 'reachable'", str(unknown), _REACH_WORDS)
         twice = next((key for key in words if key in data), None)
         if twice is not None:
-            raise wrong(f"should have '{twice}' once: in 'reachable' or beside it")
+            raise wrong(f"should have '{twice}' once: inside 'reachable' or next to it")
         named = {key: value for key, value in words.items() if key != "tier"}
         return {**data, "reachable": words.get("tier", True), **named}
 
@@ -195,26 +195,26 @@ class ObjectConfig(Section):
             raise wrong("should have a 'ratio_on_support' only with a support ('on', 'inside' or 'in')")
         if not words and self.relations and self.region is None:
             raise wrong(
-                "should name its support ('on', 'inside' or 'in') or have a 3D box or 3D points as its region: it has "
+                "should have a support ('on', 'inside' or 'in'), or a 3D box or 3D points as its region, for its "
                 "relations"
             )
         joined = [relation for relation in self.relations if isinstance(relation, Joined)]
         if joined and self.orientation is not None:
-            raise wrong("should have no 'orientation': the sites that it is joined at say how it is turned")
+            raise wrong("should have no 'orientation': the joined sites already determine it")
         if len(joined) > 1:
-            raise wrong("should be joined to one other object at most: two sites say where it is and how it is turned")
+            raise wrong("should be joined to one other object at most: one pair of sites already determines its pose")
         for one, other in itertools.combinations(self.relations, 2):
             if one.excludes(other):
                 raise wrong(
                     f"should have relations that can hold together: '{one.word}' and '{other.word}' of "
-                    f"'{one.anchors[0]}' have no area in common. Take one out, or give both a wider 'angle'"
+                    f"'{one.anchors[0]}' have no area in common. Remove one, or give both a wider 'angle'"
                 )
         if self.reachable and not self.is_placed:
             raise wrong("should be placed ('on', 'inside', 'in' or a 3D region) to be 'reachable'")
         said = self.model_fields_set
-        for word in ("by", "grasp"):  # with `reachable: false` they wait until it is turned on again
+        for word in ("by", "grasp"):  # with `reachable: false`, these words have no effect but are kept
             if word in said and getattr(self, word) is not None and "reachable" not in said:
                 raise wrong(f"should have '{word}' only together with 'reachable'")
         if not words and any(relation.reference_frame == "support" for relation in self.relations):
-            raise wrong("should name its support ('on', 'inside' or 'in'), which is the frame of one of its relations")
+            raise wrong("should name its support ('on', 'inside' or 'in'), as the frame of one of its relations")
         return self

@@ -17,14 +17,14 @@ _WORDS = {"fixed": {"yaw": (0.0, 0.0)}, "any": {"any": True}, "stable": {"stable
 
 @dataclass(frozen=True)
 class DrawnOrientation:
-    """The distribution that an orientation is drawn from.
+    """The distribution of an orientation.
 
     Attributes:
-        kind: 'yaw': upright, turned about the vertical; 'stable': in a stable pose, drawn by its probability, then
-            turned about the vertical; 'any': uniform in SO(3); 'face_to': upright, with the front (-y) towards
-            `target`.
-        yaw: Interval [rad] of the turn about the vertical; for 'face_to' the turn is added to the heading towards
-            `target`.
+        kind: 'yaw' is upright with a rotation about the vertical. 'stable' is a stable pose, drawn by its probability,
+            with a rotation about the vertical. 'any' is uniform in SO(3). 'face_to' is upright, with the front (-y)
+            towards `target`.
+        yaw: Interval of the rotation about the vertical [rad]. For 'face_to', the rotation is added to the heading
+            towards `target`.
         target: The object to face, for 'face_to'.
     """
 
@@ -48,8 +48,11 @@ class Stable(Section):
 class Orientation(Section):
     """Orientation of an object, in one of the forms below.
 
-    `fixed`; {yaw: [low, high]} in degrees about the support's normal; `any`; `stable` or {stable: {yaw: [low, high]}};
-    {face_to: object}, which may have a `yaw` [low, high] in degrees that is added.
+    - `fixed`
+    - {yaw: [low, high]} in degrees about the support's normal
+    - `any`
+    - `stable`, or {stable: {yaw: [low, high]}}
+    - {face_to: object}, with an optional `yaw` [low, high] in degrees to add
     """
 
     yaw: TurnInterval | None = None
@@ -59,7 +62,7 @@ class Orientation(Section):
 
     @property
     def drawn(self) -> DrawnOrientation:
-        """The distribution that it stands for."""
+        """The distribution of the orientation."""
         if self.any is not None:
             return DrawnOrientation("any")
         if self.stable is not None:
@@ -86,7 +89,7 @@ class Orientation(Section):
         given = self.given(ORIENTATION_FORMS)
         if len(given) != 1 and given != ["yaw", "face_to"]:
             forms, has = ", ".join(ORIENTATION_FORMS), " and ".join(given) or "none"
-            raise wrong(f"should have exactly one of {forms}, or a yaw with face_to; has {has}")
+            raise wrong(f"should have exactly one of {forms}, or a yaw with face_to, but has {has}")
         return self
 
 

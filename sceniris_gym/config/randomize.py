@@ -14,9 +14,9 @@ from sceniris_gym.config.section import Section
 
 End = Literal["least", "most"]
 Ends = End | tuple[End, ...]
-"""An end of what may be drawn, of all components of a field or of each of them."""
+"""An end of a drawn range, for all components of a field or for each of them."""
 DEVIATIONS = 3.0
-"""Standard deviations beyond which numbers of a normal distribution are cut off."""
+"""Standard deviations at which normal distributions are cut off."""
 
 
 @dataclass(frozen=True)
@@ -24,15 +24,15 @@ class Word:
     """A word of `randomize`.
 
     Attributes:
-        field: The field of the model that is drawn.
-        width: Numbers of one element, from the number `first` on.
-        first: The first of them.
+        field: The drawn field of the model.
+        width: Number of drawn components of an element.
+        first: The first drawn component.
         least, most: Bounds of the values, or of each component.
-        follow: Fields that keep their ratio to the drawn one, with the first number and the width of each.
-        shared: Number of components that a single drawn number is for, from the first one on; None is all.
-        form: The only form that it takes; None is any.
-        weak: The end at which things are heavy and slippery, their contacts soft, or actuators have the least force.
-        loose: The end at which a joint gives way the most.
+        follow: Fields that keep their ratio to the drawn field, as (field, first component, width).
+        shared: Number of components that share a single drawn number, from the first drawn component on, None for all.
+        form: The only form that the word takes, None for any form.
+        weak: The end with heavy or slippery objects, soft contacts, or the weakest actuators.
+        loose: The end with the least resistance of a joint.
     """
 
     field: str
@@ -109,12 +109,13 @@ _Chosen = Annotated[bool, Strict()] | Annotated[str, Strict()] | _Vector
 
 
 class DrawConfig(Section):
-    """The draw of a value at every reset; exactly one of `scale`, `add`, `abs` and `choice` is given.
+    """The draw of a value at every reset. Give exactly one of `scale`, `add`, `abs` and `choice`.
 
-    `scale` and `add` are relative to the value of the model, `abs` and `choice` replace it. Ends [low, high] are of a
-    `uniform` or `log_uniform` distribution; for a `normal` one they are the mean and the standard deviation, and it is
-    cut off at three standard deviations. A single number is drawn for all components of a value, a list of numbers for
-    each component. With `each`, every element (geom, joint, actuator) has numbers of its own.
+    `scale` and `add` are relative to the value of the model, while `abs` and `choice` replace it. [low, high] are the
+    ends of a `uniform` or `log_uniform` distribution. For a `normal` distribution, they are the mean and the standard
+    deviation, and the distribution is cut off at three standard deviations. A single number applies to all components
+    of a value, and a list has a number for each component. With `each`, every element (geom, joint, actuator) is drawn
+    separately.
     """
 
     one_of = DRAW_FORMS
@@ -139,9 +140,9 @@ class DrawConfig(Section):
     def _can_be_drawn(self) -> DrawConfig:
         low, high = self.ends
         if len(low) != len(high):
-            raise wrong("should have as many numbers in both of its ends")
+            raise wrong("should have the same number of values in low and high")
         if self.choice is not None and self.distribution != "uniform":
-            raise wrong("should have no 'distribution' together with 'choice', of which each value is as likely")
+            raise wrong("should have 'choice' or 'distribution', not both: a choice is always uniform")
         if self.distribution == "normal" and min(high, default=0.0) < 0.0:
             raise wrong("should have a mean and a standard deviation of 0 or more")
         if self.distribution != "normal" and any(a > b for a, b in zip(low, high, strict=True)):

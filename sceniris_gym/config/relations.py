@@ -1,6 +1,6 @@
-"""Positions relative to other objects: the kinds of relation, a class each, and `AnyRelation`, their union.
+"""Positions relative to other objects: a class for each kind of relation, and their union `AnyRelation`.
 
-Directions are seen from above, x to the right and y to the back, so that the front is -y.
+Directions are seen from above, with x to the right and y to the back. The front is -y.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from sceniris_gym.config.section import Section, check_one_of
 HEADINGS = {"right": 0.0, "back": 0.5 * math.pi, "left": math.pi, "front": -0.5 * math.pi}
 """Heading [rad] of each side, from x towards y."""
 ROBOT_HEADINGS = {"front": 0.0, "left": 0.5 * math.pi, "back": math.pi, "right": -0.5 * math.pi}
-"""The same in the frame of a robot, which looks along the x axis of its base and has its left hand along y."""
+"""Heading [rad] of each side of a robot. It looks along the x axis of its base, with its left side along y."""
 FRAMES = ("anchor", "support", "world")
-"""Frames of a relation that are not objects."""
+"""Frames of a relation other than objects."""
 
-# A band is drawn from slices that contain it, and should fill enough of them: below this half width [m] redraws get
-# frequent, partly because of rounding.
+# A band is drawn from slices that contain it. Below this half width [m], too few drawn points lie in the band, partly
+# because of rounding.
 _LEAST_TOLERANCE = 1.0e-4
-# Half of the thinnest wedge [rad] that directions may have in common: about a tenth of a degree.
+# Half of the thinnest wedge [rad] that two directions may share: about a tenth of a degree.
 _LEAST_ANGLE = 1.0e-3
 _THIN_BAND = "too few of the points drawn for a thinner band would lie in it"
-_WIDE_ENOUGH = must(lambda half: half >= _LEAST_TOLERANCE, f"should be at least {_LEAST_TOLERANCE:g} m; {_THIN_BAND}")
+_WIDE_ENOUGH = must(lambda half: half >= _LEAST_TOLERANCE, f"should be at least {_LEAST_TOLERANCE:g} m: {_THIN_BAND}")
 
 
 class Distance(Section):
@@ -44,12 +44,12 @@ class Distance(Section):
 
     @property
     def low(self) -> float:
-        """The least distance [m]."""
+        """The minimum distance [m]."""
         return max(0.0, self.equal - self._band) if self.equal is not None else self.min or 0.0
 
     @property
     def high(self) -> float:
-        """The greatest distance [m]; infinity if there is no limit."""
+        """The maximum distance [m], infinity without a limit."""
         if self.equal is not None:
             return self.equal + self._band
         return math.inf if self.max is None else self.max
@@ -67,14 +67,14 @@ class Distance(Section):
         if self.equal is None and self.tolerance is not None:
             raise wrong("should have a 'tolerance' only with 'equal'")
         if self.equal is None and self.low < self.high < self.low + 2.0 * _LEAST_TOLERANCE - 1e-9:
-            raise wrong(f"should have its 'max' at least {2.0 * _LEAST_TOLERANCE:g} m above its 'min'; {_THIN_BAND}")
+            raise wrong(f"should have its 'max' at least {2.0 * _LEAST_TOLERANCE:g} m above its 'min': {_THIN_BAND}")
         if self.high <= self.low:
             raise wrong("should have a 'min' below its 'max', and a 'max' above 0")
         return self
 
 
 class RelationType(IntEnum):
-    """The shape of the region that a relation describes."""
+    """The shape of a relation's region."""
 
     SECTOR = 0
     BETWEEN = 1
@@ -83,19 +83,19 @@ class RelationType(IntEnum):
 
 
 class Relation(Section):
-    """The base of all relations, with the answers of a kind that does not say otherwise.
+    """The base of all relations, with the defaults of each kind.
 
-    Each kind declares its keys in the order of the scene file, the word first, because hashes depend on the order.
+    Each kind declares its keys in a fixed order, the word first, because scene hashes depend on the order.
 
     Attributes:
         one_of: The words of the kind.
-        type: The shape of its region.
-        least_anchors: Number of anchors that have to be present for the relation to apply.
-        default_frame: The frame of its heading where its keys name none, as those below name it.
-        half_angle: Greatest angle between the heading and the direction from the anchor to the object [rad].
+        type: The shape of the kind's region.
+        least_anchors: Minimum number of present anchors for the relation to apply.
+        default_frame: The frame of the heading for relations without a `frame`, as written in a scene file.
+        half_angle: Maximum angle between the heading and the direction from the anchor to the object [rad].
         low, high: Interval of the distance from the anchor [m].
         by_bounds: Whether the region depends on the bounds of both objects.
-        has_own_width: Whether the region is as wide as the object itself.
+        has_own_width: Whether the region has the width of the object itself.
     """
 
     type: ClassVar[RelationType]
@@ -109,7 +109,7 @@ class Relation(Section):
 
     @property
     def word(self) -> str:
-        """The word that is given."""
+        """The relation's word."""
         return self.given(self.one_of)[0]
 
     @property
@@ -119,13 +119,13 @@ class Relation(Section):
 
     @property
     def anchors(self) -> tuple[str, ...]:
-        """Names of the objects that the relation is relative to."""
+        """Names of the anchors: the objects that the relation refers to."""
         named = attrgetter(self.anchor_key)(self)
         return named if isinstance(named, tuple) else (named,)
 
     @property
     def reference_frame(self) -> str:
-        """The frame of its heading: 'support', 'world' or the name of an object."""
+        """The frame of the heading: 'support', 'world' or the name of an object."""
         frame = getattr(self, "frame", self.default_frame)
         return self.anchors[0] if frame == "anchor" else frame
 
@@ -138,19 +138,19 @@ class Relation(Section):
 
     @property
     def summary(self) -> str:
-        """The relation in a line, as in 'right_of plate, at most 0.5 m'."""
+        """The relation in one line, such as 'right_of plate, at most 0.5 m'."""
         return f"{self.word} {' and '.join(self.anchors)}"
 
     def heading(self, robots: Container[str]) -> float:
-        """Return the heading of the direction in its frame [rad], from x towards y; 0 without a direction.
+        """Return the heading of the direction in its frame [rad], from x towards y, 0 without a direction.
 
         Args:
-            robots: Names of the scene's robots, which look along their +x.
+            robots: Names of the scene's robots. Robots look along their +x.
         """
         return 0.0
 
     def excludes(self, other: Relation) -> bool:
-        """Return whether the regions of two relations have a line in common at most, in every world."""
+        """Return whether the regions of two relations share at most a line, in every world."""
         return False
 
     def _side_heading(self, side: str, robots: Container[str]) -> float:
@@ -165,7 +165,7 @@ class Relation(Section):
 
 
 class Sector(Relation):
-    """The base of the relations that leave a sector of the plane around one anchor, or a ring."""
+    """The base of relations whose region is a sector or a ring around one anchor."""
 
     type = RelationType.SECTOR
     default_frame = "anchor"
@@ -175,22 +175,22 @@ class Sector(Relation):
 
     @property
     def low(self) -> float:
-        """The least distance [m]."""
+        """The minimum distance [m]."""
         return 0.0 if self.distance is None else self.distance.low
 
     @property
     def high(self) -> float:
-        """The greatest distance [m]; infinity if there is no limit."""
+        """The maximum distance [m], infinity without a limit."""
         return math.inf if self.distance is None else self.distance.high
 
     @property
     def by_bounds(self) -> bool:
-        """True if the distance is measured between bounds rather than between origins."""
+        """True if the distance is measured between bounds, not between origins."""
         return self.measure == "bounds"
 
     @property
     def summary(self) -> str:
-        """The relation in a line, with its distances."""
+        """The relation in one line, with its distances."""
         low = f", at least {self.low:g} m" if self.low > 0.0 else ""
         high = f", at most {self.high:g} m" if self.high < math.inf else ""
         return f"{super().summary}{low}{high}{' between bounds' if self.by_bounds else ''}"
@@ -203,10 +203,10 @@ class Sector(Relation):
 
 
 class Direction(Sector):
-    """In a direction from an object, within `angle` [degrees] (90): on one of its sides, or in a `direction` [x, y].
+    """On a side of an object, or in a `direction` [x, y] from it, within `angle` [degrees] (90).
 
     Attributes:
-        of: The object that a `direction` is seen from.
+        of: The anchor of a `direction`.
     """
 
     one_of = ("front_of", "back_of", "left_of", "right_of", "direction")
@@ -228,7 +228,7 @@ class Direction(Sector):
 
     @property
     def half_angle(self) -> float:
-        """Greatest angle between the heading and the direction from the anchor to the object [rad]."""
+        """Maximum angle between the heading and the direction from the anchor to the object [rad]."""
         return math.radians(90.0 if self.angle is None else self.angle)
 
     def heading(self, robots: Container[str]) -> float:
@@ -238,7 +238,7 @@ class Direction(Sector):
         return self._side_heading(self.word.removesuffix("_of"), robots)
 
     def excludes(self, other: Relation) -> bool:
-        """Return whether two directions from one anchor, in one frame, have a line in common at most."""
+        """Return whether two directions share at most a line, if they have the same anchor and frame."""
         if not isinstance(other, Direction) or (self.anchors, self.frame) != (other.anchors, other.frame):
             return False
         apart = abs(math.remainder(self.heading(()) - other.heading(()), 2.0 * math.pi))
@@ -254,7 +254,7 @@ class Direction(Sector):
 
 
 class Near(Sector):
-    """All around an object, up to a greatest distance."""
+    """Around an object, up to a maximum distance."""
 
     one_of = ("near",)
     near: str
@@ -269,9 +269,9 @@ class Near(Sector):
 
 
 class Between(Relation):
-    """Within the hull of objects; on a strip where they lie on a line.
+    """Within the hull of objects, or on a strip between objects on a line.
 
-    The strip is `width` [m] wide, by default as wide as the shorter edge of the object's footprint.
+    The strip is `width` [m] wide. The default width is the shorter edge of the object's footprint.
     """
 
     one_of = ("between",)
@@ -282,15 +282,15 @@ class Between(Relation):
 
     @property
     def has_own_width(self) -> bool:
-        """True if the strip is as wide as the object itself."""
+        """True if the strip has the width of the object itself."""
         return self.width is None
 
 
 class Connection(Section):
-    """Two sites at which an object is joined to another one.
+    """Two sites that join an object to another object.
 
-    The site `my` of the object is where the site `its` of the object `of` is, seen from above. Its x axis points the
-    other way, or is turned by `turn` [degrees] from that of the other site.
+    Seen from above, the site `my` of the object is at the site `its` of the object `of`. The x axis of `my` is rotated
+    by `turn` [degrees] from the x axis of `its`. By default, they point in opposite directions.
     """
 
     of: str
@@ -300,11 +300,11 @@ class Connection(Section):
 
 
 class Joined(Relation):
-    """Joined to an object at a site of each; the sites are `gap` [m] (0) apart along the x axis of the other one."""
+    """Joined to an object at a site of each, `gap` [m] (0) apart along the x axis of the other object's site."""
 
     one_of = ("beside",)
     type = RelationType.JOINED
-    misplaced = dict.fromkeys(("side", "frame"), "should be left out where 'beside' names sites, which say where it is")
+    misplaced = dict.fromkeys(("side", "frame"), "should be left out if 'beside' names sites, which determine the pose")
     anchor_key: ClassVar[str] = "beside.of"
     beside: Connection
     gap: Length | None = None
@@ -316,7 +316,7 @@ class Joined(Relation):
 
 
 class Beside(Relation):
-    """Side by side with an object: bounds are `gap` [m] apart, and the narrower ones within the span of the wider."""
+    """Side by side with an object: the bounds are `gap` [m] apart, and the wider span contains the narrower."""
 
     one_of = ("beside",)
     type = RelationType.BESIDE
@@ -337,7 +337,7 @@ class Beside(Relation):
 
 
 def _of_its_kind(value: Any) -> Relation:
-    """Return a relation from its keys, as the kind that its word names."""
+    """Return a relation from its keys, of the kind given by its word."""
     if not isinstance(value, Mapping):
         return value if isinstance(value, Relation) else Direction.model_validate(value)
     known = _known_keys()
@@ -358,7 +358,7 @@ Relations = Annotated[tuple[AnyRelation, ...], Field(max_length=MAX_RELATIONS)]
 KINDS: tuple[type[Relation], ...] = get_args(get_args(AnyRelation)[0])
 """The classes of relations."""
 RELATION_WORDS = tuple(dict.fromkeys(word for kind in KINDS for word in kind.one_of))
-"""Words of which a relation has exactly one."""
+"""Words of relations. Each relation has exactly one."""
 
 
 def _known_keys() -> list[str]:

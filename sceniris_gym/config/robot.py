@@ -1,4 +1,4 @@
-"""A robot of a scene: `RobotConfig`, its source and its pose; `TcpConfig`, its tool centre point; and `StartConfig`."""
+"""A robot of a scene: its source and pose (`RobotConfig`), its tool centre point (`TcpConfig`), and `StartConfig`."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from sceniris_gym.config.section import Section
 from sceniris_gym.config.variants import variants_of
 
 _BASE = ("base", "roll", "pitch", "yaw")
-"""Words for the fixed pose of a robot that is added to a scene."""
+"""Words for the fixed pose of an added robot."""
 _DRAWS = ("on", "inside", "in_", "region", "relations", "orientation", "gap")
-"""Words with which its base is drawn instead."""
+"""Words that draw the base instead."""
 
 
 class TcpConfig(Section):
-    """The tool centre point of a robot; its +z is the approach axis.
+    """The tool centre point of a robot. Its +z is the approach axis, and its +y is the closing axis of the fingers.
 
-    It is at the origin of a `site` or a `body`, moved by `offset` (x, y, z) [m] in that frame, then turned [degrees] by
-    `roll` about the x axis, `pitch` about y and `yaw` about z of the frame before turning, in this order. A name alone
-    stands for the site of this name, or for the body if there is no such site. The fingers close along +y: without a
-    `yaw` the frame is turned about z so that they do.
+    The frame of a `site` or a `body` is moved by `offset` (x, y, z) [m] along its axes. Then it is rotated [degrees] by
+    `roll`, `pitch` and `yaw` about the unrotated x, y and z axes, in this order. A plain name is the site of this name,
+    or the body if the site does not exist. Without a `yaw`, the frame is rotated about z until the fingers close along
+    +y.
     """
 
     site: str | None = None
@@ -53,19 +53,21 @@ class TcpConfig(Section):
     @model_validator(mode="after")
     def _is_somewhere(self) -> TcpConfig:
         if self.site is None and self.body is None:
-            raise wrong("should name the 'site' or the 'body' at which the tool centre point is")
+            raise wrong("should name the 'site' or the 'body' of the tool centre point")
         return self
 
 
 class RobotConfig(Section):
-    """A robot: an `asset`, any MJCF or URDF file as `model`, or a body of the scene's own model as `in_model`.
+    """A robot: an `asset`, an MJCF or URDF file as `model`, or a body of the scene's model as `in_model`.
 
-    It stands at `base` (x, y, z) [m], turned by `roll`, `pitch` and `yaw` [degrees] about x, then y, then z of the
-    world, and starts from `keyframe`, by default from 'home' or, without such a keyframe, from `qpos0`. A robot of the
-    model keeps the pose that it has there. With `on`, `inside`, `in` or a `region`, the base is drawn in every world
-    like the pose of a fixture, by the words of an object. `tcp` is the tool centre point, by default the site 'tcp';
-    `map` is the file of the reachability map, which shipped assets bring along. Placed objects keep `clearance` [m]
-    from the robot. With `in_scene: false` only the frame of its base is in the scene, from which its map judges reach.
+    The robot stands at `base` (x, y, z) [m], rotated by `roll`, `pitch` and `yaw` [degrees] about x, then y, then z of
+    the world. It starts from `keyframe`, by default 'home', or from `qpos0` without such a keyframe. A robot of the
+    model keeps its pose there. With `on`, `inside`, `in` or a `region`, the base is drawn in every world like the pose
+    of a fixture, by the words of an object.
+
+    `tcp` is the tool centre point, by default the site 'tcp'. `map` is the file of the reachability map, by default the
+    map of a shipped asset. Placed objects keep `clearance` [m] from the robot. With `in_scene: false`, the scene only
+    has the frame of the base, and the map judges reach from there.
     """
 
     one_of = ROBOT_FORMS
@@ -94,14 +96,14 @@ class RobotConfig(Section):
     _called: str | None = PrivateAttr(None)
 
     def called(self, name: str) -> RobotConfig:
-        """Return the robot with the name that `robots` gives it."""
+        """Return the robot with its name in `robots`."""
         named = self.model_copy()
         named._called = name
         return named
 
     @property
     def placing(self) -> ObjectConfig | None:
-        """The words of an object that its base is drawn by; None if its base is fixed."""
+        """The words, as of an object, that draw the base, None if the base is fixed."""
         given = [word for word in _DRAWS if word in self.model_fields_set]
         if not given:
             return None
@@ -110,7 +112,7 @@ class RobotConfig(Section):
 
     @property
     def file(self) -> str | None:
-        """The asset or the file that is added to the scene; None for a robot of the scene's model."""
+        """The added asset or file, None for a robot of the scene's model."""
         return self.asset if self.model is None else self.model
 
     @property
@@ -120,12 +122,12 @@ class RobotConfig(Section):
 
     @property
     def section(self) -> str:
-        """The key that it is written under: 'robot', or 'robots.left'."""
+        """The robot's key in the file: 'robot', or 'robots.left'."""
         return ROBOT if self._called is None else f"robots.{self._called}"
 
     @property
     def name(self) -> str:
-        """The name of its root body: from the model or `robots`, else 'panda' for 'panda' and 'my/panda.xml'."""
+        """The name of the root body: from the model or `robots`, or 'panda' for 'panda' and 'my/panda.xml'."""
         if self.file is None:
             return str(self.in_model)
         return Path(self.file).stem if self._called is None else self._called
@@ -140,17 +142,17 @@ class RobotConfig(Section):
         given = [word for word in _BASE if word in self.model_fields_set]
         start = [word for word in (*given, "keyframe") if word in self.model_fields_set]
         if self.in_model is not None and start:
-            raise wrong(f"should have no '{start[0]}': a robot that is in the model stands as the model has it")
+            raise wrong(f"should have no '{start[0]}': a robot of the model keeps its pose there")
         if not self.in_scene and (self.in_model is not None or self.joints or self.clearance or self.randomize):
             raise wrong(
                 "should be an 'asset' or a 'model' without 'joints', 'clearance' and 'randomize' if 'in_scene' is false"
             )
         try:
             placing = self.placing
-        except ValidationError as error:  # words that contradict each other in any object
+        except ValidationError as error:  # contradicting words, as for any object
             raise wrong(error.errors()[0]["msg"]) from None
         if placing is not None and given:
-            raise wrong(f"should have no '{given[0]}': its base is drawn. Say where by 'region' and 'orientation'")
+            raise wrong(f"should have no '{given[0]}': its base is drawn. Use 'region' and 'orientation' instead")
         if placing is not None and not placing.is_placed:
             raise wrong("should name its support ('on', 'inside' or 'in'), or have a 3D box as its region")
         return self
@@ -165,18 +167,18 @@ _Heights = Annotated[
 
 
 class StartConfig(Section):
-    """One kind of start; an episode has one of them, drawn in proportion to its weight.
+    """One kind of start. Each episode draws a kind in proportion to its weight.
 
     Attributes:
-        weight: Its weight among all kinds.
-        robot: The pose of the arm: its start pose ('home'), the pre-grasp of an object, or the grasp with the fingers
-            closed on it.
-        of: The object that is grasped, or an object with variants.
-        grasp: A glob of the names of the grasps that count, those of sites with or without 'grasp_'; None for all.
-        lift: Least and greatest height [m] by which the object is lifted straight up.
-        robot_joints: Draws of the arm's joints, by name or pattern: the object is held wherever they bring the hand.
-        place: Objects that are placed at a marker, and the marker of each.
-        joints: Draws of objects' joints instead of their usual ones, by 'object/joint'.
+        weight: The weight of this kind among all kinds.
+        robot: The pose of the arm: its start pose ('home'), the pre-grasp of an object ('pregrasp'), or the grasp with
+            the fingers closed on it ('grasp').
+        of: The object to grasp, with or without variants.
+        grasp: A glob that selects grasps by the names of their sites, with or without 'grasp_', None for all grasps.
+        lift: Minimum and maximum height [m] that the object is lifted straight up.
+        robot_joints: Draws of the arm's joints, by name or pattern. The hand holds the object in the drawn pose.
+        place: Markers of the objects that start at a marker, by object.
+        joints: Draws of objects' joints, by 'object/joint'. They replace the usual draws.
     """
 
     weight: _Weight = 1.0
@@ -190,21 +192,21 @@ class StartConfig(Section):
 
     @property
     def is_held(self) -> bool:
-        """True if the object is in the hand, away from where it was placed."""
+        """True if the hand holds the object away from its place."""
         return self.lift is not None or bool(self.robot_joints)
 
     def targets(self, groups: Mapping[str, GroupConfig]) -> tuple[str, ...]:
-        """Return the objects that `of` stands for: itself, or all of its variants."""
+        """Return the objects meant by `of`: the object, or all of its variants."""
         return () if self.of is None else variants_of(groups).get(self.of, (self.of,))
 
     @model_validator(mode="after")
     def _agrees_with_itself(self) -> StartConfig:
         if (self.of is None) != (self.robot == "home"):
-            raise wrong("should name an object as 'of' where 'robot' is 'pregrasp' or 'grasp', and only there")
+            raise wrong("should have 'of' if and only if 'robot' is 'pregrasp' or 'grasp'")
         if self.grasp is not None and self.of is None:
             raise wrong("should have 'grasp' only together with 'of'")
         if self.is_held and self.robot != "grasp":
-            raise wrong("should have 'lift' or 'robot_joints' only where 'robot' is 'grasp'")
+            raise wrong("should have 'lift' or 'robot_joints' only if 'robot' is 'grasp'")
         if self.lift is not None and self.robot_joints:
             raise wrong("should have 'lift' or 'robot_joints', not both")
         for words in (*self.robot_joints.values(), *self.joints.values()):

@@ -20,17 +20,17 @@ from sceniris_gym.config.variants import check_shared, with_members, with_varian
 _FILES = ("asset", "model", "map", "rows")
 """Keys of objects, robots and heaps that name files."""
 _WRITTEN = TypeAdapter(dict[str, Any])
-"""The words of a scene, some of which may be parts made in Python."""
+"""The words of a scene. Some may be parts made in Python."""
 
 
 class SceneConfig(SceneWords):
-    """A whole scene, validated. Made by `SceneConfig.load` from a file, a name or a dict, or directly in Python.
+    """A whole, validated scene, made by `SceneConfig.load` from a file, a name or a dict, or directly in Python.
 
-    `model` is the path of an MJCF file, a `mujoco.MjSpec` or a `mujoco.MjModel`; None for a scene of assets alone.
+    `model` is the path of an MJCF file, a `mujoco.MjSpec` or a `mujoco.MjModel`, None for a scene of only assets.
 
     Raises:
-        SceneKeyError: A key or a value is wrong. Objects that are placed relative to each other.
-        UnknownNameError: A support, or an object that another one refers to, is not in the scene.
+        SceneKeyError: A key or a value is wrong, or objects are placed relative to each other.
+        UnknownNameError: A support, or an object that another refers to, is not in the scene.
     """
 
     _where: str = PrivateAttr("SceneConfig")
@@ -42,12 +42,12 @@ class SceneConfig(SceneWords):
 
         Args:
             scene: The name of a shipped scene, the path of a YAML file, a mapping of the same form, or a SceneConfig.
-            overrides: Parts to replace, by dotted keys: `{"objects.apple.clearance": 0.01}`. A new object is given as a
+            overrides: Parts to replace, by dotted keys: `{"objects.apple.clearance": 0.01}`. Give a new object as a
                 whole: `{"objects.pear": {...}}`.
 
         Raises:
-            SceneFileError: The file is missing, or is not YAML, or gives a key twice.
-            ScenirisError: As in the class.
+            SceneFileError: The file is missing, is not YAML, or gives a key twice.
+            ScenirisError: The scene is invalid, see the class.
         """
         if isinstance(scene, SceneConfig):
             if overrides is None or (isinstance(overrides, Mapping) and not overrides):
@@ -63,7 +63,7 @@ class SceneConfig(SceneWords):
 
     @classmethod
     def _made(cls, words: Mapping[str, Any], where: str, left_out: Collection[str] = ()) -> SceneConfig:
-        """Return the scene of some words, without some of the variants of its objects; errors begin with `where`."""
+        """Return the scene of some words, without the variants `left_out`. Errors begin with `where`."""
         with reading(where):
             config = cls.model_validate(words, context=left_out)
         config._where = where
@@ -71,13 +71,13 @@ class SceneConfig(SceneWords):
 
     @property
     def where(self) -> str:
-        """The file that the scene was read from, for messages."""
+        """The file of the scene, for messages."""
         return self._where
 
     def needs(self, name: str) -> tuple[str, ...]:
-        """Return the names placed before an object or a robot: those it refers to, and its robot with a drawn base.
+        """Return the names placed before an object or a robot: all names it refers to, and its robot's drawn base.
 
-        A base that refers to a target, directly or through other objects, is placed after it instead.
+        If the base itself refers to the object, directly or through others, the base is placed after the object.
         """
         parts = self.parts
         markers = [kind.place[name] for kind in self.start if name in kind.place]
@@ -93,16 +93,16 @@ class SceneConfig(SceneWords):
         return needs if name in before else tuple(dict.fromkeys([*needs, robot]))
 
     def _named(self, name: str) -> tuple[str, ...]:
-        """Return the names that the words of an object or a robot refer to, with all variants of an object."""
+        """Return the names in the words of an object or a robot, with objects replaced by all of their variants."""
         return with_variants(self.parts[name].needs, self.variants)
 
     def robot_for(self, name: str) -> str:
-        """Return the robot that has to reach an object: the one it names, by default the only one."""
+        """Return the robot that has to reach an object: the robot it names, by default the only robot."""
         by = self.objects[name].by
         return by if by in self.all_robots else next(iter(self.all_robots))
 
     def with_shared_objects(self) -> SceneConfig:
-        """Return the scene in which an object with variants is one object, in the words of its first variant."""
+        """Return the scene with each object's variants merged into one object, by the words of the first variant."""
         objects = {self.owners.get(name, name): part for name, part in reversed(self.objects.items())}
         groups = {name: group for name, group in self.groups.items() if name not in self.variants}
         fields = {name: getattr(self, name) for name in self.model_fields_set}
@@ -110,29 +110,29 @@ class SceneConfig(SceneWords):
 
     @property
     def folders(self) -> dict[str, tuple[str, ...]]:
-        """The objects whose variants are the files of a folder, and the names of their members."""
+        """The objects whose variants are files of a folder, and the names of these variants."""
         written = (self._written or {}).get("objects", {})
         return {name: of for name, of in self.variants.items() if is_pattern(written.get(name, {}).get("asset"))}
 
     def without(self, members: Collection[str]) -> SceneConfig:
-        """Return the scene without some of the variants of its objects."""
+        """Return the scene without some variants of its objects."""
         return self._made({"name": self.name, **(self._written or {})}, self.where, members)
 
     @property
     def is_randomized(self) -> bool:
-        """True if physics or looks are drawn, and not only poses."""
+        """True if physics or looks are drawn."""
         parts = (*self.objects.values(), *self.all_robots.values())
         return self.randomize is not None or any(part.randomize for part in parts)
 
     @property
     def has_model_in_memory(self) -> bool:
-        """True if `model` is a MjSpec or a MjModel rather than a file."""
+        """True if `model` is a MjSpec or a MjModel, not a file."""
         return in_memory(self.model)
 
     def canonical(self) -> str:
-        """Return the values that differ from their defaults as JSON; equal scenes give equal text.
+        """Return the values that differ from their defaults, as JSON. Equal scenes give equal text.
 
-        File names are left out, since only the contents of the files matter, and so are cameras.
+        File names are left out, because only the contents of the files matter. Cameras are left out too.
         """
         data = self.model_dump(mode="json", by_alias=True, exclude={"name", "model", "cameras"}, exclude_defaults=True)
         parts = [*data.get("objects", {}).values(), *data.get("robots", {}).values(), data.get("robot", {})]
@@ -144,16 +144,16 @@ class SceneConfig(SceneWords):
     @model_validator(mode="after")
     def _agrees_with_itself(self) -> SceneConfig:
         if self.robot is not None and self.robots:
-            raise wrong("should have 'robot', which is the only one, or 'robots' by name, not both")
+            raise wrong("should have a single 'robot', or 'robots' by name, not both")
         owners: dict[str, str] = {}
         for name, robot in self.all_robots.items():
             if name in self.objects:
-                raise wrong(f"should have a robot and an object of different names, but has two of the name '{name}'")
+                raise wrong(f"should have different names for robots and objects, but has two of the name '{name}'")
             if (other := owners.setdefault(robot.name, name)) != name:
                 raise wrong(f"should have robots of different names: '{other}' and '{name}' are both '{robot.name}'")
         if self.home is not None and self.model is None:
             advice = "should have 'home', the name of a keyframe, only together with 'model'"
-            raise wrong(f"{advice}; a robot from a file names its own by 'keyframe'")
+            raise wrong(f"{advice}. Set the keyframe of a robot from a file by the robot's 'keyframe'")
         if self.model is None and any(robot.in_model is not None for robot in self.all_robots.values()):
             raise wrong("should have a robot that is 'in_model' only together with 'model'")
         return self

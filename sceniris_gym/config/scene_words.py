@@ -1,4 +1,4 @@
-"""The words of a whole scene, and the names in it: `SceneWords`; `CameraConfig`, a camera that it adds."""
+"""The words of a whole scene and the names in it: `SceneWords`. Cameras: `CameraConfig`."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from sceniris_gym.config.section import Section
 from sceniris_gym.config.variants import owners_of, variants_of
 
 AUTO = "auto"
-"""The value of `attempts` that lets `compile_scene` choose."""
+"""The value of `attempts` that lets `compile_scene` choose the number."""
 DEFAULT_BANK = 64
-"""Number of valid layouts that are kept for each split, for worlds that run out of restarts."""
+"""Number of valid layouts in the fallback bank of each split, for worlds that run out of restarts."""
 
 
 def _count_or_auto(value: Any) -> Any:
@@ -41,11 +41,11 @@ class Floor(Section):
 
 
 class CameraConfig(Section):
-    """A camera at `pos` that looks at the point `look_at` [m]; the direction `up` points up in its pictures.
+    """A camera at `pos` that looks at the point `look_at` [m]. The direction `up` points up in its pictures.
 
-    All three are in the frame of `body`, which carries the camera: an object, a robot, or a body inside one as
-    `robot/hand`. Without a body they are in the world frame. `up` is by default the z axis, or the x axis for a camera
-    that looks along z. `fovy` is the vertical field of view [degrees].
+    All three are in the frame of `body`, which carries the camera: an object, a robot, or a body inside them such as
+    `robot/hand`. Without a `body`, they are in the world frame. The default of `up` is the z axis, or the x axis for a
+    camera that looks along z. `fovy` is the vertical field of view [degrees].
     """
 
     body: str | None = None
@@ -56,7 +56,7 @@ class CameraConfig(Section):
 
     @property
     def backward(self) -> np.ndarray:
-        """The vector from the point that is looked at to the camera [m], shape (3,)."""
+        """The vector from `look_at` to the camera [m], shape (3,)."""
         return np.subtract(self.pos, self.look_at)
 
     @property
@@ -69,9 +69,9 @@ class CameraConfig(Section):
     @model_validator(mode="after")
     def _looks_somewhere(self) -> CameraConfig:
         if np.linalg.norm(self.backward) < 1e-6:
-            raise wrong("should have a 'look_at' that is elsewhere than its 'pos'")
+            raise wrong("should have a 'look_at' that differs from its 'pos'")
         if np.linalg.norm(np.cross(self.upward, self.backward)) < 1e-6 * np.linalg.norm(self.backward):
-            raise wrong("should have an 'up' that is no multiple of the direction in which it looks")
+            raise wrong("should have an 'up' that is not parallel to the viewing direction")
         return self
 
 
@@ -98,28 +98,28 @@ class SceneWords(Section):
 
     @property
     def all_robots(self) -> dict[str, RobotConfig]:
-        """The robots by the names that objects refer to: those of `robots`, or the one of `robot` as 'robot'."""
+        """The robots by the names for objects to use: the names in `robots`, or 'robot' for a single `robot`."""
         return self.robots if self.robot is None else {ROBOT: self.robot}
 
     @cached_property
     def parts(self) -> dict[str, ObjectConfig]:
-        """The objects, followed by the robots whose base is drawn, in the words of objects."""
+        """The objects, followed by the robots with a drawn base, in the words of objects."""
         drawn = {name: robot.placing for name, robot in self.all_robots.items()}
         return {**self.objects, **{name: part for name, part in drawn.items() if part is not None}}
 
     @cached_property
     def variants(self) -> dict[str, tuple[str, ...]]:
-        """The objects with variants, as others refer to them, and the names of their members in `objects`."""
+        """The objects with variants, by name, and the names of their members in `objects`."""
         return variants_of(self.groups)
 
     @cached_property
     def owners(self) -> dict[str, str]:
-        """The object that each member of an object with variants is a variant of."""
+        """The object of each variant, by the variant's name in `objects`."""
         return owners_of(self.variants)
 
     @cached_property
     def absent(self) -> dict[str, str]:
-        """The objects that may be absent, and the group of each."""
+        """The objects that may be absent, and the group of each object."""
         return {name: label for label, group in self.groups.items() if not group.always_whole for name in group.of}
 
     def key(self, name: str) -> str:

@@ -14,11 +14,11 @@ from sceniris_gym.config.fields import UNKNOWN_KEY, reading, where_now, wrong
 
 
 class Section(BaseModel):
-    """A mapping of the scene file: frozen, and every wrong key or value is a ScenirisError.
+    """A mapping of the scene file. It is frozen, and raises a ScenirisError for every wrong key or value.
 
     Attributes:
-        one_of: Keys of which exactly one is given; none if any of the keys may be.
-        misplaced: Keys that belong somewhere else, with advice on where; the advice begins with "should".
+        one_of: Keys that exclude each other. Exactly one has to be given, unless the tuple is empty.
+        misplaced: Keys that belong elsewhere, with advice that begins with "should".
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -27,12 +27,12 @@ class Section(BaseModel):
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        # Wrap all validators of the part, including those that run after its fields.
+        # Wrap all validators of the part, including validators that run after its fields.
         return no_info_wrap_validator_function(cls._in_words, handler(source))
 
     @classmethod
     def _in_words(cls, data: Any, handler: Callable[[Any], Any]) -> Any:
-        # Errors name the scene file, or the class if the part is made on its own in Python.
+        # Errors name the scene file, or the class if only this part is made in Python.
         with reading(cls.__name__) if where_now.get() is None else nullcontext():
             if isinstance(data, Mapping):
                 cls._check_keys(data)
@@ -56,7 +56,7 @@ class Section(BaseModel):
         return PydanticCustomError(UNKNOWN_KEY, "unknown key", {"key": key, "valid": valid})
 
     def given(self, keys: tuple[str, ...]) -> list[str]:
-        """Return those of the fields `keys` that have a value other than None, in their order."""
+        """Return the fields of `keys` with a value other than None, in their order."""
         return [key for key in keys if getattr(self, key) is not None]
 
     @model_validator(mode="after")

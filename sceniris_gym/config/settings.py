@@ -1,4 +1,4 @@
-"""`as_config`: settings that a user passes as a dataclass, or as a mapping of its fields."""
+"""`as_config`: settings that a user passes as a dataclass or as a mapping of its fields."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ def as_config(cls: type[_Config], value: Any, where: str) -> _Config:
         where: Name of the argument in error messages.
 
     Raises:
-        ArgumentTypeError: Any other value.
-        UnknownNameError: A key that is not a field. The message has the nearest valid name.
+        ArgumentTypeError: The value has another type.
+        UnknownNameError: A key is not a field. The message has the nearest valid name.
         ArgumentError: A field without a default is missing.
     """
     if isinstance(value, cls):

@@ -1,4 +1,4 @@
-"""NumPy files from strangers: reading executes nothing, and allocates no more than the file can hold."""
+"""Untrusted NumPy files: reading does not execute code, and allocates memory only for the file's contents."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ UNREADABLE = (
     *(OSError, ValueError, TypeError, KeyError, EOFError, RuntimeError, NotImplementedError, OverflowError),
     *(SyntaxError, TokenError, MemoryError, zipfile.BadZipFile, zlib.error),
 )
-"""Errors that reading a damaged file may raise."""
+"""Errors that a damaged file may raise when it is read."""
 
-# Greatest ratio of compression by Deflate.
+# Maximum compression ratio of Deflate.
 _MOST_PACKED = 1040
 _HEADER = 1 << 16  # bytes
 
@@ -36,14 +36,14 @@ def _from_list(value: Any) -> np.ndarray:
 
 
 Array = Annotated[np.ndarray, PlainValidator(_from_list), PlainSerializer(_as_list)]
-"""An array that pydantic writes as JSON and reads again; its numbers keep their bits."""
+"""An array that pydantic writes to JSON and reads back. The numbers keep their bits."""
 
 
 def read_array(path: Path) -> np.ndarray:
-    """Read the one array of a .npy file.
+    """Read the array of a .npy file.
 
     Raises:
-        UNREADABLE: The file is no .npy file, or is shorter than its header says.
+        UNREADABLE: The file is not a .npy file, or is shorter than its header declares.
     """
     with opened(path) as file:
         if file.read(4) == b"PK\x03\x04":
@@ -53,10 +53,10 @@ def read_array(path: Path) -> np.ndarray:
 
 
 def read_arrays(path: Path, *, own: bool = False) -> dict[str, np.ndarray]:
-    """Read all arrays of a .npz file; with `own` only one that nobody but this user writes.
+    """Read all arrays of a .npz file. With `own`, refuse a file that other users may write.
 
     Raises:
-        UNREADABLE: The file is no .npz file, or holds less than its headers say.
+        UNREADABLE: The file is not a .npz file, or has less data than its headers declare.
     """
     with opened(path, own=own) as file, zipfile.ZipFile(file) as archive:
         size = path.stat().st_size
@@ -66,21 +66,21 @@ def read_arrays(path: Path, *, own: bool = False) -> dict[str, np.ndarray]:
         found = {}
         for info in members:
             if info.file_size > _MOST_PACKED * (info.compress_size + 64):
-                raise ValueError(f"'{info.filename}' says that it is {info.file_size} bytes long")
+                raise ValueError(f"'{info.filename}' declares an impossible size of {info.file_size} bytes")
             with archive.open(info) as member:
                 found[info.filename.removesuffix(".npy")] = _read(member, info.file_size)
         return found
 
 
 def _read(file: IO[bytes], size: int) -> np.ndarray:
-    """Read an array from its beginning, after a check that its header asks for no more than the number of bytes."""
+    """Read an array, after a check that its header declares at most `size` bytes."""
     major, _ = npy.read_magic(file)
     read = npy.read_array_header_1_0 if major == 1 else npy.read_array_header_2_0
     shape, _, dtype = read(file, max_header_size=_HEADER)
     declared = math.prod(shape) * dtype.itemsize
     if dtype.hasobject:
-        raise ValueError("it holds objects of Python")
+        raise ValueError("it has Python objects")
     if any(n < 0 for n in shape) or declared > size:
-        raise ValueError(f"an array of shape {shape} has {declared} bytes, and there are {size} at most")
+        raise ValueError(f"an array of shape {shape} has {declared} bytes, but the file has at most {size}")
     file.seek(0)
     return np.asarray(npy.read_array(file, allow_pickle=False))

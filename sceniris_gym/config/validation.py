@@ -1,4 +1,4 @@
-"""Checks of names in a scene: all references exist, refer to something suitable, and can be placed first."""
+"""Checks of names in a scene: all references exist, are suitable, and can be placed first."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from sceniris_gym.errors import SceneKeyError, UnknownNameError, in_a_cycle
 
 
 def check_names(scene: SceneWords, where: str) -> None:
-    """Check all names of objects in a scene; errors begin with `where`.
+    """Check all names of objects in a scene. Errors begin with `where`.
 
     Raises:
-        SceneKeyError: An object has no asset, a reference does not hold in every world, or a start cannot do what it
-            says with an object. An object is placed on a marker. Objects are placed relative to each other in a cycle.
+        SceneKeyError: An object has no asset or is placed on a marker, a reference is invalid in some worlds, a start
+            is impossible for its objects, or objects are placed relative to each other in a cycle.
         UnknownNameError: A name is not in the scene.
     """
     _check_members(scene, where)
@@ -43,48 +43,48 @@ def check_names(scene: SceneWords, where: str) -> None:
 
 
 def _check_robot(scene: SceneWords, name: str, part: ObjectConfig, where: str) -> None:
-    """Check that one robot is meant to reach an object."""
+    """Check that the scene determines which robot has to reach an object."""
     if not scene.all_robots:
         raise SceneKeyError(
-            f"{where}: objects.{name}.reachable: there is no robot that could reach it. Add a robot, as "
+            f"{where}: objects.{name}.reachable: the scene has no robot to reach it. Add a robot, as "
             "in 'robot: {asset: panda}', or leave 'reachable' out."
         )
     if part.by not in scene.all_robots and "by" in part.model_fields_set:
         raise UnknownNameError("robot", part.by, f"{where}: objects.{name}.by", scene.all_robots)
     if part.by not in scene.all_robots and len(scene.all_robots) > 1:
         raise SceneKeyError(
-            f"{where}: objects.{name}.reachable: should say which robot has to reach it, as in 'reachable: {{by: "
+            f"{where}: objects.{name}.reachable: should name the robot that has to reach it, as in 'reachable: {{by: "
             f"{next(iter(scene.all_robots))}}}'. Robots: {', '.join(scene.all_robots)}."
         )
 
 
 def _check_bodies(scene: SceneWords, where: str) -> None:
-    """Check that the scene has a model if an object names a body, and that no two objects are one body."""
+    """Check that the scene has a model if an object names a body, and that all objects have different bodies."""
     owners: dict[str, str] = {}
     for name, part in scene.objects.items():
         if part.body is not None and scene.model is None:
             raise SceneKeyError(
-                f"{where}: objects.{name}.body: there is no model that could have a body '{part.body}'. Give the scene "
+                f"{where}: objects.{name}.body: the scene has no model with a body '{part.body}'. Give the scene "
                 "a 'model', or the object an 'asset'."
             )
         body = part.body or name
         if part.asset is None and (owner := owners.setdefault(body, name)) != name:
             raise SceneKeyError(
-                f"{where}: objects.{name}: the body '{body}' is the object '{owner}' already. Each object should be a "
-                "body of its own."
+                f"{where}: objects.{name}: body '{body}' is already used by object '{owner}'. Each object should have "
+                "a different body."
             )
 
 
 def _check_body(scene: SceneWords, name: str, part: ObjectConfig, where: str) -> None:
-    """Check an object without an asset of its own."""
-    if not in_memory(scene.model):  # mjlab's has a body for each variant
+    """Check an object without an asset."""
+    if not in_memory(scene.model):  # mjlab's model has a body for each variant
         check_variant_has_asset(scene, name, where)
     if part.asset is not None or scene.model is not None:
         return
     if part.kind != "marker":
         raise SceneKeyError(
             f"{where}: objects.{name}.asset: is missing. Name an asset, or give the scene a 'model' with a "
-            f"body '{name}'; only a marker needs none."
+            f"body '{name}'. A marker does not need one."
         )
     if part.drawn_orientation.kind == "stable":
         raise SceneKeyError(
@@ -95,33 +95,31 @@ def _check_body(scene: SceneWords, name: str, part: ObjectConfig, where: str) ->
         if relation.has_own_width:
             raise SceneKeyError(
                 f"{where}: objects.{name}.relations.{i}.width: is missing. A marker without an asset is a point and "
-                "has no width of its own."
+                "has no width."
             )
 
 
 def check_variant_has_asset(scene: SceneWords, name: str, where: str) -> None:
-    """Check an object that may be a variant of another.
+    """Check that an object has an asset if it is a variant of another object.
 
     Raises:
-        SceneKeyError: It is one, and has no asset.
+        SceneKeyError: The variant has no asset.
     """
     if scene.objects[name].asset is None and (owner := scene.owners.get(name)) is not None:
         raise SceneKeyError(
-            f"{where}: objects.{owner}.variants: '{name.partition('/')[2]}' has no asset. Name one there, or one of "
-            f"all variants in 'objects.{owner}'."
+            f"{where}: objects.{owner}.variants: '{name.partition('/')[2]}' has no asset. Name one there, or name an "
+            f"asset for all variants in 'objects.{owner}'."
         )
 
 
 def _check_parent(scene: SceneWords, where: str, name: str, parent: str) -> None:
     owner = parent.split("/")[0]
     if owner in scene.variants:
-        raise SceneKeyError(
-            f"{where}: '{owner}' has variants, and nothing can be placed on any of them. Name another support."
-        )
+        raise SceneKeyError(f"{where}: '{owner}' has variants, so it cannot support objects. Name another support.")
     floor = [] if scene.floor is None else [FLOOR]
     if owner in scene.objects and scene.objects[owner].kind == "marker":
         raise SceneKeyError(f"{where}: '{parent}' is a marker and has no surface. Name a support of another kind.")
-    # without an object of this name it is a geom or a body of the model, which is not loaded yet
+    # Another name may be a geom or a body of the model, which is not loaded yet.
     if owner not in scene.objects and parent not in floor and scene.model is None:
         if parent == FLOOR:
             where += ": the scene has no floor (add 'floor: {size: [x, y]}')"
@@ -130,7 +128,7 @@ def _check_parent(scene: SceneWords, where: str, name: str, parent: str) -> None
 
 
 def _alone(scene: SceneWords) -> list[str]:
-    """Return the objects that are no variants of others."""
+    """Return the objects that are not variants of others."""
     return [name for name in scene.objects if name not in scene.owners]
 
 
@@ -141,11 +139,11 @@ def _check_reference(scene: SceneWords, where: str, name: str, other: str) -> No
         valid = (*_alone(scene), *scene.all_robots, *scene.variants, *(FRAMES if is_frame else ()))
         raise UnknownNameError("frame" if is_frame else "object", other, where, [n for n in valid if n != name])
     if other in (name, name.partition("/")[0]):
-        raise SceneKeyError(f"{where}: '{other}' should be a different object from the one that is placed.")
+        raise SceneKeyError(f"{where}: '{other}' should be a different object, not the placed object itself.")
 
 
 def _check_members(scene: SceneWords, where: str) -> None:
-    """Check that the members of groups, heaps and stacks are objects, each in one of them at most."""
+    """Check that the members of groups, heaps and stacks are objects, each in at most one of them."""
     owners: dict[str, str] = {}
     for kind, parts in (("group", scene.groups), ("heap", scene.heaps), ("stack", scene.stacks)):
         for label, part in parts.items():
@@ -168,7 +166,7 @@ def _check_groups(scene: SceneWords, where: str) -> None:
     group_of = {name: group for group, part in scene.groups.items() for name in part.of}
     for name, group in group_of.items():
         if not scene.objects[name].is_placed:
-            path, cure = f"groups.{group}.of", "Give it a support or a 3D region, or take it out of the group."
+            path, cure = f"groups.{group}.of", "Give it a support or a 3D region, or remove it from the group."
             if group in scene.variants:
                 path, cure = f"objects.{group}", "Give all variants a support or a 3D region."
             raise SceneKeyError(f"{where}: {path}: '{name}' stays where the model has it and cannot be absent. {cure}")
@@ -183,11 +181,11 @@ def _check_absent(scene: SceneWords, key: str, part: ObjectConfig, where: str) -
     if support is not None and owner in absent:
         raise SceneKeyError(
             f"{where}: {key}.{support.word}: '{owner}' may be absent, as it is in the group "
-            f"'{absent[owner]}'. Nothing can be placed on such an object: name another support."
+            f"'{absent[owner]}'. It cannot support objects: name another support."
         )
     if part.joined_to in scene.variants:
         raise SceneKeyError(
-            f"{where}: {key}.relations: '{part.joined_to}' has variants, whose sites are in different places. Join it "
+            f"{where}: {key}.relations: '{part.joined_to}' has variants with different sites. Join it "
             "to an object without variants."
         )
     for path, other in part.references:
@@ -198,13 +196,13 @@ def _check_absent(scene: SceneWords, key: str, part: ObjectConfig, where: str) -
         if other in absent and scene.groups[absent[other]].missing == "refuse":
             raise SceneKeyError(
                 f"{where}: {key}.{path}: '{other}' may be absent, as it is in the group '{absent[other]}'. "
-                "Name another object, or write 'missing: drop' in the group: the reference is then left out where "
-                "the object is absent."
+                "Name another object, or write 'missing: drop' in the group to leave the reference out in worlds "
+                "without the object."
             )
 
 
 def _check_heaps(scene: SceneWords, where: str) -> None:
-    """Check that the objects of heaps have no other place, and that containers stand upright."""
+    """Check that objects of heaps are not placed elsewhere, and that containers stand upright."""
     things = {name for part in scene.heaps.values() for name in part.of}
     for heap, part in scene.heaps.items():
         for name in part.of:
@@ -218,22 +216,22 @@ def _check_heaps(scene: SceneWords, where: str) -> None:
         owner = part.fill.split("/")[0]
         if owner in things:
             raise SceneKeyError(
-                f"{where}: heaps.{heap}.fill: '{owner}' is a thing of a heap itself. Name a container that is not."
+                f"{where}: heaps.{heap}.fill: '{owner}' is itself an object of a heap. Name another container."
             )
         if owner in scene.objects and scene.objects[owner].drawn_orientation.kind in ("any", "stable"):
             raise SceneKeyError(
-                f"{where}: objects.{owner}.orientation: should keep it upright, since the heap '{heap}' fills it. Give "
+                f"{where}: objects.{owner}.orientation: should keep it upright, as the heap '{heap}' fills it. Give "
                 "it a yaw, or 'fixed'."
             )
 
 
 def _check_stacks(scene: SceneWords, where: str) -> None:
-    """Check that the things of stacks have no other support."""
+    """Check that the objects of stacks have no other support."""
     for stack, part in scene.stacks.items():
         for name, below in zip(part.of, (part.on, *part.of), strict=False):
             if scene.objects[name].on != below:
                 raise SceneKeyError(
-                    f"{where}: objects.{name}: should have no support of its own (on, inside, in), as the stack "
+                    f"{where}: objects.{name}: should not name a support (on, inside, in), because the stack "
                     f"'{stack}' puts it on '{below}'."
                 )
 
@@ -243,13 +241,13 @@ def _check_cycles(scene: SceneWords, where: str) -> None:
     try:
         graphlib.TopologicalSorter(needs).prepare()
     except graphlib.CycleError as error:
-        cycle = error.args[1][:0:-1]  # from each name to one that it needs, without the first name once more
+        cycle = error.args[1][:0:-1]  # each name needs the next, without repeating the first
         start = cycle.index(next(name for name in needs if name in cycle))
         raise in_a_cycle(where, cycle[start:] + cycle[:start], "objects are placed relative to each other") from None
 
 
 def _check_starts(scene: SceneWords, where: str) -> None:
-    """Check the names in kinds of starts, and that a start can do what it says with each object."""
+    """Check the names in kinds of starts, and that each start is possible for its objects."""
     for i, start in enumerate(scene.start):
         at = f"{where}: start.{i}"
         if start.of is not None and start.of not in scene.variants:
@@ -266,24 +264,24 @@ def _check_starts(scene: SceneWords, where: str) -> None:
 
 
 def _check_present(scene: SceneWords, name: str, objects: Iterable[str], absent: Container[str], where: str) -> None:
-    """Check that there is an object, in all worlds, and that it is one alone."""
+    """Check that an object exists in all worlds, and has no variants."""
     if name in scene.variants:
         raise SceneKeyError(f"{where}: '{name}' has variants, so only 'of' may name it. Name another object.")
     if name not in objects:
         raise UnknownNameError("object", name, where, [other for other in objects if other not in absent])
     if name in absent:
-        raise SceneKeyError(f"{where}: '{name}' may be absent, as one of a group or of variants. Name another object.")
+        raise SceneKeyError(f"{where}: '{name}' may be absent, as it is in a group or a variant. Name another object.")
 
 
 def _check_target(scene: SceneWords, start: StartConfig, name: str, where: str) -> None:
-    """Check an object that an arm is at."""
+    """Check an object that an arm starts at."""
     if not scene.objects[name].reachable:
-        raise SceneKeyError(f"{where}.of: '{name}' should be 'reachable', as an arm is to be there at the start.")
+        raise SceneKeyError(f"{where}.of: '{name}' should be 'reachable', because an arm starts there.")
     if start.is_held and scene.objects[name].kind != "free":
-        raise SceneKeyError(f"{where}: '{name}' is no free object, so it cannot be held in the air.")
+        raise SceneKeyError(f"{where}: '{name}' is not a free object, so it cannot be held in the air.")
     for other, words in scene.objects.items():
         if start.is_held and words.support is not None and words.support.parent.split("/")[0] == name:
-            raise SceneKeyError(f"{where}: '{other}' stands on '{name}', which should stay where it is.")
+            raise SceneKeyError(f"{where}: '{other}' stands on '{name}', and a held object cannot support others.")
 
 
 def _check_place(scene: SceneWords, name: str, marker: str, where: str) -> None:
@@ -295,6 +293,4 @@ def _check_place(scene: SceneWords, name: str, marker: str, where: str) -> None:
         raise UnknownNameError("marker", marker, where, markers)
     _check_present(scene, marker, objects, scene.absent, where)
     if not objects[name].is_placed or objects[name].support is None or objects[name].support != objects[marker].support:
-        raise SceneKeyError(
-            f"{where}: '{name}' should be placed on what its marker '{marker}' is on: give both the same support."
-        )
+        raise SceneKeyError(f"{where}: '{name}' and its marker '{marker}' should have the same support.")

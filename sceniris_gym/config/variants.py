@@ -1,7 +1,7 @@
-"""Objects with `variants`, of which every layout draws one: their words, written out as members of a group.
+"""Objects with `variants`: each layout draws a variant. Their words are expanded to members of a group.
 
-`target: {variants: {can: {...}, mug: {...}}, on: table}` means the objects `target/can` and `target/mug`, with the
-words of both levels, and a group `target` of which one member is present. All else sees objects and groups.
+`target: {variants: {can: {...}, mug: {...}}, on: table}` becomes the objects `target/can` and `target/mug`, with the
+words of both levels, and a group `target` with one member present. All other modules only see objects and groups.
 """
 
 from __future__ import annotations
@@ -23,40 +23,40 @@ from sceniris_gym.config.loader import HOLDOUT, OF_VARIANTS, TAGS, VARIANTS, mer
 from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.errors import UnknownNameError
 
-# The words of which a list means variants.
+# Words whose list means variants.
 _LISTS = ("asset", "scale")
-# The words that all variants have alike, and what to do instead.
+# Words that all variants have to share, and the advice for errors.
 _SHARED = {
-    "kind": "should be the kind of the other variants: one body is all of them",
-    "randomize": "should be the draws of the other variants: one body is all of them. A task draws for one of them "
-    "alone by State.scale_field, in on_reset",
+    "kind": "should be the kind of the other variants, because they share one body",
+    "randomize": "should be the draws of the other variants, because they share one body. A task can draw for a single "
+    "variant by State.scale_field, in on_reset",
 }
 
 
 def variants_of(groups: Mapping[str, GroupConfig]) -> dict[str, tuple[str, ...]]:
-    """Return the names of the members of each object with variants, by its name."""
+    """Return the members of each object with variants, by the object's name."""
     return {name: group.of for name, group in groups.items() if all(m.startswith(f"{name}/") for m in group.of)}
 
 
 def owners_of(variants: Mapping[str, tuple[str, ...]]) -> dict[str, str]:
-    """Return the object that each member of an object with variants is a variant of."""
+    """Return the object of each variant, by the variant's name."""
     return {member: name for name, members in variants.items() for member in members}
 
 
 def with_variants(names: Iterable[str], variants: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:
-    """Return names in their order, with all members in the place of each object with variants."""
+    """Return names in their order, with each object with variants replaced by its members."""
     return tuple(dict.fromkeys(member for name in names for member in variants.get(name, (name,))))
 
 
 def with_members(scene: Any, left_out: Collection[str] = ()) -> Any:
-    """Return the words of a scene with the variants of its objects written out; the scene itself if it has none.
+    """Return the words of a scene with variants expanded, or the same words if the scene has no variants.
 
     Args:
-        scene: The words. Those of an object `target/can` are words of that variant of `target` alone.
-        left_out: Full names of variants that are left out.
+        scene: The words. The words of an object `target/can` only apply to this variant of `target`.
+        left_out: Full names of variants to leave out.
 
     Raises:
-        ValidationError: A variant, or what is said about all of them, is wrong.
+        ValidationError: A word of a variant, or of all variants, is wrong.
         UnknownNameError: An object has no such variant.
     """
     objects = scene.get("objects") if isinstance(scene, Mapping) else None
@@ -69,7 +69,7 @@ def with_members(scene: Any, left_out: Collection[str] = ()) -> Any:
     for name, part in objects.items():
         if name in slots and name not in single:
             if name in groups:
-                advice = "should have another name: an object with variants has this one"
+                advice = "should have another name: an object with variants already has this name"
                 _refuse(("groups", name), advice, groups[name])
             members, groups[name] = _members(str(name), part, single, left_out)
             written |= members
@@ -83,10 +83,10 @@ def with_members(scene: Any, left_out: Collection[str] = ()) -> Any:
 
 
 def check_shared(variants: Mapping[str, tuple[str, ...]], objects: Mapping[str, ObjectConfig]) -> None:
-    """Check that variants agree on their kind and their draws, as one body is all of them in the simulation.
+    """Check that variants agree on their kind and their draws, because they share one body in the simulation.
 
     Raises:
-        ValidationError: They do not.
+        ValidationError: Variants differ in their kind or their draws.
     """
     for name, (first, *others) in variants.items():
         for member in others:
@@ -97,7 +97,7 @@ def check_shared(variants: Mapping[str, tuple[str, ...]], objects: Mapping[str, 
 
 
 def has_variants(part: Any) -> bool:
-    """Return whether the words of an object name variants, at length or by a list."""
+    """Return whether the words of an object name variants, by `variants`, a list or a pattern."""
     return isinstance(part, Mapping) and (
         any(word in part for word in OF_VARIANTS)
         or is_pattern(part.get("asset"))
@@ -108,13 +108,13 @@ def has_variants(part: Any) -> bool:
 def _members(
     name: str, part: Mapping, single: Mapping[Any, Any], left_out: Collection[str]
 ) -> tuple[dict[str, dict], dict[str, Any]]:
-    """Return the words of each member of an object with variants, and those of their group.
+    """Return the words of each member of an object with variants, and the words of their group.
 
     Args:
         name: The object.
-        part: Its words.
+        part: The object's words.
         single: Words of single variants, by full name.
-        left_out: As in `with_members`.
+        left_out: Full names of variants to leave out.
     """
     at = ("objects", name)
     shared = {word: value for word, value in part.items() if word not in OF_VARIANTS}
@@ -141,26 +141,26 @@ def _members(
     for split in SPLITS:
         drawable = [name for name in members if group["splits"].get(name, split) == split]
         if not drawable:
-            _refuse((*at, VARIANTS), f"should have one that the split '{split}' may draw", list(variants))
+            _refuse((*at, VARIANTS), f"should have a variant that the split '{split}' may draw", list(variants))
         if all(drawn["weight"].get(name) == 0 for name in drawable):
-            _refuse((*at, VARIANTS), f"should have one of a 'weight' above 0 in the split '{split}'", list(variants))
+            _refuse((*at, VARIANTS), f"should have one with a 'weight' above 0 in the split '{split}'", list(variants))
     return members, {word: value for word, value in group.items() if value}
 
 
 def _listed(at: tuple[str, ...], part: Mapping, shared: dict) -> Mapping[str, Mapping]:
-    """Return the variants of an object by name, those of a list of assets too, which is taken out of `shared`."""
+    """Return the variants of an object by name. A list of assets is expanded, and removed from `shared`."""
     assets = listed(part.get("asset"))
     if TAGS in part and not is_pattern(assets):
-        _refuse((*at, TAGS), "should be beside an 'asset' with a '*', of whose files they choose some", part[TAGS])
+        _refuse((*at, TAGS), "should be next to an 'asset' with a '*', to select some of its files", part[TAGS])
     if not is_pattern(assets) and not isinstance(assets, list | tuple):
         if VARIANTS not in part and not isinstance(assets, str):
             word = next(word for word in ("asset", "scale", HOLDOUT) if word in part)
             advice = "should be an asset, a list of assets, or a pattern of files"
-            _refuse((*at, word), advice if word == "asset" else "should be beside an 'asset'", part[word])
+            _refuse((*at, word), advice if word == "asset" else "should be next to an 'asset'", part[word])
         return _named(at, part[VARIANTS]) if VARIANTS in part else {_stem(assets): {}}
     if VARIANTS in part:
         advice = (
-            f"should have no 'variants' beside it: one thing has words of its own in an object '{at[1]}/<its name>'"
+            f"should have no 'variants' next to it: give words of a single variant in an object '{at[1]}/<variant>'"
         )
         _refuse((*at, "asset"), advice, assets)
     del shared["asset"]
@@ -173,13 +173,13 @@ def _listed(at: tuple[str, ...], part: Mapping, shared: dict) -> Mapping[str, Ma
     for asset in assets:
         stem = _stem(asset)
         if stem in variants:
-            _refuse((*at, "asset"), f"should name each thing once, but has two of the name '{stem}'", assets)
+            _refuse((*at, "asset"), f"should name each asset once, but has two of the name '{stem}'", assets)
         variants[stem] = {"asset": asset}
     return variants
 
 
 def _named(at: tuple[str, ...], variants: Any) -> Mapping[str, Mapping]:
-    """Return the variants that are written at length, after a check."""
+    """Return the variants of the word `variants`, after a check."""
     if not isinstance(variants, Mapping):
         _refuse((*at, VARIANTS), "should be a mapping of names to settings", variants)
     for name, words in variants.items():
@@ -192,13 +192,13 @@ def _named(at: tuple[str, ...], variants: Any) -> Mapping[str, Mapping]:
 
 
 def _stem(asset: Any) -> str:
-    """Return the name that an asset gives to a variant: its own, or that of its file without the ending."""
-    stem = Path(str(asset)).stem.replace(".", "_")  # a dot would end a word in the keys of overrides
-    return "world_" if stem == "world" else stem  # the name of a body that each model has
+    """Return a variant's name from its asset: the asset's name, or its file's name without the suffix."""
+    stem = Path(str(asset)).stem.replace(".", "_")  # a dot would separate keys of overrides
+    return "world_" if stem == "world" else stem  # each model has a body 'world'
 
 
 def _scaled(at: tuple[str, ...], variants: Mapping[str, Mapping], shared: dict) -> dict[str, Mapping]:
-    """Return the variants with a list of scales, of the object or of a variant, written out."""
+    """Return the variants with lists of scales expanded, of the object or of a variant."""
     common = listed(shared.get("scale"))
     if isinstance(common, list | tuple):
         del shared["scale"]
@@ -222,11 +222,11 @@ def _scaled(at: tuple[str, ...], variants: Mapping[str, Mapping], shared: dict) 
 
 
 def _held_out(at: tuple[str, ...], share: Any, members: Collection[str]) -> dict[str, str]:
-    """Return the split of each member of an object: a share of them, by the hashes of their names, is for `eval`."""
+    """Return the split of each member: a fraction of them, chosen by the hashes of their names, is for `eval`."""
     if isinstance(share, bool) or not isinstance(share, int | float) or not 0.0 < share < 1.0:
         _refuse((*at, HOLDOUT), "should be above 0 and below 1", share)
     if len(members) < 2:
-        _refuse((*at, HOLDOUT), "should be left out, as there are not two variants", share)
+        _refuse((*at, HOLDOUT), "should be left out, because it needs at least two variants", share)
     ranked = sorted(members, key=lambda name: hashlib.sha256(name.partition("/")[2].encode()).digest())
     count = min(max(round(share * len(members)), 1), len(members) - 1)
     return {name: "eval" if name in ranked[:count] else "train" for name in members}
@@ -234,7 +234,7 @@ def _held_out(at: tuple[str, ...], share: Any, members: Collection[str]) -> dict
 
 @contextmanager
 def _at(place: tuple[str, ...], value: Any) -> Iterator[None]:
-    """Give errors about a value their place in the scene."""
+    """Add a place in the scene to errors about a value."""
     try:
         yield
     except PydanticCustomError as error:

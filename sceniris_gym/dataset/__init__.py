@@ -1,1 +1,1 @@
-"""Data sets of layouts on disk: parts that many processes write, and that are read back through memory maps."""
+"""Data sets of layouts on disk. Many processes write the parts, and readers map them into memory."""

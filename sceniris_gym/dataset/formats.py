@@ -1,6 +1,6 @@
-"""The formats of parts of a data set beside `.npy`: npz and JSON with states by name, and USD.
+"""The formats of parts of a data set in addition to `.npy`: npz and JSON with states by name, and USD.
 
-Their bytes follow from the rows of the part alone, so every process writes the same.
+The bytes of a file depend only on the rows of the part, so every process writes the same bytes.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ Encoder = Callable[[CompiledScene, np.ndarray], bytes]
 
 
 def parse_formats(words: str) -> tuple[str, ...]:
-    """Read names of formats, separated by commas; return them in alphabetical order.
+    """Read names of formats, separated by commas, and return them in alphabetical order.
 
     Raises:
-        UnknownNameError: There is no such format.
+        UnknownNameError: A format is unknown.
         MissingExtraError: A format needs a library that is not installed.
     """
     names = [word.strip() for word in words.split(",")]
@@ -35,10 +35,10 @@ def parse_formats(words: str) -> tuple[str, ...]:
 
 
 def check_formats(formats: Sequence[str]) -> None:
-    """Make sure that the libraries of formats are installed.
+    """Check that the libraries of formats are installed.
 
     Raises:
-        MissingExtraError: usd-core is not.
+        MissingExtraError: usd-core is not installed.
     """
     if "usd" in formats:
         import_extra("pxr", "import", "usd-core")
@@ -52,8 +52,8 @@ def poses_by_name(compiled: CompiledScene, rows: np.ndarray) -> dict[str, np.nda
         rows: Rows of a part, shape (n,).
 
     Returns:
-        Position [m] and orientation (wxyz) of each root body, shape (n, 7), float32; of an absent object those of its
-        parking place.
+        Position [m] and orientation (wxyz) of each root body, shape (n, 7), float32. For an absent object, the pose of
+        its parking place.
     """
     states = (rows["qpos"], rows["mocap_pos"], rows["mocap_quat"])
     return {
@@ -63,14 +63,14 @@ def poses_by_name(compiled: CompiledScene, rows: np.ndarray) -> dict[str, np.nda
 
 
 def joints_by_name(compiled: CompiledScene, rows: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the positions of all joints that have a name, but for free ones, by that name.
+    """Return the positions of all named joints except free joints, by name.
 
     Args:
         compiled: The compiled scene.
         rows: Rows of a part, shape (n,).
 
     Returns:
-        Positions [rad or m], shape (n,); of a ball joint its quaternion (wxyz), shape (n, 4).
+        Positions [rad or m], shape (n,). For a ball joint, quaternions (wxyz), shape (n, 4).
     """
     mjm, found = compiled.mjm, {}
     for joint in range(mjm.njnt):
@@ -84,7 +84,7 @@ def joints_by_name(compiled: CompiledScene, rows: np.ndarray) -> dict[str, np.nd
 
 
 def as_npz(compiled: CompiledScene, rows: np.ndarray) -> bytes:
-    """Encode all columns, and with them `pose/OBJECT`, shape (n, 7), and `joint/JOINT`, shape (n,)."""
+    """Encode all columns, `pose/OBJECT` of shape (n, 7), and `joint/JOINT` of shape (n,)."""
     arrays: dict[str, Any] = {name: np.ascontiguousarray(rows[name]) for name in rows.dtype.names or ()}
     arrays |= {f"pose/{name}": values for name, values in poses_by_name(compiled, rows).items()}
     arrays |= {f"joint/{name}": np.ascontiguousarray(v) for name, v in joints_by_name(compiled, rows).items()}
@@ -94,9 +94,9 @@ def as_npz(compiled: CompiledScene, rows: np.ndarray) -> bytes:
 
 
 def as_json(compiled: CompiledScene, rows: np.ndarray) -> bytes:
-    """Encode a list of layouts, one a line: the columns, `poses` and `joints` by name, and who is `present`.
+    """Encode a list of layouts, one per line: the columns, `poses` and `joints` by name, and `present` by name.
 
-    Numbers have as many digits as give the same float32 again, and are null if they are not finite.
+    Numbers have enough digits to read the same float32 back. Non-finite numbers are null.
     """
     columns = {name: rows[name].tolist() for name in rows.dtype.names or () if name != "present"}
     poses = {name: values.tolist() for name, values in poses_by_name(compiled, rows).items()}
@@ -114,7 +114,7 @@ def as_json(compiled: CompiledScene, rows: np.ndarray) -> bytes:
 
 
 def as_usd(compiled: CompiledScene, rows: np.ndarray) -> bytes:
-    """Encode a stage over that of the scene, as `usd_stage.part_bytes` says."""
+    """Encode a stage over the scene's stage, as `usd_stage.part_bytes` describes."""
     from sceniris_gym.dataset import usd_stage
 
     return usd_stage.part_bytes(compiled, rows)

@@ -1,4 +1,4 @@
-"""The contents of a data set: its rows, its parts, and `dataset.json`, which is written once all parts are there."""
+"""The contents of a data set: its rows, its parts, and `dataset.json`, which is written after all parts."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from sceniris_gym.program.compiled import USER_SPLITS, CompiledScene
 
 MANIFEST, SCENE, SCENE_USD = "dataset.json", "scene.zip", "scene.usdc"
 PART_ROWS = 1 << 16
-"""Rows of a part, whichever process writes it; the last part may have fewer."""
+"""Rows of a part, for every process. The last part may have fewer."""
 FORMAT = 3
 
 _FIELDS = {
@@ -39,19 +39,19 @@ _RIGHT = {
     },
     **{"sha256": _SUM, "scene_sha256": _SUM, "rows": _POSITIVE, "valid": _COUNT, "first_pass_valid": _COUNT},
 }
-"""Patterns of values, and what they should be in words."""
+"""Field -> pattern of its values, and the pattern in words for errors."""
 _FILE = re.compile(r"\w[\w.-]{0,200}", re.ASCII)
-"""The name of a file beside the manifest."""
+"""The name of a file in the folder of the manifest."""
 _RECORD = {"sha256": str, "files": dict, "rows": int, "valid": int, "first_pass_valid": int}
 
 
 @dataclass(frozen=True)
 class DatasetPlan:
-    """The plan of a data set, which is the same in every process that writes some of it.
+    """The plan of a data set, equal in all processes that write parts of it.
 
     Attributes:
-        words: The plan as values of JSON: the part of `dataset.json` before its parts.
-        row: Type of a row: a record with an aligned field for each column.
+        words: The plan as JSON values: the fields of `dataset.json` except files and parts.
+        row: Type of a row: a record with an aligned field per column.
     """
 
     words: dict[str, Any]
@@ -59,14 +59,14 @@ class DatasetPlan:
 
     @classmethod
     def of(cls, compiled: CompiledScene, n: int, seed: int, split: str, formats: tuple[str, ...] = ()) -> DatasetPlan:
-        """Return the plan of `n` layouts of a scene, of which row i is episode 0 of seed + i.
+        """Return the plan of `n` layouts of a scene. Row i is episode 0 of seed + i.
 
         Args:
             compiled: The scene.
             n: Number of layouts.
             seed: Seed of the first row.
             split: "train" or "eval".
-            formats: Formats of parts beside `.npy`, in alphabetical order.
+            formats: Formats of parts in addition to `.npy`, in alphabetical order.
         """
         forms = _columns(compiled)
         words = {
@@ -92,7 +92,7 @@ class DatasetPlan:
 
     @property
     def files(self) -> tuple[str, ...]:
-        """Files of the scene as a whole."""
+        """Files of the scene, which belong to all parts."""
         return (SCENE, SCENE_USD) if "usd" in self.words["formats"] else (SCENE,)
 
     @property
@@ -111,8 +111,8 @@ def part_name(part: int, suffix: str = ".npy") -> str:
 
 
 def checksum(path: Path) -> str:
-    """Return the SHA-256 of a file, and none of what is no file, such as a pipe that would be read without end."""
-    if not path.is_file():
+    """Return the SHA-256 of a file, or "missing"."""
+    if not path.is_file():  # a pipe would block
         return "missing"
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
@@ -125,7 +125,7 @@ def row_of(columns: dict[str, dict[str, Any]]) -> np.dtype:
 
 
 def _columns(compiled: CompiledScene) -> dict[str, tuple[str, tuple[int, ...]]]:
-    """Return type and shape of all columns that the layouts of a scene have."""
+    """Return type and shape of all columns of a scene's layouts."""
     left_out = ["param", *([] if compiled.config.start else ["start"])]
     left_out += [] if compiled.scene.draws else columns("draw")
     left_out += [] if compiled.reaching is not None else [*columns("grasp"), "grasp_pose"]
@@ -136,22 +136,22 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     """Read `dataset.json`.
 
     Raises:
-        DatasetError: It is missing, as in an unfinished data set, or is no such file.
+        DatasetError: The file is missing, as in an unfinished data set, or is not a manifest.
     """
     path = folder / MANIFEST
     try:
         return checked(path, json.loads(read_bytes(path)), _FIELDS)
     except FileNotFoundError:
         raise DatasetError(
-            f"{folder}: no whole data set is here, since it has no {MANIFEST}. Where `sceniris-gym generate` was "
-            "stopped, the same command with --resume finishes it."
+            f"{folder}: should be a complete data set, but has no {MANIFEST}. If `sceniris-gym generate` was stopped, "
+            "repeat its command with --resume."
         ) from None
     except (OSError, ValueError, RecursionError) as error:
-        raise DatasetError(f"{path}: cannot be read ({error}). `sceniris-gym generate` writes such files.") from error
+        raise DatasetError(f"{path}: cannot be read ({error}). Write it by `sceniris-gym generate`.") from error
 
 
 def read_record(path: Path) -> dict[str, Any] | None:
-    """Read the record of a written part; return None where there is none, or none that is whole."""
+    """Read the record of a written part. Return None if the record is missing or damaged."""
     try:
         return checked(path, json.loads(read_bytes(path)), _RECORD)
     except (OSError, ValueError, RecursionError, DatasetError):
@@ -159,10 +159,10 @@ def read_record(path: Path) -> dict[str, Any] | None:
 
 
 def checked(path: Path, told: Any, fields: dict[str, type]) -> dict[str, Any]:
-    """Return `told` if it is a mapping with these fields, which have values that a data set may have.
+    """Return `told` if it is a mapping with valid values in all of these fields.
 
     Raises:
-        DatasetError: It is something else.
+        DatasetError: It is not such a mapping.
     """
     for name, kind in fields.items():
         value = told.get(name) if isinstance(told, dict) else None
@@ -171,7 +171,7 @@ def checked(path: Path, told: Any, fields: dict[str, type]) -> dict[str, Any]:
             raise DatasetError(f"{path}: '{name}' should be {words}, got {value!s:.80}.")
     for name, digest in told["files"].items():
         if not _FILE.fullmatch(name) or not isinstance(digest, str):
-            raise DatasetError(f"{path}: 'files' should be names of files in its folder with sums, got {name!r:.80}.")
+            raise DatasetError(f"{path}: 'files' should map names of files in its folder to sums, got {name!r:.80}.")
     if fields is _RECORD and not told["first_pass_valid"] <= told["valid"] <= told["rows"]:
         raise DatasetError(f"{path}: 'valid' should be 'first_pass_valid' to 'rows', got {told['valid']}.")
     if fields is _FIELDS:

@@ -22,25 +22,25 @@ from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.progress import tell
 from sceniris_gym.scene.layout_table import COLUMNS, LayoutTable
 
-_OPEN = 64  # memory maps at once: each keeps a file open
+_OPEN = 64  # open memory maps, because each keeps a file open
 _AGAIN = "Remove the file, and repeat the data set's `sceniris-gym generate` with --resume."
 
 
 class LayoutDataset(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
-    """The layouts in a folder that `sceniris-gym generate` wrote, read from memory maps when they are asked for.
+    """The layouts in a folder of `sceniris-gym generate`, read on demand from memory maps.
 
     Args:
         folder: The folder.
-        columns: The columns of `LayoutTable` that a layout is to have; None for all that were written.
+        columns: The columns of `LayoutTable` to return per layout, None for all stored columns.
 
     Attributes:
         manifest: The contents of `dataset.json`: the scene and its hash, the split, seed, names and columns.
         columns: Names of the columns.
 
     Raises:
-        DatasetError: The data set is not whole, or its files do not fit its manifest.
-        UnknownNameError: There is no such column.
-        ArgumentTypeError: `folder` is no path, or `columns` are no names.
+        DatasetError: The data set is not complete, or its files do not match its manifest.
+        UnknownNameError: A column is unknown.
+        ArgumentTypeError: `folder` is not a path, or `columns` are not names.
     """
 
     def __init__(self, folder: str | Path, columns: Sequence[str] | None = None) -> None:
@@ -69,11 +69,11 @@ class LayoutDataset(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
         return row
 
     def _check_parts(self) -> None:
-        """Compare the number and the sizes of the files with the manifest, before anything is allocated."""
+        """Compare the number and the sizes of the files with the manifest, before memory is allocated."""
         rows = [part["rows"] for part in self.manifest["parts"]]
         if min(rows, default=0) < 1 or sum(rows) != self.manifest["layouts"]:
             raise DatasetError(
-                f"{self.folder / MANIFEST}: its parts do not add up to {short(self.manifest['layouts'])} rows."
+                f"{self.folder / MANIFEST}: its parts should add up to {short(self.manifest['layouts'])} rows."
             )
         paths = [self.folder / part_name(part) for part in range(len(rows))]
         sizes = [path.stat().st_size if path.is_file() else -1 for path in paths]
@@ -88,11 +88,11 @@ class LayoutDataset(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
         return self.manifest["layouts"]
 
     def __getitem__(self, index: int) -> dict[str, torch.Tensor]:
-        """Return one layout: a tensor for each column.
+        """Return one layout: a tensor per column.
 
         Raises:
-            IndexError: There is no such row.
-            ArgumentTypeError: It is no integer.
+            IndexError: The row is out of range.
+            ArgumentTypeError: `index` is not an integer.
         """
         try:
             row = operator.index(index)
@@ -101,16 +101,16 @@ class LayoutDataset(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
         return {name: torch.from_numpy(values)[0] for name, values in self.rows([row]).items()}
 
     def __getitems__(self, indices: Sequence[int]) -> list[dict[str, torch.Tensor]]:
-        """Return several layouts, which is quicker than one after the other."""
+        """Return several layouts, faster than separate calls."""
         found = {name: torch.from_numpy(values) for name, values in self.rows(indices).items()}
         return [{name: values[i] for name, values in found.items()} for i in range(len(indices))]
 
     def rows(self, indices: Sequence[int] | np.ndarray) -> dict[str, np.ndarray]:
-        """Return rows in the order asked for: an array of shape (len(indices), ...) for each column, copied.
+        """Return copies of rows in the order of `indices`: an array of shape (len(indices), ...) per column.
 
         Raises:
-            IndexError: There is no such row.
-            ArgumentTypeError: `indices` are no integers.
+            IndexError: A row is out of range.
+            ArgumentTypeError: `indices` are not integers.
             DatasetError: A file is damaged.
         """
         wanted = self._numbers(indices)
@@ -123,7 +123,7 @@ class LayoutDataset(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
         return {name: np.ascontiguousarray(found[name]) for name in self.columns}
 
     def _numbers(self, indices: Any) -> np.ndarray:
-        """Return row numbers, negative ones counted from the end, as int64, shape (n,)."""
+        """Return row numbers as int64, shape (n,). Negative indices count from the end."""
         try:
             asked = np.asarray(indices).reshape(-1)
         except ValueError:  # lists of different lengths
@@ -144,8 +144,8 @@ class LayoutDataset(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
         """Return `count` rows (None: all) from row `first` on as a LayoutTable, as `StoredLayouts` takes it.
 
         Raises:
-            ArgumentError: There are no such rows, or `columns` leaves out some that a table has.
-            ArgumentTypeError: `first` or `count` is no integer.
+            ArgumentError: The rows are out of range, or the data set was opened with `columns` that a table lacks.
+            ArgumentTypeError: `first` or `count` is not an integer.
         """
         try:
             first, count = operator.index(first), None if count is None else operator.index(count)
@@ -157,10 +157,10 @@ class LayoutDataset(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
         if first < 0 or count < 0 or first + count > len(self):
             raise ArgumentError(f"LayoutDataset.table: rows should be among 0 to {len(self) - 1}.")
         if set(self.columns) != set(self._row.names or ()):
-            raise ArgumentError("LayoutDataset.table: a table has all columns. Open the data set without 'columns'.")
+            raise ArgumentError("LayoutDataset.table: a table needs all columns. Open the data set without 'columns'.")
         rows = self.rows(np.arange(first, first + count))
         states = LayoutTable.from_states(rows["qpos"], rows["mocap_pos"], rows["mocap_quat"], rows["present"])
-        if "draw_seed" not in rows:  # nothing is drawn, or the file is older: then the keys of fallbacks are unknown
+        if "draw_seed" not in rows:  # no randomised fields, or an older file without the keys of fallbacks
             held = {name: getattr(states, name) for name in ("seed", "episode", "valid")} | rows
             rows["draw_seed"], rows["draw_episode"] = held["seed"], np.where(held["valid"], held["episode"], -1)
             rows["draw_stream"] = np.full(count, named_stream(self.manifest["split"]), np.int32)
@@ -175,24 +175,27 @@ class LayoutDataset(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
         except UNREADABLE as error:
             raise DatasetError(f"{path}: NumPy cannot read it ({error}). {_AGAIN}") from error
         if getattr(rows, "dtype", None) != self._row or rows.shape != (self.manifest["parts"][part]["rows"],):
-            raise DatasetError(
-                f"{path}: holds other columns, or another number of rows, than {MANIFEST} tells. {_AGAIN}"
-            )
+            raise DatasetError(f"{path}: should have the columns and the number of rows in {MANIFEST}. {_AGAIN}")
         return rows
 
 
 @lru_cache(_OPEN)
 def _mapped(path: Path, written: int) -> np.ndarray:
-    """Return the memory map of a file of a manifest that was written at a time [ns]; the latest ones stay open."""
+    """Return the memory map of a file. The latest maps stay open.
+
+    Args:
+        path: The file.
+        written: Time of its manifest [ns], so that a new data set in the folder is not served from old maps.
+    """
     return np.load(path, mmap_mode="r", allow_pickle=False)
 
 
 def verify(folder: str | Path) -> dict[str, Any]:
-    """Compare all files of a data set with the checksums of its manifest, tell the progress, and return the manifest.
+    """Compare all files of a data set with the checksums of its manifest, and return the manifest.
 
     Raises:
-        DatasetError: The data set is not whole, or files are damaged; the message names all of them.
-        ArgumentTypeError: `folder` is no path.
+        DatasetError: The data set is not complete, or files are damaged. The message names up to five of them.
+        ArgumentTypeError: `folder` is not a path.
     """
     dataset = LayoutDataset(folder)
     folder, held, damaged = dataset.folder, dataset.manifest, []
@@ -207,7 +210,7 @@ def verify(folder: str | Path) -> dict[str, Any]:
     if damaged:
         more = f" and {len(damaged) - 5} others" if len(damaged) > 5 else ""
         raise DatasetError(
-            f"{folder}: {', '.join(damaged[:5])}{more} {'is' if len(damaged) == 1 else 'are'} not as {MANIFEST} tells. "
-            "Remove them, and repeat the data set's `sceniris-gym generate` with --resume."
+            f"{folder}: {', '.join(damaged[:5])}{more} {'is' if len(damaged) == 1 else 'are'} damaged or missing, by "
+            f"{MANIFEST}. Remove damaged files, and repeat the data set's `sceniris-gym generate` with --resume."
         )
     return held

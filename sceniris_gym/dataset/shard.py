@@ -1,4 +1,4 @@
-"""The shard of a data set that a process writes, where several processes write it together."""
+"""The shard of a data set that one of several processes writes."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Shard:
 
     @property
     def device(self) -> str | None:
-        """The GPU of this process if torchrun started it and there is one for each; None for the usual default."""
+        """The GPU of this process if torchrun started it and every process has a GPU, None for the default device."""
         return Rank.current().device if self.size > 1 else None
 
     @classmethod
@@ -32,7 +32,7 @@ class Shard:
         """Read `R/K`, process R of K.
 
         Raises:
-            ArgumentError: The words have another form.
+            ArgumentError: The text has another form.
         """
         found = re.fullmatch(r"([0-9]{1,9})/([0-9]{1,9})", words)
         shard = None if found is None else cls(int(found[1]), int(found[2]))
@@ -42,10 +42,10 @@ class Shard:
 
     @classmethod
     def current(cls, environment: Mapping[str, str] = os.environ) -> Shard:
-        """Return the shard that torchrun (RANK, WORLD_SIZE) or a Slurm array gives this process; else all parts.
+        """Return the shard that torchrun (RANK, WORLD_SIZE) or a Slurm array gives this process, by default all parts.
 
         Raises:
-            ArgumentError: A rank that is not below the size, or numbers of the array's tasks that have gaps.
+            ArgumentError: The rank is not below the size, or the task numbers of the array have gaps.
         """
         number, size = (environment.get(name, "") for name in _TORCHRUN)
         if number.isdecimal() and size.isdecimal():
@@ -65,6 +65,6 @@ class Shard:
         if (last - first) // step + 1 != count or (task - first) % step:
             raise ArgumentError(
                 f"generate: this is task {task} of a Slurm array of {count} tasks from {first} to {last}, with gaps. "
-                "Say which shard it writes: --shard R/K."
+                "Choose its shard: --shard R/K."
             )
         return cls((task - first) // step, count)

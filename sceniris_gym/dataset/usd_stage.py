@@ -1,8 +1,8 @@
-"""Layouts as USD: the scene's geometry once, and a stage over it for each part, whose frame i is row i.
+"""Layouts as USD: one stage with the scene's geometry, and a stage over it for each part. Frame i of a part is row i.
 
-Stages are z up, in metres. Every body is an Xform below that of its parent, and an object of the scene is
-`/World/<name>`. The stages are for the eye and have no physics, for which there is `scene.zip`. Importing this module
-needs usd-core: `formats.check_formats` says how to install it.
+Stages are z up, in metres. Every body is an Xform below its parent's Xform, and an object of the scene is
+`/World/<name>`. The stages are for viewing and have no physics. `scene.zip` holds the physics. Importing this module
+needs usd-core, which `formats.check_formats` checks for.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.poses import body_poses, product, rotated
 
 WORLD = "/World"
-_SEEN_GROUPS = 3  # MuJoCo shows the groups below; the others are colliders, which USD calls guides
+_SEEN_GROUPS = 3  # MuJoCo shows the groups below, and higher groups are colliders, which USD calls guides
 _ENDLESS = 10.0  # m, half the edge of a plane without end
-_UNSET = (0.5, 0.5, 0.5, 1.0)  # MuJoCo's colour of geoms that name none, for which the material's counts
+_UNSET = (0.5, 0.5, 0.5, 1.0)  # MuJoCo's colour of geoms without rgba, which take the material's colour
 _SCALAR = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 _PRIMITIVES = {mujoco.mjtGeom.mjGEOM_SPHERE: "Sphere", mujoco.mjtGeom.mjGEOM_ELLIPSOID: "Sphere"}
 _PRIMITIVES |= {mujoco.mjtGeom.mjGEOM_CAPSULE: "Capsule", mujoco.mjtGeom.mjGEOM_CYLINDER: "Cylinder"}
@@ -30,7 +30,7 @@ _PRIMITIVES |= {mujoco.mjtGeom.mjGEOM_BOX: "Cube"}
 
 
 def scene_bytes(compiled: CompiledScene) -> bytes:
-    """Return the stage of the scene, bodies at the start pose with their geometry, as the bytes of a .usdc file."""
+    """Return the stage of the scene as the bytes of a .usdc file: all bodies with geometry, at the start pose."""
     mjm, paths = compiled.mjm, body_paths(compiled)
     layer = _new_layer()
     stage = Usd.Stage.Open(layer)
@@ -52,10 +52,10 @@ def scene_bytes(compiled: CompiledScene) -> bytes:
 
 
 def part_bytes(compiled: CompiledScene, rows: np.ndarray) -> bytes:
-    """Return the stage of a part, over `scene.usdc` beside it, as the bytes of a .usdc file.
+    """Return the stage of a part as the bytes of a .usdc file. It refers to `scene.usdc` in the same folder.
 
-    Time i is row i: it has the poses of bodies, makes absent objects invisible, and gives `/World` the attributes
-    `layout:seed`, `layout:episode` and `layout:valid`, and bodies `joint:NAME` [rad or m].
+    Time i is row i. It sets the poses of bodies, makes absent objects invisible, and gives `/World` the attributes
+    `layout:seed`, `layout:episode` and `layout:valid`, and bodies the attributes `joint:NAME` [rad or m].
     """
     mjm, paths = compiled.mjm, body_paths(compiled)
     layer = _new_layer()
@@ -81,7 +81,7 @@ def part_bytes(compiled: CompiledScene, rows: np.ndarray) -> bytes:
 
 
 def body_paths(compiled: CompiledScene) -> list[str]:
-    """Return the paths of all bodies by id: objects and robots by name, their parts without the prefix."""
+    """Return the paths of all bodies by id: objects and robots by name, parts without the prefix of their object."""
     mjm = compiled.mjm
     names = {body: name for name, body in compiled.scene.bodies.items()}
     paths, taken = [WORLD], {WORLD}
@@ -93,7 +93,7 @@ def body_paths(compiled: CompiledScene) -> list[str]:
 
 
 def _local(mjm: mujoco.MjModel, body: int, name: str) -> str:
-    """Return a name without the prefix of the object that it is a part of."""
+    """Return a name without the prefix of its object."""
     prefix = mjm.body(body).name.partition("/")[0] + "/"
     return Tf.MakeValidIdentifier(name.removeprefix(prefix)) if name else ""
 
@@ -109,7 +109,7 @@ def _free_path(folder: str, name: str, taken: set[str]) -> str:
 
 
 def _new_layer() -> Any:
-    """Return an empty layer with the default prim, the unit of length and the axis that points up."""
+    """Return an empty layer with the default prim, the unit of length and the up axis."""
     layer = Sdf.Layer.CreateAnonymous(".usdc")
     layer.defaultPrim = WORLD[1:]
     layer.pseudoRoot.SetInfo("metersPerUnit", 1.0)
@@ -126,7 +126,7 @@ def _seen_from(
 
 
 def _write(layer: Any, prim: str, name: str, kind: Any, values: list, *, custom: bool = False) -> None:
-    """Write an attribute: a sample for each row, or a default where all are the same."""
+    """Write an attribute: a sample per row, or a default if all samples are equal."""
     spec = Sdf.CreatePrimInLayer(layer, prim)
     attribute = Sdf.AttributeSpec(spec, name, kind, Sdf.VariabilityVarying, custom)
     if all(value == values[0] for value in values):
@@ -138,14 +138,14 @@ def _write(layer: Any, prim: str, name: str, kind: Any, values: list, *, custom:
 
 def _place(xform: Any, pos: np.ndarray, quat: np.ndarray, scale: np.ndarray | None = None) -> None:
     xform.AddTranslateOp().Set(Gf.Vec3d(*pos.tolist()))
-    # USD turns quaternions into angles by the arc cosine: of single ones it loses angles below 0.02 degrees.
+    # USD converts quaternions to angles by the arc cosine, which loses angles below 0.02 degrees in single precision.
     xform.AddOrientOp(UsdGeom.XformOp.PrecisionDouble).Set(Gf.Quatd(*quat.tolist()))
     if scale is not None:
         xform.AddScaleOp().Set(Gf.Vec3f(*scale.tolist()))
 
 
 def _define_geom(stage: Any, mjm: mujoco.MjModel, geom: int, path: str) -> None:
-    """Add a geom to the body that it belongs to."""
+    """Add a geom to its body."""
     kind, size = mujoco.mjtGeom(int(mjm.geom_type[geom])), mjm.geom_size[geom]
     scale = size if kind in (mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_ELLIPSOID) else None
     if kind in _PRIMITIVES:
@@ -194,7 +194,7 @@ def _triangles(mjm: mujoco.MjModel, geom: int, kind: mujoco.mjtGeom) -> tuple[np
 
 
 def _colour(mjm: mujoco.MjModel, geom: int) -> np.ndarray:
-    """Return the colour of a geom, shape (4,); for a textured one the average of its texture."""
+    """Return the colour of a geom, shape (4,). For a textured geom, multiply by the mean of the texture."""
     rgba, material = mjm.geom_rgba[geom], int(mjm.geom_matid[geom])
     if material < 0 or not np.allclose(rgba, _UNSET):
         return rgba

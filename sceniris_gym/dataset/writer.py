@@ -1,8 +1,8 @@
 """A writer of data sets that can be killed at any moment, and resumes to the same bytes.
 
-While a data set is being made, the hidden folder `.progress` holds its plan and a record of every part that is whole.
-The process that writes the last part writes `dataset.json` and removes `.progress`. All files are replaced as a whole,
-and two processes that happen to write the same file write the same bytes.
+Until a data set is complete, the hidden folder `.progress` holds its plan and a record of every finished part. The
+process that writes the last part writes `dataset.json` and removes `.progress`. Every file is replaced atomically. If
+two processes write the same file, they write the same bytes.
 """
 
 from __future__ import annotations
@@ -49,12 +49,12 @@ class DatasetWriter:
     Args:
         compiled: The compiled scene.
         plan: The plan of the data set.
-        folder: The folder; created if it does not exist.
+        folder: The folder, created if missing.
         shard: The parts that this process writes.
-        resume: Go on with a data set that was begun. Processes that share one always do.
+        resume: Continue an incomplete data set. Processes with different shards of one data set always do.
 
     Raises:
-        DatasetError: The folder holds a data set and `resume` is false, or it holds another one.
+        DatasetError: The folder holds a data set and `resume` is false, or it holds a data set with another plan.
         MissingExtraError: A format needs a library that is not installed.
     """
 
@@ -71,21 +71,21 @@ class DatasetWriter:
                 self._compare(path, resume or shard.size > 1)
         if (folder / MANIFEST).exists():
             self._manifest = read_manifest(folder)
-        else:  # for processes that come later
+        else:  # later processes compare their plan with this file
             write_text(begun, json.dumps(plan.words, indent=1) + "\n")
 
     def _compare(self, path: Path, resume: bool) -> None:
-        """Compare the plan with that of a data set that is there."""
+        """Compare the plan with an existing data set in the folder."""
         if not resume:
             raise DatasetError(
-                f"{self.folder}: a data set is here already. Add --resume to finish it, or give another folder."
+                f"{self.folder}: already holds a data set. Add --resume to finish it, or give another folder."
             )
         try:
             held = json.loads(read_bytes(path))
         except FileNotFoundError:  # another process has finished the data set since
             return
         except (ValueError, OSError, RecursionError) as error:
-            raise DatasetError(f"{path}: cannot be read ({error}). Remove the data set to begin anew.") from error
+            raise DatasetError(f"{path}: cannot be read ({error}). Remove the data set to start again.") from error
         former = self.compiled.scene.former_hash
         if isinstance(held, dict) and former is not None and held.get("hash") == former:
             raise DatasetError(f"{path}: the data set here {self.compiled.scene.mismatch(former, '')}")
@@ -93,16 +93,16 @@ class DatasetWriter:
             before = held.get(name) if isinstance(held, dict) else held
             if before != value:
                 raise DatasetError(
-                    f"{path}: the data set here has {name} = {before!s:.200}, not {value!s:.200}. Repeat its own "
+                    f"{path}: the data set here has {name} = {before!s:.200}, not {value!s:.200}. Repeat its original "
                     "command to finish it, or give another folder."
                 )
 
     def write(self, *, chunk: int) -> None:
-        """Make and write the missing parts of this shard, `chunk` layouts at once, and tell the progress.
+        """Make and write the missing parts of this shard, `chunk` layouts at once, and report the progress.
 
         Raises:
             OutputError: A file cannot be written.
-            DatasetError: A missing part of a finished data set came out otherwise.
+            DatasetError: A missing part of a complete data set was made again, and differs from its checksum.
         """
         plan, generator = self.plan, None
         if self._manifest is None or not all((self.folder / name).is_file() for name in plan.files):
@@ -120,18 +120,18 @@ class DatasetWriter:
         self._finish()
 
     def records(self) -> list[dict[str, Any]]:
-        """Return the records of the parts that are there, whichever process wrote them."""
+        """Return the records of all finished parts, from all processes."""
         if self._manifest is not None:
             return self._manifest["parts"]
         return [record for part in range(self.plan.parts) if (record := self._record(part)) is not None]
 
     @property
     def complete(self) -> bool:
-        """True once all parts are there."""
+        """True once all parts are finished."""
         return self._manifest is not None
 
     def _record(self, part: int) -> dict[str, Any] | None:
-        """Return the record of a part; None if the part is not there, or not whole."""
+        """Return the record of a part, None if the part is missing or incomplete."""
         path, rows = self.folder / part_name(part), len(self.plan.rows(part))
         record = read_record(self._progress / f"{part:05}.json")
         if self._manifest is not None:
@@ -145,8 +145,8 @@ class DatasetWriter:
         spec = self.compiled.scene.spec
         if spec is None:
             raise SceneKeyError(
-                f"{self.compiled.config.where}: model: scene.zip cannot be written of a MjModel, which MuJoCo cannot "
-                "turn back into MJCF. Give 'model' as a mujoco.MjSpec or as the path of an MJCF file."
+                f"{self.compiled.config.where}: model: scene.zip cannot be written, because MuJoCo cannot convert a "
+                "MjModel back to MJCF. Give 'model' as a mujoco.MjSpec or as the path of an MJCF file."
             )
         with replacing(self.folder / SCENE) as path, path.open("wb") as file:
             write_zip(spec, file)
@@ -174,12 +174,12 @@ class DatasetWriter:
             write_text(self._progress / f"{part:05}.json", json.dumps(record))
         elif record != self._manifest["parts"][part]:
             raise DatasetError(
-                f"{self.folder / part_name(part)}: was missing, and the bytes made in its place are not those of "
-                f"{MANIFEST}. Make it with the versions that made the others, of libraries as well."
+                f"{self.folder / part_name(part)}: was missing, and the new file should match the checksum in "
+                f"{MANIFEST}. Make it with the same versions of sceniris_gym and its libraries as the other parts."
             )
 
     def _finish(self) -> None:
-        """Write the manifest if all parts are there, and remove the files that are needed no more."""
+        """Once all parts are finished, write the manifest and remove temporary files."""
         path = self.folder / MANIFEST
         if self._manifest is None and not path.exists():
             records = self.records()
@@ -190,13 +190,13 @@ class DatasetWriter:
             write_text(path, json.dumps(self.plan.words | told, indent=1) + "\n")
         self._manifest = read_manifest(self.folder)
         shutil.rmtree(self._progress, ignore_errors=True)
-        for left in self.folder.glob(".*.tmp"):  # of processes that were killed, on this machine or another
+        for left in self.folder.glob(".*.tmp"):  # left by killed processes, on this machine or another
             if left.name.startswith((f".{MANIFEST}.", ".scene.", ".layouts-")):
                 left.unlink(missing_ok=True)
 
 
 def _made(generator: LayoutGenerator, plan: DatasetPlan, rows: range, done: int, total: int) -> np.ndarray:
-    """Make rows of a data set, after `done` of `total`, and return them as records, shape (len(rows),)."""
+    """Make rows of a data set and return records, shape (len(rows),). Progress counts from `done` to `total`."""
     made = np.zeros(len(rows), plan.row)
     start, seeds = 0, as_seeds((plan.words["seed"] + rows.start) % (1 << 64), len(rows))
     for table in make_tables(generator, seeds):
@@ -216,7 +216,7 @@ def _header(row: np.dtype, nrow: int) -> bytes:
 
 
 def _write(path: Path, *pieces: bytes | memoryview) -> str:
-    """Write a file whole, and return its SHA-256."""
+    """Write a file atomically, and return its SHA-256."""
     digest = hashlib.sha256()
     with replacing(path) as temporary, temporary.open("wb") as file:
         for data in pieces:
@@ -227,6 +227,6 @@ def _write(path: Path, *pieces: bytes | memoryview) -> str:
 
 
 def _sync(file: Any) -> None:
-    """Wait until a file is on the disk, as its record must not outlive it."""
+    """Wait until a file is on disk, because after a crash its record must not exist without it."""
     file.flush()
     os.fsync(file.fileno())

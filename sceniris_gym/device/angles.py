@@ -1,9 +1,9 @@
 """Sines, cosines, arc tangents, logarithms and exponentials with the same bits on every device.
 
-CUDA's own functions differ from those of C libraries in the last bit of a float, which regions clipped at small angles
-magnify to tens of micrometres. All kernels also switch `fuse_fp` off: inverse kinematics magnifies the last bit to
-radians where an arm has joints to spare. Only sums, products, quotients and square roots then remain, which IEEE 754
-defines to the bit.
+CUDA's functions and C libraries differ in the last bit of a float. Regions clipped at small angles magnify this bit to
+tens of micrometres. All kernels also switch `fuse_fp` off, because inverse kinematics magnifies the last bit to radians
+if an arm has redundant joints. Only sums, products, quotients and square roots then remain, and IEEE 754 defines them
+to the bit.
 """
 
 import math
@@ -18,8 +18,8 @@ _ONE = wp.constant(wp.float64(1.0))
 _LOG_2 = wp.constant(wp.float64(math.log(2.0)))
 
 # Minimax polynomials on [-pi/4, pi/4], for results that are rounded to floats: sin r = r + r^3 (S1 + S2 r^2 + ...) and
-# cos r = 1 + r^2 (C1 + C2 r^2 + ...). They come from Arm's "optimized routines", as glibc's since 2.28, so layouts
-# are the same as with `wp.sin` on a CPU.
+# cos r = 1 + r^2 (C1 + C2 r^2 + ...). They come from Arm's "optimized routines", which glibc has used since 2.28, so
+# layouts are the same as with `wp.sin` on a CPU.
 _S1 = wp.constant(wp.float64(-0.16666654943701084))
 _S2 = wp.constant(wp.float64(0.008332178146138854))
 _S3 = wp.constant(wp.float64(-0.00019517298981385725))
@@ -28,8 +28,8 @@ _C2 = wp.constant(wp.float64(0.041666623324344516))
 _C3 = wp.constant(wp.float64(-0.001388676379437604))
 _C4 = wp.constant(wp.float64(2.4390450703564542e-05))
 
-# atan(t) for t >= 0: near 0 it is t - t (E + O), with even and odd terms E and O; elsewhere it is atan(c) plus the
-# arc tangent of a small remainder, for c of 1/2, 1, 3/2 or infinity. From Sun's fdlibm, as glibc's up to 2.40.
+# atan(t) for t >= 0: near 0 it is t - t (E + O), with even and odd terms E and O. For larger t it is atan(c) plus the
+# arc tangent of a small remainder, for c of 1/2, 1, 3/2 or infinity. From Sun's fdlibm, which glibc used up to 2.40.
 _ATAN = wp.constant(wp.vec4(0.46364760399, 0.78539812565, 0.98279368877, 1.5707962513))
 _ATAN_REST = wp.constant(wp.vec4(5.0121582440e-09, 3.7748947079e-08, 3.4473217170e-08, 7.5497894159e-08))
 _UPRIGHT = wp.constant(2.0**25)
@@ -37,7 +37,7 @@ _PI = wp.constant(3.1415927410)
 _PI_REST = wp.constant(-8.7422776573e-08)
 
 
-# Not inlined: there are too many instructions for a copy at every use.
+# Not inlined: it has too many instructions for a copy at every use.
 @wp.func(inline=False)
 def unit_circle(angle: float) -> wp.vec2:
     """Return cosine and sine of an angle [rad], correct to 0.57 units in the last place for angles up to 100."""
@@ -90,7 +90,7 @@ def _atan(slope: float) -> float:
 
 @wp.func(inline=False)
 def angle_of(x: float, y: float) -> float:
-    """Return the angle [rad] from the x axis to a vector, from -pi to pi; 0 for the zero vector."""
+    """Return the angle [rad] from the x axis to a vector, from -pi to pi, or 0 for the zero vector."""
     if y == 0.0:
         return wp.where(x < 0.0, _PI, y)
     angle = _atan(wp.abs(y / x))

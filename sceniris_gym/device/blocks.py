@@ -1,4 +1,4 @@
-"""Cooperation of the lanes of a thread block; on a CPU a block is one lane."""
+"""Cooperation of the lanes of a thread block. On a CPU, a block has one lane."""
 
 import warp as wp
 
@@ -11,7 +11,7 @@ return value;
 #endif
 """)
 def block_any(value: int) -> int:
-    """Return non-zero on every lane of the block if `value` is non-zero on any of them."""
+    """Return non-zero on every lane of the block if `value` is non-zero on any lane."""
     ...
 
 
@@ -21,5 +21,5 @@ __syncthreads();
 #endif
 """)
 def block_sync():
-    """Wait for all lanes of the block, a barrier after which each sees what the others wrote before."""
+    """Wait for all lanes of the block. After this barrier, each lane sees the earlier writes of the others."""
     ...

@@ -1,4 +1,4 @@
-"""Objects that hold memory of a device: they belong to one process, and captured graphs use their attributes."""
+"""Base classes of objects that hold device memory: one process owns them, and captured graphs use their attributes."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from sceniris_gym.errors import FixedError, NotSupportedError
 
 
 class StaysHere:
-    """Base class of objects that hold memory of a device, and so belong to one process.
+    """Base class of objects that hold device memory and therefore belong to one process.
 
     Attributes:
-        SEND: The object to send instead, as the error message says it.
+        SEND: The object to send instead, worded for the error message.
     """
 
     SEND = "its CompiledScene, which is compiled again where it arrives, or the scene's name, and make it there"
 
     def __reduce__(self) -> NoReturn:
-        """Refuse to be pickled or copied.
+        """Reject pickling and copying.
 
         Raises:
             NotSupportedError: Always.
@@ -32,7 +32,7 @@ class Fixed:
 
     Attributes:
         FIXED: Attributes that only the constructor sets.
-        ARGUMENTS: Arguments of the constructor that are no attributes: assigning to them would have no effect either.
+        ARGUMENTS: Arguments of the constructor that are not attributes. Assigning to them would have no effect.
     """
 
     FIXED: ClassVar[tuple[str, ...]] = ()
@@ -42,7 +42,7 @@ class Fixed:
         """Set an attribute.
 
         Raises:
-            FixedError: A fixed one, or an argument.
+            FixedError: The attribute is fixed, or is an argument of the constructor.
         """
         if name in self.ARGUMENTS or (name in self.FIXED and name in self.__dict__):
             raise FixedError(type(self).__name__, name)
@@ -52,7 +52,7 @@ class Fixed:
         """Delete an attribute.
 
         Raises:
-            FixedError: A fixed one.
+            FixedError: The attribute is fixed.
         """
         if name in self.FIXED:
             raise FixedError(type(self).__name__, name)

@@ -1,4 +1,4 @@
-"""The line that a user reads before kernels are compiled, in place of Warp's own line about each module."""
+"""The message printed before kernels are compiled. It replaces Warp's line for each module."""
 
 from __future__ import annotations
 
@@ -6,23 +6,23 @@ import sys
 
 import warp as wp
 
-# The kernels belong to the process, and so does the line about them: generators do not know of each other.
+# Kept for the whole process, like the kernels: each generator would otherwise print the message again.
 _told: set[str] = set()
 
 
 def start_warp() -> None:
-    """Start Warp, which from now on reports warnings and errors alone; at `wp.LOG_DEBUG` it reports everything."""
+    """Start Warp and limit its log to warnings and errors, unless its level is `wp.LOG_DEBUG`."""
     if wp.config.log_level == wp.LOG_INFO:
         wp.config.log_level = wp.LOG_WARNING
     wp.init()
 
 
 def tell_of_compiling(device: str, own: int) -> None:
-    """Say on stderr that kernels are compiled, once for each device in a process.
+    """Report on stderr that kernels are being compiled, once for each device in a process.
 
     Args:
         device: The device.
-        own: How many modules of this package are among them.
+        own: Number of modules of this package to compile.
     """
     if device in _told:
         return
@@ -30,7 +30,7 @@ def tell_of_compiling(device: str, own: int) -> None:
     time = "about a minute" if device == "cpu" else "some minutes"
     print(
         f"sceniris_gym: compiling kernels for '{device}' ({own} modules of this package, then MuJoCo-Warp's as they "
-        f"are needed): {time}, once; they are kept in {wp.config.kernel_cache_dir}",
+        f"are needed): {time}, once. They are kept in {wp.config.kernel_cache_dir}",
         file=sys.stderr,
         flush=True,
     )

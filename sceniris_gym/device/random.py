@@ -1,8 +1,8 @@
-"""Philox4x32-10, random numbers as a pure function of a key and a counter.
+"""Philox4x32-10: random numbers as a pure function of a key and a counter.
 
 J. Salmon, M. Moraes, R. Dror, D. Shaw, "Parallel random numbers: as easy as 1, 2, 3", SC 2011. The key is the 64-bit
-seed of a world, the counter (episode, stream, trial, draw). So a layout depends neither on the other worlds that are
-reset, nor on their order, nor on the number of lanes that share the work.
+seed of a world. The counter is (episode, stream, trial, draw). A layout therefore does not depend on the other worlds
+that are reset, on their order, or on the number of lanes that share the work.
 """
 
 import hashlib
@@ -11,16 +11,16 @@ import warp as wp
 
 # Streams of one seed and episode. The placement of an object uses stream split * 2^24 + object. Streams of tasks have
 # the top bit set, so that goals and noise never repeat the numbers behind the poses.
-SPLITS = {"train": 0, "eval": 1, "train_bank": 2, "eval_bank": 3}  # only compile_scene draws from those of banks
+SPLITS = {"train": 0, "eval": 1, "train_bank": 2, "eval_bank": 3}  # only compile_scene draws from the bank splits
 STREAM_BITS = 24
-BANK_BIT = SPLITS["train_bank"] << STREAM_BITS  # set in the streams of banks alone
+BANK_BIT = SPLITS["train_bank"] << STREAM_BITS  # set only in the streams of banks
 TASK_STREAM = 1 << 31
 NAMED_STREAM = 1 << 30  # numbers drawn by name, with the name as their trial
 BANK_STREAM = (1 << STREAM_BITS) - 1
 GROUP_STREAM = (1 << STREAM_BITS) - 2
 REACH_STREAM = (1 << STREAM_BITS) - 3
 START_STREAM = (1 << STREAM_BITS) - 4
-REDRAW_STREAM = (1 << STREAM_BITS) - 5  # with the number of the redraw as trial: the seed of all its draws
+REDRAW_STREAM = (1 << STREAM_BITS) - 5  # with the number of the redraw as trial, it seeds all draws of that redraw
 
 _M0 = wp.constant(wp.uint32(0xD2511F53))
 _M1 = wp.constant(wp.uint32(0xCD9E8D57))
@@ -59,7 +59,7 @@ def philox(seed: wp.uint64, counter: wp.vec4ui) -> wp.vec4ui:
 
 @wp.func
 def uniform(word: wp.uint32) -> float:
-    """Return a float in [0, 1) from the upper 24 bits of `word`, which is exact in float32."""
+    """Return a float in [0, 1) from the upper 24 bits of `word`, exact in float32."""
     return float(word >> wp.uint32(8)) * 5.9604644775390625e-08
 
 

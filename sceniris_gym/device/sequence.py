@@ -1,6 +1,6 @@
-"""`LaunchSequence`: kernel launches that are captured into a graph once, and replayed afterwards; and the launch lock.
+"""`LaunchSequence`, kernel launches captured into a graph once and then replayed, and the launch lock.
 
-One thread launches at a time, since Warp's device, stream and capture belong to the process.
+One thread launches at a time, because Warp's device, stream and capture belong to the process.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import warp as wp
 
 from sceniris_gym.errors import BusyError
 
-# One for the process, as Warp's stream and capture are.
+# One lock for the process, because Warp's stream and capture belong to the process.
 _LAUNCH_LOCK = threading.RLock()
 
 _P = ParamSpec("_P")
@@ -22,9 +22,9 @@ _T = TypeVar("_T")
 
 
 def launching(function: Callable[_P, _T]) -> Callable[_P, _T]:
-    """Hold the launch lock while the function runs; other threads wait for it.
+    """Hold the launch lock while the function runs. Other threads wait for it.
 
-    Launches of one thread during a capture of another would become part of that capture, or go to its stream.
+    Without the lock, launches of one thread would join the capture of another thread or go to its stream.
     """
 
     @functools.wraps(function)
@@ -36,10 +36,10 @@ def launching(function: Callable[_P, _T]) -> Callable[_P, _T]:
 
 
 class ObjectLock:
-    """A lock of one object and the launch lock, taken together.
+    """The lock of one object and the launch lock, taken together.
 
-    A thread that finds the object in use gets an error instead of waiting: the order of calls from two threads would be
-    a matter of chance.
+    A thread gets an error instead of waiting if another thread uses the object. The order of their calls would be a
+    matter of chance.
 
     Args:
         what: Name of the object in messages.
@@ -52,7 +52,7 @@ class ObjectLock:
     def __enter__(self) -> None:
         if not self._lock.acquire(blocking=False):
             raise BusyError(
-                f"{self.what}: another thread is using it at this moment, and the order of their calls would be a "
+                f"{self.what}: another thread is using it now, so the order of the calls would be a "
                 "matter of chance. Call it from one thread at a time, or give each thread a separate one."
             )
         _LAUNCH_LOCK.acquire()
@@ -66,7 +66,7 @@ def exclusive(method: Callable[Concatenate[Any, _P], _T]) -> Callable[Concatenat
     """Hold the object's `lock` while the method runs.
 
     Raises:
-        BusyError: Another thread holds it.
+        BusyError: Another thread holds the lock.
     """
 
     @functools.wraps(method)
@@ -78,15 +78,15 @@ def exclusive(method: Callable[Concatenate[Any, _P], _T]) -> Callable[Concatenat
 
 
 def repeats_in_graphs(device: wp.Device) -> bool:
-    """Tell whether a graph on this device can contain loops: with drivers since CUDA 12.4."""
+    """Return whether a graph on this device can contain loops, which needs a driver of CUDA 12.4 or newer."""
     return not device.is_cuda or wp.is_conditional_graph_supported()
 
 
 def repeat_launches(left: wp.array, launches: Callable[[], None], most: int) -> None:
-    """Repeat launches until `left` is 0; a capture without loops repeats them `most` times.
+    """Repeat launches until `left` is 0, or `most` times in a capture without loops.
 
     Args:
-        left: Array of one element, which the launches finally set to 0.
+        left: Array of one element. The launches finally set it to 0.
         launches: As in `LaunchSequence`.
         most: Number of repetitions in the worst case.
     """
@@ -107,10 +107,10 @@ class LaunchSequence:
     Args:
         launches: Function without arguments that makes the launches. It does not synchronise with the host, and the
             arrays that it reads and writes are never reallocated.
-        device: The device of those arrays.
-        graph: Capture and replay; if false, `replay` launches directly.
-        priority: Priority of the kernels in the graph on a GPU, -1 for before those of other streams. The priority of
-            the stream that replays a graph has no effect.
+        device: The device of these arrays.
+        graph: Capture and replay. If false, `replay` launches directly.
+        priority: Priority of the kernels in the graph on a GPU. Kernels with -1 run before kernels of other streams.
+            The priority of the stream that replays a graph has no effect.
     """
 
     def __init__(
@@ -130,10 +130,10 @@ class LaunchSequence:
         wp.capture_launch(self._captured)
 
     def _record(self) -> wp.Graph:
-        # on a stream of its own: CUDA cannot capture the null stream, which is torch's current one by default
+        # on a new stream: CUDA cannot capture the null stream, which is torch's current stream by default
         stream = wp.Stream(self.device, priority=self.priority) if self.device.is_cuda else None
         with wp.ScopedDevice(self.device), wp.ScopedStream(stream), wp.ScopedCapture(self.device) as capture:
             self.launches()
         if capture.graph is None:
-            raise RuntimeError(f"Capturing {self.launches} on {self.device} gave no graph. Pass graph=False.")
+            raise RuntimeError(f"Capturing {self.launches} on {self.device} returned no graph. Pass graph=False.")
         return capture.graph

@@ -1,6 +1,6 @@
 """Poses and quaternions on the device, in MuJoCo's order (w, x, y, z), stored in a `wp.vec4`.
 
-Warp's own `wp.quat` is (x, y, z, w). Device code here does not compute with it, so the two orders are never mixed up.
+Warp's `wp.quat` is (x, y, z, w). Device code here does not compute with it, so the two orders are never mixed up.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def turn_z(q: wp.vec4, angle: float) -> wp.vec4:
 
 @wp.func
 def rotation_vector(q: wp.vec4) -> wp.vec3:
-    """Return axis times angle [rad] of the unit wxyz quaternion `q`, the angle from 0 to pi."""
+    """Return axis times angle [rad] of the unit wxyz quaternion `q`, with an angle from 0 to pi."""
     v = wp.vec3(q[1], q[2], q[3])
     w = q[0]
     if w < 0.0:
@@ -118,7 +118,7 @@ def compose(a: Pose, b: Pose) -> Pose:
 
 @wp.func
 def relative(a: Pose, b: Pose) -> Pose:
-    """Return `b` in the frame of `a`, both given in one frame."""
+    """Return `b` in the frame of `a`. Both are given in the same frame."""
     at = wp.transpose(a.rot)
     return Pose(at * (b.pos - a.pos), at * b.rot)
 

@@ -1,4 +1,4 @@
-"""Colliders: the pieces of each body under one tree of boxes, as arrays and (for meshes) on the device; inner boxes."""
+"""Colliders: the pieces of each body under one tree of boxes, as arrays and device meshes, and their inner boxes."""
 
 from __future__ import annotations
 
@@ -14,26 +14,26 @@ from sceniris_gym.geometry.rotations import matrix
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-# Boxes are grown by this much [m] so that rounding to float32 cannot lose a leaf.
+# Boxes grow by this length [m], so that rounding to float32 cannot lose a leaf.
 _GROW = 1.0e-6
 _NO_POINTS, _NO_FACES = np.zeros((0, 3)), np.zeros((0, 3, 3))
 PIECE_LEAF = 1 << 30
-"""Added to the number of a piece that is a leaf where other leaves are faces."""
+"""Added to the number of a piece that is a leaf among faces."""
 
-# Cells along the longest edge of a mesh's bounds: the bound is too large by half a cell's diagonal.
+# Cells along the longest edge of a mesh's bounds in `most_depth`, which is too large by half a cell's diagonal.
 _CELLS = 24
-# An inner box is smaller than its piece by this much [m] on every side, so that rounding cannot push it out.
+# An inner box is smaller than its piece by this length [m] on every side, so that rounding cannot push it out.
 _INSIDE = 2.0e-5
-# Thinner boxes [m] prove little.
+# A box whose least half extent is below this [m] is dropped, because it proves little.
 _LEAST_HALF = 3.0e-4
-# Each side of a box moves out once for each share, by that share of the room that it has.
+# Each side of a box moves out once for each number, by this fraction of its remaining room.
 _SHARES = (0.3, 0.3, 0.5, 0.5, 1.0)
 
 Box = tuple[np.ndarray, np.ndarray]
-"""Centre and half extents [m], shape (3,) each; half extents of 0 mean that there is no inner box."""
+"""Centre and half extents [m], shape (3,) each. Half extents of 0 mark a missing inner box."""
 
 NO_INNER_BOX = np.zeros(3), np.zeros(3)
-"""The box of a piece that has no room for one."""
+"""The box of a piece without an inner box."""
 
 
 @dataclass(frozen=True)
@@ -44,11 +44,11 @@ class Collider:
         body: Id of the body.
         contact_class: Its class in `ContactRules`.
         plane: Number of the piece that is a plane, -1 for all others.
-        root: Number of the root of its tree; nodes are numbered over all colliders.
+        root: Number of the root of its tree. Nodes are numbered over all colliders.
         center, half: Boxes of the nodes of its tree [m], shape (n, 3).
-        child: Number of the left child of each node, which the right one follows, or ~leaf, shape (n,).
-        mesh: Its closed surface on the device; None for pieces that collide as convex forms.
-        depth_inside: The distance from the surface [m] that no point inside the mesh exceeds.
+        child: Number of the left child of each node, followed by the right child, or ~leaf, shape (n,).
+        mesh: Its closed surface on the device, None for pieces that collide as convex forms.
+        depth_inside: Upper bound [m] of the distance from the surface to points inside the mesh.
         points: A point of each closed component of the mesh [m], shape (m, 3).
         faces: The triangles that are leaves [m], shape (k, 3, 3).
     """
@@ -67,10 +67,10 @@ class Collider:
 
 
 def collect_colliders(pieces: list[Piece], visual: bool, device: str) -> list[Collider]:
-    """Return a collider for each body's solid pieces, and one for each plane; leaves are pieces, or faces if `visual`.
+    """Return a collider for each body's solid pieces, and one for each plane. Leaves are pieces, or faces if `visual`.
 
-    Round pieces are leaves of their own in either case, as no faces describe them exactly. Their faces serve for
-    containment and covers only, so the mesh of a collider has them.
+    Round pieces are always separate leaves, because faces cannot describe them exactly. Their faces are in the mesh of
+    the collider, but only for containment and covers.
     """
     found: list[Collider] = []
     nodes = faces = 0
@@ -92,7 +92,7 @@ def collect_colliders(pieces: list[Piece], visual: bool, device: str) -> list[Co
 
 
 def device_mesh(corners: np.ndarray, device: str) -> wp.Mesh:
-    """Return a mesh on a device, with winding numbers, from the corners of its triangles in a row, shape (3n, 3)."""
+    """Return a mesh on a device, with winding numbers, from the consecutive corners of its triangles, shape (3n, 3)."""
     return wp.Mesh(
         points=wp.array(corners, dtype=wp.vec3, device=device),
         indices=wp.array(np.arange(len(corners)), dtype=int, device=device),
@@ -101,7 +101,7 @@ def device_mesh(corners: np.ndarray, device: str) -> wp.Mesh:
 
 
 def _of_faces(key: tuple[int, int, int], nodes: int, faces: int, solid: dict[int, Piece], device: str) -> Collider:
-    """Return the collider of a body's visible pieces, by their numbers, after so many nodes and faces of others."""
+    """Return the collider of a body's visible pieces, by their numbers, after `nodes` and `faces` of other bodies."""
     meshes = [p.mesh for p in solid.values() if p.mesh is not None]
     all_faces = np.concatenate([m.triangles for m in meshes])
     all_faces = all_faces[~flat_faces(all_faces)]
@@ -109,7 +109,7 @@ def _of_faces(key: tuple[int, int, int], nodes: int, faces: int, solid: dict[int
     parts = [part for m in meshes for part in m.split(only_watertight=False)]
     flat = [p.mesh.triangles for p in solid.values() if p.mesh is not None and p.type not in ROUND]
     triangles = np.concatenate([*flat, _NO_FACES])
-    triangles = triangles[~flat_faces(triangles)]  # their edges are those of their neighbours
+    triangles = triangles[~flat_faces(triangles)]  # neighbouring faces have the same edges
     round_pieces = {i: p.bounds() for i, p in solid.items() if p.type in ROUND}
     lower = np.array([*triangles.min(axis=1), *(low for low, _ in round_pieces.values())])
     upper = np.array([*triangles.max(axis=1), *(high for _, high in round_pieces.values())])
@@ -118,7 +118,7 @@ def _of_faces(key: tuple[int, int, int], nodes: int, faces: int, solid: dict[int
         _collider(key, nodes, lower, upper, np.array(leaves)),
         mesh=mesh,
         depth_inside=most_depth(mesh, all_faces.min((0, 1)), all_faces.max((0, 1)), device),
-        # the highest vertex: usually it is outside of the bounds of other meshes, where the test of containment ends
+        # the highest vertex is usually outside the bounds of other meshes, which ends the test of containment early
         points=np.array([part.vertices[part.vertices[:, 2].argmax()] for part in parts]),
         faces=triangles,
     )
@@ -127,14 +127,14 @@ def _of_faces(key: tuple[int, int, int], nodes: int, faces: int, solid: dict[int
 def _collider(
     key: tuple[int, int, int], nodes: int, lower: np.ndarray, upper: np.ndarray, leaves: np.ndarray
 ) -> Collider:
-    """Return the collider of a body, class and plane, whose leaves have these boxes [m], shape (n, 3), and numbers."""
+    """Return the collider of a body, class and plane, from the boxes [m], shape (n, 3), and numbers of its leaves."""
     center, half, child = build_tree(lower - _GROW, upper + _GROW)
     number = leaves[np.where(child < 0, ~child, 0)]
     return Collider(*key, nodes, center, half, np.where(child < 0, ~number, child + nodes))
 
 
 def collider_arrays(colliders: list[Collider]) -> dict[str, np.ndarray]:
-    """Return the fields of `device.Program` that hold colliders, boxes and faces."""
+    """Return the fields of `device.Program` for colliders, boxes and faces."""
     faces = np.concatenate([*(c.faces for c in colliders), _NO_FACES])
     points, addresses = addressed("collider_point", (c.points for c in colliders))
     return {
@@ -156,8 +156,8 @@ def build_tree(lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.nda
     """Build the tree over leaf boxes [m], shape (n, 3) each, split at the median along the longest axis.
 
     Returns:
-        Its nodes, the root first, a right child directly after its left sibling: centres and halves of their boxes [m],
-        shape (m, 3) each, and the number of the left child of each, or ~leaf, shape (m,).
+        Its nodes, with the root first and each right child directly after its left sibling: centres and half extents
+        of their boxes [m], shape (m, 3) each, and the number of the left child of each, or ~leaf, shape (m,).
     """
     middle = 0.5 * (lower + upper)
     order = np.arange(len(lower))
@@ -208,13 +208,13 @@ def _measure_depth(
 
 
 def most_depth(mesh: wp.Mesh, lower: np.ndarray, upper: np.ndarray, device: str) -> float:
-    """Return a distance [m] from the surface that no point inside a closed mesh exceeds.
+    """Return an upper bound [m] of the distance from the surface of a closed mesh to points inside it.
 
     Args:
         mesh: The mesh, with winding numbers.
         lower: Lower corner of its bounds [m], shape (3,).
-        upper: Upper corner, likewise.
-        device: Where it is.
+        upper: Upper corner of its bounds [m], shape (3,).
+        device: Warp's name of its device.
     """
     cell = max(float((upper - lower).max()) / _CELLS, 1e-6)
     dim = np.maximum(np.ceil((upper - lower) / cell), 1).astype(int)
@@ -223,12 +223,13 @@ def most_depth(mesh: wp.Mesh, lower: np.ndarray, upper: np.ndarray, device: str)
     wp.launch(
         _measure_depth, dim=dim.tolist(), inputs=[mesh.id, wp.vec3(*lower), cell, most], outputs=[depth], device=device
     )
-    # a point inside is within half a diagonal of its cell's centre, and of the surface if that centre lies outside
+    # A point inside is within half a diagonal of its cell's centre. If that centre is outside the mesh, the point is
+    # also within half a diagonal of the surface.
     return float(depth.numpy()[0]) + 0.5 * np.sqrt(3.0) * cell
 
 
 def inner_box(piece: Piece) -> Box:
-    """Return a large box inside of a piece's convex form, in the piece's frame."""
+    """Return a large box inside a piece's convex form, in the piece's frame."""
     sx, sy, _ = piece.size
     corner = 1.0 / math.sqrt(3.0)
     if piece.type == PieceType.HULL:
@@ -244,7 +245,7 @@ def inner_box(piece: Piece) -> Box:
 
 
 def _hull_inner_box(piece: Piece) -> Box:
-    """Return the box of a hull: it begins in the middle with the bounds' proportions; its sides move out in turn."""
+    """Return the inner box of a hull. It starts in the middle with the bounds' proportions, then its sides move out."""
     if piece.mesh is None:
         return NO_INNER_BOX
     triangles = (piece.mesh.triangles - piece.pos) @ matrix(piece.quat)
@@ -254,7 +255,7 @@ def _hull_inner_box(piece: Piece) -> Box:
     normals = normals[solid] / lengths[solid, None]
     limits = np.einsum("nij,nj->ni", triangles[solid], normals).max(axis=1)
     lower, upper = piece.vertices.min(axis=0), piece.vertices.max(axis=0)
-    # the bounds too: faces with almost no area may be missing from the surface
+    # also limit the box by the bounds, because faces with almost no area may be missing from the surface
     normals, limits = np.vstack([normals, np.eye(3), -np.eye(3)]), np.concatenate([limits, upper, -lower])
     middles = [0.5 * (lower + upper), np.zeros(3)]
     sizes = [((limits - normals @ m) / (np.abs(normals) @ (upper - lower))).min() for m in middles]

@@ -11,24 +11,24 @@ import numpy as np
 class ContactRules:
     """The contact rules of a model, by class: geoms of one class collide with the same others at the same distance.
 
-    Explicit `<pair>`s take precedence over contact bits, and have margins of their own. `program/pack/pairs.py` says
-    how they combine with excludes, parents and static geoms.
+    Explicit `<pair>`s take precedence over contact bits, and have separate margins. `PairRules` of
+    `program/pack/pairs.py` combines them with excludes, parents and static geoms.
 
     Args:
         mjm: The model.
-        geometry: "physics"; or "visual", where all visible geoms collide and MuJoCo's rules do not apply.
+        geometry: "physics" or "visual". With "visual", all visible geoms collide and MuJoCo's rules do not apply.
 
     Attributes:
         classes: Contact class of each geom, shape (ngeom,).
-        meet: Returns whether geoms of two classes collide: an explicit pair, or contact bits that match.
-        distance: Returns the distance [m] at which a contact of geoms of two classes acts: 0 without margins.
+        meet: Returns whether geoms of two classes collide, by an explicit pair or matching contact bits.
+        distance: Returns the distance [m] at which a contact of geoms of two classes acts, 0 without margins.
     """
 
     def __init__(self, mjm: mujoco.MjModel, geometry: str) -> None:
         self._mjm, self._visual = mjm, geometry == "visual"
         self._paired: dict[frozenset[int], float] = {}
         self._excluded = {int(signature) for signature in mjm.exclude_signature}
-        # kept, since scenes have a million pairs
+        # cached, because scenes have a million pairs
         self.meet, self.distance = cache(self._work_out_meet), cache(self._work_out_distance)
         if self._visual:
             self.classes = np.zeros(mjm.ngeom, int)
@@ -42,12 +42,12 @@ class ContactRules:
         self.classes = np.array([first.setdefault(key, geom) for geom, key in enumerate(keys)], int)
 
     def collides(self, geom: int) -> bool:
-        """Return whether a geom collides with anything at all."""
+        """Return whether a geom can collide at all."""
         bits = int(self._mjm.geom_contype[geom] | self._mjm.geom_conaffinity[geom])
         return bits != 0 or any(geom in pair for pair in self._paired)
 
     def is_explicit(self, a: int, b: int) -> bool:
-        """Return whether geoms of two classes are an explicit `<pair>`, to which excludes and parents do not apply."""
+        """Return whether geoms of two classes are an explicit `<pair>`, which ignores excludes and parents."""
         return bool(self._paired) and frozenset((a, b)) in self._paired
 
     def excludes(self, body: int, other: int) -> bool:

@@ -11,29 +11,30 @@ from shapely.geometry import MultiPoint
 from sceniris_gym.config.bounds import MAX_FOOT
 from sceniris_gym.geometry.resting_poses import ROCKING
 
-# Points this far [m] above the lowest one are on the same level.
+# Points up to this height [m] above the lowest point are on the same level.
 _FLAT = 2.0e-4
-# A foot is what touches before a lean has moved any point by this [m]: a chair on its back rocks by up to 3 cm.
+# The lean that measures a foot moves a point by at most this [m]. A lean by the rocking angle would move a chair on its
+# back by up to 3 cm.
 _MOVE = 3.0e-3
-# Number of directions in which a curved foot is measured, the angles [rad] up to which the narrowest one is searched,
-# each around the one before, and the foot's least reach [m].
+# Number of directions of a curved foot, angles [rad] of the successively finer searches for its narrowest direction,
+# and the foot's least reach [m].
 _SIDES, _TURNS, _POINT = 360, np.radians([180.0, 1.0, 0.01, 1.0e-4, 1.0e-6]), 1.0e-7
-# A foot that shrinks to less than this share of its area as it leans by a fifth of the angle is curved.
+# A foot is curved if its area at a fifth of the lean is less than this fraction of its area at the whole lean.
 _SHARE = 0.5
 
 
 def flat_foot(pieces: list[np.ndarray]) -> list[np.ndarray]:
-    """Return the foot of convex pieces on level ground; nothing if it is curved, so that it rolls as it leans.
+    """Return the foot of convex pieces on level ground, empty if it is curved and therefore rolls as it leans.
 
-    A piece has a foot if it reaches the ground, also as the whole leans by the angle that a stable pose may rock by, or
-    by less if that moves it by 3 mm. Its corners are the points that touch the ground as it leans by that in all
-    directions.
+    The object leans in all directions by the rocking angle of stable poses, or by less if a point would move by 3 mm. A
+    piece has a foot if it touches the ground upright or during such a lean. The corners of the foot are the points that
+    touch the ground as the piece leans by this angle.
 
     Args:
         pieces: Vertices of each piece [m], z up, shape (n, 3).
 
     Returns:
-        For each piece with a foot its corners [m], counter-clockwise, `MAX_FOOT` at most, shape (m, 2).
+        The corners [m] of each piece with a foot, counter-clockwise, at most `MAX_FOOT`, shape (m, 2).
     """
     points = np.concatenate(pieces)
     owner = np.repeat(np.arange(len(pieces)), [len(piece) for piece in pieces])
@@ -51,12 +52,12 @@ def flat_foot(pieces: list[np.ndarray]) -> list[np.ndarray]:
 def curved_foot(lowest: Callable[[np.ndarray], np.ndarray], angle: float) -> np.ndarray:
     """Return the corners [m] of a curved foot, shape (n, 2).
 
-    A centre of mass has risen as the whole leans by the angle in any direction if it is inside of the corners by more
-    than its height times the tangent of half the angle.
+    A lean by the angle in any direction raises a centre of mass that is inside the corners by more than its height
+    times the tangent of half the angle.
 
     Args:
-        lowest: Height of the lowest point [m], shape (n,), along upward directions, shape (n, 3); around a point of the
-            ground below.
+        lowest: Function of upward directions, shape (n, 3), that returns the height of the lowest point along each [m],
+            shape (n,), relative to a point of the ground below.
         angle: The angle [rad].
     """
 
@@ -65,7 +66,7 @@ def curved_foot(lowest: Callable[[np.ndarray], np.ndarray], angle: float) -> np.
         level = -np.sin(angle) * np.stack([np.cos(angles), np.sin(angles)])
         return -lowest(np.column_stack([*level, upward])) / np.sin(angle)
 
-    narrow = 0.0  # the direction in which it is the narrowest, exactly: a roller rolls along it
+    narrow = 0.0  # the narrowest direction, which has to be exact because a roller rolls along it
     for turn in _TURNS:
         tries = narrow + turn * np.linspace(-1.0, 1.0, _SIDES + 1)
         narrow = tries[(reach(tries) + reach(tries + np.pi)).argmin()]
@@ -73,14 +74,14 @@ def curved_foot(lowest: Callable[[np.ndarray], np.ndarray], angle: float) -> np.
     sides, far = np.column_stack([np.cos(angles), np.sin(angles)]), reach(angles)
     middle = 2.0 * (far[:, None] * sides).mean(axis=0)
     far = np.maximum(far - sides @ middle, _POINT)
-    # a corner of what is as far away as this in each direction is an edge of the hull of the inverse distances
+    # polar duality: corners of the foot correspond to edges of the hull of the inverse distances
     dual = shapely.get_coordinates(MultiPoint(sides / far[:, None]).convex_hull)
     edges = np.stack([dual[:-1], dual[1:]], axis=1)
     return middle + np.linalg.solve(edges, np.ones((len(edges), 2, 1)))[..., 0]
 
 
 def _touching(points: np.ndarray, lean: float) -> np.ndarray:
-    """Return the numbers of the points that are lowest as they lean by an angle [rad] in all directions."""
+    """Return the number of the lowest point for leans by an angle [rad] in all directions, shape (MAX_FOOT,)."""
     return (points[:, 2:] * np.cos(lean) - points[:, :2] @ (np.sin(lean) * around(MAX_FOOT)).T).argmin(axis=0)
 
 
@@ -92,6 +93,6 @@ def _corners(points: np.ndarray, lean: float) -> np.ndarray:
 
 
 def around(number: int) -> np.ndarray:
-    """Return so many directions all around, shape (number, 2), none of them along an axis."""
+    """Return evenly spaced directions all around, shape (number, 2). An offset keeps them off the axes."""
     angle = 2.0 * np.pi * (np.arange(number) + 0.47) / number
     return np.stack([np.cos(angle), np.sin(angle)], axis=1)

@@ -1,4 +1,4 @@
-"""Placement of a camera that just sees some points, and upright boxes around them."""
+"""Placement of a camera that just sees some points, and upright boxes around geoms."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ def frame(points: np.ndarray, backward: np.ndarray, fovy: float, aspect: float) 
     """Place a camera so that it just sees all points.
 
     With the eye at height t along the viewing direction, a point (x, y, z) in the camera's axes is seen if
-    |x - u| <= (t - z) tan(fovx / 2), and the same for y: the least t and the middle of the interval left for u are the
-    answer.
+    |x - u| <= (t - z) tan(fovx / 2), and the same for y. The camera takes the least t that has a solution, and the
+    middle of the remaining interval of u.
 
     Args:
-        points: The points to be seen [m], world frame, shape (n, 3).
+        points: The points to see [m], world frame, shape (n, 3).
         backward: Direction from the points to the eye, shape (3,).
         fovy: Vertical field of view [degrees].
         aspect: Width of the picture over its height.
 
     Returns:
-        Position (3,) [m] and axes (3, 3) of the camera; the columns are right, up and backward.
+        Position (3,) [m] and axes (3, 3) of the camera, with columns right, up and backward.
     """
     axes = camera_axes(backward)
     local = points @ axes
@@ -38,8 +38,8 @@ def camera_axes(backward: np.ndarray, up: np.ndarray = _UP) -> np.ndarray:
     """Return the axes of a camera that looks against `backward`, shape (3, 3): right, up as far as possible, backward.
 
     Args:
-        backward: Direction against which it looks, of any length, shape (3,).
-        up: Direction that points up in pictures, no multiple of the other one, shape (3,).
+        backward: Direction opposite to the viewing direction, of any length, shape (3,).
+        up: Upward direction in pictures, not parallel to `backward`, shape (3,).
     """
     backward = backward / np.linalg.norm(backward)
     right = np.cross(up, backward)
@@ -54,12 +54,12 @@ def box_corners(center: np.ndarray, half: np.ndarray) -> np.ndarray:
 
 
 def upright_box(mjm: mujoco.MjModel, data: mujoco.MjData, geoms: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the lower and the upper corner [m] of a box along the world's axes that holds the boxes of geoms.
+    """Return the lower and the upper corner [m] of the box along the world's axes around the boxes of geoms.
 
     Args:
         mjm: The model.
         data: Its state, with the poses of geoms up to date.
-        geoms: Numbers of geoms, at least one; no planes.
+        geoms: Numbers of at least one geom, without planes.
     """
     mats = data.geom_xmat[geoms].reshape(-1, 3, 3)
     middle = data.geom_xpos[geoms] + np.einsum("gij,gj->gi", mats, mjm.geom_aabb[geoms, :3])

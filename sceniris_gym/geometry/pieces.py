@@ -1,8 +1,8 @@
-"""Pieces: the geoms of a model, as physics collides them or as they are rendered.
+"""Pieces: the geoms of a model, in the shapes that collide or that are rendered.
 
-`geometry: physics` takes the geoms that MuJoCo collides, meshes as their convex hulls. `geometry: visual` takes the
-visible geoms (groups 0 to 2): meshes and boxes as closed triangle meshes, round primitives as they are. Either way a
-piece has a convex form, which represents it where only extents and shadows matter.
+`geometry: physics` uses the geoms that MuJoCo collides, with convex hulls of meshes. `geometry: visual` uses the
+visible geoms (groups 0 to 2): meshes and boxes as closed triangle meshes, and round primitives. In both cases a piece
+also has a convex form for its extents and shadow.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from sceniris_gym.geometry.contacts import ContactRules
 from sceniris_gym.geometry.rotations import matrix, pose_matrix
 
 if TYPE_CHECKING:
-    import trimesh  # takes most of a second to import, and a compiled scene that was kept needs none of it
+    import trimesh  # takes most of a second to import, and a cached scene does not need it
 
 
 class PieceType(IntEnum):
-    """Kinds of convex pieces. All are centred at their frame; SEGMENT serves tests only and is never an obstacle."""
+    """Kinds of convex pieces. All are centred at their frame. SEGMENT is only for tests and never an obstacle."""
 
     SPHERE = 0
     CAPSULE = 1
@@ -51,9 +51,9 @@ _TYPES = {
     mujoco.mjtGeom.mjGEOM_MESH: PieceType.HULL,
 }
 _VISIBLE_GROUPS = range(3)
-# A triangle whose height is less than this share of its longest edge is flat: in float32 that is rounding.
+# A triangle is flat if its height is less than this fraction of its longest edge, which is rounding in float32.
 _FLAT = 4.0e-7
-# Primitives smaller than this [m] are tessellated at this scale; a power of two keeps their bits.
+# Primitives smaller than the first number [m] are enlarged for tessellation. A power of two keeps their bits.
 _SMALL, _ENLARGED = 0.01, 1024.0
 
 
@@ -65,12 +65,12 @@ class Piece:
         geom: Its id in the MjModel.
         body: Id of its body.
         type: Its convex form.
-        pos: Centre of that form [m] in the body's frame, shape (3,).
-        quat: Orientation of that form in the body's frame, wxyz.
+        pos: Centre of the convex form [m] in the body's frame, shape (3,).
+        quat: Orientation of the convex form in the body's frame, wxyz.
         size: MuJoCo's sizes [m] of a primitive, shape (3,).
-        vertices: Vertices [m] of a hull in the piece's frame, shape (n, 3); empty for primitives.
-        mesh: Its closed surface in the body's frame (a plane has none). Round primitives are tessellated,
-            for flat faces, outlines and covers; with `geometry: physics` nothing else is taken from it.
+        vertices: Vertices [m] of a hull in the piece's frame, shape (n, 3), empty for primitives.
+        mesh: Its closed surface in the body's frame, None for a plane. Round primitives are tessellated. With
+            `geometry: physics`, the mesh only serves for flat faces, outlines and covers.
         contact_class: Its class in `ContactRules`.
     """
 
@@ -91,12 +91,12 @@ class Piece:
 
     @functools.cached_property
     def _box(self) -> tuple[np.ndarray, np.ndarray]:
-        """The corners of `bounds`, which a scene of 1,000 objects asks for two million times."""
+        """The corners of `bounds`, cached because a scene of 1,000 objects reads them two million times."""
         return self.extents(np.eye(3))
 
     @property
     def radius(self) -> float:
-        """Radius [m] of a sphere around the frame's origin that holds the convex form; 1e30 for a plane."""
+        """Radius [m] of the sphere around the frame's origin that encloses the convex form, 1e30 for a plane."""
         if self.type == PieceType.HULL:
             return float(np.linalg.norm(self.vertices, axis=1).max())
         sx, sy, _ = self.size
@@ -137,12 +137,12 @@ def extract_pieces(
     Args:
         mjm: The model.
         geometry: "physics" or "visual".
-        bodies: The bodies whose pieces are wanted; all by default.
+        bodies: Only pieces of these bodies, by default of all.
         where: The beginning of errors about a body, by its id.
 
     Raises:
-        MeshError: A mesh that is open, flat, or has no faces.
-        NotSupportedError: A height field, a signed distance field or a flex.
+        MeshError: A mesh is open, flat, or has no faces.
+        NotSupportedError: The model has a height field, a signed distance field or a flex.
     """
     _check_flexes(mjm, geometry, bodies, where or {})
     pieces = []
@@ -159,12 +159,12 @@ def extract_pieces(
 
 
 def _check_flexes(mjm: mujoco.MjModel, geometry: str, bodies: set[int] | None, where: Mapping[int, str]) -> None:
-    """Refuse flexes that collide, and with visual geometry also visible ones: they have no fixed shape."""
+    """Reject flexes that collide, and visible flexes with visual geometry, because they have no fixed shape."""
     for flex in range(mjm.nflex):
         vert, node = mjm.flex_vertadr[flex], mjm.flex_nodeadr[flex]
         nodes = mjm.flex_nodebodyid[node : node + mjm.flex_nodenum[flex]] if mjm.flex_nodenum[flex] else []
         verts = mjm.flex_vertbodyid[vert : vert + mjm.flex_vertnum[flex]]
-        own = {int(body) for body in (*verts, *nodes) if body >= 0}  # that it hangs on
+        own = {int(body) for body in (*verts, *nodes) if body >= 0}  # bodies of its vertices and nodes
         collides = bool(mjm.flex_contype[flex] | mjm.flex_conaffinity[flex])
         visible = mjm.flex_group[flex] in _VISIBLE_GROUPS and mjm.flex_rgba[flex][3] > 0.0
         if (bodies is not None and not bodies & own) or not (collides or (geometry == "visual" and visible)):
@@ -179,7 +179,7 @@ def _check_flexes(mjm: mujoco.MjModel, geometry: str, bodies: set[int] | None, w
 
 
 def _piece(mjm: mujoco.MjModel, geom: int, geometry: str, contact_class: int, place: str = "") -> Piece:
-    """Return a geom as a piece; errors begin with `place`."""
+    """Return a geom as a piece. Errors begin with `place`."""
     kind = mujoco.mjtGeom(int(mjm.geom_type[geom]))
     if kind not in _TYPES:
         raise NotSupportedError(
@@ -219,7 +219,7 @@ def convex_hull(points: np.ndarray) -> trimesh.Trimesh:
     """Return the convex hull of points, shape (n, 3).
 
     Raises:
-        ValueError: They are in one plane.
+        ValueError: The points are in one plane.
     """
     import trimesh
 
@@ -228,7 +228,7 @@ def convex_hull(points: np.ndarray) -> trimesh.Trimesh:
 
 @functools.lru_cache(maxsize=512)
 def _known_hull(points: bytes) -> trimesh.Trimesh:
-    """Return the convex hull of a mesh, found once for all its geoms; the caller copies it before changing it."""
+    """Return the convex hull of a mesh, cached for all its geoms. The caller copies it before changes."""
     return convex_hull(np.frombuffer(points).reshape(-1, 3))
 
 
@@ -239,7 +239,7 @@ def mesh_vertices(mjm: mujoco.MjModel, mesh: int) -> np.ndarray:
 
 
 def mesh_surface(mjm: mujoco.MjModel, mesh: int) -> trimesh.Trimesh:
-    """Return the triangles of a mesh as the model has them, in the frame of its geoms."""
+    """Return the unprocessed triangles of a mesh, in the frame of its geoms."""
     import trimesh
 
     first = mjm.mesh_faceadr[mesh]
@@ -250,8 +250,8 @@ def mesh_surface(mjm: mujoco.MjModel, mesh: int) -> trimesh.Trimesh:
 def hull_vertices(mjm: mujoco.MjModel, mesh: int, what: str) -> np.ndarray:
     """Return the vertices [m] of the convex hull that MuJoCo collides for a mesh, in the geom's frame, shape (n, 3).
 
-    MuJoCo keeps the hull's vertex ids in `mesh_graph` (numvert, numface, numvert edge addresses, numvert ids, ...), for
-    meshes that a collision geom uses. Errors begin with `what`.
+    For meshes of collision geoms, MuJoCo stores the hull's vertex ids in `mesh_graph` (numvert, numface, numvert edge
+    addresses, numvert ids, ...). Errors begin with `what`.
     """
     vertices = mesh_vertices(mjm, mesh)
     graph = mjm.mesh_graphadr[mesh]
@@ -265,7 +265,7 @@ def hull_vertices(mjm: mujoco.MjModel, mesh: int, what: str) -> np.ndarray:
 
 
 def flat_faces(triangles: np.ndarray) -> np.ndarray:
-    """Return which triangles, shape (n, 3, 3), have no area but for rounding, and so are mere edges, shape (n,)."""
+    """Return a mask, shape (n,), of the triangles, shape (n, 3, 3), that have no area up to rounding."""
     edges = np.roll(triangles, -1, axis=1) - triangles
     longest = np.einsum("ijk,ijk->ij", edges, edges).max(axis=1)
     return np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) <= _FLAT * longest
@@ -277,7 +277,7 @@ def _surface(mjm: mujoco.MjModel, mesh: int, what: str) -> trimesh.Trimesh:
         raise MeshError(f"{what} has no faces. With `geometry: visual` it should be a closed surface.", "empty")
     surface = mesh_surface(mjm, mesh)
     surface.merge_vertices(merge_tex=True, merge_norm=True)
-    if not surface.is_watertight:  # a face without area may close a surface; a superfluous one does not open it
+    if not surface.is_watertight:  # flat faces are removed only now, because some surfaces are closed only with them
         flat = flat_faces(surface.triangles)
         surface.update_faces(~flat)
         surface.metadata["left_out"] = int(flat.sum())
@@ -312,6 +312,6 @@ def _primitive(kind: mujoco.mjtGeom, size: np.ndarray) -> trimesh.Trimesh:
 
 
 def geom_name(mjm: mujoco.MjModel, geom: int) -> str:
-    """Return the name of a geom in messages: its own, or its number and body."""
+    """Return the name of a geom for messages, or its number and body if it has no name."""
     body = mjm.body(int(mjm.geom_bodyid[geom])).name
     return mjm.geom(geom).name or f"{geom} of body {body}"

@@ -1,4 +1,4 @@
-"""Lists as arrays: many lists in one, addressed as in MuJoCo by the start and length of each; and their attributes."""
+"""Ragged lists as flat arrays, addressed by the start and length of each list as in MuJoCo, and attributes of rows."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 
 def ranges(lists: Iterable) -> tuple[list, np.ndarray, np.ndarray]:
-    """Return all entries in one list, and the address and the length of each list in it."""
+    """Return all entries in one list, and the address and length of each original list in it."""
     lists = list(lists)
     num = np.array([len(x) for x in lists], int)
     adr = np.concatenate([[0], np.cumsum(num)[:-1]]) if len(num) else np.zeros(0, int)
@@ -16,12 +16,12 @@ def ranges(lists: Iterable) -> tuple[list, np.ndarray, np.ndarray]:
 
 
 def addressed(name: str, lists: Iterable) -> tuple[list, dict[str, np.ndarray]]:
-    """Return all entries in one list, and the fields `{name}adr` and `{name}num` that address them."""
+    """Return all entries in one list, and their addresses as the fields `{name}adr` and `{name}num`."""
     flat, adr, num = ranges(lists)
     return flat, {f"{name}adr": adr, f"{name}num": num}
 
 
 def columns(prefix: str, rows: Sequence, **widths: int) -> dict[str, np.ndarray]:
-    """Return the fields `{prefix}_{name}`: an attribute of all rows each, by its number of components."""
+    """Return a field `{prefix}_{name}` for each attribute of the rows. `widths` are the numbers of components."""
     shapes = {name: (-1,) if width == 1 else (-1, width) for name, width in widths.items()}
     return {f"{prefix}_{name}": np.reshape([getattr(r, name) for r in rows], shape) for name, shape in shapes.items()}

@@ -1,4 +1,4 @@
-"""Poses that an object's orientation is drawn from: as authored, or its stable poses with their probabilities."""
+"""Poses of an object's orientation: as authored, or its stable poses with their probabilities."""
 
 from __future__ import annotations
 
@@ -15,43 +15,43 @@ from sceniris_gym.geometry.rotations import matrix, quaternion
 if TYPE_CHECKING:
     import trimesh
 
-# Stable poses rarer than the most frequent one by this factor are left out, and at most this many are kept: each of the
-# many narrow faces of a round object is rare, but it lies on one of them all the time.
+# Stable poses that are rarer than the most frequent pose by this factor are left out.
 _RARE = 1.0e-3
+# Greatest number of stable poses. Each of the many narrow faces of a round object is rare, but together they count.
 _MOST_POSES = 256
-# A stable pose comes back from tilts up to this angle, in degrees. An object that is put down falls through its gap of
-# half a millimetre, and is shaken by that. In 3,688 drops in MuJoCo C, of all poses in which the centre of mass of a
-# shipped asset is above its base of support, no pose that comes back from 2.5 degrees moved by a centimetre in half a
-# second: this is twice as much. It leaves out the chamfers of a block (4.1 degrees) and a mug that balances with its
-# handle up (4.7).
+# An object rights itself in a stable pose after tilts up to this angle, in degrees. A placed object falls through its
+# gap of half a millimetre, which shakes it. We dropped shipped assets in MuJoCo C 3,688 times, in all poses with the
+# centre of mass above the base of support. In every pose that survives 2.5 degrees, they moved by less than a
+# centimetre in half a second. This limit is twice as large. It excludes the chamfers of a block (4.1 degrees) and a mug
+# that balances with its handle up (4.7).
 STABLE_TILT = 5.0
 ROCKING = 2.5
-"""What happens before this tilt, in degrees, is part of the pose: an uneven bottom may rock by less."""
-# The same for another state of its joints, in which a pose may lean by as much.
+"""Rocking up to this tilt, in degrees, is part of a pose, as on an uneven bottom."""
+# The same in other states of its joints, where a pose may lean by this angle, in degrees.
 _LEANING = 1.0
-# Numbers of directions in which it is tilted: few at first, which rules out most faces of a round object.
+# Numbers of tilt directions. A first test with few directions rejects most faces of a round object.
 _SIDES = (24, 360)
 _STEP = 0.1  # degrees, from one tilt to the next
-_COARSE = 0.5  # the same for one of many states
+_COARSE = 0.5  # the same in each of many joint states
 _FINER = ((24, ROCKING), (24, _STEP), (360, _STEP))  # directions and steps for a curved bottom
-# If the centre of mass rises by less than this [m] as the tilt grows by a step, the object rolls.
+# The object rolls if its centre of mass rises by less than this [m] per step of the tilt.
 _LEAST_RISE = 1.0e-8
-# An x axis whose horizontal part is shorter than this points straight up or down, up to rounding.
+# An x axis with a shorter horizontal part than this points straight up or down, up to rounding.
 _UPRIGHT = 1.0e-3
-# Shares of its size to which the points of a hull are rounded if it is not closed: points next to each other cost it
-# faces, and the stable poses on them.
+# Rounding of the points of a hull that is not closed, as fractions of its size. Points that are too close to each other
+# cost the hull faces, and the stable poses on them.
 _ROUND = (1.0e-7, 1.0e-6, 1.0e-5, 1.0e-4)
 
 
 @dataclass(frozen=True)
 class StablePose:
-    """One pose of an object, turned about the vertical so that its heading is 0.
+    """One pose of an object, rotated about the vertical so that its heading is 0.
 
     Attributes:
         quat: Orientation of its root, wxyz.
         pivot: Bottom centre of its bounds in its root's frame [m].
         bounds: Bounds in xy around the pivot [m]: low x, low y, high x, high y.
-        probability: The share of draws that take it.
+        probability: Its probability in a draw.
     """
 
     quat: np.ndarray
@@ -70,9 +70,9 @@ class HomeShape:
 
     Args:
         home: MjData in that state.
-        root: Its root body, a child of the world where `gravcomp` is to count.
+        root: Its root body. `gravcomp` only counts if the root is a child of the world.
         pieces: Its pieces.
-        margins: The distance [m] at which a support carries each of them, shape (npiece,); 0 by default.
+        margins: Distance [m] at which a support carries each piece, shape (npiece,), 0 by default.
     """
 
     def __init__(self, home: mujoco.MjData, root: int, pieces: list[Piece], margins: np.ndarray | None = None) -> None:
@@ -97,7 +97,7 @@ class HomeShape:
         return StablePose(quat, rotation.T @ bottom, np.concatenate([-half, half]), probability)
 
     def inner_radius(self) -> float:
-        """Return the radius [m] of a ball inside the hull; the bounds are at least twice as wide in any orientation."""
+        """Return the radius [m] of a ball inside the hull. The bounds are at least twice as wide in any orientation."""
         if not self._pieces:
             return 0.0
         hull = convex_hull(np.concatenate(self.points()))
@@ -105,7 +105,7 @@ class HomeShape:
         return max(float((to_faces * hull.face_normals).sum(axis=1).min()), 0.0)
 
     def hull(self, body: int) -> Piece:
-        """Return all pieces as one convex piece of the root body `body`: the convex footprint in any orientation."""
+        """Return the convex hull of all pieces as a piece of the root body `body`: the footprint in any orientation."""
         vertices = convex_hull(np.concatenate(self.points())).vertices
         middle = vertices.mean(axis=0)
         unit = np.array([1.0, 0.0, 0.0, 0.0])
@@ -121,7 +121,7 @@ class HomeShape:
         return np.array([mat @ matrix(p.quat)[:, 2] for p, mat in zip(self._pieces, self._mats, strict=True)])
 
     def _carried_points(self) -> np.ndarray:
-        """Return the same; faces of pieces with larger margins than others are moved out by the difference."""
+        """Return all vertices [m], shape (n, 3), with faces moved out by the excess of a piece's margin."""
         more = self.margins - self.margins.min()
         if not more.any():
             return np.concatenate(self.points())
@@ -133,23 +133,23 @@ class HomeShape:
         return np.concatenate(points)
 
     def bottom(self, quat: np.ndarray) -> float:
-        """Return the height [m] of the pose's lowest point over the root, its margins included; negative below."""
+        """Return the height [m] of the pose's lowest point over the root with its margin, negative below the root."""
         up = matrix(quat)[2:]
         return float((up @ self.center_of_mass - self._height(up))[0])
 
     def holds(self, quat: np.ndarray) -> bool:
-        """Return whether gravity turns a pose back from all tilts from 1 to `STABLE_TILT` degrees, in 24 directions."""
+        """Return whether gravity rights a pose after all tilts from 1 to `STABLE_TILT` degrees, in 24 directions."""
         return self._comes_back(matrix(quat), _SIDES[0], np.arange(_LEANING, STABLE_TILT + _COARSE, _COARSE))
 
     def stable(self, where: str) -> list[tuple[np.ndarray, float]]:
         """Return the stable poses on a plane: orientations of the root (wxyz, of heading 0) and their probabilities.
 
         The poses and their probabilities are the quasi-static estimate of K. Goldberg et al., "Part pose statistics",
-        1999; those that do not come back from tilts up to `STABLE_TILT` are left out. Where many small faces form a
-        curved bottom, the lowest of them represents all.
+        1999, without poses that tip over or roll at tilts up to `STABLE_TILT`. If many small faces form a curved
+        bottom, the lowest face represents all of them.
 
         Raises:
-            SceneKeyError: There is no stable pose, or the centre of mass is outside the hull; begins with `where`.
+            SceneKeyError: No pose is stable, or the centre of mass is outside the hull. The error begins with `where`.
         """
         from trimesh.poses import compute_stable_poses
 
@@ -183,15 +183,15 @@ class HomeShape:
         return [(of_heading_zero(transforms[i][:3, :3]), float(p)) for i, p in zip(kept, share, strict=True)]
 
     def _rocking_regions(self, rotations: np.ndarray, probability: np.ndarray, kept: list[int]) -> dict[int, float]:
-        """Return poses on a curved bottom of many small faces: none comes back alone, but all roll to the lowest one.
+        """Return poses on a curved bottom of many small faces. A single face is not stable, but all roll to the lowest.
 
         Args:
             rotations: Orientations that lie on a face, shape (n, 3, 3).
-            probability: The probability of each of them.
-            kept: Those that are stable by themselves; poses near them belong to them.
+            probability: The probability of each orientation.
+            kept: Numbers of the stable orientations. Orientations near them do not form regions.
 
         Returns:
-            The lowest pose of each region, with the probability of all of it.
+            The lowest pose of each region, with the probability of the whole region.
         """
         from scipy.spatial import KDTree
 
@@ -211,20 +211,20 @@ class HomeShape:
         return found
 
     def _rocks_back(self, rotation: np.ndarray, sides: int, step: float) -> bool:
-        """Return whether the pose comes back if the height only has to rise over each span of the rocking angle.
+        """Return whether gravity rights the pose if the height only has to rise over each span of the rocking angle.
 
-        Heights are compared up to one such angle beyond the tilt, so that a ripple there does not hold the pose.
+        Heights are compared up to one rocking angle beyond `STABLE_TILT`, so that a ripple there does not count.
         """
         tilts = np.arange(0.0, STABLE_TILT + ROCKING + 0.5 * step, step)
         return self._comes_back(rotation, sides, tilts, round(ROCKING / step))
 
     def _comes_back(self, rotation: np.ndarray, sides: int, degrees: np.ndarray, span: int = 1) -> bool:
-        """Return whether gravity turns the pose (3, 3) back from all of these tilts, in `sides` directions.
+        """Return whether gravity rights the pose (3, 3) after all of these tilts, in `sides` directions.
 
         It does if the height of the centre of mass above the lowest point rises over each `span` of tilts.
         """
         if len(degrees) > 2 * span + 2 and not self._comes_back(rotation, sides, degrees[-span - 1 :], span):
-            return False  # as most faces do not
+            return False  # the largest tilts are tested first, because they reject most faces
         angle = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
         across = np.stack([np.cos(angle), np.sin(angle), np.zeros(sides)], axis=1) @ rotation
         tilts = np.radians(degrees)[:, None, None]
@@ -245,7 +245,7 @@ class HomeShape:
 
 
 def _closed_hull(points: np.ndarray) -> trimesh.Trimesh:
-    """Return the convex hull of points (n, 3) without gaps, of rounded points if some are too near each other."""
+    """Return a closed convex hull of points (n, 3), rounded if some points are too close to each other."""
     hull, size = convex_hull(points), float(np.ptp(points, axis=0).max())
     for share in _ROUND:
         if hull.is_watertight:
@@ -255,12 +255,12 @@ def _closed_hull(points: np.ndarray) -> trimesh.Trimesh:
 
 
 def weights(mjm: mujoco.MjModel) -> np.ndarray:
-    """Return the mass [kg] of each body that gravity acts on, shape (nbody,): `gravcomp` compensates some of it."""
+    """Return the mass [kg] of each body under gravity, shape (nbody,). `gravcomp` compensates some of the mass."""
     return mjm.body_mass * (1.0 - mjm.body_gravcomp)
 
 
 def _center_of_weight(home: mujoco.MjData, root: int) -> np.ndarray:
-    """Return the point where the weight of a body and all below it acts [m]: the centre of mass without `gravcomp`."""
+    """Return the centre of weight [m] of a body and its descendants, the centre of mass without `gravcomp`."""
     mjm = home.model
     inside = mjm.body_rootid == root
     weight = weights(mjm)[inside]
@@ -270,9 +270,9 @@ def _center_of_weight(home: mujoco.MjData, root: int) -> np.ndarray:
 
 
 def heading_of(mat: np.ndarray) -> float:
-    """Return the heading [rad] of a body with orientation `mat`, shape (3, 3): that of its x axis, seen from above.
+    """Return the heading [rad] of a body with orientation `mat`, shape (3, 3): its x axis, seen from above.
 
-    If the x axis points straight up or down, it is that of the y axis minus a right angle.
+    If the x axis points straight up or down, the heading is the y axis's minus a right angle.
     """
     if np.abs(mat[:2, 0]).sum() < _UPRIGHT:
         return float(np.arctan2(-mat[0, 1], mat[1, 1]))
@@ -280,7 +280,7 @@ def heading_of(mat: np.ndarray) -> float:
 
 
 def of_heading_zero(mat: np.ndarray) -> np.ndarray:
-    """Return the orientation `mat`, shape (3, 3), turned about the vertical so that its heading is 0, as wxyz."""
+    """Return the orientation `mat`, shape (3, 3), rotated about the vertical to heading 0, as wxyz."""
     back = -heading_of(mat)
     rotation = np.array([[np.cos(back), -np.sin(back), 0.0], [np.sin(back), np.cos(back), 0.0], [0.0, 0.0, 1.0]])
     return quaternion(rotation @ mat)

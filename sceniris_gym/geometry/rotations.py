@@ -27,7 +27,7 @@ def product(first: np.ndarray, then: np.ndarray) -> np.ndarray:
 
 
 def of_angles(angles: np.ndarray) -> np.ndarray:
-    """Return the wxyz quaternion of turns by angles [rad], shape (3,), about x, then y, then z of the fixed frame."""
+    """Return the wxyz quaternion of rotations by angles [rad], (3,), about x, then y, then z of the fixed frame."""
     return _computed(4, mujoco.mju_euler2Quat, angles, "XYZ")
 
 

@@ -1,4 +1,4 @@
-"""Support surfaces: level faces of a body as polygons, and the regions of them that an object may use."""
+"""Support surfaces: level faces of a body as polygons, and their regions for an object."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ from sceniris_gym.geometry.rotations import matrix
 if TYPE_CHECKING:
     import trimesh
 
-# Cosine of the greatest slope of a face that carries something, 1 degree. Faces of one surface may differ in height by
-# 0.2 mm.
+# Cosine of the greatest slope of a supporting face, 1 degree.
 _COS_MAX_SLOPE = np.cos(np.radians(1.0))
+# Faces of one surface differ by at most this height [m] from the next.
 _STEP = 2.0e-4
-# Pieces that stand on a surface are looked for at this height above it [m].
+# A section at this height [m] above a surface finds the pieces that stand on it.
 _ABOVE = 5.0e-4
 # A strip narrower than 2 cm (a rim, the edge of a wall, a handle) is not a support.
 _HALF_WIDTH = 0.01
-# Half the edge [m] of the part of an endless plane that regions are cut from; objects are placed nowhere beyond.
+# Half the edge [m] of the square that represents an endless plane. Objects are never placed beyond it.
 _ENDLESS = 4.0 * MOST_FAR
-# A point that is this far [m] beyond the edge of a surface is still on it: meshes have single precision.
+# A point up to this distance [m] beyond the edge of a surface is still on it, because meshes have single precision.
 _ON_EDGE = 1.0e-6
-# Segments of a quarter circle where an erosion goes around a corner: an erosion by 4 cm is accurate to 3 um.
+# Segments of a quarter circle in an erosion around a corner: an erosion by 4 cm is accurate to 3 um.
 _ARC = 64
 
 
@@ -45,8 +45,8 @@ class SupportSurface:
         body: Id of the body (0: the world, for the floor).
         height: Its z [m] in the body's frame.
         outline: The whole surface [m], xy in the body's frame.
-        region: The part of it that an object's pivot may lie on, which may be points.
-        is_endless: Whether it is a plane without sizes, of which the outline is a part.
+        region: The part of it for an object's pivot, an area or points.
+        is_endless: Whether it is a plane without sizes. Its outline is then only a part of it.
     """
 
     body: int
@@ -57,17 +57,17 @@ class SupportSurface:
 
     @cached_property
     def triangles(self) -> np.ndarray:
-        """The region as triangles [m], shape (n, 3, 2); see `triangulate`."""
+        """The region as triangles [m], shape (n, 3, 2), from `triangulate`."""
         return triangulate(self.region)
 
 
 def level_surfaces(
     body: int, pieces: list[Piece], *, open_above: bool, geom: int | None = None
 ) -> list[SupportSurface]:
-    """Return the level surfaces of one body from its pieces, lowest first; with `geom` those of this geom alone.
+    """Return the level surfaces of one body, or of its geom `geom`, from the pieces of the body, lowest first.
 
-    Parts on which a piece of the same body stands are cut out; with `open_above` also those below such a piece, since
-    the two never move relative to each other. Strips narrower than 2 cm are left out.
+    Parts below a piece that stands on them are cut out. With `open_above`, so are parts below any piece of the same
+    body, because the two never move relative to each other. Strips narrower than 2 cm are left out.
     """
     meshes = [p.mesh for p in pieces if p.mesh is not None]
     carrying = [p for p in pieces if geom is None or p.geom == geom]
@@ -76,7 +76,7 @@ def level_surfaces(
     for height, flat in _levels([p.mesh for p in carrying if p.mesh is not None]):
         over = [_shadow(m, height + _ABOVE) if open_above else section(m, height + _ABOVE) for m in meshes]
         outline = _parts(flat.difference(shapely.union_all([o for o in over if o is not None])))
-        # shrunk until strips are gone, then grown to 10 um beyond its edges
+        # shrink until strips are gone, then grow to 10 um beyond the edges
         core = outline.buffer(-_HALF_WIDTH, join_style="mitre")
         wide = _parts(outline.intersection(core.buffer(_HALF_WIDTH + 1e-5, join_style="mitre")))
         if not wide.is_empty:
@@ -85,7 +85,7 @@ def level_surfaces(
 
 
 def _plane_surface(body: int, plane: Piece) -> SupportSurface:
-    """Return the rectangle as which a plane is drawn; an endless one reaches farther than objects may be placed."""
+    """Return the rectangle of a plane. For an endless plane, it extends beyond all places of objects."""
     x, y = (half if half > 0.0 else _ENDLESS for half in plane.size[:2])
     corners = np.array([[-x, -y, 0.0], [x, -y, 0.0], [x, y, 0.0], [-x, y, 0.0]]) @ matrix(plane.quat).T + plane.pos
     seen = MultiPolygon([Polygon(corners[:, :2])])
@@ -93,13 +93,13 @@ def _plane_surface(body: int, plane: Piece) -> SupportSurface:
 
 
 def rectangle(low: Sequence[float] | np.ndarray, high: Sequence[float] | np.ndarray) -> SupportSurface:
-    """Return an upright rectangle of the world at height 0, given two of its corners [m]: the ground, or a shadow."""
+    """Return a rectangle along the world's axes at height 0 from two opposite corners [m]: the ground, or a shadow."""
     seen = MultiPolygon([box(low[0], low[1], high[0], high[1])])
     return SupportSurface(0, 0.0, seen, seen)
 
 
 def points_in_space(points: Points) -> list[SupportSurface]:
-    """Return points in space as surfaces, one for each of their heights; the outlines are boxes seen from above."""
+    """Return points in space as surfaces, one for each height. The outlines are boxes seen from above."""
     found = []
     for z in dict.fromkeys(z for *_, z in points):
         seen = MultiPoint([point[:2] for point in points if point[2] == z])
@@ -113,10 +113,10 @@ def crop(
     """Return the surfaces with their regions eroded by each of `erosions` [m] and cropped to `region`.
 
     Returns:
-        For each erosion, the surfaces whose regions are not empty; equal erosions share one list.
+        For each erosion, the surfaces whose regions are not empty. Equal erosions share one list.
 
     Raises:
-        SceneKeyError: Nothing is left of any surface, or a point is on none of them.
+        SceneKeyError: No surface has an area left, or a point is on no surface.
     """
     rounded = [round(erosion, 7) for erosion in erosions]  # poses that differ only by rounding count as one
     erosion, points = min(rounded), None if region is None else region.points
@@ -124,22 +124,22 @@ def crop(
     kept = {e: _kept(surfaces, keep, points, e) for e in set(rounded)}
     x0, y0, x1, y1 = shapely.union_all([s.outline for s in surfaces]).bounds
     spans = f"[{x0:.4g}, {x1:.4g}] x [{y0:.4g}, {y1:.4g}] m"
-    if points is not None:  # each is on a surface, by the smallest erosion that `ratio_on_support` demands of any pose
+    if points is not None:  # each point has to be on a surface after the smallest erosion over all poses
         used = {tuple(xy) for s in kept[erosion] for xy in shapely.get_coordinates(s.region).tolist()}
         for i, at in ((i, Point(point)) for i, point in enumerate(points) if point not in used):
             beyond = min(s.outline.distance(at) for s in surfaces)
             said = f"off its surface, by {beyond:.4g} m"
             if beyond <= _ON_EDGE:
-                said = f"nearer to an edge of its surface than the {erosion:.4g} m that 'ratio_on_support' asks for"
+                said = f"nearer to an edge of its surface than the {erosion:.4g} m that 'ratio_on_support' requires"
             raise SceneKeyError(
                 f"{where}: the support does not carry point {i} of the region, [{at.x:.4g}, {at.y:.4g}]: it is {said}, "
-                f"which spans {spans} in the support's frame. Move the point, or take it out."
+                f"which spans {spans} in the support's frame. Move or remove the point."
             )
     elif not any(kept.values()):
         cuts = {f"erosion by {erosion:.4g} m": erosion > 0.0, "cropping to its region": region is not None}
         said = " and ".join(cut for cut, is_made in cuts.items() if is_made)
         raise SceneKeyError(
-            f"{where}: nothing is left of the support after {said}; its surface spans {spans}. Use a smaller "
+            f"{where}: nothing is left of the support after {said}. Its surface spans {spans}. Use a smaller "
             "ratio_on_support, a region that overlaps it, or a larger support."
         )
     return [kept[e] for e in rounded]
@@ -148,9 +148,9 @@ def crop(
 def _kept(
     surfaces: list[SupportSurface], keep: Polygon | None, points: Points | None, erosion: float
 ) -> list[SupportSurface]:
-    """Return the surfaces with their regions eroded, but those of which nothing is left.
+    """Return the surfaces with their regions eroded, without empty ones.
 
-    What is left of a region is its part in `keep`, or those of `points` that are on it.
+    A region keeps its part in `keep`, or the `points` that are on it.
     """
     found = []
     for surface in surfaces:
@@ -167,7 +167,8 @@ def _kept(
 def triangulate(region: MultiPolygon | MultiPoint) -> np.ndarray:
     """Return the region as triangles [m], shape (n, 3, 2), by constrained Delaunay triangulation.
 
-    A point is a triangle whose corners are all the same. No other triangle is such a point, even in single precision.
+    A point becomes a triangle with three equal corners. All other triangles have distinct corners, even in single
+    precision.
     """
     if isinstance(region, MultiPoint):
         return np.repeat(shapely.get_coordinates(region)[:, None], 3, axis=1)
@@ -184,7 +185,7 @@ def areas(triangles: np.ndarray) -> np.ndarray:
 
 
 def weights(triangles: np.ndarray) -> np.ndarray:
-    """Return the weights by which the triangles of a region are drawn: their areas, or 1 for points."""
+    """Return the weights of the triangles of a region in a draw: their areas, or 1 for points."""
     sizes = areas(triangles)
     return np.where(sizes > 0.0, sizes, 1.0)
 
@@ -219,7 +220,7 @@ def _levels(meshes: list[trimesh.Trimesh]) -> list[tuple[float, MultiPolygon]]:
     for group in np.split(order, cuts):
         faces = np.asarray(shapely.polygons(triangles[group][:, :, :2]))
         merged = shapely.union_all(faces[shapely.area(faces) > 0.0])
-        # faces of neighbouring geoms meet only to rounding: close gaps of up to 2 um
+        # close gaps of up to 2 um, because rounding separates faces of neighbouring geoms
         merged = merged.buffer(1e-6, join_style="mitre").buffer(-1e-6, join_style="mitre")
         levels.append((float(heights[group].max()), _parts(merged)))
     return [(z, area) for z, area in levels if not area.is_empty]
@@ -234,7 +235,7 @@ def section(mesh: trimesh.Trimesh, z: float) -> shapely.Geometry | None:
         return None
     planar, _ = cut.to_2D(to_2D=np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, -z], [0, 0, 0, 1.0]]))
     rings = [p for p in planar.polygons_closed if p is not None]
-    return reduce(shapely.symmetric_difference, rings, Polygon())  # rings inside of rings are holes
+    return reduce(shapely.symmetric_difference, rings, Polygon())  # rings inside other rings are holes
 
 
 def _shadow(mesh: trimesh.Trimesh, z: float) -> shapely.Geometry | None:

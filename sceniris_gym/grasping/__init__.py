@@ -1,1 +1,1 @@
-"""Grasps of objects, and the gripper that they are for."""
+"""Grasps of objects, and the gripper that performs them."""

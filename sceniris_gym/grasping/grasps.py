@@ -1,10 +1,10 @@
 """Grasps of an object: TCP poses that an arm should be able to reach.
 
-A grasp is a frame midway between the fingertips, +z the approach axis, +y the closing axis. An asset defines its own as
-sites `grasp_*`; as a gripper has two fingers, each of them is also used half a turn about its approach axis. For an
-asset without such sites, grasps are made from its geometry for every pose that it may be drawn in: from above with 8
-yaws, the same tilted by 15, 30 and 45 degrees, and from the side if the object is taller than wide. Grasps that need a
-wider opening than the gripper has are left out.
+A grasp is a frame midway between the fingertips, with +z along the approach axis and +y along the closing axis. Assets
+define grasps as sites `grasp_*`. Because the gripper's fingers are interchangeable, each site is also used with half a
+rotation about its approach axis. For an asset without such sites, grasps are generated from the geometry for each of
+its possible poses: from above with 8 yaws, the same tilted by 15, 30 and 45 degrees, and from the side if the object is
+taller than wide. Grasps that need a wider opening than the gripper's are dropped.
 """
 
 from __future__ import annotations
@@ -31,16 +31,16 @@ YAWS = 8
 TILTS = (0.0, 15.0, 30.0, 45.0)  # degrees from the vertical
 _SIDE = 90.0
 MOST_RISING = math.sin(math.radians(10.0))
-"""The largest z component of an approach axis: it may point upwards by 10 degrees. A steeper one would come from below,
-through the support."""
-# Clearance of the fingertips above the plane that the object stands on, and of the object from the palm [m].
+"""Largest z component of an approach axis, which may point upwards by 10 degrees. A steeper approach would come from
+below, through the support."""
+# Clearance between the fingertips and the support, and between the object and the palm [m].
 _ABOVE = 0.002
-# A rotation for each axis of an object that can point up: +z, -z, +x, -x, +y, -y.
+# Rotations that point +z, -z, +x, -x, +y, -y of an object up.
 _UPS = ((1, 0, 0, 0), (0, 1, 0, 0), (1, 0, -1, 0), (1, 0, 1, 0), (1, 1, 0, 0), (1, -1, 0, 0))
 
 
 def comes_from_below(approach_z: float) -> bool:
-    """Return whether an approach axis with this z component in the world comes through the support."""
+    """Return whether an approach axis with this z component, world frame, comes through the support."""
     return approach_z > MOST_RISING
 
 
@@ -49,12 +49,12 @@ class Grasp:
     """A pose of the TCP in the frame of one of the object's bodies.
 
     Attributes:
-        name: The site's name, followed by " rolled" after half a turn about the approach; or "top", "tilt 15", ... or
-            "side" with the yaw in degrees.
+        name: Name of the site, with the suffix " rolled" for half a rotation about the approach. For generated grasps,
+            "top", "tilt 15", ... or "side" with the yaw in degrees.
         body: Id of the body.
         pos: Position [m] in the body's frame, shape (3,).
         quat: Orientation, wxyz.
-        opening: Gap [m] that the fingers need to go around the part of the object between them.
+        opening: Opening [m] needed to fit the fingers around the object.
     """
 
     name: str
@@ -66,10 +66,10 @@ class Grasp:
 
 @dataclass(frozen=True)
 class GraspSet:
-    """All grasps of an object, grouped by the poses that it is drawn from.
+    """All grasps of an object, grouped by its stable poses.
 
     Attributes:
-        grasps: In the order in which they are tried.
+        grasps: The grasps, in the order of trials.
         spans: (first, number) for each stable pose of the object.
     """
 
@@ -103,19 +103,19 @@ class Graspable:
     def grasp_set(
         self, poses: list[StablePose], any_turn: bool, gripper: Gripper, pattern: str | None = None
     ) -> GraspSet:
-        """Return the grasps that fit the gripper: the asset's own, or those made from its geometry.
+        """Return the grasps that fit the gripper, from the asset's sites or generated from its geometry.
+
+        A stable pose without a suitable grasp has an empty span, and is never accepted.
 
         Args:
-            poses: Poses that the object's orientation is drawn from.
-            any_turn: Whether any orientation may be drawn, so that any side may be up.
+            poses: Stable poses of the object.
+            any_turn: Whether the object may have any orientation, with any side up.
             gripper: The gripper.
-            pattern: A glob that the names of grasps match, those of sites with or without 'grasp_'. All count if None.
-
-        A stable pose in which the gripper cannot grasp the object has no grasps, and is never accepted.
+            pattern: A glob for the names of grasps, with or without the prefix 'grasp_' of sites. If None, all match.
 
         Raises:
-            UnknownNameError: None of them has such a name.
-            GraspError: None of them fits the gripper.
+            UnknownNameError: No grasp matches the pattern.
+            GraspError: No grasp fits the gripper.
         """
         own = self._sites(gripper)
         groups = [own] if own else [self._made(pose, any_turn, gripper) for pose in poses]
@@ -140,7 +140,7 @@ class Graspable:
         return GraspSet(tuple(grasps), tuple(zip(adr.tolist(), num.tolist(), strict=True)))
 
     def _named(self, groups: list[list[Grasp]], pattern: str) -> list[list[Grasp]]:
-        """Return the grasps whose names match a glob; the half turn of a site matches with it."""
+        """Return the grasps with names that match a glob. A site's half rotation matches together with the site."""
         known = {g.name: g.name.removesuffix(_ROLLED) for group in groups for g in group}
         found = {name for name, site in known.items() if matches(site, pattern)}
         if known and not found:
@@ -175,7 +175,7 @@ class Graspable:
         return found
 
     def _from_above(self, rotation: np.ndarray, tilts: tuple[float, ...], gripper: Gripper) -> list[Grasp]:
-        """Return grasps of the object turned by `turn` (3, 3), for each tilt of the approach from down [degrees]."""
+        """Return grasps of the object rotated by `rotation` (3, 3), for tilts [degrees] of the approach from down."""
         found = []
         for tilt in tilts:
             for yaw in np.arange(YAWS) * 360.0 / YAWS:
@@ -189,7 +189,7 @@ class Graspable:
     def _at_center(
         self, rotation: np.ndarray, axes: np.ndarray, tilt: float, gripper: Gripper
     ) -> tuple[np.ndarray, float] | None:
-        """Return the position of a grasp with these axes, and the gap that it needs; None if it closes on nothing."""
+        """Return the position of a grasp with these axes and the opening it needs, or None if the fingers miss."""
         if not len(self.triangles):
             return np.zeros(3), 0.0
         low, high = _extents(self.triangles @ rotation.T)
@@ -210,26 +210,26 @@ class Graspable:
         return pos + axes[:, 1] * 0.5 * (between[0] + between[1]), between[1] - between[0]
 
     def _turn(self, body: int) -> np.ndarray:
-        """Return the rotation matrix (3, 3) from a body's frame to the root's."""
+        """Return the rotation matrix (3, 3) from a body's frame to the root's frame."""
         return self._home.xmat[self.root].reshape(3, 3).T @ self._home.xmat[body].reshape(3, 3)
 
     def _to_root(self, body: int, points: np.ndarray) -> np.ndarray:
-        """Return points (n, 3) of a body's frame (0: the world's) in the root's."""
+        """Transform points (n, 3) from a body's frame (0: the world frame) to the root's frame."""
         return points @ self._turn(body).T + self._turn(0) @ (self._home.xpos[body] - self._home.xpos[self.root])
 
 
 def matches(name: str, pattern: str) -> bool:
-    """Return whether the name of a grasp matches a glob, that of a site with or without its prefix or half a turn."""
+    """Return whether a grasp's name matches a glob, without " rolled", and with or without the prefix 'grasp_'."""
     name = name.removesuffix(_ROLLED)
     return fnmatchcase(name, pattern) or fnmatchcase(name.removeprefix(PREFIX), pattern)
 
 
 def tcp_axes(yaw: float, tilt: float) -> np.ndarray:
-    """Return axes of a TCP as columns (3, 3): down, tilted about the closing axis, then turned about the vertical.
+    """Return TCP axes as columns (3, 3): pointing down, tilted about the closing axis, then rotated about the vertical.
 
     Args:
-        yaw: Yaw of the closing axis from y, in degrees.
-        tilt: Tilt of the approach axis from straight down, in degrees; 90 is level.
+        yaw: Yaw of the closing axis from y [degrees].
+        tilt: Tilt of the approach axis from straight down [degrees]. 90 is level.
     """
     s, c = np.sin(np.radians(tilt)), np.cos(np.radians(tilt))
     down = np.array([[-c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, -c]])
@@ -238,19 +238,19 @@ def tcp_axes(yaw: float, tilt: float) -> np.ndarray:
 
 
 def section(triangles: np.ndarray, pos: np.ndarray, axes: np.ndarray, gripper: Gripper) -> tuple[float, float] | None:
-    """Return the extent of a solid between the fingers: two coordinates [m] along the closing axis, from the TCP.
+    """Return the extent of a solid between the fingers along the closing axis.
 
-    Only the part within the fingers' width and not beyond their tips counts. Where a finger fits between two parts of
-    the solid, only the part that contains the TCP, or is nearest to it, counts.
+    Only the region within the fingers' width and up to their tips counts. If a finger fits between two parts of the
+    solid, only the part at the TCP, or the nearest part, counts.
 
     Args:
         triangles: Closed surfaces [m], shape (n, 3, 3).
-        pos: Position of the TCP in their frame [m], shape (3,).
-        axes: Its axes in that frame as columns, shape (3, 3).
+        pos: Position of the TCP in the frame of the triangles [m], shape (3,).
+        axes: Axes of the TCP in this frame as columns, shape (3, 3).
         gripper: The gripper.
 
     Returns:
-        None if nothing is between the fingers, however wide they open.
+        Smallest and largest coordinate relative to the TCP [m], or None if the open fingers miss the solid.
     """
     spans = _clipped(triangles, pos, axes, gripper.half_width, gripper.tip)[:, 1]
     if not len(spans):
@@ -266,19 +266,19 @@ def section(triangles: np.ndarray, pos: np.ndarray, axes: np.ndarray, gripper: G
 
 
 def _ahead(triangles: np.ndarray, pos: np.ndarray, axes: np.ndarray, gripper: Gripper) -> tuple[float, float]:
-    """Return the extent of the solid along the approach axis [m], from the TCP, within the fingers' width."""
+    """Return the extent of the solid along the approach axis, from the TCP [m], within the fingers' width."""
     spans = _clipped(triangles, pos, axes, gripper.half_width, np.inf)[:, 2]
     return (float(spans[:, 0].min()), float(spans[:, 1].max())) if len(spans) else (0.0, 0.0)
 
 
 def _clipped(triangles: np.ndarray, pos: np.ndarray, axes: np.ndarray, half_width: float, tip: float) -> np.ndarray:
-    """Return extents along the axes of a TCP of the triangles that reach into |x| <= half_width and z <= tip.
+    """Clip triangles to |x| <= half_width and z <= tip in the TCP frame, and return their extents.
 
-    The corners of a clipped triangle are its own, the points where its edges meet the three planes, and those where it
-    meets the two lines in which those planes meet.
+    The corners of a clipped triangle are its vertices, the intersections of its edges with the three planes, and its
+    intersections with the two lines where the planes meet.
 
     Returns:
-        Least and greatest coordinate along each axis [m], shape (n, 3, 2).
+        Smallest and largest coordinate along each axis [m], shape (n, 3, 2). Triangles outside are dropped.
     """
     local = (triangles - pos) @ axes
     low, high = local.min(axis=1), local.max(axis=1)
@@ -297,7 +297,7 @@ def _clipped(triangles: np.ndarray, pos: np.ndarray, axes: np.ndarray, half_widt
 
 
 def _crossings(triangles: np.ndarray, axis: int, value: float) -> np.ndarray:
-    """Return where the edges of triangles meet the plane of one coordinate, shape (n, 3, 3); nan where they do not."""
+    """Return where the edges of triangles cross the plane of a coordinate, NaN without a crossing, shape (n, 3, 3)."""
     other = np.roll(triangles, -1, axis=1)
     a, b = triangles[..., axis] - value, other[..., axis] - value
     with np.errstate(divide="ignore", invalid="ignore"):

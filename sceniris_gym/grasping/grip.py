@@ -1,7 +1,7 @@
-"""Grips: how far a gripper closes on an object in each of its grasps, and the shift that centres its fingers.
+"""Grips: how far a gripper closes on an object in each grasp, and the sideways shift that centres the object.
 
-Fingers close at once from both sides, so an object that is off the middle would be pushed sideways. Distances are those
-of MuJoCo's collision geometry, whatever `geometry` places the object by, since that is what holds it.
+Both fingers close at the same time, so they would push an off-centre object sideways. Distances always use MuJoCo's
+collision geometry, even if `geometry` places the object by another shape, because collision geometry holds the object.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from sceniris_gym.grasping.gripper import Gripper, carried
 from sceniris_gym.reach.arm import SerialArm
 
 INSIDE = 3.0e-4
-"""Depth [m] of the object in the fingers of each side at the start: at 0 it slips by 1 mm before the fingers press."""
-_STEPS = 16  # of the bisection: the travel of a finger, 40 mm, over 2^16 is 0.6 um
-_FAR = 0.3  # m; things are between the fingers, so no distance is larger
-_FITS = 2.0e-4  # m; largest error of the depth on either side
-_MOVES = 1.0e-6  # m; a finger moves by more between open and closed
-# How long an object has to stay in the hand [s], by how much it may move [m], and its weight in units of its own. A
-# start promises 2 mm; arms swing and sag.
+"""Penetration [m] of each finger at the start. At 0, the object slips by 1 mm before the fingers press."""
+_STEPS = 16  # bisection steps: 40 mm of finger travel over 2^16 is 0.6 um
+_FAR = 0.3  # upper bound of distances [m]: the object is between the fingers
+_FITS = 2.0e-4  # largest error of the penetration on either side [m]
+_MOVES = 1.0e-6  # a geom that moves farther than this between closed and open belongs to a finger [m]
+# Duration of the hold test [s], largest motion of the object [m], and multiple of its weight. Starts guarantee 2 mm,
+# which leaves a margin for arms that swing and sag.
 _HOLD, _SLIPS, _LOAD = 0.5, 1.0e-3, 2.0
 
 
@@ -36,11 +36,11 @@ class Grip:
     """A grasp with the fingers closed on the object.
 
     Attributes:
-        share: Opening of the gripper, from 0, closed, to 1, open.
-        pos: Position [m] of the TCP, midway between the two contacts, in the frame of the grasp's body, shape (3,).
-        fits: Whether fingers touch the object from both sides, and do not push it away.
-        lifts: Whether they hold it upright, as it is placed; False if nobody asked.
-        holds: Whether they hold it whichever way is down; False if nobody asked.
+        share: Opening of the gripper, from 0 (closed) to 1 (open).
+        pos: Position [m] of the TCP, midway between the contacts, in the frame of the grasp's body, shape (3,).
+        fits: Whether fingers touch the object from both sides without pushing it away.
+        lifts: Whether the fingers hold the object in its placed orientation. False if not tested.
+        holds: Whether the fingers hold the object under gravity in any direction. False if not tested.
     """
 
     share: float
@@ -51,13 +51,13 @@ class Grip:
 
 
 class Fingers:
-    """The fingers of a gripper, closed on the objects of its scene.
+    """Closes the fingers of a gripper on the objects of its scene.
 
     Args:
-        models: The model, at all combinations of ends of what may be drawn in which it may hold worst.
-        arm: The arm in it.
-        gripper: Its gripper.
-        home: MjData at the start pose, whose joints inside objects are kept.
+        models: The model with each combination of extreme random parameters that may weaken the hold.
+        arm: The arm in the model.
+        gripper: The arm's gripper.
+        home: MjData at the start pose. Joints inside objects keep their positions.
     """
 
     def __init__(self, models: Sequence[mujoco.MjModel], arm: SerialArm, gripper: Gripper, home: mujoco.MjData) -> None:
@@ -73,7 +73,7 @@ class Fingers:
         self._sides = [geoms[moves & side].tolist() for side in (left, ~left)]
 
     def grips(self, bodies: Sequence[int], grasps: Sequence[Grasp]) -> tuple[Grip, ...]:
-        """Return the grip of each grasp of the object with these bodies."""
+        """Return the grip for each grasp of the object with these bodies."""
         geoms = np.flatnonzero(np.isin(self._mjm.geom_bodyid, bodies)).tolist()
         pairs = [
             [(f, g) for f in side for g in geoms if self._rules.meet(*self._rules.classes[[f, g]])]
@@ -84,7 +84,7 @@ class Fingers:
         return tuple(self._grip(grasp, geoms, pairs) for grasp in grasps)
 
     def _grip(self, grasp: Grasp, geoms: list[int], pairs: list[list[tuple[int, int]]]) -> Grip:
-        """Close the fingers until each side is `INSIDE` deep in the object."""
+        """Close the fingers until both sides penetrate the object by `INSIDE`."""
         shift, low, high = 0.0, 0.0, 1.0
         for _ in range(_STEPS):
             share = 0.5 * (low + high)
@@ -98,7 +98,7 @@ class Fingers:
     def _gaps(
         self, share: float, shift: float, grasp: Grasp, geoms: list[int], pairs: list[list[tuple[int, int]]]
     ) -> np.ndarray:
-        """Return the least distance [m] of the fingers of either side from an object that is `shift` off the TCP."""
+        """Return the smallest distance [m] from the fingers of each side to an object shifted by `shift` [m]."""
         data, home = self._data, self._home
         self._pose(share)
         at, rotation, there = self._in_hand(grasp, grasp.pos + matrix(grasp.quat)[:, 1] * shift)
@@ -109,7 +109,7 @@ class Fingers:
         return np.array(near)
 
     def _in_hand(self, grasp: Grasp, pos: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the motion that brings an object from home into the hand: x becomes `at + turn @ (x - there)`.
+        """Return (at, rotation, there): an object at home moves into the hand by `at + rotation @ (x - there)`.
 
         Args:
             grasp: The grasp.
@@ -121,19 +121,21 @@ class Fingers:
         return data.site_xpos[self._site].copy(), rotation, home.xpos[grasp.body] + body @ pos
 
     def hold(self, bodies: Sequence[int], grasp: Grasp, grip: Grip, downs: np.ndarray) -> bool:
-        """Return whether the closed fingers hold a free object alone, for half a second in MuJoCo C, in all models.
+        """Simulate half a second in MuJoCo C, and return whether the closed fingers hold a free object in all models.
+
+        Only the hand and the object collide.
 
         Args:
-            bodies: Its bodies, the root first.
+            bodies: Bodies of the object, the root first.
             grasp: The grasp.
-            grip: Its grip.
-            downs: Directions of gravity in the frame of the root, shape (n, 3), zeros for an object that something else
-                carries; it has to hold for all of them.
+            grip: The grip of this grasp.
+            downs: Gravity directions in the root's frame, shape (n, 3), or zeros for an object with another support.
+                The hold must pass for all directions.
         """
         return all(self._holds(copy.copy(model), bodies, grasp, grip, downs) for model in self._models)
 
     def _holds(self, alone: mujoco.MjModel, bodies: Sequence[int], grasp: Grasp, grip: Grip, downs: np.ndarray) -> bool:
-        """Return whether they do so in a model, which is changed."""
+        """Run the hold test in one model. The model is modified."""
         data, home, root = self._data, self._home, bodies[0]
         apart = ~np.isin(alone.geom_bodyid, [*self._hand, *bodies])
         alone.geom_contype[apart] = alone.geom_conaffinity[apart] = 0
@@ -159,12 +161,12 @@ class Fingers:
         return True
 
     def _seen(self, body: int) -> np.ndarray:
-        """Return the place of a body in the frame of the TCP [m], shape (3,)."""
+        """Return the position of a body in the TCP frame [m], shape (3,)."""
         axes = self._data.site_xmat[self._site].reshape(3, 3)
         return axes.T @ (self._data.xpos[body] - self._data.site_xpos[self._site])
 
     def _controls(self, mjm: mujoco.MjModel) -> np.ndarray:
-        """Return the controls at which position actuators rest with the fingers as they are now, shape (nu,)."""
+        """Return controls that keep position actuators at the current joint positions, shape (nu,)."""
         mujoco.mj_fwdPosition(mjm, self._data)
         gain, bias = mjm.actuator_gainprm[:, 0], mjm.actuator_biasprm
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -173,7 +175,7 @@ class Fingers:
         return np.clip(np.where((bias[:, 1] < 0.0) & (gain > 0.0), rest, 0.0), *limits.T)
 
     def _pose(self, share: float) -> np.ndarray:
-        """Open the gripper by a share, and return the places of all geoms in the frame of the TCP [m], (ngeom, 3)."""
+        """Set the opening of the gripper, and return the positions of all geoms in the TCP frame [m], (ngeom, 3)."""
         data, (adr, qpos) = self._data, self._gripper.poses(np.array([share]))
         data.qpos[adr] = qpos[0]
         mujoco.mj_kinematics(self._mjm, data)

@@ -1,8 +1,8 @@
-"""The gripper of an arm, measured from its geometry: its opening, and the reach of its fingers.
+"""Measures the gripper of an arm from its geometry: its opening, and the dimensions of its fingers.
 
-Finger joints are those outside of the TCP's chain. Joints that an equality makes follow others do so here, too: a
-gripper of two mirrored fingers opens by one joint. Everything is measured in the frame of the TCP: +z is the approach
-axis, +y the closing axis.
+Finger joints are the joints of the hand outside the TCP's chain. Joints that follow others through an equality also
+follow here, so one joint opens a gripper with two mirrored fingers. All lengths are in the TCP frame, with +z along the
+approach axis and +y along the closing axis.
 """
 
 from __future__ import annotations
@@ -28,31 +28,31 @@ from sceniris_gym.scene.couplings import (
 )
 from sceniris_gym.scene.support import subtree
 
-# The opening of a tool without fingers, which may touch objects of any width [m].
+# Opening of a tool without fingers, which may touch objects of any width [m].
 _NO_LIMIT = 1.0e3
-# The depth of a gripper that has nothing behind its TCP [m].
+# Depth of a gripper without a palm behind its TCP [m].
 _DEEP = 0.1
-# The largest violation of an equality beyond that of the start pose while the gripper opens [m or rad], and the number
-# of positions at which it is checked.
+# Largest additional violation of an equality while the gripper opens, compared to the start pose [m or rad], and the
+# number of openings to check.
 _KEPT, _SHARES = 1e-4, 17
-_TIPS = 0.01  # m; pieces that end within this of the farthest one are the fingertips
+_TIPS = 0.01  # pieces that end within this distance of the farthest piece are fingertips [m]
 
 
 @dataclass(frozen=True)
 class Gripper:
-    """A gripper in the frame of its TCP; lengths in metres.
+    """A gripper in its TCP frame. Lengths are in metres.
 
     Attributes:
-        opening: Widest gap between the fingers; 1000 for a tool without fingers.
-        closed: Least gap.
+        opening: Widest gap between the fingers, 1000 for a tool without fingers.
+        closed: Smallest gap between the fingers.
         tip: Distance of the fingertips beyond the TCP.
         depth: Distance from the palm to the TCP.
         half_width: Half the width of the fingers at the TCP, across the closing axis.
         thickness: Thickness of a finger at the TCP, along the closing axis.
-        qposadr: Addresses in qpos of the fingers' joints, without those that follow others.
-        open_qpos: Their positions at the widest gap [m or rad].
-        closed_qpos: Their positions at the least gap [m or rad].
-        couplings: Couplings of the joints that follow them, drivers first.
+        qposadr: Addresses in qpos of the finger joints, without joints that follow others.
+        open_qpos: Positions of these joints at the widest gap [m or rad].
+        closed_qpos: Positions of these joints at the smallest gap [m or rad].
+        couplings: Couplings of the joints that follow the finger joints, drivers first.
     """
 
     opening: float
@@ -72,12 +72,12 @@ class Gripper:
 
         Args:
             mjm: The model.
-            arm: The arm in it.
-            home_qpos: A pose of the model, shape (nq,); the fingers are measured at the limits of their joints.
+            arm: The arm in the model.
+            home_qpos: A pose of the model, shape (nq,). Finger joints are measured at their limits instead.
             pieces: Obstacles of the model.
 
         Raises:
-            NotSupportedError: Opening the fingers would break a loop that they are part of.
+            NotSupportedError: The fingers are part of a closed loop, and opening them would break it.
         """
         hand = carried(mjm, arm)
         own = [p for p in pieces if p.body in hand and p.type != PieceType.PLANE]
@@ -115,13 +115,13 @@ class Gripper:
         return gripper
 
     def poses(self, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the positions of the finger joints when the gripper is opened by some shares.
+        """Return the positions of the finger joints at given openings of the gripper.
 
         Args:
-            share: From 0, closed, to 1, open, shape (n,).
+            share: Openings from 0 (closed) to 1 (open), shape (n,).
 
         Returns:
-            Addresses in qpos of all joints that move, followers included, shape (nfinger,), and their positions [m or
+            Addresses in qpos of all moving joints, including followers, shape (nfinger,), and their positions [m or
             rad], shape (n, nfinger).
         """
         adr = np.concatenate([self.qposadr, [c.adr for c in self.couplings]]).astype(int)
@@ -131,7 +131,7 @@ class Gripper:
         return adr, qpos[:, adr]
 
     def _check_loops(self, mjm: mujoco.MjModel, arm: SerialArm, home_qpos: np.ndarray) -> None:
-        """Check that opening the gripper violates no equality in MuJoCo."""
+        """Raise NotSupportedError if opening the gripper violates an equality constraint."""
         qpos = home_qpos.copy()
         follow(self.couplings, qpos)
         adr, poses = self.poses(np.linspace(0.0, 1.0, _SHARES))
@@ -141,13 +141,13 @@ class Gripper:
         for row, eq in np.argwhere(missed > equality_errors(mjm, qpos[None]) + _KEPT):
             raise NotSupportedError(
                 f"arm '{arm.name}': opening its gripper would break {equality_label(mjm, eq)} by {missed[row, eq]:.3g} "
-                "m or rad: fingers that are joined to a loop cannot be measured. Let one of their joints drive the "
-                "others by <equality><joint>, as the loop does, or leave out 'reachable'."
+                "m or rad: fingers that are joined to a loop cannot be measured. Let one finger joint drive the others "
+                "by <equality><joint>, with the motion of the loop, or leave out 'reachable'."
             )
 
 
 def carried(mjm: mujoco.MjModel, arm: SerialArm) -> set[int]:
-    """Return the bodies that the arm's last joint carries, its own included: hand and fingers."""
+    """Return the bodies that the arm's last joint carries: the joint's body, hand and fingers."""
     moved = {int(mjm.jnt_bodyid[j]) for j in range(mjm.njnt) if mjm.jnt_qposadr[j] in arm.qposadr}
     root = int(mjm.site_bodyid[arm.tcp_site])
     while root not in moved:
@@ -158,13 +158,13 @@ def carried(mjm: mujoco.MjModel, arm: SerialArm) -> set[int]:
 def finger_joints(
     mjm: mujoco.MjModel, hand: Iterable[int], arm: np.ndarray, couplings: Sequence[Coupling], home: np.ndarray
 ) -> dict[int, tuple[float, float]]:
-    """Return the limited joints that move fingers and follow no others, with their ranges [m or rad].
+    """Return the limited finger joints that do not follow other joints, with their ranges [m or rad].
 
     Args:
         mjm: The model.
         hand: Bodies that the arm's last joint carries.
         arm: Addresses of the arm's joints in qpos.
-        couplings: Joints that follow others; those that a finger drives narrow its range by their own limits.
+        couplings: Joints that follow others. The limits of a follower narrow the range of its driver.
         home: Pose of all other joints, shape (nq,).
     """
     scalar = (mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE)
@@ -176,14 +176,14 @@ def finger_joints(
 
 @dataclass(frozen=True)
 class _Hand:
-    """The pieces that the arm's last joint carries, measured in the frame of the TCP.
+    """The pieces that the arm's last joint carries, measured in the TCP frame.
 
     Attributes:
         mjm: The model.
-        arm: The arm in it.
+        arm: The arm in the model.
         pieces: The pieces.
         couplings: All couplings of the model, in order.
-        home: A pose of the model that keeps them, shape (nq,).
+        home: A pose of the model that satisfies the couplings, shape (nq,).
     """
 
     mjm: mujoco.MjModel
@@ -193,13 +193,13 @@ class _Hand:
     home: np.ndarray
 
     def moved_by(self, joints: list[int]) -> np.ndarray:
-        """Return which pieces joints move, be it through others that follow them, shape (npiece,)."""
+        """Return which pieces the joints or their followers move, shape (npiece,), bool."""
         moving = [*joints, *(c.follower for c in driven_by(self.couplings, joints))]
         bodies = {b for j in moving for b in subtree(self.mjm, int(self.mjm.jnt_bodyid[j]))}
         return np.array([p.body in bodies for p in self.pieces])
 
     def outer_limit(self, joint: int, ends: tuple[float, float]) -> int:
-        """Return which end (0: lower, 1: upper) of a joint moves its finger farther from the approach axis."""
+        """Return which limit (0: lower, 1: upper) of a joint moves its finger farther from the approach axis."""
         moved, off = self.moved_by([joint]), []
         for value in ends:
             low, high = self._boxes(self.mjm.jnt_qposadr[joint], value)
@@ -207,19 +207,19 @@ class _Hand:
         return int(off[1] > off[0])
 
     def opened(self, fingers: np.ndarray, adr: np.ndarray, qpos: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-        """Return the boxes of all pieces, and the gap between those beside the TCP, with finger joints at qpos."""
+        """Return the boxes of all pieces, and the gap between pieces at the TCP, with finger joints at `qpos`."""
         low, high = self._boxes(adr, qpos)
         at = _beside(low, high, fingers)
         left = at & (low[:, 1] + high[:, 1] > 0.0)
         right = at & (low[:, 1] + high[:, 1] <= 0.0)
         above, below = low[left, 1].min(initial=np.inf), -high[right, 1].max(initial=-np.inf)
-        if np.isfinite([above, below]).sum() == 1:  # a finger on one side alone leaves as much room on the other
+        if np.isfinite([above, below]).sum() == 1:  # a single finger leaves the same room on the other side
             alone = min(above, below)
-            above = below = alone if alone > 0.0 else _NO_LIMIT  # the hull of a hooked one may be around the TCP
+            above = below = alone if alone > 0.0 else _NO_LIMIT  # the hull of a hooked finger may contain the TCP
         return low, high, float(np.clip(above + below, 0.0, _NO_LIMIT))
 
     def _boxes(self, adr: np.ndarray, qpos: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
-        """Return the least and greatest corner [m] of each piece with some joints at qpos, shapes (npiece, 3)."""
+        """Return the lower and upper corner [m] of each piece with joints at `qpos`, shapes (npiece, 3)."""
         data = mujoco.MjData(self.mjm)
         data.qpos[:] = self.home
         data.qpos[adr] = qpos
@@ -232,7 +232,7 @@ class _Hand:
 
 
 def _beside(low: np.ndarray, high: np.ndarray, fingers: np.ndarray) -> np.ndarray:
-    """Return which boxes are beside the TCP; if none is, the fingertips, as of fingers that swing open."""
+    """Return which boxes are level with the TCP, or the fingertips if fingers swing open beyond it, bool."""
     at = (low[:, 2] <= 0.0) & (high[:, 2] >= 0.0)
     if at.any() or not fingers.any():
         return at

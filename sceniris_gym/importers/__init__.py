@@ -1,1 +1,1 @@
-"""Importers of files of other programs: models, scenes of other packages, and things as meshes, URDF and USD."""
+"""Importers of foreign files: MuJoCo models, LIBERO problems, and objects as meshes, URDF or USD."""

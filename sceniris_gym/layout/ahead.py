@@ -1,10 +1,11 @@
 """`Ahead`: prefetches the next layout of every world, so that a reset only copies it.
 
-A layout is a pure function of (scene, split, seed, episode), so the next one of a world can be made as soon as the
-last one is served: on a GPU on a stream of its own, beside the steps that follow. A few layouts take about as long as
-many, so a prefetch starts once enough worlds wait for one; how many grows until a world is reset that waits already. A
-reset never waits for a prefetch: a layout that is not ready, because it is still being made or the world was reseeded,
-is made in place. Either way it is the same layout.
+A layout is a pure function of (scene, split, seed, episode), so it can be made as soon as the world's present layout is
+served. On a GPU, prefetching runs on a separate stream, concurrently with the following steps. Making a few
+layouts takes about as long as making many, so a prefetch starts only once a fraction of the worlds waits for layouts.
+The fraction grows with every prefetch, and drops when a world is reset before its layout is ready. A reset never waits
+for a prefetch. If the layout is still in the making, or the world was reseeded, the reset makes the layout in place,
+with the same result.
 """
 
 import sys
@@ -23,19 +24,20 @@ from sceniris_gym.layout.source import LayoutSource
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _FIRST = -1
-"""Priority of prefetching on a GPU: its many short kernels go before the long ones of physics, not after each."""
+"""Stream priority of prefetching on a GPU, so that its many short kernels do not queue behind long physics kernels."""
 
 _LEAST, _MOST, _MORE = (wp.constant(share) for share in (1.0 / 4.0, 2.0 / 3.0, 1.0 / 64.0))
-"""A prefetch starts once this share of the worlds waits for its next layout.
+"""A prefetch starts once this fraction of the worlds waits for layouts.
 
-It is `_LEAST` after a world was reset that waited already, and grows by `_MORE` with each prefetch, to `_MOST`.
+The fraction grows by `_MORE` with each prefetch, up to `_MOST`. When a world is reset before its layout is ready, the
+fraction drops to `_LEAST`.
 """
 
 _PATIENCE = 32
-"""A prefetch starts so many resets after a world began to wait, however few worlds do."""
+"""Maximum number of resets that a world waits before a prefetch starts."""
 
 _kept_longer: list[tuple[wp.Event | None, tuple[Any, ...]]] = []
-"""Memory of makers that were collected during a capture, and the events until which it must be kept."""
+"""Memory of makers that were garbage-collected during a capture, each with the event that releases it."""
 
 
 _WAITING = wp.constant(0)
@@ -46,7 +48,7 @@ _READY = wp.constant(2)
 
 @wp.func
 def _has_other_params(served: LayoutsView, prepared: LayoutsView, worldid: int) -> bool:
-    """Return whether the layout that is made ahead is for other params than the world's next one."""
+    """Return whether a world's prefetched layout has other params than its next layout should have."""
     found = bool(False)
     for k in range(served.next_param.shape[1]):
         if prepared.next_param[worldid, k] != served.next_param[worldid, k]:
@@ -74,7 +76,7 @@ def _find_missing(
     if mask:
         if not mask[worldid]:
             return
-    # atomic, as a prefetch on the other stream may set the stage to READY at any time
+    # atomic, because a prefetch on the other stream may set the stage to READY at any time
     known = wp.atomic_exch(stage, worldid, _WAITING)
     if known != _WAITING:
         wp.atomic_add(nwaiting, 0, 1)
@@ -125,7 +127,7 @@ def _serve(
     if mask:
         if not mask[worldid]:
             return
-    # Worlds whose layouts were made in place advance here too: after an interrupt all worlds have advanced, or none.
+    # Worlds whose layouts were made in place also advance here, so that an interrupt cannot advance only some worlds.
     if missing[worldid]:
         if i == 0:
             close_episode(served, served, worldid)
@@ -153,7 +155,7 @@ def _decide(
     patience: wp.array[int],
     begins: wp.array[int],
 ):
-    # A prefetch that began and was not published, because of an interrupt, is published next.
+    # An interrupt may leave a prefetch begun but not published: `_publish` runs next and publishes it.
     if begins[0] == 1 or nwaiting[0] == 0 or due[0] == 1:
         return
     patience[0] = patience[0] - 1
@@ -180,7 +182,7 @@ def _begin(
     worldid = wp.tid()
     if begins[0] == 0:
         return
-    # No world is BEING_MADE now, unless an interrupt came behind this kernel in an earlier reset.
+    # A world is BEING_MADE here only if an interrupt followed this kernel in an earlier reset. It is chosen again.
     chosen = stage[worldid] != _READY
     being_made[worldid] = chosen
     if chosen:
@@ -212,29 +214,29 @@ def _finish(
 ):
     worldid = wp.tid()
     if being_made[worldid]:
-        # a world that was reset meanwhile is WAITING, and stays so
+        # a world that was reset in the meantime stays WAITING
         wp.atomic_cas(stage, worldid, _BEING_MADE, _READY)
 
 
 class Ahead(StaysHere):
-    """Makes the next layouts of worlds ahead, as a part of a `LayoutPipeline`.
+    """Prefetches the next layouts of worlds, as a part of a `LayoutPipeline`.
 
-    It needs the memory of a second maker. In a capture of the caller's own it prefetches nothing: the graph makes
+    Prefetching needs the memory of a second maker. It is off during a capture of the caller: the captured graph makes
     layouts in place.
 
     Args:
-        maker: Makes the layouts that are not ready, between `launch_open` and `launch_close`. Its `twin` prefetches.
-        stream: Stream to prefetch on, on a GPU; None makes one with `side_stream`.
+        maker: Makes missing layouts in place, between `launch_open` and `launch_close`. Its `twin` prefetches.
+        stream: Stream to prefetch on, on a GPU. None creates a stream with `side_stream`.
         graph: Capture a prefetch into a graph and replay it.
 
     Attributes:
         maker: The maker.
-        missing: Worlds that the maker makes a layout of now, shape (nworld,), bool.
+        missing: Worlds whose layouts the maker now makes in place, shape (nworld,), bool.
 
     Raises:
         ArgumentTypeError: A maker without a `twin`, or a stream of another type.
         ArgumentError: A `twin` of another scene, split or number of worlds, or a stream of another device. Or a
-            generator that records rejected candidates: those of prefetched layouts would be missing.
+            generator that records rejected candidates, because the record would lack prefetched layouts.
     """
 
     @launching
@@ -254,7 +256,7 @@ class Ahead(StaysHere):
                 "Ahead: maker.twin() should return another source, with the same scene, split, params and device, for "
                 f"{nworld} worlds."
             )
-        # a graph without loops would make the last layouts again at every replay, also while they are served
+        # a graph without loops would make the last layouts again at every replay, even while resets copy them
         self._works_ahead = repeats_in_graphs(device) or not graph
         being_made, self.missing = (wp.zeros(nworld, dtype=wp.bool, device=device) for _ in range(2))
         self._being_made = being_made
@@ -273,24 +275,24 @@ class Ahead(StaysHere):
         if device.is_cuda:
             self._stream = side_stream(device) if stream is None else stream
             self._served, self._done = wp.Event(device), wp.Event(device)
-            # by events, as Warp does not order streams if the current one is CUDA's default stream
+            # by events, because Warp does not order streams if the current stream is CUDA's default stream
             device.stream.record_event(self._served)
             self._stream.wait_event(self._served)
             self._stream.record_event(self._done)
-        # keeps the memory that a prefetch writes to until the last one is done
+        # keeps the memory until the last prefetch has stopped writing to it
         weakref.finalize(self, _wait, self._done, ahead, self._make_graph)
 
     def after_reset(self) -> None:
-        """Prefetch for the worlds that wait, if there are enough of them. Never waits for the device."""
+        """Start a prefetch if enough worlds wait for layouts. Never waits for the device."""
         if self._works_ahead and not self._device.is_capturing:
             self._launch_begin()
             self._make_beside()
 
     def _launch_begin(self) -> None:
-        """Choose the worlds whose next layouts are made now, if enough of them wait, or long enough.
+        """Choose worlds for a prefetch, if enough worlds wait or a world has waited long enough.
 
-        The device decides, as the host is many steps ahead of it. `_due` is set last: a prefetch on the other stream
-        may read it at any time.
+        The decision is made on the device, because the host is many steps ahead. `_due` is set last, because a prefetch
+        on the other stream may read it at any time.
         """
         nworld, device = self._layouts.nworld, self._device
         outputs = [self._enough, self._nwaiting, self._patience, self._begins]
@@ -300,11 +302,11 @@ class Ahead(StaysHere):
         wp.launch(_publish, dim=1, outputs=[self._begins, self._due], device=device)
 
     def _make_beside(self) -> None:
-        """Make the layouts of the chosen worlds, on a GPU beside the launches that follow.
+        """Make the layouts of the chosen worlds. On a GPU, this runs concurrently with the following launches.
 
-        If the device is behind the host, the side stream does not wait for this reset, but makes what is due by then: a
-        GPU starts each kernel later if the work of one stream always waits for another. If the device has caught up,
-        this reset may be the last for a while, so the side stream waits for it.
+        If the device is behind the host, the side stream does not wait for this reset, and makes the layouts that are
+        due when it runs. Waiting at every reset would delay each kernel on the GPU. If the device has caught up, this
+        reset may be the last for a while, so the side stream waits for it.
         """
         if self._stream is None or self._served is None:
             self._make_graph.replay()
@@ -326,22 +328,23 @@ class Ahead(StaysHere):
         wp.launch(_find_missing, self._layouts.nworld, inputs=inputs, outputs=outputs, device=self._device)
 
     def launch_close(self, mask: wp.array | None) -> None:
-        """Serve the masked worlds their layouts, made in place or ahead; a layout counts once, even if made twice."""
+        """Serve the masked worlds their prefetched or new layouts. Rejections of a layout made twice count once."""
         served, inputs = self._layouts.view, [self._ahead.layouts.view, mask, self.missing]
         dim = (self._layouts.nworld, max(layout_width(served), served.rejections.shape[0]))
         wp.launch(_serve, dim=dim, inputs=inputs, outputs=[served], device=self._device)
 
     def launch_forget(self, mask: wp.array | None) -> None:
-        """Forget what was made ahead for the masked worlds whose params are others now."""
+        """Drop prefetched layouts of the masked worlds if their params have changed."""
         inputs, outputs = [self._layouts.view, self._ahead.layouts.view, mask], [self._stage, self._nwaiting]
         wp.launch(_forget, self._layouts.nworld, inputs=inputs, outputs=outputs, device=self._device)
 
 
 def side_stream(device: wp.Device) -> wp.Stream:
-    """Return a new stream that runs beside the one that steps are launched on.
+    """Create a stream that runs concurrently with the simulation stream.
 
-    Only non-blocking streams run beside CUDA's default stream. Torch launches on the default stream and makes its own
-    streams non-blocking, so if torch is in use the stream is one of torch's. Warp launches on streams of its own.
+    Only non-blocking streams run concurrently with CUDA's default stream. Torch launches on the default stream and its
+    side streams are non-blocking, so the stream comes from torch if torch is in use. Warp launches on separate streams,
+    so a Warp stream suffices otherwise.
     """
     if (torch := sys.modules.get("torch")) is not None and torch.cuda.is_available():
         return wp.stream_from_torch(torch.cuda.Stream(str(device), priority=_FIRST))
@@ -351,7 +354,7 @@ def side_stream(device: wp.Device) -> wp.Stream:
 def _wait(done: wp.Event | None, *kept: Any) -> None:
     """Block until the last prefetch is done, and then release `kept`.
 
-    Synchronising is illegal during a capture; memory is kept until a later call then.
+    A capture must not synchronise. During one, the memory is kept until a later call.
     """
     _kept_longer.append((done, kept))
     if done is not None and done.device.is_capturing:

@@ -1,4 +1,4 @@
-"""`attempts: auto`: the number of candidates that an object gets before a layout starts again, found by trying."""
+"""`attempts: auto`: find the number of candidates per object before a layout restarts, by trial."""
 
 from __future__ import annotations
 
@@ -14,19 +14,20 @@ from sceniris_gym.program.compiled import FEWEST_ATTEMPTS, CompiledScene
 from sceniris_gym.program.device import Cause, Program, copied
 from sceniris_gym.program.notices import warn
 
-# Worlds of the probe, those that are tried at a time, and those that may restart: less than 1%.
+# Worlds of the probe, worlds per batch, and the most worlds that may restart (less than 1%).
 _NWORLD = 1024
 _CHUNK = 128
 _MOST_RESTARTS = 10
 
 
 def find_attempts(compiled: CompiledScene) -> int:
-    """Return the attempts, 10 doubled as often as needed, with which less than 1% of the worlds would restart.
+    """Return the smallest number of attempts, 10 doubled repeatedly, at which less than 1% of the worlds restart.
 
-    They are a function of the scene alone, as seeds and streams are fixed. Worlds that end for a cause that no attempt
-    cures (an empty region) do not count, and stages after placing are left out. More attempts change no layout that
-    fewer suffice for, so only worlds that have failed so far are tried again, and only until too many have failed. A
-    scene that no world is made of even with the most attempts gets the fewest, which refuse it sooner.
+    The number depends only on the scene, because seeds and streams are fixed. Worlds do not count if more attempts
+    cannot help them, as with an empty region. Stages after placing are left out. A layout that succeeds with fewer
+    attempts stays the same with more. Each step therefore retries only the failed worlds, and stops early once too many
+    have failed. If every world fails even with the most attempts, the scene gets the fewest, so that compilation
+    rejects it sooner.
 
     Args:
         compiled: A scene with an empty bank.
@@ -41,23 +42,23 @@ def find_attempts(compiled: CompiledScene) -> int:
             return attempts
         if attempts == MOST_ATTEMPTS:
             break
-        if attempts == FEWEST_ATTEMPTS and len(pending) == _NWORLD:  # what fails with the most fails with all below
+        if attempts == FEWEST_ATTEMPTS and len(pending) == _NWORLD:  # failing with the most rules out all fewer
             trial.program.attempts = MOST_ATTEMPTS
             failing, enough = _still_failing(trial, pending)
             if len(failing) == _NWORLD and not enough:
                 return FEWEST_ATTEMPTS
         attempts = min(2 * attempts, MOST_ATTEMPTS)
     text = (
-        f"{compiled.config.where}: attempts: auto stopped at {attempts}, with which more than 1% of the worlds still "
-        "start again. Give the objects larger regions or fewer neighbours ('sceniris-gym check' shows which), or write "
-        "a number: where an object has no room left, attempts only take time."
+        f"{compiled.config.where}: attempts: auto stopped at {attempts}, where more than 1% of the worlds still "
+        "restart. Give the objects larger regions or fewer neighbours ('sceniris-gym check' shows which), or write "
+        "a number: if an object has no room left, further attempts only take time."
     )
     warn(FallbackWarning(text))
     return attempts
 
 
 def _still_failing(trial: CompiledScene, seeds: np.ndarray) -> tuple[np.ndarray, bool]:
-    """Return the seeds whose worlds fail or are not tried any more, and whether few enough of them would restart."""
+    """Return the seeds of failed and skipped worlds, and whether few enough of them would restart."""
     left: list[np.ndarray] = []
     restarts = 0
     for start in range(0, len(seeds), _CHUNK):
@@ -73,7 +74,7 @@ def _still_failing(trial: CompiledScene, seeds: np.ndarray) -> tuple[np.ndarray,
 
 
 def _ended_at_once(generator: LayoutGenerator) -> int:
-    """Return the number of worlds with nothing left of a region, which ends a layout whatever attempts there are."""
+    """Return the number of worlds with an empty region. Further attempts do not help such a layout."""
     retries = generator.compiled.program.obj_retry_if_empty.numpy() != 0
     counts = generator.layouts.rejections.numpy()[: len(retries), [Cause.EMPTY, Cause.REGION]]
     return int(counts[~retries].sum())

@@ -1,4 +1,4 @@
-"""The geoms that candidates are rejected for: which they hit, and how deep; and the error if no layout can be made."""
+"""Explain rejected candidates by their colliding geoms, and make the error for a scene without a valid layout."""
 
 from __future__ import annotations
 
@@ -23,35 +23,35 @@ from sceniris_gym.program.pack.home_touch import HomeTouch
 from sceniris_gym.program.pack.pairs import Pair, PairRules, collider_pairs
 from sceniris_gym.program.placed_object import COS_MAX_TILT
 
-# Recorded candidates for each world, so that most objects have some.
+# Recorded candidates per world, enough for most objects to appear in the record.
 _RECORDED = 8
-_LOOKED_AT = 48  # of the recorded candidates of one object
-_UNDECIDED = 1.0e-6  # m; geoms that are apart by no more than this beyond the margin and the skin may be rejected
-# Objects on a support, from which on it is called too small for them.
+_LOOKED_AT = 48  # at most this many recorded candidates of one object
+_UNDECIDED = 1.0e-6  # [m] beyond margin and skin: geoms at this distance may still have been rejected
+# From this number of placed objects on, a full support is called too small.
 _CROWD = 5
-# Causes that only come up once all objects are placed.
+# Causes that only occur after all objects are placed.
 _LATE = (Cause.NO_IK.name.lower(), Cause.BLOCKED.name.lower())
 _PLAIN = "Give it a larger region or support, a smaller clearance, or fewer neighbours."
 _MOST_NAMED = 3  # objects of a message
 _CLOSER = "Place it closer to the robot, turn it towards it, or use a less thorough tier of 'reachable'."
 _REMEDIES = {
     "overhead": "'on' requires open space above, 'inside' a part of the supporting object; 'in' accepts both.",
-    "unsound": "Layouts had numbers that are not finite, or are out of all bounds: look for such numbers in the model.",
-    "falls": "Draw its 'mass' or 'ipos' from less, give it a wider support or a region further from the edge, or write "
-    "'stands: false' if it is meant to fall.",
+    "unsound": "Layouts had non-finite numbers, or numbers out of all bounds. Look for such numbers in the model.",
+    "falls": "Narrow the range of its 'mass' or 'ipos', give it a wider support or a region further from the edge, or "
+    "write 'stands: false' if it may fall.",
     **dict.fromkeys(("unreachable", "no_ik", "blocked"), _CLOSER),
 }
 
 
 @dataclass(frozen=True)
 class Hit:
-    """Two geoms that are nearer to each other than a candidate may have them.
+    """Two geoms that are too close to each other.
 
     Attributes:
-        geoms: Their ids; the first is of the placed object.
-        words: The geoms and their bodies, by name.
-        distance: Their distance [m]; negative where they overlap.
-        margin: The least distance [m] that is asked for; negative where they may be as deep as they are at home.
+        geoms: Ids of the geoms. The first geom belongs to the placed object.
+        words: Names of the geoms and their bodies.
+        distance: Distance of the geoms [m], negative if they overlap.
+        margin: The least allowed distance [m], negative for geoms that overlap at home and may do so as deeply.
     """
 
     geoms: tuple[int, int]
@@ -64,10 +64,10 @@ class Hit:
 
 
 class Blame:
-    """Finds the geoms that candidates of a compiled scene hit, one candidate at a time.
+    """Finds the colliding geoms of candidates of a compiled scene, one candidate at a time.
 
-    Distances are those of MuJoCo C between the geoms that it collides, also with `geometry: visual`. Depths of geoms
-    that overlap at home are measured as they were there.
+    MuJoCo C computes the distances, between its collision geoms even with `geometry: visual`. For geoms that overlap at
+    home, depths are measured in the same way as at home.
     """
 
     def __init__(self, compiled: CompiledScene) -> None:
@@ -80,11 +80,11 @@ class Blame:
         self._margins = [_geom_margins(rules, o.ground, own) for o, own in pairs]
 
     def hits(self, data: mujoco.MjData, number: int) -> list[Hit]:
-        """Return the pairs of geoms that a candidate is rejected for, the worst first.
+        """Return the pairs of geoms that cause the rejection of a candidate, the worst first.
 
         Args:
-            data: The state that it would have led to, kinematics up to date.
-            number: Its object's index in placement order; objects after it are not looked at.
+            data: State of the world with the candidate, with up-to-date kinematics.
+            number: Index of the candidate's object in placement order. Later objects are ignored.
         """
         depths, found = HomeTouch(self._mjm, data), []
         for geoms, margin in self._margins[number].items():
@@ -95,13 +95,13 @@ class Blame:
         return sorted(found, key=lambda hit: hit.distance - hit.margin)
 
     def _distance(self, data: mujoco.MjData, depths: HomeTouch, geoms: tuple[int, int], margin: float) -> float | None:
-        """Return the distance of two geoms [m], None if it is as large as is asked for."""
+        """Return the distance of two geoms [m], or None if it is large enough."""
         mjm, (a, b), nearest = self._mjm, geoms, margin + SKIN + _UNDECIDED
         if margin < 0.0:
             touch = depths.between(self._pieces[a], self._pieces[b], nearest)
             return None if touch is None else touch.distance
         reach = mjm.geom_rbound[a] + mjm.geom_rbound[b] + margin
-        bounded = mjm.geom_rbound[a] > 0.0 and mjm.geom_rbound[b] > 0.0  # a plane is not
+        bounded = mjm.geom_rbound[a] > 0.0 and mjm.geom_rbound[b] > 0.0  # planes have no bounding sphere
         if bounded and np.linalg.norm(data.geom_xpos[a] - data.geom_xpos[b]) > reach:
             return None
         distance = mujoco.mj_geomDistance(mjm, data, a, b, margin + 1e-3, None)
@@ -109,10 +109,10 @@ class Blame:
 
 
 def recording(generator: LayoutGenerator) -> LayoutGenerator:
-    """Let a generator that has not launched anything yet record the first candidates that collide, and return it.
+    """Make a generator record the first candidates that collide, before its first launch, and return it.
 
-    For the exact record of its argument `rejected`, restarts are tried one by one. Here they are tried at once as ever,
-    so some of the recorded candidates belong to restarts that were not needed.
+    Unlike with the generator's argument `rejected`, restarts still run in parallel. The record may therefore have
+    candidates of restarts that were not needed.
     """
     with wp.ScopedDevice(generator.compiled.device):
         allocate_record(generator.layouts.view, _RECORDED * generator.nworld)
@@ -120,13 +120,13 @@ def recording(generator: LayoutGenerator) -> LayoutGenerator:
 
 
 def obstructions(generator: LayoutGenerator, name: str | None = None) -> dict[str, str]:
-    """Describe, for each object with recorded collisions, the pair of geoms that most of its candidates collide at.
+    """Describe the most frequently colliding pair of geoms, for each object with recorded collisions.
 
-    The share in the description is that of the candidates which the pair rejects, the distance their mean.
+    The description has the mean distance of the pair, and the fraction of candidates that the pair rejects.
 
     Args:
-        generator: A generator that has recorded candidates; see `recording`.
-        name: The only object to describe; None for all.
+        generator: A generator that has recorded candidates. See `recording`.
+        name: The only object to describe, or None for all objects.
     """
     rejected, found = read_rejected(generator), {}
     collided = np.flatnonzero(rejected.causes == Cause.COLLISION)
@@ -152,12 +152,14 @@ def obstructions(generator: LayoutGenerator, name: str | None = None) -> dict[st
 
 
 def infeasible(compiled: CompiledScene, probe: LayoutGenerator, key: str = "") -> InfeasibleSceneError:
-    """Return the error that blames the last object ever tried: all before it could be placed, and stages come last.
+    """Return the error for a scene without a valid layout. It blames the last object that was ever tried.
+
+    All objects before it could be placed. Objects that failed in a stage after placing come last.
 
     Args:
         compiled: The scene.
-        probe: A generator that has recorded candidates and made no valid layout; see `recording`.
-        key: The choice that all layouts made, as ": start.1".
+        probe: A generator that has recorded candidates and made no valid layout. See `recording`.
+        key: The choice common to all layouts, as ": start.1".
     """
     counts = probe.rejection_counts()
     late = {name: {c: n for c, n in causes.items() if c in _LATE} for name, causes in counts.items()}
@@ -194,7 +196,7 @@ def _rejections(counts: Mapping[str, Mapping[str, int]]) -> str:
 
 
 def _of_leaning(support: str, orientation: str) -> str:
-    """Return the advice for a support that leans in most worlds, with the `orientation` of its object."""
+    """Return the advice for a support that leans in most worlds, given the `orientation` of its object."""
     better = "Restrict the joints that move it to states in which it is level."
     if orientation in ("any", "stable"):
         owner = support.split("/")[0]
@@ -206,21 +208,26 @@ def _of_leaning(support: str, orientation: str) -> str:
 
 
 def _of_collision(room: str | None, joined: str | None) -> str:
-    """Return the advice for an object that collides, with its support's lack of room and what it is joined to."""
+    """Return the advice for an object that collides.
+
+    Args:
+        room: The advice for its full support, from `_room`.
+        joined: Name of the joined object, if any.
+    """
     if joined is None:
         return room or _PLAIN
     return (
-        f"It is joined to '{joined}': give 'beside' a 'gap' of a few millimetres, or put the sites that far "
-        "outside of both, so that they keep their 'clearance'."
+        f"It is joined to '{joined}': give 'beside' a 'gap' of a few millimetres, or move the sites outside of both "
+        "objects by this distance, so that they keep their 'clearance'."
     )
 
 
 def _room(compiled: CompiledScene, name: str) -> str | None:
-    """Return the advice for a support that is full before all its objects are placed; None where that is not the case.
+    """Return the advice for a support that is full before all of its objects are placed, or None if it is not full.
 
-    Equal objects that are placed at random, one after another, fill a share of a large area that does not depend on its
-    size (random sequential adsorption, Feder 1980), so the area that they need grows with their number. Those that were
-    placed are counted in the luckiest of many worlds, and twice the area is what most worlds need.
+    Equal objects placed at random, one after another, fill a fraction of a large area that does not depend on its size
+    (random sequential adsorption, Feder 1980). The required area is therefore proportional to their number. The number
+    of placed objects comes from the best of many worlds. The factor of 2 covers most of the other worlds.
     """
     (one,) = (o for o in compiled.plan.objects if o.name == name)
     crowd = [o.name for o in compiled.plan.objects if o.support is not None and o.support == one.support]
@@ -236,7 +243,7 @@ def _room(compiled: CompiledScene, name: str) -> str | None:
 
 
 def _leaning_support(compiled: CompiledScene, probe: LayoutGenerator, name: str) -> str | None:
-    """Return the name of an object's support, if that leans in most worlds as they were left."""
+    """Return the name of an object's support if it leans in the last state of most worlds, otherwise None."""
     ground = int(compiled.program.obj_ground.numpy()[compiled.placed.index(name)])
     part = compiled.config.parts.get(name)
     if ground < 0 or part is None or part.support is None:
@@ -247,24 +254,30 @@ def _leaning_support(compiled: CompiledScene, probe: LayoutGenerator, name: str)
 
 
 def _geom_margins(rules: PairRules, ground: int | None, pairs: Sequence[Pair]) -> dict[tuple[int, int], float]:
-    """Return the least distance [m] of each pair of geoms that an object on a body is tested for."""
+    """Return the least allowed distance [m] of each tested pair of geoms.
+
+    Args:
+        rules: Rules of the pairs.
+        ground: Body of the object's support.
+        pairs: The tested pairs of the object.
+    """
     found: dict[tuple[int, int], float] = {}
     for pair in pairs:
         stands = ground is not None and rules.colliders[pair.b].body == ground
         margin = rules.touch(pair.a, pair.b) if stands else pair.margin
         geoms = product(rules.geoms(pair.a), rules.geoms(pair.b)) if pair.geoms is None else [pair.geoms]
-        found |= dict.fromkeys(geoms, margin)  # those that touch at home follow the others of their bodies
+        found |= dict.fromkeys(geoms, margin)  # pairs that touch at home come later, and override their bodies' pairs
     return found
 
 
 def _gap(distance: float, margin: float, average: str = "") -> str:
-    """Return the distance of two geoms and the least that is asked for, in words."""
+    """Return a text with the distance of two geoms and the least allowed distance."""
     gap = f"{1e3 * abs(distance):.3g} mm {'deep' if distance < 0.0 else 'apart'}{average}"
-    rule = "deep is allowed, as at home" if margin < 0.0 else "apart is asked for"
+    rule = "deep is allowed, as at home" if margin < 0.0 else "apart is required"
     return f"{gap}, {1e3 * abs(margin):.3g} mm {rule}"
 
 
 def _name(mjm: mujoco.MjModel, geom: int) -> str:
-    """Return a geom and its body, as messages name them."""
+    """Return a text with the names of a geom and its body."""
     body = mjm.body(int(mjm.geom_bodyid[geom])).name
     return f"geom '{mjm.geom(geom).name or geom}' of body '{body}'"

@@ -1,4 +1,4 @@
-"""Layouts and seeds that a user chose for some worlds: checked once on the host, then one row for each world."""
+"""Layouts and seeds that a user chose for some worlds, checked once on the host and expanded to one row per world."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from sceniris_gym.layout.seeds import as_seeds
 from sceniris_gym.program.compiled import MOST_EPISODES
 
 Served = Callable[[str, LayoutKeys], tuple[str, LayoutKeys]]
-"""The split and keys that a source serves to worlds with a split and keys; see `LayoutSource.served`."""
+"""Maps split and keys of worlds to split and keys of the layouts that they get. See `LayoutSource.served`."""
 
 
 class ChosenLayouts(NamedTuple):
@@ -28,7 +28,7 @@ class ChosenLayouts(NamedTuple):
         seed: Seeds, shape (nworld,), uint64.
         given: Worlds that have a chosen layout, shape (nworld,), bool.
         episode: Episodes, shape (nworld,), int32. None is episode 0.
-        param: Numbers of the params, shape (nworld, nvalue), float32. None leaves them as they are.
+        param: Param values, shape (nworld, nvalue), float32. None leaves the params unchanged.
     """
 
     seed: np.ndarray
@@ -43,13 +43,13 @@ def as_layouts(
     """Return the layouts that a user chose for some worlds.
 
     Args:
-        value: A layout id for all chosen worlds; a sequence of ids, where None keeps a world's next layout; or a
-            mapping with "seed" and "episode", perhaps "params", and keys that are not read. A
-            sequence has an entry for each chosen world in order, or for each world.
+        value: A layout id for all chosen worlds, a sequence of ids (None keeps a world's next layout), or a mapping
+            with "seed", "episode" and optional "params". Other keys are ignored. A sequence has an entry for each
+            chosen world in order, or for each world.
         layouts: The layouts of these worlds.
-        split: Their split.
-        served: What their source serves.
-        worlds: The chosen worlds; see `as_worlds`.
+        split: Split of the worlds.
+        served: `LayoutSource.served` of their source.
+        worlds: The chosen worlds. See `as_worlds`.
         name: Name of the argument in messages.
 
     Raises:
@@ -68,7 +68,7 @@ def as_layouts(
     if layouts.params.are_kept and param is not None and episode is not None:
         kept = served(split, (seed, episode, param))[1][2]
         if (kept != param)[given].any():
-            raise ArgumentError(f"{name} should have the params that the stored layouts were made with.")
+            raise ArgumentError(f"{name} should have the same params as the stored layouts.")
         param = None
     rows = np.zeros(nworld, int) if single else entries_of_worlds(len(seed), worlds, nworld, name)
     first, numbers = (part if part is None else part[rows] for part in (episode, param))
@@ -80,14 +80,14 @@ def seeds_on_device(seed: Any, nworld: int, device: Any, worlds: Any = None) -> 
 
     Args:
         seed: World i gets seed + i. Or one seed for each chosen world in order, or for each world. A Warp array on the
-            device is used as it is.
+            device is not copied.
         nworld: Number of worlds.
         device: The device.
-        worlds: The chosen worlds; see `as_worlds`.
+        worlds: The chosen worlds. See `as_worlds`.
 
     Raises:
-        ArgumentError: Not seeds, see `as_seeds`; another number of them; or a Warp array of another type, shape or
-            device.
+        ArgumentError: Invalid seeds (see `as_seeds`), a wrong number of seeds, or a Warp array of another type, shape
+            or device.
     """
     if isinstance(seed, wp.array):
         if seed.dtype is not wp.uint64 or seed.shape != (nworld,) or seed.device != wp.get_device(device):
@@ -105,9 +105,9 @@ def seeds_on_device(seed: Any, nworld: int, device: Any, worlds: Any = None) -> 
 
 
 def entries_of_worlds(number: int, worlds: Any, nworld: int, name: str) -> np.ndarray:
-    """Return the entry of each world, shape (nworld,): in the order of the chosen worlds, else of all worlds."""
+    """Return the index of each world's entry, shape (nworld,). Entries are one per chosen world, or one per world."""
     every = np.arange(nworld)
-    if number == nworld and is_mask(worlds):  # which may be on a device
+    if number == nworld and is_mask(worlds):  # avoids a copy of a mask on a device
         return every
     ids = as_world_ids(worlds, nworld)
     if number not in (len(ids), nworld):
@@ -120,7 +120,7 @@ def entries_of_worlds(number: int, worlds: Any, nworld: int, name: str) -> np.nd
 
 
 def _of_mapping(value: Mapping[str, Any], layouts: Layouts, name: str) -> tuple[ChosenLayouts, bool]:
-    """Return the layouts of {"seed", "episode", "params"}, a row for each entry, and whether they are a single one."""
+    """Return the layouts of {"seed", "episode", "params"}, a row per entry, and whether all entries are scalars."""
     if not {"seed", "episode"} <= {*value}:
         raise ArgumentError(f"{name} should have the keys 'seed' and 'episode', got {short(list(value))}.")
     given = {key: as_numbers(value[key]) for key in ("seed", "episode")}
@@ -132,23 +132,23 @@ def _of_mapping(value: Mapping[str, Any], layouts: Layouts, name: str) -> tuple[
     if (given["episode"] < 0).any() or (given["episode"] >= MOST_EPISODES).any():
         raise ArgumentError(f"{name}['episode'] should be from 0 to 2^31 - 2, got {short(value['episode'])}.")
     seed, episode = (np.broadcast_to(found, (number,)) for found in given.values())
-    # seeds in torch's tensors are in two's complement
+    # torch's tensors have seeds in two's complement
     param = layouts.params.rows(value["params"], number) if "params" in value else None
     found = ChosenLayouts(seed.astype(np.uint64), np.ones(number, bool), episode.astype(np.int32), param)
     return found, all(part.ndim == 0 for part in given.values())
 
 
 def layouts_of_ids(ids: Any, layouts: Layouts, split: str, name: str) -> ChosenLayouts:
-    """Return the layouts of one id or of a sequence of them, a row for each; None has no layout.
+    """Return the layouts of one id or a sequence of ids, one row per id. Entries of None have no layout.
 
     Args:
         ids: The ids.
-        layouts: The layouts of worlds whose scene and params the ids should have.
-        split: The split that they should have.
+        layouts: Layouts of worlds with the required scene and params.
+        split: The required split.
         name: Name of the argument in messages.
 
     Raises:
-        ArgumentTypeError: No ids.
+        ArgumentTypeError: Not an id or a sequence.
         ArgumentError: A malformed id.
         SceneMismatchError: An id of another scene or split.
         UnknownNameError: An id with a param that the worlds do not have.
@@ -179,7 +179,7 @@ def layouts_of_ids(ids: Any, layouts: Layouts, split: str, name: str) -> ChosenL
 
 
 def _of_ids(value: Any, layouts: Layouts, split: str, served: Served, name: str) -> tuple[ChosenLayouts, bool]:
-    """Return the layouts of ids that the source serves, a row for each, and whether there is a single one."""
+    """Return the layouts of ids, one row per id, and whether there is a single id. The source should serve them."""
     found = layouts_of_ids(value, layouts, split, name)
     seed, given, episode, param = found
     assert episode is not None
@@ -188,6 +188,6 @@ def _of_ids(value: Any, layouts: Layouts, split: str, served: Served, name: str)
     wrong = given & ((served_seed != seed) | (served_episode != episode) | (served_split != split))
     single = isinstance(value, str | LayoutId)
     if wrong.any():
-        one, cure = value if single else value[int(wrong.argmax())], "It chooses rows by 'seed' and 'episode'."
+        one, cure = value if single else value[int(wrong.argmax())], "Choose its rows by 'seed' and 'episode'."
         raise SceneMismatchError(f"{name}: the layout_source does not serve '{one}' by its id. {cure}")
     return found, single

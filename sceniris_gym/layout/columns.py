@@ -1,7 +1,6 @@
-"""Columns of layouts by their parts, from which all that stores, copies or serves layouts takes its own.
+"""Columns of layouts by part, for all code that stores, copies or serves layouts.
 
-The fields of `LayoutTable` are the list. A column that another place lists by hand is a column that the next feature
-forgets.
+The fields of `LayoutTable` are the only list: hand-written copies of a list miss the next new column.
 """
 
 from __future__ import annotations
@@ -10,16 +9,16 @@ from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import COLUMNS
 
 NEXT = ("next_seed", "next_episode", "next_param")
-"""Columns of `LayoutsView` that say which layout a world gets next."""
+"""Columns of `LayoutsView` that select a world's next layout."""
 
 
 def columns(*parts: str) -> tuple[str, ...]:
-    """Return the names of the columns of these parts, or of all that `Layouts` has."""
+    """Return the names of the columns of these parts, or by default of all columns of `Layouts`."""
     return tuple(name for name, c in COLUMNS.items() if (c.part in parts if parts else c.part != "table"))
 
 
 BANKED = ("seed", "episode", *columns("pose", "grasp"))
-"""Columns of the bank. Its layouts are made with the params of the scene file, and drawn by their own key."""
+"""Columns of the bank. Its layouts have the params of the scene file, and their key is also the key of their draws."""
 
 
 def row_types(compiled: CompiledScene, **widths: int) -> dict[str, tuple[str, tuple[int, ...]]]:
@@ -27,7 +26,7 @@ def row_types(compiled: CompiledScene, **widths: int) -> dict[str, tuple[str, tu
 
     Args:
         compiled: The scene.
-        **widths: Widths that differ from the scene's, or that it does not have, such as `nvalue`.
+        **widths: Widths that override or extend the scene's widths, such as `nvalue`.
     """
     mjm, reaching = compiled.mjm, compiled.reaching
     of_scene = {"nq": mjm.nq, "nmocap": mjm.nmocap, "nslot": len(compiled.slots)}

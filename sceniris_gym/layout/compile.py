@@ -1,4 +1,4 @@
-"""`compile_scene`: the only way from host to device. Scenes that cannot be supported fail here, with a reason."""
+"""`compile_scene`: the only way from host to device. Unsupported scenes fail here, with the reason."""
 
 from __future__ import annotations
 
@@ -35,23 +35,25 @@ from sceniris_gym.progress import tell
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.scene.model import SceneModel
 
-# The probe makes layouts until the bank is full, in `_ROUNDS` at most; if one split has layouts and the other none yet,
-# in `_MOST_ROUNDS`.
+# The probe makes layouts until the bank is full, in at most `_ROUNDS` rounds. The second split gets up to
+# `_MOST_ROUNDS` rounds for its first layout, because the first split proves that the scene has layouts.
 _ROUNDS = 8
 _MOST_ROUNDS = 64
-# A probe that has found nothing gives up after this many candidates. One that has found layouts, or that knows from the
-# other split that there are some, goes on to `_MOST_DRAWN`. With the default words a round has 5,760 candidates.
+# A probe without any layout gives up after this many candidates. With a layout, or with layouts in the other split, the
+# limit is `_MOST_DRAWN`. With the default words, a round draws 5,760 candidates.
 _BUDGET = 200_000
 _MOST_DRAWN = 20 * _BUDGET
-# A scene gets a warning above this share of layouts from the bank, and this number: fewer say little of a small probe.
+# A scene gets a warning above this fraction of layouts from the bank, and from this number of failed worlds on: in a
+# small probe, fewer failures prove little.
 _MOST_FALLBACKS = 0.05
 _FEWEST_FAILED = 3
-# A choice is a present member of a group, such as a variant, or a kind of start. It is refused if all layouts with it
-# fail, in `_ROUNDS` of at least this many worlds. Its weight there, in units of its group, leaves bits for the others.
+# A choice is a present member of a group, such as a variant, or a kind of start. Compilation rejects a choice if all
+# layouts with it fail, in `_ROUNDS` rounds of at least `_ALONE` worlds. Its weight in these rounds is `_FAVOUR` times
+# its group's total, small enough that the other weights keep their bits.
 _ALONE, _FAVOUR = 64, 2.0**20
 # Causes that end a layout without further attempts.
 _AT_ONCE = (Cause.EMPTY, Cause.REGION, Cause.NO_IK, Cause.BLOCKED, Cause.UNSOUND)
-# The entries of a file of the cache beside the scene.
+# Entries of a cache file in addition to the arrays of the scene.
 _KEY, _WARNINGS = "key", "warnings"
 
 
@@ -59,21 +61,20 @@ _KEY, _WARNINGS = "key", "warnings"
 def compile_scene(
     scene: str | Path | Mapping | SceneConfig | SceneModel, device: str | None = None, *, cache: bool = True
 ) -> CompiledScene:
-    """Compile a scene for a device, prove that layouts of it can be made, and fill its bank of valid layouts.
+    """Compile a scene for a device, prove that it has valid layouts, and fill its bank with them.
 
-    Where many worlds would get a layout from the bank, a FallbackWarning says how many, and what would help.
+    If many worlds would get a layout from the bank, a FallbackWarning reports the fraction and the remedies.
 
     Args:
         scene: A shipped scene's name, a path, a mapping, a SceneConfig, or a SceneModel.
-        device: Warp's name of the device; None takes "cuda:0" if there is one, else "cpu".
-        cache: Keep the result on disk and take it from there the next time, which is quicker and changes nothing else;
-            see `scene_cache.cache_folder`.
+        device: Warp's name of the device. None takes "cuda:0" if available, otherwise "cpu".
+        cache: Store the result on disk and reuse it, which only saves time. See `scene_cache.cache_folder`.
 
     Raises:
         UnknownNameError: There is no such device.
-        InfeasibleSceneError: No valid layout was found, or none with some variant, member of a group or kind of
-            `start`. The message names it, the object that fails and the cause.
-        ScenirisError: Something else is wrong with the scene; see `SceneConfig.load`, `build_model` and `upload_scene`.
+        InfeasibleSceneError: No valid layout was found at all, or with some variant, group member or kind of `start`.
+            The message names this choice, the object that fails and the cause.
+        ScenirisError: Another error in the scene. See `SceneConfig.load`, `build_model` and `upload_scene`.
     """
     start_warp()
     name = device_name(device)
@@ -95,7 +96,7 @@ copyreg.pickle(CompiledScene, lambda compiled: (compile_scene, (compiled.config,
 
 
 def device_name(device: Any, where: str = "compile_scene") -> str:
-    """Return Warp's name of a device, given by name or as torch's or Warp's device; by default of its preferred one.
+    """Return Warp's name of a device, given by name or as a torch or Warp device. None is Warp's preferred device.
 
     Raises:
         UnknownNameError: There is no such device.
@@ -117,7 +118,7 @@ def _compiled(model: SceneModel, device: str) -> CompiledScene:
 
 
 def _from_cache(key: str, model: SceneModel, device: str) -> CompiledScene | None:
-    """Return a compiled scene as it was stored, and repeat its warnings; None if it is not there."""
+    """Return a compiled scene from the cache and repeat its warnings, or return None if the cache lacks it."""
     arrays = load_arrays(key)
     with contextlib.suppress(*UNREADABLE):
         if arrays is not None and str(arrays[_KEY]) == key:
@@ -129,10 +130,10 @@ def _from_cache(key: str, model: SceneModel, device: str) -> CompiledScene | Non
 
 
 def _with_bank(compiled: CompiledScene) -> CompiledScene:
-    """Return the scene with a bank for each split, made from streams of their own."""
+    """Return the scene with a bank for each split, from separate random streams."""
     probed = _within_budget(compiled)
     train, evaluation = (_Probe(probed, split, compiled.config.bank) for split in ("train_bank", "eval_bank"))
-    for probe, most in ((train, 0), (evaluation, _MOST_ROUNDS)):  # once there are some, others may be rare
+    for probe, most in ((train, 0), (evaluation, _MOST_ROUNDS)):  # once train has layouts, eval's may just be rare
         if not probe.fill(_ROUNDS, most):
             raise infeasible(probed, probe.generator)
     found = [_with_all_choices(probed, probe) for probe in (train, evaluation)]
@@ -141,7 +142,7 @@ def _with_bank(compiled: CompiledScene) -> CompiledScene:
     bank, program = Bank(), copied(Program, compiled.program)
     fill_struct(Bank, bank, dict(zip(BANKED, columns, strict=True)), compiled.device)
     bank.ntrain = len(found[0])
-    # these two set how much is tried at once, and change no layout
+    # these two numbers only tune the parallel search, and do not change layouts
     made, first = train.made + evaluation.made, train.first + evaluation.first
     program.restart_rate = (made - first + 0.5) / (made + 1.0)
     rejected = sum(probe.generator.layouts.rejections.numpy().sum(axis=1) for probe in (train, evaluation))
@@ -150,9 +151,9 @@ def _with_bank(compiled: CompiledScene) -> CompiledScene:
 
 
 def _within_budget(compiled: CompiledScene) -> CompiledScene:
-    """Return the scene with as many restarts for the probe as its budget has room for.
+    """Return the scene with restarts reduced to the probe's budget.
 
-    The budget is a number of candidates and no time, so that a scene compiles everywhere or nowhere.
+    The budget counts candidates rather than time, so that every computer accepts the same scenes.
     """
     restarts = max(_BUDGET // (_probed_worlds(compiled, compiled.config.bank) * compiled.attempts) - 1, 0)
     program = copied(Program, compiled.program)
@@ -161,12 +162,12 @@ def _within_budget(compiled: CompiledScene) -> CompiledScene:
 
 
 def _probed_worlds(compiled: CompiledScene, size: int) -> int:
-    """Return the number of worlds of a probe for so many layouts."""
+    """Return the number of worlds of a probe for `size` layouts."""
     return min(size, max(_BUDGET // compiled.attempts, 1))
 
 
 class _Probe:
-    """Makes layouts for one split's bank, records rejected candidates, and counts worlds that ran out of restarts."""
+    """Makes layouts for the bank of one split, records rejected candidates, and counts worlds without a layout."""
 
     def __init__(self, compiled: CompiledScene, split: str, size: int) -> None:
         self.size = size
@@ -175,7 +176,10 @@ class _Probe:
         self.made = self.failed = self.first = 0
 
     def fill(self, rounds: int, most: int = 0) -> list[tuple[np.ndarray, ...]]:
-        """Make layouts until the bank is full, for `rounds`, or `most` for a first one; return its rows."""
+        """Make layouts until the bank is full, and return its rows.
+
+        Stop after `rounds` rounds, or after `most` rounds without a first layout.
+        """
         layouts, nworld = self.generator.layouts, self.generator.nworld
         rounds, most = (-(-number * self.size // nworld) for number in (rounds, most))
         drawn = 0
@@ -195,12 +199,13 @@ class _Probe:
 
 
 def _with_all_choices(compiled: CompiledScene, probe: _Probe) -> list[tuple[np.ndarray, ...]]:
-    """Return the rows of a split's bank, and further rows with choices that the split may draw and these rows lack.
+    """Return the rows of a split's bank, extended by rows with the choices that these rows lack.
 
-    A probe favours all lacking choices together. If it finds no row with any of them, the next one favours the first.
+    A probe favours all lacking choices together. If it does not find any of them, the next probe favours only the first
+    choice.
 
     Raises:
-        InfeasibleSceneError: A choice without a valid layout.
+        InfeasibleSceneError: A choice has no valid layout.
     """
     config, split, rows, before = compiled.config, probe.generator.split, list(probe.found), 0
     while (number := len(lacking := _lacking_choices(compiled, split, rows))) > 0:
@@ -218,7 +223,7 @@ def _with_all_choices(compiled: CompiledScene, probe: _Probe) -> list[tuple[np.n
 
 
 def _lacking_choices(compiled: CompiledScene, split: str, rows: list[tuple[np.ndarray, ...]]) -> np.ndarray:
-    """Return the choices that a split may draw and the rows lack: numbers of members by group, then of kinds."""
+    """Return the choices that a split may draw but the rows lack: indices of members by group, then of kinds."""
     program, kinds = compiled.program, np.arange(len(compiled.config.start))
     present, start = (np.stack([row[BANKED.index(name)] for row in rows]) for name in ("present", "start"))
     group, weight = program.group.numpy()[0], program.group_weight.numpy()[0, :, SPLITS[split] % 2]
@@ -227,7 +232,7 @@ def _lacking_choices(compiled: CompiledScene, split: str, rows: list[tuple[np.nd
 
 
 def _favouring(compiled: CompiledScene, choices: np.ndarray) -> CompiledScene:
-    """Return the scene with weights by which nearly all layouts make one of these choices, or one for each group."""
+    """Return the scene with weights that favour these choices. Nearly all layouts then make one, or one per group."""
     made, starts = copied(Program, compiled.program), compiled.starts
     group, weight = made.group.numpy()[0].copy(), made.group_weight.numpy()[0].copy()
     members, kinds = choices[choices < len(weight)], choices[choices >= len(weight)] - len(weight)
@@ -244,12 +249,12 @@ def _favouring(compiled: CompiledScene, choices: np.ndarray) -> CompiledScene:
 
 
 def _warn_of_fallbacks(compiled: CompiledScene, *probes: _Probe) -> None:
-    """Warn of a scene whose worlds often get a layout from the bank, with the remedies."""
+    """Warn if worlds often get a layout from the bank, and name remedies."""
     failed = sum(probe.failed for probe in probes)
     share = failed / sum(probe.made for probe in probes)
     if share <= _MOST_FALLBACKS or failed < _FEWEST_FAILED:
         return
-    # A restart takes as many rejections as there are attempts, but a single one if its cause ends a layout at once.
+    # A restart takes `attempts` rejections, or a single rejection for a cause that ends a layout at once.
     weights = {
         (name, cause): n if Cause[cause.upper()] in _AT_ONCE else n / compiled.attempts
         for probe in probes
@@ -266,9 +271,9 @@ def _warn_of_fallbacks(compiled: CompiledScene, *probes: _Probe) -> None:
     held = (found, config.bank) if found < config.bank else None
     if held is None:
         cures.append(f"a 'bank' above {config.bank}, which repeats itself less often")
-    few = "" if held is None else f" No more were found, so the bank holds {held[0]} of {held[1]}."
+    few = "" if held is None else f" No more layouts were found, so the bank holds {held[0]} of {held[1]}."
     text = (
         f"{config.where}: {share:.0%} of the worlds run out of restarts and get a layout from the bank, mostly because "
-        f"of '{name}' ({cause}).{few} Write {', or '.join(cures)}."
+        f"of '{name}' ({cause}).{few} Try {', or '.join(cures)}."
     )
     warn(FallbackWarning(text, share, name, cause, held))

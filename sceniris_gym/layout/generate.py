@@ -1,4 +1,4 @@
-"""`LayoutGenerator`: the launches that make the next layouts of the masked worlds."""
+"""`LayoutGenerator`: generates the next layouts of the masked worlds."""
 
 from __future__ import annotations
 
@@ -44,9 +44,9 @@ from sceniris_gym.program.device import REACH_CAUSES, Cause
 from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.program.part import chosen_objects, part_of
 
-# With more pieces of regions than this a candidate costs so much that fewer restarts are tried at once.
+# Candidates are expensive in scenes with more pieces of regions than this, so fewer restarts are tried in parallel.
 _MOST_PIECES = 1024
-# A redraw places few objects, in few worlds at a time: candidates beyond this wait for the next wave.
+# A redraw places few objects in few worlds, so a small wave suffices. Further candidates wait for the next wave.
 _MOST_REDRAWN = 1 << 14
 
 
@@ -56,20 +56,20 @@ class LayoutGenerator(Fixed, LayoutSource):
     Args:
         compiled: The scene.
         nworld: Number of worlds.
-        seed: Seed of world 0, world i gets seed + i; or one 64-bit seed per world.
-        split: "train" or "eval", which share no random numbers; each has a bank of its own.
-        size: Capacities, which affect the speed and never the layouts; None takes those that suit the device.
+        seed: Seed of world 0, where world i gets seed + i. Or one 64-bit seed per world.
+        split: "train" or "eval". The splits share no random numbers and have separate banks.
+        size: Capacities, which affect only the speed, not the layouts. None takes defaults for the device.
         rejected: Length of a record of the first candidates that collided, for audits.
-        every_cause: Record candidates of every cause that were rejected at a pose, not of collisions alone.
-        params: Names of the params that worlds have, or patterns such as "objects.*.joints.*"; see `set_params`.
-        masses: `body_mass` and `body_ipos` of the Model that the layouts are for; None draws those of the scene.
+        every_cause: Also record candidates that were rejected at a pose for other causes than collisions.
+        params: Names of params, or patterns such as "objects.*.joints.*". See `set_params`.
+        masses: `body_mass` and `body_ipos` of the Model to simulate. None draws masses from the scene file.
 
     Raises:
         UnknownNameError: An unknown param.
-        ArgumentError: Seeds that are not 64-bit integers, or not one per world. An unknown split, or a part of the
-            scene that cannot be a param. A number of worlds that is no integer, or out of range.
+        ArgumentError: Seeds that are not 64-bit integers, or another number of seeds than worlds. An unknown split, or
+            a part of the scene that cannot be a param. `nworld` is not an integer or out of range.
         FixedError: Raised on assignment to an attribute that captured graphs already use.
-        MemoryLimitError: More worlds than there is memory for.
+        MemoryLimitError: The worlds do not fit into memory.
     """
 
     FIXED = ("compiled", "split", "size", "layouts")
@@ -99,7 +99,7 @@ class LayoutGenerator(Fixed, LayoutSource):
             if compiled.pieces > _MOST_PIECES:
                 size = replace(size, rows=size.rows // 8)
         if rejected > 0:
-            size = replace(size, rows=0)  # rows of restarts that may not be reached are not recorded
+            size = replace(size, rows=0)  # parallel restarts would record candidates of restarts that are not needed
         _check_memory(compiled, nworld, size)
         self.compiled, self.size = compiled, size
         self.split: str = split
@@ -130,7 +130,7 @@ class LayoutGenerator(Fixed, LayoutSource):
         )
         staged = reaching is not None and (reaching.staged or compiled.starts is not None)
         self._stage = ReachStage(self._work, reaching) if reaching is not None and staged else None
-        # waves are full as long as there are more rows than candidates; later every row has one in each wave
+        # First, waves are full: there are more rows than candidates. Later, each wave has a candidate of every row.
         most_trials, capacity = len(compiled.placed) * compiled.attempts, search.cause.shape[0]
         self._most_waves = most_trials + -(-(nworld + size.rows) * most_trials // capacity)
         self._mask = wp.zeros(nworld, dtype=wp.bool, device=compiled.device)
@@ -146,7 +146,7 @@ class LayoutGenerator(Fixed, LayoutSource):
         return self.layouts.nworld
 
     def launch_generate(self, mask: wp.array | None) -> None:
-        """See `LayoutSource`; the first kernel of `launch_make` opens keys."""
+        """See `LayoutSource`. The first kernel of `launch_make` opens the keys."""
         self.launch_make(mask)
         launch_close(self.layouts.view, mask, self.size.block_dim)
 
@@ -154,20 +154,20 @@ class LayoutGenerator(Fixed, LayoutSource):
         """See `LayoutSource`.
 
         Args:
-            mask: Which worlds, shape (nworld,), bool; all if None.
-            prepare: Launches that fill the rows of these worlds before anything is placed.
+            mask: Selected worlds, shape (nworld,), bool. None selects all.
+            prepare: Launches that fill the rows of these worlds before placing begins.
         """
         self._begin(mask, prepare)
         self._try_restarts(self._stage)
 
     def launch_placing(self, mask: wp.array | None) -> None:
-        """Advance the masked worlds and place their objects, without solving for reach."""
+        """Advance the masked worlds and place their objects, without the stage for reach."""
         self._begin(mask)
         self._try_restarts(None)
         launch_close(self.layouts.view, mask, self.size.block_dim)
 
     def _begin(self, mask: wp.array | None, prepare: Callable[[], None] | None = None) -> None:
-        if self._usual_range is not None:  # kinds of starts draw joints from other intervals
+        if self._usual_range is not None:  # the last layout's kind of start may have overwritten the intervals
             wp.copy(self._work.program.draw_range, self._usual_range)
         if prepare is None:
             self._columns.launch(mask, self._work.layouts, opens=True)
@@ -181,12 +181,12 @@ class LayoutGenerator(Fixed, LayoutSource):
             launch_draw_kinds(self._work, mask, self.layouts.params.first.get(STARTS, -1))
 
     def _try_restarts(self, stage: ReachStage | None) -> None:
-        """Try restart after restart until one of every pending world passes everything, or the world falls back."""
+        """Repeat restarts until every pending world has a valid layout or falls back to the bank."""
         once = partial(self._round, stage)
         repeat_launches(self._work.search.worlds_left, once, self.compiled.config.restarts + 1)
 
     def _round(self, stage: ReachStage | None) -> None:
-        """Try the next restart of every pending world, or several: place all objects, then look for joints."""
+        """Try the next restarts of every pending world: place all objects, then solve for reach."""
         launch_open_rows(self._work, stage is not None)
         if self._work.ahead > 0:
             launch_draw_ahead(self._work)
@@ -196,7 +196,7 @@ class LayoutGenerator(Fixed, LayoutSource):
         launch_settle(self._work)
 
     def _wave(self, staged: bool) -> None:
-        """Draw candidates of all rows, test them, and accept the first of each row that passes."""
+        """Draw candidates for all rows, test them, and accept the first valid candidate of each row."""
         work = self._work
         launch_draw(work, self._regions)
         if self._boxes is not None:
@@ -221,52 +221,53 @@ class LayoutGenerator(Fixed, LayoutSource):
         """See `LayoutSource`.
 
         Raises:
-            ArgumentError: It records rejected candidates.
+            ArgumentError: The generator records rejected candidates.
         """
         if self.layouts.view.rejected_object.shape[0] > 0:
             raise ArgumentError(
-                "LayoutGenerator: cannot prefetch and record rejected candidates, since those of prefetched layouts "
-                "would be missing. Make it with rejected=0, or use it without prefetching."
+                "LayoutGenerator: cannot prefetch and record rejected candidates, since the record would lack the "
+                "prefetched layouts. Make the generator with rejected=0, or use it without prefetching."
             )
         names = self.layouts.params.names
         return LayoutGenerator(self.compiled, self.nworld, split=self.split, size=self.size, params=names)
 
     def __init_subclass__(cls) -> None:
-        """Leave it to each subclass, which may make other layouts, to have a `twin`."""
+        """Drop the inherited `twin`, because a subclass may make other layouts and then needs a matching `twin`."""
         super().__init_subclass__()
         cls.twin = cls.__dict__.get("twin", LayoutSource.twin)
 
     @launching
     def redraw(self, layouts: Layouts, objects: str | Sequence[str]) -> Layouts:
-        """Add objects of the scene to finished layouts, or give them new places there; all else stays where it is.
+        """Move objects of finished layouts to new places, or add objects to them. All other objects stay in place.
 
-        So a batch grows step by step: groups leave objects out, and each call adds some. A row is a pure function of
-        scene, split, its seed and episode, and its layout. Where nothing fits the row is that of `layouts`, with the
-        status KEPT. Targets that are not added may lose their grasps. Ids are those of `layouts`, and do not name what
-        was added.
+        To build up a batch step by step, leave objects out with groups and add some with each call. A row is a pure
+        function of scene, split, seed, episode and its layout before the call. If no place is found, the row is
+        returned unchanged with the status KEPT. Other reach targets may lose their grasps. Ids do not change: they
+        reproduce the original layout, without the added objects.
 
         Args:
-            layouts: As many layouts of this scene, on its device, such as a result of `generate` or of this method.
-            objects: Names of placed objects; supports and anchors before what is placed by them.
+            layouts: One layout of this scene per world, on the same device, such as a result of `generate` or of this
+                method.
+            objects: Names of placed objects. Supports and anchors come before the objects placed by them.
 
         Returns:
-            The layouts with these objects, always in the same arrays for the same objects.
+            The layouts with these objects. Calls for the same objects always write to the same arrays.
 
         Raises:
-            ArgumentTypeError, SceneMismatchError: Not as many `Layouts` of this scene.
+            ArgumentTypeError, SceneMismatchError: Not `Layouts`, or of another scene or number of worlds.
             UnknownNameError: Not an object that the scene places.
-            ArgumentError: No objects, or one that carries another in these layouts.
+            ArgumentError: No objects, or an object that carries another in these layouts.
         """
         check_type(layouts, Layouts, "redraw: layouts")
         if (layouts.compiled.hash, layouts.nworld) != (self.compiled.hash, self.nworld):
             raise SceneMismatchError(
-                f"redraw: layouts should be {self.nworld} of the scene '{self.compiled.config.name}', got "
+                f"redraw: layouts should be {self.nworld} layouts of the scene '{self.compiled.config.name}', got "
                 f"{layouts.nworld} of '{layouts.compiled.config.name}'."
             )
         if {*layouts.params.names} & {*layouts.params.of_draws.values()}:
             raise ArgumentError(
-                "redraw: the layouts have params of drawn physics, which it would draw from the scene file. Make them "
-                "without these params."
+                "redraw: the layouts have params of drawn physics, but a redraw draws physics from the scene file. "
+                "Make the layouts without these params."
             )
         there = layouts.present.numpy().any(axis=0)
         present = [self.compiled.slots[i] for i in np.flatnonzero(there)]
@@ -278,10 +279,10 @@ class LayoutGenerator(Fixed, LayoutSource):
         return self._redraws[names].layouts
 
     def rejection_counts(self) -> dict[str, dict[str, int]]:
-        """Return `Layouts.rejections` by name: object (in placement order), then cause in lower case.
+        """Return `Layouts.rejections` by object (in placement order), then by cause in lower case.
 
-        Causes of failing to reach are there if there are reach targets, `unsound` if a layout was, and `falls` if
-        anything can fall.
+        Causes of the reach stage are included in scenes with reach targets, `unsound` if it occurred, and `falls` if
+        objects can fall.
         """
         counts = self.layouts.rejections.numpy()
         unused = {Cause.NONE, *(REACH_CAUSES if self.compiled.reaching is None else ())}
@@ -304,16 +305,16 @@ def make_redraw(
     adds: bool = False,
     masses: tuple[wp.array, wp.array] | None = None,
 ) -> Redraw:
-    """Return a search for new places of objects, as from `chosen_objects`; see `Redraw` and `LayoutGenerator`."""
+    """Return a `Redraw` of objects, as from `chosen_objects`. For the other arguments see `LayoutGenerator`."""
     size = default_size(compiled.device)
-    # rows of later restarts would need the state as well
+    # no rows for parallel restarts: each of them would need a copy of the state
     size = replace(size, rows=0, candidates=min(size.candidates, _MOST_REDRAWN))
     generator = LayoutGenerator(part_of(compiled, objects), nworld, split=split, size=size, masses=masses)
     return Redraw(compiled, objects, split, generator.layouts, generator._work, generator.launch_make, adds=adds)
 
 
 def _check_memory(compiled: CompiledScene, nworld: int, size: SearchSize) -> None:
-    """Refuse more worlds than there is memory for, judged by the largest arrays of layouts and candidates."""
+    """Raise if the largest arrays of layouts and candidates do not fit into memory."""
     mjm = compiled.mjm
     state = 4 * mjm.nq + 28 * mjm.nbody  # bytes of joints and of the poses of all bodies
     row = state + 60 + 36 * len(compiled.slots) + 32 * mjm.nmocap + 4 * len(compiled.placed) * len(Cause)

@@ -1,4 +1,4 @@
-"""`LayoutId`: the name of a layout, by which it can be made again."""
+"""`LayoutId`: a text that identifies a layout and suffices to reproduce it."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ class LayoutId:
 
     @classmethod
     def parse(cls, text: str) -> LayoutId:
-        """Read `scenehash:split:seed:episode`, and `:params` where some differ from the scene file.
+        """Read `scenehash:split:seed:episode`, and `:params` if some differ from the scene file.
 
         Raises:
-            ArgumentError: The text is not of this form, or has a param twice.
+            ArgumentError: The text does not have this form, or repeats a param.
         """
         found = _FORM.fullmatch(text)
         if found is None or int(found[3]) >= 2**64 or int(found[4]) >= MOST_EPISODES:
@@ -42,21 +42,21 @@ class LayoutId:
             )
         names = [unquote(part.partition("=")[0]) for part in (found[5] or "").split(",")]
         if len({*names}) < len(names):
-            raise ArgumentError(f"layout id '{text}' should have each param once, and has: {', '.join(names)}.")
+            raise ArgumentError(f"layout id '{text}' should have each param once, got: {', '.join(names)}.")
         return cls(found[1], found[2], int(found[3]), int(found[4]), found[5] or "")
 
     @classmethod
     def of_scene(cls, text: Any, scene: SceneModel, cure: str, split: str | None = None) -> LayoutId:
-        """Read the id of a layout of a scene, and of a split if one is given; a LayoutId is taken as it is.
+        """Read an id, and check its scene and optionally its split. A LayoutId is not parsed again.
 
         Raises:
-            ArgumentError: The text is not of the form of an id.
-            SceneMismatchError: It is of another scene or split; the message ends with the cure. Or it is an id of a
-                version with other layouts of this one.
+            ArgumentError: The text does not have the form of an id.
+            SceneMismatchError: The id belongs to another scene or split, or to a version that makes other layouts of
+                this scene. The message ends with `cure`.
         """
         found = text if isinstance(text, cls) else cls.parse(str(text))
         if found.scene != scene.hash:
             raise SceneMismatchError(f"layout '{text}': {scene.mismatch(found.scene, cure)}")
         if split not in (None, found.split):
-            raise SceneMismatchError(f"layout '{text}' is of the split '{found.split}', not of split '{split}'. {cure}")
+            raise SceneMismatchError(f"layout '{text}' has the split '{found.split}', not '{split}'. {cure}")
         return found

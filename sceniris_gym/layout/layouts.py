@@ -28,26 +28,26 @@ class LayoutStatus(IntEnum):
     """State of a row."""
 
     NONE = 0
-    """No layout yet; while a scene is being compiled also: no valid one was found."""
+    """No layout yet. During compilation also: no valid layout was found."""
     VALID = 1
     """A fresh layout that passed every test. Parts that no layout moves are not tested against each other."""
     FALLBACK = 2
-    """Attempts and restarts ran out: a layout from the split's bank of valid ones in the CompiledScene."""
+    """Attempts and restarts ran out: a layout from the split's bank of valid layouts in the CompiledScene."""
     KEPT = 3
-    """Attempts and restarts of a redraw ran out: its objects stay where they were."""
+    """Attempts and restarts of a redraw ran out: its objects keep their places."""
 
 
 @wp.struct
 class LayoutsView:
-    """The arrays of a `Layouts` as kernels take them."""
+    """The arrays of a `Layouts`, as kernels take them."""
 
     # Key
     seed: wp.array[wp.uint64]
     episode: wp.array[int]
-    param: wp.array2d[float]  # values of the params that the layout was made with
-    # Draws: the key that physics and looks are drawn by
+    param: wp.array2d[float]  # param values of the layout
+    # Draws: the random key of physics and looks
     draw_seed: wp.array[wp.uint64]
-    draw_episode: wp.array[int]  # -1 where it is unknown
+    draw_episode: wp.array[int]  # -1 if unknown
     draw_stream: wp.array[int]
     # State
     qpos: wp.array2d[float]
@@ -64,18 +64,18 @@ class LayoutsView:
     status: wp.array[int]
     attempts: wp.array[int]
     first_pass_valid: wp.array[int]
-    # Next: the layout that a reseed asked for
+    # Next: the layout that a reseed or a chooser selected
     next_seed: wp.array[wp.uint64]
     next_episode: wp.array[int]  # -1 for the next episode of the same seed
-    # Pending: the layout that is being made, with `next_param`
+    # Pending: the layout in the making, with `next_param`
     pending_seed: wp.array[wp.uint64]
     pending_episode: wp.array[int]
     # Making
-    stream: int  # of draws, for layouts that are made
+    stream: int  # of draws, for new layouts
     next_param: wp.array2d[float]
     default_param: wp.array[float]
     rejections: wp.array2d[wp.int64]  # more than 32 bits in long runs
-    row_rejections: wp.array3d[int]  # candidates that were rejected for the row, by object and cause
+    row_rejections: wp.array3d[int]  # rejected candidates of the row, by object and cause
     stable: wp.array2d[int]
     # Places
     place: wp.array2d[wp.vec4]
@@ -95,12 +95,12 @@ class LayoutsView:
 
 
 def view_of(nrow: int, device: str, arrays: Mapping[str, Any]) -> LayoutsView:
-    """Return a view of some arrays. A kernel may read any other one, too: rows without a value, and of width 0.
+    """Return a view of some arrays. Kernels may also read the other fields: blank columns, or rows of width 0.
 
     Args:
         nrow: Number of rows.
         device: The device of the result.
-        arrays: Arrays by the names of fields: of NumPy, or of Warp, which are shared if they are on the device.
+        arrays: NumPy or Warp arrays by name of the field. Warp arrays on the device share their memory.
     """
     view = LayoutsView()
     for name, variable in LayoutsView.vars.items():
@@ -119,7 +119,7 @@ def view_of(nrow: int, device: str, arrays: Mapping[str, Any]) -> LayoutsView:
 
 @wp.func
 def next_key(layouts: LayoutsView, worldid: int):
-    """Return seed and episode of a world's next layout: what a reseed asked for, or else the next episode."""
+    """Return seed and episode of a world's next layout: the selected layout, or by default the next episode."""
     seed = layouts.seed[worldid]
     episode = (layouts.episode[worldid] + 1) % MOST_EPISODES
     if layouts.next_episode[worldid] >= 0:
@@ -130,7 +130,7 @@ def next_key(layouts: LayoutsView, worldid: int):
 
 @wp.func
 def open_episode(layouts: LayoutsView, worldid: int):
-    """Set what a world's next layout is made of, and drawn by unless it comes from the bank."""
+    """Write the key of a world's next layout, and of its draws. A fallback later overwrites the key of the draws."""
     seed, episode = next_key(layouts, worldid)
     layouts.pending_seed[worldid] = seed
     layouts.pending_episode[worldid] = episode
@@ -141,7 +141,7 @@ def open_episode(layouts: LayoutsView, worldid: int):
 
 @wp.func
 def copy_draws(source: LayoutsView, row: int, layouts: LayoutsView, worldid: int):
-    """Copy the key that a row's physics and looks are drawn by."""
+    """Copy the random key of a row's physics and looks."""
     layouts.draw_seed[worldid] = source.draw_seed[row]
     layouts.draw_episode[worldid] = source.draw_episode[row]
     layouts.draw_stream[worldid] = source.draw_stream[row]
@@ -149,7 +149,7 @@ def copy_draws(source: LayoutsView, row: int, layouts: LayoutsView, worldid: int
 
 @wp.func
 def close_episode(made: LayoutsView, layouts: LayoutsView, worldid: int):
-    """Give a world the seed, the episode, the params and the draws of the layout that `made` has for it."""
+    """Copy seed, episode, params and draws of a world's new layout from `made` to `layouts`."""
     for k in range(layouts.param.shape[1]):
         layouts.param[worldid, k] = made.next_param[worldid, k]
     copy_draws(made, worldid, layouts, worldid)
@@ -160,7 +160,7 @@ def close_episode(made: LayoutsView, layouts: LayoutsView, worldid: int):
 
 @wp.func
 def copy_poses(source: Any, row: int, layouts: LayoutsView, worldid: int, i: int):
-    """Copy the element `i` of each part of a row's layout but its grasps: poses, start and present objects."""
+    """Copy the element `i` of a row's poses and present objects, and its start. Grasps are not copied."""
     if i == 0:
         layouts.start[worldid] = source.start[row]
     if i < source.qpos.shape[1]:
@@ -174,7 +174,7 @@ def copy_poses(source: Any, row: int, layouts: LayoutsView, worldid: int, i: int
 
 @wp.func
 def copy_layout(source: Any, row: int, layouts: LayoutsView, worldid: int, i: int):
-    """Copy the element `i` of each part of a row's layout to a world, grasps as well; see `copy_poses`."""
+    """Copy the element `i` of each part of a row's layout to a world, including grasps."""
     copy_poses(source, row, layouts, worldid, i)
     if i < source.grasp.shape[1]:
         layouts.grasp[worldid, i] = source.grasp[row, i]
@@ -184,7 +184,7 @@ def copy_layout(source: Any, row: int, layouts: LayoutsView, worldid: int, i: in
 
 
 def allocate_record(view: LayoutsView, length: int) -> None:
-    """Allocate a record of so many rejected candidates on Warp's current device."""
+    """Allocate a record of up to `length` rejected candidates on Warp's current device."""
     zeros, nmocap = partial(allocate, LayoutsView, view), view.mocap_pos.shape[1]
     zeros(1, "rejected_count")
     zeros(length, "rejected_cause rejected_object")
@@ -193,21 +193,21 @@ def allocate_record(view: LayoutsView, length: int) -> None:
 
 
 def layout_width(view: LayoutsView) -> int:
-    """Return the number of elements that `copy_layout` has to copy."""
+    """Return the number of elements for `copy_layout`."""
     return max(array.shape[1] for array in (view.qpos, view.mocap_pos, view.present, view.grasp))
 
 
 def _part(poses: wp.array, first: int, dtype: type) -> wp.array:
-    """Return the numbers from `first` on of `poses` (nrow, n, width) as vectors or quaternions, in the same memory."""
+    """Return a view of `poses` (nrow, n, width) from number `first` on, as vectors or quaternions."""
     part = wp.array(
         ptr=poses.ptr + 4 * first, dtype=dtype, shape=poses.shape[:2], strides=poses.strides[:2], device=poses.device
     )
-    part._ref = poses  # the memory is that of the poses
+    part._ref = poses  # keeps the shared memory alive
     return part
 
 
 class _RowsOfWorlds:
-    """An array of `Layouts.view` without the rows that follow those of the worlds."""
+    """An array of `Layouts.view`, cut to the rows of worlds."""
 
     def __set_name__(self, owner: type, name: str) -> None:
         self._name = name
@@ -221,38 +221,37 @@ class _RowsOfWorlds:
 
 @dataclass(frozen=True)
 class Layouts(StaysHere):
-    """Layouts of `nworld` worlds: Warp arrays on the device of the compiled scene, of which only the contents change.
+    """Layouts of `nworld` worlds, as Warp arrays on the device of the compiled scene. Arrays are never reallocated.
 
     Attributes:
         compiled: The scene of the rows.
-        view: The arrays as kernels take them; see `create` for their length.
+        view: The arrays as kernels take them. See `create` for their length.
         mocap_pose: Memory of `mocap_pos` and `mocap_quat`, shape (nrow, nmocap, 8): an unused number, position and
-            orientation. A pose is then seven numbers in a row, and a quaternion is aligned as a vector of four.
-        params: The params that the worlds have.
+            orientation. Thus each pose is seven contiguous numbers, and each quaternion is aligned like a vec4.
+        params: The params of the worlds.
         seed: 64-bit seed of the current row, shape (nworld,), uint64. A reseed shows once the next layout is served.
         episode: Episode of the current row, -1 before the first, shape (nworld,), int32.
-        param: Numbers of the params that the current row was made with, shape (nworld, nvalue); no column without
-            params.
-        draw_seed: Seed that physics and looks are drawn by, shape (nworld,), uint64: of the row itself, or of a
-            fallback's layout in the bank.
-        draw_episode: The same of the episode, shape (nworld,), int32; -1 where it is unknown.
+        param: Param values of the current row, shape (nworld, nvalue). Width 0 without params.
+        draw_seed: Seed of the draws of physics and looks, shape (nworld,), uint64. It belongs to the row, or to the
+            bank's layout after a fallback.
+        draw_episode: Episode of these draws, shape (nworld,), int32. -1 if unknown.
         draw_stream: Random stream of these draws, shape (nworld,), int32.
         qpos: Joint positions [m, rad] in the order of the MjModel, quaternions wxyz, shape (nworld, nq).
         mocap_pos: Positions of mocap bodies [m], world frame, shape (nworld, nmocap).
-        mocap_quat: Their orientations, wxyz inside `wp.quat`, shape (nworld, nmocap).
-        start: Number of the kind of start in the scene file, -1 in scenes without, shape (nworld,), int32.
-        present: 1 where an object is present, 0 where its group left it out, shape (nworld, nslot), slots in the order
+        mocap_quat: Orientations of mocap bodies, wxyz inside `wp.quat`, shape (nworld, nmocap).
+        start: Index of the kind of start in the scene file, -1 in scenes without, shape (nworld,), int32.
+        present: 1 for present objects, 0 for objects that a group left out, shape (nworld, nslot), slots in the order
             of `CompiledScene.slots`.
-        grasp: The accepted grasp of each ReachTarget, as an index into its GraspSet in `CompiledScene.reaching`; -1
-            where the object is absent; shape (nworld, nreach), targets in placement order.
-        grasp_qpos: The joints [rad, m] of the target's arm in that grasp, shape (nworld, nreach, MAX_JOINTS); nan
-            beyond the arm's joints, and everywhere if the arm's map alone decided.
-        pregrasp_qpos: The same for the pre-grasp, shape (nworld, nreach, MAX_JOINTS); nan for tiers below `clear`.
+        grasp: The accepted grasp of each ReachTarget, as an index into its GraspSet in `CompiledScene.reaching`, shape
+            (nworld, nreach), targets in placement order. -1 for absent objects.
+        grasp_qpos: The joints [rad, m] of the target's arm in this grasp, shape (nworld, nreach, MAX_JOINTS). NaN
+            beyond the arm's joints, and everywhere if reach was judged only by the arm's map.
+        pregrasp_qpos: The same for the pre-grasp, shape (nworld, nreach, MAX_JOINTS). NaN for tiers below `clear`.
         status: A `LayoutStatus` per world, shape (nworld,), int32.
-        attempts: Candidates drawn for the row, all objects and restarts together, shape (nworld,), int32.
-        first_pass_valid: 1 where no restart was needed, shape (nworld,), int32.
-        rejections: Running count of the candidates that were rejected for these layouts and all layouts before them,
-            int64, shape (nobject, ncause), objects in placement order.
+        attempts: Candidates drawn for the row, summed over objects and restarts, shape (nworld,), int32.
+        first_pass_valid: 1 for rows that needed no restart, shape (nworld,), int32.
+        rejections: Running count of rejected candidates of all layouts so far, int64, shape (nobject, ncause), objects
+            in placement order.
     """
 
     SEND = "its arrays as copies on the host, such as layouts.qpos.numpy().copy(), or the ids that make its rows again"
@@ -271,15 +270,15 @@ class Layouts(StaysHere):
         """Return the poses of an object as a torch tensor that shares memory with the layouts.
 
         Args:
-            name: An object of the scene, or "robot". The poses of an object with variants are those of the variants
-                that are present, in a tensor of their own.
+            name: An object of the scene, or "robot". For an object with variants, the tensor is a copy with the pose of
+                each world's present variant.
 
         Returns:
             Position [m] and orientation (wxyz) of its root body in the world frame, shape (nworld, 7).
 
         Raises:
             UnknownNameError: The scene has no such object.
-            NotSupportedError: Its root hangs on joints, which determine its pose.
+            NotSupportedError: Joints other than a freejoint determine the pose of its root body.
         """
         variants = self.compiled.config.variants.get(name)
         if variants is not None:
@@ -297,13 +296,13 @@ class Layouts(StaysHere):
         """Return the positions of a joint as a torch tensor that shares memory with the layouts.
 
         Args:
-            name: Its name in the model, `object/joint`, or its name inside the object if no other object has it.
+            name: Its name in the model, `object/joint`, or its name inside the object if that is unique.
 
         Returns:
-            Positions [m or rad], shape (nworld,); for a ball joint or a freejoint shape (nworld, 4) or (nworld, 7).
+            Positions [m or rad], shape (nworld,). For a ball joint (nworld, 4), for a freejoint (nworld, 7).
 
         Raises:
-            UnknownNameError: There is no such joint, or several objects have one.
+            UnknownNameError: There is no such joint, or several objects have it.
         """
         adr, width = joint_address(self.compiled.scene, name, "Layouts.joint")
         qpos = wp.to_torch(self.qpos)
@@ -323,9 +322,9 @@ class Layouts(StaysHere):
     ) -> "Layouts":
         """Allocate `nworld` layouts, and a record of the first `rejected` candidates that collided.
 
-        With `every_cause` the record has candidates of every cause that were rejected at a pose. In `view`, `rows` more
-        layouts follow those of the worlds: restarts that are tried at once. `params` are names, see `ParamTable`.
-        Physics and looks of layouts that are made are drawn in the streams of `split`.
+        With `every_cause`, the record also has candidates that were rejected at a pose for other causes. In `view`,
+        `rows` more layouts follow the layouts of worlds, for restarts in parallel. `params` are names, see
+        `ParamTable`. Physics and looks of new layouts use the random streams of `split`.
         """
         device, mjm = compiled.device, compiled.mjm
         nmocap = max(mjm.nmocap, 1)
@@ -359,11 +358,11 @@ class Layouts(StaysHere):
         return cls(compiled, view, mocap_pose, table)
 
     def ids(self, split: str, keys: LayoutKeys | None = None) -> list[str]:
-        """Return the ids of the layouts, of this split, with the params that differ. Waits for the device.
+        """Return the ids of the layouts, with params that differ from the scene file. Waits for the device.
 
         Args:
-            split: "train" or "eval".
-            keys: Seeds, episodes and numbers of params of other layouts, a row for each.
+            split: Split of the ids, "train" or "eval".
+            keys: Seeds, episodes and param values of other layouts, one row per layout.
 
         Raises:
             ArgumentError: Another split, or a world without a layout.
@@ -378,7 +377,7 @@ class Layouts(StaysHere):
 
     @property
     def reaching(self) -> Reaching | None:
-        """The arms, and their reach targets with their grasps; None if there are none."""
+        """The arms, and their reach targets with grasps. None in scenes without reach targets."""
         return self.compiled.reaching
 
     @property

@@ -1,4 +1,4 @@
-"""Kernels of a generator, compiled in parallel before the first launch: one after the other they take a while."""
+"""Compile the kernels of a generator in parallel before the first launch, because one by one they take longer."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ from sceniris_gym.layout.wave.search import Workspace
 
 
 def kernel_modules(work: Workspace, *, staged: bool) -> list[wp.Module]:
-    """Return Warp's modules of the kernels that a generator launches.
+    """Return the Warp modules of a generator's kernels.
 
     Args:
-        work: Its arrays and capacities.
-        staged: Whether there is a stage after placing.
+        work: Arrays and capacities of the generator.
+        staged: Whether a stage follows placing.
     """
     frees_grasps = work.search.free.shape[1] > 0
     files = [draw, prefilter, accept, rounds, settle, seeds]
@@ -44,24 +44,24 @@ def kernel_modules(work: Workspace, *, staged: bool) -> list[wp.Module]:
     files += [waves, poses, ik, hits] if staged else []
     files += [start_kinds, start] if work.compiled.starts is not None else []
     files += [free_grasps] if frees_grasps else []
-    own = collision.launched_kernels(work)  # those with a module of their own
+    own = collision.launched_kernels(work)  # each with a separate module
     own += free_grasps.OWN_KERNELS if frees_grasps else []
     return [wp.get_module(file.__name__) for file in files] + [kernel.module for kernel in own]
 
 
 def _is_kept(module: wp.Module, block_dim: int) -> bool:
-    """Tell whether Warp's cache has a module, for any device."""
+    """Return whether Warp's cache has a module, for any device."""
     return Path(wp.config.kernel_cache_dir or "", module.get_module_identifier(block_dim)).is_dir()
 
 
 def load_kernels(work: Workspace, *, staged: bool) -> None:
-    """Compile and load the kernels of a generator on a GPU, unless they are loaded; announce it if it takes a while.
+    """Compile and load a generator's kernels on a GPU. Announce the compilation of missing kernels.
 
-    On a CPU, where Warp compiles one module at a time, the launches load their kernels.
+    On a CPU, Warp compiles one module at a time, so kernels are only loaded by their launches.
 
     Args:
-        work: As in `kernel_modules`, as the next one.
-        staged: Whether there is a stage after placing.
+        work: Arrays and capacities of the generator.
+        staged: Whether a stage follows placing.
     """
     modules, block_dim = kernel_modules(work, staged=staged), work.size.block_dim
     missing = sum(not _is_kept(module, block_dim) for module in modules)

@@ -1,4 +1,4 @@
-"""Masks of worlds, numbers of worlds and numbers of rows as users pass them: checked once, then on the device."""
+"""Masks, world ids and row indices as users pass them: checked once, then moved to the device."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
 def as_host_mask(mask: Any, nworld: int, name: str = "mask") -> np.ndarray:
-    """Return a copy of a mask of worlds on the host, shape (nworld,), bool. Wait for the device that it is on.
+    """Return a copy of a mask of worlds on the host, shape (nworld,), bool. Waits for the mask's device.
 
     Raises:
         ArgumentTypeError, ArgumentError: As `check_mask`.
@@ -33,23 +33,23 @@ def as_host_mask(mask: Any, nworld: int, name: str = "mask") -> np.ndarray:
 
 
 def check_mask(mask: Any, nworld: int, name: str = "mask") -> None:
-    """Refuse what is no mask of worlds: an array of numpy, torch or Warp of booleans, shape (nworld,).
+    """Check that a mask is a boolean array of numpy, torch or Warp, shape (nworld,).
 
     Raises:
-        ArgumentTypeError: Not one of these arrays, or not an array of booleans.
+        ArgumentTypeError: Not an array of these libraries, or not booleans.
         ArgumentError: Wrong shape.
     """
     if _kind(mask) is None:
         raise ArgumentTypeError(f"{name} should be a boolean array of numpy, torch or Warp, got {type(mask)}.")
     if not is_mask(mask):
-        raise ArgumentTypeError(f"{name} should hold booleans, got {mask.dtype}. A comparison, as `x > 0`, gives them.")
+        raise ArgumentTypeError(f"{name} should hold booleans, got {mask.dtype}. Pass a comparison such as `x > 0`.")
     _check_dense(mask, name)
     if tuple(mask.shape) != (nworld,):
         raise ArgumentError(f"{name} should have shape ({nworld},), one element per world, got {tuple(mask.shape)}.")
 
 
 def as_rows(rows: Any, nrow: int, nworld: int, device: Any) -> wp.array:
-    """Return row numbers, one per world and -1 for none, as an int32 Warp array on `device`.
+    """Return row indices, one per world or -1 for no row, as an int32 Warp array on `device`.
 
     Args:
         rows: Integers, shape (nworld,): a sequence, a numpy array, a torch tensor or a Warp array of int32.
@@ -69,18 +69,18 @@ def as_rows(rows: Any, nrow: int, nworld: int, device: Any) -> wp.array:
 
 
 def as_worlds(worlds: Any, nworld: int, device: Any, mask_out: wp.array | None = None) -> wp.array | None:
-    """Return the mask of the worlds that a user chose, shape (nworld,), bool, on `device`; None is all worlds.
+    """Return the mask of the worlds that a user chose, shape (nworld,), bool, on `device`, or None for all worlds.
 
     Args:
         worlds: None for all. Or booleans, shape (nworld,). Or ids of worlds, shape (k,), in any order. Or a slice.
             Arrays may be sequences, or arrays of numpy, torch or Warp (int32).
         nworld: Number of worlds.
         device: The target device.
-        mask_out: Memory for the mask of ids, which a captured graph needs. None allocates it.
+        mask_out: Memory for a mask made from ids, required in a captured graph. None allocates the memory.
 
     Raises:
-        ArgumentTypeError: Neither booleans nor integers.
-        ArgumentError: Wrong shape; a world that does not exist (checked in sequences and numpy arrays only); or
+        ArgumentTypeError: Other values than booleans or integers.
+        ArgumentError: Wrong shape, or a world that does not exist (checked in sequences and numpy arrays only). Or
             `nworld` integers with repetitions, which look like a mask.
     """
     if worlds is None:
@@ -96,7 +96,7 @@ def as_worlds(worlds: Any, nworld: int, device: Any, mask_out: wp.array | None =
 
 
 def as_world_ids(worlds: Any, nworld: int) -> np.ndarray:
-    """Return the ids of the worlds that a user chose, on the host, in the order given. Wait for their device.
+    """Return the ids of the worlds that a user chose, on the host, in the given order. Waits for their device.
 
     Raises:
         ArgumentError, ArgumentTypeError: As `as_worlds`.
@@ -112,25 +112,25 @@ def as_world_ids(worlds: Any, nworld: int) -> np.ndarray:
 
 
 def is_mask(worlds: Any) -> bool:
-    """Return whether worlds are given as an array of booleans, or are all worlds."""
+    """Return whether `worlds` is None or an array of booleans."""
     dtype = getattr(worlds, "dtype", None)
     return worlds is None or dtype is wp.bool or str(dtype) in ("bool", "torch.bool")
 
 
 def as_numbers(values: Any) -> np.ndarray:
-    """Return numbers of a user, in an array of any library or in lists, on the host; all else has shape (0, 0)."""
+    """Return a user's numbers, in lists or an array of any library, on the host. Invalid values give shape (0, 0)."""
     try:
         given = values.detach().cpu() if _kind(values) == "torch" else values
         found = np.asarray(given.numpy() if _kind(values) in ("torch", "warp") else given)
-    except (TypeError, ValueError, RuntimeError):  # lists of different lengths, or a tensor that has no values
+    except (TypeError, ValueError, RuntimeError):  # lists of different lengths, or a tensor without values
         return np.zeros((0, 0))
-    is_whole = found.dtype.kind in "iuf" and not isinstance(values, np.ma.MaskedArray)  # which hides some
+    is_whole = found.dtype.kind in "iuf" and not isinstance(values, np.ma.MaskedArray)  # masked arrays hide values
     return found if is_whole else np.zeros((0, 0))
 
 
 @wp.func
 def row_of(worldid: int, rows: wp.array[int]) -> int:
-    """Return the row of layouts that a world gets: that of its own number, unless there are `rows`."""
+    """Return the row of layouts for a world: `rows[worldid]`, or without `rows` its id."""
     row = worldid
     if rows:
         row = rows[worldid]
@@ -138,7 +138,7 @@ def row_of(worldid: int, rows: wp.array[int]) -> int:
 
 
 def fill_mask(mask: wp.array | None, mask_out: wp.array) -> None:
-    """Copy a mask of worlds, shape (nworld,), bool, to `mask_out`; None is all worlds."""
+    """Copy a mask of worlds, shape (nworld,), bool, to `mask_out`. None selects all worlds."""
     if mask is None:
         mask_out.fill_(True)
     elif mask is not mask_out:
@@ -152,7 +152,7 @@ def _mask_of_rows(rows: wp.array[int], nrow: int, mask_out: wp.array[wp.bool]):
 
 
 def mask_of_rows(rows: wp.array, nrow: int, mask_out: wp.array) -> None:
-    """Fill `mask_out` (nworld,) bool: true where `rows` names one of `nrow` rows."""
+    """Fill `mask_out` (nworld,) bool: true for worlds whose entry of `rows` is a valid index below `nrow`."""
     wp.launch(_mask_of_rows, dim=rows.shape[0], inputs=[rows, nrow], outputs=[mask_out], device=rows.device)
 
 
@@ -170,7 +170,7 @@ def mask_of_ids(ids: wp.array, mask_out: wp.array) -> None:
 
 
 def _booleans_or_ids(worlds: Any, nworld: int) -> Any:
-    """Return worlds as an array of one of the libraries, of booleans or of ids."""
+    """Return worlds as an array of booleans or of ids, from numpy, torch or Warp."""
     if isinstance(worlds, slice):
         return np.arange(nworld)[worlds]
     worlds = _as_array(worlds, "worlds")
@@ -182,20 +182,20 @@ def _booleans_or_ids(worlds: Any, nworld: int) -> Any:
 
 
 def _refuse_integer_mask(ids: Any, nworld: int) -> None:
-    """Refuse as many integers as worlds that name a world twice: a mask of 0 and 1, which `mjw.reset_data` takes."""
+    """Reject `nworld` integers with repetitions. They are probably a mask of 0 and 1, as `mjw.reset_data` takes."""
     if ids.shape[0] != nworld or nworld == 1:
         return
     if _kind(ids) != "numpy" and wp.get_device(str(ids.device)).is_capturing:
-        raise ArgumentError(f"worlds should be booleans inside of a capture, or fewer than {nworld} ids.")
+        raise ArgumentError(f"worlds should be booleans during a capture, or fewer than {nworld} ids.")
     if len(np.unique(as_numbers(ids))) < nworld:
         raise ArgumentError(
-            f"worlds should be booleans or ids: {nworld} integers with repetitions look like a mask. A comparison such "
-            "as `x > 0` gives booleans."
+            f"worlds should be booleans or ids: {nworld} integers with repetitions look like a mask. Pass a comparison "
+            "such as `x > 0` for booleans."
         )
 
 
 def _as_array(values: Any, name: str) -> Any:
-    """Return an array of one of the libraries as it is; a sequence becomes a numpy array."""
+    """Return an array of numpy, torch or Warp unchanged, and a sequence as a numpy array."""
     if _kind(values) is None:
         try:
             values = np.asarray(values)
@@ -212,7 +212,7 @@ def _check_integers(values: Any, name: str, wanted: str = "integers") -> None:
 
 
 def _upload_numbers(values: Any, name: str, least: int, end: int, more: str, device: Any) -> wp.array:
-    """Return integers from `least` to `end - 1` as int32 on the device; others are refused where the host sees them."""
+    """Return integers as int32 on the device. Only numpy's are checked to be from `least` to `end - 1`."""
     if _kind(values) == "numpy":
         wrong = np.flatnonzero((values < least) | (values >= end))
         if len(wrong):
@@ -220,22 +220,22 @@ def _upload_numbers(values: Any, name: str, least: int, end: int, more: str, dev
             raise ArgumentError(f"{name}[{wrong[0]}] should be from 0 to {end - 1}{more}, got {found}.")
         values = values.astype(np.int32)
     elif _kind(values) == "torch":
-        # a number out of range must not wrap around to one in range
+        # clamp first, because an out-of-range number must not wrap around to a valid index
         values = values.long().clamp(-1, end).int().contiguous()
     return _to_device(values, wp.int32, device)
 
 
 def _check_dense(array: Any, name: str) -> None:
-    """Refuse a torch tensor that has no values of its own in memory, and a NumPy array that hides some."""
+    """Reject meta, sparse and nested torch tensors, and masked NumPy arrays."""
     if _kind(array) == "torch" and (array.is_meta or str(array.layout) != "torch.strided" or array.is_nested):
         what = "a meta tensor, which has no values" if array.is_meta else f"a tensor of layout {array.layout}"
-        raise ArgumentError(f"{name} should be a dense array, got {what}. `to_dense()` makes one of a sparse one.")
+        raise ArgumentError(f"{name} should be a dense array, got {what}. Convert sparse tensors with `to_dense()`.")
     if isinstance(array, np.ma.MaskedArray):
-        raise ArgumentError(f"{name} should be a dense array, got a masked one. `filled(False)` makes one of it.")
+        raise ArgumentError(f"{name} should be a dense array, got a masked array. Convert it with `filled(False)`.")
 
 
 def _kind(array: Any) -> str | None:
-    """Return the library that an array belongs to, or None; torch is recognised without being imported."""
+    """Return the library of an array, or None. Recognises torch without importing it."""
     if isinstance(array, np.ndarray):
         return "numpy"
     if isinstance(array, wp.array):
@@ -253,7 +253,7 @@ def as_shape(shape: SupportsIndex | Sequence[SupportsIndex], name: str) -> tuple
     """Return a shape, given as a sequence or as the length of its only axis.
 
     Raises:
-        ArgumentError: A length that is no integer of at least 0, or too many numbers.
+        ArgumentError: A length that is not an integer of at least 0, or too many elements.
     """
     found = tuple(as_count(n, name, 0) for n in (shape if isinstance(shape, Sequence) else (shape,)))
     as_count(math.prod(found), name, 0)
@@ -264,7 +264,7 @@ def as_count(value: Any, name: str, least: int = 1, most: int = MOST_WORLDS) -> 
     """Return an integer of any library as an int.
 
     Raises:
-        ArgumentError: Not an integer, or one outside of `least` to `most`.
+        ArgumentError: Not an integer, or not from `least` to `most`.
     """
     try:
         count = None if isinstance(value, bool) else operator.index(value)

@@ -1,7 +1,7 @@
-"""`ParamTable`: numbers of a scene file that may change while it is used, world by world, without compiling it again.
+"""`ParamTable`: values of a scene file that can change at run time, per world, without recompilation.
 
-A param narrows what the scene file says: a count, an interval, a region. So all that was proved of the scene, and every
-size that was worked out for it, stays true.
+A param can only narrow the scene file: a count, an interval, a region. All guarantees and capacities computed for the
+scene therefore stay valid.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ PARTS = rf"{_PARAM}(?:,{_PARAM})*"
 
 
 class ParamTable:
-    """The params that some worlds of a scene have, each with its columns in a row of numbers.
+    """The params of a batch of worlds, each with its columns in a row of numbers.
 
     Args:
         compiled: The scene.
@@ -39,12 +39,12 @@ class ParamTable:
         first: The first column of each param, by its name.
         default: The numbers of the scene file, shape (nvalue,), float32.
         of_draws: The param of each draw of physics or looks, by the draw's name.
-        are_kept: Whether layouts keep the numbers that they were made with, as stored ones do.
+        are_kept: Whether layouts keep their param values, as stored layouts do.
 
     Raises:
-        ArgumentTypeError: `names` are no names.
+        ArgumentTypeError: `names` are not strings.
         UnknownNameError: There is no such param.
-        ArgumentError: A part of the scene file that cannot be one, and the reason.
+        ArgumentError: A part of the scene file that cannot be a param, with the reason.
     """
 
     def __init__(self, compiled: CompiledScene, names: str | Sequence[str]) -> None:
@@ -74,21 +74,21 @@ class ParamTable:
         """Return a param by its name.
 
         Raises:
-            UnknownNameError: It is none of these.
+            UnknownNameError: The table has no such param.
         """
         check_names("param", [name], f"{where} (the argument `params` should name it)", self.names)
         return self.params[name]
 
     def named(self, rows: Any) -> dict[str, Any]:
-        """Return columns of rows by the names of their params, each of shape (nrow, number of numbers)."""
+        """Return the columns of each param in some rows, by name, shape (nrow, number of values)."""
         ends = {name: self.first[name] + len(param.default) for name, param in self.params.items()}
         return {name: rows[:, self.first[name] : end] for name, end in ends.items()}
 
     def checked(self, rows: Any, nrow: int) -> np.ndarray:
-        """Return rows with a number for each column, shape (nrow, nvalue), as float32.
+        """Check rows with a number for each column, shape (nrow, nvalue), and return them as float32.
 
         Raises:
-            ArgumentError: Anything else, or numbers that a param cannot have.
+            ArgumentError: Wrong shape, not numbers, or numbers that a param cannot have.
         """
         given = as_numbers(rows)
         if given.shape != (nrow, len(self.default)):
@@ -98,7 +98,7 @@ class ParamTable:
         return given.astype(np.float32)
 
     def text(self, row: np.ndarray) -> str:
-        """Return the fifth part of a layout id: the params that differ from the scene file, sorted, float32 in hex."""
+        """Return the fifth part of a layout id: params that differ from the scene file, sorted, as float32 in hex."""
         parts = []
         for name, values in self.named(np.asarray(row, np.float32)[None]).items():
             if (values[0] != self.params[name].default).any():
@@ -107,7 +107,9 @@ class ParamTable:
         return ",".join(parts)
 
     def rows(self, values: Mapping[str, Any], nworld: int) -> np.ndarray:
-        """Return the numbers of all worlds in which some params have other values, shape (nworld, nvalue), float32.
+        """Return full rows with given values of some params and default values of the others.
+
+        The result has shape (nworld, nvalue), float32.
 
         Raises:
             UnknownNameError, ArgumentError: A param that is not in the table, or values that it cannot have.
@@ -118,11 +120,11 @@ class ParamTable:
         return rows
 
     def part(self, values: Mapping[str, Any], nworld: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the columns of some params, and their values in one row for all worlds, or in one for each.
+        """Return the columns of some params, and their values in one row for all worlds or one row per world.
 
         Raises:
-            UnknownNameError, ArgumentError: As `rows`.
-            ArgumentTypeError: No mapping of names to values.
+            UnknownNameError, ArgumentError: As in `rows`.
+            ArgumentTypeError: Not a mapping of names to values.
         """
         check_type(values, Mapping, "params")
         found = [self.param(name).checked(value, nworld) for name, value in values.items()]
@@ -131,7 +133,10 @@ class ParamTable:
         return np.array(columns, np.int32), np.concatenate([blank[:, :0], *(blank + rows for rows in found)], axis=1)
 
     def boxes(self, compiled: CompiledScene) -> wp.array | None:
-        """Return the first column of each object's region on a support, -1 for none, int32; None if none has one."""
+        """Return the first column of each object's region on a support, int32, -1 for objects without such a param.
+
+        The result is None if the table has no region on a support.
+        """
         flat = {
             name: self.first[name] for name, param in self.params.items() if param.form == "box" and not param.places
         }
@@ -140,7 +145,7 @@ class ParamTable:
 
 
 def params_in(text: str) -> dict[str, np.ndarray]:
-    """Return the params that the fifth part of a layout id names, with their numbers."""
+    """Return the params in the fifth part of a layout id, with their numbers."""
     found = {}
     for part in text.split(",") if text else ():
         name, digits = part.split("=")
@@ -165,6 +170,6 @@ def _set(
 
 
 def launch_set(param: wp.array, columns: wp.array, values: wp.array, mask: wp.array | None) -> None:
-    """Write numbers into columns of the masked worlds, all if None; `values` have one row, or one per world."""
+    """Write `values`, with one row or one row per world, into columns of the masked worlds. None selects all."""
     dim = (param.shape[0], values.shape[1])
     wp.launch(_set, dim, inputs=[mask, columns, values], outputs=[param], device=param.device)

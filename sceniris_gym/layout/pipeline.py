@@ -1,4 +1,4 @@
-"""`LayoutPipeline`: which layout each world gets next, who makes it, and when."""
+"""`LayoutPipeline`: a maker of layouts with optional prefetching and level choice."""
 
 from __future__ import annotations
 
@@ -17,49 +17,49 @@ from sceniris_gym.program.compiled import USER_SPLITS
 
 
 class Chooser:
-    """Asks for other layouts than the next episode of a seed.
+    """Chooses the next layouts of worlds, instead of the next episode of a seed.
 
-    An environment takes one as `layout_source=lambda compiled, n: LayoutPipeline(maker, chooser=...)`. It writes
-    `next_seed`, `next_episode` and `next_param` of a LayoutsView. Its launches check nothing, never wait for the host,
-    and take a mask of worlds, shape (nworld,), bool; None is all. Work on the host is done once, at the capture, unless
-    the environment has `graph=False`.
+    Pass a chooser to an environment with `layout_source=lambda compiled, n: LayoutPipeline(maker, chooser=...)`. A
+    chooser writes `next_seed`, `next_episode` and `next_param` of a LayoutsView. Its launches do not validate arguments
+    and never wait for the host. Their masks have the shape (nworld,), bool, and None selects all worlds. Host code in
+    these methods runs once, at the capture, unless the environment has `graph=False`.
 
     Attributes:
-        layouts: The layouts that it chooses for; None is those of any maker.
-        rows: Arrays with a row for each world, by name, that snapshots have in place of the chosen layouts; None has
-            the chosen ones.
+        layouts: The layouts to choose for. None allows any maker.
+        rows: Per-world arrays by name, which snapshots store instead of the chosen layouts. With None, snapshots store
+            the chosen layouts.
     """
 
     layouts: Any = None
     rows: Mapping[str, wp.array] | None = None
 
     def launch_choose(self, mask: wp.array | None) -> None:
-        """Choose the layouts that follow those which the masked worlds were just served.
+        """Choose the next layouts of the masked worlds, right after their present layouts were served.
 
-        Episodes on these have just begun: their outcomes count from the next choice on.
+        Episodes on the present layouts are just beginning, so their outcomes count from the next choice on.
         """
 
     def launch_finish(self, success: wp.array, finished: wp.array) -> None:
-        """Hear how episodes ended; see `LayoutSource.launch_finish`."""
+        """Process the outcomes of episodes. See `LayoutSource.launch_finish`."""
 
     def launch_forget(self, seeds: wp.array | None, mask: wp.array | None) -> None:
-        """Forget what was chosen for the masked worlds, since `LayoutSource.launch_reseed` chose for them."""
+        """Drop the choices for the masked worlds, because `LayoutSource.launch_reseed` replaced them."""
 
     def launch_set_params(self, columns: wp.array, values: wp.array, mask: wp.array | None) -> None:
-        """Choose layouts with these numbers of params from now on; see `LayoutSource.launch_set_params`."""
+        """Use these param values for later choices. See `LayoutSource.launch_set_params`."""
 
     def after_reset(self) -> None:
         """Host-side hook, called after the launches of every reset."""
 
 
 class LayoutPipeline(Fixed, LayoutSource):
-    """The layouts of a maker, some of them made ahead, chosen by a chooser.
+    """A source that combines a maker of layouts with prefetching and a chooser.
 
     Args:
-        maker: Makes the layouts; use it for nothing else from now on.
-        split: Split of the layouts, if the maker has none of its own; None is that of the randomizer.
-        ahead: Prefetches the layouts of the maker; None makes each as it is served.
-        chooser: Chooses which layout follows; None goes from episode to episode of one seed.
+        maker: Makes the layouts. Do not use it elsewhere from now on.
+        split: Split of the layouts, if the maker leaves it open. None takes the split of the randomizer.
+        ahead: Prefetches the layouts of the maker. None makes each layout as it is served.
+        chooser: Chooses the next layouts. None advances through the episodes of one seed.
 
     Attributes:
         layouts: The latest layouts, in the arrays of the maker.
@@ -67,7 +67,7 @@ class LayoutPipeline(Fixed, LayoutSource):
 
     Raises:
         ArgumentTypeError: A maker, a prefetch or a chooser of another type.
-        ArgumentError: A prefetch or a chooser of another maker, or another split than that of the maker.
+        ArgumentError: A prefetch or a chooser of another maker, or a split that differs from the maker's.
         FixedError: Raised on assignment to an attribute that captured graphs already use.
     """
 
@@ -116,7 +116,7 @@ class LayoutPipeline(Fixed, LayoutSource):
             self.chooser.launch_forget(seeds, mask)
 
     def launch_set_params(self, columns: wp.array, values: wp.array, mask: wp.array | None) -> None:
-        """See `LayoutSource`; what was made ahead for the masked worlds is made again."""
+        """See `LayoutSource`. Layouts prefetched with other params are made again."""
         if self.chooser is not None:
             self.chooser.launch_set_params(columns, values, mask)
         self.maker.launch_set_params(columns, values, mask)

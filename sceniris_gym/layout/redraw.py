@@ -1,8 +1,8 @@
-"""`Redraw`: new places for some objects of a scene, while all else stays where it is.
+"""`Redraw`: new places for some objects of a scene, while all other objects stay in place.
 
-Rows begin with a state: its positions, the poses of bodies that follow, as `mj_kinematics` has them, and what relations
-see of these. The poses of bodies in a state may be one step older than its positions, so they are not read. A state is
-a LayoutsView, of which seeds and episodes, starts, presence and positions are read.
+Rows begin from a state: its positions, with body poses and bounds of anchors computed from them. Body poses in the
+simulation may be one step older than its positions, so they are recomputed as in `mj_kinematics`. A state is a
+LayoutsView with seeds, episodes, starts, presence and positions. Other fields are not read.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ class RedrawCounts(NamedTuple):
 
     Attributes:
         number: Redraws of each world since its reset, shape (nworld,).
-        status: The `LayoutStatus` of its latest one, VALID or KEPT, or NONE before the first, shape (nworld,).
-        kept: Running number of those in which nothing fitted, shape (1,).
+        status: The latest `LayoutStatus` of each world, VALID or KEPT, or NONE before a redraw, shape (nworld,).
+        kept: Running number of redraws that found no place, shape (1,).
     """
 
     number: wp.array
@@ -48,13 +48,13 @@ class RedrawCounts(NamedTuple):
         return cls(*(wp.zeros(num, dtype=int, device=device) for num in (nworld, nworld, 1)))
 
 
-# Further than this [m] above the support that the scene gives it, something is held, and stands on nothing.
+# An object further than this [m] from all surfaces of its support is held or elsewhere, and has no carrying surface.
 _LIFTED = wp.constant(0.01)
 
 
 @wp.func
 def _pose_given(program: Program, adr: wp.vec3i, layouts: LayoutsView, row: int, body: int):
-    """Pose a body of a row by its joints or its mocap pose; its parent is posed. `adr` is as in `_read_state`."""
+    """Compute the pose of a row's body from the pose of its parent. `adr` is as in `_read_state`."""
     qpos = layouts.qpos[row]
     k = wp.where(adr[0] >= 0, adr[0] + 3, adr[1])
     if adr[0] >= 0:
@@ -79,9 +79,9 @@ def _pose_given(program: Program, adr: wp.vec3i, layouts: LayoutsView, row: int,
 
 @wp.func
 def _stable_of(program: Program, obj: int, quat: wp.vec4) -> int:
-    """Return the pose of an object that is nearest to an orientation."""
+    """Return the stable pose of an object that is nearest to an orientation."""
     stable = program.obj_stableadr[obj]
-    flat = mul_quat(quat_z(-heading_of(quat)), quat)  # at heading 0, as stable poses are
+    flat = mul_quat(quat_z(-heading_of(quat)), quat)  # at heading 0, like stable poses
     for v in range(stable, program.obj_stableadr[obj] + program.obj_stablenum[obj]):
         # a quaternion and its negative are the same orientation
         if wp.abs(wp.dot(program.stable_quat[v], flat)) > wp.abs(wp.dot(program.stable_quat[stable], flat)):
@@ -91,7 +91,7 @@ def _stable_of(program: Program, obj: int, quat: wp.vec4) -> int:
 
 @wp.func
 def _place_anchor(program: Program, layouts: LayoutsView, row: int, obj: int):
-    """Write the place and the bounds of an object as it is: its pivot is that of the pose which it is turned to."""
+    """Write place and bounds of an anchor in its current pose. Its pivot belongs to the nearest stable pose."""
     root = program.obj_body[obj]
     quat = layouts.body_quat[row, root]
     place = layouts.place[row, program.obj_place[obj]]
@@ -117,9 +117,9 @@ def _read_state(
     program: Program,
     mask: wp.array[bool],
     split: wp.uint32,
-    # Of bodies: addresses in qpos of a freejoint and of a ball joint, and the number of a mocap body; -1 for none
+    # For each body: address in qpos of its freejoint, of its ball joint, and its mocap id, -1 if it does not exist
     body_adr: wp.array[wp.vec3i],
-    # Elements of qpos that are not read, placed objects that redrawn ones refer to, and slots that become present:
+    # Elements of qpos to draw again, placed objects that are supports or anchors, and slots to make present:
     is_redrawn: wp.array[bool],
     anchor: wp.array[int],
     added: wp.array[int],
@@ -146,7 +146,7 @@ def _read_state(
         layouts.present[worldid, added[i]] = 1
     for i in range(layouts.qpos.shape[1]):
         layouts.qpos[worldid, i] = wp.where(is_redrawn[i], program.home_qpos[i], state.qpos[worldid, i])
-    for i in range(state.mocap_pos.shape[1]):  # layouts have an unused one where there is none
+    for i in range(state.mocap_pos.shape[1]):  # layouts have an unused mocap body in models without
         layouts.mocap_pos[worldid, i] = state.mocap_pos[worldid, i]
         layouts.mocap_quat[worldid, i] = wp.normalize(state.mocap_quat[worldid, i])
     for body in range(1, program.body_parent.shape[0]):
@@ -220,31 +220,30 @@ def _finish(
     layouts.status[worldid] = LayoutStatus.KEPT
     status_out[worldid] = LayoutStatus.KEPT
     wp.atomic_add(kept_out, 0, 1)
-    # grasps are not those of `state`, which has columns for targets that are not redrawn
+    # grasps are not copied: `state` has columns for all targets, `layouts` only for redrawn targets
     for i in range(width):
         copy_poses(state, worldid, layouts, worldid, i)
 
 
 class Redraw(StaysHere):
-    """A search for new places of some objects among everything else, which it reads from a state.
+    """Finds new places for some objects of a state, among all of its other objects.
 
-    A redraw is a pure function of scene, split, seed, episode, number of the redraw and state. Everything but the named
-    objects is an obstacle, a support if it is level, and an anchor of relations. Absent objects stay so unless they are
-    added.
+    A redraw is a pure function of scene, split, seed, episode, redraw number and state. Other objects are obstacles,
+    relation anchors, and supports if they are level. Absent objects stay absent unless `adds` is set.
 
     Args:
         compiled: The scene.
         objects: The objects, as from `chosen_objects`.
         split: "train" or "eval".
-        layouts: Layouts of the part of the scene that places these objects alone; see `part_of`.
-        work: The arrays of their search.
-        make: Launches that make them for the masked worlds, after others that fill their rows.
-        adds: Make the objects present that are not.
+        layouts: Layouts of the part of the scene that places only these objects. See `part_of`.
+        work: Arrays of the search.
+        make: Launches that make layouts for a mask of worlds. Its second argument launches the filling of their rows.
+        adds: Make absent objects of `objects` present.
 
     Attributes:
         bodies: Ids of the bodies of the objects.
-        layouts: The worlds after their latest redraw. `status` is VALID, or KEPT where nothing fitted.
-        placed: The worlds of the latest redraw in which all objects have new places, shape (nworld,), bool.
+        layouts: The worlds after their latest redraw. `status` is VALID, or KEPT if no place was found.
+        placed: Worlds whose objects got new places in the latest redraw, shape (nworld,), bool.
     """
 
     def __init__(
@@ -281,10 +280,10 @@ class Redraw(StaysHere):
         """Redraw the objects in the masked worlds.
 
         Args:
-            state: The worlds; see the module.
-            mask: Which worlds, shape (nworld,), bool.
-            counts: This redraw is added to them.
-            origins: Origins of the worlds [m], shape (nworld,), vec3, which the state has and layouts do not.
+            state: State of the worlds, as the module describes it.
+            mask: Selected worlds, shape (nworld,), bool.
+            counts: Counts to increase.
+            origins: Origins of the worlds [m], shape (nworld,), vec3. Subtracted from positions of `state`.
         """
         view, device, nworld = self.layouts.view, self._device, self.layouts.nworld
         read = [self._program, mask, self._split, *self._given, counts.number, origins, state]

@@ -1,10 +1,10 @@
 """Compiled scenes on disk, so that a scene is compiled once and not at every start.
 
-A file holds the arrays of one compiled scene in NumPy's format, without pickles, so that nothing in it is executed. Its
-name is a hash of all that the arrays depend on: the model, the words of the scene file, this package's own source, the
-versions of the libraries that compute them, and the kind of device. It is written beside its place and renamed, so that
-no process sees half of one. A file that cannot be read or written is as good as missing, and so is one that belongs to
-another user or that others may write: its numbers become indices in kernels, which nothing checks again.
+A file holds the arrays of one compiled scene in NumPy's format, without pickles, so that reading it cannot execute
+code. Its name is a hash of all inputs: the model, the words of the scene file, the source of this package, the versions
+of the numerical libraries, and the kind of device. It is written under a temporary name and renamed, so that other
+processes never see a partial file. Unreadable and unwritable files are ignored. So are files that belong to another
+user or that others may write, because their numbers become indices in kernels without further checks.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ _HOME = ("home_qpos", "home_xpos", "home_xquat")
 _COUNTS = ("sides", "pieces")
 _STRUCTS: dict[str, Any] = {"program": Program, "statics": Statics, "starts": Starts, "bank": Bank}
 _GRIPPERS, _TARGETS = TypeAdapter(dict[str, Gripper]), TypeAdapter(tuple[ReachTarget, ...])
-# The field with ids of device meshes, which are made anew from their triangles.
+# The field with ids of device meshes. Ids are not stored: meshes are built again from their triangles.
 _MESHES = "collider_mesh"
 
 
@@ -67,7 +67,7 @@ def to_arrays(compiled: CompiledScene) -> dict[str, np.ndarray]:
 
 
 def from_arrays(scene: SceneModel, device: str, arrays: Mapping[str, np.ndarray]) -> CompiledScene:
-    """Return the compiled scene that `to_arrays` was given.
+    """Rebuild a compiled scene from the result of `to_arrays`.
 
     Args:
         scene: The same model.
@@ -75,7 +75,7 @@ def from_arrays(scene: SceneModel, device: str, arrays: Mapping[str, np.ndarray]
         arrays: The result of `to_arrays`.
 
     Raises:
-        KeyError, TypeError, ValueError, RuntimeError: Something is missing, or of another kind.
+        KeyError, TypeError, ValueError, RuntimeError: An array is missing or has another type.
     """
     words = json.loads(str(arrays["words"]))
     parts: dict[str, Any] = dict.fromkeys(_STRUCTS)
@@ -100,7 +100,7 @@ def from_arrays(scene: SceneModel, device: str, arrays: Mapping[str, np.ndarray]
 
 
 def _reaching(scene: SceneModel, device: str, arrays: Mapping[str, np.ndarray], words: dict) -> Reaching:
-    """Return the arms and reach targets that `to_arrays` was given."""
+    """Rebuild the arms and reach targets."""
     arms = []
     for name, gripper in _GRIPPERS.validate_python(words["grippers"]).items():
         arm = robot_arm(scene, name)
@@ -112,7 +112,7 @@ def _reaching(scene: SceneModel, device: str, arrays: Mapping[str, np.ndarray], 
 
 
 def _fields(declared: Any, instance: Any) -> dict[str, np.ndarray]:
-    """Return the arrays and numbers of a device struct by name, without the structs in it."""
+    """Return the arrays and numbers of a device struct by name, without nested structs."""
     names = [name for name, variable in declared.vars.items() if not _is_struct(variable.type)]
     values = {name: getattr(instance, name) for name in names}
     found = {name: value.numpy() if isinstance(value, wp.array) else np.array(value) for name, value in values.items()}
@@ -120,7 +120,7 @@ def _fields(declared: Any, instance: Any) -> dict[str, np.ndarray]:
 
 
 def _fill(declared: Any, instance: Any, arrays: Mapping[str, np.ndarray], prefix: str, device: str) -> None:
-    """Set the fields that `_fields` returned."""
+    """Set the fields of a device struct from arrays that `_fields` returned."""
     for name, variable in declared.vars.items():
         if wp.types.is_array(variable.type):
             fill_struct(declared, instance, {name: arrays[prefix + name]}, device)
@@ -135,24 +135,24 @@ def _is_struct(kind: Any) -> bool:
 
 
 VARIABLE = "SCENIRIS_GYM_CACHE"
-"""The environment variable that names another folder, or is OFF."""
+"""The environment variable with another cache folder, or OFF."""
 OFF = "off"
 MOST_BYTES = 256 << 20
-"""The files that were not used for longest are removed as soon as all together take more than this."""
+"""Maximum size of the cache. Beyond it, the least recently used files are removed."""
 UNREADABLE = (*stored_arrays.UNREADABLE, AttributeError)
 """Errors that reading a damaged or foreign file may raise."""
 
 _SUFFIX = ".npz"
-# A temporary file of this age [s] was left by a process that ended while it wrote.
+# A temporary file of this age [s] belongs to a process that ended while writing.
 _LEFT = 3600.0
 _COMPUTE = ("mujoco", "warp-lang", "numpy", "scipy", "shapely", "trimesh")
 
 
 def cache_folder() -> Path | None:
-    """Return the folder of compiled scenes: $SCENIRIS_GYM_CACHE/scenes, else `scenes` in the user's cache folder.
+    """Return the folder of compiled scenes: $SCENIRIS_GYM_CACHE/scenes, or by default in the user's cache folder.
 
-    The latter is $XDG_CACHE_HOME/sceniris_gym or ~/.cache/sceniris_gym. None if the variable is "off", or there is no
-    home.
+    The default is `scenes` in $XDG_CACHE_HOME/sceniris_gym or ~/.cache/sceniris_gym. The result is None if the variable
+    is "off", or if the user has no home.
     """
     named = os.environ.get(VARIABLE, "")
     if named.lower() == OFF:
@@ -166,7 +166,7 @@ def cache_folder() -> Path | None:
 
 
 def scene_key(scene: SceneModel, device: str) -> str:
-    """Return the name of a scene in the cache: 32 hexadecimal digits, different for whatever compiles differently."""
+    """Return the key of a scene in the cache, 32 hexadecimal digits. Scenes that compile differently differ in it."""
     model = np.empty(mujoco.mj_sizeModel(scene.mjm), np.uint8)
     mujoco.mj_saveModel(scene.mjm, None, model)
     config, on = scene.config, wp.get_device(device)
@@ -187,13 +187,13 @@ def scene_key(scene: SceneModel, device: str) -> str:
 
 
 def load_arrays(key: str) -> dict[str, np.ndarray] | None:
-    """Return the arrays that were stored under a key; None if there are none that can be read."""
+    """Return the arrays stored under a key, or None if they are missing or unreadable."""
     folder = cache_folder()
     if folder is None:
         return None
     path = folder / f"{key}{_SUFFIX}"
     with contextlib.suppress(*UNREADABLE):
-        os.utime(path)  # for `_remove_oldest`
+        os.utime(path)  # marks the file as used, for `_remove_oldest`
         return stored_arrays.read_arrays(path, own=True)
     return None
 
@@ -206,12 +206,12 @@ def store_arrays(key: str, arrays: Mapping[str, np.ndarray]) -> None:
     with contextlib.suppress(OSError):
         with replacing(folder / f"{key}{_SUFFIX}") as path, path.open("wb") as file:
             np.savez(file, allow_pickle=False, **arrays)
-            path.chmod(0o600)  # others may have the user's umask let them write
+            path.chmod(0o600)  # the umask may let other users write, and such files are ignored
         _remove_oldest(folder)
 
 
 def _remove_oldest(folder: Path) -> None:
-    """Remove files beyond `MOST_BYTES`, and temporary files that nobody writes to any more."""
+    """Remove the least recently used files beyond `MOST_BYTES`, and abandoned temporary files."""
     for path in folder.glob(".*.tmp"):
         if time.time() - path.stat().st_mtime > _LEFT:
             path.unlink(missing_ok=True)
@@ -225,7 +225,7 @@ def _remove_oldest(folder: Path) -> None:
 
 @cache
 def _processor() -> str:
-    """Return the instructions that the processor has: compiled kernels use them, and round accordingly."""
+    """Return the instruction sets of the processor, because the rounding of compiled kernels depends on them."""
     lines: list[str] = []
     with contextlib.suppress(OSError), Path("/proc/cpuinfo").open() as info:
         lines = [line for line in info.read(1 << 14).splitlines() if line.startswith(("flags", "Features"))]
@@ -234,7 +234,7 @@ def _processor() -> str:
 
 @cache
 def _sources() -> str:
-    """Return a hash of this package's Python files, as a checkout keeps its version, and of the libraries' versions."""
+    """Return a hash of the libraries' versions and of this package's sources, which can change without its version."""
     digest = hashlib.sha256(repr([metadata.version(name) for name in _COMPUTE]).encode())
     root = Path(__file__).parents[1]
     for path in sorted(root.rglob("*.py")):

@@ -1,4 +1,4 @@
-"""`Param`, and the params of a scene: the parts of its file that can be narrowed while it is used."""
+"""`Param`, and the params of a scene: the parts of its file that can be narrowed at run time."""
 
 from __future__ import annotations
 
@@ -19,24 +19,24 @@ from sceniris_gym.program.device import OWN_A, OWN_B, ObjectKind
 from sceniris_gym.scene.draws import FieldDraw
 
 STARTS = "start.weights"
-"""The param of the weights of the kinds of starts."""
-# Share of a limit by which rounding may go beyond it: to six digits, as messages have it, or to single precision.
+"""Name of the param for the weights of the kinds of starts."""
+# Relative tolerance of limits, for values rounded to six digits, as in messages, or to single precision.
 _ROUNDING = 5.0e-6
 
 
 @dataclass(frozen=True)
 class Param:
-    """A number or a few of a scene file that may change.
+    """A value in a scene file that can be narrowed, of one or several numbers.
 
     Attributes:
         name: The key in the scene file, such as "groups.clutter.count".
-        default: Its numbers as the scene file has them, float32: least ones, then greatest ones; or weights.
+        default: Numbers of the scene file, float32: all low ends, then all high ends. Or weights, or a clearance.
         form: "interval" [low, high], "count" (an interval of integers), "box" (its low and its high corner), "weights",
             or "clearance" (a least distance).
         least: The number of weights that should be above 0.
-        places: Where it is held: the name of an array, the element of a row, and which of its numbers.
-        written: The ends as they are in the scene file, where these may reach beyond `default`: over the edge of a
-            support or the limit of a joint. Empty where `default` has them.
+        places: Copies of the numbers in arrays: name of the array, element in its row, index of the number.
+        written: The ends in the scene file, if they may reach beyond `default`: over the edge of a support or the limit
+            of a joint. Otherwise empty.
     """
 
     name: str
@@ -47,7 +47,7 @@ class Param:
     written: tuple[float, ...] = ()
 
     def _limits(self, numbers: np.ndarray) -> np.ndarray:
-        """Return the least and the greatest value of each number where a scene file has these, shape (2, n)."""
+        """Return the least and the greatest allowed value of each number, given the scene file's, shape (2, n)."""
         if self.half:
             return np.tile(numbers.reshape(2, -1), 2)
         bound = BOUNDS["weight" if self.form == "weights" else "clearance"]
@@ -56,23 +56,23 @@ class Param:
 
     @property
     def half(self) -> int:
-        """The number of its low ends, which as many high ends follow; 0 if it is no interval."""
+        """The number of low ends, which equals the number of high ends. 0 for weights and clearances."""
         return 0 if self.form in ("weights", "clearance") else len(self.default) // 2
 
     def checked(self, value: Any, nworld: int) -> np.ndarray:
-        """Return a value for all worlds, or one for each, as float32 of shape (1 or nworld, number of numbers).
+        """Check a value for all worlds, or one value per world. Return float32, shape (1 or nworld, len(default)).
 
-        Numbers that the scene file has, but the model or single precision does not, become the nearest possible ones.
+        Numbers within the scene file's limits, but beyond the model's limits or single precision, are clipped.
 
         Raises:
-            ArgumentError: Anything else, or beyond what the scene file says.
+            ArgumentError: Wrong shape, not numbers, or beyond the limits of the scene file.
         """
         width, half, given = len(self.default), self.half, as_numbers(value)
         if given.ndim == 0 and self.form == "count":
             given = given.repeat(2)  # as in "count: 2"
         if given.size != width and (given.size != nworld * width or len(given) != nworld):
             each = {"interval": "[low, high]", "count": "[low, high]", "clearance": "a number"}
-            wanted = f"{each.get(self.form, f'{width} numbers')}, or such for each of {nworld} worlds"
+            wanted = f"{each.get(self.form, f'{width} numbers')}, or one such value for each of {nworld} worlds"
             raise ArgumentError(f"{self.name} should be {wanted}, got {short(value)}.")
         rows, written = given.reshape(-1, width), np.array(self.written or self.default, float)
         least, most = limits = self._limits(written)
@@ -95,13 +95,13 @@ class Param:
 
 
 def scene_params(compiled: CompiledScene) -> dict[str, Param | str]:
-    """Return all params of a scene by name, and the reason for each part of a like kind that cannot be one."""
+    """Return all params of a scene by name. Similar parts of the file that cannot be a param map to the reason."""
     finders = (_joints, _groups, _starts, _distances, _regions, _randomize, _clearances)
     return {name: found for find in finders for name, found in find(compiled)}
 
 
 def _joints(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:
-    """Yield the intervals that joints are drawn from."""
+    """Yield the intervals of drawn joints."""
     scene, program = compiled.scene, compiled.program
     first, choices = program.obj_drawadr.numpy(), program.draw_choicenum.numpy()
     ranges = program.draw_range.numpy()[0]
@@ -119,7 +119,7 @@ def _joints(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:
 
 
 def _groups(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:
-    """Yield the counts of groups, and the weights of their members or of the variants of an object."""
+    """Yield the counts of groups, and the weights of group members and of variants."""
     for g, (group, words) in enumerate(compiled.config.groups.items()):
         key = f"objects.{group}" if group in compiled.config.variants else f"groups.{group}"
         if key.startswith("groups"):
@@ -128,12 +128,12 @@ def _groups(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:
             yield name, Param(name, np.array(words.count, np.float32), "count", places=places)
         adr = int(compiled.program.group.numpy()[0, g, 0])
         weights = np.array([words.weights.get(member, 1.0) for member in words.of], np.float32)
-        both = range(2 * len(words.of))  # those of both splits, one member after the other
+        both = range(2 * len(words.of))  # for each member, the weights in both splits
         places = tuple(("group_weight", 2 * adr + i, i // 2) for i in both)
         if words.is_uniform:
             places += (("group_uniform", g, 0),)
         if words.splits:
-            yield f"{key}.weights", "its members have 'splits', each with weights of its own."
+            yield f"{key}.weights", "its members have 'splits', and each split has separate weights."
         else:
             yield f"{key}.weights", Param(f"{key}.weights", weights, "weights", words.count[1], places)
 
@@ -173,7 +173,7 @@ def _regions(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:
         if part is None or not part.is_placed:
             continue
         if cuts[i] > 0 or heaps[i] >= 0 or (part.region is not None and part.region.points is not None):
-            yield name, "it is drawn from points, a heap, or what relations or a leaning support leave of its region."
+            yield name, "it is drawn from points, from a heap, or from a region cut by relations or a leaning support."
         elif part.support is None:
             ends = ("obj_box_lower", "obj_box_upper")
             box = np.concatenate([getattr(program, end).numpy()[0, i] for end in ends])
@@ -197,17 +197,17 @@ def draw_key(compiled: CompiledScene, draw: FieldDraw) -> str:
 
 
 def _randomize(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:
-    """Yield the intervals of what resets draw of physics and looks."""
+    """Yield the intervals of drawn physics and looks."""
     for draw in compiled.scene.sim.draws:
         name = draw_key(compiled, draw)
         if draw.config.choice is not None or draw.config.distribution == "normal":
-            yield name, "it has a 'choice', or a 'normal' distribution. Give the ends of a 'uniform' one."
+            yield name, "it has a 'choice' or a 'normal' distribution. Use the ends of a 'uniform' distribution."
         else:
             yield name, Param(name, np.array(draw.config.ends, np.float32).ravel())
 
 
 def _clearances(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:
-    """Yield the clearances of objects and robots, which pairs of what is placed keep, with whatever is there before."""
+    """Yield the clearances of objects and robots, with the pairs that keep them."""
     program, config, owners = compiled.program, compiled.config, compiled.scene.owners
     bodies, kinds = program.pair_bodies.numpy().tolist(), program.obj_kind.numpy()
     first, number = program.obj_pairadr.numpy(), program.obj_pairnum.numpy()
@@ -215,10 +215,10 @@ def _clearances(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:
     for i, owner in enumerate(compiled.placed):
         for pair in range(first[i], first[i] + number[i]):
             a, b, own, _ = bodies[pair]
-            if kinds[i] != ObjectKind.STATIC and own in (OWN_A, OWN_B):  # not of its own parts alone
+            if kinds[i] != ObjectKind.STATIC and own in (OWN_A, OWN_B):  # not two parts of the same object
                 for other in {owner, owners.get(b if own == OWN_A else a, owner)}:
                     places[other].append(("pair_margin", pair, 0))
     for owner, part in (*config.objects.items(), *config.all_robots.items()):
         name, least = f"{config.key(owner)}.clearance", np.array([part.clearance], np.float32)
         known = Param(name, least, "clearance", places=tuple(places[owner]))
-        yield name, known if known.places else "nothing is placed that it keeps off."
+        yield name, known if known.places else "no placed object is tested against it."

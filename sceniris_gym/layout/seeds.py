@@ -1,6 +1,6 @@
-"""Seeds and episodes of worlds: checked once as users pass them, then asked for, opened and closed on the device.
+"""Seeds and episodes of worlds: checked once on the host, then selected, opened and closed on the device.
 
-A key is seed and episode of a layout. It is opened before the layout is made, and closed when the layout is served.
+A key is the seed and episode of a layout. It is opened before the layout is made, and closed when the layout is served.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def _reseed(
     layouts.next_episode[worldid] = 0
     if episodes:
         layouts.next_episode[worldid] = episodes[worldid]
-    if layouts.episode[worldid] < 0:  # there is no layout that has another seed
+    if layouts.episode[worldid] < 0:  # the world has no layout yet, so its seed can change at once
         layouts.seed[worldid] = layouts.next_seed[worldid]
 
 
@@ -46,9 +46,9 @@ def launch_reseed(
 
     Args:
         layouts: The layouts, on the device like all other arrays.
-        seeds: Seeds, shape (nworld,), uint64; None keeps those of the present layouts.
-        mask: Which worlds, shape (nworld,), bool; all if None.
-        episodes: Episodes, shape (nworld,), int32; None is episode 0.
+        seeds: Seeds, shape (nworld,), uint64. None keeps the seeds of the present layouts.
+        mask: Selected worlds, shape (nworld,), bool. None selects all.
+        episodes: Episodes, shape (nworld,), int32. None is episode 0.
     """
     nworld, device = layouts.seed.shape[0], layouts.seed.device
     wp.launch(_reseed, dim=nworld, inputs=[seeds, episodes, mask], outputs=[layouts], device=device)
@@ -68,7 +68,7 @@ def _open(
 
 
 def launch_open(layouts: LayoutsView, mask: wp.array | None) -> None:
-    """Write which layouts the masked worlds get next; the columns that name the present ones do not change."""
+    """Open the keys of the next layouts of the masked worlds. The keys of present layouts do not change."""
     wp.launch(_open, layouts.seed.shape[0], inputs=[mask], outputs=[layouts], device=layouts.seed.device)
 
 
@@ -97,16 +97,16 @@ def _close(
 
 
 def launch_close(layouts: LayoutsView, mask: wp.array | None, block_dim: int = 256) -> None:
-    """Advance the masked worlds to the keys that were opened, all at once, and add up their rejections."""
+    """Advance the masked worlds to their opened keys, and add up their rejections."""
     dim = layouts.seed.shape[0], layouts.rejections.shape[0]
     wp.launch(_close, dim, inputs=[mask], outputs=[layouts], device=layouts.seed.device, block_dim=block_dim)
 
 
 def as_seeds(seed: int | Sequence[int] | np.ndarray, nworld: int) -> np.ndarray:
-    """Return a seed for each world, shape (nworld,), uint64: seed + i (modulo 2^64) for an integer, else as given.
+    """Return a seed for each world, shape (nworld,), uint64. An integer gives world i the seed + i modulo 2^64.
 
     Raises:
-        ArgumentError: A seed that is no integer from 0 to 2^64 - 1, or a wrong number of them.
+        ArgumentError: A seed that is no integer from 0 to 2^64 - 1, or a wrong number of seeds.
     """
     if isinstance(seed, int | np.integer | np.bool_):
         if not _is_seed(seed):
@@ -118,7 +118,7 @@ def as_seeds(seed: int | Sequence[int] | np.ndarray, nworld: int) -> np.ndarray:
     if not many or len(seed) != nworld:
         given = f"{len(seed)} of them, " if many else ""
         raise ArgumentError(
-            f"seeds should be one integer, or a sequence of {nworld}, one per world; got {given}{type(seed).__name__}."
+            f"seeds should be one integer, or a sequence of {nworld}, one per world, got {given}{type(seed).__name__}."
         )
     if isinstance(seed, np.ndarray) and (seed.dtype.kind == "u" or (seed.dtype.kind == "i" and (seed >= 0).all())):
         return seed.astype(np.uint64)

@@ -1,4 +1,4 @@
-"""`LayoutSource`: the base class of everything that a randomizer can get its layouts from."""
+"""`LayoutSource`: the base class of the layout sources of a randomizer."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from sceniris_gym.layout.seeds import launch_close, launch_open, launch_reseed
 
 
 class LayoutSource(StaysHere):
-    """A source of layouts for a batch of worlds: fresh ones (`LayoutGenerator`) or stored ones (`StoredLayouts`).
+    """A source of layouts for a batch of worlds, fresh (`LayoutGenerator`) or stored (`StoredLayouts`).
 
-    A source of your own sets `layouts` and implements `launch_make`; the other methods have defaults.
+    Subclasses set `layouts` and implement `launch_make`. All other methods have defaults.
 
-    The `launch_` methods run on the device alone, without allocation or host synchronisation, so that a captured graph
-    can contain them. They check nothing.
+    The `launch_` methods only launch kernels, without allocation or host synchronisation, so that a captured graph can
+    contain them. They do not validate arguments.
 
     Attributes:
         layouts: The latest layout of each world, always in the same arrays.
-        split: Split of the layouts, "train" or "eval"; None is that of the randomizer that serves them.
-        hears: Whether `launch_finish` does anything, and is called.
-        rows: Arrays of a chooser that snapshots have rows of; see `Chooser`.
+        split: Split of the layouts, "train" or "eval". None takes the split of the randomizer.
+        hears: Whether the source uses `launch_finish`. Otherwise resets do not call it.
+        rows: Per-world arrays of a chooser, as `Chooser.rows`. Snapshots store rows of them.
         chooser: The chooser of a LayoutPipeline.
     """
 
@@ -42,89 +42,89 @@ class LayoutSource(StaysHere):
     chooser: Any = None
 
     def launch_make(self, mask: wp.array | None) -> None:
-        """Write the rows of `layouts.view` that the masked worlds get next.
+        """Write the next layouts of the masked worlds into the rows of `layouts.view`.
 
-        World i gets the layout of `pending_seed[i]`, `pending_episode[i]` and `next_param[i]`. Seed, episode and params
-        of the row are written afterwards.
+        World i gets the layout of `pending_seed[i]`, `pending_episode[i]` and `next_param[i]`. The caller then writes
+        seed, episode and params of the row.
 
         Args:
-            mask: Which worlds, shape (nworld,), bool; all if None.
+            mask: Selected worlds, shape (nworld,), bool. None selects all.
         """
-        raise ArgumentTypeError(f"{type(self).__name__}: should have a method `launch_make(mask)` of its own.")
+        raise ArgumentTypeError(f"{type(self).__name__}: should implement the method `launch_make(mask)`.")
 
     def launch_generate(self, mask: wp.array | None) -> None:
         """Advance the masked worlds by one episode and write their new layouts into `layouts`.
 
         Args:
-            mask: Which worlds, shape (nworld,), bool; all if None.
+            mask: Selected worlds, shape (nworld,), bool. None selects all.
         """
         launch_open(self.layouts.view, mask)
         self.launch_make(mask)
         launch_close(self.layouts.view, mask)
 
     def twin(self) -> LayoutSource:
-        """Return another source that makes the same layouts in memory of its own, which prefetching needs.
+        """Return a second source of the same layouts with separate memory, for prefetching.
 
         Raises:
-            ArgumentTypeError: There is none: the default.
+            ArgumentTypeError: The class does not support prefetching, which is the default.
         """
         raise ArgumentTypeError(
-            f"{type(self).__name__}: cannot prefetch, since a second one would have to make the same layouts. Use it "
-            "without prefetching, or give the class a method `twin` that returns one."
+            f"{type(self).__name__}: cannot prefetch, since a second source would have to make the same layouts. Use "
+            "it without prefetching, or give the class a method `twin` that returns a second source."
         )
 
     def launch_reseed(self, seeds: wp.array | None, mask: wp.array | None, episodes: wp.array | None = None) -> None:
-        """Choose the next layouts of the masked worlds; their present ones keep their seeds and episodes.
+        """Choose the next layouts of the masked worlds. Present layouts keep their seeds and episodes.
 
-        Levels choose those of worlds whose episodes end through `layouts` itself.
+        Level replay does not call this when episodes end: it writes its choices directly into `layouts`.
 
         Args:
-            seeds: Seeds on the device, shape (nworld,), uint64; None keeps those of the present layouts.
-            mask: Which worlds, shape (nworld,), bool; all if None.
-            episodes: Episodes on the device, shape (nworld,), int32; None is episode 0.
+            seeds: Seeds on the device, shape (nworld,), uint64. None keeps the seeds of the present layouts.
+            mask: Selected worlds, shape (nworld,), bool. None selects all.
+            episodes: Episodes on the device, shape (nworld,), int32. None is episode 0.
         """
         launch_reseed(self.layouts.view, seeds, mask, episodes)
 
     def launch_set_params(self, columns: wp.array, values: wp.array, mask: wp.array | None) -> None:
-        """Write numbers of params, with which the next layouts of the masked worlds are made.
+        """Set param values for the next layouts of the masked worlds.
 
         Args:
-            columns: Their columns, shape (n,), int32.
-            values: Numbers, shape (1 or nworld, n), float32.
-            mask: Which worlds, shape (nworld,), bool; all if None.
+            columns: Columns of the params, shape (n,), int32.
+            values: Their numbers, shape (1 or nworld, n), float32.
+            mask: Selected worlds, shape (nworld,), bool. None selects all.
         """
         launch_set(self.layouts.view.next_param, columns, values, mask)
 
     def launch_finish(self, success: wp.array, finished: wp.array) -> None:
-        """Hear how episodes ended, before the reset that follows; a source that hears sets `hears`.
+        """Process the outcomes of episodes, before their worlds are reset. Sources that override this set `hears`.
 
         Args:
-            success: 1 for worlds that succeeded, else 0, shape (nworld,), float32.
+            success: 1 for worlds that succeeded, 0 for the others, shape (nworld,), float32.
             finished: Worlds whose episode ended, shape (nworld,), bool.
         """
 
     def after_reset(self) -> None:
-        """Do what follows a reset; called on the host behind the launches of every reset, captured or not."""
+        """Host-side hook, called after the launches of every reset, including captured resets."""
 
     def served(self, split: str, keys: LayoutKeys) -> tuple[str, LayoutKeys]:
-        """Return the split and the keys of the layouts that are served to worlds with these keys."""
+        """Return the split and the keys of the layouts that worlds with these keys get."""
         return split, keys
 
     def ids(self, split: str, keys: LayoutKeys | None = None) -> list[str]:
-        """Return the ids of the present layouts, or of those served for other seeds and episodes; see `Layouts.ids`."""
+        """Return the ids of the present layouts, or of the layouts served for other `keys`. See `Layouts.ids`."""
         own = self.layouts
         return own.ids(*self.served(split, keys or (own.seed.numpy(), own.episode.numpy(), own.param.numpy())))
 
     def rejection_counts(self) -> dict[str, dict[str, int]]:
-        """Return how many candidates were rejected for the layouts so far, by object and cause. Waits for the device.
+        """Return the number of rejected candidates so far, by object and cause. Waits for the device.
 
-        The default is for a source that rejects none.
+        The default suits sources that do not search, and returns an empty mapping.
         """
         return {}
 
     @cached_property
     def _generate_graph(self) -> tuple[LaunchSequence, wp.array]:
-        """The launches of `generate`, and the mask that they read."""
+        """The launches of `generate`, and the mask of their worlds."""
         mask = wp.zeros(self.layouts.nworld, dtype=wp.bool, device=self.layouts.seed.device)
         return LaunchSequence(lambda: self.launch_generate(mask), mask.device), mask
 
@@ -132,13 +132,14 @@ class LayoutSource(StaysHere):
     def generate(self, worlds: Any = None) -> None:
         """Advance worlds by one episode and write their new layouts into `layouts`.
 
-        The launches are captured into a graph at the first call, or part of a capture of the caller's.
+        The first call captures the launches into a graph. During a capture of the caller, they join that capture.
 
         Args:
-            worlds: None for all worlds; booleans, shape (nworld,); ids of worlds; or a slice.
+            worlds: None for all worlds, booleans of shape (nworld,), ids of worlds, or a slice.
 
         Raises:
-            ArgumentError, ArgumentTypeError: Worlds that do not exist, or neither booleans nor integers.
+            ArgumentError, ArgumentTypeError: `worlds` has a world that does not exist, or other values than booleans
+                and integers.
         """
         graph, own = self._generate_graph
         fill_mask(self._mask_of(worlds, own), own)
@@ -147,25 +148,25 @@ class LayoutSource(StaysHere):
 
     @launching
     def reseed(self, worlds: Any = None, *, seed: Any = None, layouts: Any = None) -> None:
-        """Choose the next layouts of worlds, which go on from there.
+        """Choose the next layouts of worlds. Later episodes continue from there.
 
-        The present layouts keep their seeds and episodes until the next ones are served.
+        The present layouts keep their seeds and episodes until the next layouts are served.
 
         Args:
             worlds: As in `generate`.
             seed: World i gets seed + i and starts at episode 0. Or a 64-bit seed for each chosen world in order, or for
-                each world; a uint64 Warp array on the device, shape (nworld,), is not copied to the host.
-            layouts: A layout id, or one for each world (None keeps its next layout), or a mapping {"seed": ...,
-                "episode": ...}, perhaps with "params".
+                each world. A uint64 Warp array on the device, shape (nworld,), is not copied to the host.
+            layouts: A layout id, a sequence of ids (None keeps a world's next layout), or a mapping {"seed": ...,
+                "episode": ...} with optional "params".
 
         Raises:
-            ArgumentError: Neither `seed` nor `layouts`, or both; or values that no layout has.
+            ArgumentError: Not exactly one of `seed` and `layouts`, or values that no layout has.
             SceneMismatchError: An id of another scene or split.
             UnknownNameError: A param that the worlds do not have.
             ArgumentError, ArgumentTypeError: As in `generate`.
         """
         if (seed is None) == (layouts is None):
-            raise ArgumentError("reseed should have seed or layouts, and not both.")
+            raise ArgumentError("reseed: pass seed or layouts, and not both.")
         nworld, device, mask = self.layouts.nworld, self.layouts.seed.device, self._mask_of(worlds)
         if layouts is None:
             self.launch_reseed(seeds_on_device(seed, nworld, device, worlds), mask)
@@ -181,28 +182,28 @@ class LayoutSource(StaysHere):
         self._set_params(columns, rows, mask)
 
     def chosen(self, layouts: Any, worlds: Any = None, name: str = "layouts") -> ChosenLayouts:
-        """Return the layouts that a user chose for some worlds; see `as_layouts`."""
+        """Return the layouts that a user chose for some worlds. See `as_layouts`."""
         return as_layouts(layouts, self.layouts, self.split or "train", self.served, worlds, name)
 
     @launching
     def set_params(self, values: Mapping[str, Any], worlds: Any = None) -> None:
-        """Change params of worlds, for their next layouts and all after them.
+        """Set params of worlds, from their next layouts on.
 
         Args:
-            values: By the names of params the value that the scene file could have in their place, such as [1, 3] for
-                "groups.clutter.count"; or such a value for each world. Joint positions are in m or rad.
+            values: Values by name of the param, each as the scene file would have it, such as [1, 3] for
+                "groups.clutter.count". Or one such value per world. Joint positions are in m or rad.
             worlds: As in `generate`.
 
         Raises:
             UnknownNameError: The worlds were not made with such a param.
-            ArgumentError: A value that does not lie within that of the scene file, or stored layouts.
+            ArgumentError: A value beyond the limits of the scene file, or a source of stored layouts.
             ArgumentError, ArgumentTypeError: As in `generate`.
         """
         columns, rows = self.layouts.params.part(values, self.layouts.nworld)
         self._set_params(self._changeable(columns), rows, self._mask_of(worlds))
 
     def _changeable(self, columns: np.ndarray) -> np.ndarray:
-        """Return columns of params, unless there are some and the layouts keep theirs."""
+        """Return columns of params. Raise if there are any and the layouts keep their params."""
         if len(columns) and self.layouts.params.are_kept:
             raise ArgumentError(
                 "set_params: stored layouts keep the params they were made with. Use a LayoutGenerator."

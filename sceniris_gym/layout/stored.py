@@ -28,13 +28,13 @@ from sceniris_gym.scene.layout_table import LayoutTable
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-# Largest difference of a squared length of a quaternion from 1.
+# Tolerance of the squared norm of a quaternion around 1.
 _UNIT = 1.0e-4
-# What a joint may be beyond its limits [m or rad], as limits are soft.
+# Tolerance of joint limits [m or rad], because limits are soft.
 _BEYOND = 0.1
 INTEGERS = ("present", "start", "grasp", "status", "episode", "draw_episode", "draw_stream")
-"""Columns of layouts whose numbers have bounds."""
-# Kinds of NumPy types that columns may have; others are any numbers.
+"""Integer columns of layouts with bounded values."""
+# Allowed kinds of NumPy types by column. Other columns may have any numbers.
 _KINDS: dict[str, str] = dict.fromkeys((*INTEGERS, "seed", "draw_seed"), "biu")
 _MOST = (1 << 31) - 1
 
@@ -65,25 +65,25 @@ def _make(
 class StoredLayouts(LayoutSource):
     """A source of stored layouts: row `((seed + stride * episode) mod 2^64) mod nrow` of a table.
 
-    Physics and looks of a layout are drawn as they were when it was made. Numbers that a task draws are those of the
-    world's own seed and episode.
+    Physics and looks are drawn with the key of the stored layout. Random numbers of a task depend on the world's seed
+    and episode.
 
     Args:
-        compiled: The scene that the layouts are of.
-        table: The layouts. A table of states alone (`LayoutTable.from_states`) has no grasps, and worlds keep the
-            physics that they have.
+        compiled: The scene of the layouts.
+        table: The layouts. A table with only states (`LayoutTable.from_states`) has no grasps, and worlds keep their
+            present physics.
         nworld: Number of worlds.
-        seed: Seed of world 0, world i gets seed + i; or one 64-bit seed per world.
+        seed: Seed of world 0, where world i gets seed + i. Or one 64-bit seed per world.
         stride: Rows that a world advances in every episode. With 1, worlds with consecutive seeds see the same rows one
-            after another; with nworld - 1 they go through a table that has more rows than there are worlds.
+            after another. Use nworld - 1 to go through a table with more rows than worlds.
 
     Attributes:
         layouts: The latest row of each world, with status VALID once a world has one.
 
     Raises:
         ArgumentTypeError: `compiled` is no CompiledScene, or `table` no LayoutTable.
-        ArgumentError: A number of worlds or a stride that is no integer, or out of range. Seeds that are not 64-bit
-            integers, or not one per world.
+        ArgumentError: `nworld` or `stride` is not an integer or out of range. Seeds that are not 64-bit integers, or
+            another number of seeds than worlds.
         SceneMismatchError: A table without rows, of another scene, or with rows that no layout of the scene has.
     """
 
@@ -108,13 +108,13 @@ class StoredLayouts(LayoutSource):
         self.reseed(seed=seed)
 
     def launch_make(self, mask: wp.array | None) -> None:
-        """Copy the next row of the masked worlds; see `LayoutSource`."""
+        """Copy the next rows of the masked worlds. See `LayoutSource`."""
         out, inputs = self.layouts.view, [self._stored, mask, self._stride]
         dim = self.layouts.nworld, max(layout_width(out), out.param.shape[1])
         wp.launch(_make, dim=dim, inputs=inputs, outputs=[out], device=self.device)
 
     def served(self, split: str, keys: LayoutKeys) -> tuple[str, LayoutKeys]:
-        """See `LayoutSource`: the keys of the rows, whatever the worlds' own seeds and episodes are."""
+        """Return the split and keys of the rows that worlds with these keys get."""
         seed, episode, _ = keys
         rank = seed.astype(np.uint64) + episode.astype(np.uint64) * np.uint64(self._stride)
         row = (rank % np.uint64(len(self._table))).astype(np.int64)
@@ -123,24 +123,24 @@ class StoredLayouts(LayoutSource):
 
 
 def check_table(compiled: CompiledScene, table: LayoutTable, where: str) -> None:
-    """Refuse another scene, split or params, columns of another size, which kernels trust, and rows that no layout has.
+    """Validate a table of stored layouts, because kernels trust its shapes and indices.
 
     Args:
         compiled: The scene.
         table: The layouts.
-        where: The argument, with which errors begin.
+        where: Name of the argument, at the beginning of errors.
 
     Raises:
-        SceneMismatchError: There are such columns or rows, or the scene, the split or the names of params are others.
-        ArgumentTypeError, UnknownNameError, ArgumentError: Params that the scene does not have, or other numbers of
-            them than it may have.
+        SceneMismatchError: Another scene, split or names of params, columns of a wrong shape, or rows that no layout of
+            the scene has.
+        ArgumentTypeError, UnknownNameError, ArgumentError: Params that the scene does not have, or values out of range.
     """
     compiled.scene.check_hash(table.scene, where, "Give layouts of this scene.")
     params = ParamTable(compiled, table.params)
     if table.split not in USER_SPLITS or table.params != params.names:
         raise SceneMismatchError(
             f"{where}: split should be 'train' or 'eval' and params should be {params.names}, got {short(table.split)} "
-            f"and {short(table.params)}. Store layouts as a generator makes them."
+            f"and {short(table.params)}. Store layouts exactly as a generator makes them."
         )
     arrays = {name: array for name, array in vars(table).items() if isinstance(array, np.ndarray)}
     shapes = {name: array.shape for name, array in arrays.items() if array.dtype.kind in _KINDS.get(name, "biuf")}
@@ -153,7 +153,7 @@ def check_table(compiled: CompiledScene, table: LayoutTable, where: str) -> None
         if nrow == 0 or found != (nrow, *shape):
             wanted_shape = ", ".join(map(str, ("nrow", *shape)))
             raise SceneMismatchError(
-                f"{where}.{name} should have shape ({wanted_shape}), one row or more and as many in all columns, "
+                f"{where}.{name} should have shape ({wanted_shape}), with nrow >= 1 the same in all columns, "
                 f"{'integers, ' if name in _KINDS else ''}got {found or type(arrays.get(name))}. Store layouts of the "
                 "same scene."
             )
@@ -170,21 +170,21 @@ def check_table(compiled: CompiledScene, table: LayoutTable, where: str) -> None
     wrong = np.flatnonzero(~(within & near.all(axis=1) & unit.all(axis=1)))
     if len(wrong):
         raise SceneMismatchError(
-            f"{where}: row {wrong[0]} has a number that is not finite or out of bounds, or a quaternion whose length "
-            f"is not 1 ({len(wrong)} rows of {len(table)} do). Store layouts as a generator makes them."
+            f"{where}: row {wrong[0]} has a non-finite or out-of-bounds value, or a non-unit quaternion "
+            f"({len(wrong)} of {len(table)} rows are affected). Store layouts exactly as a generator makes them."
         )
     unmade = np.flatnonzero(table.status == LayoutStatus.NONE) if table.scene else []
     if len(unmade):
-        raise SceneMismatchError(f"{where}: row {unmade[0]} is no layout yet. Generate before you read the table.")
+        raise SceneMismatchError(f"{where}: row {unmade[0]} has no layout yet. Generate before you read the table.")
     check_numbers(compiled, {name: getattr(table, name) for name in INTEGERS}, where)
     params.checked(table.param, nrow)
 
 
 def check_numbers(compiled: CompiledScene, numbers: Mapping[str, np.ndarray], where: str) -> None:
-    """Refuse integers that no row has, by the names of their columns, and rows with two variants at once.
+    """Validate the integers of rows, by name of their column, and the variants of each row.
 
     Raises:
-        SceneMismatchError: There are such rows.
+        SceneMismatchError: A value out of bounds, or a row without exactly one variant of an object.
     """
     targets = () if compiled.reaching is None else compiled.reaching.targets
     grasps = np.array([len(target.grasp_set.grasps) for target in targets], int)
@@ -201,11 +201,11 @@ def check_numbers(compiled: CompiledScene, numbers: Mapping[str, np.ndarray], wh
     for name, members in compiled.config.variants.items():
         there = numbers["present"][:, [compiled.slots.index(member) for member in members]].sum(axis=1)
         if (there != 1).any():
-            raise SceneMismatchError(f"{where}.present: each row should have one of the variants of '{name}'.")
+            raise SceneMismatchError(f"{where}.present: each row should have exactly one variant of '{name}'.")
 
 
 def _on_device(table: LayoutTable, device: str) -> LayoutsView:
-    """Return the columns that are served, with joints of grasps as wide as Layouts have them."""
+    """Return the served columns on the device, with the joints of grasps padded to the width of Layouts."""
     rows = {name: getattr(table, name) for name in ("param", *columns("draw", "pose", "grasp"))}
     padding = ((0, 0), (0, 0), (0, MAX_JOINTS - table.grasp_qpos.shape[2]))
     for name in ("grasp_qpos", "pregrasp_qpos"):

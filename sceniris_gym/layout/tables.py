@@ -1,4 +1,4 @@
-"""Layouts of a LayoutGenerator: as a LayoutTable on the host, made in any number, or by their seeds on the device."""
+"""Layouts of a LayoutGenerator as a LayoutTable on the host, in any number, or by seed on the device."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import COLUMNS, LayoutTable
 from sceniris_gym.scene.poses import body_poses, product, rotated
 
-CHUNK = 4096  # layouts that are made at once
+CHUNK = 4096  # layouts made in one batch
 
 
 def read_table(generator: LayoutGenerator, nrow: int | None = None) -> LayoutTable:
-    """Copy the first `nrow` layouts (None: all) of a LayoutGenerator to the host.
+    """Copy the first `nrow` layouts of a LayoutGenerator to the host, or all layouts by default.
 
     Raises:
-        ArgumentTypeError: No LayoutGenerator.
-        ArgumentError: The number is no integer of at least 0.
+        ArgumentTypeError: Not a LayoutGenerator.
+        ArgumentError: `nrow` is not an integer of at least 0.
     """
     check_type(generator, LayoutGenerator, "read_table: generator")
     nrow = nrow if nrow is None else as_count(nrow, "read_table: nrow", 0)
@@ -36,7 +36,7 @@ def read_table(generator: LayoutGenerator, nrow: int | None = None) -> LayoutTab
     types = row_types(generator.compiled, nvalue=layouts.param.shape[1])
 
     def read(name: str) -> np.ndarray:
-        dtype, shape = types[name]  # on a CPU `numpy()` is a view of what the next reset overwrites
+        dtype, shape = types[name]  # astype also copies: on a CPU, `numpy()` is a view that the next reset overwrites
         return getattr(layouts, name).numpy()[(slice(nrow), *map(slice, shape))].astype(dtype)
 
     rows = {name: read(name) for name in columns()}
@@ -53,12 +53,12 @@ def read_table(generator: LayoutGenerator, nrow: int | None = None) -> LayoutTab
 
 @dataclass(frozen=True)
 class RejectedCandidates:
-    """Candidates that a LayoutGenerator recorded as it rejected them.
+    """The recorded rejected candidates of a LayoutGenerator.
 
     Attributes:
-        objects: Index in placement order of the object of each candidate, shape (n,).
-        causes: Its `Cause`, shape (n,).
-        states: The layouts that they would have led to, one row each; in all of them every object is present.
+        objects: Index in placement order of each candidate's object, shape (n,).
+        causes: `Cause` of each rejection, shape (n,).
+        states: State of the layout with each candidate, one row per candidate. All objects are marked as present.
     """
 
     objects: np.ndarray
@@ -67,7 +67,7 @@ class RejectedCandidates:
 
 
 def read_rejected(generator: LayoutGenerator) -> RejectedCandidates:
-    """Copy the record of a LayoutGenerator that was made with `rejected` to the host."""
+    """Copy the rejected candidates of a LayoutGenerator made with `rejected` to the host."""
     view, nmocap = generator.layouts.view, generator.compiled.mjm.nmocap
     objects = view.rejected_object.numpy()
     count = min(int(view.rejected_count.numpy()[0]), len(objects))
@@ -82,12 +82,12 @@ def read_rejected(generator: LayoutGenerator) -> RejectedCandidates:
 def grasp_poses(compiled: CompiledScene, table: LayoutTable, grasp: np.ndarray) -> np.ndarray:
     """Return the TCP poses of grasps in the world frame, shape (nrow, nreach, 7), float32.
 
-    Position [m] and orientation (wxyz), NaN where there is no grasp.
+    Position [m] and orientation (wxyz), NaN for rows without a grasp.
 
     Args:
         compiled: The compiled scene.
         table: The layouts.
-        grasp: Index of the grasp of each reachable object, -1 for none, shape (nrow, nreach).
+        grasp: Index of the grasp of each reachable object, -1 without a grasp, shape (nrow, nreach).
     """
     poses = np.full((*grasp.shape, 7), np.nan, np.float32)
     if compiled.reaching is None:
@@ -106,14 +106,14 @@ def grasp_poses(compiled: CompiledScene, table: LayoutTable, grasp: np.ndarray) 
 
 
 def make_table(compiled: CompiledScene, n: int, seed: int, *, split: str = "train", chunk: int = CHUNK) -> LayoutTable:
-    """Make n layouts: row i is episode 0 of seed + i, whatever n and `chunk` are.
+    """Make n layouts. Row i is episode 0 of seed + i, independent of `n` and `chunk`.
 
     Args:
         compiled: The compiled scene.
         n: Number of layouts.
         seed: Seed of the first row.
         split: "train" or "eval".
-        chunk: How many layouts are made at once.
+        chunk: Number of layouts in one batch.
 
     Raises:
         ArgumentError: The seed is not a 64-bit integer.
@@ -123,7 +123,7 @@ def make_table(compiled: CompiledScene, n: int, seed: int, *, split: str = "trai
 
 
 def make_tables(generator: LayoutGenerator, seeds: np.ndarray) -> Iterator[LayoutTable]:
-    """Yield the layouts of seeds, shape (n,) uint64, as many at once as the generator has worlds: episode 0 of each."""
+    """Yield tables with episode 0 of each seed, shape (n,), uint64. Each table has up to one row per world."""
     nworld = generator.nworld
     for start in range(0, len(seeds), nworld):
         part = seeds[start : start + nworld]
@@ -133,7 +133,7 @@ def make_tables(generator: LayoutGenerator, seeds: np.ndarray) -> Iterator[Layou
 
 
 PARTS = ("qpos", "mocap_pos", "mocap_quat", "status")
-"""The arrays of layouts that are written."""
+"""The columns that `RequestedLayouts` writes."""
 
 
 class RequestedLayouts(StaysHere):
@@ -141,11 +141,11 @@ class RequestedLayouts(StaysHere):
 
     Args:
         compiled: The scene.
-        nworld: Number of layouts in a call.
-        split: "train" or "eval", which share no layouts.
+        nworld: Number of layouts per call.
+        split: "train" or "eval". The splits share no layouts.
 
     Raises:
-        ScenirisError: As `LayoutGenerator`.
+        ScenirisError: As in `LayoutGenerator`.
     """
 
     SEND = "the CompiledScene, and make new ones there"
@@ -156,19 +156,20 @@ class RequestedLayouts(StaysHere):
         self._parts = [getattr(self._generator.layouts, name) for name in PARTS]
         self._start = [wp.clone(part) for part in self._parts]
         self._generator.generate(wp.zeros(nworld, dtype=wp.bool, device=compiled.device))  # records its graph
-        wp.synchronize_device(compiled.device)  # the streams of later launches do not wait for this one
+        wp.synchronize_device(compiled.device)  # later launches use other streams, which do not wait for this stream
 
     @launching
     def launch(self, seed: wp.array, episode: wp.array, mask: wp.array, *outputs: wp.array) -> None:
-        """Write the layouts of the masked rows, and the start pose into the others, on the current stream.
+        """Write layouts into the masked rows and the start pose into the other rows, on the current stream.
 
         Args:
             seed: The low and the high 32 bits of each seed, shape (nworld, 2), uint32.
             episode: Episodes from 0 on, shape (nworld,), int32.
             mask: Rows that get a layout, shape (nworld,), bool.
-            *outputs: Joint positions [m, rad], quaternions wxyz, shape (nworld, nq); positions of mocap bodies [m],
-                shape (nworld, nmocap), vec3; their orientations, wxyz inside `wp.quat`, shape (nworld, nmocap); and
-                the `LayoutStatus` of each layout, NONE for the start pose, shape (nworld,), int32.
+            *outputs: Four arrays. (1) Joint positions [m, rad], quaternions wxyz, shape (nworld, nq). (2) Positions of
+                mocap bodies [m], shape (nworld, nmocap), vec3. (3) Orientations of mocap bodies, wxyz inside `wp.quat`,
+                shape (nworld, nmocap). (4) `LayoutStatus` of each layout, NONE for the start pose, shape (nworld,),
+                int32.
         """
         generator = self._generator
         seeds = wp.array(ptr=seed.ptr, dtype=wp.uint64, shape=generator.nworld, device=mask.device)
@@ -177,5 +178,5 @@ class RequestedLayouts(StaysHere):
             wp.copy(part, start)
         generator.generate(mask)
         for part, output in zip(self._parts, outputs, strict=True):
-            if output.size > 0:  # without mocap bodies layouts have an unused one
+            if output.size > 0:  # layouts have an unused mocap body in models without
                 wp.copy(output, part)

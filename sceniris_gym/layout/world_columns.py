@@ -1,6 +1,6 @@
-"""`WorldColumns`: numbers that differ between worlds, as elements of one table, which one kernel writes.
+"""`WorldColumns`: numbers that differ between worlds, in one table, written by one kernel.
 
-These are the bounds that params narrow, the draws of physics and looks, and factors of tasks.
+The numbers are bounds narrowed by params, draws of physics and looks, and factors of tasks.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from sceniris_gym.program.device_statics import Statics
 from sceniris_gym.scene.draws import FieldDraw
 
 _MASSES = {"body_mass": "body_weight", "body_ipos": "body_center"}
-"""Fields of `Statics` by those of the model."""
+"""Fields of `Statics` by field of the model."""
 
 
 class WorldColumns:
@@ -38,17 +38,17 @@ class WorldColumns:
 
     Args:
         nworld: Number of worlds.
-        arrays: The arrays that are written, each with a row for each world, by name.
-        nominal: The values of the model for those that are drawn or scaled, with one row or a row for each world.
-        draws: What is drawn; may be empty.
-        scaled: What is a nominal value times a given number, where nothing is drawn: the array, the place in its row,
-            the place in the nominal row, and the column of the number.
-        given: The given numbers, shape (1 or nworld, n), unless each launch has its own.
-        params: The params of the worlds, with numbers in these arrays, or that narrow draws.
+        arrays: The arrays to write, by name, each with a row per world.
+        nominal: The model's values of drawn or scaled arrays, by name, with one row or a row per world.
+        draws: The draws, which may be empty.
+        scaled: Elements that are a nominal value times a given number, used without draws: name of the array, index in
+            its row, index in the nominal row, and column of the number.
+        given: The given numbers, shape (1 or nworld, n), unless each launch passes them.
+        params: The params of the worlds. They bound numbers in these arrays, or narrow draws.
 
     Attributes:
-        numbers: The drawn numbers of each draw, by its name, shape (nworld, number of them): factors of `scale`, terms
-            of `add`, and values of `abs` and `choice` (its place in the list, if a value has several numbers).
+        numbers: The drawn numbers by name of the draw, shape (nworld, width): factors of `scale`, terms of `add`, and
+            values of `abs` and `choice`. For choices of several numbers each, the index in the list.
     """
 
     def __init__(
@@ -61,7 +61,7 @@ class WorldColumns:
         given: wp.array | None = None,
         params: ParamTable | None = None,
     ) -> None:
-        self._nworld, self._draws, self._kept = nworld, draws, (arrays, nominal)  # they own the memory
+        self._nworld, self._draws, self._kept = nworld, draws, (arrays, nominal)  # keeps the arrays' memory alive
         places = {name: (i, element_size(array)) for i, (name, array) in enumerate(arrays.items())}
         numbers, elements, table = _tables(draws, places)
         elements += [(places[n][0], i, FORMS.index("scale"), k, 0, places[n][0], at, 0.0) for n, i, at, k in scaled]
@@ -82,18 +82,18 @@ class WorldColumns:
             self.use_params(params)
 
     def use_params(self, params: ParamTable) -> None:
-        """Draw from intervals that params narrow, world by world, unless these params narrow none.
+        """Narrow the intervals of draws by params, separately in each world.
 
         Raises:
-            ArgumentError: Other params narrow them already.
+            ArgumentError: Other params already narrow the draws.
         """
         columns = [params.first.get(params.of_draws.get(draw.name, ""), -1) for draw in self._draws]
         if columns == self._narrowed:
             return
         if self._narrowed is not None and max(*columns, *self._narrowed) >= 0:
             raise ArgumentError(
-                "params: another randomizer of the same `fields` draws with other params. Give both the same ones, or "
-                "this one fields of its own."
+                "params: another randomizer of the same `fields` draws with other params. Give both the same params, "
+                "or give this randomizer separate fields."
             )
         self._narrowed = columns
         if max(columns, default=-1) < 0:
@@ -114,15 +114,15 @@ class WorldColumns:
         given: wp.array | None = None,
         opens: bool = False,
     ) -> None:
-        """Write the numbers of the masked worlds; what is drawn stays as it is in worlds without a key to draw by.
+        """Write the numbers of the masked worlds. Drawn numbers do not change in worlds with an unknown key of draws.
 
         Args:
-            mask: Which worlds, shape (nworld,), bool; all if None.
-            layouts: The layouts with their draws and params; those of banks draw with the params of the scene file.
-                None is for factors.
-            rows: Row of `layouts` for each world, shape (nworld,), int32; None gives world i row i.
+            mask: Selected worlds, shape (nworld,), bool. None selects all.
+            layouts: The layouts with their draws and params. Layouts from the bank draw with the params of the scene
+                file. None if there are only given numbers.
+            rows: Row of `layouts` for each world, shape (nworld,), int32. None gives world i row i.
             given: The given numbers, shape (1 or nworld, n).
-            opens: Write the numbers of the layouts that worlds get next.
+            opens: Write the numbers of the next layouts instead of the present layouts.
         """
         if not self._elements.size:
             return
@@ -132,7 +132,7 @@ class WorldColumns:
 
 
 def _bounds(params: ParamTable, arrays: Mapping[str, wp.array]) -> list[tuple]:
-    """Return rows of `Element` for the numbers that params have in arrays with a row for each world."""
+    """Return rows of `Element` for the bounds and flags that params set in arrays with a row per world."""
     found: dict[tuple[str, int], tuple] = {}
     names = [*arrays]
     for key, param in params.params.items():
@@ -143,14 +143,15 @@ def _bounds(params: ParamTable, arrays: Mapping[str, wp.array]) -> list[tuple]:
                 form, other = "flag", column + len(param.default) - 1
             elif param.form == "clearance":
                 least = arrays[name][:1].numpy().flat[offset]
-                _, _, _, column, *_ = found.get((name, offset), (0, 0, 0, column))  # a pair with two clearances
+                # a pair of objects with two clearances takes the greater: their columns are `number` and `other`
+                _, _, _, column, *_ = found.get((name, offset), (0, 0, 0, column))
             number = names.index(name)
             found[name, offset] = number, offset, FORMS.index(form), column, other, number, offset, least
     return [*found.values()]
 
 
 def element_size(array: wp.array) -> int:
-    """Return how many numbers an element of an array with a row for each world has."""
+    """Return the number of numbers per element, of an array with a row per world."""
     row = array[:1].numpy()
     return row.size // (row.shape[1] if array.ndim > 1 else 1)
 
@@ -162,13 +163,13 @@ def _tables(
 
     Args:
         draws: The draws.
-        places: Number of each array, and of the numbers of one of its elements.
+        places: Index of each array, and the number of numbers per element.
     """
     numbers, elements, table = [], [], []
     for draw in draws:
         config, nchoice, begin = draw.config, len(draw.choice), len(numbers)
         name, nlow, (array, size) = name_hash(f"randomize {draw.name}"), len(config.ends[0]), places[draw.word.field]
-        several = draw.choice.shape[1] > 1  # of several numbers each: the drawn one is the place in the list
+        several = draw.choice.shape[1] > 1  # choices of several numbers each: the index in the list is drawn
         width = draw.width // (len(draw.rows) if config.each else 1)
         distribution = DISTRIBUTIONS.index("choice" if nchoice else config.distribution)
         for index in range(draw.width):
@@ -198,14 +199,14 @@ def search_columns(
 ) -> tuple[WorldColumns, Program, Statics | None]:
     """Return the columns of a search for layouts, with the program and the statics that they write into.
 
-    Masses and centres of mass decide what stands. They are those that resets will draw for the same layouts.
+    Stability depends on masses and centres of mass. The search draws the same values as resets to the same layouts.
 
     Args:
         compiled: The scene.
         nworld: Number of worlds.
         params: The params of the worlds.
-        by_world: Further fields of the program that have a row for each world.
-        masses: `body_mass` and `body_ipos` of the Model of the worlds, whoever wrote these; None draws them.
+        by_world: Further fields of the program that get a row per world.
+        masses: `body_mass` and `body_ipos` of the Model of the worlds, with their current values. None draws them.
     """
     program, statics, nominal, arrays = copied(Program, compiled.program), compiled.statics, {}, {}
     draws, scaled, given = (), (), None
@@ -214,7 +215,7 @@ def search_columns(
         rows = np.repeat(shared.numpy(), nworld, axis=0)
         arrays[name] = wp.array(rows, dtype=shared.dtype, ndim=2, device=shared.device)
         setattr(program, name, arrays[name])
-    # inertias decide nothing here
+    # inertias follow masses in the model, but do not affect stability
     drawn = [replace(d, word=replace(d.word, follow=())) for d in compiled.scene.draws if d.word.field in _MASSES]
     if statics is not None and (drawn if masses is None else max(a.shape[0] for a in masses) > 1):
         statics = copied(Statics, compiled.statics)
@@ -230,7 +231,10 @@ def search_columns(
 
 
 def _shares(compiled: CompiledScene, nominal: wp.array) -> tuple[list[tuple[str, int, int, int]], wp.array]:
-    """Return how statics follow from masses and centres of mass of a Model, and the share of each mass that counts."""
+    """Return rows of `scaled` that copy masses and centres of mass of a Model to statics, and the factors of masses.
+
+    A factor is the fraction of a body's mass without gravity compensation.
+    """
     mass, weight = compiled.mjm.body_mass, nominal.numpy()[0]
     share = np.divide(weight, mass, out=np.zeros(len(mass)), where=mass > 0.0)
     scaled = []

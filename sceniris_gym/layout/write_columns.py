@@ -1,7 +1,7 @@
-"""`launch_write_columns`: writes numbers of each world into arrays that have a row for each world.
+"""`launch_write_columns`: writes each world's numbers into arrays with a row per world.
 
-A number is a bound that params narrow, a draw, or a nominal value times a given factor. What is drawn is a function of
-the key that a layout carries.
+A number is a bound narrowed by params, a draw, or a nominal value times a given factor. Draws are a function of the key
+in a layout.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from sceniris_gym.layout.masks import row_of
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _LANES = 128
-"""Lanes that write a world."""
+"""Lanes per world."""
 _BANK_BIT = wp.constant(BANK_BIT)
 _DEVIATIONS = wp.constant(DEVIATIONS)
 _RADIANS = wp.constant(float(np.pi / 180.0))
@@ -30,7 +30,7 @@ _KINDS = "fib"
 """Kinds of NumPy's numbers: floats, integers and booleans."""
 _FLOAT, _INT = (wp.constant(i) for i in range(2))
 FORMS = ("bound", "flag", "scale", "add", "abs", "choice", "rotation")
-"""Forms of elements; the first two follow from params, the others from numbers that are drawn or given."""
+"""Forms of elements. The first two depend on params, the others on drawn or given numbers."""
 _BOUND, _FLAG, _SCALE, _ADD, _ABS, _CHOICE, _ROTATION = (wp.constant(i) for i in range(7))
 DISTRIBUTIONS = ("uniform", "log_uniform", "normal", "choice")
 _LOG_UNIFORM, _NORMAL, _CHOSEN = (wp.constant(i) for i in range(1, 4))
@@ -38,14 +38,14 @@ _LOG_UNIFORM, _NORMAL, _CHOSEN = (wp.constant(i) for i in range(1, 4))
 
 @wp.struct
 class Array:
-    """The memory of an array with a row for each world.
+    """The memory of an array with a row per world.
 
     Attributes:
-        address: First element.
+        address: Address of the first element.
         stride: Bytes from one row to the next.
-        nominal: First element of the values of the model, if the array has some.
-        nominal_stride: Bytes from one row of these to the next; 0 if one row is that of all worlds.
-        kind: The kind of its numbers, by its place in `_KINDS`.
+        nominal: Address of the model's values, 0 without them.
+        nominal_stride: Bytes from one row of the model's values to the next, 0 if all worlds share one row.
+        kind: The kind of its numbers, as an index into `_KINDS`.
     """
 
     address: wp.uint64
@@ -57,15 +57,15 @@ class Array:
 
 @wp.struct
 class Number:
-    """A number that is drawn.
+    """A drawn number.
 
     Attributes:
-        name: Hash of the name that it is drawn by.
-        index: Its place among the numbers of that name.
-        distribution: Its code.
-        first: Column of its first parameter in the table, or of the first number to choose from.
-        count: Columns from there to its second parameter, or how many numbers there are to choose from.
-        param: Column of its first parameter among the params, -1 if none narrows it.
+        name: Hash of the draw's name, which selects the random numbers.
+        index: Index among the numbers of this name.
+        distribution: Index into `DISTRIBUTIONS`.
+        first: Column in the table of the first parameter, or of the first number to choose from.
+        count: Columns between first and second parameter, or the number of choices.
+        param: Column of the first parameter among the params, -1 if no param narrows the draw.
     """
 
     name: int
@@ -78,18 +78,18 @@ class Number:
 
 @wp.struct
 class Element:
-    """A number of an array that is written.
+    """A number to write into an array.
 
     Attributes:
-        array: The array that is written.
-        offset: The place in a row of this array.
-        form: Its code.
-        number: Column of the number that is drawn or given, or of the first of three for a rotation; for a bound and a
-            flag of the first param.
-        other: Column of the other param that a bound follows from, or of the last one for a flag; for a choice that of
-            the first value in the table.
-        drawn: The array that is drawn, which the written one keeps its ratio to if it is another one.
-        drawn_offset: The place in a row of that array.
+        array: Index of the array to write.
+        offset: Index in a row of this array.
+        form: Index into `FORMS`.
+        number: Column of the drawn or given number, of the first of three for a rotation, or of the first param for a
+            bound or flag.
+        other: Column of a bound's second param, of a flag's last param, or of a choice's first value in the table.
+        drawn: Index of the drawn array. If it differs from `array`, the written number keeps its nominal ratio to the
+            drawn number.
+        drawn_offset: Index in a row of the drawn array.
         least: The least value of a bound.
     """
 
@@ -105,7 +105,7 @@ class Element:
 
 @wp.func
 def row_address(array: Array, worldid: int) -> wp.uint64:
-    """Return the address of the first number of a world's row."""
+    """Return the address of a world's row."""
     return array.address + wp.uint64(array.stride * wp.int64(worldid))
 
 
@@ -126,7 +126,7 @@ def _put(array: Array, worldid: int, offset: int, value: float):
 
 @wp.func
 def _nominal(array: Array, worldid: int, offset: int) -> float:
-    """Return a number of the model as it was made."""
+    """Return a nominal number of the model."""
     address = array.nominal + wp.uint64(array.nominal_stride * wp.int64(worldid))
     values = wp.array(ptr=address, shape=(offset + 1,), dtype=float)
     return values[offset]
@@ -134,7 +134,7 @@ def _nominal(array: Array, worldid: int, offset: int) -> float:
 
 @wp.func
 def _bound(element: Element, param: wp.array[float], default_param: wp.array[float]) -> float:
-    """Return a bound as params narrow it, or whether params are as in the scene file."""
+    """Return a bound narrowed by params, or a flag: whether the params have the values of the scene file."""
     if element.form == _BOUND:
         return wp.max(element.least, wp.max(param[element.number], param[element.other]))
     for k in range(element.number, element.other + 1):
@@ -145,7 +145,7 @@ def _bound(element: Element, param: wp.array[float], default_param: wp.array[flo
 
 @wp.func
 def _draw_key(layouts: LayoutsView, row: int, opens: bool):
-    """Return seed, episode and stream that a row's numbers are drawn by, or those of the next layout of a world."""
+    """Return seed, episode and stream of the draws of a row, or of a world's next layout if `opens`."""
     if opens:
         seed, episode = next_key(layouts, row)
         return seed, episode, layouts.stream
@@ -154,7 +154,7 @@ def _draw_key(layouts: LayoutsView, row: int, opens: bool):
 
 @wp.func
 def _number(number: Number, table: wp.array[float], param: wp.array2d[float], row: int, u: wp.vec4) -> float:
-    """Return a number of a distribution from uniform ones; a row below 0 has the params of the scene file."""
+    """Return a number of a distribution from uniform numbers. A row below 0 uses the values of the scene file."""
     if number.distribution == _CHOSEN:
         return table[number.first + wp.min(int(u[0] * float(number.count)), number.count - 1)]
     low = table[number.first]
@@ -175,7 +175,7 @@ def _number(number: Number, table: wp.array[float], param: wp.array2d[float], ro
 def _value(
     element: Element, arrays: wp.array[Array], table: wp.array[float], worldid: int, numbers: wp.array[float]
 ) -> float:
-    """Return what an element has by a number that is drawn or given."""
+    """Return the value of an element from its drawn or given number."""
     drawn = arrays[element.drawn]
     nominal = float(0.0)
     if drawn.kind == _FLOAT:
@@ -257,12 +257,12 @@ def launch_write_columns(
 
     Args:
         nworld: Number of worlds.
-        mask: Which worlds, shape (nworld,), bool; all if None.
-        rows: Row of `layouts` for each world, shape (nworld,), int32; None gives world i row i.
+        mask: Selected worlds, shape (nworld,), bool. None selects all.
+        rows: Row of `layouts` for each world, shape (nworld,), int32. None gives world i row i.
         layouts: The layouts.
-        tables: Rows of `Number`, parameters of these, rows of `Element`, and rows of `Array`.
-        numbers: Numbers that are given, shape (1 or nworld, n); or an array for those that are drawn.
-        opens: Write the numbers of the layouts that worlds get next.
+        tables: Rows of `Number`, their parameters, rows of `Element`, and rows of `Array`.
+        numbers: The given numbers, shape (1 or nworld, n), or memory for drawn numbers, shape (nworld, n).
+        opens: Write the numbers of the next layouts instead of the present layouts.
     """
     param = layouts.next_param if opens else layouts.param
     inputs = [mask, rows, opens, layouts, param if param is not None and param.size else None, *tables, numbers]
@@ -270,8 +270,8 @@ def launch_write_columns(
 
 
 def memory_of(array: wp.array, nominal: wp.array | None = None) -> tuple[int, int, int, int, int]:
-    """Return the numbers of an `Array`; whoever takes it keeps the arrays, which own the memory."""
-    if not array.size:  # Warp cannot slice it
+    """Return the fields of an `Array`. The caller should keep the arrays, which own the memory."""
+    if not array.size:  # Warp cannot slice an array without elements
         return 0, 0, 0, 0, 0
     kind = _KINDS.index(array[:1].numpy().dtype.kind)
     if nominal is None:

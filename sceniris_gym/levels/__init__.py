@@ -1,8 +1,8 @@
 """Curricula over layouts, on the device: `LevelReplay` replays levels, and `ADR` moves the intervals of params.
 
 A level is one layout, identified by its seed, episode and params. Each reset replays a level from a buffer or takes a
-fresh one: prioritized level replay (M. Jiang, E. Grefenstette, T. Rocktaeschel, "Prioritized Level Replay", ICML 2021).
-Scores weigh the levels: learnability p (1 - p) with the success rate p (A. Rutherford et al., "No Regrets:
+fresh level: prioritized level replay (M. Jiang, E. Grefenstette, T. Rocktaeschel, "Prioritized Level Replay", ICML
+2021). A score weights the levels: learnability p (1 - p) with the success rate p (A. Rutherford et al., "No Regrets:
 Investigating and Improving Regret Approximations for Curriculum Discovery", NeurIPS 2024), the failure rate, or custom
 scores from the training, such as regret or the loss of values.
 """

@@ -18,8 +18,8 @@ _LEARNABILITY, _CUSTOM = (wp.constant(SCORES.index(name)) for name in ("learnabi
 _MOST_FLOAT = wp.constant(float(np.finfo(np.float32).max))
 BINS = wp.constant(512)
 """Bins of scores."""
-_SHARE = 4  # levels that a world can insert between two refreshes, at most
-_LOWEST = 4  # fraction of the places that can change levels between two refreshes: one in four
+_SHARE = 4  # most levels per world that can be inserted between two refreshes
+_LOWEST = 4  # one in four places can change its level between two refreshes
 
 
 @wp.struct
@@ -30,33 +30,33 @@ class Buffer:
     seed: wp.array[wp.uint64]
     episode: wp.array[int]
     value: wp.array[float]  # success rate, or the custom score
-    age: wp.array[int]  # refreshes since it was chosen last, -1 where there is no level
-    param: wp.array2d[float]  # numbers of its params
-    cumulative: wp.array[int]  # sum of the weights up to it
-    # of each bin of scores, from the highest one down:
+    age: wp.array[int]  # refreshes since the level was last chosen, -1 for an empty place
+    param: wp.array2d[float]  # param values
+    cumulative: wp.array[int]  # sum of the weights up to this level
+    # of each bin of scores, from the highest bin down:
     count: wp.array[int]
-    better: wp.array[int]  # levels up to it
-    ages: wp.array[wp.int64]  # sum of the ages of its levels
-    weight: wp.array[float]  # of each of them
+    better: wp.array[int]  # number of levels up to this bin
+    ages: wp.array[wp.int64]  # sum of the ages of the bin's levels
+    weight: wp.array[float]  # per level
     # of all levels:
     total_weight: wp.array[wp.int64]  # in units of 2^-32
     total_age: wp.array[wp.int64]
     vacant: wp.array[int]  # places that are empty or have the lowest scores, -1 beyond them
     # of each world:
-    base: wp.array[wp.uint64]  # seed of its fresh levels
+    base: wp.array[wp.uint64]  # seed of fresh levels
     decision: wp.array[int]
-    level: wp.array[int]  # index of its current level, -1 for a fresh level
+    level: wp.array[int]  # index of the current level, -1 for a fresh level
     next_level: wp.array[int]
     next_seed: wp.array[wp.uint64]
     next_episode: wp.array[int]
-    base_param: wp.array2d[float]  # params of its fresh levels
+    base_param: wp.array2d[float]  # params of fresh levels
     next_param: wp.array2d[float]
-    boundary: wp.array[int]  # index of the interval end that its level is at, else -1
+    boundary: wp.array[int]  # index of the interval end of the current level, otherwise -1
     next_boundary: wp.array[int]
     inserted: wp.array[int]
     # of each end of the ADR intervals:
-    column: wp.array[int]  # of its number in a row of params
-    other: wp.array[int]  # of the other end's
+    column: wp.array[int]  # column of this end in a row of params
+    other: wp.array[int]  # column of the other end
     present: wp.array[float]
     least: wp.array[float]
     most: wp.array[float]
@@ -71,19 +71,19 @@ class Buffer:
 
 
 class Episodes(NamedTuple):
-    """Episodes that are over, a row for each.
+    """Finished episodes, one row per episode.
 
     Attributes:
         level: Index of the level in the buffer when it was played, -1 for a fresh level, shape (n,), int32. Rows with
             -2 do not count.
-        seed: Its seed, shape (n,), uint64.
-        episode: Its episode, shape (n,), int32. Rows with an episode that no seed has do not count.
+        seed: Seed of the level, shape (n,), uint64.
+        episode: Episode of the level, shape (n,), int32. Rows with an invalid episode do not count.
         outcome: 1 for a success and 0 for a failure, or the score if scores are "custom", shape (n,), float32.
-        param: Numbers of its params, shape (n, nvalue), float32. None is for worlds without params.
-        mask: Rows that count, shape (n,), bool; None is all.
-        status: Status of the layouts, shape (n,), int32. Layouts from the bank do not count. None is valid.
-        boundary: Index of the interval end that the level is at, else -1, shape (n,), int32. The success also counts
-            for this end. A custom score then stays as it is.
+        param: Param values of the level, shape (n, nvalue), float32. None is for worlds without params.
+        mask: Rows that count, shape (n,), bool. None counts all rows.
+        status: Status of the layouts, shape (n,), int32. Layouts from the bank do not count. None counts as valid.
+        boundary: Index of the level's interval end, otherwise -1, shape (n,), int32. The success also counts for this
+            end. Custom scores do not change if this is given.
     """
 
     level: wp.array
@@ -146,9 +146,9 @@ def launch_choose(buffer: Buffer, mask: wp.array | None, stream: int, replay_pro
 
     Args:
         buffer: The buffer.
-        mask: Which worlds, shape (nworld,), bool; all if None.
+        mask: Selected worlds, shape (nworld,), bool. None selects all.
         stream: Philox stream of the choices.
-        replay_prob: Probability of a level out of the buffer.
+        replay_prob: Probability of a level from the buffer.
     """
     nworld, device = buffer.base.shape[0], buffer.base.device
     wp.launch(_choose, nworld, inputs=[mask, wp.uint32(stream), replay_prob], outputs=[buffer], device=device)
@@ -180,8 +180,8 @@ def launch_forget(buffer: Buffer, seeds: wp.array | None, mask: wp.array | None)
 
     Args:
         buffer: The buffer.
-        seeds: Seeds, shape (nworld,), uint64; None keeps those there are.
-        mask: Which worlds, shape (nworld,), bool; all if None.
+        seeds: Seeds, shape (nworld,), uint64. None keeps the present seeds.
+        mask: Selected worlds, shape (nworld,), bool. None selects all.
     """
     device = buffer.base.device
     wp.launch(_forget, buffer.base.shape[0], inputs=[seeds, mask], outputs=[buffer], device=device)
@@ -215,7 +215,7 @@ def _set_params(
 
 
 def _launch_set_params(buffer: Buffer, mask: wp.array | None) -> None:
-    """Give the next levels of the masked worlds their params, a thread for each number."""
+    """Write the params of the next levels of the masked worlds, with one thread per number."""
     wp.launch(_set_params, buffer.next_param.shape, inputs=[mask], outputs=[buffer], device=buffer.base.device)
 
 
@@ -261,7 +261,8 @@ def _update(
         if buffer.seed[place] == seed[row] and buffer.episode[place] == episode[row]:
             buffer.value[place] = _moved(buffer, buffer.value[place], outcome[row])
             return
-    # a fresh level, or one that another has replaced: it takes the next of the places that this row may fill
+    # A fresh level, or a level that was replaced meanwhile. It takes the next of the places reserved for this row, so
+    # that rows never compete for a place.
     nrow = buffer.inserted.shape[0]
     number = row % nrow + buffer.inserted[row % nrow] * nrow
     if number >= buffer.vacant.shape[0]:
@@ -312,7 +313,10 @@ def create_buffer(replay: LevelReplay, layouts: LayoutsView) -> Buffer:
 
 
 def bounds_of(buffer: Buffer) -> dict[str, tuple[Any, Any]]:
-    """Return the least and the greatest value of each array of a buffer, by name: kernels take some as indices."""
+    """Return the least and greatest allowed value of each array of a buffer, by name, to validate a stored state.
+
+    Kernels use some of the values as indices.
+    """
     of_words = {name: getattr(buffer, name).numpy() for name in ("column", "other", "least", "most", "delta", "band")}
     return {
         **dict.fromkeys(arrays_of(buffer), (0, np.inf)),

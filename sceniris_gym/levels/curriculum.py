@@ -20,13 +20,13 @@ _MOST = 1 << 24
 class ADR:
     """Automatic domain randomisation: intervals of params that widen with success and narrow with failure.
 
-    Some fresh levels use one end of one interval. Once enough of their episodes are over, that end moves outwards if
-    they succeed and inwards if they fail (OpenAI et al., "Solving Rubik's Cube with a Robot Hand", 2019, section 5).
+    Some fresh levels use one end of one interval. After enough of their episodes, this end moves outwards if they
+    succeed and inwards if they fail (OpenAI et al., "Solving Rubik's Cube with a Robot Hand", 2019, section 5).
     The end stays between its value in `init_range` and the scene file's.
 
     Attributes:
         init_range: First interval of each param, such as {"groups.clutter.count": [1, 2]}.
-        delta: Size of a move, as a fraction of the scene file's interval; at least 1 for a count.
+        delta: Size of a move, as a fraction of the scene file's interval, and at least 1 for a count.
         boundary_fraction: Probability that a fresh level is at an end: within `delta` of it, or at a count's exact end.
         threshold_low: An end moves inwards at this success rate and below.
         threshold_high: An end moves outwards at this success rate and above.
@@ -57,18 +57,18 @@ class ADR:
 
 @dataclass(frozen=True)
 class LevelReplay:
-    """Prioritized level replay: which levels the worlds play again, and how often.
+    """Prioritized level replay: selects the levels that worlds replay, and their frequency.
 
     Attributes:
         score: "learnability" or "failure", which follow successes, or "custom", which `LevelSampler.update` sets.
-        replay_prob: Probability that a reset replays a level. Otherwise it takes a fresh one.
+        replay_prob: Probability that a reset replays a level. Otherwise the reset takes a fresh level.
         capacity: Number of levels in the buffer. A level takes 24 bytes on the device, and 4 for each value of its
             params. New levels fill the buffer first and then replace the levels with the lowest scores. The candidates
             for replacement are updated at every refresh of the weights.
         prioritization: "rank" weighs levels by rank^(-1 / temperature), the best first. "proportional" weighs them by
             score^(1 / temperature), and "uniform" equally. Scores within 4% of each other may count as equal.
         temperature: See `prioritization`.
-        staleness_coef: Fraction of the weight that goes by the time since a level was last played, in refreshes.
+        staleness_coef: Fraction of the weight that depends on the time since a level was last chosen, in refreshes.
         alpha: Weight of the newest episode in a success rate, which begins at 0.5.
         refresh_interval: Number of resets between two refreshes of the weights.
         adr: Moves the intervals of fresh levels, an ADR or a mapping of its fields.
@@ -103,7 +103,7 @@ class LevelReplay:
 
 
 def as_curriculum(value: Any, where: str) -> LevelReplay | None:
-    """Return a LevelReplay, given as an instance, a mapping of its fields, or an ADR; None stays None.
+    """Return a LevelReplay, given as an instance, a mapping of its fields, or an ADR. None stays None.
 
     An ADR or a mapping of its fields becomes a LevelReplay that never replays. `where` names the argument in errors.
 

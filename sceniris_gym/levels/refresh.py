@@ -1,4 +1,4 @@
-"""Levels and intervals after the outcomes that were counted: weights, vacant places, and ends of intervals."""
+"""Update the buffer from counted outcomes: weights of levels, vacant places, and ends of ADR intervals."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from sceniris_gym.program.device import fill_struct
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _TOTAL = wp.constant(float(1 << 30))  # sum of all weights, within an int32
-_UNIT = wp.constant(float(2.0**-32))  # of sums of weights: integers, so that all devices add alike
-_OCTAVES = wp.constant(8.0)  # scores from 2^8 down to 2^-24, above and below alike
+_UNIT = wp.constant(float(2.0**-32))  # of sums of weights: integers, so that the order of adding does not matter
+_OCTAVES = wp.constant(8.0)  # bins cover scores from 2^8 down to 2^-24, and the outer bins hold all scores beyond
 _BINS_OF_OCTAVE = wp.constant(16.0)
 
 
 @wp.func
 def _bin(buffer: Buffer, i: int) -> int:
-    """Return the bin of a level by its score, sixteen to each power of two. An empty place has BINS."""
+    """Return the bin of a level by its score, with sixteen bins per power of two. An empty place has BINS."""
     if buffer.age[i] < 0:
         return BINS
     octave = wp.log2(wp.max(score_of(buffer, buffer.value[i]), 1.0e-30))
@@ -61,7 +61,7 @@ def _weigh(
     number = buffer.count[b]
     if number == 0:
         return
-    # as a share of the weight of the best bin; the levels of a bin share their mean rank
+    # Relative to the best bin's weight. All levels of a bin have the bin's mean rank.
     best = wp.lower_bound(buffer.better, 1)
     rank = float(buffer.better[b] - number) + 0.5 * float(number + 1)
     weight = wp.pow(0.5 * float(buffer.better[best] + 1) / rank, rank_power)
@@ -141,7 +141,7 @@ def _move(
 
 
 def launch_move(buffer: Buffer, adr: ADR) -> None:
-    """Move the ends at which enough episodes were counted."""
+    """Move the interval ends with enough counted episodes."""
     inputs, device = [adr.queue_length, adr.threshold_low, adr.threshold_high], buffer.base.device
     wp.launch(_move, buffer.column.shape[0], inputs=inputs, outputs=[buffer], device=device)
 
@@ -150,7 +150,8 @@ def set_ranges(buffer: Buffer, adr: ADR, table: ParamTable) -> None:
     """Set the intervals of a buffer to `init_range`.
 
     Raises:
-        UnknownNameError, ArgumentError: A param that is not in the table or not an interval, or an interval beyond it.
+        UnknownNameError, ArgumentError: A param that is not in the table, not an interval, or beyond the scene file's
+            limits.
     """
     names, parts = ("column", "other", "present", "least", "most", "delta", "band"), []
     for name, value in adr.init_range.items():

@@ -1,4 +1,4 @@
-"""`LevelSampler`: chooses the next layout of each world out of a buffer of levels."""
+"""`LevelSampler`: chooses the next layout of each world from a buffer of levels."""
 
 from __future__ import annotations
 
@@ -42,12 +42,11 @@ class LevelSampler(Chooser, StaysHere):
     Args:
         replay: The settings.
         layouts: The layouts of the worlds.
-        split: Their split.
+        split: Split of the layouts.
 
     Attributes:
-        level: Index in the buffer of each world's level, -1 for a fresh one, shape (nworld,), int32.
-        boundary: The end of an ADR interval that each world's level is at, -1 if it is at no end, shape (nworld,),
-            int32.
+        level: Index in the buffer of each world's level, -1 for a fresh level, shape (nworld,), int32.
+        boundary: Index of the ADR interval end of each world's level, otherwise -1, shape (nworld,), int32.
         size: Number of levels in the buffer. Waits for the device.
     """
 
@@ -77,19 +76,19 @@ class LevelSampler(Chooser, StaysHere):
         launch_choose(self._buffer, mask, self._stream, self.replay.replay_prob)
 
     def launch_set_params(self, columns: wp.array, values: wp.array, mask: wp.array | None) -> None:
-        """See `Chooser`; the worlds make their fresh levels with these numbers from then on."""
+        """See `Chooser`. Later fresh levels of the worlds have these param values."""
         launch_set(self._buffer.base_param, columns, values, mask)
         launch_forget(self._buffer, None, mask)
 
     def launch_forget(self, seeds: wp.array | None, mask: wp.array | None) -> None:
-        """See `Chooser`; the worlds draw their fresh levels by these seeds from then on, if there are some."""
+        """See `Chooser`. If `seeds` are given, later fresh levels of the worlds are drawn by these seeds."""
         launch_forget(self._buffer, seeds, mask)
 
     def launch_finish(self, success: wp.array, finished: wp.array) -> None:
         """Count the outcomes of episodes, except on layouts from the bank.
 
         Args:
-            success: 1 for worlds that succeeded, else 0, shape (nworld,), float32.
+            success: 1 for worlds that succeeded, 0 for the others, shape (nworld,), float32.
             finished: Worlds whose episode ended, shape (nworld,), bool.
         """
         layouts = self.layouts.view
@@ -97,10 +96,10 @@ class LevelSampler(Chooser, StaysHere):
         launch_update(self._buffer, played._replace(mask=finished, status=layouts.status, boundary=self.boundary))
 
     def insert(self, layouts: Any, scores: Any) -> None:
-        """Insert levels in the place of others with lower scores, and refresh the weights.
+        """Insert levels, replacing levels with lower scores, and refresh the weights.
 
         Args:
-            layouts: See `update`. All of them are new to the buffer, and their number is not limited.
+            layouts: See `update`. All layouts count as new to the buffer, and their number is not limited.
             scores: See `update`.
 
         Raises:
@@ -112,45 +111,45 @@ class LevelSampler(Chooser, StaysHere):
         """Draw levels of the buffer by their weights. Waits for the device.
 
         Returns:
-            `level`, `seed` and `episode`, each of shape (number,), and `params`, their values by name.
+            `level`, `seed` and `episode`, each of shape (number,), and `params`, values by name.
 
         Raises:
-            ArgumentError: The buffer is empty. A number or a seed that is no integer of at least 0.
+            ArgumentError: The buffer is empty, or `number` or `seed` is not an integer of at least 0.
         """
         as_count(number, "LevelSampler.sample: number", 0)
         as_count(seed, "LevelSampler.sample: seed", 0, (1 << 64) - 1)
         sums = self._buffer.cumulative.numpy()
         if sums[-1] == 0:
-            raise ArgumentError("LevelSampler.sample: the buffer is empty. Play, or insert levels, first.")
+            raise ArgumentError("LevelSampler.sample: the buffer is empty. Play or insert levels first.")
         level = np.searchsorted(sums, np.random.default_rng(seed).integers(sums[-1], size=number), side="right")
         seed, episode, param = (getattr(self._buffer, name).numpy()[level] for name in ("seed", "episode", "param"))
         return {"level": level, "seed": seed, "episode": episode, "params": self.layouts.params.named(param)}
 
     @property
     def ranges(self) -> dict[str, np.ndarray]:
-        """The current intervals of the ADR by the names of their params. Waits for the device."""
+        """The current ADR intervals by name of the param. Waits for the device."""
         row = self.layouts.params.default[None].copy()
         row[0, self._buffer.column.numpy()] = self._buffer.present.numpy()
         named = self.layouts.params.named(row)
         return {} if self.replay.adr is None else {name: named[name][0] for name in self.replay.adr.init_range}
 
     def update(self, layouts: Any, scores: Any, worlds: Any = None) -> None:
-        """Set the scores of levels that were played.
+        """Set the scores of levels after playing them.
 
-        A level that has left the buffer is inserted again, in the place of one with a lower score.
+        A level that has left the buffer is inserted again, and replaces a level with a lower score.
 
         Args:
-            layouts: The layouts of an `info`: a mapping with `seed`, `episode` and `level`, integer arrays of shape
-                (n,), and with `params`, values by name. `level` -2, a layout from the bank, and episodes below 0 do not
+            layouts: `info["layout"]`, or a mapping with integer arrays `seed`, `episode` and `level` of shape (n,), and
+                with `params`, values by name. Rows with `level` -2 (layouts from the bank) or an episode below 0 do not
                 count. Without `level`, layouts are new to the buffer. Without `params`, they have the scene file's
-                values. A layout id or a sequence of ids works as well.
+                values. A layout id or a sequence of ids is also accepted.
             scores: Finite floats of at least 0, shape (n,), such as the regret or the mean value loss of each episode.
-                If the score follows successes: 1 for a success, 0 for a failure. Other numbers do not count.
-            worlds: Which worlds count, if the arrays have a row per world: booleans, ids or a slice. None counts all
+                If `score` is "learnability" or "failure": 1 for a success, 0 for a failure. Other numbers do not count.
+            worlds: Worlds that count, if the arrays have a row per world: booleans, ids or a slice. None counts all
                 rows.
 
         Raises:
-            ArgumentError: The arrays have different lengths, or no row per world.
+            ArgumentError: The arrays have different lengths, or `worlds` is given without a row per world.
             UnknownNameError: A param that the worlds do not have.
             SceneMismatchError: An id of another scene or split.
         """
@@ -183,7 +182,7 @@ class LevelSampler(Chooser, StaysHere):
                 launch_refresh(self._buffer, self.replay)
 
     def _mask_of(self, worlds: Any, nrow: int, where: str) -> wp.array | None:
-        """Return a mask of the rows of some worlds, shape (nworld,), bool; None is all rows."""
+        """Return a mask of the rows of some worlds, shape (nworld,), bool, or None for all rows."""
         nworld = self.layouts.nworld
         if worlds is not None and nrow != nworld:
             raise ArgumentError(f"{where}: layouts should have a row for each of {nworld} worlds, got {nrow}.")
@@ -197,11 +196,11 @@ class LevelSampler(Chooser, StaysHere):
         return {"seed": found.seed, "episode": found.episode, "params": self.layouts.params.named(found.param)}
 
     def _column(self, values: Any, dtype: type) -> wp.array:
-        """Return a column on the device, seeds with the same 64 bits."""
+        """Return a column on the device. Seeds keep their 64 bits."""
         is_whole = values.dtype.kind in "biu" if isinstance(values, np.ndarray) else not values.is_floating_point()
         if dtype is not wp.float32 and not is_whole:
             raise ArgumentError("LevelSampler: levels, seeds and episodes should be integers.")
-        if dtype is wp.int32:  # a number out of range must not wrap around to one in range
+        if dtype is wp.int32:  # clip first, because an out-of-range number must not wrap around to a valid number
             values = values.clip(-(1 << 31), (1 << 31) - 1)
         given = wp.array(values) if isinstance(values, np.ndarray) else wp.from_torch(values.detach().contiguous())
         given = given.to(self._device)
@@ -219,7 +218,7 @@ class LevelSampler(Chooser, StaysHere):
             launch_refresh(self._buffer, self.replay)
 
     def state(self) -> dict[str, np.ndarray]:
-        """Return the levels, their values, and what the worlds play, for `restore`. Waits for the device.
+        """Return the buffer, and the current and next levels of the worlds, for `restore`. Waits for the device.
 
         `source` has the hash of the scene, the split and the names of the params.
         """
@@ -228,31 +227,31 @@ class LevelSampler(Chooser, StaysHere):
         return arrays | {"resets": np.array(self._since), "source": np.array(source)}
 
     def restore(self, state: Mapping[str, np.ndarray]) -> None:
-        """Go on from a `state` of a sampler with the same levels, scene, split, params and number of worlds.
+        """Restore a `state` of a sampler with the same settings, scene, split, params and number of worlds.
 
         Raises:
-            SceneMismatchError: It is of another scene, of another split, or has other params.
-            ArgumentError: It is of another sampler, or has a number that no sampler has.
-            ArgumentTypeError: No mapping.
+            SceneMismatchError: The state has another scene, split or set of params.
+            ArgumentError: An array of the state is missing, has another shape or type, or has a value out of range.
+            ArgumentTypeError: Not a mapping.
         """
         check_type(state, Mapping, "LevelSampler.restore: state")
         where, own, bounds = "LevelSampler.restore", self.state(), bounds_of(self._buffer)
         if not np.array_equal(state.get("source", ()), own["source"]):
             raise SceneMismatchError(
                 f"{where}: state['source'] (scene, split, params) should be {own['source'].tolist()}, got "
-                f"{short(state.get('source'))}. Give the state of a sampler of this scene, split and params."
+                f"{short(state.get('source'))}. Pass the state of a sampler with this scene, split and params."
             )
         for name, (least, most) in {**bounds, "resets": (0, np.inf)}.items():
             values = state.get(name)
             if not isinstance(values, np.ndarray) or (values.shape, values.dtype) != (own[name].shape, own[name].dtype):
                 raise ArgumentError(f"{where}: {name} should have shape {own[name].shape} and type {own[name].dtype}.")
-            if name == "cumulative":  # sums that rise
+            if name == "cumulative":  # running sums do not fall
                 least = np.maximum.accumulate([0, *values])[1:]
             wrong = np.flatnonzero(~((values >= least) & (values <= most)))
             if len(wrong):
                 first, ends = wrong[0], [np.broadcast_to(end, values.shape).flat[wrong[0]] for end in (least, most)]
                 got = f"got {values.flat[first]} at {first}"
-                raise ArgumentError(f"{where}: {name} should be from {ends[0]:g} to {ends[1]:g} there, {got}.")
+                raise ArgumentError(f"{where}: {name} should be from {ends[0]:g} to {ends[1]:g}, {got}.")
         for name in ("param", "base_param", "next_param"):
             self.layouts.params.checked(state[name], len(state[name]))
         for array, name in ((getattr(self._buffer, name), name) for name in bounds):

@@ -1,4 +1,4 @@
-"""`Cameras`: pictures of a batch by mujoco_warp's ray caster, on the device, without a window or OpenGL."""
+"""`Cameras`: pictures of a batch from mujoco_warp's ray caster, on the device, without a window or OpenGL."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from sceniris_gym.scene.model import SceneModel
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _TRACKING = (mujoco.mjtCamLight.mjCAMLIGHT_TRACKCOM, mujoco.mjtCamLight.mjCAMLIGHT_TARGETBODYCOM)
-_AWAY = wp.vec3(1e9, 1e9, 1e9)  # m; from there every ray misses the boxes around a world at once
+_AWAY = wp.vec3(1e9, 1e9, 1e9)  # m, a ray from here misses the root box of its world, so that it costs no time
 
 
 @wp.kernel
@@ -89,28 +89,28 @@ def _write_segmentation(
 
 
 class Cameras:
-    """Cameras that take pictures of the worlds of a Data, which they do not change.
+    """Cameras that take pictures of the worlds of a Data. They do not change the Data.
 
-    Poses of bodies and geoms are read as they are in `data`, so run `mjw.kinematics` after a change of `qpos`. All
-    cameras are rendered together. Models that differ from world to world are drawn as they are in each.
+    Cameras read the poses of bodies and geoms in `data`, so run `mjw.kinematics` after a change of `qpos`. All cameras
+    are rendered together. If model fields differ between worlds, each picture uses the values of its world.
 
     Args:
         scene: The scene.
-        model: Its model on the device.
+        model: The scene's model on the device.
         data: The worlds.
-        shots: The pictures to take, by the names of cameras.
-        looks: Their looks.
-        nworld: Number of worlds in pictures, from the first one on; None is all.
-        differ: Fields of the model that have a row for each world, which a single row of one world does not tell.
+        shots: The pictures to take, by camera.
+        looks: Appearance of the pictures.
+        nworld: Number of worlds in pictures, from the first world on, None for all.
+        differ: Fields of the model with a row per world. With a single world, their shape does not show it.
         where: Beginning of an error message.
         graph: Capture the launches into a graph and replay it.
 
     Attributes:
-        images: Latest pictures by camera and kind: rgb uint8, depth float32 [m, along the camera's axis; 0 where
-            nothing is], segmentation int32 [index into `names`]. Shape (nworld, height, width, channels).
-        mask: Worlds that `launch` takes pictures of, shape (nworld,), bool; at first all.
-        names: Names of the values of segmentation: objects and robots, after "" for everything else.
-        launch: Takes the pictures; the images of other worlds stay. Does not wait for the device.
+        images: Latest pictures by camera and kind: rgb uint8, depth float32 [m, along the camera's axis, 0 for the
+            background], segmentation int32 [index into `names`]. Shape (nworld, height, width, channels).
+        mask: Worlds for the next `launch`, shape (nworld,), bool, at first all.
+        names: Names of the segmentation values: "" for the background and other geoms, then objects and robots.
+        launch: Takes the pictures of masked worlds. All other images stay. Does not wait for the device.
 
     Raises:
         UnknownNameError: The scene has no such camera.
@@ -138,9 +138,9 @@ class Cameras:
         owner = [numbers[scene.owners.get(int(body), "")] for body in mjm.geom_bodyid]
         self._tracks = bool(np.isin([*mjm.cam_mode, *mjm.light_mode], _TRACKING).any())
         sizes = [shot.size for shot in shots.values()]
-        # 7 bytes of a value, which is written twice, and 48 to sort the rays
+        # 7 bytes per value, which is written twice, and 48 bytes per pixel to sort the rays
         needed = sum(math.prod(shot.size) * (48 + 7 * self.nworld * len(shot.data)) for shot in shots.values())
-        check_memory(f"{where}: {self.nworld} pictures", needed, str(device), "Use smaller ones, or fewer worlds.")
+        check_memory(f"{where}: {self.nworld} pictures", needed, str(device), "Use smaller pictures, or fewer worlds.")
         same = not {"cam_fovy", "cam_intrinsic"} & {*differ}
         with wp.ScopedDevice(device):
             self._seen = _view(data, self.nworld, self._tracks)
@@ -154,7 +154,7 @@ class Cameras:
         starts = (self.context.rgb_adr, self.context.depth_adr, self.context.seg_adr)
         self._starts = dict(zip(CHANNELS, (array.numpy().tolist() for array in starts), strict=True))
         with wp.ScopedDevice(device):
-            self._launch()  # compiles a kernel for this scene, which cannot be done in a capture
+            self._launch()  # compiles a kernel for this scene, which a capture does not permit
         self.launch = LaunchSequence(self._launch, device, graph=graph).replay
 
     def _launch(self) -> None:
@@ -185,7 +185,7 @@ def _images(nworld: int, shot: Shot) -> dict[str, wp.array]:
 
 
 def _view(data: mjw.Data, nworld: int, tracks: bool) -> mjw.Data:
-    """Return the first worlds of a Data, with arrays of their own for all that taking pictures computes."""
+    """Return the first worlds of a Data, with copies of the arrays that taking pictures overwrites."""
     view = copy.copy(data)
     view.nworld = nworld
     own = ("cam_xpos", "cam_xmat", "light_xpos", "light_xdir", *(("subtree_com", "cinert", "cdof") if tracks else ()))

@@ -16,24 +16,24 @@ from sceniris_gym.scene.overview import VISIBLE_GROUPS, picture_groups
 from sceniris_gym.sim.versions import render_context
 
 CHANNELS: dict[str, tuple[int, type]] = {"rgb": (3, wp.uint8), "depth": (1, wp.float32), "segmentation": (1, wp.int32)}
-"""Kinds of pictures, each with its number of channels and the type of a value."""
+"""Kind of picture -> number of channels, and type of a value."""
 
 BACKGROUND = (0.93, 0.95, 0.97, 1.0)
-_TILE = (8, 4)  # pixels that the 32 threads of a warp take: neighbours mostly meet the same faces
+_TILE = (8, 4)  # pixels of the 32 threads of a warp, because rays of neighbouring pixels mostly hit the same faces
 LEAST_FACES = 100
-"""Meshes with fewer faces are left alone."""
-_GRIDS = (8, 12, 16, 24, 32)  # cells along the longest edge, coarse ones first
-_SAME = 0.1  # share of area and of volume that may be lost or won, else thin parts have vanished
-_SMALLER = 0.6  # share of the faces that a thinner mesh may have at most
+"""Meshes with fewer faces are not thinned."""
+_GRIDS = (8, 12, 16, 24, 32)  # cells along the longest edge, coarse grids first
+_SAME = 0.1  # greatest relative change of area and of volume, because a larger change loses thin parts
+_SMALLER = 0.6  # a thinner mesh has at most this fraction of the faces
 
 
 @dataclass(frozen=True)
 class Looks:
-    """Looks of pictures, the same for all that are rendered together.
+    """Appearance of all pictures that are rendered together.
 
     Attributes:
         shadows: Draw shadows.
-        thin: Draw meshes with fewer faces, and faces as flat ones, for small pictures.
+        thin: Draw meshes with fewer faces and flat shading, for small pictures.
     """
 
     shadows: bool = False
@@ -54,10 +54,10 @@ class Shot:
 
 
 def in_model_order(mjm: mujoco.MjModel, shots: Mapping[str, Shot], where: str) -> dict[str, Shot]:
-    """Return pictures to take in the order in which the model has their cameras.
+    """Sort pictures to take by the order of cameras in the model.
 
     Raises:
-        UnknownNameError: The model has no such camera; the message begins with `where`.
+        UnknownNameError: The model has no such camera. The message begins with `where`.
     """
     cameras = [mjm.camera(i).name for i in range(mjm.ncam)]
     check_names("camera", shots, where, cameras)
@@ -67,13 +67,13 @@ def in_model_order(mjm: mujoco.MjModel, shots: Mapping[str, Shot], where: str) -
 def picture_context(
     mjm: mujoco.MjModel, nworld: int, shots: Mapping[str, Shot], looks: Looks, differ: Collection[str], **options: Any
 ) -> Any:
-    """Return mujoco_warp's context for pictures of cameras in the model's order; for `differ` see `may_be_inside`."""
+    """Return mujoco_warp's context for pictures of cameras in the model's order. `differ` is as in `may_be_inside`."""
     flags = {"rgb": "render_rgb", "depth": "render_depth", "segmentation": "render_seg"}
     wanted = {flag: [kind in shot.data for shot in shots.values()] for kind, flag in flags.items()}
     sizes = [shot.size for shot in shots.values()]
     given = {"cam_res": sizes, "enabled_geom_groups": list(VISIBLE_GROUPS)}
     given |= {"use_shadows": looks.shadows, "enable_vertex_normals": not looks.thin}
-    # asking of every hit whether it is the back of a face takes nearly half of the time, and only the inside has backs
+    # A test of every hit for the back of a face takes nearly half of the time, and only a camera inside sees backs.
     given["enable_backface_culling"] = any(may_be_inside(mjm, mjm.camera(name).id, differ) for name in shots)
     context = render_context(drawn_once(mjm), nworld, list(shots), **(given | options), **wanted)
     if looks.thin:
@@ -82,7 +82,7 @@ def picture_context(
 
 
 def _use_thin_meshes(context: Any, mjm: mujoco.MjModel) -> None:
-    """Exchange meshes for thinner ones, but for those whose faces have texture coordinates."""
+    """Replace all meshes without texture coordinates by meshes with fewer faces."""
     ids = context.mesh_bvh_id.numpy()
     for i in np.flatnonzero(mjm.mesh_texcoordadr < 0):
         vertices = mjm.mesh_vert[mjm.mesh_vertadr[i] :][: mjm.mesh_vertnum[i]]
@@ -96,11 +96,11 @@ def _use_thin_meshes(context: Any, mjm: mujoco.MjModel) -> None:
 
 
 def may_be_inside(mjm: mujoco.MjModel, camera: int, differ: Collection[str] = ()) -> bool:
-    """Return True if a camera may be inside of a geom that is drawn and carried with it.
+    """Return True if a camera may be inside a visible geom of its body tree, or a geom that is fixed relative to it.
 
-    Those are the geoms of its tree of bodies, and those that do not move relative to it. It may be inside if it is in
-    the bounding box of one in the pose of the model or in a keyframe; or if its tree has one at all, where it has
-    another place in each world, or sits on an object with variants, which is one body by itself.
+    This is so if the camera is in the bounding box of such a geom, in the model's pose or in a keyframe. It is also so
+    if the tree has a visible geom and the camera's place in it differs between worlds. The place differs with a row of
+    `cam_pos` per world, or on an object with variants, which is a single body.
 
     Args:
         mjm: The model.
@@ -127,23 +127,23 @@ def may_be_inside(mjm: mujoco.MjModel, camera: int, differ: Collection[str] = ()
 
 
 def drawn_once(mjm: mujoco.MjModel) -> mujoco.MjModel:
-    """Return a model in which no body is drawn twice: a copy with shapes for collisions in a hidden group."""
+    """Return a copy of the model that draws each body once: collision shapes are in a hidden group."""
     drawn = copy.copy(mjm)
     drawn.geom_group[:] = picture_groups(mjm)
     return drawn
 
 
 def tile_rays(context: Any, shots: Mapping[str, Shot]) -> list[np.ndarray]:
-    """Let neighbouring threads take the pixels of a tile, not of a row.
+    """Sort rays so that neighbouring threads take the pixels of a tile, not of a row.
 
     Args:
-        context: A context with precomputed rays, which are put into another order.
+        context: A context with precomputed rays, which are sorted in place.
         shots: The pictures.
 
     Returns:
-        The pixel of each ray of each camera, numbered from row to row.
+        The pixel of each ray of each camera, numbered row by row.
     """
-    arrays = [getattr(context, name) for name in ("ray", "ray_offset") if hasattr(context, name)]  # 3.11 has one
+    arrays = [getattr(context, name) for name in ("ray", "ray_offset") if hasattr(context, name)]  # 3.11 has only ray
     rays, first, pixels = [array.numpy() for array in arrays], 0, []
     for width, height in (shot.size for shot in shots.values()):
         y, x = np.divmod(np.arange(width * height), width)
@@ -159,14 +159,14 @@ def tile_rays(context: Any, shots: Mapping[str, Shot]) -> list[np.ndarray]:
 def thin(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
     """Return a mesh of nearly the same shape with fewer faces, on the coarsest grid that keeps its area and volume.
 
-    Vertices in a cell of the grid become one (Rossignac and Borrel 1993).
+    All vertices in a cell of the grid are merged (Rossignac and Borrel 1993).
 
     Args:
         vertices: Vertices [m], shape (n, 3).
         faces: Indices of vertices, shape (m, 3).
 
     Returns:
-        Its vertices and faces; None if the mesh has few faces, or no grid keeps its shape.
+        Vertices and faces of the new mesh, None if the mesh has few faces or no grid keeps its shape.
     """
     if len(faces) < LEAST_FACES:
         return None
@@ -180,7 +180,7 @@ def thin(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 
 def _clustered(vertices: np.ndarray, faces: np.ndarray, cells: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the mesh with the vertices of each cell in their mean, without faces that have become lines."""
+    """Merge the vertices of each cell into their mean, and drop faces that become lines."""
     low, size = vertices.min(axis=0), np.ptp(vertices, axis=0).max() / cells
     _, cluster = np.unique(((vertices - low) / size + 1e-6).astype(int), axis=0, return_inverse=True)
     cluster = cluster.ravel()

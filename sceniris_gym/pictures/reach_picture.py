@@ -1,4 +1,4 @@
-"""Pictures of a reachability map: a side view and a top view, for all approach directions and for that from above."""
+"""Pictures of a reachability map: a side view and a top view, for all approach directions and for one from above."""
 
 from __future__ import annotations
 
@@ -23,10 +23,11 @@ _COLOURS = {
 
 
 def draw(reach_map: ReachMap, height: float, device: str) -> Image.Image:
-    """Draw two rows of two panels. Left: the plane y = 0 of the base frame; right: the plane z = `height` [m].
+    """Draw two rows of two panels: on the left the plane y = 0 of the base frame, on the right z = `height` [m].
 
-    Above: the share of approach directions that are reached, light to dark. Below: approach from straight above. Dark
-    green is a certain yes; light green and brown are the interpolated yes and no in cells that the surface crosses.
+    The upper row shows the fraction of reached approach directions, from light to dark. The lower row shows the
+    approach from straight above. Dark green is reached for certain. Light green and brown are reached and not reached
+    by interpolation, in cells on the boundary of the reach.
     """
     span, low = -reach_map.u_low, reach_map.z_low
     ticks = np.linspace(-span, span, _PIXELS)
@@ -46,7 +47,7 @@ def draw(reach_map: ReachMap, height: float, device: str) -> Image.Image:
 
 
 def reached_share(reach_map: ReachMap, points: np.ndarray, count: int, device: str) -> np.ndarray:
-    """Return the share of `count` approach directions in which points of the base frame (..., 3) [m] are reached.
+    """Return the fraction of `count` approach directions that reach points (..., 3) in the base frame [m].
 
     The directions are spread evenly over the sphere (a Fibonacci lattice).
     """
@@ -58,7 +59,7 @@ def reached_share(reach_map: ReachMap, points: np.ndarray, count: int, device: s
 
 
 def _verdicts(reach_map: ReachMap, points: np.ndarray, approach: np.ndarray, device: str) -> np.ndarray:
-    """Return the verdicts for an approach direction at points of shape (..., 3); the roll about it does not matter."""
+    """Return the verdicts for an approach direction at points of shape (..., 3), for any roll about the direction."""
     pos = points.reshape(-1, 3)
     return reach_map.verdict_at(pos, np.tile(approach, (len(pos), 1)), device).reshape(points.shape[:-1])
 

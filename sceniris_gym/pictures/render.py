@@ -1,7 +1,7 @@
-"""Pictures of layouts by mujoco_warp's ray caster, without OpenGL, on a CPU or a GPU.
+"""Pictures of layouts from mujoco_warp's ray caster, without OpenGL, on a CPU or a GPU.
 
-The poses of geoms, cameras and lights come from MuJoCo C, so that only the ray caster's own kernels are compiled, which
-takes 8 s once on one CPU core.
+The poses of geoms, cameras and lights come from MuJoCo C, so that only the ray caster's kernels have to be compiled.
+This takes 8 s once on one CPU core.
 """
 
 from __future__ import annotations
@@ -26,22 +26,22 @@ CAMERA = "overview"
 SIZE = (480, 360)  # pixels
 VIEW = (0.4, -1.0, 2.0)  # from the scene to the eye: ahead, a little to the right, and well above
 _VISIBLE_GROUPS = (0, 1, 2)
-_SAMPLES = 2  # rays for each pixel, along each axis
-_APRON = 1.6  # m of ground drawn around the floor, an infinite plane that is drawn as large as the workspace
-_GAP, _STRIP = 6, 22  # pixels between tiles, and below each for its caption
+_SAMPLES = 2  # rays per pixel along each axis
+_APRON = 1.6  # m of ground drawn around the floor, which is an infinite plane drawn at the size of the workspace
+_GAP, _STRIP = 6, 22  # pixels between tiles, and below each tile for its caption
 _INK, _PAPER = (40, 44, 50), (255, 255, 255)
 
 
 def render(
     mjm: mujoco.MjModel, table: LayoutTable, *, size: tuple[int, int] = SIZE, device: str | None = None
 ) -> np.ndarray:
-    """Render all layouts with one camera, so near that it just sees everything in all of them.
+    """Render all layouts with one camera, as near as possible with all visible geoms of all layouts in the picture.
 
     Args:
-        mjm: The model; its camera 'overview' gives the field of view.
+        mjm: The model. Its camera 'overview' gives the field of view.
         table: The layouts.
         size: Width and height of a picture [pixels].
-        device: Warp's name of the device; None is Warp's default.
+        device: Warp's name of the device, None for Warp's default.
 
     Returns:
         Pictures, uint8, shape (nrow, height, width, 3).
@@ -93,13 +93,13 @@ def captioned(
 
 
 def save(image: Image.Image, path: Path) -> None:
-    """Write a PNG, whole or not at all."""
+    """Write a PNG. An error leaves no partial file."""
     with replacing(path) as temporary:
         image.save(temporary, format="PNG", optimize=True)
 
 
 def _with_apron(mjm: mujoco.MjModel) -> mujoco.MjModel:
-    """Return the model with a larger floor, so that things at the edge of the workspace do not seem to float."""
+    """Return the model with a larger floor, so that objects at the edge of the workspace do not seem to float."""
     floor = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_GEOM, FLOOR)
     if floor < 0 or mjm.geom_type[floor] != mujoco.mjtGeom.mjGEOM_PLANE or not mjm.geom_size[floor, 0] > 0:
         return mjm
@@ -109,7 +109,7 @@ def _with_apron(mjm: mujoco.MjModel) -> mujoco.MjModel:
 
 
 def _poses(mjm: mujoco.MjModel, table: LayoutTable) -> dict[str, np.ndarray]:
-    """Return the arrays of MjData that the ray caster reads, by name, each with a leading nrow."""
+    """Return the arrays of MjData that the ray caster reads, by name, shape (nrow, ...)."""
     data = mujoco.MjData(mjm)
     names = ("geom_xpos", "geom_xmat", "cam_xpos", "cam_xmat", "light_xpos", "light_xdir")
     poses = {name: np.empty((len(table), *getattr(data, name).shape)) for name in names}

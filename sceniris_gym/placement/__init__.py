@@ -1,1 +1,1 @@
-"""Device code for the words of a scene file, each for one object in one world: the twin of docs/language/."""
+"""Device code for the words of a scene file, for one object in one world. docs/language/ documents these words."""

@@ -1,6 +1,6 @@
-"""Supports and what is on them: the cover of a point by an overhead obstacle, and the footprint of a posed object.
+"""Tests of `on`, `inside`, `in` and `ratio_on_support`: covers of points by overhead obstacles, and footprints.
 
-They are the tests of `on`, `inside`, `in`, and of `ratio_on_support`. A footprint is a shadow seen from above.
+A footprint is the shadow of a posed object, seen from above.
 """
 
 import warp as wp
@@ -13,19 +13,19 @@ from sceniris_gym.program.device import Program
 
 _SPACE = wp.constant(wp.vec3(1.0, 1.0, 1.0))
 _SHADOW = wp.constant(wp.vec3(1.0, 1.0, 0.0))
-# A footprint may extend beyond the edge of its support by this much [m], the tolerance of the separation test.
+# A footprint may extend beyond the edge of its support by this length [m], the tolerance of the separation test.
 _RIM = wp.constant(-1.0e-6)
-# Obstacles count up to this height [m] above a point. The ray begins a little above the surface, since surfaces of one
-# height but of two geoms may differ by rounding.
+# Obstacles count up to this height [m] above a point.
 _OVERHEAD_REACH = wp.constant(5.0)
+# Height [m] of the ray's origin above the point, because rounding may separate level surfaces of two geoms.
 _OVERHEAD_START = wp.constant(1.0e-4)
-# Rounding [m] of a radius and of the distances that it is compared with.
+# Rounding [m] of a radius and of the distances to compare with it.
 _ROUNDING = wp.constant(1.0e-5)
 
 
 @wp.func
 def inside_outline(program: Program, surface: int, p: wp.vec2) -> bool:
-    """Test whether `p` lies inside the outline of a surface, holes left out, by crossings of a ray along x."""
+    """Test whether `p` lies inside the outline of a surface and outside its holes, by crossings of a ray along x."""
     inside = bool(False)
     for i in range(program.surface_edgenum[surface]):
         a = program.edge_a[program.surface_edgeadr[surface] + i]
@@ -70,7 +70,7 @@ def shadow_on_edge(program: Program, piece: int, edge: int, rel: Pose) -> bool:
 
 @wp.func
 def _inward(program: Program, edge: int, winding: int) -> wp.vec3:
-    """Return the inward unit normal of an edge of a convex outline; `winding` is -1 if that runs clockwise, else 1."""
+    """Return the inward unit normal of an edge of a convex outline. `winding` is 1 counter-clockwise, -1 clockwise."""
     along = wp.normalize(program.edge_b[edge] - program.edge_a[edge])
     return float(winding) * wp.vec3(-along[1], along[0], 0.0)
 
@@ -104,8 +104,8 @@ def overhangs(
 ) -> bool:
     """Test whether one piece of an object's footprint extends beyond one edge of a surface.
 
-    `index` counts the pairs of pieces and edges, edges fastest. `ground` is the pose of the surface's body. A footprint
-    lies on the surface if no pair overhangs.
+    `index` counts the pairs of pieces and edges, with edges fastest. `ground` is the pose of the surface's body. A
+    footprint lies on the surface if no pair overhangs.
     """
     sides = program.surface_edgenum[surface]
     piece = program.shadow_list[program.obj_shadowadr[obj] + index // sides]
@@ -114,7 +114,7 @@ def overhangs(
     winding = program.surface_winding[surface]
     if winding != 0:
         at = wp.transpose(ground.rot) * (piece_origin(program, piece, body_pos, body_quat) - ground.pos)
-        if _lies_inside(program, edge, winding, at, program.piece_radius[piece]):  # most do
+        if _lies_inside(program, edge, winding, at, program.piece_radius[piece]):  # most pieces end here
             return False
     rel = relative(ground, compose(pose_of(body_pos[body], body_quat[body]), piece_pose(program, piece)))
     if winding != 0:
@@ -126,14 +126,14 @@ def overhangs(
 
 @wp.func
 def _upward(point: wp.vec3) -> Pose:
-    """Return a frame whose x axis points up, centred on the segment over `point` in which obstacles count."""
+    """Return a frame whose x axis points up, centred on the tested segment over `point`."""
     middle = point + wp.vec3(0.0, 0.0, _OVERHEAD_START + 0.5 * _OVERHEAD_REACH)
     return Pose(middle, wp.mat33(0.0, 0.0, -1.0, 0.0, 1.0, 0.0, 1.0, 0.0, 0.0))
 
 
 @wp.func
 def _crosses_box(half: wp.vec3, rel: Pose) -> bool:
-    """Test whether that segment crosses a box with pose `rel` in the segment's frame, slab by slab."""
+    """Test whether the segment of `_upward` crosses a box with pose `rel` in the segment's frame, slab by slab."""
     start = -(wp.transpose(rel.rot) * rel.pos)
     low = float(-0.5 * _OVERHEAD_REACH)
     high = float(0.5 * _OVERHEAD_REACH)
@@ -156,7 +156,7 @@ def _is_under_piece(
 ) -> bool:
     """Test whether a convex piece lies above `point` (world frame)."""
     beside = piece_origin(program, piece, body_pos, body_quat) - point
-    if wp.length(wp.vec2(beside[0], beside[1])) > program.piece_radius[piece] + _ROUNDING:  # most are
+    if wp.length(wp.vec2(beside[0], beside[1])) > program.piece_radius[piece] + _ROUNDING:  # most pieces end here
         return False
     body = program.piece_body[piece]
     frame = compose(pose_of(body_pos[body], body_quat[body]), piece_pose(program, piece))
@@ -192,7 +192,7 @@ def is_covered(
 ) -> bool:
     """Test whether an entry of `overhead_list` lies above `point` (world frame).
 
-    Entries are convex pieces, or with `geometry: visual` colliders.
+    Entries are convex pieces, or colliders with `geometry: visual`.
     """
     if program.visual:
         return _is_under_faces(program, entry, point, body_pos, body_quat)

@@ -1,4 +1,4 @@
-"""`reachable`: poses of the TCP for grasps of a posed object, and the grasps that the arm's map accepts."""
+"""Device code of `reachable`: TCP poses for grasps of a posed object, and the grasps that the arm's map accepts."""
 
 import warp as wp
 
@@ -12,7 +12,7 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 @wp.func
 def grasp_pose(reach: Reach, grasp: int, base: Pose, body_pos: wp.array[wp.vec3], body_quat: wp.array[wp.vec4]) -> Pose:
-    """Return the pose of the TCP at a grasp in the frame of the arm's base, given body poses of the world."""
+    """Return the pose of the TCP at a grasp in the frame of the arm's base, from body poses in the world frame."""
     body = reach.grasp_body[grasp]
     quat = mul_quat(body_quat[body], reach.grasp_quat[grasp])
     return relative(base, pose_of(apply(pose_of(body_pos[body], body_quat[body]), reach.grasp_pos[grasp]), quat))
@@ -28,9 +28,9 @@ def tcp_of(reach: Reach, grasp: int, body_pos: wp.array[wp.vec3], body_quat: wp.
 
 @wp.func
 def approaches(reach: Reach, column: int, grasp: int, body_quat: wp.array[wp.vec4]) -> bool:
-    """Test whether the hand can approach a grasp without coming through the support of its object.
+    """Test whether the hand can approach a grasp without passing through the support of its object.
 
-    It would where the approach axis rises too steeply.
+    An approach axis that rises too steeply would pass through the support.
     """
     if not reach.reach_below[column]:
         return True
@@ -42,7 +42,7 @@ def approaches(reach: Reach, column: int, grasp: int, body_quat: wp.array[wp.vec
 def first_accepted(
     reach: Reach, column: int, stable: int, base: Pose, body_pos: wp.array[wp.vec3], body_quat: wp.array[wp.vec4]
 ) -> int:
-    """Return the first grasp of a stable pose that passes the map, counted from the target's first; -1 for none."""
+    """Return the first grasp of a stable pose that passes the map, counted from the target's first grasp, or -1."""
     adr = reach.stable_graspadr[stable]
     for grasp in range(adr, adr + reach.stable_graspnum[stable]):
         if passes_map(reach, column, grasp, base, body_pos, body_quat):
@@ -54,7 +54,7 @@ def first_accepted(
 def passes_map(
     reach: Reach, column: int, grasp: int, base: Pose, body_pos: wp.array[wp.vec3], body_quat: wp.array[wp.vec4]
 ) -> bool:
-    """Test whether a grasp does not come from below, and the arm's map, if there is one, accepts it."""
+    """Test whether a grasp does not approach from below, and the arm's map, if it has one, accepts it."""
     through = approaches(reach, column, grasp, body_quat)
     if reach.mapped and through:
         tcp = grasp_pose(reach, grasp, base, body_pos, body_quat)

@@ -1,4 +1,4 @@
-"""`joints`: draw the joint positions of one object, and pose its bodies as `mj_kinematics` does."""
+"""Device code of `joints`: draw the joint positions of one object, and pose its bodies as `mj_kinematics` does."""
 
 import warp as wp
 
@@ -6,7 +6,7 @@ from sceniris_gym.device.random import uniforms
 from sceniris_gym.device.transforms import axis_angle_quat, mul_quat, rot_vec_quat
 from sceniris_gym.program.device import ObjectKind, Program
 
-# Number of the first draw of a trial that is for joints; each draw has four numbers.
+# Number of a trial's first draw for joints. Each draw has four numbers.
 _FIRST_DRAW = wp.constant(2)
 
 
@@ -94,7 +94,7 @@ def pose_bodies(
     body_pos: wp.array[wp.vec3],
     body_quat: wp.array[wp.vec4],
 ):
-    """Pose an object's bodies, parents before children, from number `first` of its list on (1: the root is posed)."""
+    """Pose an object's bodies, parents before children, from number `first` of its list (1 if its root is posed)."""
     adr = program.obj_bodyadr[obj]
     for i in range(first, program.obj_bodynum[obj]):
         pose_body(program, program.body_list[adr + i], qpos, body_pos, body_quat)

@@ -1,8 +1,8 @@
 """Orientations: draw a yaw, a stable pose or any rotation, face another object, and measure pivots and bounds.
 
-Every orientation is a rotation with heading 0, which decides the pivot, the bounds and the lowest point, followed by a
-yaw about the vertical. The heading of an object is the direction of its root's x axis, seen from above; where that axis
-points straight up or down, it is the direction of its y axis minus 90 degrees.
+Every orientation is a rotation with heading 0 followed by a yaw about the vertical. The rotation determines the pivot,
+the bounds and the lowest point. The heading of an object is the direction of its root's x axis, seen from above. If
+that axis points straight up or down, the heading is the direction of the y axis minus 90 degrees.
 """
 
 import math
@@ -23,7 +23,7 @@ _TWO_PI = wp.constant(2.0 * math.pi)
 
 @wp.struct
 class StableDraw:
-    """A drawn orientation of heading 0, its yaw [rad], and the pivot and bounds that an object has in it.
+    """A drawn orientation of heading 0, its yaw [rad], and the object's pivot and bounds in it.
 
     `stable` is the number of its stable pose in `Program`. `pivot` is in the root's frame [m].
     `bounds` is (low x, low y, high x, high y) around the pivot [m].
@@ -57,10 +57,10 @@ def _any_quat(u: wp.vec4) -> wp.vec4:
 
 @wp.func
 def draw_stable(program: Program, obj: int, u: wp.vec4, w: wp.vec4) -> StableDraw:
-    """Draw an orientation from two draws of uniform numbers; of `u` only the first number is used."""
+    """Draw an orientation from two draws of uniform numbers. Only the first number of `u` is used."""
     stable = program.obj_stableadr[obj]
     last = stable + program.obj_stablenum[obj] - 1
-    # the last one is not compared: rounding may leave its share below the uniform number
+    # the last pose is not compared, because rounding may leave its cumulative probability below the uniform number
     while stable < last and w[3] >= program.stable_cdf[stable]:
         stable += 1
     quat = program.stable_quat[stable]
@@ -102,7 +102,7 @@ def _extents(
     body_pos: wp.array[wp.vec3],
     body_quat: wp.array[wp.vec4],
 ) -> wp.vec4:
-    """Return where a posed object begins and ends along two axes [m]: low x, low y, high x, high y."""
+    """Return the extents of a posed object along two axes [m]: low x, low y, high x, high y."""
     low_x = _least(program, obj, x, body_pos, body_quat)
     low_y = _least(program, obj, y, body_pos, body_quat)
     high_x = -_least(program, obj, -x, body_pos, body_quat)
@@ -118,10 +118,10 @@ def measure(
     body_pos: wp.array[wp.vec3],
     body_quat: wp.array[wp.vec4],
 ) -> StableDraw:
-    """Return `drawn` with its pivot at the lowest point and, if need be, its bounds in the drawn joint state.
+    """Return `drawn` with its pivot at the lowest point and, with `Measure.WHOLE`, its bounds in the drawn joint state.
 
-    Leaves the bodies posed with the root at the origin, heading 0. Sideways the pivot stays the centre of the bounds in
-    the start pose of the joints; with `orientation: any` it is the centre of the drawn bounds.
+    Leaves the bodies posed with the root at the origin and heading 0. Horizontally, the pivot stays at the centre of
+    the bounds in the start pose of the joints. With `orientation: any`, it is at the centre of the drawn bounds.
     """
     body_pos[program.obj_body[obj]] = wp.vec3(0.0)
     body_quat[program.obj_body[obj]] = drawn.quat
@@ -146,7 +146,7 @@ def bounds_of(
     body_pos: wp.array[wp.vec3],
     body_quat: wp.array[wp.vec4],
 ) -> wp.vec4:
-    """Return the bounds (low x, low y, high x, high y) [m] of a posed object around its pivot, in its own heading.
+    """Return the bounds (low x, low y, high x, high y) [m] of a posed object around its pivot, in its heading.
 
     `place` is (x, y, z, heading) of the pivot.
     """

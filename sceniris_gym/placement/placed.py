@@ -1,4 +1,4 @@
-"""Placed objects as relations see them: pivot, heading and bounds, from above."""
+"""Placed objects for relations: pivot, heading and bounds, seen from above."""
 
 import warp as wp
 
@@ -23,7 +23,7 @@ def placed(at: wp.vec2, heading: float, bounds: wp.vec4) -> Placed:
 
 @wp.func
 def is_there(present: wp.array[int], place: int) -> bool:
-    """Return whether what a relation names is present; behind the slots are objects with variants, which always are."""
+    """Return whether a named object is present. Places after the slots are objects with variants, always present."""
     if place < present.shape[0]:
         return present[place] != 0
     return True
@@ -37,7 +37,7 @@ def _turned_to(v: wp.vec2, to: wp.vec2) -> wp.vec2:
 
 @wp.func
 def along_axes(p: Placed, v: wp.vec2) -> wp.vec2:
-    """Return a vector given along the axes of an object in the world's axes."""
+    """Return a vector in the world's axes, from its components along the axes of an object."""
     return _turned_to(v, p.axis)
 
 
@@ -90,7 +90,7 @@ def _outside_sq(p: Placed, x: wp.vec2) -> float:
 
 @wp.func
 def bounds_offset(p: Placed) -> float:
-    """Return the distance [m] of the pivot from the bounds: above 0 if drawn joints moved all geometry away from it."""
+    """Return the distance [m] of the pivot from the bounds, above 0 if drawn joints moved all geometry away from it."""
     return wp.sqrt(_outside_sq(p, p.at))
 
 
@@ -105,9 +105,9 @@ def _apart_along(a: Placed, b: Placed, direction: wp.vec2) -> bool:
 
 @wp.func
 def bounds_distance(a: Placed, b: Placed) -> float:
-    """Return the distance [m] between two bounds seen from above; 0 if they overlap.
+    """Return the distance [m] between two bounds seen from above, 0 if they overlap.
 
-    Two convex polygons that are apart are closest at a corner of one of them.
+    Two separate convex polygons are closest at a corner of one of them.
     """
     apart = (
         _apart_along(a, b, a.axis)

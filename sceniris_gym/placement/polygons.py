@@ -1,6 +1,6 @@
 """Small convex polygons on the device: hulls of points, clipping by half-planes, areas, and uniform points.
 
-A polygon is an array of corners [m] that one lane owns, counter-clockwise, and the number in use.
+A polygon is an array of counter-clockwise corners [m] that one lane owns, and the number of corners in use.
 """
 
 import warp as wp
@@ -40,7 +40,7 @@ def _sort_by_height(points: wp.array[wp.vec2], num: int):
 def _turn_left(corners: wp.array[wp.vec2], base: int, num: int, p: wp.vec2) -> int:
     """Drop corners from the end, down to number `base`, until the turn to `p` is a left one.
 
-    Returns the number of corners that remain.
+    Returns the number of remaining corners.
     """
     left = int(num)
     while left > base + 1:
@@ -57,8 +57,8 @@ def convex_hull(points: wp.array[wp.vec2], num: int, corners: wp.array[wp.vec2])
 
     Sorts the points in place. They may coincide or lie on lines, as long as they do not all lie on one line. Returns
     the number of corners, at most `num`. A. Andrew, "Another efficient algorithm for convex hulls in two dimensions",
-    Information Processing Letters 9(5), 1979. The chains on both sides of the line from the lowest to the highest point
-    are built one after the other, so the hull never needs more room than there are points.
+    Information Processing Letters 9(5), 1979. The two chains on the sides of the line from the lowest to the highest
+    point are built one after the other, so that `num` corners are always enough room.
     """
     _sort_by_height(points, num)
     lowest = points[0]
@@ -98,11 +98,11 @@ def set_triangle(p: wp.array[wp.vec2], a: wp.vec2, b: wp.vec2, c: wp.vec2) -> in
 
 @wp.func
 def clip(p: wp.array[wp.vec2], num: int, h: HalfPlane) -> int:
-    """Clip `p` by a half-plane in place, and return the number of corners that are left.
+    """Clip `p` by a half-plane in place, and return the number of remaining corners.
 
     I. Sutherland, G. Hodgman, "Reentrant polygon clipping", CACM 17(1), 1974. A convex polygon enters a half-plane at
-    most once, so writing is at most one corner ahead of reading, and reading one ahead suffices. If rounding makes it
-    enter twice, the second entry is ignored.
+    most once. Writing is therefore at most one corner ahead of reading, and it is enough to read one corner ahead. If
+    rounding makes the polygon enter twice, the second entry is ignored.
     """
     left = int(0)
     a = p[wp.max(num - 1, 0)]
@@ -136,7 +136,7 @@ def area(p: wp.array[wp.vec2], num: int) -> float:
 
 @wp.func
 def draw_in_polygon(p: wp.array[wp.vec2], num: int, pick: float, u: float, v: float) -> wp.vec2:
-    """Return a uniform point: uniform numbers choose a triangle of the fan (`pick`) and a point of it (`u`, `v`)."""
+    """Return a uniform point. Uniform numbers choose a triangle of the fan (`pick`) and a point in it (`u`, `v`)."""
     left = 2.0 * pick * area(p, num)
     chosen = num - 1
     for i in range(2, num):

@@ -1,8 +1,8 @@
-"""`relations`: enclose the region of a relation in convex pieces, and test a point exactly.
+"""Device code of `relations`: enclose the region of a relation in convex pieces, and test a point exactly.
 
-A wedge with distances is cut into slices of at most 30 degrees, fewer where the ring is thin. Each slice is bounded by
-four half-planes: two rays, a chord inside the inner circle and a tangent outside the outer one. Slices are disjoint, so
-their areas add up. They over-cover the ring by less than its area; points outside of it are redrawn.
+A wedge with distances is cut into slices of at most 30 degrees, and less in a thin ring. Four half-planes bound each
+slice: two rays, a chord inside the inner circle and a tangent outside the outer circle. Slices are disjoint, so their
+areas add up. They exceed the ring by less than its area, and points outside the ring are drawn again.
 """
 
 import math
@@ -28,13 +28,13 @@ from sceniris_gym.program.device import FRAME_SUPPORT, FRAME_WORLD, Program
 
 _PI = wp.constant(math.pi)
 _NO_LIMIT = wp.constant(1.0e29)
-# Anchors whose hull is thinner than this [m] count as collinear, and their region is a strip. If they are no further
-# apart than this they count as one point, and their region is a square along the world's axes.
+# Anchors count as collinear if their hull is thinner than this [m], and their region is then a strip. If they are no
+# further apart than this, they count as one point, and their region is a square along the world's axes.
 _THIN = wp.constant(1.0e-3)
-# `beside` describes a line, and at sites a point; both are drawn as strips of this half width [m], a fifth of the
-# error that counts as a violation.
+# `beside` describes a line, or a point for joined sites. Both are drawn as strips of this half width [m], a fifth of
+# the error that counts as a violation.
 _LINE = wp.constant(2.0e-5)
-# A point no further [m] than this from its anchor has no direction from it but rounding.
+# The direction from an anchor to a point within this distance [m] is only rounding.
 _NO_DIRECTION = wp.constant(1.0e-5)
 
 
@@ -44,8 +44,8 @@ class ResolvedRelation:
 
     A sector has an apex, the direction of its axis, a half angle [rad], and the least and greatest distance [m] that
     its pieces enclose. A strip or a line extends from `low` to `high` along the unit vector `along` from `apex`, and by
-    `half` to both sides [m]. A hull has `hullnum` corners, which are stored elsewhere. All pieces lie within `reach`
-    [m] of `apex`.
+    `half` to both sides [m]. A hull has `hullnum` corners in a separate array. All pieces lie within `reach` [m] of
+    `apex`.
     """
 
     active: bool
@@ -74,7 +74,7 @@ def _strip(apex: wp.vec2, along: wp.vec2, low: float, high: float, half: float, 
 
 @wp.func
 def _between(width: float, points: wp.array[wp.vec2], num: int, hull: wp.array[wp.vec2]) -> ResolvedRelation:
-    """Resolve `between`: the hull of the anchors, or a strip if they lie on a line, or a square if at one point."""
+    """Resolve `between`: the hull of the anchors, a strip if they lie on a line, or a square if they coincide."""
     a = int(0)
     b = int(0)
     longest = float(0.0)
@@ -103,13 +103,13 @@ def _between(width: float, points: wp.array[wp.vec2], num: int, hull: wp.array[w
 
 @wp.func
 def _beside(program: Program, rel: int, own: Placed, anchor: Placed, axis: float) -> ResolvedRelation:
-    """Resolve `beside`: the pivots with bounds `gap` apart, the narrower one within the span of the wider one."""
+    """Resolve `beside`: the pivots whose bounds are `gap` apart, with the narrower bounds within the wider span."""
     side = turned(wp.vec2(1.0, 0.0), axis)
     along = wp.vec2(-side[1], side[0])
     offset = bounds_extent(anchor, side)[1] + program.rel_gap[rel] - bounds_extent(own, side)[0]
     wide = bounds_extent(anchor, along)
     narrow = bounds_extent(own, along)
-    # extended at both ends as well: it is a point if both are equally wide
+    # extend both ends, because the line shrinks to a point if both bounds are equally wide
     low = wp.min(wide[0] - narrow[0], wide[1] - narrow[1]) - _LINE
     high = wp.max(wide[0] - narrow[0], wide[1] - narrow[1]) + _LINE
     return _strip(anchor.at + side * offset, along, low, high, _LINE, _NO_LIMIT)
@@ -117,7 +117,7 @@ def _beside(program: Program, rel: int, own: Placed, anchor: Placed, axis: float
 
 @wp.func
 def _joined(program: Program, rel: int, own: Placed, anchor: Placed) -> ResolvedRelation:
-    """Resolve `beside` at sites: the point of the pivot at which the two sites meet."""
+    """Resolve `beside` at sites: the pivot that makes the two sites meet."""
     sites = program.rel_sites[rel]
     apex = anchor.at + along_axes(anchor, wp.vec2(sites[0], sites[1])) - along_axes(own, wp.vec2(sites[2], sites[3]))
     return _strip(apex, wp.vec2(1.0, 0.0), -_LINE, _LINE, _LINE, 2.0 * _LINE)
@@ -137,8 +137,8 @@ def resolve(
 ) -> ResolvedRelation:
     """Resolve a relation of an object, given its heading and bounds, to its region in one world.
 
-    Absent anchors count as not named; a relation without enough anchors is not active. The corners of a hull are
-    written to `hull`.
+    Absent anchors are ignored, and a relation without enough anchors is not active. The corners of a hull are written
+    to `hull`.
     """
     adr = program.rel_anchoradr[rel]
     points = wp.zeros(shape=(MAX_ANCHORS,), dtype=wp.vec2)
@@ -181,20 +181,20 @@ def resolve(
         s.low -= bounds_offset(anchor) + bounds_offset(own)
         s.high += bounds_radius(anchor) + bounds_radius(own)
     if s.high < _NO_LIMIT:
-        # the point where the tangents of two slices meet, and more than rounding
+        # the distance to the meeting point of two slices' tangents, plus more than rounding
         s.reach = 1.001 * s.high / unit_circle(s.half_angle / float(program.rel_piecenum[rel]))[0]
     return s
 
 
 @wp.func
 def depends_on_heading(program: Program, rel: int) -> bool:
-    """Return True if the region of a relation depends on the heading of the object, not on its bounds alone."""
+    """Return True if the region of a relation depends on the heading of the object, and not only on its bounds."""
     return program.rel_type[rel] == RelationType.BESIDE or program.rel_type[rel] == RelationType.JOINED
 
 
 @wp.func
 def side_num(s: ResolvedRelation) -> int:
-    """Return the number of half-planes that bound one piece of a relation; -1 if it is not active."""
+    """Return the number of half-planes around one piece of a relation, -1 if it is not active."""
     if not s.active:
         return -1
     if s.hullnum > 0:
@@ -204,7 +204,7 @@ def side_num(s: ResolvedRelation) -> int:
 
 @wp.func
 def _slice_sides(program: Program, rel: int, s: ResolvedRelation, sides: wp.array[HalfPlane], first: int):
-    """Write the four half-planes that bound each slice of a sector: two rays, a chord and a tangent."""
+    """Write the four half-planes around each slice of a sector: two rays, a chord and a tangent."""
     pieces = program.rel_piecenum[rel]
     slice = 2.0 * s.half_angle / float(pieces)
     inner = s.low * unit_circle(0.5 * slice)[0]
@@ -233,7 +233,7 @@ def write_sides(
     sides: wp.array[HalfPlane],
     first: int,
 ):
-    """Write the half-planes that bound all pieces of a relation to `sides` from `first` on."""
+    """Write the half-planes around all pieces of a relation to `sides`, starting at `first`."""
     if not s.active:
         return
     if s.hullnum > 0:
@@ -261,7 +261,7 @@ def relation_holds(
     place: wp.array[wp.vec4],
     bounds: wp.array[wp.vec4],
 ) -> bool:
-    """Test whether a relation holds exactly for the object at `own`, whose pivot one of its pieces already contains."""
+    """Test whether a relation holds exactly for the object at `own`, whose pivot is already in one of its pieces."""
     if not s.active or program.rel_type[rel] != RelationType.SECTOR:
         return True
     v = own.at - s.apex

@@ -1,20 +1,23 @@
-"""`stands`: test if all free objects below a candidate still stand with it, by statics on MuJoCo's soft contacts.
+"""`stands`: test whether all free objects below a candidate still stand, by statics on MuJoCo's soft contacts.
 
-At each level the load is all that the level carries, itself included, as one rigid body for each level. It stands if
-its centre of mass is inside of the patch, the hull of its foot as far as that is on the support, by a margin. Contacts
-give way: the load sinks by d, and if its centre is e away from that of the patch it leans by d K^-1 e, where K is the
-mean of the outer products of the patch's corners around their mean, as each corner is a spring. All that is above moves
-with it, so leaning is worked out in passes; what is top-heavy does not come to rest. A load that falls by f until it is
-carried is shaken, so that the margin is to be above t sqrt(f h), with h the height of its centre; `Law` has t.
+The load of a level is the object of this level and everything on it, each as a rigid body. The *patch* of a level is
+the hull of the part of its foot on the support. A load stands if its centre of mass is inside the patch by a margin.
 
-MuJoCo keeps four contacts of a face, the largest quadrilateral of its corners. Where a round support has more, a load
-near its rim is outside of them, so it tips until others take over. That adds s sqrt(d h) to the margin, at most. A load
-on a curved foot has risen after leaning by an angle a if its margin is above h tan(a / 2). It rolls to where its centre
-is above the point that it touches: with a radius of curvature R it turns by (R v + e) / (R - h), where v is the lean of
-what carries it, so its centre moves by h times that, and swings as far beyond. If R is about h it takes its time.
+Contacts give way, with each corner of the patch as a spring. A load sinks by d. If its centre is e away from the centre
+of the patch, it leans by d K^-1 e. Here K is the mean of the outer products of the patch's corners around their mean.
+All objects above move with it, so the leans are computed in passes, which do not converge for a top-heavy stack. A load
+that falls by f until its support carries it is shaken. Its margin therefore has to exceed t sqrt(f h), where h is the
+height of its centre and `Law` has t.
 
-The corners of a patch are those that are furthest in each of 16 directions, so its hull is a little smaller than the
-exact one.
+MuJoCo keeps four contacts of a face, the largest quadrilateral of its corners. On a round support with more corners, a
+load near the rim is outside these contacts and tips until others take over. This adds at most s sqrt(d h) to the
+margin. A load on a curved foot has risen after a lean by an angle a if its margin is above h tan(a / 2). It rolls until
+its centre is above the point of contact. With a radius of curvature R, it rotates by (R v + e) / (R - h), where v is
+the lean of its carrier. Its centre moves by h times this angle, and swings equally far beyond. If R is about h, the
+motion is slow.
+
+The corners of a patch are the furthest points in each of 16 directions, so its hull is a little smaller than the exact
+hull.
 """
 
 import warp as wp
@@ -31,9 +34,10 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 # A convex part of a support adds a corner for each of its sides.
 _MOST_CORNERS = 2 * MAX_FOOT
 _PASSES = 8
-# A part of a foot of which less than this share is on the support has one contact there, which it may lose.
+# A part of a foot counts if at least this fraction of it is on the support. A smaller fraction has a single contact,
+# which it may lose.
 _SLIVER = wp.constant(0.5)
-# The same for a curved foot, which may have a piece at each end and nothing between them.
+# The same for a curved foot, which may have a piece at each end and a gap between them.
 _ALL = wp.constant(0.99)
 # The largest quadrilateral of corners of a circle leaves out 0.29 of its radius.
 _LOST = wp.constant(0.35)
@@ -43,17 +47,17 @@ _MOVE = wp.constant(MOST_MOVE)
 
 @wp.struct
 class Level:
-    """An object and what it carries, on its patch.
+    """An object and its load, on its patch.
 
-    Lengths are in metres, in the world's axes around the pivot of the candidate. `load` is (weight [kg], centre); `own`
-    is that of the object with all that it carries beside the level above.
+    Lengths are in metres, in the world's axes around the pivot of the candidate. `load` is the weight [kg] and centre
+    of the object and everything on it. `own` is the same without the level above and its load.
     """
 
     foot: float  # height
     own: wp.vec4
     load: wp.vec4
     middle: wp.vec2
-    softness: wp.mat22  # lean [rad] for each metre between the load's centre and `middle`
+    softness: wp.mat22  # lean [rad] per metre between the load's centre and `middle`
     margin: float
     inner: float  # radius of the patch around `middle`
     sink: float
@@ -61,7 +65,7 @@ class Level:
     lean: wp.vec2
     law: LawVector
     center: wp.vec2  # of the rectangle around a curved foot
-    axis: wp.vec2  # of that
+    axis: wp.vec2  # first axis of the rectangle
     reach: wp.vec2  # half of its sides
 
 
@@ -88,7 +92,7 @@ def weigh(
 
 @wp.func
 def _side(statics: Statics, number: int, ground: Pose) -> HalfPlane:
-    """Return the half-plane that an edge of a part of a surface bounds."""
+    """Return the half-plane inside an edge of a part of a surface."""
     ends = statics.side[number]
     a = apply(ground, wp.vec3(ends[0], ends[1], 0.0))
     b = apply(ground, wp.vec3(ends[2], ends[3], 0.0))
@@ -97,7 +101,7 @@ def _side(statics: Statics, number: int, ground: Pose) -> HalfPlane:
 
 @wp.func
 def lies_on_a_part(statics: Statics, stable: int, at: wp.vec2, surface: int, ground: Pose) -> bool:
-    """Return True if the circle around a foot is on one convex part of a surface; see `find_patch`."""
+    """Return True if the circle around a foot is on one convex part of a surface. Arguments as in `find_patch`."""
     for i in range(statics.surface_partnum[surface]):
         part = statics.surface_partadr[surface] + i
         nearest = float(1.0e30)
@@ -119,7 +123,7 @@ def find_patch(
     ground: Pose,
     patch: wp.array[wp.vec2],
 ) -> bool:
-    """Write the corners of an object's patch, and return True, unless none of its foot is on the surface.
+    """Write the corners of an object's patch, and return True, or return False if its foot is off the surface.
 
     Args:
         statics: The feet and contacts of all objects.
@@ -152,7 +156,7 @@ def find_patch(
         for s in range(statics.part_sidenum[part]):
             num = clip(points, num, _side(statics, statics.part_sideadr[part] + s, ground))
         if num > 0 and area(points, num) >= least:
-            # the corner in each direction is the one that is furthest along it
+            # the corner in each direction is the point furthest along it
             for d in range(DIRECTIONS):
                 for k in range(num):
                     far = wp.dot(points[k], statics.direction[d])
@@ -164,7 +168,7 @@ def find_patch(
 
 @wp.func
 def measure(level: Level, patch: wp.array[wp.vec2]) -> Level:
-    """Return a level with what the corners of its patch say: its middle, its softness, the margin of its load."""
+    """Return a level with the middle and softness of its patch, and the margin of its load."""
     at = wp.vec2(level.load[1], level.load[2])
     middle = wp.vec2(0.0)
     for i in range(DIRECTIONS):
@@ -198,7 +202,7 @@ def measure(level: Level, patch: wp.array[wp.vec2]) -> Level:
 def _leans(level: Level, off: wp.vec2) -> wp.vec2:
     """Return the lean [rad] of a load whose centre is `off` [m] from the middle of its patch.
 
-    Beyond `far` = 1 a corner of a rectangle is lifted, so that the load rests on three.
+    If `far` exceeds 1, a corner of a rectangle is lifted and the load rests on three corners.
     """
     lean = level.softness * off
     far = wp.sqrt(2.0 * wp.max(wp.dot(lean, off), 0.0) / wp.max(level.sink, 1.0e-30))
@@ -207,7 +211,7 @@ def _leans(level: Level, off: wp.vec2) -> wp.vec2:
 
 @wp.func
 def loads_stand(levels: wp.array[Level], num: int) -> bool:
-    """Return True if the loads of all levels stay on their patches as these give way; the lowest level is the last."""
+    """Return True if the loads of all levels stay on their patches as contacts give way. The lowest level is last."""
     moved = wp.zeros(shape=(wp.static(MAX_LEVELS),), dtype=wp.vec2)
     shift = wp.zeros(shape=(wp.static(MAX_LEVELS),), dtype=wp.vec2)
     for _ in range(_PASSES):
@@ -231,7 +235,7 @@ def loads_stand(levels: wp.array[Level], num: int) -> bool:
     fall = float(0.0)
     drop = float(0.0)
     roll = float(0.0)
-    below = wp.vec2(0.0)  # the lean of what carries a level
+    below = wp.vec2(0.0)  # the lean of the carrier of a level
     for k in range(num):
         j = num - 1 - k
         level = levels[j]

@@ -1,1 +1,1 @@
-"""The placement program, which the device runs: planned on the host, checked, and packed into flat arrays."""
+"""The placement program for the device: planned on the host, checked, and packed into flat arrays."""

@@ -1,4 +1,4 @@
-"""`CompiledScene`: a scene with all that a reset needs on its device, precomputed and frozen."""
+"""`CompiledScene`: a frozen scene with all precomputed data of a reset on its device."""
 
 from __future__ import annotations
 
@@ -46,35 +46,35 @@ CHECKS: tuple[Callable[[Plan], None], ...] = (
     oddities.warn_of_oddities,
     objects.check_reach,
 )
-"""All checks of a scene, in the order in which they refuse it or warn of it."""
+"""All checks of a scene, in the order in which they reject it or warn about it."""
 FEWEST_ATTEMPTS = 10
-"""The number of attempts from which `attempts: auto` goes up."""
+"""The lowest number of attempts that `attempts: auto` tries."""
 USER_SPLITS = ("train", "eval")
-"""The splits that a user chooses from: independent streams of the same seeds."""
+"""The splits that a user can choose: independent streams of the same seeds."""
 MOST_EPISODES = (1 << 31) - 1
-"""The number of episodes that a seed has: they are counted in 32 bits, and -1 stands for none yet. After the last one
-comes the first."""
+"""Number of episodes of a seed. They are counted in 32 bits, and -1 means before the first. After the last episode, the
+count restarts at 0."""
 # Lanes of a warp, which share a candidate on a GPU.
 _WARP = 32
 
 
 @dataclass(frozen=True)
 class CompiledScene:
-    """A frozen scene on one device; it has no batch dimension.
+    """A frozen scene on one device, without a batch dimension.
 
     Attributes:
         scene: The model and its names.
         device: Warp's name of the device, e.g. "cuda:0".
         program: The placement program on the device.
-        reaching: The arms and their reach targets, None if there are none.
-        statics: How objects stand, on the device; None if none can fall.
-        starts: The kinds of starts, on the device; None if the scene has the start pose alone.
-        bank: The valid layouts that worlds fall back on; empty until `compile_scene` fills it.
+        reaching: The arms and their reach targets, None without arms.
+        statics: Feet, contacts and loads on the device, None if no object can fall.
+        starts: The kinds of starts on the device, None if the scene has only the start pose.
+        bank: The fallback bank of valid layouts, empty until `compile_scene` fills it.
         home_qpos: Start pose, shape (nq,).
         home_xpos, home_xquat: Poses of all bodies at the start, shapes (nbody, 3) and (nbody, 4) wxyz.
-        sides: The most half-planes that hold the pieces of one object's relations.
-        pieces: The most pieces that relations cut the region of one object into.
-        meshes: The device meshes that `program` points to.
+        sides: Greatest number of half-planes that bound the pieces of one object's relations.
+        pieces: Greatest number of pieces into which relations cut the region of one object.
+        meshes: The device meshes of `program`.
     """
 
     scene: SceneModel
@@ -93,12 +93,12 @@ class CompiledScene:
 
     @cached_property
     def plan(self) -> Plan:
-        """The placement program on the host, worked out when it is asked for, as resets do without it."""
+        """The placement program on the host, built on first access because resets do not need it."""
         return build_plan(self.scene)
 
     @property
     def config(self) -> SceneConfig:
-        """The scene as written by the user."""
+        """The scene as the user wrote it."""
         return self.scene.config
 
     @property
@@ -108,7 +108,7 @@ class CompiledScene:
 
     @property
     def sim_mjm(self) -> mujoco.MjModel:
-        """The model that is simulated, in which the variants of an object share a body; `mjm` without variants."""
+        """The simulated model, in which the variants of an object share a body. Without variants, it is `mjm`."""
         return self.scene.sim.mjm
 
     @property
@@ -117,18 +117,19 @@ class CompiledScene:
         return self.scene.hash
 
     def layout_id(self, seed: SupportsIndex, episode: SupportsIndex, split: str = "train", params: str = "") -> str:
-        """Return `scenehash:split:seed:episode`, the id of a layout of this scene, which `sceniris-gym replay` takes.
+        """Return `scenehash:split:seed:episode`, the id of a layout of this scene for `sceniris-gym replay`.
 
         Args:
-            seed: 64 bits, as a number of any library; negative ones are read as two's complement.
-            episode: Number of resets of the world between the one that gave it its seed and the one of the layout.
+            seed: 64-bit integer of any library. Negative numbers are read as two's complement.
+            episode: Number of resets since the world got its seed, 0 for the first layout.
             split: "train" or "eval".
-            params: The params that differ from the scene file, as `ParamTable.text` writes them: a fifth part.
+            params: The params that differ from the scene file, as `ParamTable.text` writes them. They become a fifth
+                part of the id.
 
         Raises:
-            ArgumentTypeError: A seed or an episode that is no integer.
-            ArgumentError: A seed of more than 64 bits. Another split, or an episode out of range; -1 is that of a world
-                without a layout.
+            ArgumentTypeError: The seed or the episode is not an integer.
+            ArgumentError: The seed has more than 64 bits, the split is unknown, or the episode is out of range. A world
+                without a layout has episode -1, which has no id.
         """
         try:
             number, count = operator.index(seed), operator.index(episode)
@@ -141,7 +142,7 @@ class CompiledScene:
         if not 0 <= count < MOST_EPISODES:
             raise ArgumentError(
                 f"layout_id: episode={short(count)} should be from 0 to 2^31 - 2. "
-                "A world has none before its first reset."
+                "A world has no layout before its first reset."
             )
         if split not in USER_SPLITS:
             raise ArgumentError(f"layout_id: unknown split {short(split)}. Valid: {', '.join(USER_SPLITS)}.")
@@ -149,7 +150,7 @@ class CompiledScene:
 
     @property
     def home_state(self) -> dict[str, np.ndarray]:
-        """The start pose by the names that device structs give to joints and body poses."""
+        """The start pose, with the names of joint positions and body poses in device structs."""
         return {"qpos": self.home_qpos, "body_pos": self.home_xpos, "body_quat": self.home_xquat}
 
     @property
@@ -159,7 +160,7 @@ class CompiledScene:
 
     @cached_property
     def placed(self) -> tuple[str, ...]:
-        """Names in placement order: objects whose pose or joints are drawn, and robots whose base or joints are."""
+        """Names in placement order: objects with a drawn pose or joints, and robots with a drawn base or joints."""
         return tuple(placement_order(self.scene))
 
     @property
@@ -174,47 +175,47 @@ class CompiledScene:
 
     @property
     def attempts(self) -> int:
-        """The candidates that an object gets before a layout starts again: as written, or as found for `auto`."""
+        """Number of candidates of an object before a layout restarts: the scene file's, or the one found for `auto`."""
         return int(self.program.attempts)
 
 
 def refuse_starts(compiled: CompiledScene, where: str) -> None:
-    """Refuse a scene with kinds of starts where nothing closes the fingers.
+    """Reject a scene with kinds of starts, for callers that cannot close the fingers.
 
     Raises:
-        NotSupportedError: It has some.
+        NotSupportedError: The scene has `start`.
     """
     if compiled.starts is not None:
         raise NotSupportedError(
-            f"{where}: '{compiled.config.name}' has 'start', and nothing closes the fingers here. Leave the word out, "
-            "or take SceneVectorEnv or ResetRandomizer."
+            f"{where}: '{compiled.config.name}' has 'start', but nothing closes the fingers here. Remove the word, "
+            "or use SceneVectorEnv or ResetRandomizer."
         )
 
 
 def refuse_draws(compiled: CompiledScene, where: str, instead: str) -> None:
-    """Refuse a scene with words of `randomize` where nothing draws them.
+    """Reject a scene with words of `randomize`, for callers that do not draw them.
 
     Args:
         compiled: The scene.
         where: The beginning of the error.
-        instead: What draws physics and looks there.
+        instead: The caller's way to draw physics and looks, as the error words it.
 
     Raises:
-        NotSupportedError: It has some.
+        NotSupportedError: The scene has `randomize`.
     """
     draws = compiled.scene.sim.draws
     if draws:
         raise NotSupportedError(
             f"{where}: '{compiled.config.name}' has 'randomize' ({draws[0].name}), which is not drawn here. Leave the "
-            f"words out and draw by {instead}, or take SceneVectorEnv or ResetRandomizer."
+            f"words out and draw by {instead}, or use SceneVectorEnv or ResetRandomizer."
         )
 
 
 def upload_scene(scene: SceneModel, device: str) -> CompiledScene:
-    """Check a scene and upload it to a device. The bank is still empty; `layout.compile.compile_scene` fills it.
+    """Check a scene and upload it to a device. The bank stays empty until `layout.compile.compile_scene` fills it.
 
     Raises:
-        ScenirisError: Something is wrong with the scene; see `build_plan` and `CHECKS`.
+        ScenirisError: `build_plan` or one of `CHECKS` rejects the scene.
     """
     plan = build_plan(scene)
     for check in CHECKS:
@@ -223,7 +224,7 @@ def upload_scene(scene: SceneModel, device: str) -> CompiledScene:
 
 
 def upload_plan(plan: Plan, device: str, *, starts: bool = True) -> CompiledScene:
-    """Upload a plan to a device, unchecked and with an empty bank; with the scene's kinds of starts, or without."""
+    """Upload a plan to a device without checks, with an empty bank, and with or without the scene's kinds of starts."""
     scene = plan.scene
     is_visual = scene.config.geometry == "visual"
     colliders = collect_colliders(plan.pieces, is_visual, device)
@@ -233,7 +234,7 @@ def upload_plan(plan: Plan, device: str, *, starts: bool = True) -> CompiledScen
     program = Program()
     program.visual = is_visual
     program.face_vertadr = 0
-    if is_visual and any(p.type in ROUND for p in plan.pieces):  # triangles are hulls as well
+    if is_visual and any(p.type in ROUND for p in plan.pieces):  # triangles are tested as hulls against round pieces
         program.face_vertadr = len(arrays["vert"])
         corners = np.stack([arrays[name] for name in ("face_a", "face_b", "face_c")], axis=1)
         arrays["vert"] = np.concatenate([arrays["vert"], corners.reshape(-1, 3)])

@@ -1,9 +1,9 @@
 """The scene as device code reads it: flat arrays, shared by all worlds and never written after `compile_scene`.
 
-Lengths are in metres, angles in radians, quaternions wxyz; a pose is that of a frame in its parent's frame. A range of
-a list `x` or `x_*` is a pair (`xadr`, `xnum`) as in MuJoCo. A *slot* is the place of an object in the scene file, or of
-a robot behind them; behind all slots are the places of objects with variants, of which one is always present. A
-*collider* is tested as a whole: the pieces of one body below one tree of boxes, or one plane.
+Lengths are in metres, angles in radians, quaternions wxyz. Poses are relative to the parent frame. A range of a list
+`x` or `x_*` is a pair (`xadr`, `xnum`) as in MuJoCo. *Slots* number the objects in the order of the scene file, then
+the robots. After all slots, arrays of places have a column for each object with variants, because one of its variants
+is always present. A *collider* is tested as a whole: the pieces of one body below one tree of boxes, or one plane.
 """
 
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ import warp as wp
 
 
 class ObjectKind(IntEnum):
-    """The kind of an object, which decides where MuJoCo keeps its pose."""
+    """The kind of an object, which determines where MuJoCo stores its pose."""
 
     STATIC = 0
     FREE = 1
@@ -24,11 +24,11 @@ class ObjectKind(IntEnum):
 
 
 OWN_A, OWN_B = wp.constant(1), wp.constant(2)
-"""Bits of a pair: its a, its b is part of what is tested."""
+"""Bits of a pair: its a, its b is part of the tested candidate."""
 
 
 class Cover(IntEnum):
-    """The requirement on obstacles above a drawn point: `on` asks for none, `inside` for a cover, `in` accepts both."""
+    """The requirement on obstacles above a drawn point: `on` rejects them, `inside` requires one, `in` accepts both."""
 
     EITHER = 0
     OPEN = 1
@@ -36,7 +36,7 @@ class Cover(IntEnum):
 
 
 class Cause(IntEnum):
-    """The cause for which a candidate is rejected; docs/language/sampling.md describes each."""
+    """The cause of a candidate's rejection. docs/language/sampling.md describes each."""
 
     NONE = 0
     OVERHEAD = 1
@@ -52,11 +52,11 @@ class Cause(IntEnum):
 
 
 REACH_CAUSES = (Cause.UNREACHABLE, Cause.NO_IK, Cause.BLOCKED)
-"""The causes of failing to reach: the map, inverse kinematics, or an obstacle."""
+"""The causes of a missed reach target: the map, inverse kinematics, or an obstacle."""
 
 
 class OrientationType(IntEnum):
-    """The law of an orientation: a yaw on top of one of the object's poses, uniform over SO(3), or facing an object."""
+    """The law of an orientation: a yaw added to one of the object's poses, uniform over SO(3), or facing an object."""
 
     YAW = 0
     ANY = 1
@@ -64,14 +64,14 @@ class OrientationType(IntEnum):
 
 
 class Measure(IntEnum):
-    """The measurements of a drawn candidate: none, its lowest point, or its bounds as well."""
+    """The measurements of a drawn candidate: no measurement, its lowest point, or its lowest point and bounds."""
 
     NOTHING = 0
     LOWEST = 1
     WHOLE = 2
 
 
-# Values of `rel_frame` beside slots: the heading of the support, or the world's axes.
+# Values of `rel_frame` that are not slots: the heading of the support, or the world's axes.
 FRAME_SUPPORT = -1
 FRAME_WORLD = -2
 
@@ -81,16 +81,16 @@ vec7 = wp.types.vector(length=7, dtype=float)
 
 @wp.struct
 class Program:
-    """The placement program of a scene; objects are listed in placement order."""
+    """The placement program of a scene, with objects in placement order."""
 
     # Sizes and options.
     nobject: int
-    ngiven: int  # objects that a redraw finds where they are, the first of all
+    ngiven: int  # number of objects that a redraw leaves in place: the first of the list
     ngroup: int
     attempts: int
     restarts: int
-    restart_rate: float  # share of restarts that fail to place everything
-    visual: bool  # leaves are faces, and round pieces beside them; otherwise leaves are convex pieces
+    restart_rate: float  # fraction of restarts that fail to place all objects
+    visual: bool  # leaves are faces and round pieces. If false, leaves are convex pieces.
 
     # Bodies and joints for forward kinematics, as in mjModel.
     body_parent: wp.array[int]
@@ -98,7 +98,7 @@ class Program:
     body_quat: wp.array[wp.vec4]
     body_jntadr: wp.array[int]
     body_jntnum: wp.array[int]
-    jnt_slide: wp.array[bool]  # a slide; otherwise a hinge
+    jnt_slide: wp.array[bool]  # true for a slide, false for a hinge
     jnt_pos: wp.array[wp.vec3]
     jnt_axis: wp.array[wp.vec3]
     jnt_qposadr: wp.array[int]
@@ -111,18 +111,18 @@ class Program:
     draw_choicenum: wp.array[int]
     choice: wp.array[float]
 
-    # Joints that follow drawn ones by equalities, see `Coupling`: origin, offset and a1 to a4. Double precision, since
-    # MuJoCo multiplies a violation by a thousand and more.
-    follow_driveradr: wp.array[int]  # of the qpos of the joint that is followed
+    # Joints that follow drawn joints by equalities, see `Coupling`: origin, offset and a1 to a4. Double precision,
+    # because MuJoCo multiplies a violation by a thousand and more.
+    follow_driveradr: wp.array[int]  # qpos address of the followed joint
     follow_qposadr: wp.array[int]
     follow_coef: wp.array2d[wp.float64]
 
-    # Objects: identity, and where their state is kept.
+    # Objects: identity, and addresses of their state.
     obj_stream: wp.array[int]  # of random numbers
     obj_upright: wp.array[float]  # cosine of the greatest lean of its support
     obj_kind: wp.array[int]  # an ObjectKind
     obj_slot: wp.array[int]
-    obj_place: wp.array[int]  # column of its place and bounds: its slot, or what it shares with the other variants
+    obj_place: wp.array[int]  # column of its place and bounds: its slot, or the column that all its variants share
     obj_body: wp.array[int]  # the root
     obj_adr: wp.array[int]  # of its qpos (free), or its mocap body (fixture, marker)
     obj_bodyadr: wp.array[int]
@@ -133,11 +133,11 @@ class Program:
     obj_follownum: wp.array[int]
     body_list: wp.array[int]
 
-    # Objects: orientation, and the stable poses that it is drawn from, each at heading 0.
+    # Objects: orientation, and the stable poses to draw from, each at heading 0.
     obj_orientation: wp.array[int]  # an OrientationType
     obj_target: wp.array[int]  # slot of the object that it faces
     obj_yaw: wp.array[wp.vec2]  # interval
-    obj_beside: wp.array[int]  # slot whose heading replaces that of the support as origin of the yaw, or -1
+    obj_beside: wp.array[int]  # slot whose heading is the origin of the yaw, or -1 for the heading of the support
     obj_stableadr: wp.array[int]
     obj_stablenum: wp.array[int]
     obj_measured: wp.array[int]  # a Measure
@@ -145,32 +145,32 @@ class Program:
     stable_pivot: wp.array[wp.vec3]  # in the root's frame
     stable_bounds: wp.array[wp.vec4]  # low x, low y, high x, high y around the pivot
     stable_cdf: wp.array[float]
-    stable_triadr: wp.array[int]  # of the region of that pose
+    stable_triadr: wp.array[int]  # of the pose's region
     stable_trinum: wp.array[int]
 
-    # Objects: support, and the region that they are drawn in.
+    # Objects: support, and the region to draw from.
     obj_ground: wp.array[int]  # body of the support, or -1
     obj_gap: wp.array[float]  # height over the support
     obj_box_lower: wp.array2d[wp.vec3]  # by world, of a region in space
     obj_box_upper: wp.array2d[wp.vec3]  # by world
-    obj_cutnum: wp.array[int]  # pieces that relations cut each triangle into; 0: the region is the same in every world
-    obj_erosion: wp.array[float]  # distance from the outline, as a share of the shorter edge of the drawn bounds
+    obj_cutnum: wp.array[int]  # number of pieces that relations make of each triangle, 0 if all worlds share the region
+    obj_erosion: wp.array[float]  # distance from the outline, as a fraction of the shorter edge of the drawn bounds
     obj_cover: wp.array[int]  # a Cover
     obj_overheadadr: wp.array[int]
     obj_overheadnum: wp.array[int]
-    obj_footprint: wp.array[bool]  # all of it has to lie on the support
+    obj_footprint: wp.array[bool]  # the whole footprint has to lie on the support
     obj_shadowadr: wp.array[int]
     obj_shadownum: wp.array[int]
-    obj_effort: wp.array[float]  # candidates that it usually takes to place it
+    obj_effort: wp.array[float]  # usual number of candidates until it is placed
     obj_retry_if_empty: wp.array[bool]  # another draw of its bounds or yaw may open a region that was empty
     overhead_list: wp.array[int]  # obstacles that may cover its points: pieces, or colliders if `visual`
     shadow_list: wp.array[int]  # pieces whose shadows are its footprint
 
-    # Heaps: settled poses of their things, relative to the body that they fill.
-    obj_heap: wp.array[wp.vec3i]  # address and number of its poses, and the stream of its heap; -1, 0, 0 for none
+    # Heaps: settled poses of their objects, relative to the body of the container.
+    obj_heap: wp.array[wp.vec3i]  # address and number of its poses, and the stream of its heap, or -1, 0, 0
     heap_pose: wp.array[vec7]  # position, then orientation
 
-    # Relations: distances without a limit are 1e30.
+    # Relations: unlimited distances are 1e30.
     obj_reladr: wp.array[int]
     obj_relnum: wp.array[int]
     rel_type: wp.array[int]  # a RelationType
@@ -183,14 +183,14 @@ class Program:
     rel_low: wp.array2d[float]  # by world
     rel_high: wp.array2d[float]  # by world
     rel_bounds: wp.array[bool]  # distances are between bounds, otherwise between pivots
-    rel_width: wp.array[float]  # negative: the shorter edge of the object's own bounds
+    rel_width: wp.array[float]  # if negative, the shorter edge of the placed object's bounds
     rel_gap: wp.array[float]
-    rel_sites: wp.array[wp.vec4]  # xy from the pivots, at heading 0: the anchor's site and the gap, own site
+    rel_sites: wp.array[wp.vec4]  # xy from the pivots, at heading 0: the anchor's site and the gap, the object's site
     rel_piecenum: wp.array[int]
     rel_sideadr: wp.array[int]  # of the sides of its pieces, counted from the first side of its object
 
-    # Groups: slots of their members, the least and greatest number that is present, and where members differ in them
-    # the weights of the splits 'train' and 'eval'.
+    # Groups: slots of their members, the least and greatest number of present members, and, if members differ in
+    # weight, the weights in the splits 'train' and 'eval'.
     group: wp.array2d[wp.vec4i]  # by world: first and number of entries of group_slot, least and greatest of members
     group_slot: wp.array[int]
     group_uniform: wp.array2d[bool]  # by world
@@ -201,11 +201,11 @@ class Program:
     tri_a: wp.array[wp.vec2]
     tri_b: wp.array[wp.vec2]
     tri_c: wp.array[wp.vec2]
-    tri_cdf: wp.array[float]  # share of the region's area up to and including this triangle
+    tri_cdf: wp.array[float]  # fraction of the region's area up to and including this triangle
     surface_height: wp.array[float]
     surface_edgeadr: wp.array[int]
     surface_edgenum: wp.array[int]
-    surface_winding: wp.array[int]  # of a convex outline: 1 counter-clockwise, -1 clockwise; 0: it is not convex
+    surface_winding: wp.array[int]  # of a convex outline: 1 counter-clockwise, -1 clockwise. 0 if it is not convex.
     edge_a: wp.array[wp.vec2]
     edge_b: wp.array[wp.vec2]
 
@@ -218,11 +218,11 @@ class Program:
     piece_pos: wp.array[wp.vec3]
     piece_quat: wp.array[wp.vec4]
     piece_size: wp.array[wp.vec3]
-    piece_radius: wp.array[float]  # of a sphere around the origin of its frame that holds it
+    piece_radius: wp.array[float]  # of the enclosing sphere around the origin of its frame
     piece_vertadr: wp.array[int]  # of the vertices of a hull, in the frame of the piece
     piece_vertnum: wp.array[int]
-    inner_center: wp.array[wp.vec3]  # a box inside of each piece, in its frame
-    inner_half: wp.array[wp.vec3]  # zeros for none
+    inner_center: wp.array[wp.vec3]  # a box inside each piece, in its frame
+    inner_half: wp.array[wp.vec3]  # zeros if a piece has no such box
     vert: wp.array[wp.vec3]
     face_vertadr: int  # of the corners of all faces in `vert`, if `visual` and there are round pieces
 
@@ -231,34 +231,34 @@ class Program:
     collider_root: wp.array[int]  # node
     collider_plane: wp.array[int]  # the piece that is a plane, or -1
     collider_mesh: wp.array[wp.uint64]
-    collider_depth: wp.array[float]  # no point inside is further from the surface than this
+    collider_depth: wp.array[float]  # upper bound of the distance from the surface to a point inside
     collider_pointadr: wp.array[int]
     collider_pointnum: wp.array[int]
     node_center: wp.array[wp.vec3]
     node_half: wp.array[wp.vec3]
-    node_child: wp.array[int]  # the left child, which the right one follows; or ~leaf: a piece, or a face if `visual`
+    node_child: wp.array[int]  # the left child, followed by the right one, or ~leaf: a piece, or a face if `visual`
     face_a: wp.array[wp.vec3]
     face_b: wp.array[wp.vec3]
     face_c: wp.array[wp.vec3]
-    point: wp.array[wp.vec3]  # one of each closed component, for containment
+    point: wp.array[wp.vec3]  # one point of each closed component, for containment
 
-    # Pairs of colliders that are kept apart, and the broad-phase pairs with which their test begins.
+    # Pairs of colliders to keep apart, and the broad-phase pairs, which are tested first.
     obj_pairadr: wp.array[int]
     obj_pairnum: wp.array[int]
     obj_broadadr: wp.array[int]
     obj_broadnum: wp.array[int]
     pair_a: wp.array[int]
     pair_b: wp.array[int]
-    # Body of a, body of b, bits (OWN_A, OWN_B), and the piece of b if b is a plane, else -1.
+    # Body of a, body of b, bits (OWN_A, OWN_B), and the piece of b if b is a plane, or -1.
     pair_bodies: wp.array[wp.vec4i]
-    pair_margin: wp.array2d[float]  # by world: least distance; negative: the depth of geoms that overlap at home
-    pair_touch: wp.array[float]  # least distance where the pair is an object and its support
+    pair_margin: wp.array2d[float]  # by world: least distance. If negative, the depth of geoms that overlap at home.
+    pair_touch: wp.array[float]  # least distance if the pair is an object and its support
     pair_directionadr: wp.array[int]
     pair_directionnum: wp.array[int]
-    direction: wp.array[wp.vec3]  # separating directions out of a: one half in the frame of a's body, one in b's
+    direction: wp.array[wp.vec3]  # separating directions out of a: half in the frame of a's body, half in b's
     broad_pair: wp.array[wp.vec3i]  # pair, node of a, node of b
 
-    # The start pose of a world, before anything is drawn.
+    # The start pose of a world before its draws.
     home_qpos: wp.array[float]
     home_place: wp.array[wp.vec4]  # of each slot and of each object with variants: x, y, z of the pivot, heading
     home_bounds: wp.array[wp.vec4]
@@ -274,17 +274,17 @@ WORLD_FIELDS = (
     *("draw_range", "rel_low", "rel_high", "group", "group_uniform", "group_weight"),
     *("obj_box_lower", "obj_box_upper", "pair_margin"),
 )
-"""Fields of `Program` that may differ between worlds: with one row for all, its stride is 0."""
+"""Fields of `Program` that may differ between worlds. A single row for all worlds has stride 0."""
 
 
 def fill_struct(declared: Any, instance: Any, arrays: Mapping[str, np.ndarray], device: str) -> None:
-    """Fill array fields of a struct instance from numpy arrays, in the types that the struct declares."""
+    """Fill array fields of a struct instance from NumPy arrays, with the types declared by the struct."""
     for name, values in arrays.items():
         field = declared.vars[name].type
         shared = declared is Program and name in WORLD_FIELDS
         values = np.ascontiguousarray(values[None] if shared else values)
         array = wp.array(values, dtype=field.dtype, ndim=field.ndim, device=device)
-        if shared and array.size:  # one row, in the same memory, that is every row
+        if shared and array.size:  # stride 0 makes the same memory serve as the row of every world
             strides, owner = (0, array.strides[1]), array
             array = wp.array(ptr=array.ptr, dtype=array.dtype, shape=array.shape, strides=strides, device=device)
             array._ref = owner
@@ -292,19 +292,19 @@ def fill_struct(declared: Any, instance: Any, arrays: Mapping[str, np.ndarray], 
 
 
 def allocate(declared: Any, instance: Any, shape: int | tuple[int, ...], names: str) -> None:
-    """Set the named fields of a struct instance to arrays of zeros of a shape, with the types that it declares."""
+    """Set the named fields of a struct instance to arrays of zeros of a shape, with the declared types."""
     for name in names.split():
         setattr(instance, name, wp.zeros(shape, dtype=declared.vars[name].type.dtype))
 
 
 def repeat(declared: Any, instance: Any, count: int, rows: Mapping[str, np.ndarray], device: str) -> None:
-    """Set array fields of a struct instance to so many copies of a row each."""
+    """Set each array field of a struct instance to `count` copies of its row."""
     arrays = {name: np.tile(row, (count, *[1] * row.ndim)) for name, row in rows.items()}
     fill_struct(declared, instance, arrays, device)
 
 
 def copied(declared: Any, instance: Any) -> Any:
-    """Return a copy of a struct instance, which shares its arrays."""
+    """Return a copy of a struct instance that shares its arrays."""
     other = declared()
     for name in declared.vars:
         setattr(other, name, getattr(instance, name))

@@ -1,4 +1,4 @@
-"""`Bank`: the valid layouts that worlds fall back on, as device code reads them."""
+"""`Bank`: the fallback bank of valid layouts, as device code reads it."""
 
 import warp as wp
 
@@ -7,10 +7,10 @@ from sceniris_gym.program.device import allocate
 
 @wp.struct
 class Bank:
-    """Layouts of the split "train", then layouts of "eval"; only `compile_scene` writes them."""
+    """Layouts of the split "train", then layouts of "eval". Only `compile_scene` writes them."""
 
     ntrain: int
-    seed: wp.array[wp.uint64]  # with episode: the key that they were made by, in the split of the bank
+    seed: wp.array[wp.uint64]  # with `episode`, the key of each layout in the split of the bank
     episode: wp.array[int]
     start: wp.array[int]
     present: wp.array2d[int]
@@ -23,7 +23,7 @@ class Bank:
 
 
 def empty_bank(device: str) -> Bank:
-    """Return a bank without rows, from which nothing falls back."""
+    """Return a bank without rows, which offers no fallback."""
     bank = Bank()
     with wp.ScopedDevice(device):
         for name in set(Bank.vars).difference({"ntrain"}):

@@ -1,4 +1,4 @@
-"""Loads at the worst of all that may be drawn: how far contacts give way, and how far off the vertical things pull."""
+"""Loads for the worst draws: the depth of contacts, and the angle of gravity and wind from the vertical."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from sceniris_gym.program.placed_object import PlacedObject
 from sceniris_gym.scene.model import SceneModel
 
 CONTACTS = 4
-"""The most contacts of a piece on something flat."""
-# Those of round pieces with an upright axis, and with a lying one: its vertical part is below the last number.
+"""Greatest number of contacts of a piece on a flat support."""
+# Contacts of round pieces with an upright axis, and with a lying axis, whose vertical part is below the last number.
 _UPRIGHT, _LYING = {PieceType.CYLINDER: 3}, {PieceType.CYLINDER: 2, PieceType.CAPSULE: 2}
 _LYING_BELOW = 0.7
-# Nothing sinks so deep [m] that points as high as this touch, or it is refused.
+# Points at this height [m] or above never touch the support: an object that sinks deeper is rejected.
 _HIGHEST = 5.0e-3
-# Number of depths at which the impedance of a contact is looked up.
+# Number of depths in the table of a contact's impedance.
 _GRID = 1001
 
 
@@ -32,8 +32,8 @@ class Contact(NamedTuple):
     Attributes:
         own, below: Their bodies.
         ref: Its `solref`.
-        imps: Its `solimp`, with all combinations of ends that may be drawn.
-        cone: What its friction multiplies its depth by.
+        imps: Its `solimp`, with all combinations of the ends of draws.
+        cone: Factor of its depth due to friction.
         friction: Its least coefficient of sliding friction.
     """
 
@@ -48,8 +48,9 @@ class Contact(NamedTuple):
 def contact_of(scene: SceneModel, a: int, b: int) -> Contact:
     """Return the contact of two geoms as in the chapter "Computation" of MuJoCo's manual.
 
-    Its numbers are those of an explicit pair, of the geom of higher priority, or mixed. With a pyramidal cone MuJoCo
-    takes the softness of its n edges from that of the first, so friction m changes it by m^2 (1 + m^2) / (n / 2).
+    Its numbers come from an explicit pair, from the geom of higher priority, or from both geoms, mixed. With a
+    pyramidal cone, MuJoCo derives the softness of all n edges from the first edge, so friction m changes the softness
+    by m^2 (1 + m^2) / (n / 2).
     """
     mjm, least, most = scene.mjm, scene.least, scene.most
     rank = mjm.geom_priority[[a, b]]
@@ -75,15 +76,15 @@ def contact_of(scene: SceneModel, a: int, b: int) -> Contact:
 
 
 def contact_heights(pieces: list[Piece], shape: HomeShape, pose: StablePose) -> np.ndarray:
-    """Return the heights over the lowest point [m] at which pieces touch level ground that gives way.
+    """Return the heights over the lowest point [m] at which pieces touch soft, level ground.
 
     Args:
         pieces: The pieces.
-        shape: The same.
-        pose: The pose that they are in.
+        shape: The shape of these pieces.
+        pose: Their pose.
 
     Returns:
-        Shape (npiece, `CONTACTS`), inf where a piece has fewer contacts.
+        Shape (npiece, `CONTACTS`), inf for missing contacts of a piece.
     """
     found, up = np.full((len(pieces), CONTACTS), np.inf), matrix(pose.quat)[2]
     for p, points, axis, row in zip(pieces, shape.points(), shape.axes(), found, strict=True):
@@ -97,17 +98,17 @@ def contact_heights(pieces: list[Piece], shape: HomeShape, pose: StablePose) -> 
 def deepest(
     scene: SceneModel, contacts: list[set[Contact]], foot: np.ndarray, bodies: list[int], load: float, is_whole: bool
 ) -> float:
-    """Return the greatest depth [m] to which an object sinks, whatever it and its support weigh.
+    """Return the greatest depth [m] to which an object sinks, over all drawn masses of the object and its support.
 
-    Under what it carries it sinks the deepest when it is light, as its contacts get harder with its mass.
+    A light object sinks deepest under its load, because contacts get harder with the mass of the object.
 
     Args:
         scene: The scene.
         contacts: The contacts of each of its pieces with the support.
-        foot: Their heights; see `contact_heights`. So many carry that the next one is not reached.
+        foot: Heights of these contacts, as from `contact_heights`. The object sinks until its lowest contacts carry it.
         bodies: The bodies of the object.
-        load: The greatest weight [kg] of it and of all that may be put on it.
-        is_whole: Whether all of its foot is on its support; half of its contacts are otherwise.
+        load: Greatest weight [kg] of the object and everything on it.
+        is_whole: Whether its whole foot is on its support. If not, only half of its contacts carry it.
     """
     heights, light, found = np.sort(foot[foot < _HIGHEST]), scene.least.body_invweight0[:, 0], 0.0
     heights = heights if is_whole else heights[: max(len(heights) // 2, CONTACTS)]
@@ -123,9 +124,9 @@ def deepest(
 def depth_of(scene: SceneModel, contact: Contact, load: np.ndarray | float, inverse: float) -> np.ndarray:
     """Return the depths [m] at which a contact carries loads [kg], with the greatest pull of gravity.
 
-    At rest a contact with impedance d under a force f is (1 - d) / d^2 w f / k deep, where w is the sum of the inverse
-    weights of its bodies [1/kg], k = 1 / (dmax^2 timeconst^2 dampratio^2), and d grows with the depth from dmin to
-    dmax, by the impedance of that chapter.
+    At rest, a contact with impedance d under a force f has the depth (1 - d) / d^2 w f / k. Here w is the sum of the
+    inverse weights of its bodies [1/kg], and k = 1 / (dmax^2 timeconst^2 dampratio^2). The impedance d grows with the
+    depth from dmin to dmax, as in the chapter "Computation" of MuJoCo's manual.
     """
     opt, ref = scene.mjm.opt, contact.ref
     gravity = np.linalg.norm(np.maximum(np.abs(scene.least.opt.gravity), np.abs(scene.most.opt.gravity)))
@@ -142,18 +143,18 @@ def depth_of(scene: SceneModel, contact: Contact, load: np.ndarray | float, inve
         d = least + np.where(x < middle, early, late) * (most - least)
         share = force / max(stiff, mujoco.mjMINVAL)
         depth = np.interp(share, width * x * d**2 / (1.0 - d), width * x)
-        found = np.maximum(found, np.maximum(depth, share * (1.0 - most) / most**2))  # it gets no stiffer beyond
+        found = np.maximum(found, np.maximum(depth, share * (1.0 - most) / most**2))  # dmax holds at greater depths
     return found
 
 
 def least_upright(scene: SceneModel) -> np.ndarray:
-    """Return the least upright gravity [m/s^2] that may be drawn, shape (3,)."""
+    """Return the drawn gravity [m/s^2] furthest from straight down, shape (3,)."""
     low, high = scene.least.opt.gravity, scene.most.opt.gravity
     return np.array([*np.where(np.abs(low) > np.abs(high), low, high)[:2], high[2]])
 
 
 def wind_push(scene: SceneModel, o: PlacedObject) -> float:
-    """Return the greatest force of the wind on a free object [N/kg], with its least mass, at its broadest side."""
+    """Return the greatest force of the wind on a free object [N/kg], with its least mass, along its inertial axes."""
     speed = np.linalg.norm(np.maximum(np.abs(scene.least.opt.wind), np.abs(scene.most.opt.wind)))
     if not speed:
         return 0.0
@@ -168,6 +169,6 @@ def wind_push(scene: SceneModel, o: PlacedObject) -> float:
 
 
 def tilt_of(scene: SceneModel, objects: list[PlacedObject]) -> float:
-    """Return the greatest tangent by which gravity and the wind pull objects away from straight down."""
+    """Return the tangent of the greatest angle by which gravity and wind pull objects away from straight down."""
     pull, push = least_upright(scene), max((wind_push(scene, o) for o in objects), default=0.0)
     return float((np.hypot(*pull[:2]) + push) / max(-pull[2] - push, mujoco.mjMINVAL))

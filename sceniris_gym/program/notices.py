@@ -1,4 +1,4 @@
-"""Warnings about a scene: issued at the caller's line, and noted for when the scene is taken from the cache."""
+"""Warnings about a scene. They are issued at the caller's line, and stored to repeat them for a cached scene."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from contextvars import ContextVar
 from sceniris_gym import errors
 
 _PACKAGE = os.path.join(os.path.dirname(errors.__file__), "")
-# Of the thread: a warning is noted far below the compilation that keeps it.
+# A context variable, because a warning is issued far below the compilation that stores it, in the same thread.
 _noted: ContextVar[list[UserWarning] | None] = ContextVar("noted", default=None)
 
 
@@ -29,7 +29,7 @@ def warn(warning: UserWarning) -> None:
 
 @contextmanager
 def noting() -> Iterator[list[UserWarning]]:
-    """Yield a list that collects all warnings which this thread issues by `warn` inside of the block."""
+    """Yield a list that collects all warnings that this thread issues through `warn` inside the block."""
     noted: list[UserWarning] = []
     token = _noted.set(noted)
     try:
@@ -39,19 +39,19 @@ def noting() -> Iterator[list[UserWarning]]:
 
 
 def to_words(warning: UserWarning) -> list:
-    """Return a warning as JSON can hold it: the name of its class, and the arguments that make it again."""
+    """Return a warning as JSON values: the name of its class, and the arguments of its constructor."""
     _, arguments = warning.__reduce__()[:2]
     return [type(warning).__name__, list(arguments)]
 
 
 def from_words(words: list) -> UserWarning:
-    """Return the warning that `to_words` was given.
+    """Return the warning for words of `to_words`.
 
     Raises:
-        ValueError: The words name no warning of this package.
+        ValueError: The words do not name a warning of this package.
     """
     name, arguments = words
     kind = getattr(errors, name, None)
     if not (isinstance(kind, type) and issubclass(kind, UserWarning)):
-        raise ValueError(f"'{name}' is no warning of this package")
+        raise ValueError(f"'{name}' is not a warning of this package")
     return kind(*arguments)

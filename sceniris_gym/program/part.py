@@ -1,4 +1,4 @@
-"""The program of some objects of a scene, placed among all its other bodies wherever these are."""
+"""The program that places some objects of a scene among all its other bodies, at the current poses of these."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from sceniris_gym.program.standing import carriers_of
 from sceniris_gym.scene.support import is_static
 
 _FAR = float(np.finfo(np.float32).max)
-# A round tries a single object so many times as often as it takes on average, after which hardly a world is left; see
+# Trials of a single object in a round, as a multiple of its average number of trials. Few worlds need more. See
 # benchmarks/NOTES.md.
 _ENOUGH = 16.0
-# Cosine of the greatest lean of a free support: soft contacts lean stacks by up to 1.6 degrees.
+# Cosine of the greatest lean of a free support: soft contacts let stacks lean by up to 1.6 degrees.
 _LEANING = float(np.cos(np.radians(2.0)))
 
 
@@ -31,14 +31,14 @@ def chosen_objects(
 
     Args:
         compiled: The scene.
-        objects: A name, or several.
-        where: The function, with which errors begin.
-        present: The objects that may stand on them; None for all.
+        objects: One name or several.
+        where: The function, as the beginning of errors.
+        present: The objects that may stand on them, or None for all.
 
     Raises:
-        ArgumentTypeError: Not names.
-        ArgumentError: None at all, or an object without others that stand on it or are part of its heap.
-        UnknownNameError: Not an object that the scene places.
+        ArgumentTypeError: `objects` has values that are not names.
+        ArgumentError: `objects` is empty, or lacks an object that stands on a named object or shares its heap.
+        UnknownNameError: The scene does not place an object of this name.
     """
     config = compiled.config
     given = as_names(objects, f"{where}: objects")
@@ -47,44 +47,44 @@ def chosen_objects(
     named = list(dict.fromkeys(config.owners.get(name, name) for name in valid))
     check_names("placed object", given, where, named)
     if not names:
-        raise ArgumentError(f"{where}: objects should name one object at least. Valid: {', '.join(named)}.")
+        raise ArgumentError(f"{where}: objects should name at least one object. Valid: {', '.join(named)}.")
     for name in valid:
         support = config.objects[name].support
         if support is None or name in names or not (present is None or name in present):
             continue
         if any(other in names for other in with_variants([support.parent.split("/")[0]], config.variants)):
             load = config.owners.get(name, name)
-            raise ArgumentError(f"{where}: '{support.parent}' carries '{load}'. Name '{load}' as well.")
+            raise ArgumentError(f"{where}: '{support.parent}' carries '{load}'. Name '{load}', too.")
     for heap in config.heaps.values():
         left = [name for name in heap.of if name not in names]
         if left and len(left) < len(heap.of):
-            raise ArgumentError(f"{where}: a heap is placed as a whole. Name {', '.join(left)} as well.")
+            raise ArgumentError(f"{where}: a heap is placed as a whole. Name {', '.join(left)}, too.")
     return tuple(name for name in valid if name in names)
 
 
 def _given(carriers: Sequence[int | None], chosen: Sequence[int]) -> list[int]:
-    """Return the numbers of the other objects that carry chosen ones, and of all others that these carry.
+    """Return the numbers of the other objects that carry chosen objects, and of the other loads of these carriers.
 
-    What a chosen one carries is chosen, too, or absent.
+    An object on a chosen object is also chosen, or absent.
     """
     found: set[int] = set()
     for number in chosen:
         while (number := carriers[number]) is not None:  # type: ignore[assignment]
             found.add(number)
-    for number, carrier in enumerate(carriers):  # carriers come before what they carry
+    for number, carrier in enumerate(carriers):  # carriers come before their loads
         if carrier in found and carrier not in chosen:
             found.add(number)
     return sorted(found.difference(chosen))
 
 
 def part_of(compiled: CompiledScene, names: Sequence[str]) -> CompiledScene:
-    """Return the scene with a program that places these objects alone; everything else is an obstacle.
+    """Return the scene with a program that only places these objects. Every other body is an obstacle.
 
-    A layout of it is made from a row that has the poses of all other bodies. A support that joints or physics may move
-    is one as long as it is level.
+    Its layouts start from rows with the poses of all other bodies. A support that joints or physics may move is usable
+    while it is level.
 
-    Free objects that carry some of them, and all that these carry, are given: they come first in the program, for the
-    test of standing.
+    Free objects that carry some of these objects, and all loads of such carriers, are given: they come first in the
+    program, for the test of standing.
 
     Args:
         compiled: The scene.
@@ -95,24 +95,24 @@ def part_of(compiled: CompiledScene, names: Sequence[str]) -> CompiledScene:
     given = _given(carriers_of(plan.objects), chosen)
     numbers, still = [*given, *chosen], is_static(plan.scene.mjm)
     objects = [plan.objects[i] for i in numbers]
-    # a support leans as it likes, unless it is static or placed before; heaps draw no points on theirs
+    # Only a static support or one placed by the same program is sure to be level. Heaps draw no points on a support.
     firm = [o.support is None or o.support.owner in names or still[o.support.body] for o in objects]
     objects = [o if is_firm or o.heap else replace(o, tilts=True) for o, is_firm in zip(objects, firm, strict=True)]
-    for i, o in enumerate(objects[: len(given)]):
+    for i, o in enumerate(objects[: len(given)]):  # given objects keep their poses, so their reach is not tested
         objects[i] = replace(o, config=o.config.model_copy(update={"reachable": False}))
     made = upload_plan(replace(plan, objects=objects), compiled.device, starts=False)
     program, whole = made.program, compiled.program
-    program.ngroup, program.ngiven = 0, len(given)  # who is present has been drawn
+    program.ngroup, program.ngiven = 0, len(given)  # the present group members are already drawn
     carriers = {plan.objects[i].name for i in given}
     leans = [o.support is not None and o.support.owner in carriers for o in objects]
     program.obj_upright = wp.array(np.where(leans, _LEANING, COS_MAX_TILT_32), dtype=float, device=compiled.device)
     program.attempts, program.restart_rate = whole.attempts, whole.restart_rate
     program.obj_effort = wp.array(whole.obj_effort.numpy()[numbers], dtype=float, device=compiled.device)
     if len(names) == 1 and (made.reaching is None or not made.reaching.staged):
-        # to begin again with a single object is to go on with its trials, so a round takes more of them
+        # A restart with a single object only adds trials, so a round takes more trials and fewer restarts.
         program.attempts = max(whole.attempts, math.ceil(_ENOUGH * float(program.obj_effort.numpy()[0])))
         program.restarts = math.ceil(whole.attempts * (whole.restarts + 1) / program.attempts) - 1
-    for bounds in (program.bound_qpos, program.bound_mocap):  # all else may be anywhere, as long as it is finite
+    for bounds in (program.bound_qpos, program.bound_mocap):  # other bodies may have any finite pose
         bounds.fill_(_FAR)
     program.quat_qposadr = wp.zeros(0, dtype=int, device=compiled.device)
     return made

@@ -1,6 +1,6 @@
-"""`PlacedObject`: one step of the placement program, with all that is drawn for it; and what it may stand on.
+"""`PlacedObject`, one step of the placement program with all its draws, and the obstacles and surfaces around it.
 
-These are the obstacles of a scene, and surfaces: level faces, cropped to the region of an object.
+A surface is a level face of a support, cropped to the region of an object.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _COVERS = {"in": Cover.EITHER, "on": Cover.OPEN, "inside": Cover.COVERED}
 
 @dataclass(frozen=True)
 class JointRange:
-    """The positions that a joint is drawn from: uniform in [low, high], or one of `choice` if there are any [m or rad].
+    """The draw of a joint position [m or rad]: one of `choice` if it is not empty, otherwise uniform in [low, high].
 
     `qposadr` is the joint's address in qpos.
     """
@@ -40,7 +40,7 @@ class JointRange:
 
     @property
     def intervals(self) -> list[tuple[float, float]]:
-        """The intervals that the joint is drawn from."""
+        """The intervals of the draw, with one interval of zero length for each value of `choice`."""
         return [(value, value) for value in self.choice] or [(self.low, self.high)]
 
 
@@ -51,21 +51,21 @@ class PlacedObject:
     Attributes:
         name: The object's name, or the robot's.
         stream: Its random stream, from its place in the scene file.
-        kind: How its pose is written; STATIC if only joint positions are drawn.
+        kind: The kind of its pose, STATIC if only joint positions are drawn.
         bodies: Its bodies, the root first, parents before children.
-        config: Its words in the scene file; of a robot whose base is not drawn those of a static object.
-        joint_ranges: How its joints are drawn.
-        followers: Couplings of joints that follow drawn ones, drivers before their followers.
-        footprint: With `ratio_on_support` 1, the hull of all its pieces, which must lie on the support as a whole; with
-            a single piece, or where joints are drawn, None, as each piece is its own footprint.
-        stable_poses: Poses that its orientation is drawn from; empty for STATIC.
-        support: The support that carries it; None in a box in space or for STATIC.
-        tilts: Whether the support may lean in the states that are drawn.
-        surfaces: The surfaces that it may stand on with their regions, a list for each stable pose. In space these are
+        config: Its words in the scene file. A robot with a fixed base has the words of a static object.
+        joint_ranges: The draws of its joints.
+        followers: Couplings of joints that follow drawn joints, drivers before their followers.
+        footprint: With `ratio_on_support` 1, the hull of all its pieces, which must lie on the support as a whole. None
+            with a single piece or drawn joints, where each piece is a separate footprint.
+        stable_poses: The poses of its orientation, empty for STATIC.
+        support: The support that carries it, None in a box in space or for STATIC.
+        tilts: Whether the support may lean in drawn states.
+        surfaces: Its possible supporting surfaces with their regions, a list for each stable pose. In space these are
             the points, or the box seen from above if it has relations. Stable poses with equal regions share one list.
-        erosion: Distance that its pivot keeps from the outlines, as a share of the shorter edge of the drawn bounds,
-            where that edge varies within a stable pose; else 0, as the regions are eroded already.
-        heap: The settled poses that it is drawn from, if it is part of a heap.
+        erosion: Distance of its pivot from the outlines, as a fraction of the shorter edge of the drawn bounds. It is 0
+            if that edge is fixed within each stable pose, because the regions are then already eroded.
+        heap: The settled poses of its heap, or None.
     """
 
     name: str
@@ -93,7 +93,7 @@ class PlacedObject:
 
     @property
     def ground(self) -> int | None:
-        """The body that carries it; None in a box in space or for STATIC."""
+        """The body that carries it, None in a box in space or for STATIC."""
         return None if self.support is None else self.support.body
 
     @property
@@ -104,15 +104,15 @@ class PlacedObject:
 
     @property
     def orientation(self) -> str:
-        """The kind of its orientation; "yaw" for a robot whose base is not drawn."""
+        """The kind of its orientation, "yaw" for a robot with a fixed base."""
         return self.config.drawn_orientation.kind
 
     @property
     def cover(self) -> Cover:
-        """The cover that is required above the point that it is placed on.
+        """The required cover above its drawn point.
 
-        Static geometry that belongs to no object, such as the world with its walls and ceilings, counts as open
-        wherever there is room.
+        Static geometry outside of all objects, such as the world with its walls and ceilings, counts as open wherever
+        there is room.
         """
         if self.support is None or self.support.is_floor:
             return Cover.EITHER
@@ -124,14 +124,14 @@ class PlacedObject:
 COS_MAX_TILT = float(np.cos(np.radians(0.1)))
 """Cosine of the greatest tilt of a support, 0.1 degree: 0.1 mm under an object of 8 cm, a fifth of the default gap."""
 COS_MAX_TILT_32 = 0.9999985
-"""The same in single precision, for supports as they are in a world."""
+"""The same in single precision, for the poses of supports in a world."""
 
 
 def obstacles(scene: SceneModel) -> list[Piece]:
     """Return all pieces of a scene, sorted by body, planes before solid pieces.
 
     Raises:
-        MeshError, NotSupportedError: A geom that cannot be an obstacle; the error names the key of its asset.
+        MeshError, NotSupportedError: A geom cannot be an obstacle. The error names the key of its asset.
     """
     config = scene.config
     where = dict.fromkeys(range(scene.mjm.nbody), config.where)
@@ -146,16 +146,16 @@ def obstacles(scene: SceneModel) -> list[Piece]:
 def surfaces_of(
     scene: SceneModel, o: PlacedObject, pieces: list[Piece], edges: list[float]
 ) -> list[list[SupportSurface]]:
-    """Return the surfaces that an object may stand on, a list for each of its stable poses.
+    """Return the possible supporting surfaces of an object, a list for each of its stable poses.
 
     Args:
         scene: The scene.
         o: The object, or a robot whose base is drawn, without its surfaces.
         pieces: All obstacles.
-        edges: The least shorter edge of the bounds [m] for each stable pose, which `ratio_on_support` erodes by.
+        edges: The least shorter edge of the bounds [m] for each stable pose. `ratio_on_support` is a fraction of it.
 
     Raises:
-        SceneKeyError: A support without any level surface, or nothing is left of it after its erosion and region.
+        SceneKeyError: The support has no level surface, or no area after its erosion and cropping to the region.
     """
     config, support = o.config, o.support
     if config.support is None or support is None:
@@ -182,7 +182,7 @@ def surfaces_of(
 
 
 def may_lean(scene: SceneModel, support: Support) -> bool:
-    """Return whether a support may lean: its object may lie, or a joint above it turns about a tilted axis."""
+    """Return whether a support may lean: its object may lie, or a joint of its chain rotates about a tilted axis."""
     if support.owner is None:
         return False
     owner = scene.config.parts.get(support.owner)
@@ -197,14 +197,14 @@ def may_lean(scene: SceneModel, support: Support) -> bool:
 
 
 def _level_surfaces(support: Support, pieces: list[Piece], *, open_above: bool) -> list[SupportSurface]:
-    """Return the level surfaces of a support; static geometry of no object is open above wherever there is room."""
+    """Return the level surfaces of a support. Only supports of objects have to be `open_above`, as in `cover`."""
     own = [p for p in pieces if p.body == support.body]
     covered = open_above and support.owner is not None
     return supports.level_surfaces(support.body, own, open_above=covered, geom=support.geom)
 
 
 def _others(scene: SceneModel, own: str, pieces: list[Piece], word: str) -> str:
-    """Return the names of all supports with a level surface, but for an object's own, each once, for messages."""
+    """Return the names of all supports with a level surface for a message, each once, without object `own`."""
     known = {name: Support(scene.bodies[name], name) for name in scene.config.objects}
     for name in scene.config.objects:
         known |= {f"{name}/{part}": Support(body, name) for part, body in scene.parts(name).items()}
@@ -212,7 +212,7 @@ def _others(scene: SceneModel, own: str, pieces: list[Piece], word: str) -> str:
         known = {**known, **static_supports(scene.mjm, scene.bodies), **known}
     if scene.config.floor is not None:
         known.pop(FLOOR, None)  # a geom of the same name
-    found: dict[frozenset[int], str] = {}  # by their geoms, first the names of objects, then those of the model
+    found: dict[frozenset[int], str] = {}  # by their geoms. Names of objects come before names of the model.
     for name, s in known.items():
         level = s.owner != own and scene.home.xmat[s.body][8] >= COS_MAX_TILT
         if level and _level_surfaces(s, pieces, open_above=word == "on"):

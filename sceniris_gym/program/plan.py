@@ -1,6 +1,6 @@
-"""The placement program on the host: which objects are placed in which order, where, and in which poses.
+"""The placement program on the host: the order of placing, and the places and poses of each object.
 
-The result is plain numpy; `pack/` flattens it into the fields of `device.Program`.
+The result is plain NumPy. `pack/` flattens it into the fields of `device.Program`.
 """
 
 from __future__ import annotations
@@ -39,8 +39,9 @@ class Plan:
         pieces: All obstacles, sorted by body, planes before solid pieces.
         slots: Names as groups number them: all objects in the order of the scene file, then the robots.
         places: Names as relations number them: the slots, then the objects with variants.
-        place: The pivot [m] (of a robot its base) and heading [rad] of each of these at home, shape (nplace, 4).
-        bounds: Bounds of each around the pivot [m] in that heading: low x, low y, high x, high y; (nplace, 4).
+        place: The pivot [m] (a robot's is its base) and heading [rad] of each place at home, shape (nplace, 4).
+        bounds: Bounds [m] of each place around its pivot in its heading: low x, low y, high x, high y, shape
+            (nplace, 4).
     """
 
     scene: SceneModel
@@ -53,17 +54,17 @@ class Plan:
 
     @cached_property
     def reaching(self) -> Reaching:
-        """The arms of the scene and what they are to reach, planned when it is asked for; see `plan_reaching`."""
+        """The arms of the scene and their reach targets, planned on first access by `plan_reaching`."""
         return plan_reaching(self.scene, self.objects, self.pieces)
 
     @cached_property
     def stances(self) -> list[Stance]:
-        """The stance of each object, worked out when it is asked for."""
+        """The stance of each object, computed on first access."""
         return stances(self.scene, self.objects, self.pieces)
 
     @cached_property
     def solids(self) -> list[tuple[Piece, np.ndarray, np.ndarray]]:
-        """All pieces but planes, with their least and greatest extents [m] at home along the world's axes, (3,)."""
+        """All pieces except planes, with their lower and upper corners [m] at home along the world's axes, (3,)."""
         found = []
         for p in (p for p in self.pieces if p.type != PieceType.PLANE):
             low, high = p.extents(self.scene.home.xmat[p.body].reshape(3, 3))
@@ -74,11 +75,11 @@ class Plan:
 def placement_order(scene: SceneModel) -> list[str]:
     """Return names in the order of placement: steps that only draw joints, robots, then objects in the file's order.
 
-    References of an object come before it. What starts place at markers, and these, come before all others: those keep
-    off it then, while it could not keep off them.
+    References of an object come before it. Objects that a start places at markers, and these markers, come first: later
+    objects can avoid an object at its marker, but the object at its marker cannot avoid them.
 
     Raises:
-        SceneKeyError: Objects that refer to each other.
+        SceneKeyError: Objects refer to each other.
     """
     config = scene.config
     names = (*config.all_robots, *config.objects)
@@ -92,7 +93,7 @@ def placement_order(scene: SceneModel) -> list[str]:
         sorter.prepare()
     except graphlib.CycleError as error:
         raise in_a_cycle(config.where, error.args[1][:0:-1], "objects refer to each other") from None
-    ready: list[int] = []
+    ready: list[int] = []  # a heap, so that objects keep the file's order where references permit
     while sorter.is_active():
         for name in sorter.get_ready():
             heapq.heappush(ready, number[name])
@@ -107,12 +108,12 @@ def slot_names(config: SceneConfig) -> tuple[str, ...]:
 
 
 def build_plan(scene: SceneModel) -> Plan:
-    """Work out the placement program of a scene, as far as there is one; `checks/` judges what it would do.
+    """Return the placement program of a scene. `checks/` later judges the program.
 
     Raises:
-        SceneKeyError: Objects that refer to each other. A heap without settled rows. A support without any level
-            surface, or nothing is left of it after its erosion and region. An object without a stable pose.
-        MeshError, NotSupportedError: A geom that cannot be an obstacle.
+        SceneKeyError: Objects refer to each other. A heap has no settled rows. A support has no level surface, or no
+            area after its erosion and cropping to the region. An object has no stable pose.
+        MeshError, NotSupportedError: A geom cannot be an obstacle.
     """
     pieces, heaps = obstacles(scene), heap_poses(scene)
     objects = []
@@ -127,7 +128,7 @@ def build_plan(scene: SceneModel) -> Plan:
 
 
 def _standing(scene: SceneModel, name: str, pieces: list[Piece]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the place of an object at home, as relations see it: (pivot, heading) and bounds."""
+    """Return the place of an object at home for relations: (pivot, heading) and bounds."""
     root, home = scene.bodies[name], scene.home
     shape = HomeShape(home, root, _solid(pieces, scene.subtree(name)))
     mat = home.xmat[root].reshape(3, 3)
@@ -138,25 +139,25 @@ def _standing(scene: SceneModel, name: str, pieces: list[Piece]) -> tuple[np.nda
 
 
 def _solid(pieces: list[Piece], bodies: list[int]) -> list[Piece]:
-    """Return the pieces of some bodies without planes, which have no shape of their own."""
+    """Return the pieces of some bodies without planes, which are endless."""
     return [p for p in pieces if p.body in bodies and p.type != PieceType.PLANE]
 
 
 def _around_base(pose: StablePose) -> StablePose:
-    """Return a robot's pose with its base as the pivot, wherever its arm reaches; it stands on its lowest point."""
+    """Return a robot's pose with its base as the pivot, at the height of its lowest point."""
     rotation = matrix(pose.quat)
     at = rotation @ pose.pivot
     return replace(pose, pivot=rotation.T @ np.array([0.0, 0.0, at[2]]), bounds=pose.bounds + np.tile(at[:2], 2))
 
 
 def _placed_object(scene: SceneModel, name: str, pieces: list[Piece], heap: HeapPoses | None) -> PlacedObject:
-    """Work out one step of the program."""
+    """Return one step of the program."""
     config, bodies = scene.config.parts.get(name), scene.subtree(name)
     if config is None:  # a robot whose base is not drawn
         config = ObjectConfig(kind="static", clearance=scene.config.all_robots[name].clearance)
     drawn = [joint_range(scene, joint, words) for joint, words in scene.joint_configs(name).items()]
     followers = tuple(driven_by(scene.couplings, scene.joint_configs(name)))
-    # the first robot has the random stream 0; then come the objects, then other robots
+    # random streams: the first robot has 0, then come the objects, then the other robots
     first, *robots = scene.config.all_robots or [None]
     stream = 0 if name == first else 1 + [*scene.config.objects, *robots].index(name)
     step = PlacedObject(name, stream, ObjectKind.STATIC, bodies, config, drawn, followers)
@@ -195,7 +196,7 @@ def _placed_object(scene: SceneModel, name: str, pieces: list[Piece], heap: Heap
 
 
 def joint_range(scene: SceneModel, joint: int, words: JointConfig) -> JointRange:
-    """Return the positions that a joint is drawn from, by its words in the scene file."""
+    """Return the draw of a joint position, from its words in the scene file."""
     mjm = scene.mjm
     adr = int(mjm.jnt_qposadr[joint])
     if words.choice is not None:

@@ -1,4 +1,4 @@
-"""The reach targets of a scene on the host: the arms that are to reach something, their maps, tiers and grasps."""
+"""The reach targets of a scene on the host: arms with targets, their maps, tiers and grasps."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ class ReachTarget:
     Attributes:
         name: The object.
         number: Its index in placement order.
-        arm: Index in `Reaching.arms` of the arm that is to reach it.
-        late: Whether it is placed before the base of that arm.
-        early: Whether each object that is placed after it has to leave it a free grasp, if there are any.
+        arm: Index in `Reaching.arms` of the arm that has to reach it.
+        late: Whether it is placed before the base of its arm.
+        early: Whether each object placed after it has to leave it a free grasp.
         tier: How thoroughly its reachability is proven.
         grasp_set: Its grasps.
     """
@@ -45,14 +45,14 @@ class ReachTarget:
 
 @dataclass(frozen=True)
 class ReachingArm:
-    """An arm that is to reach something.
+    """An arm with reach targets.
 
     Attributes:
-        robot: Name of its robot: 'robot' for the only one.
+        robot: Name of its robot, 'robot' for a single robot.
         arm: The arm.
         gripper: Its gripper.
-        map: The arm's map, None if there is none.
-        view: The same, with the reach targets of all arms, as device code takes it; filled by `pack.objects`.
+        map: The arm's map, or None.
+        view: The arm with the reach targets of all arms, for device code. `pack.objects` fills it.
     """
 
     robot: str
@@ -64,7 +64,7 @@ class ReachingArm:
 
 @dataclass(frozen=True)
 class Reaching:
-    """The arms of a scene that are to reach something, and all reach targets.
+    """The arms of a scene with reach targets, and all these targets.
 
     Attributes:
         arms: The arms, in the order of their robots in the scene file.
@@ -75,17 +75,17 @@ class Reaching:
     targets: tuple[ReachTarget, ...]
 
     def arm_of(self, target: ReachTarget) -> ReachingArm:
-        """Return the arm that is to reach a target."""
+        """Return the arm that has to reach a target."""
         return self.arms[target.arm]
 
     @property
     def njoint(self) -> int:
-        """The number of joints of the arm that has most."""
+        """The greatest number of joints of an arm."""
         return max(len(one.arm.joints) for one in self.arms)
 
     @property
     def staged(self) -> bool:
-        """True if anything about a target is decided after placing: its tier, or its grasp from a base placed later."""
+        """True if a target needs a test after placing: by its tier, or because its arm's base is placed later."""
         return not all(target.tier.needs_map and not target.late for target in self.targets)
 
     @property
@@ -95,9 +95,10 @@ class Reaching:
 
 
 def plan_reaching(scene: SceneModel, objects: list[PlacedObject], pieces: list[Piece]) -> Reaching:
-    """Find the arms of a scene that are to reach something, their maps and the grasps of their reach targets.
+    """Find the arms of a scene with reach targets, their maps and the grasps of the targets.
 
-    A target is decided by the tier that it asks for, or by `ik` where the arm has no map that is right often enough.
+    A target is tested by its `reachable` tier, or by `ik` if that tier needs a map and the arm's map is missing or not
+    accurate enough.
 
     Args:
         scene: The scene.
@@ -106,9 +107,9 @@ def plan_reaching(scene: SceneModel, objects: list[PlacedObject], pieces: list[P
 
     Raises:
         ArmError: A robot is not a serial arm.
-        UnknownNameError: A robot has no site `tcp`, or an object no grasp of the chosen name.
-        MapError: A map that is not of its arm, or that is damaged.
-        GraspError: An object that the gripper cannot grasp.
+        UnknownNameError: A robot has no site `tcp`, or an object has no grasp of the chosen name.
+        MapError: A map belongs to another arm, or is damaged.
+        GraspError: The gripper cannot grasp an object.
     """
     config = scene.config
     asked: dict[str, list[tuple[int, PlacedObject]]] = {}
@@ -140,8 +141,8 @@ def robot_arm(scene: SceneModel, name: str = ROBOT) -> SerialArm:
     """Return the arm of a robot of a scene: from its root body to its tool centre point.
 
     Raises:
-        ArmError: It is not a serial arm.
-        UnknownNameError: The robot has no site `tcp`, and the scene names no other.
+        ArmError: The robot is not a serial arm.
+        UnknownNameError: The robot has no site `tcp`, and the scene file does not name another.
     """
     robot = scene.config.all_robots[name]
     where = f"{scene.config.where}: {robot.key}"
@@ -161,10 +162,10 @@ def robot_arm(scene: SceneModel, name: str = ROBOT) -> SerialArm:
 
 
 def load_map(arm: SerialArm, robot: RobotConfig, where: str) -> ReachMap | None:
-    """Return the map of an arm: the one that the scene names, or that of a shipped asset; None if there is none.
+    """Return the map of an arm: the scene file's, the map of a shipped asset, or None.
 
     Raises:
-        MapError: It is not a map of this arm, or a damaged one; begins with `where`.
+        MapError: The map belongs to another arm, or is damaged. The error begins with `where`.
     """
     path = map_of(robot)
     if path is None:
@@ -176,7 +177,7 @@ def load_map(arm: SerialArm, robot: RobotConfig, where: str) -> ReachMap | None:
 
 
 def asset_and_words(robot: RobotConfig) -> tuple[str, str]:
-    """Return what `build_command` takes of a robot: its file, and the options that name its TCP."""
+    """Return the arguments of `build_command` for a robot: its file, and the options for its TCP."""
     file, words = robot.file or robot.name, robot.model_dump(mode="json", exclude_unset=True).get("tcp")
     if words is None:
         return file, ""

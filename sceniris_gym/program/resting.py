@@ -1,4 +1,4 @@
-"""Stable poses of an object as it is simulated: with its weight, its contact margins, and its joints as drawn."""
+"""Stable poses of an object in simulation, with its weight, contact margins and drawn joints."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ from sceniris_gym.program.placed_object import PlacedObject
 from sceniris_gym.scene.couplings import follow
 from sceniris_gym.scene.model import SceneModel
 
-# A pose is tested in this many states of its joints, on a grid of at most so many levels of each joint, or at random
-# corners and points.
+# A pose is tested in at most this number of joint states, on a grid or at random corners and points.
 _STATES = 128
+# Greatest number of grid levels of each interval of a joint.
 _LEVELS = 33
-# Height [m] that an object may fall until it is carried; more moves it by a centimetre as it tilts.
+# Greatest fall [m] of an object until its support carries it. A longer fall moves it by a centimetre as it tilts.
 _FALL = 2.5e-3
-# An object that weighs less than this share of its mass does not rest.
+# An object that weighs less than this fraction of its mass does not rest.
 _LEAST_WEIGHT = 1.0e-3
 
 
 def stable_poses(scene: SceneModel, o: PlacedObject, own: list[Piece]) -> list[tuple[np.ndarray, float]]:
-    """Return the stable poses of an object and their probabilities, by its physics also with `geometry: visual`.
+    """Return the stable poses of an object and their probabilities, from its collision geometry if it has any.
 
-    The poses and probabilities are those of its home state. A free object keeps those in which it rests in all states
-    that its joints are drawn in, on those of its pieces that touch its support, at the distance at which MuJoCo acts.
+    Poses and probabilities come from its home state. A free object only keeps the poses in which it rests in all drawn
+    states of its joints. It rests on the pieces that touch its support, at the distance at which MuJoCo acts.
 
     Args:
         scene: The scene.
         o: The object, without its stable poses.
-        own: Its pieces, taken where it has no collision geometry.
+        own: Its pieces, used with `geometry: physics` or if the object has no collision geometry.
 
     Raises:
         SceneKeyError: It has no such pose.
@@ -45,38 +45,38 @@ def stable_poses(scene: SceneModel, o: PlacedObject, own: list[Piece]) -> list[t
     pieces = sorted(own, key=lambda p: p.geom) if physics else extract_pieces(scene.mjm, "physics", set(bodies))
     if not (pieces or own):
         raise SceneKeyError(
-            f"{where}: it has no collision geometry and so no stable pose. Give it geoms that collide, or another "
+            f"{where}: it has no collision geometry and so no stable pose. Give it geoms that collide, or use another "
             "orientation."
         )
     touch = [None] * len(pieces) if o.ground is None else touch_distances(scene, pieces, o.ground)
     carried = [(p, distance) for p, distance in zip(pieces, touch, strict=True) if distance is not None]
-    if o.kind != ObjectKind.FREE or not carried:  # without a carrier it falls in any pose
+    if o.kind != ObjectKind.FREE or not carried:  # an object without a carrier falls in any pose
         return HomeShape(home, bodies[0], pieces or own).stable(where)
     check_weight(scene, bodies, where)
     resting, margins = [p for p, _ in carried], np.array([distance for _, distance in carried])
     poses = HomeShape(home, bodies[0], resting, margins).stable(where)
     states = chain([home], drawn_states(scene, o))
     shapes = [(HomeShape(s, bodies[0], resting, margins), HomeShape(s, bodies[0], pieces)) for s in states]
-    # with visual geometry it stands on that, whatever carries it
+    # with `geometry: visual`, the object is placed by its visible pieces, so the drop does not matter
     kept = [pose for pose in poses if not physics or all(_drop(*shape, pose[0]) <= _FALL for shape in shapes)]
     if not kept:
         raise SceneKeyError(
-            f"{where}: in no stable pose its lowest part is the one that touches its support first: contact margins or "
-            f"contact bits of its geoms differ, and it would drop by more than {1e3 * _FALL:g} mm. Make them alike, or "
-            "give it another orientation."
+            f"{where}: in no stable pose its lowest part touches its support first: contact margins or "
+            f"contact bits of its geoms differ, and it would drop by more than {1e3 * _FALL:g} mm. Give its geoms "
+            "equal margins and bits, or use another orientation."
         )
     kept = [pose for pose in kept if all(shape.holds(pose[0]) for shape, _ in shapes[1:])]
     if not kept:
         raise SceneKeyError(
-            f"{where}: it has no pose that is stable in all states that its joints are drawn in. Draw "
-            f"{drawn_joints(scene, o)} from less, or give it another orientation."
+            f"{where}: it has no pose that is stable in all states of its drawn joints. Narrow the range of "
+            f"{drawn_joints(scene, o)}, or use another orientation."
         )
     total = sum(share for _, share in kept)
     return [(quat, share / total) for quat, share in kept] if len(kept) < len(poses) else poses
 
 
 def check_weight(scene: SceneModel, bodies: list[int], where: str) -> None:
-    """Refuse an object that rises off its support; one that nothing pulls at stays wherever it is."""
+    """Reject an object that `gravcomp` lifts off its support. An object without any weight stays in place."""
     left = np.minimum(weights(scene.least), weights(scene.most))[bodies]
     least = _LEAST_WEIGHT * scene.least.body_mass[bodies].sum()
     if left.sum() <= least and np.abs(left).max() > least:
@@ -87,7 +87,7 @@ def check_weight(scene: SceneModel, bodies: list[int], where: str) -> None:
 
 
 def touch_distances(scene: SceneModel, pieces: list[Piece], ground: int) -> list[float | None]:
-    """Return the distance [m] from which on each piece rests on a body in MuJoCo; None for pieces that never do."""
+    """Return the distance [m] at which a body begins to carry each piece in MuJoCo, None if it never does."""
     mjm, rules = scene.mjm, scene.contact_rules
     under = {int(rules.classes[g]) for g in np.flatnonzero(mjm.geom_bodyid == ground) if rules.collides(int(g))}
 
@@ -102,9 +102,10 @@ def touch_distances(scene: SceneModel, pieces: list[Piece], ground: int) -> list
 
 
 def drawn_states(scene: SceneModel, o: PlacedObject) -> Iterator[mujoco.MjData]:
-    """Yield states that the joints of an object are drawn in, their ends among them.
+    """Yield states of the drawn joints of an object, including the ends of their ranges.
 
-    They are on a grid, or at random where there are many. All of them are in one MjData, as making many takes long.
+    The states are on a grid, or random if the grid would be too large. They share one MjData, because creating many
+    takes long.
     """
     levels = [np.unique([np.linspace(low, high, _LEVELS) for low, high in d.intervals]) for d in o.joint_ranges]
     if not levels:
@@ -114,7 +115,7 @@ def drawn_states(scene: SceneModel, o: PlacedObject) -> Iterator[mujoco.MjData]:
         thin = [values[np.unique(np.linspace(0, len(values) - 1, most).round().astype(int))] for values in levels]
         chosen = [np.array(values) for values in product(*thin)]
     else:
-        rng = np.random.default_rng(0)
+        rng = np.random.default_rng(0)  # a fixed seed, so that a scene has the same stable poses at every compilation
         inner = [[rng.choice(values) for values in levels] for _ in range(_STATES // 2)]
         ends = [[rng.choice(values[[0, -1]]) for values in levels] for _ in range(_STATES // 2)]
         chosen = [np.array(values) for values in (*ends, *inner)]
@@ -129,14 +130,14 @@ def drawn_states(scene: SceneModel, o: PlacedObject) -> Iterator[mujoco.MjData]:
 
 
 def _drop(resting: HomeShape, whole: HomeShape, quat: np.ndarray) -> float:
-    """Return the height [m] that an object in a pose falls until its support carries it.
+    """Return the height [m] by which an object in a pose falls until its support carries it.
 
-    It is put down with its lowest point as high as the largest of the distances from which its pieces are carried.
+    It is placed with its lowest point at the greatest distance at which its support begins to carry one of its pieces.
     """
     return float(resting.margins.max()) + resting.bottom(quat) - whole.bottom(quat)
 
 
 def drawn_joints(scene: SceneModel, o: PlacedObject) -> str:
-    """Return the drawn joints of an object, as errors name them."""
+    """Return the names of the drawn joints of an object, for errors."""
     joints = [int(np.flatnonzero(scene.mjm.jnt_qposadr == d.qposadr)[0]) for d in o.joint_ranges]
     return ", ".join(f"'{scene.mjm.joint(j).name}'" for j in joints)

@@ -1,4 +1,4 @@
-"""Stances of free objects: their feet, the springs of MuJoCo's contacts below them, and what they carry."""
+"""Stances of free objects: their feet, the springs of MuJoCo's contacts below them, and their loads."""
 
 from __future__ import annotations
 
@@ -25,46 +25,48 @@ from sceniris_gym.program.resting import drawn_states, touch_distances
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.support import subtree
 
-# A piece whose top is as near as this [m] to the height of a surface is part of it.
+# A piece is part of a surface if its top is within this distance [m] of the height of the surface.
 _NEAR = 5.0e-4
 # A foot with more corners than this is round.
 _FEW_CORNERS = 8
-# A foot or a surface with more corners than these, up to so many metres, loses some of its contacts.
+# A foot or a surface with more corners than the first number loses some of its contacts. Outlines of surfaces are
+# simplified to the second number [m] before their corners are counted.
 _FOUR, _STRAIGHT = 4, 1.0e-4
-# Share of the root of sink times height by which a load keeps from the edge of such a surface; see `Law`. In 26,400
-# drops of boxes and prisms near its rim in MuJoCo C, with radii of 2 to 50 cm, those that fell needed up to 1 on 4
-# corners, 1.6 on 8, 2.2 on a cylinder and 2.5 on 32.
+# Margin of a load from the edge of such a surface, as a fraction of the root of sink times height (see `Law`). We
+# dropped boxes and prisms near its rim in MuJoCo C 26,400 times, with radii of 2 to 50 cm. The objects that fell needed
+# up to 1 on 4 corners, 1.6 on 8, 2.2 on a cylinder and 2.5 on 32.
 _SWAP = 2.2
-# A curved foot is one from which the object comes back as it leans by one of these angles [degrees]: a ball of facets
-# needs the larger ones.
+# From a curved foot, the object rights itself after it leans by one of these angles [degrees]. A ball of facets needs
+# the larger angles.
 _LEANS = (ROCKING, 2.0 * ROCKING, 4.0 * ROCKING)
-# The steadiness of what rolls on a support that may lean, or with contacts that are a little off: with a centre of mass
-# that is nearer to the centre of curvature it is kicked as it is put down, and rolls for a second or more.
+# `Law.steady` of an object that rolls on a support that may lean, or whose contacts are slightly off. If its centre of
+# mass is closer to the centre of curvature, the impact of placing makes it roll for a second or more.
 _STEADY = 0.1
 _BALLS = {PieceType.SPHERE, PieceType.CAPSULE}
-# Width [m] of the walls around a surface that a foot cannot reach over.
+# A foot cannot reach over walls of this width [m] around a surface.
 _WALL = 5.0e-3
-# A load that moves the centre of mass of what carries it by less than this share of its margin does not tip it.
+# A load does not tip its carrier if it moves the carrier's centre of mass by less than this fraction of its margin.
 _LIGHT = 0.25
-# A part of a foot with a smaller area [m^2] is an edge or a corner. MuJoCo finds depths of up to 46 mm between that and
-# the end of a cylinder: 201 of 512 lemons on one were thrown off in MuJoCo C, none from the same shape as a mesh.
+# A part of a foot with a smaller area [m^2] is an edge or a corner. MuJoCo finds depths of up to 46 mm between such a
+# part and the end of a cylinder: in MuJoCo C, 201 of 512 lemons were thrown off a cylinder, and 0 off the same shape as
+# a mesh.
 _EDGE = 1.0e-8
 # Sine of the greatest inclination of an axis that is level.
 _MAX_TILT = 1.0e-3
 
 
 class Law(NamedTuple):
-    """The margin that keeps a load from falling; `placement/standing.py` has the formula and its measurement.
+    """The margin that keeps a load from falling. `placement/standing.py` has the formula and its measurement.
 
     Attributes:
-        shake: The margin as a share of the root of fall times height.
-        lean: What each radian by which the load leans adds to that share.
-        soft: What the lean is multiplied by.
-        hold: The share of the radius of its patch in which contacts hold it, wherever around it MuJoCo keeps four.
-        swap: What is added to the margin as four contacts give way to others, as a share of the root of sink times
-            height.
-        tip: The same as the foot rolls, as a share of height.
-        steady: The least distance of the centre of mass below the centre of curvature, as a share of the radius.
+        shake: The margin as a fraction of the root of fall times height.
+        lean: Increase of `shake` for each radian of lean of the load.
+        soft: Factor of the lean.
+        hold: Fraction of the patch's radius in which contacts hold the load, wherever MuJoCo keeps its four contacts.
+        swap: Additional margin for the moment when other contacts replace the four, as a fraction of the root of sink
+            times height.
+        tip: Additional margin of a foot that rolls, as a fraction of height.
+        steady: Least distance of the centre of mass below the centre of curvature, as a fraction of the radius.
     """
 
     shake: float
@@ -78,22 +80,24 @@ class Law(NamedTuple):
 
 FLAT, CURVED = Law(0.4, 0.0, 1.3, 1e3), Law(0.0, 0.0, 0.0, 1e3)
 ROUND, OTHERS = Law(0.3, 20.0, 2.0, 0.7), Law(0.3, 20.0, 2.0, 1e3)
-"""The laws of boxes on boxes or planes and of flat feet with a few corners on one convex geom; of curved feet, which
-roll as they lean, and come back to where they were if the load is low enough; of round feet; and of all others.
-Contacts of the last two change as they lean.
+"""The laws of different feet.
 
-With them none of 19,168 worlds of 1,000 random scenes moved by 1 cm in half a second of MuJoCo C (`tests.stress.mixed`,
-first scene 30000, seed 990).
+- `FLAT`: boxes on boxes or planes, and flat feet with a few corners on one convex geom.
+- `CURVED`: curved feet, which roll as they lean and roll back if the load is low enough.
+- `ROUND`: round feet, and `OTHERS`: all other feet. Their contacts change as they lean.
+
+With these laws, 19,168 worlds of 1,000 random scenes all moved by less than 1 cm in half a second of MuJoCo C
+(`tests.stress.mixed`, first scene 30000, seed 990).
 """
 
 
 class Roll(NamedTuple):
-    """The rectangle around a curved foot, seen from above around the pivot at heading 0. It says how the foot rolls.
+    """The rectangle around a curved foot, seen from above around the pivot at heading 0. It determines the roll.
 
     Attributes:
         center: Its centre [m], shape (2,).
         axis: Its first axis, shape (2,).
-        reach: Half of its sides along that and across [m], shape (2,).
+        reach: Half of its sides along the axis and across it [m], shape (2,).
     """
 
     center: np.ndarray = np.zeros(2)
@@ -110,16 +114,16 @@ class Foot:
     """The foot of an object in one of its stable poses, seen from above around its pivot at heading 0.
 
     Attributes:
-        parts: Corners [m] of its convex parts; see `geometry.feet.foot`.
-        law: The margin that the object needs on it.
-        margin: Least distance [m] of the object's own centre of mass from the edge of its foot in the states that its
-            joints are drawn in; negative outside, and -inf where draws of masses move it.
-        most: The greatest one.
-        bottom: Height [m] over the object's root of the lowest point that no drawn joint moves.
-        hangs: How far [m] parts that drawn joints move reach below that at most; negative above.
-        drop: Height [m] from which it falls until its support carries it; negative inside of that. It is 0 unless other
-            geoms collide than it is placed by.
-        roll: How it rolls, if it is curved.
+        parts: Corners [m] of its convex parts, as `geometry.feet.flat_foot` and `curved_foot` return them.
+        law: The margin that the object needs on this foot.
+        margin: Least distance [m] of the object's centre of mass, without its load, from the edge of the foot over all
+            drawn states of its joints. Negative outside the foot, -inf if draws of masses move the centre of mass.
+        most: Greatest such distance [m].
+        bottom: Height [m] over the object's root of the lowest point that drawn joints do not move.
+        hangs: Greatest depth [m] below `bottom` of parts that drawn joints move, negative above it.
+        drop: Height [m] of the object's fall until its support carries it, negative inside the support. It is 0 unless
+            the geoms that collide differ from the geoms used for placing.
+        roll: The rectangle of a curved foot.
     """
 
     parts: list[np.ndarray]
@@ -137,19 +141,20 @@ class Stance:
     """The feet, contacts and levels of an object that has to stand.
 
     Attributes:
-        levels: Itself, the free object that carries it, and so on down to one on what cannot move, as their numbers in
-            `Plan.objects`.
-        feet: Its foot in each of its stable poses; none if it does not collide with its support.
-        load: The greatest weight [kg] of it and of all that is on it at a time.
-        depth: The greatest depth to which it may sink into its support [m].
-        touch: The distance from which on its support carries it [m]: 0 without contact margins.
-        friction: The greatest coefficient of sliding friction between them, with the least that is drawn.
-        is_whole: Whether all of its foot is on its support.
-        is_belt: Whether a surface between them moves, as that of a belt.
-        tilt: Tangent of the angle by which it may be pulled away from straight down.
-        sinks: How deep its contacts are [m] under the greatest load with one object on it, by the number of that, and
-            under `load`, by None, with the least masses that are drawn. For the test of standing: four contacts, with
-            the softness of a friction of 1 or more.
+        levels: The object, the free object that carries it, and so on down to a free object on a support that cannot
+            move, as numbers in `Plan.objects`.
+        feet: Its foot in each of its stable poses, empty if it does not collide with its support.
+        load: Greatest simultaneous weight [kg] of the object and everything on it.
+        depth: Greatest depth of its sink into the support [m].
+        touch: Distance at which its support begins to carry it [m], 0 without contact margins.
+        friction: Greatest coefficient of sliding friction between the object and its support, with the least drawn
+            friction.
+        is_whole: Whether its whole foot is on its support.
+        is_belt: Whether the surface of one of its geoms or of its support moves, as a belt does.
+        tilt: Tangent of the greatest angle by which gravity and wind pull away from straight down.
+        sinks: Depth of its contacts [m] under the greatest load that includes an object on it, by the number of that
+            object, and under `load`, by None. With the least drawn masses. For the test of standing: four contacts,
+            with the softness of a friction of 1 or more.
     """
 
     levels: list[int]
@@ -165,18 +170,18 @@ class Stance:
 
     @property
     def sink(self) -> float:
-        """Depth of its contacts [m] under `load`, 0 if it need not stand."""
+        """Depth of its contacts [m] under `load`, 0 if it does not have to stand."""
         return self.sinks.get(None, 0.0)
 
     @property
     def is_certain(self) -> bool:
-        """True if it stands wherever it is placed, so that only what is put on it needs a test."""
+        """True if it stands wherever it is placed. Then only the objects put on it need a test."""
         is_alone = len(self.levels) < 2 and self.is_whole and not self.tilt
         return is_alone and all(f.margin > 0.0 for f in self.feet)
 
 
 NO_STANCE = Stance([], [], 0.0, 0.0, 0.0, 0.0, is_whole=True)
-"""The stance of what need not stand."""
+"""The stance of an object that does not have to stand."""
 
 
 def stances(scene: SceneModel, objects: list[PlacedObject], pieces: list[Piece]) -> list[Stance]:
@@ -196,7 +201,7 @@ def stances(scene: SceneModel, objects: list[PlacedObject], pieces: list[Piece])
             found.append(NO_STANCE)
             continue
         stance = replace(_stance(scene, o, pieces, loads[number]), levels=[number], tilt=lean)
-        if any(f.law.tip for f in stance.feet):  # it rolls as anything below leans, however little
+        if any(f.law.tip for f in stance.feet):  # it rolls if any object below leans, however little
             stance = replace(stance, levels=_down(number, below))
         elif carrier is not None and not _is_heavy(scene, objects[carrier], pieces, found[carrier]):
             stance = replace(stance, levels=[number, *found[carrier].levels])
@@ -205,12 +210,13 @@ def stances(scene: SceneModel, objects: list[PlacedObject], pieces: list[Piece])
 
 
 def _loads(scene: SceneModel, objects: list[PlacedObject], below: list[int | None]) -> list[dict[int | None, float]]:
-    """Return the greatest weight [kg] of each object and of all that is on it at a time.
+    """Return the greatest simultaneous weight [kg] of each object and everything on it.
 
-    The key None has the greatest of all worlds, the number of an object on it the greatest with that one there.
+    The key None has the maximum over all worlds. The number of an object has the maximum over worlds where that object
+    is present.
     """
     own = np.array([weights(scene.most)[o.bodies].sum() for o in objects])
-    on: list[dict[str | None, list[int]]] = [{} for _ in objects]  # by the group that may leave some of them out
+    on: list[dict[str | None, list[int]]] = [{} for _ in objects]  # by group: a world may omit some of its members
     for number, o in enumerate(objects):
         for level in _down(number, below):
             on[level].setdefault(scene.config.absent.get(o.name) if level != number else None, []).append(number)
@@ -224,15 +230,15 @@ def _loads(scene: SceneModel, objects: list[PlacedObject], below: list[int | Non
 
 
 def _down(number: int, below: list[int | None]) -> list[int]:
-    """Return the numbers of an object and of all that carry it."""
+    """Return the numbers of an object and of all its carriers."""
     carrier = below[number]
     return [number, *([] if carrier is None else _down(carrier, below))]
 
 
 def _is_heavy(scene: SceneModel, o: PlacedObject, pieces: list[Piece], stance: Stance) -> bool:
-    """Return whether an object stands anywhere, and its weight keeps it where it is whatever is put on it."""
+    """Return whether an object stands anywhere and is heavy enough to stay in place under any of its loads."""
     mjm, home, joints = scene.mjm, scene.home, scene.moving_joints(o.name)
-    # a joint may not carry things sideways; one that tilts them does no harm, as nothing is placed on what it turns up
+    # A joint must not move its load sideways. A joint that tilts does no harm, as a tilted surface is not a support.
     tilts = all(mjm.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE and abs(home.xaxis[j][2]) < _MAX_TILT for j in joints)
     shape = HomeShape(home, o.bodies[0], [p for p in pieces if p.body in o.bodies and p.mesh is not None])
     reach = np.linalg.norm(np.concatenate(shape.points()) - shape.center_of_mass, axis=1).max()
@@ -243,19 +249,19 @@ def _is_heavy(scene: SceneModel, o: PlacedObject, pieces: list[Piece], stance: S
 
 
 def carriers_of(objects: list[PlacedObject]) -> list[int | None]:
-    """Return the number of the placed free object that carries each object, None where there is none."""
+    """Return the number of the placed free object that carries each object, or None."""
     free = {o.name: i for i, o in enumerate(objects) if o.kind == ObjectKind.FREE}
     return [None if o.support is None else free.get(str(o.support.owner)) for o in objects]
 
 
 def _stance(scene: SceneModel, o: PlacedObject, pieces: list[Piece], loads: dict[int | None, float]) -> Stance:
-    """Work out how one object stands under its loads; see `_loads`."""
+    """Return the stance of one object under its loads, which `_loads` returns."""
     load, support, mjm = loads[None], o.support, scene.mjm
     assert support is not None
     drawn = [adr for adr, (low, high) in o.spans.items() if low < high]
     moved = {b for j in np.flatnonzero(np.isin(mjm.jnt_qposadr, drawn)) for b in subtree(mjm, int(mjm.jnt_bodyid[j]))}
     fixed, moving = ([p for p in pieces if p.body in of and p.mesh is not None] for of in ({*o.bodies} - moved, moved))
-    if scene.config.geometry != "physics":  # visible pieces carry nothing
+    if scene.config.geometry != "physics":  # visible pieces do not collide, so they carry no load
         pieces = extract_pieces(mjm, "physics", {*o.bodies, support.body})
     found = [p for p in pieces if p.body in o.bodies]
     touch = touch_distances(scene, found, support.body)
@@ -286,7 +292,7 @@ def _stance(scene: SceneModel, o: PlacedObject, pieces: list[Piece], loads: dict
     is_shifted = "body_ipos" in fields or ("body_mass" in fields and len(heavy) > 1)  # its centre of mass
     rims = [shapely.get_num_coordinates(s.outline.convex_hull.simplify(_STRAIGHT)) - 1 for s in surfaces]
     law = law if are_boxes or max(rims) <= _FOUR else OTHERS._replace(swap=_SWAP)
-    # MuJoCo finds the exact point below the lowest one on a plane, and below the centre of a ball or a capsule on a box
+    # MuJoCo's contact is exact below the lowest point on a plane, and below the centre of a ball or a capsule on a box
     is_exact = {p.type for p in below} == {PieceType.PLANE} or {p.type for p in own} <= _BALLS
     steady = 0.0 if is_exact and not mjm.body_weldid[support.body] else _STEADY
     takes_edges = not any(p.type == PieceType.CYLINDER for p in below)
@@ -318,17 +324,18 @@ def _foot(
     takes_edges: bool,
     steady: float,
 ) -> Foot:
-    """Return the foot of an object in one of its poses, whose law is the given one unless the foot is round.
+    """Return the foot of an object in one of its poses.
 
     Args:
-        shapes: In each state of its joints: all that its support carries, the part of it that no drawn joint moves,
-            which makes the foot, all that it is placed by and no drawn joint moves, and what they move.
+        shapes: Four shapes in each state of its joints: all pieces that its support carries, the carried pieces that
+            drawn joints do not move (they form the foot), all pieces used for placing that drawn joints do not move,
+            and the pieces used for placing that drawn joints move.
         pose: The pose.
-        law: The law.
-        lower: Height [m] of the support that it is placed by over the support that it collides with.
+        law: The law, unless the foot is round or curved.
+        lower: Height [m] of the support used for placing over the support that collides.
         is_shifted: Whether draws of masses move its centre of mass.
-        takes_edges: Whether the support carries edges and corners of pieces; otherwise no such foot holds.
-        steady: What `Law.steady` is on a curved foot.
+        takes_edges: Whether the support carries edges and corners of pieces. If not, a foot with them does not hold.
+        steady: `Law.steady` of a curved foot.
     """
     rotation, quat, (whole, standing, fixed, _) = matrix(pose.quat).T, pose.quat, shapes[0]
     shape = standing if standing.points() else whole
@@ -357,7 +364,7 @@ def _foot(
 
 
 def _rolling(shape: HomeShape, pose: StablePose, lean: float, steady: float) -> tuple[list[np.ndarray], Law, Roll]:
-    """Return the curved foot of an object that is to come back from a lean [rad], its law, and how it rolls."""
+    """Return the curved foot of an object that rights itself after a lean [rad], its law, and its rectangle."""
     rotation = matrix(pose.quat)
     corners = curved_foot(lambda up: shape.lowest(up @ rotation) - up @ rotation @ pose.pivot, lean)
     box = shapely.get_coordinates(MultiPoint(corners).minimum_rotated_rectangle)[:3]
@@ -369,7 +376,7 @@ def _rolling(shape: HomeShape, pose: StablePose, lean: float, steady: float) -> 
 
 
 def _spare(roll: Roll, law: Law, ends: np.ndarray) -> np.ndarray:
-    """Return by how much less [m] than it may an object with its centre of mass at each end, shape (n, 3), rolls."""
+    """Return the permitted roll of an object minus its roll [m], with its centre of mass at each of `ends`, (n, 3)."""
     tan, axes = law.tip / RISE, np.array([roll.axis, [-roll.axis[1], roll.axis[0]]])
     height = ends[:, 2:]
     rise = roll.reach - tan * height
@@ -379,11 +386,11 @@ def _spare(roll: Roll, law: Law, ends: np.ndarray) -> np.ndarray:
 
 
 def _cannot_leave(o: PlacedObject, feet: list[Foot], walls: list[Piece]) -> bool:
-    """Return whether the foot lies on its support in any heading, as its region or walls keep it from the edge."""
+    """Return whether the whole foot is on its support in any heading, because its region or walls ensure it."""
     for surfaces, own in zip(o.surfaces, feet, strict=True):
         reach = np.linalg.norm(np.concatenate(own.parts), axis=1).max()
         parts = shapely.union_all([MultiPoint(part).convex_hull for part in own.parts])
-        is_one = isinstance(parts.buffer(0.5 * _WALL), Polygon)  # no part of it is beyond a wall
+        is_one = isinstance(parts.buffer(0.5 * _WALL), Polygon)  # a foot in one part cannot continue beyond a wall
         rise = o.config.gap + 2.0 * reach * np.tan(np.radians(ROCKING))
         for s in surfaces:
             inside = s.outline.contains(shapely.buffer(s.region, reach))

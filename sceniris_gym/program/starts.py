@@ -1,4 +1,4 @@
-"""The kinds of starts of a scene by the numbers of its plan: their grasps, grips, joints and markers."""
+"""The kinds of starts of a scene: their grasps, grips, joints and markers, by their numbers in the plan."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ _FITS = {
     StartPose.LIFTED: ("lifts", "upright in the air"),
     StartPose.HELD: ("holds", "whichever way is down"),
 }
-"""The attribute of a Grip that a pose of the arm asks for, in words."""
+"""The required attribute of a Grip for each pose of the arm, and its meaning in errors."""
 
 
 def plan_grips(plan: Plan) -> tuple[Grip, ...]:
-    """Return the grip of each grasp of all reach targets; the grasps of those that no start holds have none that fit.
+    """Return the grip of each grasp of all reach targets. Grips of targets that a start never holds do not fit.
 
     Raises:
         NotSupportedError: An arm has no fingers that close.
@@ -68,10 +68,10 @@ def plan_grips(plan: Plan) -> tuple[Grip, ...]:
 
 
 def weakest(scene: SceneModel) -> list[mujoco.MjModel]:
-    """Return the model at all ends of what may be drawn at which a gripper may hold the least.
+    """Return the models in which a gripper holds the least, at the weakest ends of all draws.
 
-    Joints of the gripper resist. The end of a constant force that opens it is not known, nor which centre of mass turns
-    the object the most.
+    Joint friction and stiffness of the gripper resist closing, so they are at their greatest. The models cover all
+    corners of the draws of the actuators' constant force and of centres of mass, whose worst ends are unknown.
     """
     ends, draws = {**WEAK, "dof_frictionloss": "most", "jnt_stiffness": "most"}, scene.draws
     unknown = product(corners(draws, "actuator_biasprm"), corners(draws, "body_ipos"))
@@ -79,7 +79,7 @@ def weakest(scene: SceneModel) -> list[mujoco.MjModel]:
 
 
 def _downs(placed: PlacedObject, target: ReachTarget, grasp: int) -> np.ndarray:
-    """Return where down is in the frame of an object, for each pose in which a grasp of it is tried, shape (n, 3)."""
+    """Return the downward direction in the frame of an object, for each pose that allows one of its grasps, (n, 3)."""
     if placed.orientation == "any":
         return _ALL_WAYS
     spans = zip(placed.stable_poses, target.grasp_set.spans, strict=True)
@@ -87,11 +87,11 @@ def _downs(placed: PlacedObject, target: ReachTarget, grasp: int) -> np.ndarray:
 
 
 def plan_starts(plan: Plan, grips: tuple[Grip, ...]) -> dict[str, np.ndarray]:
-    """Return the fields of `Starts` by name, without the bank: a row for each kind of start, or for each grasp.
+    """Return the fields of `Starts` by name, with a row for each kind of start, or for each grasp.
 
     Raises:
-        UnknownNameError: A grasp or a joint that does not exist.
-        SceneKeyError: A joint whose object does not draw it, or an object that no grasp holds.
+        UnknownNameError: A grasp or a joint does not exist.
+        SceneKeyError: An object does not draw a joint of the start, or cannot be held in any selected grasp.
     """
     kinds = [_kind(plan, grips, i, config) for i, config in enumerate(plan.scene.config.start)]
     robots = [b for one in plan.reaching.arms for b in plan.scene.subtree(one.robot)[1:]]
@@ -116,9 +116,9 @@ def _kind(plan: Plan, grips: tuple[Grip, ...], number: int, config: StartConfig)
             own &= np.array([getattr(grip, fit) for grip in grips[first : first + len(own)]], bool)
             if not own.any():
                 raise SceneKeyError(
-                    f"{where}: the gripper should be able to hold '{target.name}' {how}, and none of its grasps that "
-                    "count is that firm with all that 'randomize' may draw. Choose other grasps, a stronger gripper, a "
-                    "lighter object, or narrower draws."
+                    f"{where}: the gripper should be able to hold '{target.name}' {how}, but cannot in any of the "
+                    "selected grasps over the whole range of 'randomize'. Select other grasps, or use a stronger "
+                    "gripper, a lighter object, or narrower draws."
                 )
         counts.append(own)
         if target.name in names:
@@ -139,12 +139,12 @@ def _kind(plan: Plan, grips: tuple[Grip, ...], number: int, config: StartConfig)
 
 
 def _arm_range(plan: Plan, one: ReachingArm, config: StartConfig, where: str) -> np.ndarray:
-    """Return the intervals from which a kind draws the joints of the arm at its object, shape (MAX_JOINTS, 2)."""
+    """Return the intervals of the drawn joints of the arm for a kind of start, shape (MAX_JOINTS, 2)."""
     if one.robot in plan.scene.apart:
         raise SceneKeyError(f"{where}: should have a robot that is in the scene, but its 'in_scene' is false.")
     found, index = np.tile(_UNDRAWN, (MAX_JOINTS, 1)), one.arm.qposadr.tolist()
     for drawn in _drawn(plan, one.robot, config.robot_joints, f"{where}.robot_joints"):
-        if drawn.qposadr in index:  # patterns also name the gripper's
+        if drawn.qposadr in index:  # a pattern also matches joints of the gripper, which a start does not draw
             found[index.index(drawn.qposadr)] = drawn.low, drawn.high
     if config.robot_joints and (found == _UNDRAWN).all():
         names = ", ".join(name.rpartition("/")[2] for name in one.arm.joints)
@@ -161,7 +161,7 @@ def _pose(config: StartConfig) -> StartPose:
 
 
 def _counting(config: StartConfig, target: ReachTarget, where: str) -> np.ndarray:
-    """Return which grasps of a target match the glob of a start, shape (ngrasp,), bool."""
+    """Return a mask of the grasps of a target that match the glob of a start, shape (ngrasp,), bool."""
     names = [grasp.name for grasp in target.grasp_set.grasps]
     found = [config.grasp is None or matches(name, config.grasp) for name in names]
     if target.name == config.of and not any(found):
@@ -176,7 +176,7 @@ def _drawn(plan: Plan, owner: str, words: Mapping[str, JointConfig], where: str)
 
 
 def _draw_ranges(plan: Plan, words: Mapping[str, JointConfig], where: str) -> np.ndarray:
-    """Return the intervals of objects' joints, in the order in which the plan draws them, shape (ndraw, 2)."""
+    """Return the intervals of objects' joints in the plan's order of draws, shape (ndraw, 2)."""
     usual = [r.qposadr for o in plan.objects for r in o.joint_ranges]
     found = np.tile(_UNDRAWN, (len(usual), 1))
     for key, config in words.items():

@@ -1,1 +1,1 @@
-"""Reach of an arm: forward and inverse kinematics, and maps that are built once and looked up at resets."""
+"""Reachability of an arm: forward and inverse kinematics, and precomputed maps that resets look up."""

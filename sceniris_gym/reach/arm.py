@@ -1,6 +1,6 @@
 """A serial arm: the joints of an MjModel between a base body and a TCP site.
 
-The TCP's +z is the approach axis of the gripper, its +y the axis along which the fingers close.
+The TCP's +z axis is the approach axis of the gripper. The fingers close along its +y axis.
 """
 
 from __future__ import annotations
@@ -15,41 +15,41 @@ import numpy as np
 from sceniris_gym.errors import ArmError, check_names
 
 TCP = "tcp"
-"""Name of the site that is an asset's tool centre point."""
+"""Name of the site at an asset's tool centre point."""
 MAX_JOINTS = 8
-"""Most joints that an arm may have; device code keeps this many in registers."""
+"""Maximum number of joints of an arm. Device code keeps all of them in registers."""
 HOME = "home"
-"""Name of the keyframe of the start pose."""
+"""Name of the keyframe with the start pose."""
 
 _ANGLE_TOL = 1e-4  # [rad]
-# A map applies if the TCP is at most this far off the last joint's axis and its z axis leans at most this much from it:
-# a turn of the wrist then moves the TCP by at most twice as much, half of the tolerance of `ik`. Neither is 0, because
-# model files give angles with few digits.
+# A map requires the TCP to be on the last joint's axis and aligned with it, within these tolerances. A wrist rotation
+# then moves the TCP by at most twice the tolerance, which is half of the tolerance of `ik`. The tolerances are not 0,
+# because model files give angles with few digits.
 _TCP_LENGTH_TOL = 2.5e-4  # [m]
 _TCP_ANGLE_TOL = np.radians(0.12)
 
 
 @dataclass(frozen=True, eq=False)
 class SerialArm:
-    """The kinematics of a serial arm, in its base body's frame. Joints are ordered from base to tip.
+    """The kinematics of a serial arm in its base body's frame. Joints are ordered from base to tip.
 
-    The pose of the TCP at joints q is the product of `link[i]` and the motion of joint i for all i, and then `link[n]`.
-    A hinge turns by q - ref about its axis, a slide moves by q - ref along it. Joints beyond the TCP's body, or on
-    branches such as fingers, are not part of the arm. Neither are joints that move the base, whose pose may differ
+    The TCP pose at joint positions q is the product of `link[i]` and the motion of joint i for all i, followed by
+    `link[n]`. A hinge rotates by q - ref about its axis, and a slide moves by q - ref along its axis. The arm excludes
+    joints beyond the TCP's body, joints on branches such as fingers, and joints that move the base: its pose may differ
     between worlds.
 
     Attributes:
         name: Name of the base body.
-        base_body, tcp_site: Their ids in the model.
+        base_body, tcp_site: Ids of the base body and the TCP site in the model.
         joints: Names of the n joints, "" for a joint without a name.
-        qposadr: Their addresses in `qpos`, shape (n,).
-        slide: Which of them are slides; the others are hinges, shape (n,), bool.
+        qposadr: Addresses of the joints in `qpos`, shape (n,).
+        slide: True for slides, False for hinges, shape (n,), bool.
         lower, upper: Limits [rad, m], shape (n,). -inf and inf for a hinge without limits.
-        ref: Joint positions at which the links are as given here (`qpos0`) [rad, m], shape (n,).
-        axis: Unit axes through the origin of the joint's frame, in that frame, shape (n, 3).
-        link_pos, link_quat: Transforms from the frame after joint i - 1 (of the base, for 0) to that of joint i, the
-            last one to the TCP; shapes (n + 1, 3) [m] and (n + 1, 4) as wxyz.
-        home: Start pose: the keyframe 'home' if there is one, else `ref`; within limits [rad, m], shape (n,).
+        ref: Joint positions (`qpos0`) at which the joints have not moved [rad, m], shape (n,).
+        axis: Unit axes through the origin of each joint's frame, in that frame, shape (n, 3).
+        link_pos, link_quat: Transforms from the frame after joint i - 1 (for i = 0, the base) to the frame of joint i.
+            The last transform leads to the TCP. Shapes (n + 1, 3) [m] and (n + 1, 4), wxyz.
+        home: Start pose within limits [rad, m], shape (n,), from the keyframe 'home' or, without one, from `ref`.
     """
 
     name: str
@@ -72,8 +72,8 @@ class SerialArm:
 
         Raises:
             UnknownNameError: The model has no such body or site.
-            ArmError: What is between them is not a serial arm of 1 to MAX_JOINTS hinges and slides, or a slide has no
-                limits.
+            ArmError: The joints between them are not a serial chain of 1 to MAX_JOINTS hinges and slides, or a slide
+                has no limits.
         """
         bodies = [mjm.body(i).name for i in range(mjm.nbody)]
         sites = [mjm.site(i).name for i in range(mjm.nsite)]
@@ -106,34 +106,34 @@ class SerialArm:
 
     @cached_property
     def hash(self) -> str:
-        """Hash of the kinematics and limits, 16 hexadecimal digits; names and the start pose do not enter.
+        """Hash of the kinematics and limits without names and the start pose, 16 hexadecimal digits.
 
-        Numbers are rounded to a millionth, so that an arm keeps its hash when its MJCF is attached to another model.
+        Values are rounded to 1e-6, so that an arm keeps its hash when its MJCF is attached to another model.
         """
         quat = self.link_quat * np.where(self.link_quat[:, :1] < 0.0, -1.0, 1.0)
         parts = [self.slide, self.lower, self.upper, self.ref, self.axis, self.link_pos, quat]
-        rounded = [np.round(np.asarray(part, np.float64), 6) + 0.0 for part in parts]  # + 0.0: there is no -0
+        rounded = [np.round(np.asarray(part, np.float64), 6) + 0.0 for part in parts]  # + 0.0 turns -0 into 0
         return hashlib.sha256(b"".join(part.tobytes() for part in rounded)).hexdigest()[:16]
 
     @property
     def tilt(self) -> float:
-        """Angle [rad] between the first joint's axis and the base's z axis, upwards or downwards."""
+        """Angle [rad] between the first joint's axis and the base's z axis. Both directions of the axis are equal."""
         return _angle_to(rotate(self.axis[0], self.link_quat[0]), np.array([0.0, 0.0, 1.0]))
 
     @property
     def vertical(self) -> bool:
-        """True if the first joint is a hinge about the base's z axis or an axis parallel to it."""
+        """True if the first joint is a hinge with an axis parallel to the base's z axis."""
         return not self.slide[0] and self.tilt < _ANGLE_TOL
 
     @property
     def axis_xy(self) -> np.ndarray:
-        """Intersection of the first joint's axis with the base's plane z = 0 [m], shape (2,); only if `vertical`."""
+        """Intersection of the first joint's axis with the base's plane z = 0 [m], shape (2,). Requires `vertical`."""
         along = rotate(self.axis[0], self.link_quat[0])
         return (self.link_pos[0] - along * (self.link_pos[0, 2] / along[2]))[:2]
 
     @property
     def no_map(self) -> str | None:
-        """Reason why reachability maps, symmetric about the base's z and the TCP's z, do not apply; None if they do."""
+        """Reason that excludes a reachability map, or None. Maps are symmetric about the base's and the TCP's z."""
         first, last = (f" '{name}'" if name else "" for name in (self.joints[0], self.joints[-1]))
         if self.slide[0]:
             return f"the first joint{first} is a slide, not a hinge about the vertical axis of '{self.name}'"
@@ -152,12 +152,12 @@ class SerialArm:
         return None
 
     def turns_freely(self, i: int) -> bool:
-        """Return True if a joint, by its number, can make a full turn."""
+        """Return whether joint `i` can make a full rotation."""
         return bool(not self.slide[i] and self.upper[i] - self.lower[i] > 2.0 * np.pi - _ANGLE_TOL)
 
 
 def _chain(mjm: mujoco.MjModel, base: int, tcp: int) -> tuple[list[int], np.ndarray, np.ndarray]:
-    """Return ids of the joints between a body and a site, and the transforms between their frames."""
+    """Return the ids of the joints between a body and a site, and the transforms between the joint frames."""
     path, body = [], int(mjm.site_bodyid[tcp])
     while body not in (0, base):
         path.append(body)
@@ -181,15 +181,15 @@ def _chain(mjm: mujoco.MjModel, base: int, tcp: int) -> tuple[list[int], np.ndar
 
 
 def _check_joints(mjm: mujoco.MjModel, base_body: int, tcp: str, ids: list[int]) -> None:
-    """Raise ArmError for joints that an arm cannot have, that move its base, or that are coupled."""
+    """Raise ArmError if joints are missing, too many, unsupported, coupled, or move the base."""
     base = mjm.body(base_body).name
     if not ids:
         raise ArmError(
-            f"arm '{base}': no joint is between it and the site '{tcp}'. The site should be on a body that joints move."
+            f"arm '{base}': no joint is between it and the site '{tcp}'. Put the site on a body that joints move."
         )
     if len(ids) > MAX_JOINTS:
         raise ArmError(
-            f"arm '{base}' has {len(ids)} joints up to the site '{tcp}'; it should have at most {MAX_JOINTS}."
+            f"arm '{base}' has {len(ids)} joints up to the site '{tcp}': it should have at most {MAX_JOINTS}."
         )
     for i in ids:
         kind = mujoco.mjtJoint(mjm.jnt_type[i])
@@ -214,7 +214,7 @@ def _check_joints(mjm: mujoco.MjModel, base_body: int, tcp: str, ids: list[int])
 
 
 def _couples(mjm: mujoco.MjModel, eq: int, base: int, ids: list[int]) -> bool:
-    """Return True if a constraint couples joints of the arm, or closes a loop through them."""
+    """Return whether a constraint couples joints of the arm or closes a loop through them."""
     first, second = int(mjm.eq_obj1id[eq]), int(mjm.eq_obj2id[eq])
     kind = mujoco.mjtEq(mjm.eq_type[eq])
     if kind == mujoco.mjtEq.mjEQ_JOINT:
@@ -228,7 +228,7 @@ def _couples(mjm: mujoco.MjModel, eq: int, base: int, ids: list[int]) -> bool:
 
 
 def _joints_above(mjm: mujoco.MjModel, body: int, base: int, ids: list[int]) -> int | None:
-    """Return the number of the arm's joints that move a body; None for a body that moves independently of the arm."""
+    """Return how many of the arm's joints move a body, or None if the body moves independently of the arm."""
     moved, free = 0, False
     while body not in (0, base):
         for joint in _joints_of(mjm, body):
@@ -239,26 +239,26 @@ def _joints_above(mjm: mujoco.MjModel, body: int, base: int, ids: list[int]) -> 
 
 
 def _joints_of(mjm: mujoco.MjModel, body: int) -> range:
-    """Return the ids of a body's own joints."""
+    """Return the ids of a body's joints."""
     adr = int(mjm.body_jntadr[body])
     return range(adr, adr + int(mjm.body_jntnum[body]))
 
 
 def joint_label(mjm: mujoco.MjModel, i: int) -> str:
-    """Return how errors name a joint: by its body if it has no name."""
+    """Return a joint's name for errors. A joint without a name is described by its body."""
     name = mjm.joint(i).name
     return f"joint '{name}'" if name else f"the unnamed joint of body '{mjm.body(mjm.jnt_bodyid[i]).name}'"
 
 
 def _compose(pos: np.ndarray, quat: np.ndarray, then: np.ndarray, rot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return a transform followed by another transform in its frame."""
+    """Compose a transform with a second transform in the frame of the first."""
     both = np.zeros(4)
     mujoco.mju_mulQuat(both, quat, rot)
     return pos + rotate(then, quat), both
 
 
 def rotate(vector: np.ndarray, quat: np.ndarray) -> np.ndarray:
-    """Return a vector, shape (3,), turned by a wxyz quaternion."""
+    """Rotate a vector, shape (3,), by a wxyz quaternion."""
     turned = np.zeros(3)
     mujoco.mju_rotVecQuat(turned, vector, quat)
     return turned

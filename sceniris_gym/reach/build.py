@@ -1,7 +1,7 @@
-"""Build of a reachability map: label corners by inverse kinematics, spread solutions to neighbours, find the surface.
+"""Builds reachability maps: labels corners by inverse kinematics, spreads solutions to neighbours, finds the surface.
 
 Two kinds of lattice are labelled in the same way: the grid over (z, u, tilt, v), and the poles' tables over (z,
-radius). The host does the work in NumPy, except for the inverse kinematics, which runs in large batches on the device.
+radius). Inverse kinematics runs on the device in large batches. All other work is NumPy on the host.
 """
 
 from __future__ import annotations
@@ -24,34 +24,35 @@ from sceniris_gym.reach.measures import gather_witnesses, measure_false_accepts,
 from sceniris_gym.reach.solve import random_joints
 
 STEP = 0.025
-"""Least default step of the grid [m]. A large arm gets its reach divided by 44, which keeps the map below 16 MB."""
+"""Smallest default step of the grid [m]. For a large arm, the step is its reach divided by 44, so that the map stays
+below 16 MB."""
 TILT_STEP = math.radians(2.5)
 STARTS = 64
-"""Random starts per corner: for a Panda, 200 reached no more corners than 64, and 16 reached one in 700 fewer."""
+"""Random starts per corner. For a Panda, 200 starts reach the same corners as 64, and 16 starts miss one in 700."""
 
 _STEPS_OF_REACH = 44
-_POLE_STEPS = 5  # steps of the poles' tables in a step of the grid
-_NEAR_STARTS = 32  # further random starts for corners with a neighbour that is reached in more turns
-_EDGE_STARTS = 16  # random starts for points on an edge, besides the solution at the end that is reached
+_POLE_STEPS = 5  # steps of the poles' tables per step of the grid
+_NEAR_STARTS = 32  # additional random starts for corners with a neighbour that is reached in more rotations
+_EDGE_STARTS = 16  # random starts for points on an edge, in addition to the solution at its reached end
 _PASSES = 10
 _FEWEST_STEPS, _MOST_STEPS = 2, 10_000  # steps of the grid within the arm's reach
 _LEAST_TILT, _MOST_TILT = math.radians(0.01), math.radians(90.0)
-_HALVINGS = 4  # bisections of an edge that the surface crosses: the distance is then known to 1/32 of a step
+_HALVINGS = 4  # bisections of an edge that the surface crosses: they find the distance to 1/32 of a step
 _MOST_CORNERS = 2**29  # keeps addresses within 32 bits, and joints within 16 GB during a build
-_FULL = 255  # label of a corner that is reached in every turn
+_FULL = 255  # label of a corner that is reached in every rotation
 _HALF = 128
-_FAR = 255  # distance of a corner with no edge that the surface crosses
+_FAR = 255  # distance of a corner if the surface does not cross any of its edges
 
 
 @dataclass(frozen=True)
 class Lattice:
-    """Corners of a regular grid in the coordinates of a map; corners outside a ball are out of reach.
+    """Corners of a regular grid in the coordinates of a map. Corners outside a ball are out of reach.
 
     Attributes:
-        shape: Corners along each axis: (z, u, tilt, v) of the grid, (z, radius) of a pole's table.
-        low, step: Coordinates of the first corner and steps, as (z, tilt, u, v) [m, rad], shape (4,).
-        order: The index in (z, tilt, u, v) of each axis.
-        height, radius: Height of the ball's centre on the first axis, and radius [m].
+        shape: Corners along each axis: (z, u, tilt, v) for the grid, (z, radius) for a pole's table.
+        low, step: First corner and steps, as (z, tilt, u, v) [m, rad], shape (4,).
+        order: Index of each axis in (z, tilt, u, v).
+        height, radius: Height of the ball's centre on the first axis, and radius of the ball [m].
     """
 
     shape: tuple[int, ...]
@@ -63,7 +64,7 @@ class Lattice:
 
     @property
     def strides(self) -> np.ndarray:
-        """Change of a corner's number per step along each axis."""
+        """Change of a corner's index per step along each axis."""
         return np.cumprod([1, *self.shape[:0:-1]])[::-1]
 
     def coords(self, corner: np.ndarray) -> np.ndarray:
@@ -75,7 +76,7 @@ class Lattice:
 
     @cached_property
     def inside(self) -> np.ndarray:
-        """Numbers of the corners inside the ball."""
+        """Indices of the corners inside the ball."""
         squares = np.zeros(self.shape)
         for axis, (coordinate, n) in enumerate(zip(self.order, self.shape, strict=True)):
             if coordinate == 1:
@@ -86,7 +87,7 @@ class Lattice:
         return np.flatnonzero(squares.ravel() <= self.radius**2)
 
     def neighbours(self, corner: np.ndarray) -> np.ndarray:
-        """Return the numbers of both neighbours along each axis, or -1 outside the lattice; shape (N, 2 * naxis)."""
+        """Return the indices of both neighbours along each axis, -1 outside the lattice, shape (N, 2 * naxis)."""
         found = []
         for index, n, stride in zip(np.unravel_index(corner, self.shape), self.shape, self.strides, strict=True):
             found += [np.where(index > 0, corner - stride, -1), np.where(index < n - 1, corner + stride, -1)]
@@ -97,10 +98,10 @@ class LabelledGrid:
     """Labels of a lattice's corners, and their distances from the surface that bounds the reached region.
 
     Attributes:
-        level: Share of the turns in which a corner is reached, 0 for none to 255 for all, shape (N,), uint8.
-        distance: Distance to the nearest crossing on an edge of the corner, in 1/32 of a step; 255 if there is none,
+        level: Fraction of base and wrist rotations that reach a corner, from 0 to 255 (all), shape (N,), uint8.
+        distance: Distance to the nearest crossing on an edge of the corner in 1/32 of a step, 255 without a crossing,
             shape (N,), uint8.
-        joints: A solution of each corner that is reached, shape (N, njoint), float16.
+        joints: A solution of each reached corner, shape (N, njoint), float16.
     """
 
     def __init__(self, name: str, lattice: Lattice, labeller: Labeller, njoint: int, batch: int) -> None:
@@ -111,7 +112,7 @@ class LabelledGrid:
         self.joints = np.zeros((n, njoint), np.float16)
 
     def solve(self, checkpoint: Checkpoint) -> None:
-        """Run the stages that the checkpoint does not have yet."""
+        """Run all stages that are not finished in the checkpoint."""
         arrays = {f"{self.name}_{key}": getattr(self, key) for key in ("level", "distance", "joints")}
         batches = -(-len(self.lattice.inside) // self._batch)
         for stage in (self._label, self._spread, self._bisect):
@@ -127,7 +128,7 @@ class LabelledGrid:
             checkpoint.reached(checkpoint.done + self._batch)
 
     def _spread(self, checkpoint: Checkpoint) -> None:
-        """Solve corners again from solutions of neighbours that are reached in more turns, until nothing changes."""
+        """Solve corners again from solutions of better neighbours, until no label changes or the passes run out."""
         shape = self.lattice.shape
         changed = self.level > 0
         for turn in range(_PASSES):
@@ -146,7 +147,7 @@ class LabelledGrid:
                 break
 
     def _bisect(self, checkpoint: Checkpoint) -> None:
-        """Find the crossings of the surface with edges, by bisection."""
+        """Find where the surface crosses edges, by bisection."""
         half = (self.level >= _HALF).reshape(self.lattice.shape)
         for axis, stride in enumerate(self.lattice.strides):
             along = np.moveaxis(half, axis, 0)
@@ -159,13 +160,13 @@ class LabelledGrid:
                     self.distance[end] = np.minimum(self.distance[end], np.round(32.0 * share).astype(np.uint8))
 
     def _batches(self, corner: np.ndarray, what: str, first: int = 0) -> Iterator[np.ndarray]:
-        """Yield corners in batches, from number `first` on, and tell the progress after each batch."""
+        """Yield corners in batches, starting at position `first`, and report progress after each batch."""
         for at in range(first, len(corner), self._batch):
             yield corner[at : at + self._batch]
             tell(f"{self.name}: {what}", min(at + self._batch, len(corner)), len(corner))
 
     def _crossing(self, low: np.ndarray, high: np.ndarray, coordinate: int) -> np.ndarray:
-        """Return the crossings of the surface with edges from `low` to `high`, as shares of their length, (N,)."""
+        """Return where the surface crosses edges from `low` to `high`, as fractions of their length, shape (N,)."""
         reached = self.level[low] >= _HALF
         warm = np.where(reached[:, None], self.joints[low], self.joints[high]).astype(np.float32)
         start = self.lattice.coords(low)
@@ -181,7 +182,7 @@ class LabelledGrid:
         return 0.5 * (lower + upper)
 
     def _raise(self, corner: np.ndarray, count: np.ndarray, joints: np.ndarray) -> np.ndarray:
-        """Keep labels that are better, with their joints; return the corners that improved."""
+        """Keep improved labels and their joints. Return the corners that improved."""
         level = np.where(count == 0, 0, np.maximum(1, count * _FULL // ALL_TURNS)).astype(np.uint8)
         better = level > self.level[corner]
         risen = corner[better]
@@ -190,12 +191,12 @@ class LabelledGrid:
         return risen
 
     def _joints_of(self, corner: np.ndarray) -> np.ndarray:
-        """Return the joints of corners; NaN for a corner that is not reached, or that is -1."""
+        """Return the joints of corners, NaN for -1 and for corners that are not reached."""
         there = (corner >= 0) & (self.level[corner] > 0)
         return np.where(there[..., None], self.joints[corner], np.float16(np.nan)).astype(np.float32)
 
     def codes(self) -> np.ndarray:
-        """Return the codes of all corners in the shape of the lattice, uint8; see map.CODE_VALUES."""
+        """Return the codes of all corners (map.CODE_VALUES) in the shape of the lattice, uint8."""
         return _CODES[self.level, self.distance].reshape(self.lattice.shape)
 
 
@@ -220,38 +221,39 @@ def build_map(
     seed: int = 0,
     state: Path | None = None,
 ) -> ReachMap:
-    """Build the reachability map of an arm, and tell the progress once in a while.
+    """Build the reachability map of an arm, and report progress.
 
     Args:
-        arm: The arm; its first axis is vertical, and its TCP lies on its last axis.
+        arm: The arm, with a vertical first axis and the TCP on its last axis.
         device: Warp's name of the device. A full map takes 5 to 13 s on an NVIDIA H200, and hours on a CPU core.
-        step: Step of the grid along z, u and v [m]; by default STEP, or more for an arm with a reach above 1.1 m.
-        tilt_step: Step of the grid [rad], rounded so that it divides a half turn.
+        step: Step of the grid along z, u and v [m]. By default STEP, or more for an arm with a reach above 1.1 m.
+        tilt_step: Step of the grid along tilt [rad], rounded so that it divides 180 degrees.
         seed: Seed of the random starts.
-        state: File in which progress is saved once in a while; a build that finds its own state there resumes.
+        state: File that stores progress. A build resumes from its stored state.
 
     Raises:
-        ArmError: Such an arm cannot have a map; the message gives the reason.
-        MapError: `state` belongs to a different build, or a step is not positive, too small or too large.
+        ArmError: The arm cannot have a map. The message gives the reason.
+        MapError: `state` belongs to a different build, or a step is out of range.
     """
     if arm.no_map is not None:
         raise ArmError(f"{arm.name} can have no reachability map: {arm.no_map}. Use `reachable: ik` with it.")
     height, radius = reach_ball(arm, device, seed)
     step = max(STEP, radius / _STEPS_OF_REACH) if step is None else step
     if not (step > 0.0 and tilt_step > 0.0):
-        raise MapError(f"map of {arm.name}: steps of {step:g} m and {tilt_step:g} rad should be positive.")
+        raise MapError(f"map of {arm.name}: steps should be positive, got {step:g} m and {tilt_step:g} rad.")
     least, most = radius / _MOST_STEPS, radius / _FEWEST_STEPS
     if not (least <= step <= most and _LEAST_TILT <= tilt_step <= _MOST_TILT):
         raise MapError(
-            f"map of {arm.name}: a step of {step:g} m should be from {least:.2g} to {most:.2g} m, as the arm reaches "
-            f"{radius:.2f} m, and a tilt step of {math.degrees(tilt_step):g} degrees from "
-            f"{math.degrees(_LEAST_TILT):g} to {math.degrees(_MOST_TILT):g}."
+            f"map of {arm.name}: the step should be from {least:.2g} to {most:.2g} m for a reach of {radius:.2f} m, "
+            f"got {step:g} m. The tilt step should be from {math.degrees(_LEAST_TILT):g} to "
+            f"{math.degrees(_MOST_TILT):g} degrees, got {math.degrees(tilt_step):g}."
         )
     grid, poles = lattices(height, radius, step, tilt_step)
     if math.prod(grid.shape) > _MOST_CORNERS:
         raise MapError(
-            f"map of {arm.name}: a grid of {' x '.join(map(str, grid.shape))} corners is too large; it should have at "
-            f"most {_MOST_CORNERS:g}. Use larger steps than {step:g} m and {math.degrees(tilt_step):g} degrees."
+            f"map of {arm.name}: the grid should have at most {_MOST_CORNERS:g} corners, got "
+            f"{' x '.join(map(str, grid.shape))}. Use larger steps than {step:g} m and {math.degrees(tilt_step):g} "
+            "degrees."
         )
     labeller = Labeller(arm, device, starts=STARTS + _NEAR_STARTS, seed=seed)
     batch = 1 << (18 if device.startswith("cuda") else 12)
@@ -286,7 +288,7 @@ def build_map(
 
 
 def lattices(height: float, radius: float, step: float, tilt_step: float) -> tuple[Lattice, tuple[Lattice, Lattice]]:
-    """Return the grid around a ball of reach, and the tables of both poles."""
+    """Return the grid around the ball of reach, and the tables of both poles."""
     half = math.ceil(radius / step) + 1
     ntilt = max(2, round(math.pi / tilt_step) + 1)
     tilt = math.pi / (ntilt - 1)
@@ -304,10 +306,13 @@ def lattices(height: float, radius: float, step: float, tilt_step: float) -> tup
 
 
 def reach_ball(arm: SerialArm, device: str, seed: int = 0) -> tuple[float, float]:
-    """Return the height [m] of the second joint on the first axis, and the greatest distance [m] of the TCP from there.
+    """Return the centre and the radius of the ball that contains all TCP positions.
 
-    The distance is found by random search: the farthest of many random poses are improved by small random changes, and
-    1 cm is added.
+    The centre is on the first axis, at the height of the second joint. Random search finds the radius: random changes
+    improve the farthest of many random poses. The result includes a margin of 1 cm.
+
+    Returns:
+        Height of the centre [m], and radius [m].
     """
     height = float(arm.link_pos[0, 2] + rotate(arm.link_pos[1], arm.link_quat[0])[2])
     centre = np.array([*arm.axis_xy, height])
@@ -325,10 +330,10 @@ def reach_ball(arm: SerialArm, device: str, seed: int = 0) -> tuple[float, float
 
 
 def pack_rows(codes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Trim each row of codes, shape (nz, nu, ntilt, nv), to one before the first nonzero code to one after the last.
+    """Trim each row of codes, shape (nz, nu, ntilt, nv), to its nonzero codes and one corner on either side.
 
     Returns:
-        Rows and words as in ReachMap.
+        Rows and packed codes, as in ReachMap.
     """
     nz, nu, ntilt, nv = codes.shape
     flat = codes.reshape(nz * nu, ntilt, nv)
@@ -343,9 +348,12 @@ def pack_rows(codes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def turn_error(surface: LabelledGrid) -> float:
-    """Estimate the share of reachable poses for which the majority of turns gives the wrong verdict, at the corners.
+    """Estimate from the corners how often the majority of rotations gives a wrong verdict on a reachable pose.
 
-    Corners of a pole's table are weighted by radius, in proportion to the rings on which their poses lie.
+    Corners of a pole's table are weighted by radius, because they represent the poses on a ring.
+
+    Returns:
+        The fraction of reachable poses with a wrong verdict.
     """
     share = surface.level.reshape(surface.lattice.shape) / _FULL
     weight = np.arange(share.shape[1]) if share.ndim == 2 else 1.0

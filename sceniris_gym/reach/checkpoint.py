@@ -1,4 +1,4 @@
-"""Progress of a long build, saved in a file so that the build can be stopped and resumed."""
+"""Saves the progress of a long build to a file, so that the build can be stopped and resumed."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ class Checkpoint:
     """Progress of a build: a sequence of tasks, each with arrays that it fills.
 
     Args:
-        path: The file; None saves nothing.
-        build: Identifier of the build; the file of a different build is refused.
+        path: The file. If None, progress is not saved.
+        build: Identifier of the build. A file of a different build is an error.
 
     Raises:
         MapError: The file belongs to a different build, or is not a checkpoint.
@@ -43,18 +43,25 @@ class Checkpoint:
                 self._read(path)
 
     def enter(self, task: str, arrays: Mapping[str, np.ndarray], most: float = math.inf) -> bool:
-        """Begin a task: restore its arrays, and return True if anything is left to do.
+        """Begin a task: restore its arrays, and return whether the task is unfinished.
 
-        `done` is then the number of parts that are finished, at most `most`.
+        Sets `done` to the number of finished parts.
+
+        Args:
+            task: Name of the task.
+            arrays: The arrays that the task fills, by name.
+            most: Number of parts of the task.
 
         Raises:
-            MapError: The file holds arrays of another shape or type, or more finished parts than the task has.
+            MapError: The stored arrays differ in shape or type, or the file has more finished parts than the task.
         """
         for name, array in arrays.items():
             if name in self._stored:
                 stored = self._stored.pop(name)
                 if stored.shape != array.shape or stored.dtype != array.dtype:
-                    raise MapError(f"{self._path}: '{name}' holds {stored.dtype} of shape {stored.shape}. {_AGAIN}")
+                    raise MapError(
+                        f"{self._path}: '{name}' does not fit the build: {stored.dtype}, shape {stored.shape}. {_AGAIN}"
+                    )
                 array[...] = stored
         self._arrays.update(arrays)
         if task in self._finished:
@@ -62,7 +69,7 @@ class Checkpoint:
         self.done = self.done if task == self._task else 0
         self._task = task
         if not 0 <= self.done <= most:
-            raise MapError(f"{self._path}: says that {self.done} of {most} parts of '{task}' are done. {_AGAIN}")
+            raise MapError(f"{self._path}: '{task}' has {most} parts, but {self.done} are stored as done. {_AGAIN}")
         return True
 
     def leave(self, task: str) -> None:
@@ -71,7 +78,7 @@ class Checkpoint:
         self.reached(0)
 
     def reached(self, done: int) -> None:
-        """Record the number of finished parts, and save if the last save was long ago."""
+        """Record the number of finished parts, and save if the last save is more than a minute old."""
         self.done = done
         if self._path is None or time.monotonic() - self._written <= _SECONDS:
             return
@@ -86,8 +93,8 @@ class Checkpoint:
             build, finished, task = (str(held.pop(name)) for name in ("build", "finished", "task"))
             done = int(held.pop("done"))
         except UNREADABLE as error:
-            raise MapError(f"{path}: this is not the saved state of a build ({error}). {_AGAIN}") from error
+            raise MapError(f"{path}: not the saved state of a build ({error}). {_AGAIN}") from error
         if build != self._build:
-            raise MapError(f"{path}: the state of a different build, with another arm, step or seed. {_AGAIN}")
+            raise MapError(f"{path}: it has the state of a different build, with another arm, step or seed. {_AGAIN}")
         self._finished, self._task, self.done = set(finished.split()), task, done
         self._stored = held

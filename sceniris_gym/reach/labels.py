@@ -1,8 +1,8 @@
-"""Labels of a reachability map: the number of turns of base and wrist in which an arm reaches a pose.
+"""Labels of a reachability map: the number of base and wrist rotations that reach a pose.
 
-A solution of one pose also solves the poses that are turned about the first axis or the approach axis, as far as the
-limits of the first and last joint allow. Each pose is therefore solved with these two joints free, and each solution
-marks the turns that it covers.
+A solution of one pose also solves all poses rotated about the first axis or the approach axis, within the limits of the
+first and last joint. Each pose is therefore solved without limits of these two joints. Each solution then marks the
+rotations that the limits allow.
 """
 
 import math
@@ -19,16 +19,16 @@ from sceniris_gym.reach.solve import ITERATIONS, ArmView, arm_view, as_vec8, ran
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 TURNS = 16
-"""Turns of the base that a label distinguishes, and turns of the wrist for each of them."""
+"""Number of base rotations in a label, and number of wrist rotations for each base rotation."""
 ALL_TURNS = TURNS * TURNS
-_POS_TOL, _ROT_TOL = 5.0e-4, math.radians(0.25)  # errors up to which a pose counts as reached [m, rad]
+_POS_TOL, _ROT_TOL = 5.0e-4, math.radians(0.25)  # largest errors of a reached pose [m, rad]
 _STEP = wp.constant(2.0 * math.pi / TURNS)
 _vec4l = wp.types.vector(length=4, dtype=wp.uint64)
 
 
 @wp.func
 def _covered(turn: JointTurn, angle: float) -> wp.uint64:
-    """Return the turns that a joint at `angle` can make within its limits, one bit each."""
+    """Return the rotations that a joint at `angle` can make within its limits, one bit each."""
     bits = wp.uint64(0)
     for i in range(TURNS):
         if turned(turn, angle + turn.sign * _STEP * float(i)) <= turn.upper:
@@ -52,7 +52,7 @@ def _count(marks: _vec4l) -> int:
 
 @wp.func
 def _with_turns(marks: _vec4l, bases: wp.uint64, wrists: wp.uint64) -> _vec4l:
-    """Add every pair of these turns of base and wrist to marks, which have 16 bits for each turn of the base."""
+    """Add all pairs of these base and wrist rotations to marks, which have 16 bits per base rotation."""
     for i in range(4):
         word = marks[i]
         for j in range(4):
@@ -117,7 +117,7 @@ def _label(
 
 
 class Labeller:
-    """Labels of canonical poses of an arm, by inverse kinematics.
+    """Labels canonical poses of an arm by inverse kinematics.
 
     Args:
         arm: The arm, with a vertical first axis and the TCP on its last axis.
@@ -143,12 +143,12 @@ class Labeller:
 
         Args:
             coords: z [m], tilt [rad], u, v [m], shape (N, 4).
-            warm: Joints to start from before the random starts, shape (N, K, njoint); NaN for no start.
-            first: The first random start to try.
-            count: Number of random starts to try; by default all from `first` on.
+            warm: Starts to try before the random starts, shape (N, K, njoint). Starts with NaN are skipped.
+            first: Index of the first random start.
+            count: Number of random starts, or None for all starts after `first`.
 
         Returns:
-            The number of the ALL_TURNS turns that are reached, shape (N,), and joints of a solution, shape (N, 8).
+            How many of the ALL_TURNS rotations reach each pose, shape (N,), and joints of a solution, shape (N, 8).
         """
         n = len(coords)
         filled = np.zeros((n, 0 if warm is None else warm.shape[1], 8), np.float32)
@@ -168,7 +168,7 @@ class Labeller:
 def end_turns(arm: SerialArm) -> tuple[JointTurn, JointTurn]:
     """Return the first and the last joint as JointTurns.
 
-    The sign of the first one is positive if its axis points up, that of the last one if it points along the approach.
+    The sign is positive if the first axis points up, or if the last axis points along the approach.
     """
     up = rotate(arm.axis[0], arm.link_quat[0])[2]
     along = rotate(np.array([0.0, 0.0, 1.0]), arm.link_quat[-1]) @ arm.axis[-1]

@@ -1,10 +1,10 @@
-"""Lookup of a TCP pose in a reachability map, on the device.
+"""Looks up TCP poses in a reachability map, on the device.
 
-The verdict on an arm whose first axis is vertical and whose last joint turns about the approach axis does not change
-when the target turns about the first axis or about its own approach axis. Of six coordinates, four remain
+Maps are for arms with a vertical first axis and a last joint that rotates about the approach axis. The verdict does not
+change if the target rotates about the first axis or about its approach axis. Four of six coordinates remain
 (M. Rudorfer, "RM4D: A Combined Reachability and Inverse Reachability Map for Common 6-/7-axis Robot Arms by
-Dimensionality Reduction to 4D", 2024): height, tilt of the approach axis, and the planar position in the frame in which
-the approach axis points along +x.
+Dimensionality Reduction to 4D", 2024): height, tilt of the approach axis, and the planar position in a frame with +x
+along the approach axis.
 """
 
 import math
@@ -21,16 +21,16 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
 POLE_TILT = math.radians(0.1)
-"""Approach axes that are this close to the vertical [rad] are looked up by height and radius alone."""
+"""For an approach axis this close to the vertical [rad], the lookup uses only height and radius."""
 
 _TURN = wp.constant(2.0 * math.pi)
 _POLE_SINE = wp.constant(math.sin(POLE_TILT))
-# A code of four bits stands for the label of a corner, which is the number of its turns that are reached, and for its
-# distance from the nearest change of label along the grid's axes: see CODE_VALUES in map.py.
+# A four-bit code combines the label of a corner with the distance to the nearest change of label along the grid's axes.
+# The label is the number of base and wrist rotations that reach the corner. See CODE_VALUES in map.py.
 MOST_NEVER = wp.constant(5)
-"""Codes up to this one mark corners that are reached in no turn of base and wrist."""
+"""Codes from 0 to this value mark corners that are never reached."""
 LEAST_ALWAYS = wp.constant(10)
-"""Codes from this one on mark corners that are reached in every turn."""
+"""Codes from this value to 15 mark corners that are reached in every rotation of base and wrist."""
 
 vec8h = wp.types.vector(length=MAX_JOINTS, dtype=wp.float16)
 """Joint positions of a witness, in half precision."""
@@ -38,7 +38,7 @@ vec8h = wp.types.vector(length=MAX_JOINTS, dtype=wp.float16)
 
 @wp.struct
 class JointTurn:
-    """The first or last joint of an arm: `q = angle * sign` up to full turns, with limits [rad]."""
+    """The first or last joint of an arm with its limits [rad]: `q = angle * sign`, modulo full rotations."""
 
     lower: float
     upper: float
@@ -49,9 +49,10 @@ class JointTurn:
 class MapView:
     """A reachability map on the device.
 
-    Corners are stored in rows along v, one for each (z, u), tilt by tilt. Corner (iz, it, iu, iv) is number
-    `row[0] + it * row[2] + iv - row[1]` of the codes; `row = rows[iz * nu + iu]` holds (address, first iv, length).
-    A row begins and ends with a corner that is never reached; nothing outside the rows is reached either.
+    Corners are stored in rows along v. All tilts of one (z, u) have the same row limits and are stored in sequence. The
+    code of corner (iz, it, iu, iv) has the index `row[0] + it * row[2] + iv - row[1]`, where `row = rows[iz * nu + iu]`
+    is (address, first iv, length). Each row begins and ends with a corner that is never reached. All corners outside
+    the rows are out of reach.
     """
 
     axis_x: float  # intersection of the first axis with z = 0 [m]
@@ -66,7 +67,7 @@ class MapView:
     per_radian: float
     rows: wp.array[wp.vec3i]
     codes: wp.array[wp.uint32]  # eight per word, the first in the lowest bits
-    values: wp.array[float]  # signed distances that the 16 codes stand for
+    values: wp.array[float]  # signed distances of the 16 codes
     # Poles, approach axis up and down: codes by (pole, z, radius), packed in the same way:
     pole_nz: int
     pole_nr: int
@@ -89,7 +90,7 @@ class MapView:
 
 @wp.func
 def turned(turn: JointTurn, angle: float) -> float:
-    """Return the least angle [rad] that equals `angle` up to full turns and is not below the lower limit."""
+    """Return the smallest angle [rad] at or above the lower limit that equals `angle` modulo full rotations."""
     return angle + _TURN * wp.ceil((turn.lower - angle) / _TURN - 1.0e-6)
 
 
@@ -100,7 +101,7 @@ def _code(words: wp.array[wp.uint32], n: int) -> int:
 
 @wp.func
 def _decide(least: int, most: int, value: float) -> int:
-    """Return the verdict on a cell from its least and greatest code and the interpolated value."""
+    """Return the verdict on a cell from its smallest and largest code and the interpolated value."""
     verdict = int(Verdict.MIXED_NO)
     if most <= MOST_NEVER:
         verdict = Verdict.NO
@@ -158,7 +159,7 @@ def _cell_verdict(view: MapView, z: float, tilt: float, u: float, v: float) -> i
         most = int(0)
         value = float(0.0)
         k = int(0)
-        while k < 4:  # a `while` is not unrolled: an H200 is faster with smaller placing kernels
+        while k < 4:  # Warp does not unroll `while`: smaller placing kernels are faster on an H200
             a = k >> 1
             b = k & 1
             row = view.rows[(iz + a) * view.nu + iu + b]
@@ -188,7 +189,7 @@ def _cell_verdict(view: MapView, z: float, tilt: float, u: float, v: float) -> i
 def map_verdict(view: MapView, pos: wp.vec3, approach: wp.vec3) -> int:
     """Return the Verdict on a TCP position [m] and a unit approach axis (TCP +z), both in the base frame.
 
-    Outside of the map the verdict is NO.
+    The verdict is NO outside the map.
     """
     x = pos[0] - view.axis_x
     y = pos[1] - view.axis_y
@@ -206,10 +207,10 @@ def map_verdict(view: MapView, pos: wp.vec3, approach: wp.vec3) -> int:
 
 @wp.func
 def witness(view: MapView, pos: wp.vec3, quat: wp.vec4, k: int) -> vec8:
-    """Return joints to solve from for a TCP pose in the base frame: branch `k` of the witnesses near it.
+    """Return start joints for solving a TCP pose in the base frame: branch `k` of the nearby witnesses.
 
-    The first and last joint are already turned to the pose. Branches repeat if there are fewer; if there are none, the
-    joints are the start pose, turned towards the target.
+    The first and last joint are already rotated to match the pose. `k` wraps around the number of branches. Without a
+    witness, the joints are the start pose, rotated towards the target.
     """
     approach = z_axis(quat)
     x = pos[0] - view.axis_x

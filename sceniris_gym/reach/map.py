@@ -1,10 +1,10 @@
 """Reachability maps: the TCP poses that an arm reaches, looked up on the device in four coordinates.
 
-A map is kinematic: it knows joint limits, but no self collision and no scene. Corners of its grid are labelled by
-inverse kinematics, so a cell whose corners agree is practically exact. The surface that bounds the reached region runs
-through the other cells. Each corner stores its distance from that surface along the grid's axes, and a pose is reached
-where these signed distances, interpolated over the 16 corners, are positive. lookup.py has the coordinates and the
-lookup.
+A map is kinematic: it covers joint limits, but not self-collision or the scene. Inverse kinematics labels the corners
+of its grid, so a cell is practically exact if all of its corners agree. The surface that bounds the reached region runs
+through the other cells. Each corner stores its signed distance from that surface along the grid's axes. A pose counts
+as reached if the distance, interpolated over the 16 corners of its cell, is positive. lookup.py defines the coordinates
+and the lookup.
 """
 
 from __future__ import annotations
@@ -31,43 +31,45 @@ from sceniris_gym.reach.solve import as_vec8, vec8
 SUFFIX = ".reach"
 """Suffix of map files."""
 CODE_VALUES = np.array([-1.0, -0.9, -0.7, -0.5, -0.3, -0.1, -0.6, -0.2, 0.2, 0.6, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0])
-"""Signed distances, in steps of the grid, that the codes of corners stand for.
+"""Signed distance for each code of a corner, in steps of the grid.
 
-0 to 5: reached in no turn, from far to near the surface. 6 and 7: in fewer than half of the turns of base and wrist,
-far and near; 8 and 9: in at least half, near and far. 10 to 15: in every turn, from near to far.
+- 0 to 5: never reached, from far to near the surface.
+- 6 and 7: reached in fewer than half of the base and wrist rotations, far and near.
+- 8 and 9: reached in at least half, near and far.
+- 10 to 15: reached in every rotation, from near to far.
 """
 MOST_TURN_ERROR = 0.005
-"""Largest share of verdicts that hold only in some turns; a map with a larger share is `limited`."""
+"""A map is `limited` if `turn_error` is above this fraction."""
 MOST_FALSE_ACCEPTS = 0.005
-"""Largest share of accepted poses that are out of reach; a map with a larger share is `coarse`."""
+"""A map is `coarse` if more than this fraction of the accepted poses are out of reach."""
 
 _FORMAT = 1
 _MOST = 100.0  # largest absolute value of a step or first coordinate in a file [m, rad]
 _MOST_CORNERS = 1 << 16  # along an axis
-_MEASURED = "false_accepts"  # in files only if it was measured
+_MEASURED = "false_accepts"  # missing in files if it was not measured
 
 
 @dataclass(frozen=True, eq=False)
 class ReachMap:
-    """A reachability map of one arm. `build.build_map` makes it.
+    """A reachability map of one arm, built by `build.build_map`.
 
     Attributes:
         arm: The arm.
-        step, tilt_step: Steps of the grid [m, rad]; `u` and `v` have the step of `z`.
-        z_low: The grid's first height in the base frame [m].
-        u_low: Its first u and v, relative to the first axis [m].
-        nz, ntilt, nu: Corners along z, along tilt, and along each of u and v.
+        step, tilt_step: Steps of the grid along z, u and v [m], and along tilt [rad].
+        z_low: First height of the grid in the base frame [m].
+        u_low: First u and first v of the grid, relative to the first axis [m].
+        nz, ntilt, nu: Number of corners along z, along tilt, and along each of u and v.
         rows: Rows of corners along v, as in lookup.MapView, shape (nz * nu, 3), int32.
         codes: Codes of the corners, eight per word, uint32.
-        pole_step, pole_z_low: Step and first height of the tables for approach axes that point up or down [m].
-        poles: Codes of these tables by height and radius, 0 to 15, shape (2, nz, nradius), uint8.
-        wit_cells: (address, number) of each coarse cell's witnesses, by (z, tilt, u, v), shape (..., 2), int32.
-        wit_joints: Joints of poses in the coarse cells, shape (nwitness, njoint), float16.
-        turn_error: Share of verdicts on reachable poses that are wrong because the limits of base and wrist matter in
-            some turns only: the largest among the grid and both poles.
-        seed: Seed of the starts from which the map was solved.
-        false_accepts: Share of the accepted poses that are out of reach, as measures.py finds it; None if it was
-            not measured, as in files of earlier versions.
+        pole_step, pole_z_low: Step and first height of the poles' tables, for approach axes that point up or down [m].
+        poles: Codes of the poles' tables by height and radius, 0 to 15, shape (2, nz, nradius), uint8.
+        wit_cells: (address, number) of the witnesses in each coarse cell, by (z, tilt, u, v), shape (..., 2), int32.
+        wit_joints: Joint positions of the witnesses, shape (nwitness, njoint), float16.
+        turn_error: Fraction of reachable poses with a wrong verdict, because base and wrist limits exclude some
+            rotations. The maximum over the grid and both poles.
+        seed: Seed of the random starts.
+        false_accepts: Fraction of accepted poses that are out of reach, measured by measures.py. None in files of
+            earlier versions, and if it could not be measured.
     """
 
     arm: SerialArm
@@ -91,22 +93,22 @@ class ReachMap:
 
     @property
     def limited(self) -> bool:
-        """True if too many verdicts depend on turns of base or wrist, so that poses should be solved one by one."""
+        """True if too many verdicts depend on base or wrist limits. If so, solve poses by inverse kinematics."""
         return self.turn_error > MOST_TURN_ERROR
 
     @property
     def coarse(self) -> bool:
-        """True if too many of the accepted poses are known to be out of reach."""
+        """True if too many of the accepted poses are out of reach by measurement."""
         return self.false_accepts is not None and self.false_accepts > MOST_FALSE_ACCEPTS
 
     @property
     def nbytes(self) -> tuple[int, int]:
-        """Bytes in memory: of the map, and of its witnesses."""
+        """Size in memory [bytes] of the map and of its witnesses."""
         words = self.rows.nbytes + self.codes.nbytes + self.poles.size // 2
         return words, self.wit_cells.nbytes + 16 * len(self.wit_joints)
 
     def save(self, path: Path) -> None:
-        """Write the map, compressed. To replace a file, write to a temporary path and rename it."""
+        """Write a compressed file. To replace an existing map, write to a temporary path and rename it."""
         held: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
         held |= {"format": _FORMAT, "arm": self.arm.hash}
         with path.open("wb") as file:
@@ -119,8 +121,8 @@ class ReachMap:
         Args:
             path: The file.
             arm: The arm.
-            advice: The last sentence of errors; by default the command that builds the map again, for an asset with the
-                name of the arm's base body.
+            advice: Last sentence of errors. By default, the command that builds the map again, with the name of the
+                arm's base body as the asset.
 
         Raises:
             MapError: The file is missing, damaged or not a map, or was built for another arm.
@@ -134,17 +136,17 @@ class ReachMap:
             known = [f for f in fields(cls) if f.name != "arm" and (f.name != _MEASURED or f.name in held)]
             told = {f.name: held[f.name] if f.type == "np.ndarray" else held[f.name].item() for f in known}
         except UNREADABLE as error:
-            raise MapError(f"{path}: this is not a reachability map, or a damaged one ({error}). {again}") from error
+            raise MapError(f"{path}: not a reachability map, or a damaged file ({error}). {again}") from error
         if version != _FORMAT:
-            raise MapError(f"{path}: the map has format {version}, but should have format {_FORMAT}. {again}")
+            raise MapError(f"{path}: the map should have format {_FORMAT}, got format {version}. {again}")
         if made_for != arm.hash:
             raise MapError(
-                f"{path}: a reachability map of the arm {made_for}, but '{arm.name}' is {arm.hash}: its links, limits "
+                f"{path}: the map was built for the arm {made_for}, but '{arm.name}' is {arm.hash}: its links, limits "
                 f"or TCP differ. {again}"
             )
         wrong = next(_faults(told, len(arm.joints)), None)
         if wrong is not None:
-            raise MapError(f"{path}: a damaged reachability map: {wrong}. {again}")
+            raise MapError(f"{path}: the reachability map is damaged: {wrong}. {again}")
         return cls(arm, **told)
 
     def view(self, device: str | wp.Device | None = None) -> MapView:
@@ -176,7 +178,7 @@ class ReachMap:
 
         Args:
             poses: TCP poses in the base frame, shape (N, 4, 4).
-            device: Warp's name of the device; None is Warp's default.
+            device: Warp's name of the device, or None for Warp's default.
 
         Returns:
             A tier.Verdict for each pose, shape (N,), uint8.
@@ -185,7 +187,7 @@ class ReachMap:
         return self.verdict_at(poses[:, :3, 3], poses[:, :3, 2], device)
 
     def verdict_at(self, pos: np.ndarray, approach: np.ndarray, device: str | wp.Device | None = None) -> np.ndarray:
-        """Look up TCP positions [m] and unit approach axes in the base frame, both (N, 3); return as `verdict` does."""
+        """Look up TCP positions [m] and unit approach axes, both (N, 3), base frame. Returns the same as `verdict`."""
         with wp.ScopedDevice(device) as scope:
             verdicts = wp.zeros(len(pos), dtype=wp.uint8)
             look_up(self.view(scope), wp.array(pos, dtype=wp.vec3), wp.array(approach, dtype=wp.vec3), verdicts)
@@ -193,33 +195,37 @@ class ReachMap:
 
 
 WITNESS_CELLS = (4, 6)
-"""Grid steps per coarse cell of witnesses, along z, u and v, and along tilt: by default 10 cm and 15 degrees."""
+"""Size of a witness cell in grid steps, along z, u and v, and along tilt. By default 10 cm and 15 degrees."""
 
 
 def pack(codes: np.ndarray) -> np.ndarray:
-    """Pack four-bit codes, shape (N,), eight per word, the first in the lowest bits."""
+    """Pack four-bit codes, shape (N,), eight per word, starting at the lowest bits."""
     filled = np.zeros(-(-len(codes) // 8) * 8, np.uint32)
     filled[: len(codes)] = codes
     return np.bitwise_or.reduce(filled.reshape(-1, 8) << (4 * np.arange(8, dtype=np.uint32)), axis=1)
 
 
 def map_path(asset: str) -> Path:
-    """Return the path of an arm's map: among the shipped assets for the name of one, else beside your own MJCF."""
+    """Return the path of an arm's map: in the shipped assets for an asset's name, next to the file for a model file."""
     if asset.endswith((".xml", ".urdf")):
         return Path(asset).with_suffix(SUFFIX)
     return Path(str(resources.files("sceniris_gym.assets"))) / "maps" / f"{asset}{SUFFIX}"
 
 
 def map_file(asset: str) -> Path | None:
-    """Return the path of an arm's map; None if there is no map."""
+    """Return the path of an arm's map, or None if the file does not exist."""
     path = map_path(asset)
     return path if path.is_file() else None
 
 
 def why_not_map(arm: SerialArm, reach_map: ReachMap | None, asset: str, words: str = "") -> str | None:
-    """Return the reason why inverse kinematics, not this map, should decide for an arm; None if the map should.
+    """Return why an arm should use inverse kinematics and not this map, or None if it should use the map.
 
-    `asset` is an asset's name, or your own MJCF or URDF. `words` are those of `build_command`.
+    Args:
+        arm: The arm.
+        reach_map: Its map, or None.
+        asset: Name of an asset, or path of an MJCF or URDF file.
+        words: Options for `build_command`.
     """
     if arm.no_map is not None:
         return arm.no_map
@@ -227,8 +233,8 @@ def why_not_map(arm: SerialArm, reach_map: ReachMap | None, asset: str, words: s
         return f"it has no map yet; build one with {build_command(asset, words)}"
     if reach_map.limited:
         return (
-            "what the arm reaches depends on turns of base and wrist that a map does not know: its map is wrong about "
-            f"{reach_map.turn_error:.1%} of the poses it reaches, over all orientations or straight up or down"
+            "its reach depends on the rotations of base and wrist, which maps ignore: its map is wrong about "
+            f"{reach_map.turn_error:.1%} of the poses in reach, over all orientations or straight up or down"
         )
     if reach_map.coarse:
         return (
@@ -240,7 +246,7 @@ def why_not_map(arm: SerialArm, reach_map: ReachMap | None, asset: str, words: s
 
 
 def default_tier(arm: SerialArm, reach_map: ReachMap | None) -> Tier:
-    """Return the default tier of an arm: `map` if it has a map that is accurate enough, else `ik`."""
+    """Return the default tier of an arm: `map` if its map is accurate enough, `ik` otherwise."""
     return Tier.MAP if why_not_map(arm, reach_map, arm.name) is None else Tier.IK
 
 
@@ -248,15 +254,15 @@ def build_command(asset: str, words: str = "", out: str | Path | None = None) ->
     """Return the command that builds the map of an arm.
 
     Args:
-        asset: The arm: an asset's name, or your own MJCF or URDF.
-        words: Further options about the arm, such as its TCP.
-        out: The path of the map; by default `map_path` of the asset.
+        asset: Name of an asset, or path of an MJCF or URDF file.
+        words: Additional options for the arm, such as its TCP.
+        out: Path of the map. By default, `map_path` of the asset.
     """
     return " ".join(filter(None, [f"sceniris-gym reach {asset}", words, f"--build -o {out or map_path(asset)}"]))
 
 
 def _faults(told: dict[str, Any], njoint: int) -> Iterator[str]:
-    """Yield the impossible values in a file, since lookups on the device do not check them."""
+    """Yield invalid values in a file, because lookups on the device do not check them."""
     for name in ("nz", "ntilt", "nu", "seed"):
         if type(told[name]) is not int or (name != "seed" and not 2 <= told[name] < _MOST_CORNERS):
             yield f"{name} is {told[name]!r}"
@@ -265,12 +271,12 @@ def _faults(told: dict[str, Any], njoint: int) -> Iterator[str]:
         if type(value) is not float or not math.isfinite(value) or (name.endswith("step") and value <= 0.0):
             yield f"{name} is {value!r}"
         elif abs(value) > _MOST:
-            yield f"{name} is {value!r}, and no arm needs that"
+            yield f"{name} is {value!r}, larger than any arm needs"
     share = told.get(_MEASURED, 0.0)
     if type(share) is not float or not 0.0 <= share <= 1.0:
         yield f"{_MEASURED} is {share!r}"
     if not told["codes"].any() and not told["poles"].any():
-        yield "its codes say that nothing is within reach"
+        yield "all of its codes are 0, out of reach"
     nz, ntilt, nu = told["nz"], told["ntilt"], told["nu"]
     shapes = {
         "rows": (np.int32, (nz * nu, 3)),
@@ -287,12 +293,12 @@ def _faults(told: dict[str, Any], njoint: int) -> Iterator[str]:
     rows, poles, cells, joints = (told[name] for name in ("rows", "poles", "wit_cells", "wit_joints"))
     adr, low, length = rows.astype(np.int64).T
     if (rows < 0).any() or (low + length > nu).any() or (adr + ntilt * length > 8 * len(told["codes"])).any():
-        yield "rows lead out of the codes"
+        yield "rows point outside codes"
     if min(poles.shape) < 2 or (poles > 15).any():
-        yield "poles hold what is no code"
+        yield "poles should be codes from 0 to 15 in at least 2 rows and columns"
     if 0 in cells.shape or cells.shape[2] != cells.shape[3]:
         yield f"wit_cells holds {cells.dtype} of shape {cells.shape}"
     if (cells < 0).any() or (cells.astype(np.int64).sum(axis=-1) > len(joints)).any():
-        yield "wit_cells lead out of wit_joints"
+        yield "wit_cells point outside wit_joints"
     if not np.isfinite(joints).all():
-        yield "wit_joints are not all finite"
+        yield "wit_joints have non-finite values"

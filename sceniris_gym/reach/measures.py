@@ -1,4 +1,4 @@
-"""Steps of a map's build: axes of the TCP at many joint positions, witnesses, and the share of false accepts."""
+"""Steps of a map's build: TCP axes at many joint positions, witnesses, and the fraction of false accepts."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from sceniris_gym.reach.solve import ITERATIONS, RESTARTS, ArmView, arm_view, as
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 POSES = 4096
-"""Accepted poses to solve in each set: the standard error of a share of 0.5% is then 0.1%."""
+"""Accepted poses to solve in each set. The standard error of a fraction of 0.5% is then 0.1%."""
 
 # Nonzero entries of the wxyz quaternion: any orientation, straight up, straight down.
 _SETS = ((0, 1, 2, 3), (0, 3), (1, 2))
-_LEAST = 256  # a set with fewer accepted poses among all draws is ignored: layouts hardly ever ask for such poses
+_LEAST = 256  # a set with fewer accepted poses is ignored, because layouts rarely request such poses
 _DRAWS, _ROUNDS = 1 << 16, 16
-# Restarts and steps: for all poses, then for those still unsolved. Of 61,440 poses that maps of a Panda, a UR5e and
-# Heron accept, none that stays unsolved has an exact solution in closed form; one in 2,500 has one within tolerance.
+# Restarts and steps for all poses, then for unsolved poses. We checked 61,440 poses accepted by the maps of a Panda, a
+# UR5e and Heron. Unsolved poses have no exact closed-form solution, and one in 2,500 has a solution within tolerance.
 _EFFORTS = ((RESTARTS, ITERATIONS), (2 * RESTARTS, 2 * ITERATIONS))
 BRANCHES = 4
-"""Most witnesses of one cell; those whose joints differ most are kept."""
-_CANDIDATES = 64  # corners of a cell to choose from
+"""Maximum number of witnesses of a cell. Witnesses with the largest differences in joint positions are kept."""
+_CANDIDATES = 64  # number of corners of a cell to choose from
 
 
 @wp.kernel
@@ -48,7 +48,7 @@ def _tcp_axes(
 
 
 def tcp_axes(arm: SerialArm, joints: np.ndarray, device: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return TCP positions [m] and unit approach axes in the base frame, each (N, 3), of joints (N, njoint)."""
+    """Return TCP positions [m] and unit approach axes at joints (N, njoint), base frame, both (N, 3)."""
     with wp.ScopedDevice(device):
         pos, approach = wp.zeros(len(joints), dtype=wp.vec3), wp.zeros(len(joints), dtype=wp.vec3)
         q = wp.array(as_vec8(joints), dtype=vec8)
@@ -57,22 +57,22 @@ def tcp_axes(arm: SerialArm, joints: np.ndarray, device: str) -> tuple[np.ndarra
 
 
 def measure_false_accepts(reach_map: ReachMap, device: str) -> float | None:
-    """Measure the share of the poses accepted by a map that are out of reach, within limits.
+    """Measure which fraction of the poses accepted by a map are out of reach within joint limits.
 
-    Three sets of poses are uniform over the map's box: in any orientation, straight up and straight down.
+    Poses come from three sets that are uniform over the map's box: any orientation, straight up and straight down.
 
     Args:
-        reach_map: The map. Its seed determines the poses, and the starts from which they are solved.
+        reach_map: The map. Its seed determines the poses and the random starts.
         device: Warp's name of the device. One CPU core takes a second, and longer if many poses are out of reach.
 
     Returns:
-        The largest share among the sets; None if the map accepts almost no pose of any set.
+        The largest fraction among the sets, or None if the map accepts too few poses of every set.
     """
     shares = []
     for number, members in enumerate(_SETS):
         found = np.concatenate(list(_accepted(reach_map, number, members, device)))[:POSES]
         if len(found) >= _LEAST:
-            missed = found  # not solved from many starts, none of which the map was built from
+            missed = found  # poses not solved yet. The starts differ from the map's own starts
             for i, (restarts, iterations) in enumerate(_EFFORTS, start=1):
                 seed = reach_map.seed + i
                 _, ok = solve(reach_map.arm, missed, device, restarts=restarts, iterations=iterations, seed=seed)
@@ -83,7 +83,7 @@ def measure_false_accepts(reach_map: ReachMap, device: str) -> float | None:
 
 
 def _accepted(reach_map: ReachMap, number: int, members: tuple[int, ...], device: str) -> Iterator[np.ndarray]:
-    """Yield poses of a set that the map accepts, as position and wxyz quaternion, until there are POSES of them."""
+    """Yield accepted poses of a set, as position and wxyz quaternion, until at least POSES are found."""
     draws = np.random.default_rng([reach_map.seed, number])
     half, found = abs(reach_map.u_low), 0
     low = np.array([*(reach_map.arm.axis_xy - half), reach_map.z_low])
@@ -108,12 +108,12 @@ def gather_witnesses(shape: tuple[int, ...], level: np.ndarray, joints: np.ndarr
 
     Args:
         shape: Corners along (z, u, tilt, v).
-        level: Labels of the corners, 0 where they are not reached, shape (N,).
-        joints: Solutions of the corners that are reached, shape (N, njoint).
+        level: Labels of the corners, 0 if a corner is not reached, shape (N,).
+        joints: Solutions of the reached corners, shape (N, njoint).
 
     Returns:
-        (address, number) of each cell's witnesses, by (z, tilt, u, v), shape (..., 2), int32, and their joints, shape
-        (nwitness, njoint), float16.
+        (address, number) of each cell's witnesses, by (z, tilt, u, v), shape (..., 2), int32, and the witnesses'
+        joints, shape (nwitness, njoint), float16.
     """
     meters, radians = WITNESS_CELLS
     sizes = np.array([meters, meters, radians, meters])
@@ -122,7 +122,7 @@ def gather_witnesses(shape: tuple[int, ...], level: np.ndarray, joints: np.ndarr
     numbers = -(-np.array(shape) // sizes)
     nz, nu, ntilt, nv = numbers
     cell = ((index[:, 0] * ntilt + index[:, 2]) * nu + index[:, 1]) * nv + index[:, 3]
-    # Best labels first within each cell: their joints work for most turns.
+    # Best labels first within each cell: their joints work for the most rotations.
     order = np.lexsort((corner, -level[corner].astype(int), cell))
     corner, cell = corner[order], cell[order]
     cells = np.zeros((nz * ntilt * nu * nv, 2), np.int32)
@@ -137,9 +137,9 @@ def gather_witnesses(shape: tuple[int, ...], level: np.ndarray, joints: np.ndarr
 
 
 def _spread_out(joints: np.ndarray) -> np.ndarray:
-    """Return up to BRANCHES indices: the first, then repeatedly the one farthest from those picked before.
+    """Return at most BRANCHES indices: 0, then repeatedly the index of the joints farthest from all previous picks.
 
-    The first and last joint are ignored, since they follow the turns of base and wrist.
+    The first and last joint are ignored, because `lookup.witness` sets them from the base and wrist rotation.
     """
     inner = joints[:, 1:-1]
     picked = [0]

@@ -1,8 +1,8 @@
 """Inverse kinematics on the device: damped least squares within joint limits, from given starts.
 
-Each function runs on one lane, which keeps a whole arm in registers: loops over joints are unrolled to MAX_JOINTS, so
-every index into joints and columns is a constant. Reachability maps and the reach stage of a reset share these
-functions, and `solve` runs them for a batch of poses.
+Each function runs in one thread, which keeps the whole arm in registers. Loops over joints are unrolled to MAX_JOINTS,
+so every index into joints and columns is a constant. Reachability maps and the reach stage of a reset share these
+functions. `solve` runs them for a batch of poses.
 """
 
 import math
@@ -17,34 +17,34 @@ from sceniris_gym.reach.arm import MAX_JOINTS, SerialArm
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 POS_TOL = 1.0e-3
-"""Largest distance [m] from the requested position at which a solution is accepted."""
+"""Largest position error [m] of an accepted solution."""
 ROT_TOL = math.radians(0.5)
-"""Largest angle [rad] from the requested orientation at which a solution is accepted."""
-# With these values the solver missed none of 60,000 poses at random joints within limits, for a Panda, a UR5e, an arm
-# without limits, a gantry with a wrist and a SCARA, at 6 to 20 us per pose on a CPU core (0.5 us per step). For a Panda
-# two in five starts converge, and 10 to 14 steps are fastest: beyond that the next start is the better choice.
+"""Largest orientation error [rad] of an accepted solution."""
+# With these values the solver found all of 60,000 poses at random joints within limits, for a Panda, a UR5e, an arm
+# without limits, a gantry with a wrist and a SCARA, in 6 to 20 us per pose on a CPU core (0.5 us per step). For a
+# Panda, two in five starts converge. 10 to 14 steps are fastest: after that, a new start is better.
 ITERATIONS = 14
-"""Most steps from one start."""
+"""Maximum number of steps from one start."""
 RESTARTS = 64
 """Default number of starts for one pose."""
 
 vec8 = wp.types.vector(length=MAX_JOINTS, dtype=float)
-"""Joint positions [rad, m] of one arm; entries from `njoint` on are 0."""
+"""Joint positions [rad, m] of one arm, padded with zeros after `njoint` entries."""
 _vec6 = wp.types.vector(length=6, dtype=float)
 _mat83 = wp.types.matrix(shape=(MAX_JOINTS, 3), dtype=float)
 _mat86 = wp.types.matrix(shape=(MAX_JOINTS, 6), dtype=float)
 _mat66 = wp.types.matrix(shape=(6, 6), dtype=float)
 
-# Float32 kinematics of a metre of arm are off by about a micrometre; an accepted solution must hold in float64.
+# The float32 kinematics of an arm of 1 m have an error of about 1 um. An accepted solution must also hold in float64.
 _POS_ACCEPT = wp.constant(POS_TOL - 1.0e-5)
 _ROT_ACCEPT = wp.constant(ROT_TOL - 1.0e-4)
-# Steps end once both errors are below this [m, rad], about the precision of float32.
+# Steps end when both errors are below this value [m, rad], about the precision of float32.
 _CONVERGED = wp.constant(1.0e-5)
-# Weight of a radian of error in metres: about half the length of an arm's links.
+# Weight of the rotation error [m/rad]: about half the length of an arm's links.
 _LEVER = wp.constant(0.3)
-# Damping is this share of the squared error, so that a far start takes careful steps and a near one converges
+# Damping is this fraction of the squared error: a far start takes careful steps, and a near start converges
 # quadratically (T. Sugihara, "Solvability-unconcerned inverse kinematics by the Levenberg-Marquardt method", IEEE
-# Transactions on Robotics 27, 2011). The least damping keeps float32 stable in a singular pose.
+# Transactions on Robotics 27, 2011). The minimum damping keeps float32 stable in singular poses.
 _DAMPING = wp.constant(0.1)
 _LEAST_DAMPING = wp.constant(1.0e-6)
 _LONGEST_STEP = wp.constant(1.0)
@@ -53,10 +53,10 @@ _PI = wp.constant(math.pi)
 
 @wp.struct
 class ArmView:
-    """An arm on the device. Every joint acts along or about the z axis of its frame, and is 0 in that frame."""
+    """An arm on the device. Each joint moves along or about the z axis of its frame, and the frame is at position 0."""
 
     njoint: int
-    link_pos: wp.array[wp.vec3]  # njoint + 1: from one joint's frame to the next, the last one to the TCP
+    link_pos: wp.array[wp.vec3]  # njoint + 1 links: from each joint's frame to the next, and from the last to the TCP
     link_quat: wp.array[wp.vec4]
     slide: wp.array[int]
     lower: wp.array[float]
@@ -65,7 +65,7 @@ class ArmView:
 
 @wp.struct
 class IkResult:
-    """Joints within limits, and the distance of their TCP from the requested pose [m, rad]."""
+    """Joints within limits, and the errors of their TCP against the requested pose [m, rad]."""
 
     q: vec8
     pos_err: float
@@ -73,7 +73,7 @@ class IkResult:
 
 
 def arm_view(arm: SerialArm, device: str) -> ArmView:
-    """Copy an arm to a device. Limits are rounded inwards, so that float32 joints within them keep the real limits."""
+    """Copy an arm to a device. Limits are rounded inwards, so that float32 joints are also within the exact limits."""
     n = len(arm.joints)
     pos, quat = _along_z(arm)
     lower, upper = arm.lower.astype(np.float32), arm.upper.astype(np.float32)
@@ -90,7 +90,7 @@ def arm_view(arm: SerialArm, device: str) -> ArmView:
 
 
 def _along_z(arm: SerialArm) -> tuple[np.ndarray, np.ndarray]:
-    """Return links between joint frames whose z axis is the joint's; each `ref` moves into the link after its joint."""
+    """Return links between frames with z along the joint axes. Each joint's `ref` becomes part of the next link."""
     n = len(arm.joints)
     pos, quat = np.zeros((n + 1, 3)), np.zeros((n + 1, 4))
     at, rotation = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])  # the arm's joint frame in the frame used here
@@ -111,13 +111,13 @@ def _along_z(arm: SerialArm) -> tuple[np.ndarray, np.ndarray]:
 
 @wp.func
 def turns_freely(view: ArmView, i: int) -> bool:
-    """Return True if joint `i` is a hinge without limits."""
+    """Return whether joint `i` is a hinge without limits."""
     return view.slide[i] == 0 and view.upper[i] - view.lower[i] > 1.0e30
 
 
 @wp.func
 def _frames(view: ArmView, q: vec8):
-    """Return TCP position and orientation in the base frame, and origins and axes of all joints."""
+    """Return the TCP position and orientation, and origins and axes of all joints, base frame."""
     origin = _mat83()
     axis = _mat83()
     pos = view.link_pos[0]
@@ -139,16 +139,17 @@ def _frames(view: ArmView, q: vec8):
 
 @wp.func
 def forward(view: ArmView, q: vec8):
-    """Return TCP position [m] and wxyz orientation in the base frame at joints `q`."""
+    """Return the TCP position [m] and orientation (wxyz) in the base frame at joints `q`."""
     pos, quat, _origin, _axis = _frames(view, q)
     return pos, quat
 
 
 @wp.func
 def _solve_positive(a: _mat66, b: _vec6) -> _vec6:
-    """Solve a x = b for a symmetric positive definite `a` by Cholesky; only its lower triangle is read.
+    """Solve a x = b by Cholesky for a symmetric positive definite `a`. Only the lower triangle of `a` is read.
 
-    Warp unrolls loops whose bounds are constants or counters of such loops, but not sums of them: hence the inner ifs.
+    Warp unrolls a loop if its bounds are constants or counters of unrolled loops, but not if they are sums. The inner
+    ifs avoid such sums.
     """
     low = a
     x = b
@@ -180,7 +181,7 @@ def _solve_positive(a: _mat66, b: _vec6) -> _vec6:
 
 @wp.func
 def _descend(view: ArmView, q: vec8, origin: _mat83, axis: _mat83, pos: wp.vec3, dpos: wp.vec3, drot: wp.vec3) -> vec8:
-    """Take one damped step from `q` towards errors of zero, without joints at a limit that would move beyond it."""
+    """Take one damped step from `q` towards zero error. Joints at a limit do not move beyond it."""
     e = _vec6(dpos[0], dpos[1], dpos[2], _LEVER * drot[0], _LEVER * drot[1], _LEVER * drot[2])
     col = _mat86()
     damping = _DAMPING * wp.dot(e, e) + _LEAST_DAMPING
@@ -221,7 +222,7 @@ def _descend(view: ArmView, q: vec8, origin: _mat83, axis: _mat83, pos: wp.vec3,
 
 @wp.func
 def refine(view: ArmView, pos: wp.vec3, quat: wp.vec4, q0: vec8, iterations: int) -> IkResult:
-    """Move joints from `q0` until the TCP is at a pose, in the base frame, or for `iterations` steps.
+    """Move joints from `q0` until the TCP reaches a pose in the base frame, for at most `iterations` steps.
 
     Hinges without limits are returned in [-pi, pi], all other joints within their limits.
     """
@@ -252,13 +253,13 @@ def refine(view: ArmView, pos: wp.vec3, quat: wp.vec4, q0: vec8, iterations: int
 
 @wp.func
 def accepted(result: IkResult) -> bool:
-    """Return True if the TCP is within POS_TOL and ROT_TOL of the requested pose, less the rounding of float32."""
+    """Return whether the TCP is within POS_TOL and ROT_TOL of the requested pose, less a margin for float32."""
     return result.pos_err < _POS_ACCEPT and result.rot_err < _ROT_ACCEPT
 
 
 @wp.func
 def closer(a: IkResult, b: IkResult) -> IkResult:
-    """Return the result that is closer to its pose, the first of equals. An accepted result precedes any other."""
+    """Return the result closer to the pose, or `a` if equal. An accepted result takes precedence."""
     result = a
     if accepted(b) == accepted(a):
         if b.pos_err + _LEVER * b.rot_err < a.pos_err + _LEVER * a.rot_err:
@@ -269,14 +270,14 @@ def closer(a: IkResult, b: IkResult) -> IkResult:
 
 
 def random_joints(arm: SerialArm, num: int, seed: int = 0) -> np.ndarray:
-    """Return joints drawn uniformly within limits (-pi to pi where there are none), shape (num, njoint)."""
+    """Draw joints uniformly within limits (-pi to pi without limits), shape (num, njoint)."""
     lower = np.where(np.isfinite(arm.lower), arm.lower, -np.pi)
     upper = np.where(np.isfinite(arm.upper), arm.upper, np.pi)
     return np.random.default_rng(seed).uniform(lower, upper, (num, len(arm.joints)))
 
 
 def as_vec8(joints: np.ndarray) -> np.ndarray:
-    """Pad joints of shape (N, njoint) with zeros to (N, MAX_JOINTS), float32, as on the device."""
+    """Pad joints (N, njoint) with zeros to (N, MAX_JOINTS), float32, for the device."""
     padded = np.zeros((len(joints), MAX_JOINTS), np.float32)
     padded[:, : joints.shape[1]] = joints
     return padded
@@ -317,20 +318,20 @@ def solve(
     iterations: int = ITERATIONS,
     seed: int = 0,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Find joints for TCP poses: try one start after the other until one converges.
+    """Find joints for TCP poses. Each pose tries one start after the other until a solution is accepted.
 
     Args:
         arm: The arm.
         poses: TCP poses in the base frame, shape (N, 7): position [m] and wxyz quaternion.
         device: Warp's name of the device.
-        starts: Joints to start from, tried in this order for every pose, shape (K, njoint); None draws them.
-        restarts: Number of starts to draw, uniformly within limits.
-        iterations: Most steps from each start.
-        seed: Seed of the draws.
+        starts: Start joints, tried in this order for every pose, shape (K, njoint). If None, starts are random.
+        restarts: Number of random starts, uniform within limits.
+        iterations: Maximum number of steps from each start.
+        seed: Seed of the random starts.
 
     Returns:
-        The closest joints found within limits [rad, m], shape (N, njoint), and True where their TCP is within POS_TOL
-        and ROT_TOL of the pose, shape (N,).
+        The closest joints found within limits [rad, m], shape (N, njoint), and whether the TCP is within POS_TOL and
+        ROT_TOL of each pose, shape (N,).
     """
     poses = np.asarray(poses, np.float64).reshape(-1, 7)
     first = random_joints(arm, restarts, seed) if starts is None else np.asarray(starts)

@@ -1,7 +1,7 @@
-"""Bodies of the user's own model as objects of a scene, and checks that they can be.
+"""Bodies of the user's own model as objects of a scene, and checks that they are suitable.
 
-A model from a file is changed where the scene needs it. A model in memory belongs to the user: it is taken as it is,
-and only `edit_spec` changes it.
+A model from a file is changed where the scene requires it. A model in memory belongs to the user: only `edit_spec`
+changes it.
 """
 
 from __future__ import annotations
@@ -22,27 +22,27 @@ from sceniris_gym.scene.support import subtree
 from sceniris_gym.scene.tcp import tcp_site
 
 HOME = "home"
-"""The keyframe that is a model's start pose, unless the scene names another one."""
+"""The keyframe of a model's start pose, unless the scene names another keyframe."""
 _MOCAP = ("fixture", "marker")
 _JOINTS = {int(kind): kind.name.removeprefix("mjJNT_").lower() for kind in mujoco.mjtJoint.__members__.values()}
 EDIT_SPEC = "Call edit_spec(spec, scene) on the MjSpec before it is compiled, and make Model and Data from that."
 
 
 def instead_of_variants(name: str, members: Sequence[str]) -> str:
-    """Return the advice to have all variants of an object in a model, which is the same in all worlds."""
+    """Return the advice to put all variants of an object into one model, for worlds that share the model."""
     first, more = [member.partition("/")[2] for member in members[:4]], ["..."] if len(members) > 4 else []
     group = f"groups: {{{name}: {{of: [{', '.join(first + more)}], count: 1}}}}"
-    return f"Or have a body for each variant, of which a group makes one present: {group}. {EDIT_SPEC}"
+    return f"Or have a body for each variant, and a group that makes one of them present: {group}. {EDIT_SPEC}"
 
 
 def adopt_body(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: str) -> None:
-    """Use a body of a specification as an object; a fixture or a marker becomes a mocap body.
+    """Use a body of a specification as an object. A fixture or a marker becomes a mocap body.
 
     Args:
         spec: The specification.
         name: The object, or the robot.
-        config: Its words.
-        where: The file and the key that they are in, the beginning of errors.
+        config: The words of the object or robot.
+        where: The file and the key of these words, the beginning of errors.
 
     Raises:
         UnknownNameError: The model has no such body.
@@ -58,11 +58,11 @@ def adopt_body(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: str)
 
 
 def check_bodies(mjm: mujoco.MjModel, config: SceneConfig) -> None:
-    """Check that a model in memory has the bodies of a scene, of the right kinds, and its parking ground.
+    """Check that a model in memory has the bodies of a scene, with suitable joints, and its parking ground.
 
     Raises:
         UnknownNameError: The model has no such body.
-        SceneKeyError: The body cannot be of the object's kind, or would have to be changed for it.
+        SceneKeyError: The body cannot be of the object's kind without changes, or the parking ground is missing.
     """
     for name, part in config.parts.items():
         if part.asset is not None:
@@ -82,20 +82,20 @@ def check_bodies(mjm: mujoco.MjModel, config: SceneConfig) -> None:
                 f"taken as it is. {EDIT_SPEC}"
             )
     if config.groups and not has_parking_ground(mjm, len(config.objects), config.where):
-        # edit_spec refuses scenes with assets, such as those of variants
+        # edit_spec refuses scenes with assets, such as scenes with variants
         attached = any(part.asset is not None for part in config.objects.values())
         cure = "Give the scene a 'floor', or the MjSpec an endless plane at z = 0." if attached else EDIT_SPEC
         raise SceneKeyError(
-            f"{config.where}: groups: the model has no ground on which absent members are parked, and a model in "
+            f"{config.where}: groups: the model has no ground for parked absent members, and a model in "
             f"memory is taken as it is. {cure}"
         )
 
 
 def check_additions(config: SceneConfig) -> None:
-    """Check that a scene adds nothing to a MjModel, which cannot be edited.
+    """Check that a scene does not add parts to a MjModel, which cannot be edited.
 
     Raises:
-        SceneKeyError: Something that is not in the model; the message names its key.
+        SceneKeyError: The scene has a part that is not in the model. The message names its key.
     """
     names = {config.model.body(i).name for i in range(config.model.nbody)}
     wanted = [f"objects.{name}.asset" for name, part in config.objects.items() if part.asset is not None]
@@ -111,24 +111,25 @@ def check_additions(config: SceneConfig) -> None:
     if wanted:
         raise SceneKeyError(
             f"{config.where}: {wanted[0]}: would be added to the model, and MuJoCo cannot turn a MjModel back into "
-            "something that can be edited. Give 'model' as a mujoco.MjSpec or as the path of an MJCF file."
+            "an editable MjSpec. Give 'model' as a mujoco.MjSpec or as the path of an MJCF file."
         )
 
 
 def edit_spec(spec: mujoco.MjSpec, scene: str | Path | Mapping | SceneConfig) -> None:
-    """Change a specification, in place, so that a scene can be placed on the model that is compiled from it.
+    """Change a specification in place, so that a scene can be placed on the model compiled from it.
 
-    Bodies that are placed and have no freejoint become mocap bodies; markers, the floor, and the ground on which absent
-    members of groups are parked are added; mocap bodies take their poses of the start keyframe. Nothing else changes.
-    Compile the scene afterwards, with the specification or the MjModel compiled from it as its `model`.
+    Placed bodies without a freejoint become mocap bodies. Mocap bodies take their poses from the start keyframe.
+    Markers, the floor, missing sites of `tcp`, and the parking ground of absent group members are added. Everything
+    else stays unchanged. Afterwards, compile the scene with the specification, or the MjModel compiled from it, as its
+    `model`.
 
     Args:
         spec: The specification, before it is compiled.
-        scene: The scene, as `compile_scene` takes it; its own `model` is not used.
+        scene: The scene, as for `compile_scene`. Its own `model` is not used.
 
     Raises:
         UnknownNameError: The model has no such body.
-        SceneKeyError: A body cannot be of its object's kind, or the scene has assets, which `compile_scene` attaches.
+        SceneKeyError: A body cannot be of its object's kind, or the scene has assets. `compile_scene` attaches assets.
     """
     config = SceneConfig.load(scene, {"model": spec})
     assets = [robot.key for robot in config.all_robots.values() if robot.file is not None]
@@ -158,7 +159,7 @@ def edit_spec(spec: mujoco.MjSpec, scene: str | Path | Mapping | SceneConfig) ->
 
 
 def _touches(mjm: mujoco.MjModel, body: int) -> bool:
-    """Return whether any geom of a body, or of a body below it, collides."""
+    """Return whether any geom of a body's subtree collides."""
     paired = np.isin(np.arange(mjm.ngeom), [mjm.pair_geom1, mjm.pair_geom2])
     touching = (mjm.geom_contype != 0) | (mjm.geom_conaffinity != 0) | paired
     return bool(touching[np.isin(mjm.geom_bodyid, subtree(mjm, body))].any())
@@ -176,7 +177,7 @@ def _check_kind(name: str, parent: str, joints: list[int], kind: str, where: str
         has = ", ".join(_JOINTS[joint] for joint in joints) or "no joint"
         instead = f"in place of its {len(joints)} joints ({has})" if joints else "in it"
         raise SceneKeyError(
-            f"{where}: body '{name}' should have a freejoint and no other joint to be 'free'; it has {has}. Write "
+            f"{where}: body '{name}' should have a freejoint and no other joint to be 'free', but has {has}. Write "
             f"<freejoint name=\"{name}\"/> {instead}, or make it 'static' and draw its joints by 'joints'."
         )
     if kind == "static" and free in joints:

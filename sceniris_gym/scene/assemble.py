@@ -1,4 +1,4 @@
-"""Assembly of assets into one MuJoCo specification: an object's root body gets its name, all else in it `name/...`."""
+"""Assembly of assets into one MuJoCo specification. An object's root body is `name`, its elements are `name/...`."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ FREE = mujoco.mjtJoint.mjJNT_FREE
 _BODIES = (mujoco.mjtObj.mjOBJ_BODY, mujoco.mjtObj.mjOBJ_XBODY)
 
 MARK_GROUP = 4
-"""Group of the geoms that show a marker: they appear in pictures, but are not part of the object that is placed."""
+"""Group of the geoms that show a marker. They appear in pictures, but are not part of the placed object."""
 
 _OF_JOINTS = ("actuators", "tendons", "equalities")
-"""What refers to joints, which variants lose."""
+"""Elements that refer to joints. They get lost with the joints of a variant."""
 
 _AT_ONCE = 24
-"""Number of variants that are put into a model of their own first, about the root of the most that there are."""
+"""Number of variants per intermediate model: about the square root of the largest number of variants."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Home:
 def attach_object(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: str, owner: str = "") -> Home:
     """Attach the asset of an object as a body of the object's kind, and return its start pose.
 
-    A variant of an `owner` gets names without that of its owner.
+    Names of a variant omit the name of its `owner`.
 
     Raises:
         NotSupportedError: A variant is soft.
@@ -51,7 +51,7 @@ def attach_object(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: s
     if config.asset is None:
         marker = spec.worldbody.add_body(name=name, mocap=True)
         marker.add_site(name=f"{name}/site", size=[0.02, 0.0, 0.0], rgba=[0.1, 0.8, 0.2, 0.6])
-        marker.add_geom(  # pictures are ray-cast, and sites do not show in them
+        marker.add_geom(  # pictures are ray-cast, and do not show sites
             name=f"{name}/mark",
             type=mujoco.mjtGeom.mjGEOM_CYLINDER,
             size=[0.04, 0.001, 0.0],
@@ -79,11 +79,11 @@ def attach_variants(
 ) -> list[Home]:
     """Attach the variants of an object, as in `attach_object`, and return their start poses.
 
-    Without `bodies`, attach what they refer to alone, such as meshes. MuJoCo goes through a whole model whenever it
-    attaches another or deletes a body, so some variants at a time are put into a model of their own first.
+    Without `bodies`, attach only the elements that the bodies refer to, such as meshes. MuJoCo traverses a whole model
+    whenever it attaches another or deletes a body, so groups of variants are first collected in small models.
 
     Raises:
-        NotSupportedError: Variants have actuators, tendons or equalities of joints that their kind drops.
+        NotSupportedError: Variants have actuators, tendons or equalities of joints that variants lose.
     """
     homes, names = [], list(members)
     for first in range(0, len(names), _AT_ONCE):
@@ -96,17 +96,17 @@ def attach_variants(
         _keep_files_apart(spec, some, f"{owner}/{first}")
         wanted = {kind: len(getattr(spec, kind)) + len(getattr(some, kind)) for kind in _OF_JOINTS}
         spec.attach(some, prefix=f"{owner}/", frame=spec.worldbody.add_frame())
-        # MuJoCo leaves out what names a joint that is not there
+        # MuJoCo silently leaves out elements that name a missing joint
         if lost := [kind for kind, count in wanted.items() if bodies and len(getattr(spec, kind)) < count]:
             raise NotSupportedError(
-                f"{where}: objects.{owner}: variants of it have {' and '.join(lost)} of joints that are dropped, and "
-                "should be rigid bodies to share its place. Make them objects, in a group."
+                f"{where}: objects.{owner}: variants have {' and '.join(lost)} of joints that are dropped, and "
+                "should be rigid bodies to share one body. Make them objects, in a group."
             )
     return homes
 
 
 def attach_robot(spec: mujoco.MjSpec, config: RobotConfig, where: str) -> Home:
-    """Attach a robot at its base, as a mocap body if its base is drawn, and return the start pose of its keyframe."""
+    """Attach a robot at its base, as a mocap body if its base is drawn. Return the start pose of its keyframe."""
     assert config.file is not None
     where = f"{where}: {config.key}"
     named = "keyframe" in config.model_fields_set
@@ -118,7 +118,7 @@ def attach_robot(spec: mujoco.MjSpec, config: RobotConfig, where: str) -> Home:
         return home
     tops = child.worldbody.bodies
     moves = [joint for body in tops if body.parent.name == "world" for joint in body.joints if joint.type != FREE]
-    root = attach(spec, child, config.name, frame, where, around=bool(moves))  # a mocap body has no joint of its own
+    root = attach(spec, child, config.name, frame, where, around=bool(moves))  # a mocap body cannot have joints
     make_kind(spec, root, config.name, "fixture", where)
     return home
 
@@ -127,7 +127,7 @@ def check_assets(config: SceneConfig) -> None:
     """Compile the assets of a scene one by one.
 
     Raises:
-        MeshError, SceneFileError: The first asset that cannot be compiled; the message names its key.
+        MeshError, SceneFileError: The first asset that cannot be compiled. The message names its key.
     """
     for name, part in {**config.all_robots, **config.objects}.items():
         alone = mujoco.MjSpec()
@@ -143,8 +143,8 @@ def _load_asset(asset: str, where: str) -> mujoco.MjSpec:
     if not SHIPPED_NAME.fullmatch(asset):
         if Path(asset).is_dir():
             raise SceneFileError(
-                f"{where}: '{asset}' is a folder and should be an MJCF or URDF file. An object of which each file of "
-                f"it is a variant has '{asset}/*'."
+                f"{where}: '{asset}' is a folder and should be an MJCF or URDF file. To use each file of the folder as "
+                f"a variant, write '{asset}/*'."
             )
         return load_model(Path(asset), where)
     assets = shipped("assets", ".xml")
@@ -154,13 +154,13 @@ def _load_asset(asset: str, where: str) -> mujoco.MjSpec:
 
 
 def stand_at_keyframe(spec: mujoco.MjSpec, keyframe: str, where: str) -> None:
-    """Move the poses of mocap bodies from a keyframe into the bodies themselves, which the keyframe then repeats.
+    """Copy the poses of mocap bodies from a keyframe into the bodies, and drop them from the keyframe.
 
-    In keyframes, the poses of mocap bodies are identified by their order alone, which changes with every body that
-    becomes one. The pose of a body stays with the body, and is its pose at the start, too.
+    Keyframes identify the poses of mocap bodies only by their order, which changes whenever a body becomes a mocap
+    body. A pose in the body is independent of the order, and is the start pose as well.
 
     Raises:
-        SceneKeyError: The keyframe holds a nan, which MuJoCo would fill in silently when another model is attached.
+        SceneKeyError: The keyframe has a nan, which MuJoCo would silently replace when another model is attached.
     """
     bodies = [body for body in spec.bodies if body.mocap]
     wanted = next((key for key in spec.keys if key.name == keyframe), None)
@@ -184,9 +184,9 @@ def stand_at_keyframe(spec: mujoco.MjSpec, keyframe: str, where: str) -> None:
 
 
 def _take_home(child: mujoco.MjSpec, name: str, keyframe: str | None, where: str) -> Home:
-    """Take the start pose out of an asset: the named keyframe, or 'home' if there is one.
+    """Take the start pose out of an asset: the named keyframe, or 'home' if it exists.
 
-    The asset's keyframes are deleted, as they would become keyframes of the scene.
+    The asset's keyframes are deleted, because they would become keyframes of the scene.
     """
     for kind, elements in (("joint", child.joints), ("actuator", child.actuators)):
         for i, element in enumerate(elements):
@@ -211,7 +211,7 @@ def _take_home(child: mujoco.MjSpec, name: str, keyframe: str | None, where: str
 
 
 def attach_frame(spec: mujoco.MjSpec, config: RobotConfig) -> None:
-    """Attach a body without geoms at the base of a robot that is not in the scene."""
+    """Attach an empty body at the base of a robot that is not in the scene."""
     mocap = config.placing is not None
     spec.worldbody.add_body(name=config.name, pos=config.base, quat=_turn(config), mocap=mocap)
 
@@ -223,23 +223,23 @@ def _turn(config: RobotConfig) -> np.ndarray:
 def attach(
     spec: mujoco.MjSpec, child: mujoco.MjSpec, name: str, frame: mujoco.MjsFrame, where: str, *, around: bool = False
 ) -> mujoco.MjsBody:
-    """Attach an asset as one body of that name: its only body, or a new one around everything in it.
+    """Attach an asset as one body of that name: its only body, or a new body around all of its bodies.
 
     Args:
         spec: The scene.
         child: The asset.
-        name: The body, and the prefix of all names in it.
-        frame: The frame of the scene that it stands at.
+        name: The body's name, and the prefix of all names inside.
+        frame: The frame of the scene to attach the asset to.
         where: The beginning of errors.
-        around: Make a new body, also around a single one.
+        around: Make a new body, even around a single body.
     """
     world = child.worldbody
     tops = [body for body in world.bodies if body.parent.name == "world"]
     planes = [geom for geom in world.geoms if geom.type == mujoco.mjtGeom.mjGEOM_PLANE]
     if not tops and len(planes) == len(world.geoms):
         raise SceneKeyError(
-            f"{where}: an asset should have a body below its worldbody; found none. 'sceniris-gym import' makes "
-            "assets of meshes and of USD files."
+            f"{where}: an asset should have a body below its worldbody, found none. 'sceniris-gym import' makes "
+            "assets from meshes and USD files."
         )
     loose = [body.name for body in tops if body.mocap or any(joint.type == FREE for joint in body.joints)]
     if len(tops) > 1 and loose:
@@ -248,16 +248,16 @@ def attach(
         things = ", ".join(f"{body}: {{on: floor}}" for body in loose if body != robot)
         use = f"robot: {{in_model: {robot}}}, objects: {{{things}}}"
         raise SceneKeyError(
-            f"{where}: an asset should have one body below its worldbody, or several that stay together; found "
-            f"{[body.name for body in tops]}, of which {loose} move freely. Use the file as the scene's 'model', and "
+            f"{where}: an asset should have one body below its worldbody, or several that stay together, found "
+            f"{[body.name for body in tops]}, and {loose} move freely. Use the file as the scene's 'model', and "
             f"its bodies by name: {use if jointed[robot] else f'objects.{name}: {{body: {loose[0]}}}'}."
         )
     for element in (*(world.geoms if tops else planes), *world.sites, *world.cameras, *world.lights):
-        child.delete(element)  # a floor or a light for viewing the asset on its own
-    child.option, child.visual = spec.option, spec.visual  # the scene's apply; equal ones raise no warning
+        child.delete(element)  # the asset's floor and lights for viewing
+    child.option, child.visual = spec.option, spec.visual  # the scene's apply; MuJoCo warns of others
     _keep_files_apart(spec, child, name)
     if len(tops) == 1 and not around:
-        tops[0].name = tops[0].name or "/"  # unlike all names of the asset, which `name` may be one of
+        tops[0].name = tops[0].name or "/"  # differs from all names of the asset, unlike `name`
         old = tops[0].name
         spec.attach(child, prefix=f"{name}/", frame=frame)
         root = spec.body(f"{name}/{old}")
@@ -269,7 +269,7 @@ def attach(
 
 
 def _keep_files_apart(spec: mujoco.MjSpec, child: mujoco.MjSpec, name: str) -> None:
-    """Rename files of an asset where the scene has different ones of the same name, in whatever folder."""
+    """Rename files of an asset if the scene has different files of the same names, in any folder."""
     present = {file.rpartition("/")[2]: content for file, content in spec.assets.items()}
     taken = {f for f, content in child.assets.items() if present.get(f.rpartition("/")[2], content) != content}
     for element in (*child.meshes, *child.hfields, *child.skins, *child.textures) if taken else ():
@@ -282,7 +282,7 @@ def _keep_files_apart(spec: mujoco.MjSpec, child: mujoco.MjSpec, name: str) -> N
 
 
 def _rename(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str) -> None:
-    """Rename a body and all references to it, which MuJoCo keeps as names."""
+    """Rename a body and all references to it, because MuJoCo stores references as names."""
     old, body.name = body.name, name
     references = [
         *((exclude, field) for exclude in spec.excludes for field in ("bodyname1", "bodyname2")),
@@ -298,17 +298,17 @@ def _rename(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str) -> None:
 
 
 def make_kind(spec: mujoco.MjSpec, root: mujoco.MjsBody, name: str, kind: str, where: str) -> None:
-    """Make a child of the world an object of some kind: with a freejoint, as a mocap body, or as it is.
+    """Make a child of the world an object of a kind: add a freejoint, make a mocap body, or leave it.
 
     Raises:
-        SceneKeyError: It has joints that an object of this kind cannot have.
+        SceneKeyError: The body has joints that an object of this kind cannot have.
     """
     joints = list(root.joints)
     if kind == "free":
         others = [joint.name for joint in joints if joint.type != FREE]
         if others:
             raise SceneKeyError(
-                f"{where}: a 'free' object should have a freejoint or no joint at its root; '{name}' has {others}. "
+                f"{where}: a 'free' object should have a freejoint or no joint at its root, but '{name}' has {others}. "
                 "Make it a 'fixture' or 'static', or move the joint to a child body."
             )
         (joints[0] if joints else root.add_freejoint()).name = f"{name}/free"
@@ -317,8 +317,8 @@ def make_kind(spec: mujoco.MjSpec, root: mujoco.MjsBody, name: str, kind: str, w
         if kind != "static" or joint.type == FREE:
             spec.delete(joint)
     if kind in ("fixture", "marker"):
-        root.mocap = True  # moved per world by mocap_pos; moving body_pos would leave static geoms behind
-    if kind == "marker":  # touches nothing, by bits or by explicit pairs
+        root.mocap = True  # mocap_pos moves it per world, but moving body_pos would leave static geoms behind
+    if kind == "marker":  # no contacts, by bits or by explicit pairs
         geoms = root.find_all("geom")
         for geom in geoms:
             geom.contype = geom.conaffinity = 0
@@ -332,7 +332,7 @@ def compile_spec(spec: mujoco.MjSpec, where: str) -> mujoco.MjModel:
 
     Raises:
         MeshError: A mesh is too small or too flat to have volume.
-        SceneFileError: MuJoCo finds something else wrong.
+        SceneFileError: MuJoCo rejects the specification for another reason.
     """
     try:
         return spec.compile()

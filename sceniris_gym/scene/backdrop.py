@@ -13,15 +13,15 @@ OVERVIEW = "overview"
 
 
 def set_options(spec: mujoco.MjSpec) -> None:
-    """Set solver options for manipulation, the same for all scenes, as they are built into compiled kernels."""
+    """Set solver options for manipulation. All scenes share them, because compiled kernels contain them."""
     option = spec.option
-    option.timestep = 0.005  # 4 substeps make a 50 Hz control step; contacts (solref 0.02 s) are still resolved
+    option.timestep = 0.005  # 4 substeps make a 50 Hz control step and resolve contacts (solref 0.02 s)
     option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST  # stable with the stiff position actuators of arms
     option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC  # with impratio: objects do not creep out of a gripper
     option.impratio = 10.0
-    option.iterations = 20  # Newton needs 2 to 5 where it converges; the bounds keep one bad world from stalling all
-    # MuJoCo's default: with 20 a line search ends too early in MuJoCo C for objects that land on many corners at once:
-    # 12 of 100 books that were put on their spines fell over or jumped by a centimetre. Batches have their own bound.
+    option.iterations = 20  # Newton needs 2 to 5 to converge, and the bounds keep one bad world from stalling all
+    # MuJoCo's default. With 20, line searches of MuJoCo C end too early for objects that land on many corners at once:
+    # 12 of 100 books on their spines fell over or jumped by a centimetre. Batches have a separate bound.
     option.ls_iterations = 50
     spec.visual.global_.offwidth, spec.visual.global_.offheight = 1280, 960
     spec.visual.headlight.ambient = [0.35, 0.35, 0.35]
@@ -30,7 +30,7 @@ def set_options(spec: mujoco.MjSpec) -> None:
 
 
 def add_floor(spec: mujoco.MjSpec, floor: Floor) -> None:
-    """Add the plane 'floor' to the world: infinite for contacts, drawn as large as the workspace."""
+    """Add the plane 'floor' to the world: infinite for contacts, drawn in the size of the workspace."""
     spec.add_texture(
         name="floor",
         type=mujoco.mjtTexture.mjTEXTURE_2D,
@@ -42,7 +42,7 @@ def add_floor(spec: mujoco.MjSpec, floor: Floor) -> None:
     )
     textures = [""] * mujoco.mjtTextureRole.mjNTEXROLE
     textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "floor"
-    # texuniform: squares of 0.2 m whatever the size of the floor
+    # texuniform: squares of 0.2 m for any size of the floor
     spec.add_material(name="floor", textures=textures, texuniform=True, texrepeat=[5.0, 5.0], specular=0.1)
     spec.worldbody.add_geom(
         name=FLOOR,
@@ -54,7 +54,7 @@ def add_floor(spec: mujoco.MjSpec, floor: Floor) -> None:
 
 
 def add_light(spec: mujoco.MjSpec) -> None:
-    """Add a soft sky and one lamp from the front left; the camera's headlight fills the shadows."""
+    """Add a soft sky and a lamp from the front left. The camera's headlight fills the shadows."""
     spec.add_texture(
         name="sky",
         type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
@@ -80,8 +80,8 @@ def add_camera(spec: mujoco.MjSpec, position: np.ndarray, axes: np.ndarray, fovy
 
     Args:
         spec: The scene.
-        position: Where it stands [m], shape (3,).
-        axes: Its axes, the columns right, up and backward, shape (3, 3).
+        position: Position of the camera [m], shape (3,).
+        axes: Axes of the camera, the columns right, up and backward, shape (3, 3).
         fovy: Vertical field of view [degrees].
     """
     spec.worldbody.add_camera(name=OVERVIEW, pos=position, quat=quaternion(axes), fovy=fovy)

@@ -1,4 +1,4 @@
-"""`build_model`: the model of a scene, composed of assets, the user's own, or both."""
+"""`build_model`: the model of a scene, composed of assets, the user's own model, or both."""
 
 from __future__ import annotations
 
@@ -33,24 +33,24 @@ _Home = tuple[np.ndarray, np.ndarray]
 def build_model(config: SceneConfig, simulated: SceneConfig | None = None) -> SceneModel:
     """Compose the model of a scene and compile it.
 
-    The root body of an object has the object's name, and everything inside it is `name/...`; inside `robot` the prefix
-    is the name of the robot's asset, inside one of `robots` its name there. A free object's joint is `name/free`.
-    Fixtures and markers are mocap bodies. The user's own `model` keeps its names and options; objects without an asset
-    are bodies of it. A model in memory is copied, and its bodies are not changed. Files of a folder that cannot be
-    variants of an object are left out, with a ModelWarning that names them.
+    The root body of an object has the object's name, and all elements inside are `name/...`. The prefix inside `robot`
+    is the name of the robot's asset, and the prefix inside a robot of `robots` is its name there. A free object's joint
+    is `name/free`. Fixtures and markers are mocap bodies. The user's own `model` keeps its names and options, and has
+    the bodies of objects without an asset. A model in memory is copied, and its bodies are not changed. Files of a
+    folder that cannot be variants of an object are left out, with a ModelWarning that names them.
 
     Args:
         config: The scene.
-        simulated: The scene as it is simulated, where that is a MjModel of the user's own, in which one body has all
-            variants of an object. They are bodies of the MjModel of `config` then, by their names.
+        simulated: The simulated scene, if it is a separate MjModel of the user with one body for all variants of an
+            object. The variants are then bodies of the MjModel of `config`, by their names.
 
     Raises:
-        ArgumentTypeError: `config` is no SceneConfig, which `SceneConfig.load` makes.
+        ArgumentTypeError: `config` is not a SceneConfig. `SceneConfig.load` makes one.
         SceneFileError: A file is missing, or MuJoCo cannot read or compile it.
-        UnknownNameError: An asset, body, joint or keyframe that does not exist.
-        SceneKeyError: An object that cannot be of its kind; joint values outside the joint's limits; a joint that an
-            equality ties to another one, and that is drawn itself or tied twice; anything that would have to be added
-            to a MjModel, or changed in a model in memory. Joints that equalities tie to each other in a cycle.
+        UnknownNameError: An asset, body, joint or keyframe does not exist.
+        SceneKeyError: An object cannot be of its kind. Joint values are outside the joint's limits. A joint that
+            follows another by an equality is drawn, or follows two joints. Joints follow each other in a cycle. The
+            scene would add parts to a MjModel, or change bodies of a model in memory.
     """
     check_type(config, SceneConfig, "build_model: config")
     for name in config.owners if simulated is None else ():
@@ -70,7 +70,7 @@ def build_model(config: SceneConfig, simulated: SceneConfig | None = None) -> Sc
 
 
 def _with_shared_bodies(config: SceneConfig) -> SceneModel:
-    """Return a scene from files or a MjSpec, with the scene as it is simulated if objects have variants."""
+    """Return a scene from files or a MjSpec, with its simulated scene if objects have variants."""
     scene = _built(config)
     if not config.variants:
         return scene
@@ -80,7 +80,7 @@ def _with_shared_bodies(config: SceneConfig) -> SceneModel:
 
 
 def _built(config: SceneConfig, full: SceneModel | None = None) -> SceneModel:
-    """Return a scene from files or a MjSpec; if it is given as it is with all variants, as it is simulated."""
+    """Return a scene from files or a MjSpec, or its simulated scene if `full` is the scene with all variants."""
     shared = None if full is None else SharedBodies(full.mjm, config.variants, config.where)
     spec, homes = _assemble(config, shared)
     if full is not None:
@@ -88,7 +88,7 @@ def _built(config: SceneConfig, full: SceneModel | None = None) -> SceneModel:
     try:
         mjm = assemble.compile_spec(spec, config.where)
     except (MeshError, SceneFileError):
-        assemble.check_assets(config)  # names the asset, if it is one
+        assemble.check_assets(config)  # names the asset if an asset fails
         raise
     number_check.check_numbers(mjm, config.where)
     if config.has_model_in_memory:
@@ -100,7 +100,7 @@ def _built(config: SceneConfig, full: SceneModel | None = None) -> SceneModel:
         seen = Overview(config, mjm, qpos) if full is None else Overview(full.config, full.mjm, full.home_qpos)
         backdrop.add_camera(spec, *seen.camera(), FOVY)
     if config.groups and not parking.has_parking_ground(mjm, len(config.objects), config.where):
-        spec.stat.center, spec.stat.extent = mjm.stat.center, mjm.stat.extent  # those without the parking ground
+        spec.stat.center, spec.stat.extent = mjm.stat.center, mjm.stat.extent  # the values without the parking ground
         parking.add_parking_ground(spec, len(config.objects))
     for name in simple_bodies(config, mjm):
         spec.body(name).simple = False
@@ -115,14 +115,14 @@ def _built(config: SceneConfig, full: SceneModel | None = None) -> SceneModel:
 
 
 def _taken(config: SceneConfig, model: mujoco.MjModel) -> SceneModel:
-    """Return the scene of a copy of a MjModel, which is not changed."""
+    """Return the scene of a copied MjModel. The original stays unchanged."""
     check_additions(config)
     check_bodies(model, config)
     number_check.check_numbers(model, config.where)
     mjm = copy.copy(model)
     qpos, ctrl = _home(mjm, [], config)
     key = _keyframe(mjm, config)
-    if key >= 0:  # as in a model from a file, mocap bodies stand where the keyframe has them
+    if key >= 0:  # mocap bodies take their poses of the keyframe, as in a model from a file
         mocap = np.flatnonzero(mjm.body_mocapid >= 0)
         mjm.body_pos[mocap] = mjm.key_mpos[key].reshape(-1, 3)[mjm.body_mocapid[mocap]]
         mjm.body_quat[mocap] = mjm.key_mquat[key].reshape(-1, 4)[mjm.body_mocapid[mocap]]
@@ -133,7 +133,7 @@ def _taken(config: SceneConfig, model: mujoco.MjModel) -> SceneModel:
 def _scene(
     config: SceneConfig, spec: mujoco.MjSpec | None, mjm: mujoco.MjModel, home: _Home, tcps: dict[str, str]
 ) -> SceneModel:
-    """Return the scene of a compiled model, after a look-up of all names that the scene refers to."""
+    """Return the scene of a compiled model, after a check of all names that the scene refers to."""
     bodies = {name: mjm.body(part.body or name).id for name, part in config.objects.items()}
     bodies |= {name: mjm.body(robot.name).id for name, robot in config.all_robots.items()}
     identity, former = scene_hash(config, mjm, home[0])
@@ -159,7 +159,7 @@ def _apart(robot: RobotConfig, config: SceneConfig) -> SceneModel:
 
 
 def _tcps(spec: mujoco.MjSpec | None, mjm: mujoco.MjModel, qpos: np.ndarray, config: SceneConfig) -> dict[str, str]:
-    """Return the names of the robots' tool centre points, after a check that robots of the model exist."""
+    """Return the names of the robots' tool centre points, after a check that the robots' bodies exist."""
     bodies, found = [mjm.body(i).name for i in range(1, mjm.nbody)], {}
     for name, robot in config.all_robots.items():
         if not robot.in_scene:
@@ -201,7 +201,7 @@ def _assemble(config: SceneConfig, shared: SharedBodies | None = None) -> tuple[
     for i, (name, part) in enumerate(config.objects.items()):
         tell("objects", i + 1, len(config.objects))
         if part.asset is None and (part.kind != "marker" or part.body is not None or spec.body(name) is not None):
-            if not config.has_model_in_memory:  # bodies of that one are checked once it is compiled
+            if not config.has_model_in_memory:  # `check_bodies` checks a model in memory after compilation
                 adopt_body(spec, name, part, f"{config.where}: objects.{name}")
         elif spec.body(name) is not None:
             raise SceneKeyError(f"{config.where}: objects.{name}: the model has a body of this name already.")
@@ -219,7 +219,7 @@ def _assemble(config: SceneConfig, shared: SharedBodies | None = None) -> tuple[
 
 
 def _keyframe(mjm: mujoco.MjModel, config: SceneConfig) -> int:
-    """Return the keyframe that is the start pose, -1 for none."""
+    """Return the id of the start pose's keyframe, -1 if the model has none."""
     return mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_KEY, config.home or HOME)
 
 
@@ -234,11 +234,12 @@ def _home(mjm: mujoco.MjModel, homes: list[assemble.Home], config: SceneConfig) 
     for home in homes:
         for joint, values in home.qpos.items():
             i = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_JOINT, joint)
-            if i >= 0:  # a fixture has lost the joints of its root
+            if i >= 0:  # a fixture loses the joints of its root
                 adr = mjm.jnt_qposadr[i]
                 qpos[adr : adr + len(values)] = values
         for actuator, value in home.ctrl.items():
             ctrl[mjm.actuator(actuator).id] = value
+    # Quaternions of unit length up to rounding keep their bits.
     exact = qpos.copy()
     mujoco.mj_normalizeQuat(mjm, exact)
     return qpos if np.abs(exact - qpos).max(initial=0.0) < 1e-6 else exact, ctrl
@@ -248,15 +249,15 @@ def add_cameras(spec: mujoco.MjSpec, config: SceneConfig) -> None:
     """Add the cameras of a scene to a specification that has all its bodies.
 
     Raises:
-        SceneKeyError: The model has a camera of that name already.
-        UnknownNameError: There is no such body.
+        SceneKeyError: The model already has a camera of that name.
+        UnknownNameError: The carrying body does not exist.
     """
     for name, camera in config.cameras.items():
         where = f"{config.where}: cameras.{name}"
         if spec.camera(name) is not None:
             raise SceneKeyError(f"{where}: the model has a camera of this name already. Give this one another name.")
         carrier = spec.worldbody if camera.body is None else spec.body(_name_in_model(config, camera.body))
-        if carrier is None and camera.body in config.variants:  # the body that they share comes later
+        if carrier is None and camera.body in config.variants:  # the shared body is made later
             carrier = spec.body(config.variants[camera.body][0])
         if carrier is None:
             bodies = [body.name for body in spec.bodies if body.name != "world"]
@@ -266,7 +267,7 @@ def add_cameras(spec: mujoco.MjSpec, config: SceneConfig) -> None:
 
 
 def _name_in_model(config: SceneConfig, name: str) -> str:
-    """Return the model's name of an object, a robot, or a body inside one."""
+    """Return the name in the model of an object, a robot, or a body inside them."""
     owner, _, part = name.partition("/")
     if owner in config.all_robots:
         robot = config.all_robots[owner]

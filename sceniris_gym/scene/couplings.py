@@ -1,7 +1,7 @@
-"""Joints that follow others: MuJoCo's joint equalities, in the order in which they are to be applied.
+"""Joints that follow others by MuJoCo's joint equalities, in the order of their evaluation.
 
-An equality says `y - y0 = a0 + a1 (x - x0) + ... + a4 (x - x0)^4`, with y the position of its first joint, x that of
-its second one, and y0 and x0 those of `qpos0`. Without a second joint the first one is held at `y0 + a0`.
+An equality requires `y - y0 = a0 + a1 (x - x0) + ... + a4 (x - x0)^4`. Here y and x are the positions of its first and
+second joint, and y0 and x0 are their positions in `qpos0`. Without a second joint, the first is held at `y0 + a0`.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ import numpy as np
 
 from sceniris_gym.errors import SceneKeyError, in_a_cycle
 
-# Positions that differ by less than this [m or rad] are equal but for rounding.
+# Positions that differ by less than this [m or rad] are equal up to rounding.
 _SAME = 1e-9
-# The range [m or rad] of a joint without limits in which followers may meet theirs.
+# Search range [m or rad] of a joint without limits, for positions where its followers reach their limits.
 _FAR = 1e3
 
 _Coef = tuple[float, float, float, float]
@@ -26,18 +26,18 @@ _Coef = tuple[float, float, float, float]
 
 @dataclass(frozen=True)
 class Coupling:
-    """A joint that follows another one, or is held.
+    """A joint that follows another joint, or is held.
 
     Attributes:
-        label: The equality, as errors name it.
+        label: The equality's name in errors.
         follower: The joint that follows.
-        driver: The joint that it follows, None where it is held.
+        driver: The joint it follows, None if it is held.
         adr: Address of the follower in qpos.
-        driver_adr: Address of the driver in qpos; the follower's own where it is held.
+        driver_adr: Address of the driver in qpos, or of the follower if it is held.
         origin: Position x0 of the driver [m or rad].
-        offset: Position y0 + a0 of the follower [m or rad] where the driver is at x0.
-        coef: a1 to a4; zeros where it is held.
-        limits: Limits of the follower [m or rad], infinite where it has none.
+        offset: Position y0 + a0 of the follower [m or rad] when the driver is at x0.
+        coef: a1 to a4, zeros if it is held.
+        limits: Limits of the follower [m or rad], infinite if it is unlimited.
     """
 
     label: str
@@ -55,12 +55,12 @@ class Coupling:
         return np.polyval((*reversed(self.coef), self.offset), np.asarray(x, float) - self.origin)
 
     def over(self, low: float, high: float) -> tuple[float, float]:
-        """Return the least and greatest position of the follower [m or rad] while the driver is in [low, high]."""
+        """Return the lowest and highest position of the follower [m or rad] while the driver is in [low, high]."""
         return extremes(np.poly1d((*reversed(self.coef), self.offset)), low - self.origin, high - self.origin)
 
 
 def extremes(polynomial: np.poly1d, low: float, high: float) -> tuple[float, float]:
-    """Return the least and the greatest value of a polynomial in the interval [low, high]."""
+    """Return the minimum and the maximum of a polynomial in the interval [low, high]."""
     turns = np.roots(np.polyder(polynomial).coeffs)
     turns = turns.real[np.abs(turns.imag) < _SAME]
     values = polynomial(np.array([low, high, *turns[(turns > low) & (turns < high)]]))
@@ -75,7 +75,7 @@ def joint_couplings(mjm: mujoco.MjModel, where: str) -> tuple[Coupling, ...]:
         where: The beginning of errors.
 
     Raises:
-        SceneKeyError: A joint that two equalities determine. Joints that follow each other.
+        SceneKeyError: Two equalities determine the same joint, or joints follow each other in a cycle.
     """
     found: dict[int, Coupling] = {}
     for eq in active_equalities(mjm):
@@ -92,20 +92,20 @@ def joint_couplings(mjm: mujoco.MjModel, where: str) -> tuple[Coupling, ...]:
         if other is not coupling:
             raise SceneKeyError(
                 f"{where}: {coupling.label}: joint '{mjm.joint(coupling.follower).name}' is determined by "
-                f"{other.label} already. A joint should be the first one of one equality only; remove one of the two."
+                f"{other.label} already. A joint should be the first joint of at most one equality. Remove one of them."
             )
     return tuple(_in_order(mjm, found, where))
 
 
 def turned_round(mjm: mujoco.MjModel, couplings: Iterable[Coupling], drawn: Iterable[int]) -> tuple[Coupling, ...]:
-    """Return the couplings, reversed where they would make a drawn joint follow one that is not drawn.
+    """Return the couplings, reversed if a drawn joint would follow a joint that is not drawn.
 
-    Both directions are equivalent if the coupling is a straight line, x = x0 + (y - y0 - a0) / a1; others stay.
+    Only linear couplings are reversed, as they can be inverted: x = x0 + (y - y0 - a0) / a1.
 
     Args:
         mjm: The model.
-        couplings: Of the model.
-        drawn: The joints that are drawn by name, the first ones first.
+        couplings: The model's couplings.
+        drawn: The joints that are drawn by name. Earlier joints take precedence.
     """
     found, drawn = {c.follower: c for c in couplings}, list(drawn)
     for joint in drawn:
@@ -114,7 +114,7 @@ def turned_round(mjm: mujoco.MjModel, couplings: Iterable[Coupling], drawn: Iter
             for c in chain:
                 del found[c.follower]
             for c in chain:
-                if c.driver is not None:  # the same line, with the driver following the follower
+                if c.driver is not None:  # the same line, with driver and follower swapped
                     coef = (1.0 / c.coef[0], 0.0, 0.0, 0.0)
                     found[c.driver] = _made(mjm, c.label, c.driver, c.follower, c.offset, c.origin, coef)
     return tuple(_in_order(mjm, found, "couplings"))
@@ -136,7 +136,7 @@ def equality_label(mjm: mujoco.MjModel, eq: int) -> str:
 
 
 def equality_errors(mjm: mujoco.MjModel, states: np.ndarray) -> np.ndarray:
-    """Return how far states (n, nq) miss each equality [m or rad], shape (n, neq), by MuJoCo C; 0 for inactive ones."""
+    """Return MuJoCo C's error of each equality in states (n, nq) [m or rad], shape (n, neq), 0 if inactive."""
     alone = copy.copy(mjm)
     alone.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)  # objects may lie on top of each other
     data, missed = mujoco.MjData(alone), np.zeros((len(states), mjm.neq))
@@ -152,16 +152,17 @@ def follow(couplings: Iterable[Coupling], qpos: np.ndarray) -> None:
     """Set the positions of all joints that follow others, in place.
 
     Args:
-        couplings: In order, drivers before their followers.
+        couplings: The couplings, drivers before their followers.
         qpos: Positions, shape (..., nq).
     """
     for c in couplings:
+        # Positions that already agree up to rounding keep their bits.
         wanted = c.at(qpos[..., c.driver_adr])
         qpos[..., c.adr] = np.where(np.abs(qpos[..., c.adr] - wanted) < _SAME, qpos[..., c.adr], wanted)
 
 
 def driven_by(couplings: Iterable[Coupling], joints: Iterable[int]) -> list[Coupling]:
-    """Return the couplings that move along with any of these joints, directly or through others, in order."""
+    """Return the couplings whose follower moves with any of these joints, directly or through others, in order."""
     moving, found = set(joints), []
     for c in couplings:
         if c.driver in moving:
@@ -173,11 +174,11 @@ def driven_by(couplings: Iterable[Coupling], joints: Iterable[int]) -> list[Coup
 def free_range(mjm: mujoco.MjModel, couplings: Iterable[Coupling], joint: int, home: np.ndarray) -> tuple[float, float]:
     """Return the interval around home in which a joint and all its followers stay within their limits.
 
-    Without followers it is the interval of the joint's own limits.
+    Without followers, this is the range of the joint's limits.
 
     Args:
         mjm: The model.
-        couplings: Of the model, in order.
+        couplings: The model's couplings, in order.
         joint: The joint.
         home: The start pose, shape (nq,).
     """
@@ -198,7 +199,7 @@ def free_range(mjm: mujoco.MjModel, couplings: Iterable[Coupling], joint: int, h
 
 
 def _farthest(within, start: float, end: float) -> float:
-    """Return the farthest position towards `end` that a joint may take, by bisection; `end` itself if it may."""
+    """Return the farthest position towards `end` that `within` accepts, by bisection."""
     goal = end if np.isfinite(end) else float(np.copysign(_FAR, end))
     if within(goal):
         return end
@@ -212,7 +213,7 @@ def _farthest(within, start: float, end: float) -> float:
 def _made(
     mjm: mujoco.MjModel, label: str, follower: int, driver: int | None, origin: float, offset: float, coef: _Coef
 ) -> Coupling:
-    """Return a coupling of two joints, or of one that is held, with what the model says about them."""
+    """Return a coupling of two joints or of a held joint, with addresses and limits from the model."""
     adr = int(mjm.jnt_qposadr[follower])
     driver_adr = adr if driver is None else int(mjm.jnt_qposadr[driver])
     return Coupling(label, follower, driver, adr, driver_adr, origin, offset, coef, _limits(mjm, follower))
@@ -234,7 +235,7 @@ def _limits(mjm: mujoco.MjModel, joint: int) -> tuple[float, float]:
 
 
 def _in_order(mjm: mujoco.MjModel, found: dict[int, Coupling], where: str) -> list[Coupling]:
-    """Return the couplings, each after the one that its driver follows."""
+    """Return the couplings in an order in which drivers come before their followers."""
     drivers = {joint: [c.driver] if c.driver in found else [] for joint, c in found.items()}
     try:
         return [found[joint] for joint in graphlib.TopologicalSorter(drivers).static_order()]
@@ -244,7 +245,7 @@ def _in_order(mjm: mujoco.MjModel, found: dict[int, Coupling], where: str) -> li
 
 
 def joined_bodies(mjm: mujoco.MjModel, eq: int) -> tuple[int, ...]:
-    """Return the two bodies that a weld or a connect joins; none for other equalities."""
+    """Return the two bodies of a weld or a connect, or an empty tuple for other equalities."""
     if mujoco.mjtEq(int(mjm.eq_type[eq])) not in (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD):
         return ()
     ends = [int(mjm.eq_obj1id[eq]), int(mjm.eq_obj2id[eq])]
@@ -253,7 +254,7 @@ def joined_bodies(mjm: mujoco.MjModel, eq: int) -> tuple[int, ...]:
 
 
 def coupling_arrays(couplings: Sequence[Coupling]) -> dict[str, np.ndarray]:
-    """Return the fields `follow_*` of a device struct."""
+    """Return the fields `follow_*` of the device structs."""
     return {
         "follow_driveradr": np.array([c.driver_adr for c in couplings], int),
         "follow_qposadr": np.array([c.adr for c in couplings], int),

@@ -1,4 +1,4 @@
-"""Draws of a scene's physics and looks, resolved to single numbers of the model's fields: `FieldDraw`."""
+"""Draws of a scene's physics and looks, resolved to single values of model fields: `FieldDraw`."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ from sceniris_gym.scene.support import subtree
 _PHYSICS = [word for kind in ("object", "scene") for word in WORDS[kind].values() if word.field != "geom_rgba"]
 LEAST: dict[str, Ends] = {word.field: "least" for word in _PHYSICS}
 MOST: dict[str, Ends] = {word.field: "most" for word in _PHYSICS}
-"""The ends of all physics that is drawn."""
+"""The ends of all drawn physics."""
 WEAK: dict[str, Ends] = {word.field: word.weak for word in _PHYSICS if word.weak}
 LOOSE: dict[str, Ends] = {word.field: word.loose for word in _PHYSICS if word.loose}
-"""The ends that `Word.weak` and `Word.loose` name."""
+"""The ends named by `Word.weak` and `Word.loose`."""
 
 
 @dataclass(frozen=True)
 class FieldDraw:
-    """A word of `randomize` in the model.
+    """A word of `randomize`, resolved in the model.
 
     Attributes:
-        name: Its name, such as 'can.mass', which its numbers are drawn by; that of all variants of an object.
-        word: The field that is drawn, and those that follow.
+        name: The name that keys the random numbers, such as 'can.mass'. All variants of an object share it.
+        word: The drawn field, and the fields that follow it.
         config: The distribution.
-        rows: Elements of the field.
-        components: Components of each element, shape (ncomponent,).
-        numbers: The drawn number of each component, by element, shape (nrow, ncomponent).
+        rows: Drawn elements of the field, shape (nrow,).
+        components: Drawn components of each element, shape (ncomponent,).
+        numbers: Index of the random number for each component of each element, shape (nrow, ncomponent).
         choice: Values to choose from, shape (nchoice, ncomponent or 1).
     """
 
@@ -51,22 +51,22 @@ class FieldDraw:
 
     @property
     def width(self) -> int:
-        """The number of numbers that are drawn; a choice is one."""
+        """The number of random numbers per draw. A choice takes one."""
         return int(self.numbers.max()) + 1
 
     @property
     def is_rotation(self) -> bool:
-        """True for a turn of a camera, whose three numbers change all of its quaternion."""
+        """True for the rotation of a camera: three random numbers that change the whole quaternion."""
         return self.word.field == "cam_quat"
 
 
 def drawn_fields(draws: tuple[FieldDraw, ...]) -> list[str]:
-    """Return the fields that draws write, each once."""
+    """Return the fields that draws write, without duplicates."""
     return list(dict.fromkeys(name for d in draws for name in (d.word.field, *(f for f, _, _ in d.word.follow))))
 
 
 def simple_bodies(config: SceneConfig, mjm: mujoco.MjModel) -> list[str]:
-    """Return the simple bodies whose centre of mass is drawn, so that MuJoCo has to keep a full mass matrix."""
+    """Return the simple bodies with a drawn centre of mass, which need a full mass matrix."""
     parts = {part.body or name: part for name, part in config.objects.items()}
     parts |= {robot.name: robot for robot in config.all_robots.values()}
     drawn = [mjm.body(name).id for name, part in parts.items() if "ipos" in part.randomize]
@@ -74,9 +74,9 @@ def simple_bodies(config: SceneConfig, mjm: mujoco.MjModel) -> list[str]:
 
 
 def nominal_values(mjm: mujoco.MjModel, field: str) -> np.ndarray:
-    """Return a field of the model, shape (n, width); colours of geoms are those that are seen."""
+    """Return a field of the model, shape (n, width). For geoms, colours include the colours of materials."""
     values = np.array(getattr(mjm.opt if field in OPTIONS else mjm, field), float)
-    if field == "geom_rgba":  # grey stands for the colour of the material
+    if field == "geom_rgba":  # MuJoCo's default grey gives way to the colour of the material
         of_material = (values == (0.5, 0.5, 0.5, 1.0)).all(axis=1) & (mjm.geom_matid >= 0)
         values[of_material] = mjm.mat_rgba[mjm.geom_matid[of_material]]
     return values.reshape(1 if field in OPTIONS else len(values), -1)
@@ -86,16 +86,16 @@ def field_draws(config: SceneConfig, mjm: mujoco.MjModel, bodies: Mapping[str, i
     """Return the draws of a scene, in the order of its file.
 
     Raises:
-        UnknownNameError: A light, camera, material or texture that the model does not have.
-        SceneKeyError: Nothing to draw, values out of range, or as many numbers as no value has.
-        ArgumentError: A field that steps leave out, or that the installed MuJoCo does not have.
+        UnknownNameError: The model has no such light, camera, material or texture, or MuJoCo no such field.
+        SceneKeyError: A draw without effect, values out of range, or a wrong number of values.
+        ArgumentError: Steps leave the field out.
     """
     draws = {written[1]: _resolved(mjm, *written) for written in _written(config, mjm, bodies)}
     drawn: dict[object, str] = {}
     for where, draw in draws.items():
         for at in product([draw.word.field], draw.rows.tolist(), draw.components.tolist()):
             if drawn.setdefault(at, draw.name) != draw.name:
-                _refuse(where, f"'{drawn[at]}' draws some of the same values. One of the two should leave them out.")
+                _refuse(where, f"'{drawn[at]}' draws some of the same values. Draw them in one place only.")
     return tuple(draws.values())
 
 
@@ -126,7 +126,7 @@ def _written(
 
 
 def _resolved(mjm: mujoco.MjModel, name: str, where: str, word: Word, config: DrawConfig, rows: list[int]) -> FieldDraw:
-    """Return a draw of these rows, without those that it does not change."""
+    """Return a draw of these rows, without rows that it cannot change."""
     check_field(word.field, mjm, where)
     values = nominal_values(mjm, word.field)
     if word.form not in {None, config.form}:
@@ -134,7 +134,7 @@ def _resolved(mjm: mujoco.MjModel, name: str, where: str, word: Word, config: Dr
     rows = [row for row in rows if _has_effect(mjm, word.field, row)]
     if word.field in {"body_mass", "body_ipos"} and not mjm.body_weldid[rows].any():
         rows = []  # they never move
-    if word.field == "actuator_delay":  # MuJoCo keeps so many samples of the past
+    if word.field == "actuator_delay":  # limited by the number of samples in MuJoCo's history
         longest = min((mjm.actuator_history[row, 0] for row in rows), default=0) * mjm.opt.timestep
         word = replace(word, most=float(longest))
     choice = _choice(mjm, word, config, where)
@@ -143,13 +143,13 @@ def _resolved(mjm: mujoco.MjModel, name: str, where: str, word: Word, config: Dr
     if given not in counts:
         _refuse(f"{where}.{config.form}", f"it should have {' or '.join(map(str, counts))} numbers, got {given}.")
     count = given if given > 1 else (word.shared or word.width)
-    constrains = word.field in {"body_mass", "dof_frictionloss"}  # MuJoCo leaves out what is 0 when it compiles
+    constrains = word.field in {"body_mass", "dof_frictionloss"}  # MuJoCo's compiler leaves out zeros
     needed = config.scale is not None or constrains
     part = slice(word.first, word.first + word.width)
     kept = np.array([row for row in rows if not needed or np.any(values[row, part])], int)
     if not len(kept):
         zero = "it is 0 in the model. Change it there" + ("." if constrains else ", or give it by 'abs'.")
-        _refuse(where, zero if rows else "nothing in the model has it, or it has no effect. Leave it out.")
+        _refuse(where, zero if rows else "the model does not have it, or it has no effect. Leave it out.")
     one = np.arange(count if word.field == "cam_quat" or (config.choice is None and given > 1) else 1)
     numbers = np.broadcast_to(one, (len(kept), count))
     if config.each:
@@ -165,12 +165,12 @@ def _resolved(mjm: mujoco.MjModel, name: str, where: str, word: Word, config: Dr
         _refuse(f"{where}.{config.form}", f"its values{part} would be from {found} and should be from {bounds}.")
     above, axes = ends > 0.0, 2 if config.choice is not None else (0, 2)
     if word.field.endswith("solref") and (above.any(axis=axes) != above.all(axis=axes)).any():  # MuJoCo has two formats
-        _refuse(f"{where}.{config.form}", "all of its values should be above 0, or none of them.")
+        _refuse(f"{where}.{config.form}", "its values should be all above 0, or all at most 0.")
     if word.field == "actuator_forcerange" and (ends[..., 0].max(axis=0) >= ends[..., -1].min(axis=0)).any():
-        _refuse(f"{where}.{config.form}", "all lower limits should be below all upper ones. Give lists of both.")
+        _refuse(f"{where}.{config.form}", "all lower limits should be below all upper limits. Give lists of both.")
     simple = [mjm.body(int(row)).name for row in kept if word.field == "body_ipos" and mjm.body_simple[row]]
     if simple:
-        _refuse(where, f"'{simple[0]}' should have simple=\"false\" in its model, so that M has room.")
+        _refuse(where, f"'{simple[0]}' should have simple=\"false\" in its model, for a full mass matrix.")
     return draw
 
 
@@ -184,13 +184,13 @@ def _has_effect(mjm: mujoco.MjModel, field: str, row: int) -> bool:
         return mjm.actuator_history[row, 0] > 0
     if field == "actuator_forcerange":
         return bool(mjm.actuator_forcelimited[row])
-    if field.startswith("jnt_"):  # stiffness would pull a free body to its place in the model
+    if field.startswith("jnt_"):  # the stiffness of a freejoint would pull its body to the model's pose
         return mjm.jnt_type[row] != mujoco.mjtJoint.mjJNT_FREE
     return field != "cam_fovy" or not mjm.cam_sensorsize[row].any()
 
 
 def _choice(mjm: mujoco.MjModel, word: Word, config: DrawConfig, where: str) -> np.ndarray:
-    """Return the values of a choice, textures by their numbers."""
+    """Return the values of a choice, with textures as ids."""
     textures = {mjm.texture(i).name: i for i in range(mjm.ntex)} if word.field == "mat_texid" else {}
     rows: list[tuple[float, ...]] = []
     for value in config.choice or ():
@@ -201,12 +201,12 @@ def _choice(mjm: mujoco.MjModel, word: Word, config: DrawConfig, where: str) -> 
         single = textures[value] if isinstance(value, str) else value
         rows.append(single if isinstance(single, tuple) else (float(single),))
     if len({len(row) for row in rows}) > 1:
-        _refuse(f"{where}.choice", "all values should have as many numbers.")
+        _refuse(f"{where}.choice", "all values should have the same number of components.")
     return np.array(rows, float).reshape(len(rows), len(rows[0]) if rows else 0)
 
 
 def _ends(draw: FieldDraw, values: np.ndarray) -> np.ndarray:
-    """Return the extreme values of a draw, shape (number of them, nrow or 1, ncomponent or 1); of a turn its angles."""
+    """Return the extreme values of a draw, shape (nend, nrow or 1, ncomponent or 1). Rotations have angles."""
     config = draw.config
     ends = draw.choice if config.choice is not None else np.array(config.ends)
     if config.distribution == "normal":
@@ -218,11 +218,11 @@ def _ends(draw: FieldDraw, values: np.ndarray) -> np.ndarray:
 
 
 def at_ends(mjm: mujoco.MjModel, draws: tuple[FieldDraw, ...], **ends: Ends) -> mujoco.MjModel:
-    """Return a model with fields at these ends of what may be drawn, and with all that follows from them.
+    """Return a model with fields at the ends of their drawn ranges, and with derived fields updated.
 
     Args:
-        mjm: The model. It is returned itself if none of the fields is drawn.
-        draws: The draws of its scene.
+        mjm: The model. It is returned unchanged, and not copied, if no field is drawn.
+        draws: The draws of the scene.
         ends: The end of each field.
     """
     own = [draw for draw in draws if draw.word.field in ends]
@@ -242,7 +242,7 @@ def at_ends(mjm: mujoco.MjModel, draws: tuple[FieldDraw, ...], **ends: Ends) -> 
 
 
 def corners(draws: tuple[FieldDraw, ...], field: str) -> list[tuple[End, ...]]:
-    """Return all combinations of ends of the drawn components of a field of which no end is known to be the worse."""
+    """Return all combinations of ends of a field's drawn components, where the worse end is unknown."""
     ends: tuple[End, End] = ("least", "most")
     count = max((1 + int(draw.components.max()) for draw in draws if draw.word.field == field), default=0)
     return list(product(ends, repeat=count))

@@ -1,4 +1,4 @@
-"""Model fields that worlds can differ in: their names, and the rows that belong to a name of the scene."""
+"""Model fields with values per world: their names, and the rows of each element, object or robot."""
 
 from __future__ import annotations
 
@@ -27,25 +27,25 @@ _FIELDS = {
 OPTIONS = ("gravity", "wind", "magnetic", "density", "viscosity")
 """Fields of the model's options."""
 FIELDS = (*(f"{kind}_{word}" for kind, words in _FIELDS.items() for word in words.split()), *OPTIONS)
-"""Fields that worlds can differ in: neither places nor shapes, which layouts depend on, nor what follows from these."""
+"""Fields that can have values per world. Poses and shapes that layouts depend on, and derived fields, are excluded."""
 
 LEFT_OUT_AT_ZERO = (
     *("body_gravcomp", "tendon_stiffness", "tendon_damping", "actuator_armature"),
     *("wind", "density", "viscosity"),
 )
-"""Fields that mujoco_warp leaves out of its steps if the model has zeros alone."""
+"""Fields that mujoco_warp leaves out of its steps if all their values in the model are zero."""
 _SELDOM_FULL = ("body_ipos", "body_iquat")
-"""Fields that shape the mass matrix of a body which MuJoCo took for a simple one."""
+"""Fields that can break the sparser mass matrix of bodies that MuJoCo marks as simple."""
 
 JOINT_TRANSMISSIONS = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
 _KINDS = {"jnt": "joint", "dof": "joint", "cam": "camera", "mat": "material", "tex": "texture", "eq": "equality"}
 
 
 def check_field(name: str, mjm: mujoco.MjModel, where: str) -> None:
-    """Refuse a field that worlds cannot differ in.
+    """Refuse a field that cannot have values per world.
 
     Raises:
-        UnknownNameError: There is no such field, or layouts depend on it.
+        UnknownNameError: The field does not exist, or layouts depend on it.
         ArgumentError: Steps of this model leave the field out.
     """
     if name not in FIELDS or not hasattr(mjm.opt if name in OPTIONS else mjm, name):
@@ -58,23 +58,23 @@ def check_field(name: str, mjm: mujoco.MjModel, where: str) -> None:
 
 
 def field_rows(mjm: mujoco.MjModel, bodies: Mapping[str, int], field: str, name: str, where: str) -> int | slice:
-    """Return the rows of a field that belong to a name: one by its number, several that follow each other as a slice.
+    """Return the rows of a field for a name: the number of a single row, or a slice of consecutive rows.
 
-    An object or a robot has the row of its root body in fields of bodies; of geoms, joints and actuators, it has all
-    that are inside of it.
+    For an object or a robot, body fields have the row of its root body. Fields of geoms, joints and actuators have the
+    rows of all elements inside.
 
     Args:
         mjm: The model.
         bodies: Root bodies of objects and robots by their names.
         field: The field.
         name: The element, object or robot.
-        where: Begins errors.
+        where: The beginning of errors.
 
     Raises:
-        UnknownNameError: Nothing of that name has rows in this field.
-        ArgumentError: The rows do not follow each other.
+        UnknownNameError: The field has no rows for that name.
+        ArgumentError: The rows are not consecutive, or the field cannot vary for a simple body.
     """
-    name = str(name)  # MuJoCo looks up strings alone
+    name = str(name)  # MuJoCo accepts only strings
     if field in OPTIONS:
         raise UnknownNameError("part of a field of the whole scene", name, f"{where} of '{field}'", ())
     prefix = field.partition("_")[0]
@@ -92,25 +92,25 @@ def field_rows(mjm: mujoco.MjModel, bodies: Mapping[str, int], field: str, name:
         raise UnknownNameError(kind, name, f"{where} of '{field}'", filter(None, known))
     if np.any(np.diff(ids) != 1):
         raise ArgumentError(
-            f"{where} of '{field}': the {kind}s of '{name}' do not follow each other in the model. It should name one "
-            "of them, or take the field of all."
+            f"{where} of '{field}': the {kind}s of '{name}' are not consecutive in the model. Name one "
+            "of them, or set the field of all."
         )
     if field in _SELDOM_FULL and np.any(mjm.body_simple[ids]):
         raise ArgumentError(
-            f"{where} of '{field}': '{name}' is a simple body, whose mass matrix has no room for another centre of "
-            'mass. It should have simple="false" in its file, which MuJoCo 4 knows.'
+            f"{where} of '{field}': '{name}' is a simple body, and its mass matrix has no room for another centre of "
+            'mass. Set simple="false" in its file, with MuJoCo 4 or later.'
         )
     return int(ids[0]) if alone else slice(int(ids[0]), int(ids[-1]) + 1)
 
 
 def elements(mjm: mujoco.MjModel, kind: str) -> Iterator[tuple[str, int]]:
-    """Yield the names and the numbers of the elements of a kind."""
+    """Yield the names and ids of the elements of a kind."""
     prefix = {of: prefix for prefix, of in _KINDS.items() if prefix != "dof"}.get(kind, kind)
     return ((getattr(mjm, kind)(i).name, i) for i in range(len(getattr(mjm, f"name_{prefix}adr"))))
 
 
 def rows_inside(mjm: mujoco.MjModel, field: str, body: int) -> list[int]:
-    """Return the rows of a field that belong to a body or to what is below it: all of its bodies, geoms or joints."""
+    """Return the rows of a field for all bodies, geoms, joints or actuators of a body's subtree."""
     prefix, inside = field.partition("_")[0], subtree(mjm, body)
     if prefix == "body":
         return inside
@@ -122,7 +122,7 @@ def rows_inside(mjm: mujoco.MjModel, field: str, body: int) -> list[int]:
 
 
 def _actuator_body(mjm: mujoco.MjModel, actuator: int) -> int:
-    """Return the body that an actuator moves, the first one of those that it moves by a tendon; -1 for none."""
+    """Return the body that an actuator moves, for a tendon the first body it moves, -1 if there is no body."""
     kind, target = mjm.actuator_trntype[actuator], mjm.actuator_trnid[actuator, 0]
     if kind == mujoco.mjtTrn.mjTRN_TENDON:
         first = mjm.tendon_adr[target]

@@ -1,4 +1,4 @@
-"""Settled heaps: the rows of a file, the hash of the shapes that they were settled with, and the poses in them."""
+"""Settled heaps: the rows of a file, the hash of the settled shapes, and the poses of objects."""
 
 from __future__ import annotations
 
@@ -19,24 +19,24 @@ from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.support import Support
 
 DEEPEST = 1e-3
-"""The greatest depth [m] to which things of a heap may sink into each other and into the container."""
+"""The greatest penetration [m] between objects of a heap, and between an object and the container."""
 STILL = 1e-2
-"""A heap is at rest if nothing in it moves faster than this [m/s]."""
+"""A heap is at rest if all of its objects move slower than this [m/s]."""
 
-# The fields of a geom that decide how it comes to rest.
+# Geom fields that affect how an object comes to rest.
 _GEOM = ("geom_type", "geom_size", "geom_pos", "geom_quat", "geom_contype", "geom_conaffinity", "geom_friction")
-_AROUND = 1e-3  # m that the surface which stands for all rows extends beyond the roots
+_AROUND = 1e-3  # m by which the surface of all rows extends beyond the roots
 
 
 @dataclass(frozen=True)
 class HeapRows:
-    """Settled heaps, poses relative to the body that is filled.
+    """Settled heaps, with poses relative to the filled body.
 
     Attributes:
-        names: The things.
+        names: The objects.
         pos: Positions of their roots [m], shape (nrow, nthing, 3).
         quat: Their orientations, wxyz, shape (nrow, nthing, 4).
-        settled_with: Identifies the shapes that they were settled with: 16 hexadecimal digits.
+        settled_with: Identifies the shapes and masses of the settled bodies: 16 hexadecimal digits.
     """
 
     names: tuple[str, ...]
@@ -45,7 +45,7 @@ class HeapRows:
     settled_with: str
 
     def write(self, path: Path) -> None:
-        """Write them as a .npz file, the same bytes for the same rows."""
+        """Write the heaps as a .npz file, the same bytes for the same rows."""
         rows = replace(self, pos=self.pos.astype(np.float32), quat=self.quat.astype(np.float32))
         with path.open("wb") as file:
             np.savez(file, **vars(rows))
@@ -56,11 +56,11 @@ def read_rows(path: Path, heap: HeapConfig, where: str) -> HeapRows:
 
     Args:
         path: The file.
-        heap: The heap that they are for.
+        heap: The heap of the scene.
         where: The beginning of errors.
 
     Raises:
-        SceneKeyError: The file is missing, is not one of `sceniris-gym settle`, or is of other things.
+        SceneKeyError: The file is missing, was not written by `sceniris-gym settle`, or has other objects.
     """
     mend = "Make it with `sceniris-gym settle SCENE`."
     if not path.is_file():
@@ -78,13 +78,13 @@ def read_rows(path: Path, heap: HeapConfig, where: str) -> HeapRows:
     if rows.names != heap.of:
         listed = ", ".join(rows.names)
         raise SceneKeyError(
-            f"{where}.rows: '{path}' has heaps of {listed}, and the heap is of {', '.join(heap.of)}. {mend}"
+            f"{where}.rows: '{path}' has heaps of {listed}, but the scene's heap is of {', '.join(heap.of)}. {mend}"
         )
     return rows
 
 
 def rigid_part(mjm: mujoco.MjModel, body: int) -> list[int]:
-    """Return the bodies below one child of the world that never move relative to a body, ascending."""
+    """Return the bodies that share a body's tree and never move relative to it, in ascending order."""
     same = (mjm.body_weldid == mjm.body_weldid[body]) & (mjm.body_rootid == mjm.body_rootid[body])
     return np.flatnonzero(same).tolist()
 
@@ -93,8 +93,8 @@ def filled_body(scene: SceneModel, heap: HeapConfig, where: str) -> int:
     """Return the body that a heap fills.
 
     Raises:
-        UnknownNameError: There is nothing of that name.
-        NotSupportedError: It is the world.
+        UnknownNameError: The scene has no support of that name.
+        NotSupportedError: The body is the world.
     """
     body = scene.support(heap.fill, f"{where}.fill").body
     if body == 0:
@@ -103,10 +103,10 @@ def filled_body(scene: SceneModel, heap: HeapConfig, where: str) -> int:
 
 
 def settled_with(scene: SceneModel, heap: HeapConfig, where: str) -> str:
-    """Return the hash of the shapes and masses of a heap's things and of its container.
+    """Return the hash of the shapes and masses of a heap's objects and container.
 
     Raises:
-        NotSupportedError: A thing with joints of its own.
+        NotSupportedError: An object has inner joints.
     """
     mjm, digest = scene.mjm, hashlib.sha256()
     container = rigid_part(mjm, filled_body(scene, heap, where))
@@ -119,37 +119,38 @@ def settled_with(scene: SceneModel, heap: HeapConfig, where: str) -> str:
                 mesh = int(mjm.geom_dataid[geom])
                 if mesh >= 0 and mjm.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
                     arrays.append(mesh_vertices(mjm, mesh))
+            # Rounding, and -0.0 as 0.0, make the hash independent of the last digits.
             for array in arrays:
                 digest.update((np.round(np.asarray(array, np.float64), 6) + 0.0).tobytes())
     return digest.hexdigest()[:16]
 
 
 def rigid_thing(scene: SceneModel, name: str, where: str) -> list[int]:
-    """Return the bodies of a thing of a heap.
+    """Return the bodies of an object of a heap.
 
     Raises:
-        NotSupportedError: It has joints of its own, or is not free.
+        NotSupportedError: The object has inner joints, or is not free.
     """
     bodies = scene.subtree(name)
     if scene.config.objects[name].kind != "free" or scene.mjm.body_jntnum[bodies[1:]].any():
         raise NotSupportedError(
-            f"{where}.of: '{name}' should be 'free' and have no joints of its own: heaps are of rigid things."
+            f"{where}.of: '{name}' should be 'free' and have no joints inside: heaps are of rigid things."
         )
     return bodies
 
 
 @dataclass(frozen=True)
 class HeapPoses:
-    """The settled poses of one thing of a heap, relative to the body that the heap fills.
+    """The settled poses of one object of a heap, relative to the filled body.
 
     Attributes:
-        pos: Position of its root [m], shape (nrow, 3).
-        quat: Its orientation, wxyz, shape (nrow, 4).
-        stream: The random stream that the row is drawn from, one for all things of the heap.
-        together: All bodies that settled together: those of the things, and those fixed to the filled body.
-        settled_with: Identifies the shapes and masses that the poses were settled with; see `scene.heaps`.
+        pos: Position of the object's root [m], shape (nrow, 3).
+        quat: Orientation of the object, wxyz, shape (nrow, 4).
+        stream: The random stream that draws the row, the same for all objects of the heap.
+        together: All bodies that settled together: of the objects, and fixed to the filled body.
+        settled_with: Identifies the shapes and masses of the settled bodies, see the function `settled_with`.
         support: The support that the heap fills.
-        surface: A rectangle around the roots in all rows, seen from above, as high as the highest of them.
+        surface: A rectangle around the roots in all rows, seen from above, at the height of the highest root.
     """
 
     pos: np.ndarray
@@ -162,18 +163,18 @@ class HeapPoses:
 
 
 def heap_poses(scene: SceneModel) -> dict[str, HeapPoses]:
-    """Read the settled poses of all things of heaps, by name.
+    """Read the settled poses of all objects of heaps, by name.
 
     Raises:
-        SceneKeyError: There are no rows, or they are of other things.
-        NotSupportedError: A thing with joints of its own, or a heap that fills the world.
+        SceneKeyError: A heap has no rows, or rows of other objects.
+        NotSupportedError: An object has inner joints, or a heap fills the world.
     """
     found: dict[str, HeapPoses] = {}
     for key, heap in scene.config.heaps.items():
         where = f"{scene.config.where}: heaps.{key}"
         if heap.rows is None:
             raise SceneKeyError(
-                f"{where}.rows: is missing. Make them with `sceniris-gym settle SCENE -o ROWS.npz`, and name the file."
+                f"{where}.rows: is missing. Make rows with `sceniris-gym settle SCENE -o ROWS.npz`, and name the file."
             )
         rows = read_rows(Path(heap.rows), heap, where)
         body = filled_body(scene, heap, where)

@@ -1,7 +1,7 @@
-"""The hash that identifies a scene: its words, and everything in its files that shapes layouts.
+"""The hash that identifies a scene. It covers the scene's words, and all contents of its files that shape layouts.
 
-A model from files is identified by their contents, so its hash is the same with every version of MuJoCo. A model in
-memory is identified by its compiled arrays, which differ in their last digits from version to version.
+A model from files is identified by the contents of the files, so its hash is the same for every version of MuJoCo. A
+model in memory is identified by its compiled arrays, which differ in their last digits between versions.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ from sceniris_gym.scene.model_files import MODEL_FOLDERS, file_of, model_tree
 _NO_MATTER = frozenset(
     ("camera", "light", "texture", "material", "visual", "statistic", "size", "sensor", "skin", "custom", "text")
 )
-"""Elements of MJCF that shape no layout."""
+"""Elements of MJCF that do not affect layouts."""
 _SEEN_IN_URDF = frozenset(("visual", "material"))
-"""Elements that differ in a URDF: geoms that collide with nothing, if its compiler keeps them."""
+"""Elements with another meaning in a URDF: geoms without collisions, if the compiler keeps them."""
 _OPTIONS = frozenset(("gravity", "o_margin"))
-"""Attributes of `option` that shape layouts; the others concern the simulation. All of its flags count."""
+"""Attributes of `option` that affect layouts. The others only affect the simulation. All flags of `option` count."""
 _LOOKS = frozenset(("rgb1", "rgb2", "material", "texcoord", "texuniform"))
-"""Attributes of appearance alone; `rgba` counts, as invisible geoms are no obstacles with `geometry: visual`."""
+"""Attributes that only affect looks. `rgba` counts: with `geometry: visual`, invisible geoms are no obstacles."""
 _SEEN = frozenset(("camera", "light", "texture", "material"))
-"""Elements of MJCF that decide pictures, and count in scenes whose looks or physics are drawn."""
+"""Elements of MJCF that affect pictures. They count in scenes whose looks or physics are drawn."""
 
 _ARRAYS = (
     *("body_parentid", "body_pos", "body_quat", "body_ipos", "body_mass", "body_mocapid", "body_gravcomp"),
@@ -44,33 +44,34 @@ _ARRAYS = (
     *("tendon_adr", "tendon_num", "tendon_limited", "tendon_range", "tendon_stiffness", "tendon_lengthspring"),
     *("wrap_type", "wrap_objid", "wrap_prm"),
 )
-"""Arrays of a MjModel that shape layouts."""
+"""Arrays of a MjModel that affect layouts."""
 _LAW = "standing 1"
-"""Version of the law by which free objects stand; raise it where the same words come to mean other layouts."""
+"""Version of the rules for standing free objects. Raise it when a change gives other layouts for the same words."""
 _LAW_ARRAYS = (
     *("geom_solref", "geom_solimp", "geom_solmix", "geom_priority", "pair_solref", "pair_solimp", "body_inertia"),
     *("jnt_stiffness", "qpos_spring", "dof_frictionloss", "dof_armature", "actuator_gainprm", "actuator_biasprm"),
 )
-"""Arrays of a MjModel that this law reads as well."""
+"""Additional arrays of a MjModel that these rules read."""
 _CLEAR_LAW = "free grasps 1"
-"""Version of the law of `reachable: clear`; raise it where the same words come to mean other layouts."""
+"""Version of the rules of `reachable: clear`. Raise it when a change gives other layouts for the same words."""
 _NAMED = (mujoco.mjtObj.mjOBJ_BODY, mujoco.mjtObj.mjOBJ_JOINT, mujoco.mjtObj.mjOBJ_GEOM, mujoco.mjtObj.mjOBJ_SITE)
 
 
 def scene_hash(config: SceneConfig, mjm: mujoco.MjModel, home_qpos: np.ndarray) -> tuple[str, str | None]:
-    """Return the hash of a scene, equal for equal scenes in every process and folder: 16 hexadecimal digits.
+    """Return the hash of a scene, 16 hexadecimal digits, and its hash in version 0.1.0 if layouts differed.
 
-    Beside it is the hash that version 0.1.0 gave to the scene if that had other layouts of it, else None.
+    Equal scenes have equal hashes in every process and folder. The second hash is None if version 0.1.0 made the same
+    layouts.
 
-    It covers the words of the scene that differ from their defaults, the files of its model and its assets, the
-    reachability map of its arm where that matters, and rows of heaps; but neither names of files, cameras, lights and
-    appearance, nor solver options, except those that say how objects stand where some could fall. Where `randomize`
-    draws physics or looks, the hash covers these as well.
+    The hash covers the words of the scene that differ from their defaults, the files of its model and its assets, the
+    rows of heaps, and the arm's reachability map if objects are `reachable`. It leaves out file names, cameras, lights
+    and looks, unless `randomize` draws physics or looks. It leaves out solver options, except the options that affect
+    standing objects, in scenes where an object could fall.
 
     Args:
         config: The scene as written.
-        mjm: The compiled model, which is hashed if the scene's own model is in memory.
-        home_qpos: Its start pose, shape (nq,).
+        mjm: The compiled model. Its arrays are hashed if the scene's `model` is in memory.
+        home_qpos: The start pose, shape (nq,).
     """
     digest = hashlib.sha256(config.canonical().encode())
     drawn = config.is_randomized
@@ -96,14 +97,14 @@ def scene_hash(config: SceneConfig, mjm: mujoco.MjModel, home_qpos: np.ndarray) 
         digest.update(rows.read_bytes() if rows is not None and rows.is_file() else b"")
     if any(part.reachable for part in config.objects.values()):
         for robot in config.all_robots.values():
-            path = map_of(robot)  # the reach of the arm shapes the layouts, too
+            path = map_of(robot)  # the arm's reach affects the layouts
             digest.update(path.read_bytes() if path is not None and path.is_file() else b"")
     former = digest.hexdigest()[:16]
     if any(part.reachable == "clear" for part in config.objects.values()):
         digest.update(_CLEAR_LAW.encode())
     if _could_fall(config):
         digest.update(_LAW.encode())
-        # MuJoCo raises the time constants of contacts to two time steps
+        # MuJoCo raises the time constants of contacts to at least two time steps.
         least, time = 2.0 * mjm.opt.timestep, mjm.geom_solref[:, 0]
         raised = least if ((time > 0.0) & (time < least)).any() else 0.0
         option = np.hstack([raised, mjm.opt.o_solref, mjm.opt.o_solimp])
@@ -114,7 +115,7 @@ def scene_hash(config: SceneConfig, mjm: mujoco.MjModel, home_qpos: np.ndarray) 
 
 
 def _could_fall(config: SceneConfig) -> bool:
-    """Return whether an object has to stand on a free one, has drawn joints, or may reach over an edge."""
+    """Return whether an object that has to stand is on a free object, has drawn joints, or may overhang an edge."""
     filling = {name for heap in config.heaps.values() for name in heap.of}
     for name, part in config.objects.items():
         if part.support is None or not part.has_to_stand or name in filling:
@@ -128,14 +129,14 @@ def _could_fall(config: SceneConfig) -> bool:
 
 
 def map_of(robot: RobotConfig) -> Path | None:
-    """Return the file of a robot's reachability map: the one that the scene names, or that of a shipped asset."""
+    """Return a robot's reachability map: the file named in the scene, or the map of a shipped asset."""
     if robot.map is not None:
         return Path(robot.map)
     return map_file(robot.asset) if robot.asset is not None and SHIPPED_NAME.fullmatch(robot.asset) else None
 
 
 def _update_from_file(update: Callable[[bytes], None], path: Path, drawn: bool) -> None:
-    """Add the contents of a file and of those that it refers to, meshes as their bytes, and looks if they are drawn."""
+    """Add the contents of a file and of its referenced files: meshes as bytes, and looks only if drawn."""
     root = model_tree(path, path.parent, set())
     keeps_visuals = root.tag == "robot" and any(c.get("discardvisual") == "false" for c in root.iter("compiler"))
     no_matter = _NO_MATTER - _SEEN if drawn else _NO_MATTER
@@ -159,7 +160,7 @@ def _update_from_file(update: Callable[[bytes], None], path: Path, drawn: bool) 
 
 
 def _tokens(element: ElementTree.Element, no_matter: frozenset[str], drawn: bool) -> Iterator[str]:
-    """Yield an element and its contents, as far as they matter; attributes in the order of their names."""
+    """Yield the relevant parts of an element and its children, with attributes in alphabetical order."""
     if element.tag in no_matter:
         return
     yield element.tag

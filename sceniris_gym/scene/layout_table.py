@@ -1,6 +1,6 @@
-"""`LayoutTable`: layouts on the host, whether just made, stored, written to files, audited or drawn.
+"""`LayoutTable`: layouts on the host, to be stored, written to files, audited or drawn.
 
-It only knows MuJoCo states, so that code that judges layouts shares nothing with code that makes them.
+This module depends only on MuJoCo states, so that code that judges layouts shares no code with the generator.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ class Column(NamedTuple):
     """The form of a column.
 
     Attributes:
-        part: What it says of a layout: its "key"; the key of its "draw"s of physics and looks; its "pose", which is
-            written into a world; its "grasp"s; a "count" of how it was made; or in a "table" what follows from others.
-        dtype: NumPy's name of its type.
-        shape: Shape of a row: numbers, and names of widths.
-        blank: Its value where nothing is known.
+        part: The part of a layout that the column belongs to: its "key", the key of the "draw" of physics and looks,
+            its "pose" in a world, its "grasp", a "count" of the work to make it, or a "table" for derived values.
+        dtype: NumPy's name of the column's type.
+        shape: Shape of a row, as numbers and names of widths.
+        blank: The value of an unknown entry.
     """
 
     part: str
@@ -34,7 +34,7 @@ class Column(NamedTuple):
     blank: float = 0
 
     def row(self, widths: Mapping[str, int]) -> tuple[int, ...]:
-        """Return the shape of a row by the names of widths; a width without a number is 0."""
+        """Return the shape of a row for widths given by name. A missing width is 0."""
         return tuple(widths.get(width, 0) if isinstance(width, str) else width for width in self.shape)
 
     def blanks(self, nrow: int) -> np.ndarray:
@@ -44,35 +44,35 @@ class Column(NamedTuple):
 
 @dataclass(frozen=True)
 class LayoutTable:
-    """Layouts and how they were made, one row each; its fields are the list of all columns of a layout.
+    """Layouts and how they were made, one row each. The fields define all columns of a layout.
 
     Wide types come first, so that a row of a data set has no gaps.
 
     Attributes:
         seed: Seed of the world, shape (nrow,), uint64.
-        draw_seed, draw_episode, draw_stream: The key that physics and looks are drawn by, as in `Layouts`, shape
-            (nrow,), uint64 and int32; `draw_episode` is -1 where it is unknown.
-        episode: Episode of the world, -1 where it is unknown, shape (nrow,), int32.
+        draw_seed, draw_episode, draw_stream: The key that draws physics and looks, as in `Layouts`, shape (nrow,),
+            uint64 and int32. An unknown `draw_episode` is -1.
+        episode: Episode of the world, -1 if unknown, shape (nrow,), int32.
         qpos: Joint positions [m, rad], quaternions wxyz, shape (nrow, nq).
         mocap_pos: Positions of the mocap bodies [m], world frame, shape (nrow, nmocap, 3).
         mocap_quat: Orientations of the mocap bodies, wxyz, shape (nrow, nmocap, 4).
         status: Codes of `layout.layouts.LayoutStatus`, shape (nrow,), int32.
-        attempts: Candidates drawn for it, shape (nrow,), int32.
-        start: Number of the kind of start in the scene file, -1 where there is none, shape (nrow,), int32.
-        grasp: The accepted grasp of each reach target, as an index into its grasps, -1 where the object is absent,
-            shape (nrow, nreach), int32.
-        grasp_pose: Its TCP in the world frame, position [m] and orientation (wxyz), nan where there is none, shape
-            (nrow, nreach, 7), float32.
-        grasp_qpos: The arm's joints [rad or m] in that grasp, nan where the arm's map alone decided, shape (nrow,
-            nreach, njoint), float32.
-        pregrasp_qpos: The same for the pre-grasp, nan for tiers below `clear`.
-        param: Numbers of the params, shape (nrow, nvalue), float32.
-        present: Which objects are present rather than left out by their groups, shape (nrow, nslot), bool: the objects
-            in the order of the scene file, then the robot if there is one.
-        valid: Whether the layout is freshly made and valid, rather than taken from the bank, shape (nrow,), bool.
-        first_pass_valid: Whether it was valid without a restart, shape (nrow,), bool.
-        scene: Hash of the scene; empty if it is unknown, as of bare states.
-        split: "train" or "eval", of seeds and episodes.
+        attempts: Number of candidates drawn for the layout, shape (nrow,), int32.
+        start: Index of the kind of start in the scene file, -1 for scenes without starts, shape (nrow,), int32.
+        grasp: The accepted grasp of each reach target, as an index into its grasps, -1 for absent objects, shape
+            (nrow, nreach), int32.
+        grasp_pose: The TCP's pose in the accepted grasp, world frame, position [m] and orientation (wxyz), nan without
+            a grasp, shape (nrow, nreach, 7), float32.
+        grasp_qpos: The arm's joints [rad or m] in the accepted grasp, nan for tiers that use only the arm's map, shape
+            (nrow, nreach, njoint), float32.
+        pregrasp_qpos: The arm's joints in the pre-grasp, nan for tiers below `clear`, the same shape and type.
+        param: Values of the params, shape (nrow, nvalue), float32.
+        present: Whether each object is present, or left out by its group, shape (nrow, nslot), bool: the objects in
+            the order of the scene file, then the robot if the scene has one.
+        valid: Whether the layout is fresh and valid, not taken from the bank, shape (nrow,), bool.
+        first_pass_valid: Whether the layout was valid without a restart, shape (nrow,), bool.
+        scene: Hash of the scene, empty if unknown, as for bare states.
+        split: The split of seeds and episodes, "train" or "eval".
         params: Names of the params.
     """
 
@@ -103,10 +103,10 @@ class LayoutTable:
     def from_states(
         cls, qpos: np.ndarray, mocap_pos: np.ndarray, mocap_quat: np.ndarray, present: np.ndarray
     ) -> LayoutTable:
-        """Return a table of bare states; see the class for the arguments.
+        """Return a table of bare states. The class describes the arguments.
 
         Raises:
-            ArgumentTypeError: One of them is no NumPy array.
+            ArgumentTypeError: An argument is not a NumPy array.
         """
         states: dict[str, Any] = {"qpos": qpos, "mocap_pos": mocap_pos, "mocap_quat": mocap_quat, "present": present}
         for name, array in states.items():
@@ -123,8 +123,8 @@ class LayoutTable:
         """Return the rows of all tables, at least one, as one table.
 
         Raises:
-            ArgumentError: There is none, or something else than tables.
-            SceneMismatchError: They are of different scenes, splits or params, or have columns of other widths.
+            ArgumentError: The sequence is empty, or has values of another type.
+            SceneMismatchError: The tables differ in scene, split, params or widths of columns.
         """
         if not isinstance(tables, Sequence) or not tables or not all(isinstance(t, LayoutTable) for t in tables):
             raise ArgumentError("LayoutTable.concatenate: tables should be a list of one LayoutTable or more.")
@@ -147,7 +147,7 @@ class LayoutTable:
         """Yield the first row index and the rows of each chunk of at most `size` rows.
 
         Raises:
-            ArgumentError: The size is no integer of at least 1.
+            ArgumentError: The size is not an integer of at least 1.
         """
         if not isinstance(size, Integral) or size < 1:
             raise ArgumentError(f"LayoutTable.chunks: size should be an integer of at least 1, got {short(size)}.")
@@ -155,10 +155,10 @@ class LayoutTable:
             yield start, self[slice(start, start + size)]
 
     def put(self, data: mujoco.MjData, i: int) -> None:
-        """Write row `i` into `data`, without any computation from it.
+        """Write row `i` into `data`, without updating derived fields such as `xpos`.
 
         Raises:
-            ArgumentTypeError: No MjData, or a row that is no integer.
+            ArgumentTypeError: `data` is not an MjData, or `i` is not an integer.
         """
         check_type(data, mujoco.MjData, "LayoutTable.put: data")
         if not isinstance(i, Integral):
@@ -174,11 +174,11 @@ COLUMNS: dict[str, Column] = {n: hint.__metadata__[0] for n, hint in _HINTS.item
 
 
 def row_numbers(index: Any, nrow: int, name: str) -> np.ndarray:
-    """Return the numbers of the rows that an index names, as NumPy takes one, shape (n,); an integer names one row.
+    """Return the numbers of the rows that a NumPy index selects, shape (n,). An integer selects one row.
 
     Raises:
-        IndexError: An integer beyond the rows, with which Python ends a loop.
-        ArgumentError: Anything else that names no rows.
+        IndexError: An integer beyond the rows. Python ends loops by this error.
+        ArgumentError: Any other invalid index.
     """
     try:
         return np.arange(nrow)[index].reshape(-1)

@@ -1,4 +1,4 @@
-"""A scene as a MuJoCo model: composed of assets, the user's own, or both."""
+"""A scene as a MuJoCo model: composed of assets, the user's own model, or both."""
 
 from __future__ import annotations
 
@@ -27,22 +27,22 @@ class SceneModel:
 
     Attributes:
         config: The scene as written by the user.
-        spec: The editable model; `spec.to_zip` writes it so that stock MuJoCo opens it. None if the scene is made from
-            a MjModel, which cannot be edited.
+        spec: The editable model. `spec.to_zip` writes it for stock MuJoCo. None if the scene uses a MjModel, which
+            cannot be edited.
         mjm: The compiled model.
-        bodies: Root body id of every object by its name, and of every robot: the only one is 'robot'.
-        keyframe: The keyframe of `mjm` that is the start pose; -1 if it has none and `qpos0` is.
-        home_qpos: Start pose, shape (nq,): free objects have their poses of the model, and joints that follow others
-            the positions that equalities give them.
+        bodies: Root body id of every object and robot, by name. A single robot is 'robot'.
+        keyframe: The keyframe of `mjm` that is the start pose, -1 if the start pose is `qpos0`.
+        home_qpos: Start pose, shape (nq,). Free objects have their poses of the model. Joints that follow others have
+            the positions given by the equalities.
         home_ctrl: Controls of the start pose, shape (nu,).
-        hash: Identifies the scene: equal for equal scenes, in every process; 16 hexadecimal digits.
-        tcps: Name of the site that is each robot's tool centre point, which need not exist.
-        couplings: Joints that follow others, drivers first; a joint that is drawn by its name drives the one that it
-            would follow, where that one is not drawn and the coupling is a straight line.
-        apart: The robots that are not in the scene, each as a model of its own in which it is 'robot'.
-        former_hash: Its hash in version 0.1.0, None where that is the same.
+        hash: Identifies the scene by 16 hexadecimal digits, equal for equal scenes in every process.
+        tcps: Name of the tool centre point's site for each robot. The site need not exist.
+        couplings: Joints that follow others, drivers first. A linear coupling is reversed if the scene draws its
+            follower by name, but not its driver.
+        apart: The robots that are not in the scene, each as a separate model in which the robot is 'robot'.
+        former_hash: The scene's hash in version 0.1.0, None if it is the same.
         draws: The physics and looks that resets draw.
-        shared: The scene in which the variants of each object are one body, None if no object has variants.
+        shared: The scene in which all variants of an object share a body, None if no object has variants.
     """
 
     config: SceneConfig
@@ -62,12 +62,12 @@ class SceneModel:
 
     @property
     def sim(self) -> SceneModel:
-        """The scene as it is simulated: one body for all variants of an object, by the object's name."""
+        """The simulated scene: it has one body for all variants of an object, with the object's name."""
         return self if self.shared is None else self.shared
 
     @cached_property
     def sim_bodies(self) -> np.ndarray:
-        """The body of `sim` that each body is simulated as, shape (nbody,)."""
+        """The body of `sim` that simulates each body, shape (nbody,)."""
         found = np.arange(self.mjm.nbody)
         if self.shared is None:
             return found
@@ -79,42 +79,42 @@ class SceneModel:
         return found
 
     def mismatch(self, found: str, cure: str) -> str:
-        """Return the words of an error for something of another scene, or of this one before its layouts changed.
+        """Return the end of an error message about data of another scene, or of a former version of this scene.
 
         Args:
-            found: The hash of the scene that it is of.
-            cure: The last sentence of the error if that is another scene.
+            found: The hash of the data's scene.
+            cure: The last sentence of the message for another scene.
         """
         if found == self.former_hash:
             return (
-                "was made by version 0.1.0 or before, whose layouts of this scene differ. Its hash was "
-                f"{found}, and is {self.hash}. Use that version, or make it anew."
+                "was made by version 0.1.0 or before, whose layouts of this scene differ. The scene's hash was "
+                f"{found}, and is {self.hash}. Use that version, or make it again."
             )
         return f"is of scene {found}, and this one is {self.hash}. {cure}"
 
     def check_hash(self, found: str, what: str, cure: str) -> None:
-        """Check that something is of this scene; an empty hash is of any.
+        """Check that data belong to this scene. An empty hash fits any scene.
 
         Args:
-            found: The hash of its scene.
-            what: Its name, with which the error begins.
+            found: The hash of the data's scene.
+            what: The data's name, the beginning of the error.
             cure: See `mismatch`.
 
         Raises:
-            SceneMismatchError: It is of another scene.
+            SceneMismatchError: The data belong to another scene.
         """
         if found not in ("", self.hash):
             raise SceneMismatchError(f"{what} {self.mismatch(found, cure)}")
 
     def home_of(self, robot: str) -> tuple[SceneModel, str]:
-        """Return the model that a robot stands in, and its name there: this one, or one of its own."""
+        """Return a robot's model and its name there: this model, or the robot's separate model."""
         return (self.apart[robot], ROBOT) if robot in self.apart else (self, robot)
 
     def support(self, parent: str, where: str) -> Support:
         """Return the support named 'floor', 'object' or 'object/body', or after a static geom or body of the model.
 
         Raises:
-            UnknownNameError: There is nothing of that name.
+            UnknownNameError: The scene has no support of that name.
         """
         if parent == FLOOR and self.config.floor is not None:
             return Support(0, is_floor=True)
@@ -131,7 +131,7 @@ class SceneModel:
         raise UnknownNameError("body" if parts else "support", parent, where, [*of_object, *still])
 
     def parts(self, name: str) -> dict[str, int]:
-        """Return the bodies inside an object, without its root: id by the name inside the object."""
+        """Return the bodies inside an object, without its root: ids by the names inside the object."""
         found = self._inside(name, np.arange(self.mjm.nbody), self.mjm.body)
         return {local: i for local, i in found.items() if i != self.bodies[name]}
 
@@ -141,7 +141,7 @@ class SceneModel:
 
     @cached_property
     def owners(self) -> dict[int, str]:
-        """The object or robot that each body belongs to, by body id; bodies of neither are left out."""
+        """The object or robot of each body, by body id. Other bodies are left out."""
         return {body: name for name in self.bodies for body in self.subtree(name)}
 
     @cached_property
@@ -155,59 +155,59 @@ class SceneModel:
 
     @cached_property
     def least(self) -> mujoco.MjModel:
-        """The model with all physics that resets draw at its least."""
+        """The model with all drawn physics at its minimum."""
         return at_ends(self.mjm, self.draws, **LEAST)
 
     @cached_property
     def most(self) -> mujoco.MjModel:
-        """The model with all physics that resets draw at its most."""
+        """The model with all drawn physics at its maximum."""
         return at_ends(self.mjm, self.draws, **MOST)
 
     @cached_property
     def contact_rules(self) -> ContactRules:
-        """MuJoCo's contact rules of the model."""
+        """MuJoCo's contact rules for the model."""
         return ContactRules(self.mjm, "physics")
 
     def around(self, support: Support) -> list[int]:
-        """Return the bodies that may cover a support: those of the object that it is part of, or its own body."""
+        """Return the bodies that may cover a support: all bodies of its object, or its body if it has no object."""
         return [support.body] if support.owner is None else self.subtree(support.owner)
 
     def joints(self, name: str) -> dict[str, int]:
-        """Return the joints inside an object or the robot, except a root's freejoint: id by the name inside it."""
+        """Return the joints inside an object or a robot, except freejoints: ids by the names inside it."""
         found = self._inside(name, self.mjm.jnt_bodyid, self.mjm.joint)
         return {local: i for local, i in found.items() if self.mjm.jnt_type[i] != mujoco.mjtJoint.mjJNT_FREE}
 
     def sites(self, name: str) -> dict[str, int]:
-        """Return the sites inside an object or the robot: id by the name inside it."""
+        """Return the sites inside an object or a robot: ids by the names inside it."""
         found = self._inside(name, self.mjm.site_bodyid, self.mjm.site)
         return {local: i for local, i in found.items() if local}
 
     def _inside(self, name: str, bodies: np.ndarray, element: Callable[[int], Any]) -> dict[str, int]:
-        """Return the elements on bodies of an object or the robot, given the body of each: id by the name inside it."""
+        """Return the elements inside an object or a robot, given the body of each: ids by the names inside it."""
         prefix = f"{self._prefix(name)}/"
         ids = np.flatnonzero(np.isin(bodies, self.subtree(name))).tolist()
         return {element(i).name.removeprefix(prefix): i for i in ids}
 
     def joint_configs(self, name: str) -> dict[int, JointConfig]:
-        """Return the joints of an object, or of the robot, that are drawn, with their words: by id, in ascending order.
+        """Return the drawn joints of an object or a robot, with their words: by id, in ascending order.
 
-        A joint's own name takes precedence over a pattern, and an earlier pattern over a later one. Joints that nothing
-        names are left out, and keep their home position. Patterns skip joints that follow others.
+        A joint's own name takes precedence over a pattern, and an earlier pattern over a later pattern. Joints without
+        a matching name or pattern are left out, and keep their home position. Patterns skip joints that follow others.
 
         Raises:
-            UnknownNameError: A name or a pattern that no joint matches.
-            SceneKeyError: A fraction of a joint without limits, values or a start pose with noise outside its limits,
-                or a joint that follows another one.
+            UnknownNameError: A name or a pattern matches no joint.
+            SceneKeyError: A fraction for a joint without limits, values outside the joint's limits, noise around a
+                start pose outside the limits, or a joint that follows another.
             NotSupportedError: A ball joint.
         """
         where = f"{self.config.where}: {self.config.key(name)}.joints"
         return self.resolve_joints(name, self._joint_words(name), where)
 
     def resolve_joints(self, name: str, words: Mapping[str, JointConfig], where: str) -> dict[int, JointConfig]:
-        """Return the joints of an object, or of the robot, that names and patterns choose; see `joint_configs`."""
+        """Return the joints of an object or a robot that `words` choose by name or pattern, see `joint_configs`."""
         joints = self.joints(name)
         found: dict[int, JointConfig] = {}
-        for word in sorted(words, key=lambda word: word not in joints):  # a stable sort: names first
+        for word in sorted(words, key=lambda word: word not in joints):  # names first, then patterns as written
             matching = [word] if word in joints else fnmatch.filter(joints, word)
             if not matching:
                 raise UnknownNameError("joint", word, where, joints)
@@ -221,15 +221,12 @@ class SceneModel:
         return dict(sorted(found.items()))
 
     def named_joints(self) -> list[int]:
-        """Return the joints that the scene draws by their names, not by a pattern."""
+        """Return the joints that the scene draws by name, not by a pattern."""
         inside = [(self.joints(name), self._joint_words(name)) for name in self.bodies]
         return [joints[word] for joints, words in inside for word in words if word in joints]
 
     def moving_joints(self, name: str) -> set[int]:
-        """Return the joints that differ between layouts because those of an object, or of the robot, are drawn.
-
-        These are the drawn ones and all that follow them.
-        """
+        """Return the drawn joints of an object or a robot, and all joints that follow them."""
         drawn = self.joint_configs(name)
         return {*drawn, *(c.follower for c in driven_by(self.couplings, drawn))}
 
@@ -238,7 +235,7 @@ class SceneModel:
         return self.config.objects[name].joints if robot is None else robot.joints
 
     def _prefix(self, name: str) -> str:
-        """Return the prefix of names inside an object: its own name, or that of the model that its body came with."""
+        """Return the prefix of names inside an object: its name, or the prefix of its body in the model."""
         robot = self.config.all_robots.get(name)
         if robot is not None:
             return robot.prefix.removesuffix("/")
@@ -247,29 +244,30 @@ class SceneModel:
 
 
 def refuse_follower(mjm: mujoco.MjModel, coupling: Coupling, where: str) -> NoReturn:
-    """Refuse to draw a joint that follows another one.
+    """Refuse to draw a joint that follows another.
 
     Raises:
-        SceneKeyError: Always; it names the equality.
+        SceneKeyError: Always. The message names the equality.
     """
     name = mjm.joint(coupling.follower).name
     if coupling.driver is None:
         raise SceneKeyError(
             f"{where}: {coupling.label} holds '{name}' at {coupling.offset:g}, so it cannot be drawn. Leave it out, or "
-            "take the equality out."
+            "remove the equality."
         )
     raise SceneKeyError(
         f"{where}: {coupling.label} makes '{name}' follow '{mjm.joint(coupling.driver).name}', so it cannot be drawn "
-        "itself. Draw that joint instead, or take the equality out."
+        "itself. Draw that joint instead, or remove the equality."
     )
 
 
 def check_joint(mjm: mujoco.MjModel, home_qpos: np.ndarray, joint: int, config: JointConfig, where: str) -> None:
-    """Check that a joint can be drawn as a scene file says.
+    """Check that a joint can be drawn by the words of a scene file.
 
     Raises:
         NotSupportedError: A ball joint.
-        SceneKeyError: A fraction of a joint without limits, or values or a start pose with noise outside its limits.
+        SceneKeyError: A fraction for a joint without limits, values outside the limits, or noise around a start pose
+            outside the limits.
     """
     name = mjm.joint(joint).name
     if mjm.jnt_type[joint] == mujoco.mjtJoint.mjJNT_BALL:

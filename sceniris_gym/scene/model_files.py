@@ -1,7 +1,7 @@
-"""Models read from MJCF and URDF files, with the files that they refer to held in `MjSpec.assets`.
+"""Models from MJCF and URDF files, with the contents of all referenced files in `MjSpec.assets`.
 
-So the scene can be moved, and written as a zip file whose members stay in the folder that it is unpacked in. A model
-may attach others (`<model>` and `<attach>`), whose files lie beside them; a URDF may name its meshes by package.
+So the scene can be moved, and written as a zip file that unpacks into one folder. A model may attach other models
+(`<model>` and `<attach>`), with files in their own folders. A URDF may name its meshes by package.
 """
 
 from __future__ import annotations
@@ -24,13 +24,14 @@ from sceniris_gym.errors import SceneFileError, import_extra, in_a_cycle
 from sceniris_gym.files import no_file, opened, read_bytes
 
 URDF = ".urdf"
-"""Suffix of URDF files; files with any other suffix are read as MJCF."""
+"""Suffix of URDF files. Files with any other suffix are read as MJCF."""
 THINGS = (".obj", ".stl", ".ply", ".off", ".glb", ".gltf", ".dae", ".usd", ".usda", ".usdc", ".usdz")
-"""Suffixes of meshes and USD, which are no models; the importer makes assets of them."""
+"""Suffixes of meshes and USD files. They are not models, but the importer makes assets from them."""
 _COLLADA = ".dae"
 MODEL_FOLDERS = ("meshdir", "assetdir", "texturedir")
-"""Attributes of `compiler` that are folders."""
-# What a few words make much of: the attributes that multiply, and the most that MuJoCo makes in some seconds.
+"""Attributes of `compiler` that name folders."""
+# Elements whose short text makes large models: their multiplying attributes, and the most parts that MuJoCo makes in
+# some seconds.
 _GROWING = {"hfield": ("nrow", "ncol"), "texture": ("width", "height"), "attach": ()}
 _GROWING |= dict.fromkeys(("replicate", "composite", "flexcomp"), ("count",))
 _MOST = {"hfield": 1 << 26, "texture": 1 << 28, "made": 20_000}
@@ -44,16 +45,16 @@ _LEAST_MASS, _LEAST_INERTIA = 1e-3, 1e-6
 
 
 def load_model(path: Path, where: str, repaired: Callable[[str], str] | None = None) -> mujoco.MjSpec:
-    """Read an MJCF or a URDF file, with the files it refers to held in `MjSpec.assets`.
+    """Read an MJCF or a URDF file, with the contents of its referenced files in `MjSpec.assets`.
 
     Args:
         path: The file.
         where: The beginning of errors.
-        repaired: Returns the text of the file as MuJoCo can read it, from the text that it has.
+        repaired: Converts the text of the file to a text that MuJoCo can read.
 
     Raises:
-        SceneFileError: The file or one that it refers to is missing, or MuJoCo cannot read it.
-        MissingExtraError: It has a Collada mesh, and pycollada is not installed.
+        SceneFileError: The file or a referenced file is missing, or MuJoCo cannot read it.
+        MissingExtraError: The model has a Collada mesh, and pycollada is not installed.
     """
     path = user_path(path, Path(), where)
     if not path.is_file():
@@ -78,7 +79,7 @@ def load_model(path: Path, where: str, repaired: Callable[[str], str] | None = N
             f"{where}: MuJoCo cannot read '{path}': {' '.join(str(error).split())}. It should be an MJCF or URDF file."
         ) from None
     if path.suffix.lower() == URDF:
-        spec.compiler.fusestatic = False  # so that links that are fixed to each other keep their names
+        spec.compiler.fusestatic = False  # so that fixed links keep their names
         spec.compiler.balanceinertia = True
         spec.compiler.boundmass, spec.compiler.boundinertia = _LEAST_MASS, _LEAST_INERTIA
     referring = list(_referring(spec))
@@ -89,7 +90,7 @@ def load_model(path: Path, where: str, repaired: Callable[[str], str] | None = N
     for (element, _, file), source in zip(referring, sources, strict=True):
         assert source is not None
         key, content = _as_mesh(source, file)
-        if spec.assets.get(key, content) != content:  # a file of another attached model has the same name
+        if spec.assets.get(key, content) != content:  # another attached model has a different file of this name
             key = renamed(key, f"{len(spec.assets)}_")
         if key != file and element.file == file:
             element.file = key
@@ -98,14 +99,14 @@ def load_model(path: Path, where: str, repaired: Callable[[str], str] | None = N
 
 
 def renamed(file: str, prefix: str) -> str:
-    """Return a file's name with a prefix and without folders, as MuJoCo also looks for it without them."""
+    """Return a file's name with a prefix and without folders. MuJoCo also searches files without their folders."""
     return prefix + file.rpartition("/")[2]
 
 
 def file_of(uri: str, folder: Path) -> Path | None:
-    """Return the file that a URDF in a folder refers to by a mesh's file name; None if it does not exist.
+    """Return the file of a mesh that a URDF in a folder names, None if it does not exist.
 
-    A package is looked for among the folders above the URDF: a folder of its name, or one that holds the same files.
+    A package is searched in the folders above the URDF: a folder with the package's name, or with the same files.
     """
     return next((place for place in _places(uri, folder) if place.is_file()), None)
 
@@ -120,26 +121,26 @@ def _places(uri: str, folder: Path) -> list[Path]:
 
 
 def model_tree(path: Path, folder: Path, seen: set[Path]) -> ElementTree.Element:
-    """Return the contents of a model's file, with included files in the place of includes.
+    """Return the contents of a model's file, with includes replaced by the included files.
 
-    Comments become empty, as MuJoCo reads some that are no XML: with '--' in them, or other bytes.
+    Comments become empty, because MuJoCo accepts comments that are invalid XML: with '--' or other bytes.
 
     Args:
         path: The file.
         folder: The folder of included files.
-        seen: The files that were included so far, to which this is added.
+        seen: The files that were included so far. This file is added.
 
     Raises:
-        OSError: It, or a file that it includes, is no file.
-        SceneFileError: One is no XML, so that MuJoCo may find other things in it, or is included twice.
+        OSError: The path or an included path is not a file.
+        SceneFileError: A file is not well-formed XML, which MuJoCo could read differently, or is included twice.
     """
     if path.resolve() in seen:
-        raise SceneFileError(f"{path}: is included twice, or by itself. A file should be included once.")
+        raise SceneFileError(f"{path}: is included twice, or by itself. Include each file once.")
     seen.add(path.resolve())
     try:
         text = _APART.sub(_without_comment, read_bytes(path).lstrip())
-        root = ElementTree.fromstring(_DOCTYPE.sub(b"<<", text))  # no XML, as MuJoCo reads on within it
-    except (ElementTree.ParseError, ValueError, LookupError) as error:  # LookupError: of an unknown encoding
+        root = ElementTree.fromstring(_DOCTYPE.sub(b"<<", text))  # rejected: MuJoCo reads on inside of it
+    except (ElementTree.ParseError, ValueError, LookupError) as error:  # LookupError: unknown encoding
         raise SceneFileError(f"{path}: should be MJCF or URDF in well-formed XML, found: {error}.") from None
     for parent in list(root.iter()):
         for i in reversed([i for i, child in enumerate(parent) if child.tag == "include"]):
@@ -152,22 +153,22 @@ def _without_comment(found: re.Match[bytes]) -> bytes:
 
 
 def _read(path: Path, prefix: str, folders: list[tuple[str, Path]], above: tuple[Path, ...] = ()) -> Counter[str]:
-    """Append the folder of a model, and of all models that it attaches, each after the prefix of its names.
+    """Append the name prefix and the folder of a model, and of all models that it attaches.
 
     Returns:
-        What MuJoCo makes of the model; see `_size`.
+        The size of the compiled model, see `_size`.
 
     Raises:
-        OSError: A file that one of them includes or refers to is no file.
-        SceneKeyError: One contains itself.
-        SceneFileError: One is larger than its text by far, or no XML.
+        OSError: An included or referenced path is not a file.
+        SceneKeyError: A model contains itself.
+        SceneFileError: A model becomes too large when compiled, or is not well-formed XML.
     """
     chain = (*above, path.resolve())
     if chain[-1] in above:
         raise in_a_cycle(str(path), map(str, above[above.index(chain[-1]) :]), "models contain each other")
     folders.append((prefix, path.parent))
     if len(folders) > _MOST_MODELS:
-        raise SceneFileError(f"{path}: is one of over {_MOST_MODELS} models in one. Attach fewer.")
+        raise SceneFileError(f"{path}: is one of over {_MOST_MODELS} attached models. Attach fewer.")
     root = model_tree(path, path.parent, set())
     below = {path.parent / c.get(word, "") for c in (root, *root.iter("compiler")) for word in MODEL_FOLDERS}
     files = {file for each in root.iter() for name, file in each.attrib.items() if name.startswith("file")}
@@ -184,15 +185,15 @@ def _read(path: Path, prefix: str, folders: list[tuple[str, Path]], above: tuple
 
 
 def _size(element: ElementTree.Element, where: str, models: dict[str | None, Counter[str]]) -> Counter[str]:
-    """Count what MuJoCo makes of an element: what is written, what is made of that, and cells of fields and textures.
+    """Count the parts that MuJoCo makes of an element: written elements, copies, and cells of fields and textures.
 
     Args:
         element: The element.
         where: The beginning of errors.
-        models: The same of the models that may be attached, by name; under None of those that take their own.
+        models: The sizes of models that may be attached, by name. Models without a name are under None.
 
     Raises:
-        SceneFileError: It is too large.
+        SceneFileError: The element is too large.
     """
     size = Counter({element.tag if element.tag in _MOST else "written": 1})
     if element.tag == "attach":
@@ -210,7 +211,7 @@ def _size(element: ElementTree.Element, where: str, models: dict[str | None, Cou
 
 
 def _referring(spec: mujoco.MjSpec) -> Iterator[tuple[Any, str, str]]:
-    """Yield each element that refers to a file, the file's folder below that of the model, and the file."""
+    """Yield each element with a file, the file's subfolder of the model's folder, and the file."""
     for element in (*spec.meshes, *spec.hfields, *spec.skins):
         if element.file:
             yield element, _compiler(element, spec).meshdir, element.file
@@ -221,12 +222,12 @@ def _referring(spec: mujoco.MjSpec) -> Iterator[tuple[Any, str, str]]:
 
 
 def _compiler(element: Any, spec: mujoco.MjSpec) -> Any:
-    """Return the compiler settings of the model that an element comes from, which may have been attached."""
+    """Return the compiler settings of the model, attached or not, that defines an element."""
     return getattr(element, "compiler", None) or spec.compiler
 
 
 def _source(path: Path, folders: list[tuple[str, Path]], element: Any, subfolder: str, file: str) -> Path | None:
-    """Return the file that an element refers to: in the folder of its own model if there, else of any other."""
+    """Return the file of an element, preferably from the folder of its model, otherwise from any model's folder."""
     if path.suffix.lower() == URDF:
         return file_of(file, path.parent / subfolder) or file_of(file, path.parent)
     ranked = sorted(folders, key=lambda each: -len(each[0]) if element.name.startswith(each[0]) else 1)
@@ -234,7 +235,7 @@ def _source(path: Path, folders: list[tuple[str, Path]], element: Any, subfolder
 
 
 def _listed(path: Path, missing: list[tuple[Any, str, str]]) -> str:
-    """Return the first of the missing files, and where it should be."""
+    """Return the first missing file and its expected place, for an error message."""
     places = (file if "://" in file else str(path.parent / subfolder / file) for _, subfolder, file in missing)
     names = list(dict.fromkeys(places))
     more = f", nor do other files ({len(names)} in all)" if len(names) > 1 else ""
@@ -243,7 +244,7 @@ def _listed(path: Path, missing: list[tuple[Any, str, str]]) -> str:
 
 
 def _as_mesh(source: Path, name: str) -> tuple[str, bytes]:
-    """Return the name and the content of a file as MuJoCo reads it: a Collada mesh becomes an STL file."""
+    """Return the name and the content of a file for MuJoCo. A Collada mesh becomes an STL file."""
     if source.suffix.lower() != _COLLADA:
         return name, source.read_bytes()
     import_extra("collada", "import", "pycollada")
@@ -255,9 +256,9 @@ def _as_mesh(source: Path, name: str) -> tuple[str, bytes]:
 
 
 def write_zip(spec: mujoco.MjSpec, file: BinaryIO) -> None:
-    """Write a specification and its files so that stock MuJoCo opens them.
+    """Write a specification and its files as a zip file that stock MuJoCo can open.
 
-    Files whose names lead elsewhere (`../part.obj`, `/home/me/part.obj`) get names of their own.
+    Files with paths outside the zip (`../part.obj`, `/home/me/part.obj`) get new names.
     """
     unsafe = sorted(name for name in spec.assets if not _is_safe(name))
     if not unsafe:
@@ -272,7 +273,7 @@ def write_zip(spec: mujoco.MjSpec, file: BinaryIO) -> None:
     written = io.BytesIO()
     copy.to_zip(written)
     with zipfile.ZipFile(written) as archive, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as kept:
-        for name in archive.namelist():  # a copy keeps the files that nothing refers to any more
+        for name in archive.namelist():  # a copy also keeps files under their former names
             if name not in names:
                 kept.writestr(name, archive.read(name))
 

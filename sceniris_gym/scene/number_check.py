@@ -1,4 +1,4 @@
-"""A check for numbers that MuJoCo accepts in a model although no simulation can use them."""
+"""A check for numbers in a model that MuJoCo accepts, but that no simulation can use."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _BOUNDED = {
     **dict.fromkeys(("geom_friction", "pair_friction"), "friction"),
     "body_mass": "mass",
 }
-"""Fields of MjModel whose numbers are lengths [m], masses [kg] or coefficients, and their kinds in `BOUNDS`."""
+"""Fields of MjModel with lengths [m], masses [kg] or coefficients, and their kinds in `BOUNDS`."""
 _OPTIONS = {
     "timestep": "timestep",
     "gravity": "acceleration",
@@ -21,17 +21,17 @@ _OPTIONS = {
     **dict.fromkeys(("tolerance", "ls_tolerance", "noslip_tolerance", "ccd_tolerance"), "tolerance"),
     **dict.fromkeys(("iterations", "ls_iterations", "noslip_iterations", "ccd_iterations"), "iterations"),
 }
-"""The same of MjOption; the others are only to be finite."""
+"""Fields of MjOption and their kinds in `BOUNDS`. All other fields only have to be finite."""
 _KINDS = ("body", "geom", "jnt", "site", "mesh", "pair", "key", "actuator", "sensor", "tendon", "eq", "dof")
 
 
 def check_numbers(mjm: mujoco.MjModel, where: str) -> None:
-    """Check that a model holds no nan, and no length, mass, coefficient or option out of all realistic bounds.
+    """Check that a model has no nan, and no length, mass, coefficient or option beyond realistic bounds.
 
-    Infinity is accepted where MuJoCo takes it for the absence of a limit (`range` and the like).
+    Infinity is accepted where MuJoCo uses it for the absence of a limit, such as in `range`.
 
     Raises:
-        SceneKeyError: The first such number, by its field and element.
+        SceneKeyError: The first such number. The message names its field and element.
     """
     for name in (name for name in dir(mjm.opt) if not name.startswith("_")):
         bound, values = BOUNDS.get(_OPTIONS.get(name, "")), np.atleast_1d(getattr(mjm.opt, name))
@@ -58,11 +58,11 @@ def check_numbers(mjm: mujoco.MjModel, where: str) -> None:
 
 
 def _element(mjm: mujoco.MjModel, field: str, index: int) -> str:
-    """Return the element that a row of a field belongs to: "geom 'top'", or its number if it has no name."""
+    """Return the element of a field's row, such as "geom 'top'", or its number if it has no name."""
     kind = field.split("_", maxsplit=1)[0]
     if kind not in _KINDS:
         return f"element {index}"
-    if field == "mesh_vert":  # its rows are those of all meshes
+    if field == "mesh_vert":  # its rows are vertices of all meshes
         index = int(np.searchsorted(mjm.mesh_vertadr, index, side="right")) - 1
     elif kind == "dof":
         kind, index = "jnt", int(mjm.dof_jntid[index])

@@ -1,4 +1,4 @@
-"""The camera of a scene, which sees where objects are put and no robot's back; and the geoms that pictures show."""
+"""The overview camera of a scene, which sees all places of objects past the robots, and the geoms in pictures."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from sceniris_gym.scene.assemble import MARK_GROUP
 from sceniris_gym.scene.support import subtree
 
 VISIBLE_GROUPS = (0, 1, 2, MARK_GROUP)
-"""Geom groups in pictures: those that MuJoCo's viewer shows, and markers."""
+"""Geom groups in pictures: the visible groups of MuJoCo's viewer, and markers."""
 HIDDEN_GROUP = 5
 FOVY = 40.0
 """Vertical field of view [degrees]."""
 _ASPECT = 4.0 / 3.0
-# Headings from the scene to the eye, seen from above; the first that sees nearly as much as the best one is taken.
+# Headings from the scene to the eye, seen from above. The first within `_NEARLY` of the best is used.
 _HEADINGS = (
     *((0.45, -1.0), (-0.45, -1.0), (1.0, -0.45), (-1.0, -0.45)),
     *((0.45, 1.0), (-0.45, 1.0), (1.0, 0.45), (-1.0, 0.45)),
 )
 _NEARLY = 0.05
-# Slopes of the view: into a drawer over its face, and where there is none.
+# Slopes of the view: into a drawer over its face, and for scenes without drawers.
 _INTO_DRAWERS, _ELSEWHERE = np.tan(np.radians(62.0)), np.tan(np.radians(42.0))
 _SHOWN = (0, 1, 2)
 _GRID = np.linspace(0.1, 0.9, 4)
@@ -34,11 +34,11 @@ _Box = tuple[np.ndarray, np.ndarray]
 
 
 class Overview:
-    """The places in a scene where objects are put, and everything that stays where it is.
+    """The places of objects in a scene, and all geoms that stay in place.
 
     Args:
         config: The scene.
-        mjm: Its model.
+        mjm: The scene's model.
         home_qpos: The start pose, shape (nq,).
     """
 
@@ -53,7 +53,7 @@ class Overview:
         self.of_placed = np.isin(mjm.geom_bodyid, [body for root in placed for body in subtree(mjm, root)])
 
     def camera(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the pose of a camera that sees all of it: position (3,) [m] and axes (3, 3): right, up, backward."""
+        """Return the pose of a camera that sees the scene: position (3,) [m] and axes (3, 3): right, up, backward."""
         carriers = [
             self._body(part.support.parent) for part in self.config.objects.values() if part.support is not None
         ]
@@ -68,7 +68,7 @@ class Overview:
         return cameras[int(np.flatnonzero(shares >= shares.max() - _NEARLY)[0])]
 
     def seen(self) -> np.ndarray:
-        """Return corners of boxes around everything that stays, and around all places of objects [m], shape (n, 3)."""
+        """Return corners of boxes around all geoms that stay, and around all places of objects [m], shape (n, 3)."""
         corners = [self._corners(int(g)) for g in np.flatnonzero(self.shown & ~self.of_placed)]
         corners += [box_corners((low + high) / 2.0, (high - low) / 2.0) for low, high in self._places()]
         if not corners:
@@ -80,7 +80,7 @@ class Overview:
         return [box for name in self.config.parts if (box := self._box(name)) is not None]
 
     def _shares_seen(self, eyes: list[np.ndarray]) -> np.ndarray:
-        """Return the share of the places that is seen from each point, past everything that stays in place."""
+        """Return the fraction of the places that each eye sees past the geoms that stay in place."""
         mjm = copy.copy(self.mjm)
         mjm.geom_group[self.of_placed] = HIDDEN_GROUP
         groups, hit = np.isin(np.arange(6), _SHOWN).astype(np.uint8), np.zeros(1, np.int32)
@@ -93,7 +93,7 @@ class Overview:
         return np.array([np.mean([free(at, eye) for at in points]) if points else 1.0 for eye in eyes])
 
     def _box(self, name: str) -> _Box | None:
-        """Return the box that an object is put into, its pivot's range and some of its size; None if it stays."""
+        """Return the box around an object's pivot range and part of its size, None if the object stays."""
         part = self.config.parts[name]
         if not part.is_placed:
             return None
@@ -151,8 +151,8 @@ class Overview:
 def picture_groups(mjm: mujoco.MjModel) -> np.ndarray:
     """Return the group of each geom, shape (ngeom,), with shapes for collisions in HIDDEN_GROUP.
 
-    A geom that collides is hidden if its body also has geoms for looks alone, in another group that is visible. Geoms
-    of the world are all drawn, as a floor is none of the things on it.
+    A colliding geom is hidden if its body also has visible geoms without collisions in another group. All geoms of the
+    world are drawn: visual geoms of the world do not replace its floor.
     """
     groups = mjm.geom_group.copy()
     visible = np.isin(groups, VISIBLE_GROUPS) & (mjm.geom_rgba[:, 3] > 0.0)

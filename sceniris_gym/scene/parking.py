@@ -1,8 +1,8 @@
-"""The parking ground of absent members of groups: a square lattice far away, which no placed object may reach.
+"""The parking ground of absent group members: a square lattice far away, out of reach of placed objects.
 
-Absent objects are parked without any collision test, and objects placed before them are not tested against them. That
-is correct as long as nothing else gets there and each of them has a place of its own, which
-`program/checks/places.py` ensures.
+Absent objects are parked without a collision test, and placed objects are not tested against them. That is correct as
+long as each absent object has its own place on the lattice, and other objects stay away from it.
+`program/checks/places.py` ensures both.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ PARKING_FROM = 40.0
 PARKING_SPACING = 2.0
 """Distance [m] between neighbours on the lattice."""
 PARKING_COLUMNS = 8
-"""Places in one row of the lattice."""
+"""Number of places in a row of the lattice."""
 
 _SLAB = "parking_ground"
 GROUND_RISE = 1.0e-3
@@ -27,7 +27,7 @@ GROUND_RISE = 1.0e-3
 
 
 def add_parking_ground(spec: mujoco.MjSpec, nslot: int) -> None:
-    """Add a slab far away on which absent ones of `nslot` objects are parked."""
+    """Add a slab far away that holds absent objects, with room for `nslot` objects."""
     low, high = _corners(nslot)
     middle, half = 0.5 * (low + high), 0.5 * (high - low) + 1.0
     spec.worldbody.add_geom(
@@ -36,7 +36,7 @@ def add_parking_ground(spec: mujoco.MjSpec, nslot: int) -> None:
 
 
 def has_parking_ground(mjm: mujoco.MjModel, nslot: int, where: str) -> bool:
-    """Return whether the model has ground at z = 0 where absent objects are parked: a plane, or a slab that was added.
+    """Return whether the model has ground at z = 0 for parked objects: a plane, or a large enough slab.
 
     Raises:
         SceneKeyError: A plane lies above the parking ground.

@@ -1,4 +1,4 @@
-"""Addresses of poses in layouts, by names of the scene; poses of a body in many layouts, by MuJoCo's kinematics."""
+"""Addresses of poses in layouts, by names of the scene, and poses of a body in many layouts, by MuJoCo's kinematics."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ class PoseAddress(NamedTuple):
 
 
 def pose_address(scene: SceneModel, name: str, where: str) -> PoseAddress:
-    """Return the address of the pose of an object's root body, or of the robot's.
+    """Return the address of the pose of an object's or a robot's root body.
 
     Raises:
         UnknownNameError: The scene has no such object.
-        NotSupportedError: The body hangs on joints, from which its pose follows.
+        NotSupportedError: Joints determine the pose of the body.
     """
     if name not in scene.bodies:
         raise UnknownNameError("object", name, where, [*scene.bodies, *scene.config.variants])
@@ -51,11 +51,11 @@ def joint_address(scene: SceneModel, name: str, where: str) -> tuple[int, int]:
 
     Args:
         scene: The scene.
-        name: The joint's name in the model, `object/joint`, or the name inside its object if only one has it.
+        name: The joint's name in the model, `object/joint`, or the name inside its object if it is unique.
         where: The beginning of errors.
 
     Raises:
-        UnknownNameError: There is no such joint, or several objects have one of that name.
+        UnknownNameError: The joint does not exist, or several objects have a joint of that name.
     """
     mjm = scene.mjm
     joint = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_JOINT, name)
@@ -79,7 +79,7 @@ def body_poses(
         body: Id of the body.
         qpos: Joint positions, shape (nrow, nq).
         mocap_pos: Positions of mocap bodies, shape (nrow, nmocap, 3).
-        mocap_quat: Their orientations, shape (nrow, nmocap, 4).
+        mocap_quat: Orientations of mocap bodies, shape (nrow, nmocap, 4).
     """
     chain = []
     while body > 0:
@@ -117,7 +117,7 @@ def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def rotated(vector: np.ndarray, quat: np.ndarray) -> np.ndarray:
-    """Return vectors, or one, turned by quaternions (wxyz), shape (nrow, 3)."""
+    """Rotate one vector or each of several by quaternions (wxyz), shape (nrow, 3)."""
     axis = quat[:, 1:]
     twice = 2.0 * np.cross(axis, np.broadcast_to(vector, axis.shape))
     return vector + quat[:, :1] * twice + np.cross(axis, twice)

@@ -1,4 +1,4 @@
-"""Scaling of a rigid asset: geometry by a factor, masses by its third power, moments of inertia by its fifth."""
+"""Scaling of a rigid asset: geometry by a factor, masses by its third power, moments of inertia by its fifth power."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from sceniris_gym.errors import NotSupportedError
 
 
 def scale_asset(spec: mujoco.MjSpec, factor: float, where: str) -> None:
-    """Scale a specification in place, about the origins of its bodies; densities stay.
+    """Scale a specification in place, about the origins of its bodies. Densities stay the same.
 
     Raises:
-        NotSupportedError: It has joints, tendons, height fields or the like, which would need more than a factor.
+        NotSupportedError: The asset has joints, tendons, height fields, skins or flexible parts.
     """
     moving = [joint for joint in spec.joints if joint.type != mujoco.mjtJoint.mjJNT_FREE]
     soft = {"height fields": spec.hfields, "skins": spec.skins, "flexible parts": spec.flexes}
@@ -24,7 +24,7 @@ def scale_asset(spec: mujoco.MjSpec, factor: float, where: str) -> None:
     for mesh in spec.meshes:
         mesh.scale, mesh.refpos = factor * mesh.scale, factor * mesh.refpos
     for shape in (*spec.geoms, *spec.sites):
-        shape.size, shape.fromto = factor * shape.size, factor * shape.fromto  # nan where there is none
+        shape.size, shape.fromto = factor * shape.size, factor * shape.fromto  # fromto is nan if unused
     for geom in spec.geoms:
         geom.mass *= factor**3
     for body in spec.bodies:

@@ -1,4 +1,4 @@
-"""Heaps, settled by MuJoCo C: things are dropped into a container until they lie still in it."""
+"""Heaps, settled by MuJoCo C: objects fall into a container until they lie still inside."""
 
 from __future__ import annotations
 
@@ -17,29 +17,29 @@ from sceniris_gym.scene.heaps import DEEPEST, STILL, HeapRows, filled_body, rigi
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.support import subtree
 
-# The longest that things may take to come to rest, and how long they then have to lie still [s].
+# Longest time that objects may take to come to rest, and time that they then have to lie still [s].
 _FALL, _LIE = 8.0, 0.5
-# The least motion [m] that does not count as lying still.
+# Objects that move by this distance [m] do not lie still.
 _MOVED = 1e-3
-# Heaps that are tried for each row before the container counts as too small.
+# Attempts per row before the container counts as too small.
 _TRIES = 20
-# Inertia of all joints but those of the things [kg or kg m^2], which are put back after every step. With a million and
-# more, next to things of some grams, MuJoCo's solver does not converge.
+# Inertia of all joints outside the heap's objects [kg or kg m^2]. Their positions are restored after every step. With a
+# million or more, next to objects of some grams, MuJoCo's solver does not converge.
 _HELD = 1e3
 
 
 @dataclass(frozen=True)
 class _Drop:
-    """The things of a heap and the container that they fall into.
+    """The objects of a heap, and the container they fall into.
 
     Attributes:
-        mjm: The model, in which only the container and the things of the heap meet.
-        home: Its start pose, shape (nq,).
-        held, held_qpos: Entries of qvel and qpos that stay as they are, as masks of shapes (nv,) and (nq,).
-        body: The body that is filled.
-        things: Root bodies of the things.
+        mjm: The model, in which only the container and the heap's objects collide.
+        home: The model's start pose, shape (nq,).
+        held, held_qpos: Entries of qvel and qpos that stay fixed, as masks of shapes (nv,) and (nq,).
+        body: The container's body.
+        things: Root bodies of the objects.
         low, high: Bounds of the container in the world [m], shape (3,) each.
-        sizes: The largest distance of each thing's geoms from its root [m].
+        sizes: The largest distance of each object's geoms from its root [m].
     """
 
     mjm: mujoco.MjModel
@@ -53,26 +53,26 @@ class _Drop:
     sizes: np.ndarray
 
     def step(self, data: mujoco.MjData) -> None:
-        """Step the things, and nothing else."""
+        """Step the objects, and hold all other joints."""
         mujoco.mj_step(self.mjm, data)
         data.qvel[self.held] = 0.0
         data.qpos[self.held_qpos] = self.home[self.held_qpos]
 
 
 def settle(scene: SceneModel, name: str, num: int, seed: int) -> HeapRows:
-    """Settle heaps of a scene, and tell the progress.
+    """Settle heaps of a scene, and report the progress.
 
-    Things are dropped in a random order, each from above the one before, in random orientations. A heap counts if
-    everything comes to rest inside the bounds of the container, sinks nowhere deeper than `DEEPEST`, and lies still.
+    Objects fall in a random order and random orientations, each from above the previous object. A heap is accepted if
+    all objects come to rest inside the bounds of the container, penetrate by less than `DEEPEST`, and lie still.
 
     Args:
         scene: The scene.
         name: The heap.
         num: Number of heaps.
-        seed: Row i depends on the seed and on i alone.
+        seed: Row i depends only on the seed and on i.
 
     Raises:
-        SceneKeyError: The container does not hold the things.
+        SceneKeyError: The container cannot hold the objects.
     """
     heap, where = scene.config.heaps[name], f"{scene.config.where}: heaps.{name}"
     drop = _prepare(scene, heap, where)
@@ -82,8 +82,8 @@ def settle(scene: SceneModel, name: str, num: int, seed: int) -> HeapRows:
         data = next((found for _ in range(_TRIES) if (found := _dropped(drop, rng)) is not None), None)
         if data is None:
             raise SceneKeyError(
-                f"{where}: '{heap.fill}' does not hold {len(heap.of)} things: in {_TRIES} tries they did not all come "
-                "to rest inside of it. Take things out of the heap, or use smaller ones or a larger container."
+                f"{where}: '{heap.fill}' does not hold all {len(heap.of)} objects: in {_TRIES} attempts, at least one "
+                "did not come to rest inside. Use fewer or smaller objects, or a larger container."
             )
         mat, back = data.xmat[drop.body].reshape(3, 3), np.array([1.0, -1.0, -1.0, -1.0]) * data.xquat[drop.body]
         quats = np.array([product(back, data.xquat[thing]) for thing in drop.things])
@@ -105,9 +105,10 @@ def _prepare(scene: SceneModel, heap: HeapConfig, where: str) -> _Drop:
     held_qpos = np.ones(mjm.nq, bool)
     held_qpos[mjm.jnt_qposadr[mjm.body_jntadr[things]][:, None] + np.arange(7)] = False
     mjm.dof_armature[held] = _HELD
+    # A diverging heap should fail the checks, not silently restart from the model's pose.
     mjm.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
     mujoco.mj_setConst(mjm, mujoco.MjData(mjm))
-    mjm.stat.meaninertia = scene.mjm.stat.meaninertia  # by which the solver decides that it is done
+    mjm.stat.meaninertia = scene.mjm.stat.meaninertia  # the scale of the solver's tolerances
     walls = [b for b in subtree(mjm, body) if b in container]
     geoms = np.flatnonzero(np.isin(mjm.geom_bodyid, walls) & ~outside & (mjm.geom_contype + mjm.geom_conaffinity > 0))
     if not len(geoms):
@@ -119,7 +120,7 @@ def _prepare(scene: SceneModel, heap: HeapConfig, where: str) -> _Drop:
 
 
 def _dropped(drop: _Drop, rng: np.random.Generator) -> mujoco.MjData | None:
-    """Drop the things; return the model with them at rest in the container, or None if they are not."""
+    """Drop the objects. Return the state with all of them at rest in the container, or None if some are not."""
     mjm, data = drop.mjm, mujoco.MjData(drop.mjm)
     data.qpos[:] = drop.home
     height = drop.high[2]
@@ -144,12 +145,12 @@ def _dropped(drop: _Drop, rng: np.random.Generator) -> mujoco.MjData | None:
 
 
 def _lies(drop: _Drop, data: mujoco.MjData) -> bool:
-    """Return whether the things are inside, not too deep in anything, and stay in place when released from rest.
+    """Return whether the objects are inside, do not penetrate too deeply, and stay in place when released at rest.
 
-    A layout holds nothing but their poses: neither velocities nor the forces of the previous step.
+    A layout stores only their poses, without velocities and without the forces of the previous step.
     """
     tried = mujoco.MjData(drop.mjm)
-    tried.qpos[:] = data.qpos.astype(np.float32)
+    tried.qpos[:] = data.qpos.astype(np.float32)  # the precision of layouts
     mujoco.mj_kinematics(drop.mjm, tried)
     before = tried.xpos[drop.things].copy()
     for _ in range(int(_LIE / drop.mjm.opt.timestep)):
@@ -162,15 +163,15 @@ def _lies(drop: _Drop, data: mujoco.MjData) -> bool:
 
 
 def _still(drop: _Drop, data: mujoco.MjData) -> bool:
-    """Return whether nothing in the heap moves faster than `STILL`."""
+    """Return whether all objects of the heap move slower than `STILL`."""
     dofs = drop.mjm.jnt_dofadr[drop.mjm.body_jntadr[drop.things]]
     return all(np.abs(data.qvel[d : d + 3]).max() < STILL for d in dofs)
 
 
 def _lost(drop: _Drop, data: mujoco.MjData, *, inside: bool = False) -> bool:
-    """Return whether a thing is below the container, or, with `inside`, has its centre outside of the bounds."""
+    """Return whether an object is below the container, or, with `inside`, has its centre outside the bounds."""
     centers = data.xipos[drop.things]
     if not inside:
         return bool((centers[:, 2] < drop.low[2] - 0.1).any())
-    top = drop.high + np.outer(drop.sizes, [0.0, 0.0, 1.0])  # the upper ones may stick out at the top
+    top = drop.high + np.outer(drop.sizes, [0.0, 0.0, 1.0])  # objects may stick out at the top
     return bool(((centers < drop.low) | (centers > top)).any())

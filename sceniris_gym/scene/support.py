@@ -1,4 +1,4 @@
-"""Supports of objects: the floor, a part of another object, or a static geom or body of the scene's own model."""
+"""Supports of objects: the floor, a part of another object, or a static geom or body of the scene's model."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ class Support:
     """A support, found by its name.
 
     Attributes:
-        body: Id of its body; 0 for the world.
-        owner: The object that it is part of; None for the floor, and for static geoms and bodies outside of objects.
-        geom: Id of the one geom that it consists of; None for all of the body, or for the floor.
-        is_floor: Whether it is the ground workspace that the scene's `floor` describes.
+        body: Id of the support's body, 0 for the world.
+        owner: The object that has the support, None for the floor and for static geoms and bodies outside objects.
+        geom: Id of the geom if the support is a single geom, None for a whole body or the floor.
+        is_floor: Whether the support is the ground workspace, the scene's `floor`.
     """
 
     body: int
@@ -27,11 +27,11 @@ class Support:
 
 
 def static_supports(mjm: mujoco.MjModel, bodies: Mapping[str, int]) -> dict[str, Support]:
-    """Return the static bodies and geoms that have names, by name; a geom takes precedence over a body.
+    """Return the named static bodies and geoms, by name. A geom takes precedence over a body.
 
     Args:
         mjm: The model.
-        bodies: Root body ids of the objects, by name, which own the supports below them.
+        bodies: Root body ids of the objects, by name. Objects own the supports in their subtrees.
     """
     owners = {body: name for name, root in bodies.items() for body in subtree(mjm, root)}
     still = is_static(mjm)
@@ -44,7 +44,7 @@ def static_supports(mjm: mujoco.MjModel, bodies: Mapping[str, int]) -> dict[str,
 
 
 def is_static(mjm: mujoco.MjModel) -> np.ndarray:
-    """Return which bodies never move: without a joint up to the world, and not below a mocap body; shape (nbody,)."""
+    """Return which bodies never move, shape (nbody,): fixed to the world, and not below a mocap body."""
     return (mjm.body_weldid == 0) & (mjm.body_mocapid[mjm.body_rootid] < 0)
 
 

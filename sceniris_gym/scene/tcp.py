@@ -1,4 +1,4 @@
-"""The tool centre point of a robot: a site of its model, or one that is added where the scene says."""
+"""The tool centre point of a robot: a site of its model, or a site added by the scene's `tcp`."""
 
 from __future__ import annotations
 
@@ -13,30 +13,30 @@ from sceniris_gym.geometry.rotations import matrix, of_angles, product
 from sceniris_gym.scene.support import subtree
 
 SITE = "tcp"
-"""Name of the site that is the tool centre point where a scene names none."""
+"""Default name of the tool centre point's site."""
 _ADDED = "robot_tcp"
 _MOVING = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE))
-# A frame is not turned for fingers that close within this angle of its y axis, or that move by less than this [m].
+# Fingers that close within this angle of the y axis, or move by less than this [m], do not rotate the frame.
 _STRAIGHT, _STILL = math.radians(1.0), 1e-4
-# A gripper closes along one axis if its fingers move this many times as far along it as across.
+# A gripper closes along one axis if its fingers move farther along than across it, by this factor.
 _ONE_AXIS = 1.5
 
 
 def tcp_site(spec: mujoco.MjSpec | None, mjm: mujoco.MjModel, qpos: np.ndarray, config: RobotConfig, where: str) -> str:
-    """Return the name of the site that is the tool centre point; one that is not in the model yet is added to it.
+    """Return the name of the tool centre point's site, and add the site if the model does not have it yet.
 
-    Without `tcp` in the scene it is the robot's site 'tcp', which need not exist.
+    Without `tcp` in the scene, the name of the robot's site 'tcp' is returned. That site need not exist.
 
     Args:
-        spec: The specification, to which a site may be added; None for a model that cannot be edited.
-        mjm: The model compiled from it.
-        qpos: Its start pose, shape (nq,), in which the closing axis of the fingers is measured.
+        spec: The specification that may get a new site, None for a model that cannot be edited.
+        mjm: The model compiled from `spec`.
+        qpos: The start pose, shape (nq,). The closing axis of the fingers is measured in this pose.
         config: The robot.
         where: The beginning of errors.
 
     Raises:
         UnknownNameError: The robot has no such site or body.
-        SceneKeyError: A site would have to be added, and the model cannot be edited.
+        SceneKeyError: The model needs a new site, but cannot be edited.
     """
     words, prefix, where = config.tcp, config.prefix, f"{where}: {config.section}.tcp"
     if words is None:
@@ -55,8 +55,8 @@ def tcp_site(spec: mujoco.MjSpec | None, mjm: mujoco.MjModel, qpos: np.ndarray, 
         return mjm.site(site).name
     if spec is None:
         raise SceneKeyError(
-            f"{where}: would add a site to the model, and MuJoCo cannot turn a MjModel back into something that can be "
-            "edited. Name a site whose +z is the approach axis and whose +y is the axis along which the fingers close, "
+            f"{where}: would add a site to the model, and MuJoCo cannot turn a MjModel back into an editable "
+            "MjSpec. Name a site whose +z is the approach axis and whose +y is the axis along which the fingers close, "
             "or give 'model' as a mujoco.MjSpec or as the path of an MJCF file."
         )
     is_taken = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_SITE, f"{prefix}{SITE}") >= 0
@@ -66,7 +66,7 @@ def tcp_site(spec: mujoco.MjSpec | None, mjm: mujoco.MjModel, qpos: np.ndarray, 
 
 
 def _found(mjm: mujoco.MjModel, root: int, words: TcpConfig, prefix: str, where: str) -> tuple[int, int | None]:
-    """Return the body, and the site on it if one is named."""
+    """Return the body, and its site if the scene names a site."""
     inside = subtree(mjm, root)
     sites = {mjm.site(i).name: i for i in range(mjm.nsite) if int(mjm.site_bodyid[i]) in inside}
     bodies = {mjm.body(b).name: b for b in inside}
@@ -85,10 +85,10 @@ def _found(mjm: mujoco.MjModel, root: int, words: TcpConfig, prefix: str, where:
 def _closing_turn(
     mjm: mujoco.MjModel, qpos: np.ndarray, root: int, body: int, pos: np.ndarray, quat: np.ndarray
 ) -> float:
-    """Return the turn [rad] of a frame on a body about its z axis after which the fingers close along its y axis.
+    """Return the rotation [rad] of a body's frame about its z axis that aligns its y axis with the closing fingers.
 
-    Finger joints are those on the hand that are not between root and body. Where the fingers do not share one axis, as
-    with three around a palm, the axis of the one that moves farthest counts.
+    Finger joints are the joints of the hand outside the chain from root to body. If the fingers do not share an axis,
+    such as three fingers around a palm, the finger that moves farthest sets the axis.
     """
     chain = [body]
     while chain[-1] not in (0, root):
@@ -99,7 +99,7 @@ def _closing_turn(
         geoms = np.flatnonzero(np.isin(mjm.geom_bodyid, subtree(mjm, int(mjm.jnt_bodyid[joint]))))
         if not len(geoms) or not mjm.jnt_limited[joint] or int(mjm.jnt_type[joint]) not in _MOVING:
             continue
-        ends = []  # of the motion of its geoms across the z axis of the frame
+        ends = []  # positions of the finger's geoms across the z axis of the frame, at both joint limits
         for value in mjm.jnt_range[joint]:
             data.qpos[:] = qpos
             data.qpos[mjm.jnt_qposadr[joint]] = value

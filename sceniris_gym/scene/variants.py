@@ -1,8 +1,9 @@
-"""The model of a scene as it is simulated: all variants of an object share one body.
+"""The simulated model of a scene: all variants of an object share one body.
 
-That body has as many geoms of each class as the variant that has most of it. A class is what mujoco_warp keeps once for
-all worlds; everything else of the body, its joint and its geoms has a row for each world, which `sim/variants.py` fills
-with the values of the variant that is present. Files of folders that cannot be variants are left out, with a warning.
+Geoms of one class have the same type, contact bits and other values that mujoco_warp stores once for all worlds. The
+shared body has enough geoms of each class for the variant that needs most. All other values of the body, its joint and
+its geoms have a row per world, and `sim/variants.py` writes the present variant's values there. Files of folders that
+cannot be variants are left out, with a warning.
 """
 
 from __future__ import annotations
@@ -26,10 +27,10 @@ MESH = int(mujoco.mjtGeom.mjGEOM_MESH)
 CLASS = ("type", "contype", "conaffinity", "condim", "priority", "group")
 """Fields of a geom that are the same in all worlds."""
 
-# A body that names meshes, without touching anything: MuJoCo makes hulls only of meshes that a colliding geom names.
+# A body that names meshes but has no contacts. MuJoCo makes hulls only of meshes that a colliding geom names.
 _HULLS = "hulls_of_variants"
 _CONTACT_BITS = 31
-# Names of bodies and geoms in the elements that may refer to those of a variant.
+# Fields that may name a variant's bodies or geoms, by kind of element.
 _REFERENCES = {
     "excludes": ("bodyname1", "bodyname2"),
     "pairs": ("geomname1", "geomname2"),
@@ -39,13 +40,13 @@ _REFERENCES = {
     "cameras": ("targetbody",),
     "lights": ("targetbody",),
 }
-_TOLD = 5  # files of an object that a warning names
+_TOLD = 5  # most files of an object that a warning names
 
 
 def geom_classes(mjm: mujoco.MjModel) -> list[tuple[int, ...]]:
-    """Return for each geom what it has the same in all worlds: the values of `CLASS`.
+    """Return the class of each geom: its values of the fields `CLASS`, the same in all worlds.
 
-    Groups are those of pictures, and only one of them is visible: a variant may look like what another collides with.
+    Groups are the groups of pictures, with all visible groups merged into one.
     """
     groups = picture_groups(mjm)
     groups[np.isin(groups, VISIBLE_GROUPS)] = VISIBLE_GROUPS[0]
@@ -54,7 +55,7 @@ def geom_classes(mjm: mujoco.MjModel) -> list[tuple[int, ...]]:
 
 
 def places_of_geoms(mjm: mujoco.MjModel, bodies: list[int]) -> tuple[list[tuple[int, ...]], list[list[int]]]:
-    """Return the classes of the geoms of a shared body, and for each variant's geoms their places among them.
+    """Return the classes of a shared body's geoms, and the index of each variant's geoms among them.
 
     Args:
         mjm: The model with all variants.
@@ -62,14 +63,14 @@ def places_of_geoms(mjm: mujoco.MjModel, bodies: list[int]) -> tuple[list[tuple[
     """
     kinds = geom_classes(mjm)
     of_bodies = [[kinds[geom] for geom in _geoms(mjm, body)] for body in bodies]
-    own = [[(kind, some[:i].count(kind)) for i, kind in enumerate(some)] for some in of_bodies]  # numbered in its class
+    own = [[(kind, some[:i].count(kind)) for i, kind in enumerate(some)] for some in of_bodies]  # index in its class
     order = list(dict.fromkeys(kind for numbered in own for kind, _ in numbered))
     shared = sorted({*chain(*own)}, key=lambda each: (order.index(each[0]), each[1]))
     return [kind for kind, _ in shared], [[shared.index(each) for each in numbered] for numbered in own]
 
 
 class SharedBodies:
-    """The bodies that variants share, in a scene that is assembled a second time.
+    """The shared bodies of variants, for the second assembly of a scene.
 
     Args:
         full: The scene with all variants, compiled.
@@ -77,7 +78,7 @@ class SharedBodies:
         where: The beginning of errors.
 
     Raises:
-        SceneKeyError: No contact bit is left.
+        SceneKeyError: All contact bits are in use.
     """
 
     def __init__(self, full: mujoco.MjModel, variants: Mapping[str, tuple[str, ...]], where: str) -> None:
@@ -90,11 +91,11 @@ class SharedBodies:
         }
 
     def add(self, spec: mujoco.MjSpec, name: str) -> None:
-        """Add the body that the variants of an object share."""
+        """Add the shared body of an object's variants."""
         mjm = self._full
         bodies = [mjm.body(member).id for member in self._variants[name]]
         mocap = bool(mjm.body_mocapid[bodies[0]] >= 0)
-        # an inertia like that of no simple body, for which MuJoCo leaves out elements of the mass matrix
+        # An inertia that keeps the body from being simple: MuJoCo omits elements of a simple body's mass matrix.
         shared = spec.worldbody.add_body(
             name=name,
             pos=mjm.body_pos[bodies[0]],
@@ -119,13 +120,13 @@ class SharedBodies:
                 added.meshname = mjm.mesh(int(mjm.geom_dataid[geom])).name
 
     def compile(self, spec: mujoco.MjSpec, before: mujoco.MjModel) -> mujoco.MjModel:
-        """Compile the scene once more, without the geoms that name meshes: hulls that were made are kept.
+        """Compile the scene again, without the geoms that only name meshes. Existing hulls are kept.
 
         Args:
             spec: The scene.
-            before: The same, compiled with them.
+            before: The scene, compiled with these geoms.
         """
-        if spec.body(_HULLS) is None or spec.compiler.discardvisual:  # which discards meshes that no geom names
+        if spec.body(_HULLS) is None or spec.compiler.discardvisual:  # discardvisual drops unnamed meshes
             return compile_spec(spec, self._where)
         spec.delete(spec.body(_HULLS))
         mjm = compile_spec(spec, self._where)
@@ -135,9 +136,10 @@ class SharedBodies:
         return compile_spec(spec, self._where)
 
     def name_meshes(self, spec: mujoco.MjSpec) -> None:
-        """See to it that all meshes of variants get their hulls.
+        """Make MuJoCo compute the hulls of all meshes of variants.
 
-        Add a static body with a geom for each mesh that no other names: they touch nothing and are in no picture.
+        Add a static body with a geom for each mesh that no other geom names. These geoms have no contacts, and do not
+        appear in pictures.
         """
         spec.stat.center, spec.stat.extent = self._full.stat.center, self._full.stat.extent
         unnamed = sorted(self._hulls - {geom.meshname for geom in spec.geoms if geom.contype | geom.conaffinity})
@@ -147,8 +149,8 @@ class SharedBodies:
         bit = next((1 << i for i in range(_CONTACT_BITS) if not used >> i & 1), 0)
         if not bit:
             raise SceneKeyError(
-                f"{self._where}: objects with variants need a contact bit of their own, and the geoms of the model "
-                f"have all {_CONTACT_BITS} in their conaffinity. Leave one out."
+                f"{self._where}: objects with variants need a contact bit, but the geoms of the model use all "
+                f"{_CONTACT_BITS} in their conaffinity. Leave one out."
             )
         body = spec.worldbody.add_body(name=_HULLS)
         for mesh in unnamed:
@@ -159,17 +161,17 @@ class SharedBodies:
 def check_variants(
     spec: mujoco.MjSpec, mjm: mujoco.MjModel, variants: Mapping[str, tuple[str, ...]], where: str
 ) -> None:
-    """Check that variants are rigid bodies that nothing refers to.
+    """Check that variants are rigid bodies without references to them.
 
     Args:
         spec: The scene with all variants.
-        mjm: The same, compiled.
+        mjm: The scene, compiled.
         variants: Object -> names of its variants, which are bodies.
         where: The beginning of errors.
 
     Raises:
-        SceneKeyError: A body has the name of one that the simulation adds.
-        NotSupportedError: A variant has joints or bodies of its own, or something of the model refers to it.
+        SceneKeyError: The simulation adds a body of a name that is taken.
+        NotSupportedError: A variant has joints or several bodies, or an element of the model refers to it.
     """
     for name in (*variants, _HULLS):
         if mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_BODY, name) >= 0:
@@ -199,12 +201,12 @@ def _geoms(mjm: mujoco.MjModel, body: int) -> list[int]:
 
 
 def without_broken(config: SceneConfig) -> SceneConfig:
-    """Return the scene without the files of folders that MuJoCo cannot load, or that are no single rigid body.
+    """Return the scene without files of folders that MuJoCo cannot load, or that are not a single rigid body.
 
-    Warns of those that are left out. The scene itself is returned if there are none.
+    Warns of the files that are left out. Returns the same scene if all files are suitable.
 
     Raises:
-        SceneFileError: No file of a folder is left.
+        SceneFileError: A folder has no suitable file.
     """
     left_out: list[str] = []
     for name, members in config.folders.items():

@@ -1,1 +1,1 @@
-"""PPO on the tasks of the package and on tasks of your own."""
+"""PPO on the tasks of the package and on your tasks."""

@@ -1,7 +1,7 @@
-"""Judging of a policy on layouts that its training has not seen.
+"""Evaluation of a policy on layouts that its training has not seen.
 
-The deterministic policy runs through the first episodes of valid layouts of the split "eval", and of layouts that are
-placed uniformly without checks. What counts is success at the last step.
+The deterministic policy runs the first episodes of valid layouts of the split "eval", and of layouts that are placed
+uniformly without checks. An episode counts as a success if the task succeeds at its last step.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from sceniris_gym.vector.state import State
 EVAL_SEED = 7 * SEED_SPACING
 
 SPARE = 16
-"""One more world for this many: layouts from the bank, of worlds that run out of restarts, do not count."""
+"""One spare world per 16 layouts, because layouts from the bank do not count."""
 
 TARGETS = {
     "ClutterExtract-v0": ("target",),
@@ -33,13 +33,13 @@ TARGETS = {
     "DrawerPick-v0": ("banana",),
     "TabletopLift-v0": ("block", "can", "lemon"),
 }
-"""The objects that a task is about; where an episode is about one of several, in the order of the task's `chosen`."""
+"""Task -> its target objects. A task that chooses one per episode lists them in the order of its `chosen`."""
 
 
 def judges_of(task: str, layouts: int, device: str | None) -> dict[str, RslRlVecEnvWrapper]:
-    """Return environments to judge a task's policies in: on `valid` layouts, and on `unfiltered` ones.
+    """Return environments to evaluate a task's policies: with `valid` layouts, and with `unfiltered` layouts.
 
-    Objects of unfiltered layouts need not be reachable, unless the task asks for their grasps.
+    Objects of unfiltered layouts need not be reachable, unless the task uses their grasps.
     """
     worlds = layouts + max(1, layouts // SPARE)
     compiled = compile_scene(scene_of(task, reachable=True), device)
@@ -47,22 +47,22 @@ def judges_of(task: str, layouts: int, device: str | None) -> dict[str, RslRlVec
     uniform = {"split": "eval", "layout_source": layout_sources.uniform("eval")}
     try:
         unfiltered = make_env(task, worlds, anywhere, **uniform)
-    except UnknownNameError:  # of an object that is to have a grasp
+    except UnknownNameError:  # the task uses the grasp of an object
         unfiltered = make_env(task, worlds, compiled, **uniform)
     valid = make_env(task, worlds, compiled, split="eval")
     return {"valid": RslRlVecEnvWrapper(valid), "unfiltered": RslRlVecEnvWrapper(unfiltered)}
 
 
 def density(task: str, s: State, chosen: Tensor) -> tuple[Tensor, Tensor]:
-    """Return the number of other free objects present, and the distance of the nearest one from the target [m].
+    """Return the number of other free objects present, and the distance from the target to the nearest one [m].
 
-    Both have shape (num_envs,). The distance is between the origins of both, seen from above, and infinite for a task
-    that is not in TARGETS, whose free objects all count.
+    Both have shape (num_envs,). The distance is between the origins, seen from above. For a task outside TARGETS, all
+    free objects count, and the distance is infinite.
 
     Args:
         task: An id of this package without its namespace.
         s: The worlds.
-        chosen: 1 for the target, of those in TARGETS, else 0; shape (num_envs, number of targets).
+        chosen: 1 for the target among TARGETS, 0 for the others, shape (num_envs, number of targets).
     """
     nearest = torch.full((s.num_envs,), torch.inf, device=s.device)
     names = [name for name, part in s.scene.config.objects.items() if part.kind == "free"]
@@ -81,13 +81,18 @@ def density(task: str, s: State, chosen: Tensor) -> tuple[Tensor, Tensor]:
 
 @torch.inference_mode()
 def judge(policy: Any, env: RslRlVecEnvWrapper, task: str, layouts: int) -> dict[str, Any]:
-    """Run the first episodes of the first `layouts` worlds with a layout of their own.
+    """Run the first episodes of the first `layouts` worlds whose layout is not from the bank.
 
     Returns:
-        `layouts`, their number; `success`, the share that ended in one, with `interval`; `return`, the mean sum of
-        rewards; `unfinished`, the number of episodes that did not end; `by_choice`, the success for each object of a
-        task of this package that chooses one; and `each`, for every layout: `id`, which makes it again only if it is
-        valid, `success`, `things`, the number of other objects, and `nearest`, the distance of the nearest one [mm].
+        A mapping with these keys.
+
+        - `layouts`: number of episodes
+        - `success`: fraction of successes, with its 95% `interval`
+        - `return`: mean sum of rewards
+        - `unfinished`: number of episodes that did not end
+        - `by_choice`: success per object, for a task of this package that chooses one object
+        - `each`: per layout, `id` (reproduces valid layouts only), `success`, `things` (number of other objects) and
+          `nearest` (distance to the nearest other object [mm])
     """
     obs, info = env.reset(seed=EVAL_SEED)
     ids = env.unwrapped.layout_ids(info)

@@ -1,7 +1,7 @@
-"""Sources of layouts for training beside fresh ones: replayed from a bank, or placed without any check.
+"""Layout sources for training other than fresh layouts: replay from a bank, or placement without checks.
 
-A task still draws whatever else it draws, such as the object to lift, anew in every episode: even with a bank of a
-single layout every object is chosen in turn.
+The random choices of a task, such as the object to lift, stay fresh in every episode. Even with a bank of a single
+layout, all objects are chosen over time.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from sceniris_gym.scene.layout_table import LayoutTable
 
 
 def valid_rows(compiled: CompiledScene, count: int, seed: int) -> LayoutTable:
-    """Make `count` valid layouts of the train split: episode 0 of the first seeds from `seed` on that have one."""
+    """Make `count` valid layouts of the train split: episode 0 of the seeds from `seed` on, skipping invalid ones."""
     parts: list[LayoutTable] = []
     found, room = 0, max(count, 64)
     while found < count:
@@ -34,21 +34,21 @@ def valid_rows(compiled: CompiledScene, count: int, seed: int) -> LayoutTable:
 def bank(table: LayoutTable) -> Callable[[CompiledScene, int], StoredLayouts]:
     """Return a `layout_source` for SceneVectorEnv that serves all rows of a table, even if there are fewer worlds.
 
-    Of n worlds one with seed s gets row s + (n - 1) * episode, modulo the row count: if the worlds have consecutive
-    seeds, each episode goes on where the one before ended.
+    With n worlds, the world of seed s gets row s + (n - 1) * episode, modulo the row count. If the worlds have
+    consecutive seeds, each episode therefore continues after the last row of the previous episode.
     """
     return lambda compiled, num_envs: StoredLayouts(compiled, table, num_envs, stride=max(1, num_envs - 1))
 
 
 def uniform(split: str = "train") -> Callable[[CompiledScene, int], LayoutGenerator]:
-    """Return a `layout_source` for SceneVectorEnv that places without checks."""
+    """Return a `layout_source` for SceneVectorEnv that places without checks for collisions."""
     return lambda compiled, num_envs: LayoutGenerator(unchecked(compiled), num_envs, split=split)
 
 
 def unchecked(compiled: CompiledScene) -> CompiledScene:
-    """Return a CompiledScene that draws the same candidates but tests none of them for collisions.
+    """Return a CompiledScene that draws the same candidates, without tests for collisions.
 
-    Reach is still checked, so give it a scene without `reachable` for placement without any check.
+    Reach is still tested. To place without any test, pass a scene without `reachable`.
     """
     program = copied(Program, compiled.program)
     program.obj_pairnum = wp.zeros_like(compiled.program.obj_pairnum)

@@ -1,4 +1,4 @@
-"""The files that a run leaves in its folder, read without torch; and the hash of the sources that made them."""
+"""The files in the folder of a run, most of them read without torch, and the hash of the sources of a run."""
 
 from __future__ import annotations
 
@@ -16,38 +16,38 @@ from sceniris_gym.files import opened, read_bytes
 from sceniris_gym.training.settings import Settings, as_settings
 
 CONFIG, LOG, MODEL, JUDGED, TEACHER = "config.json", "log.jsonl", "model.pt", "judged.json", "teacher.pt"
-PICKLE = "is a pickle, and reading one executes what is in it. Give --trust if you trust whoever made it."
-"""The end of errors about files that are not read unless they are trusted."""
+PICKLE = "is a pickle, and reading it executes its code. Give --trust if you trust its author."
+"""The end of errors about files that are only read with --trust."""
 PACKAGE = Path(__file__).parents[1]
 ENDINGS = {"sceniris_gym": (".py",), "envs": (".py", ".yaml"), "assets": (".xml", ".obj", ".reach")}
 
 
 @contextmanager
 def of_a_run(file: Path) -> Iterator[None]:
-    """Turn errors about the contents of a file in the folder of a run, which may be cut off, into one that names it.
+    """Turn errors about the content of a run's file, which may be cut off, into an error that names the file.
 
     Raises:
-        ArgumentError: The block found something wrong.
+        ArgumentError: The block raised an error.
     """
     try:
         yield
-    except Exception as error:  # of JSON, torch and rsl-rl, whose classes differ between versions
+    except Exception as error:  # JSON, torch and rsl-rl raise classes that differ between versions
         if isinstance(error, ArgumentError) and str(file.parent) in str(error):
             raise
-        raise ArgumentError(f"{file}: should be as 'sceniris-gym train' writes it: {error!r:.200}.") from None
+        raise ArgumentError(f"{file}: should be a file of 'sceniris-gym train': {error!r:.200}.") from None
 
 
 def read_config(folder: Path) -> tuple[str, Settings]:
-    """Return the task and the settings of the run in a folder that has a model.
+    """Return the task and the settings of the run in a folder with a model.
 
     Raises:
-        ArgumentError: It is no such folder; the message says what is missing.
-        SceneKeyError: A setting is of another type, or out of range.
+        ArgumentError: The folder holds no such run. The message names the missing file.
+        SceneKeyError: A setting has the wrong type, or is out of range.
     """
     for name in (CONFIG, MODEL):
         if not (folder / name).is_file():
             raise ArgumentError(
-                f"{folder}: should be the folder of a run that 'sceniris-gym train TASK --out {folder}' made, "
+                f"{folder}: should be the folder of a run of 'sceniris-gym train TASK --out {folder}', "
                 f"but has no {name}."
             )
     told = read_parts(folder)
@@ -61,7 +61,7 @@ def read_parts(folder: Path) -> dict[str, dict[str, Any]]:
     """Return the parts of the configuration of the run in a folder: options, settings, sources and scene.
 
     Raises:
-        ArgumentError: It cannot be read.
+        ArgumentError: The file cannot be read.
     """
     with of_a_run(folder / CONFIG):
         told = json.loads(read_bytes(folder / CONFIG))
@@ -74,10 +74,10 @@ def read_checkpoint(file: Path, device: str, *, trust: bool = False) -> Any:
     Args:
         file: The checkpoint.
         device: The device of its tensors, as torch names it.
-        trust: Read whatever it holds, also what is executed.
+        trust: Read all contents, even if this executes code in the file.
 
     Raises:
-        ArgumentError: It cannot be read, or holds more than weights and is not trusted.
+        ArgumentError: The file cannot be read, or holds more than weights and is not trusted.
     """
     import torch
 
@@ -85,18 +85,18 @@ def read_checkpoint(file: Path, device: str, *, trust: bool = False) -> Any:
         try:
             return torch.load(found, map_location=device, weights_only=not trust)
         except pickle.UnpicklingError as error:
-            names_code = "GLOBAL" in str(error)  # other bytes are no pickle of torch's
-            why = f"should be weights alone. All else {PICKLE}" if names_code else "is damaged or no file of weights."
+            names_code = "GLOBAL" in str(error)  # other errors mean that the bytes are not a pickle of torch
+            why = f"should hold only weights. The rest {PICKLE}" if names_code else "is damaged or has no weights."
             raise (error if trust else ArgumentError(f"{file}: {why}")) from None
 
 
 def scene_of_run(folder: Path) -> str | None:
-    """Return the hash of the scene of the run in a folder; None for one of version 0.1.0, which wrote none."""
+    """Return the hash of the scene of the run in a folder, None for a run of version 0.1.0, which wrote no hash."""
     return read_parts(folder).get("scene", {}).get("hash")
 
 
 def evaluations(folder: Path) -> list[dict[str, Any]]:
-    """Return the lines of the evaluations in the log of the run in a folder, in their order.
+    """Return the lines of evaluations in the log of a run, in their order.
 
     Raises:
         ArgumentError: The log cannot be read.
@@ -107,17 +107,17 @@ def evaluations(folder: Path) -> list[dict[str, Any]]:
 
 
 def without_layouts(found: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
-    """Return what judging found by the kind of layouts, without the verdict on each layout."""
+    """Return the results of evaluations by the kind of layouts, without the results per layout."""
     return {name: {key: value for key, value in one.items() if key != "each"} for name, one in found.items()}
 
 
 def share(one: dict[str, Any]) -> str:
-    """Return the share of successes that judging found, with its interval, as text."""
+    """Return the success rate of an evaluation as text, with its interval."""
     return "{:.1%} ({:.1%} to {:.1%})".format(one["success"], *one["interval"])
 
 
 def success_interval(successes: int, number: int) -> tuple[float, float]:
-    """Return the ends of the 95% Wilson interval of a share: 1.96 standard deviations to either side (Wilson 1927)."""
+    """Return the ends of the 95% Wilson interval of a rate: 1.96 standard deviations to either side (Wilson 1927)."""
     from scipy.stats import binomtest  # takes a second to import
 
     if number == 0:
@@ -127,11 +127,11 @@ def success_interval(successes: int, number: int) -> tuple[float, float]:
 
 
 def source_hash(*more: Path, package: Path = PACKAGE) -> str:
-    """Return the hash of package, tasks and assets, the same in a repository and where its wheel is installed.
+    """Return the hash of package, tasks and assets, equal in a repository and in an installed wheel.
 
     Args:
-        more: Other files that results depend on.
-        package: The folder of the package. Tasks and assets lie in it or, in a repository, beside it.
+        more: Other files with an effect on results.
+        package: The folder of the package. It contains the tasks and assets or, in a repository, is next to them.
     """
     digest = hashlib.sha256()
     for name, endings in ENDINGS.items():

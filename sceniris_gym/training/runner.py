@@ -1,4 +1,4 @@
-"""rsl-rl's PPO for an environment, and imitation of a teacher where a policy sees images."""
+"""rsl-rl's PPO for an environment, and imitation of a teacher for a policy that sees images."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ if TYPE_CHECKING:
     from rsl_rl.runners import OnPolicyRunner
 
 _NOISE = 0.2
-"""Standard deviation of the actions of a policy that imitates, so that it sees the states around its own."""
+"""Standard deviation of the actions of an imitating policy, so that it also visits states near its trajectories."""
 POINTS = 64
-"""Points that are found in a picture."""
+"""Number of keypoints per picture."""
 
 
 class Keypoints(nn.Sequential):
     """Convolutions that end in a spatial softmax (Levine et al. 2016), as an encoder of rsl-rl's CNNModel.
 
     Args:
-        channels: Channels of the pictures, which have shape (n, channels, height, width), float32.
+        channels: Channels of the pictures of shape (n, channels, height, width), float32.
     """
 
-    output_channels = None  # the output is flat, as CNNModel asks
+    output_channels = None  # CNNModel's sign of a flat output
     output_dim = 2 * POINTS
 
     def __init__(self, channels: int) -> None:
@@ -44,10 +44,10 @@ class Keypoints(nn.Sequential):
 
 
 class SpatialSoftmax(nn.Module):
-    """The expected position of each channel's activation in its picture, (n, 2 * channels): first y, then x.
+    """Expected position of each channel's activation in the picture, shape (n, 2 * channels): first y, then x.
 
-    A softmax over the pixels of a channel is a distribution of positions. The first row and column are at -1, the last
-    ones at 1.
+    The softmax over the pixels of a channel is a distribution of positions. The first row and column are at -1, the
+    last row and column at 1.
     """
 
     def forward(self, maps: Tensor) -> Tensor:
@@ -63,11 +63,11 @@ def _mean(shares: Tensor) -> Tensor:
 def runner_of(env: RslRlVecEnvWrapper, settings: Settings, seed: int) -> OnPolicyRunner:
     """Return rsl-rl's runner, with an untrained policy.
 
-    The actor sees the observation group `policy` and the critic the group `critic`; where a task lacks one of them,
-    both see the other. The actor also sees all images. With `settings.teacher` it imitates a teacher that sees the
-    group `critic`, on the states that its own actions lead to (DAgger, Ross et al. 2011): load one before it learns.
+    The actor sees the observation group `policy`, the critic the group `critic`. If a task has only one group, both see
+    it. The actor also sees all images. With `settings.teacher`, the actor imitates a teacher that sees the group
+    `critic`, in the states that the actor visits (DAgger, Ross et al. 2011). Load the teacher before learning.
     """
-    from rsl_rl.runners import DistillationRunner, OnPolicyRunner  # below the adapter, which says how to install it
+    from rsl_rl.runners import DistillationRunner, OnPolicyRunner  # late: the adapter reports a missing rsl-rl first
 
     torch.manual_seed(seed)
     names = list(env.unwrapped.observation_names)
@@ -77,20 +77,20 @@ def runner_of(env: RslRlVecEnvWrapper, settings: Settings, seed: int) -> OnPolic
     config = {
         "seed": seed,
         "num_steps_per_env": settings.steps,
-        "save_interval": 1_000_000_000,  # we write our own checkpoints
-        "check_for_nan": False,  # would wait for the device at every step; non-finite worlds end by themselves
+        "save_interval": 1_000_000_000,  # `Run` writes the checkpoints
+        "check_for_nan": False,  # would wait for the device at every step, and environments end non-finite worlds
         **(_imitation if imitates else _ppo)(settings, names, sight),
     }
-    with redirect_stdout(None):  # it prints the networks
+    with redirect_stdout(None):  # the runner prints its networks
         made = DistillationRunner if imitates else OnPolicyRunner
         return made(env, config, log_dir=None, device=str(env.device))
 
 
 def load_checkpoint(runner: OnPolicyRunner, file: Path, device: str, *, trust: bool = False) -> Any:
-    """Give a runner the networks of a checkpoint, as its own `load` does, and return what was saved with them.
+    """Load the networks of a checkpoint into a runner, as rsl-rl's `load` does, and return the saved `infos`.
 
     Raises:
-        ArgumentError: See `read_checkpoint`; or it is of other networks.
+        ArgumentError: See `read_checkpoint`, or the checkpoint does not fit the networks.
     """
     stored = read_checkpoint(file, device, trust=trust)
     with of_a_run(file):
@@ -119,14 +119,14 @@ def _ppo(settings: Settings, groups: list[str], sight: dict[str, Keypoints]) -> 
             "desired_kl": settings.desired_kl,
             "clip_param": 0.2,
             "value_loss_coef": 1.0,
-            # values of several units would take hundreds of updates in clipped steps of 0.2
+            # Values of several units would take hundreds of updates in clipped steps of 0.2.
             "use_clipped_value_loss": False,
         },
     }
 
 
 def _imitation(settings: Settings, groups: list[str], sight: dict[str, Keypoints]) -> dict[str, Any]:
-    """Return rsl-rl's configuration of imitation: a step of the optimizer for each control step of all worlds."""
+    """Return rsl-rl's configuration of imitation: one optimizer step per control step of all worlds."""
     return {
         "obs_groups": {"student": ["policy", *sight], "teacher": ["critic"]},
         "student": _model(settings, sight, _NOISE),
@@ -136,13 +136,13 @@ def _imitation(settings: Settings, groups: list[str], sight: dict[str, Keypoints
             "num_learning_epochs": settings.epochs,
             "gradient_length": 1,
             "learning_rate": 5e-4,
-            "loss_type": "huber",  # a teacher's actions may be far beyond the bounds, to which they are clipped
+            "loss_type": "huber",  # a teacher's actions before clipping may be far out of bounds
         },
     }
 
 
 def _model(settings: Settings, sight: dict[str, Keypoints], init_std: float | None = None) -> dict[str, Any]:
-    """Return rsl-rl's configuration of a network, which draws actions if `init_std` is given."""
+    """Return rsl-rl's configuration of a network. With `init_std`, it draws actions."""
     model: dict[str, Any] = {
         "class_name": "CNNModel" if sight else "MLPModel",
         "hidden_dims": list(settings.hidden),

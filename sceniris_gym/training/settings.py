@@ -1,4 +1,4 @@
-"""The options of a run, and the settings of PPO that each shipped task is trained with."""
+"""The options of a run, and the PPO settings of each shipped task."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ class Settings:
         hidden: widths of the hidden layers of actor and critic
         gamma: discount of a control step
         entropy: weight of the entropy bonus at the start
-        last_entropy: weight that it falls to linearly; None keeps it constant
-        cooling: millions of control steps over which it falls
+        last_entropy: weight of the entropy bonus at the end of a linear decay, None for a constant weight
+        cooling: millions of control steps of the decay
         init_std: standard deviation of the actions at the start
         steps: control steps of each world between two updates
-        epochs: passes over them in an update
+        epochs: passes over these steps per update
         mini_batches: parts of a pass
-        desired_kl: KL divergence that the learning rate is adapted to
-        teacher: minutes in which PPO first trains a teacher that sees what the critic sees, and no image; a policy that
-            sees images then imitates it. None where it is 0: PPO trains the policy itself
+        desired_kl: target KL divergence of the adaptive learning rate
+        teacher: minutes to train a teacher first, for a policy that sees images. The teacher sees the critic's
+            observations and no images, and the policy imitates it. 0 for no teacher, so that PPO trains the policy
     """
 
     __pydantic_config__ = ConfigDict(extra="forbid", allow_inf_nan=False)
@@ -67,15 +67,15 @@ SETTINGS = {
         hidden=(512, 256, 128), gamma=0.985, entropy=0.003, last_entropy=0.0005, init_std=0.6, steps=32
     ),
 }
-"""Settings of the tasks that were tuned; every other task has the defaults."""
+"""Tuned settings by task. Every other task uses the defaults."""
 
 
 def settings_of(task: str, changes: Sequence[str] = ()) -> Settings:
-    """Return the settings of a task, the defaults if it has none of its own, with `changes` as name=value.
+    """Return the tuned or default settings of a task, with `changes` as name=value.
 
     Raises:
-        ArgumentError: No setting has that name, or the value is none.
-        SceneKeyError: The value is of another type, or out of range.
+        ArgumentError: A name is unknown, or a value is not a Python literal.
+        SceneKeyError: A value has the wrong type, or is out of range.
     """
     changed: dict[str, Any] = {}
     names = [field.name for field in fields(Settings)]
@@ -87,7 +87,7 @@ def settings_of(task: str, changes: Sequence[str] = ()) -> Settings:
             changed[name] = literal_eval(text)
         except (ValueError, SyntaxError):
             wanted = f"name=value with a name out of {', '.join(names)}"
-            raise ArgumentError(f"--changes takes {wanted}, got '{change}'.") from None
+            raise ArgumentError(f"--changes should be {wanted}, got '{change}'.") from None
     return as_settings(asdict(SETTINGS.get(task, Settings())) | changed, "--changes")
 
 
@@ -95,7 +95,7 @@ def as_settings(values: Mapping[str, Any], where: str) -> Settings:
     """Return settings from their values by name.
 
     Raises:
-        SceneKeyError: A value is wrong; the message begins with `where`.
+        SceneKeyError: A value is wrong. The message begins with `where`.
     """
     with reading(where):
         return TypeAdapter(Settings).validate_python(values)
@@ -106,22 +106,22 @@ class Options:
     """Options of a run, as the command line takes them.
 
     Attributes:
-        task: id of a task of this package, or MODULE:ID of your own, which importing MODULE registers
-        seed: number of the run; the layout seeds of two runs start at least 16 * 2^20 apart
+        task: id of a task of this package, or MODULE:ID of your task, which MODULE registers on import
+        seed: number of the run, which keeps layout seeds of different runs at least 16 * 2^20 apart
         num_envs: number of worlds
-        minutes: time of training, without compiling and evaluations
-        million_steps: stop after this many million control steps of all worlds together, too
+        minutes: time of training, without compilation and evaluations
+        million_steps: also stop after this number of control steps of all worlds together, in millions
         out: folder for config.json, log.jsonl, model.pt and judged.json
-        resume: go on from the checkpoint in the folder, if there is one
-        trust: read a checkpoint that holds more than weights, which executes what is in it
-        device: cpu, cuda:0, ...; by default cuda:0 if there is one, else cpu
-        bank: replay this many stored layouts instead of making fresh ones
-        curriculum: replay layouts by "learnability" or "failure" (see docs/levels.md); by default each is fresh
+        resume: continue from the checkpoint in the folder, if it exists
+        trust: read a checkpoint with more than weights, which executes code in it
+        device: cpu, cuda:0, ..., by default cuda:0 if available, otherwise cpu
+        bank: replay this number of stored layouts instead of fresh layouts
+        curriculum: replay layouts by "learnability" or "failure" (see docs/levels.md), by default only fresh layouts
         uniform: place uniformly, without checks for collisions and reach
         reachable: keep `reachable` of the scene's objects
-        judged: task in whose layouts the policy is judged; by default its own
-        changes: settings to try instead of the task's, as name=value
-        layouts: layouts that the policy is judged on
+        judged: task whose layouts evaluate the policy, by default the trained task
+        changes: settings to change, as name=value
+        layouts: number of layouts in each evaluation
         every: iterations between two lines of the log
         evaluate_every: seconds of training between two evaluations
         save_every: seconds of training between two checkpoints
@@ -148,13 +148,13 @@ class Options:
     save_every: float = 20.0
 
     def check(self) -> None:
-        """Refuse options that no run can have.
+        """Reject invalid options.
 
         Raises:
-            ArgumentError: The message names the option, and what it takes.
+            ArgumentError: The message names the option and its valid values.
         """
         if self.bank is not None and (self.bank < 1 or self.uniform):
-            raise ArgumentError(f"--bank takes 1 or more layouts, and no --uniform beside it, got {self.bank}.")
+            raise ArgumentError(f"--bank should be 1 or more layouts, without --uniform, got {self.bank}.")
         for name, value in (("minutes", self.minutes), ("million_steps", self.million_steps)):
             if value is not None and not value > 0.0:
                 raise ArgumentError(f"--{name.replace('_', '-')} {value}: should be above 0.")

@@ -1,4 +1,4 @@
-"""Tasks by name, with their scenes and environments: those of this package, and your own."""
+"""Tasks of this package and your tasks by name, with their scenes and environments."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from sceniris_gym.vector.arguments import as_task
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 
 NAMESPACE = "sceniris_gym/"
-"""Namespace of this package's ids, which names of tasks go without."""
+"""Namespace of this package's ids, which task names omit."""
 
 SEED_SPACING = 1 << 20
 """Least spacing between the seeds of experiments, so that their worlds do not share layouts."""
 
 
 def registered_id(task: str) -> str:
-    """Return the id of a task; of MODULE:ID import MODULE first, also from the working directory.
+    """Return the id of a task. For MODULE:ID, import MODULE first, also from the working directory.
 
     Raises:
         ArgumentError: The module cannot be imported.
@@ -32,7 +32,7 @@ def registered_id(task: str) -> str:
     module, _, name = task.rpartition(":")
     if module:
         if os.getcwd() not in sys.path:
-            sys.path.append(os.getcwd())  # an installed program does not look for modules where it is started
+            sys.path.append(os.getcwd())  # an installed program does not search the working directory
         try:
             import_module(module)
         except ImportError as error:
@@ -43,11 +43,10 @@ def registered_id(task: str) -> str:
 
 
 def spec_of(task: str) -> EnvSpec:
-    """Return how Gymnasium makes a task.
+    """Return Gymnasium's spec of a task.
 
     Args:
-        task: A registered id, that of a task of this package with or without its namespace; or MODULE:ID, as
-            `registered_id` takes it.
+        task: A registered id, or MODULE:ID, as `registered_id` takes it. The namespace of this package is optional.
 
     Raises:
         ArgumentError: The module cannot be imported.
@@ -61,7 +60,7 @@ def spec_of(task: str) -> EnvSpec:
 
 
 def scene_of(task: str, *, reachable: bool) -> SceneConfig:
-    """Return the scene of a task; without `reachable` it has no kinds of `start` with a target either."""
+    """Return the scene of a task. Without `reachable`, it also has no kinds of `start` with a target."""
     words = spec_of(task).kwargs
     scene = SceneConfig.load(words.get("scene") or as_task(words["task"]).scene, words.get("overrides"))
     if reachable:
@@ -79,5 +78,5 @@ def make_env(task: str, num_envs: int, compiled: CompiledScene, **kwargs: Any) -
     envs = gymnasium.make_vec(spec_of(task), num_envs=num_envs, scene=compiled, overrides=None, **kwargs)
     if not isinstance(envs, SceneVectorEnv):
         entry = "vector_entry_point='sceniris_gym:SceneVectorEnv'"
-        raise ArgumentError(f"task '{task}' should be registered with {entry}, makes a {type(envs).__name__}.")
+        raise ArgumentError(f"task '{task}' should be registered with {entry}, but makes a {type(envs).__name__}.")
     return envs

@@ -1,13 +1,13 @@
-"""Training of a task with rsl-rl's PPO, with evaluations on layouts that it has not seen.
+"""Training of a policy for a task with rsl-rl's PPO, with evaluations on unseen layouts.
 
-A run writes to its folder: `log.jsonl` (a line every few iterations, and one for every evaluation), `model.pt` (a
-checkpoint every 20 seconds and after every evaluation), `judged.json` (the last evaluation, layout by layout) and
-`config.json`, with a hash of the sources. The clock starts when everything is compiled, and stops during evaluations,
-which judging.py describes.
+A run writes to its folder: `log.jsonl` (a line every few iterations and for every evaluation), `model.pt` (a checkpoint
+every 20 seconds and after every evaluation), `judged.json` (the last evaluation, layout by layout) and `config.json`,
+with a hash of the sources. The clock starts after compilation, and stops during evaluations, which judging.py
+describes.
 
-A run that is resumed goes on from the checkpoint: the log is cut off there, and unfinished episodes are dropped; every
-world starts its next episode with the same number of elapsed steps. Runs that resume from the same checkpoint see the
-same data, but not the data that an uninterrupted run would have seen.
+A resumed run continues from the checkpoint. The log is cut off there, and unfinished episodes are dropped. Every world
+starts its next episode with the same number of elapsed steps. Runs that resume from the same checkpoint see the same
+data, but not the data of an uninterrupted run.
 """
 
 from __future__ import annotations
@@ -41,24 +41,24 @@ from sceniris_gym.vector.arguments import as_task
 
 FREE = ("out", "resume", "trust", "device", "minutes", "million_steps", "layouts")
 FREE += ("every", "evaluate_every", "save_every")
-"""Options that may differ when a run is resumed: they do not change what is learned in an iteration."""
+"""Options that may differ when a run is resumed, because they have no effect on a training iteration."""
 
 
 class Run:
-    """A training that can be stopped and resumed.
+    """A training run that can be stopped and resumed.
 
     Args:
         options: The options of the run.
         show: Called with every line of the log.
 
     Attributes:
-        checkpoint: The file that a run resumes from.
+        checkpoint: The file of the latest checkpoint.
         log: The log of training and evaluations.
 
     Raises:
-        ArgumentError: The options or the changed settings are wrong, or the checkpoint to resume from is of a run with
-            other options.
-        ScenirisError: There is no such task, or its scene cannot be compiled.
+        ArgumentError: The options or the changed settings are wrong, or the checkpoint belongs to a run with other
+            options.
+        ScenirisError: The task is unknown, or its scene cannot be compiled.
     """
 
     def __init__(self, options: Options, show: Callable[[str], object] = lambda line: None) -> None:
@@ -68,7 +68,7 @@ class Run:
         self.settings, self.show = settings_of(options.task, options.changes), show
         if self.resumes:
             self._check_same()
-        # evaluation layouts do not depend on the training layouts
+        # Only training layouts: evaluation layouts do not depend on these options.
         checked = options.reachable and not options.uniform
         self._compiled = compiled = compile_scene(scene_of(options.task, reachable=checked), options.device)
         seed = (1 + options.seed) * 16 * SEED_SPACING
@@ -88,7 +88,7 @@ class Run:
 
     @property
     def resumes(self) -> bool:
-        """True if the run goes on from a checkpoint: it should, and there is one."""
+        """True if the run continues from a checkpoint: `options.resume` is set and the file exists."""
         return self.options.resume and self.checkpoint.exists()
 
     @property
@@ -104,7 +104,7 @@ class Run:
         return self.seconds >= 60.0 * options.minutes or self.env_steps >= most
 
     def go(self) -> dict[str, Any]:
-        """Train until finished, with evaluations on the way and at the end; return the last one, as logged."""
+        """Train until finished, with evaluations on the way and at the end. Return the last evaluation, as logged."""
         options = self.options
         options.out.mkdir(parents=True, exist_ok=True)
         if self.resumes:
@@ -121,7 +121,7 @@ class Run:
                 self._judge()
             if judged or self.seconds - self.saved_at >= options.save_every:
                 self._save()
-        if not evaluations(options.out):  # resumed after the end that is asked for now
+        if not evaluations(options.out):  # resumed beyond a new, earlier end
             self._judge()
         return evaluations(options.out)[-1]
 
@@ -139,21 +139,21 @@ class Run:
                 before = told.get(part, {}).get(name)
                 if name not in FREE and before != value:
                     raise ArgumentError(
-                        f"{file}: the run to go on from has {part}.{name} = {before!r}, not {value!r}. Give it the "
-                        "same options, another --out, or leave out --resume to begin anew."
+                        f"{file}: the run to resume has {part}.{name} = {before!r}, not {value!r}. Give the same "
+                        "options, another --out, or leave out --resume to start again."
                     )
 
     def _warm_up(self) -> None:
-        """Compile and allocate everything that training needs, with another policy than the one that is trained."""
+        """Compile and allocate everything for training, with a policy that is then discarded."""
         for env in self.judges.values():
             env.step(torch.zeros(env.num_envs, env.num_actions, device=env.device))
         runner = runner_of(self.env, self.settings, self.options.seed)
-        # imitation asks for a teacher, and here any will do
+        # Imitation requires a loaded teacher. The untrained teacher is good enough here.
         runner.alg.teacher_loaded = True  # type: ignore[attr-defined]
         runner.learn(1, init_at_random_ep_len=True)
 
     def _teach(self) -> None:
-        """Train the teacher that a policy imitates, if it imitates one. The time of it counts, its steps do not."""
+        """Train the teacher, if the policy imitates one. Its training counts as time, but not as steps."""
         if not hasattr(self.runner.alg, "teacher"):
             return
         options, seed = self.options, (1 + self.options.seed) * 16 * SEED_SPACING
@@ -187,7 +187,7 @@ class Run:
         self._tell("train", self.env.unwrapped.statistics.read() | told)
 
     def _judge(self) -> None:
-        """Judge the policy; the verdict on each layout goes to a file that has the last evaluation alone."""
+        """Evaluate the policy and log the result. `judged.json` has the result per layout of the last evaluation."""
         self.judged_at = self.seconds
         policy, options = self.runner.get_inference_policy(str(self.env.device)), self.options
         found = {name: judge(policy, env, self._judged, options.layouts) for name, env in self.judges.items()}
@@ -207,7 +207,7 @@ class Run:
         }
         sampler = self.env.unwrapped.randomizer.levels
         if sampler is not None:
-            state_of = sampler.state().items()  # as tensors and text, since weights alone are read
+            state_of = sampler.state().items()  # as tensors and text, because untrusted files may hold only weights
             progress["levels"] = {k: v.tolist() if v.dtype.kind == "U" else torch.from_numpy(v) for k, v in state_of}
         with replacing(self.checkpoint) as temporary:
             self.runner.save(str(temporary), progress)
@@ -228,7 +228,7 @@ class Run:
                 pipeline.reseed(layouts={"seed": pipeline.layouts.seed.numpy(), "episode": progress["episode"] + 1})
             self.env.reset()  # starts the next episodes
             self.env.episode_length_buf = progress["elapsed"].to(device)
-        # different action noise than at the start of the run
+        # not the same action noise as at the start of the run
         torch.manual_seed(self.options.seed * SEED_SPACING + self.iterations)
 
     def _clock(self) -> float:
@@ -244,7 +244,7 @@ class Run:
 
 
 def _own_sources(task: str) -> list[Path]:
-    """Return the file of a task that is not of this package."""
+    """Return the file of a task outside this package."""
     if ":" not in task:
         return []
     file = inspect.getsourcefile(type(as_task(spec_of(task).kwargs["task"])))

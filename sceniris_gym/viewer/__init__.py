@@ -1,1 +1,1 @@
-"""Scenes, layouts and policies in the browser: a page made with viser, of worlds that mjviser draws."""
+"""Scenes, layouts and policies in the browser. viser makes the page, and mjviser draws the worlds."""

@@ -1,4 +1,4 @@
-"""The `view` command: a page that shows a scene, or a policy in an environment, until it is interrupted."""
+"""The `view` command: shows a scene, or a policy in an environment, on a page until Ctrl-C."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def view_scene(
     server: viser.ViserServer, scene: str, changes: Mapping[str, Any], *, split: str, seed: int, episode: int, num: int
 ) -> None:
     """Show a scene on a page, and serve it until Ctrl-C."""
-    print(f"Open that page in a browser: '{scene}' appears there. Ctrl-C ends it.", file=sys.stderr, flush=True)
+    print(f"Open the page in a browser to see '{scene}'. Ctrl-C closes it.", file=sys.stderr, flush=True)
     with uncollected():
         drawing = import_ahead()
         from sceniris_gym.config.loader import read_scene, shipped
@@ -34,7 +34,7 @@ def view_scene(
         drawing.join()
     view = SceneView(server, SceneFile(scene, changes), Where(split, seed, episode), num)
     if scene not in shipped("envs", ".yaml") and not Path(scene).expanduser().is_file():
-        read_scene(scene)  # raises the error about it
+        read_scene(scene)  # raises an error with the reason
     view.load()
     while True:
         view.tick()
@@ -53,7 +53,7 @@ def view_env(
     trust: bool = False,
 ) -> None:
     """Show how a policy plays an environment on a page, and serve it until Ctrl-C."""
-    print(f"Open that page in a browser: '{env}' appears there. Ctrl-C ends it.", file=sys.stderr, flush=True)
+    print(f"Open the page in a browser to see '{env}'. Ctrl-C closes it.", file=sys.stderr, flush=True)
     import gymnasium
 
     import sceniris_gym  # noqa: F401, registers the environments
@@ -69,10 +69,10 @@ def view_env(
         spec = gymnasium.spec(registered_id(env))
     except gymnasium.error.Error as error:
         raise ArgumentError(f"--env {env}: {error}") from None
-    said = server.gui.add_markdown(f"**{env}** is being made. {_KERNELS}")
+    said = server.gui.add_markdown(f"**{env}** is being compiled. {_KERNELS}")
 
     def tell(what: str, done: int, total: int) -> None:
-        said.content = f"**{env}** is being made ({what}: {done} of {total}). {_KERNELS}"
+        said.content = f"**{env}** is being compiled ({what}: {done} of {total}). {_KERNELS}"
 
     shown = LayoutId.parse(ids[0]).split if ids and split is None else split or "train"
     words = {"split": shown, "device": device, "overrides": dict(changes), "autoreset_mode": "Disabled"}

@@ -1,4 +1,4 @@
-"""The layouts on show: made by seed and episode, with the candidates that were rejected on the way."""
+"""The layouts on the page: made by seed and episode, with the rejected candidates."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from sceniris_gym.program.device import Cause
 from sceniris_gym.scene.layout_table import LayoutTable
 
 MOST_RECORDED = 1024
-_COUNTED = 256  # layouts that the table of a scene begins with
+_COUNTED = 256  # layouts behind the first table of rejections of a scene
 
 
 @dataclass(frozen=True)
 class Where:
-    """The choice of layouts on show: world i has seed + i.
+    """The choice of layouts on the page: world i has seed + i.
 
     Attributes:
         split: "train" or "eval".
@@ -40,21 +40,21 @@ class Where:
     episode: int = 0
 
     def moved(self, seeds: int = 0, episodes: int = 0) -> Where:
-        """Return the choice that is so many seeds and episodes on, within their bounds."""
+        """Return the choice moved by a number of seeds and episodes, within their bounds."""
         seed = min(max(self.seed + seeds, 0), 2**64 - 1)
         return replace(self, seed=seed, episode=min(max(self.episode + episodes, 0), 2**31 - 1))
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A place that was tried for an object, and rejected.
+    """A rejected candidate for the place of an object.
 
     Attributes:
         name: The object.
-        number: Its index in placement order; the objects before it had a place already.
-        cause: Why it was rejected, in lower case.
-        count: How many of this object's candidates were rejected for this cause, in this layout.
-        state: The state it would have led to, one row.
+        number: Index of the object in placement order. The objects before it already had a place.
+        cause: Why the candidate was rejected, in lower case.
+        count: Number of candidates of this object in this layout with the same cause.
+        state: The state with the object at the candidate, one row.
     """
 
     name: str
@@ -65,11 +65,11 @@ class Candidate:
 
 
 class LayoutDeck:
-    """Makes layouts of a compiled scene: of many worlds, or of one with the candidates that were rejected for it.
+    """Makes layouts of a compiled scene: for many worlds, or for one world with its rejected candidates.
 
     Args:
-        compiled: The scene. If no layout of it can be made, it is uploaded and has no bank.
-        num: How many worlds.
+        compiled: The scene. A scene without layouts is only uploaded, and has no bank.
+        num: Number of worlds.
     """
 
     def __init__(self, compiled: CompiledScene, num: int) -> None:
@@ -79,27 +79,27 @@ class LayoutDeck:
         self.counts = np.zeros((max(len(compiled.placed), 1), len(Cause)), np.int64)
 
     def make(self, where: Where) -> LayoutTable:
-        """Return the layouts of all worlds, and count the candidates that were rejected for them."""
+        """Return the layouts of all worlds, and count their rejected candidates."""
         generator = self._generator(where.split)
         table = _made(generator, where)
         self._count(generator, table)
         return table
 
     def stands(self, split: str) -> tuple[np.ndarray, np.ndarray]:
-        """Return where relations see the objects of the first world that was made last; see `ShownWorld.stands`."""
+        """Return the `ShownWorld.stands` of the first world, from the latest `make`."""
         view = self._generator(split).layouts.view
         return view.place.numpy()[0].copy(), view.bounds.numpy()[0].copy()
 
     def count_ahead(self) -> None:
-        """Make layouts for the table of rejections alone, of seeds far from those that users look at."""
+        """Make layouts only for the table of rejections, with seeds far from users' seeds."""
         generator = LayoutGenerator(self.compiled, _COUNTED, seed=1 << 62)
         generator.generate()
         self._count(generator, read_table(generator))
 
     def rejected(self, where: Where) -> list[Candidate]:
-        """Return the rejected candidates of the first world's layout, in the order in which they were tried.
+        """Return the rejected candidates of the first world's layout, in the order of the trials.
 
-        An object without any place to try has no candidates.
+        An object whose region is empty has no candidates.
         """
         recorder = self._generator(where.split, record=True)
         view = recorder.layouts.view
@@ -115,7 +115,7 @@ class LayoutDeck:
         return found
 
     def hits(self, candidate: Candidate) -> list[Hit]:
-        """Return what a candidate collides with, the worst first."""
+        """Return the collisions of a candidate, the worst first."""
         data = mujoco.MjData(self.compiled.mjm)
         candidate.state.put(data, 0)
         mujoco.mj_kinematics(self.compiled.mjm, data)
@@ -123,30 +123,30 @@ class LayoutDeck:
 
     @cached_property
     def _blame(self) -> Blame:
-        """Finds the geoms that candidates hit; made when it is first asked for."""
+        """Finds the geoms that candidates hit."""
         return Blame(self.compiled)
 
     def find(self, text: str) -> Where:
         """Return the choice that shows the layout with an id.
 
         Raises:
-            ArgumentError: The text has not the form of an id.
-            SceneMismatchError: The layout is of another scene.
-            NotSupportedError: It has other params than the scene file.
+            ArgumentError: The text does not have the form of an id.
+            SceneMismatchError: The layout belongs to another scene.
+            NotSupportedError: The id has params that differ from the scene file.
         """
         name = LayoutId.of_scene(text.strip(), self.compiled.scene, "Open its scene.")
         if name.params:
-            raise NotSupportedError("shown here are layouts without params. `sceniris-gym replay` takes others.")
+            raise NotSupportedError("the page shows only layouts without params. Use `sceniris-gym replay` for others.")
         return Where(name.split, name.seed, name.episode)
 
     def table(self) -> Mapping[str, Mapping[str, int]]:
-        """Return the numbers of rejected candidates so far by object and cause, without those that are always zero."""
+        """Return the numbers of rejected candidates so far by object and cause, without empty rows and columns."""
         seen = {c for c in Cause if self.counts[:, c].any()}
         rows = ((name, self.counts[i]) for i, name in enumerate(self.compiled.placed))
         return {name: {c.name.lower(): int(row[c]) for c in sorted(seen)} for name, row in rows if row.any()}
 
     def _generator(self, split: str, record: bool = False) -> LayoutGenerator:
-        """Return the generator of all worlds, or the one of the first world that records its rejected candidates."""
+        """Return the generator of all worlds, or with `record` the recording generator of the first world."""
         if (split, record) not in self._generators:
             num, words = (1, {"rejected": MOST_RECORDED, "every_cause": True}) if record else (self.num, {})
             self._generators[split, record] = LayoutGenerator(self.compiled, num, split=split, **words)

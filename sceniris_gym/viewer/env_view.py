@@ -1,4 +1,4 @@
-"""The page of an environment, which a policy plays on one chosen layout after another."""
+"""The page of an environment: a policy plays chosen layouts in turn."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ from sceniris_gym.viewer.server import Requests
 from sceniris_gym.viewer.worlds import Window
 
 _IDLE = 0.25  # s
-_LOOK = 1.0  # s at the end of all episodes, before the next ones begin
+_LOOK = 1.0  # s between the end of all episodes and the next start
 _PLOTTED = 0.2  # s between two drawings of the plots
-_FIRST = " The first step of all takes longer: it compiles or loads the kernels of physics."
+_FIRST = " The first step takes longer, because it compiles or loads the kernels of physics."
 
 
 class EnvView:
-    """Plays a policy, in the thread that calls `tick`, and shows its episodes.
+    """Plays a policy in the thread that calls `tick`, and shows its episodes.
 
     Args:
         server: The page.
         envs: The environment, without autoreset.
-        policy: The policy; None takes random actions.
-        ids: Layouts to play one after another; if empty, those of seeds 0, 1, 2, ...
+        policy: The policy, None for random actions.
+        ids: Layouts to play in turn. If empty, the seeds 0, 1, 2, ...
     """
 
     def __init__(
@@ -46,10 +46,10 @@ class EnvView:
         self.ids = [self._own_id(text) for text in ids]
         self.first = 0
         self._pasted: LayoutId | None = None
-        self._wrong = ""  # the error of the pasted id, until a user does something else
+        self._wrong = ""  # the error of the pasted id, until the next action of a user
         self.running, self.speed = True, 1.0
         self._plotted = 0.0
-        self._stepped = False  # ever
+        self._stepped = False  # True after the first step, which compiles kernels
         self._window = Window(envs.compiled.scene, envs.num_envs, server)
         self._gui = server.gui
         self._add_controls()
@@ -58,7 +58,7 @@ class EnvView:
         self.start(0)
 
     def start(self, first: int) -> None:
-        """Begin an episode in each world, on the layouts from number `first` on; after the last comes the first."""
+        """Begin an episode in each world, with layouts from number `first` on. Chosen layouts repeat after the last."""
         self.first, envs = max(first, 0), self.envs
         numbers = range(self.first, self.first + envs.num_envs)
         chosen = [LayoutId(envs.compiled.hash, envs.split, i, 0) for i in numbers]
@@ -77,7 +77,7 @@ class EnvView:
         self._tell()
 
     def tick(self) -> None:
-        """Do what was asked for, and go on with the episodes unless they are paused."""
+        """Handle requests, and continue the episodes unless they are paused."""
         seconds = _IDLE if not self.running else _LOOK if self._ended.all() else 0.0
         for action in self.requests.take(seconds):
             self._try(action)
@@ -85,7 +85,7 @@ class EnvView:
             self._try(self.step if not self._ended.all() else lambda: self.start(self.first + self.envs.num_envs))
 
     def _try(self, action: Callable[[], None]) -> None:
-        """Do something. A failure, such as one of the policy, stops the episode and is told on the page and stderr."""
+        """Run an action. An error, for example in the policy, stops the episode and appears on the page and stderr."""
         try:
             action()
         except Exception as error:
@@ -135,7 +135,7 @@ class EnvView:
         wrong = f"\n\n**{self._wrong}**" if self._wrong else ""
         self._status.content = (
             f"**{type(self.envs.task).__name__}**, step {self._step}: first world {words}. "
-            f"{done} of {num} episodes ended, {int((self._success & self._ended).sum())} in success."
+            f"{done} of {num} episodes ended, {int((self._success & self._ended).sum())} with success."
             f"{f' Layout {self.first % len(self.ids) + 1} of the {len(self.ids)} chosen.' if self.ids else ''}"
             f"{'' if self._stepped else _FIRST}{wrong}"
         )

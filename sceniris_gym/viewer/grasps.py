@@ -1,4 +1,4 @@
-"""The layer of grasps: those that a layout was accepted for, and the arm in them."""
+"""The layer of grasps: the grasps that qualified a layout, and the arm in these grasps."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _RESTARTS = 64
 
 
 def sketch_grasps(world: ShownWorld, only: str | None = None) -> Sketch:
-    """Draw the axes of the grasp of each reach target (blue: the approach), and an arrow to it from the pre-grasp."""
+    """Draw the axes of the grasp of each reach target (blue: the approach), and an arrow from the pre-grasp to it."""
     sketch = Sketch()
     for k, target in enumerate(_targets(world)):
         pose = grasp_pose(world, k)
@@ -37,7 +37,7 @@ def sketch_grasps(world: ShownWorld, only: str | None = None) -> Sketch:
 
 
 def grasp_pose(world: ShownWorld, k: int) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return the TCP's position [m] and orientation in the grasp of reach target `k`; None where that is absent."""
+    """Return the TCP's position [m] and orientation in the grasp of reach target `k`, None if the target is absent."""
     if world.table.grasp.shape[1] <= k or world.table.grasp[0, k] < 0:
         return None
     pose = world.table.grasp_pose[0, k].astype(float)
@@ -45,7 +45,7 @@ def grasp_pose(world: ShownWorld, k: int) -> tuple[np.ndarray, np.ndarray] | Non
 
 
 def poses_of_arm(world: ShownWorld) -> list[str]:
-    """Return the poses that `with_arm` takes: the start, and grasp and pre-grasp of each target whose arm is there."""
+    """Return the poses for `with_arm`: the start, and grasp and pre-grasp of each target if the model has its arm."""
     reaching, apart = world.compiled.reaching, world.compiled.scene.apart
     names = [
         target.name
@@ -56,9 +56,9 @@ def poses_of_arm(world: ShownWorld) -> list[str]:
 
 
 def with_arm(world: ShownWorld, pose: str) -> LayoutTable | None:
-    """Return the layout with the arm in a pose of `poses_of_arm`; None where no joints lead to it.
+    """Return the layout with the arm in a pose of `poses_of_arm`, None if inverse kinematics fail.
 
-    The joints are those that the layout was accepted with. Where the arm's map alone decided, they are solved for.
+    The layout stores the joints of its grasps. If only the arm's map was tested, inverse kinematics solve for them.
     """
     reaching = world.compiled.reaching
     if pose == START or reaching is None:

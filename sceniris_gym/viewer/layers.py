@@ -1,4 +1,4 @@
-"""The layers that can be laid over the first world, by name."""
+"""The layers over the first world, by name."""
 
 from __future__ import annotations
 
@@ -26,23 +26,23 @@ from sceniris_gym.viewer.regions import relation_area, sketch_regions
 from sceniris_gym.viewer.shown import ShownWorld
 from sceniris_gym.viewer.sketch import GREEN, GREY, PALETTE, RED, Sketch
 
-_MOST = 2.0  # m; half the edge of a drawn plane that has no size
+_MOST = 2.0  # m, half the edge of a drawn plane without a size
 _LIFT = 0.004  # m above the height of the object's pivot
-_OVER = 0.02  # m; height of the ends of arrows above an object
-_LINE = 0.06  # m; distance between the labels of an object's relations
-_BEYOND = 0.15  # m; margin beyond the object of an endless area
-_LOOKED = 0.3  # m; greatest distance of a neighbour that is drawn
+_OVER = 0.02  # m, height of the ends of arrows above an object
+_LINE = 0.06  # m, distance between the labels of an object's relations
+_BEYOND = 0.15  # m, extent of an endless area beyond the object
+_LOOKED = 0.3  # m, greatest distance of a neighbour that is drawn
 _ROUNDING = 1.0e-6  # m
-_ABOVE = 0.06  # m; height of a label above its line
+_ABOVE = 0.06  # m, height of a label above its line
 # a slice of the reach map
 _PIXELS = 96
 _DIRECTIONS = 48
 _FULL = np.array([38.0, 110.0, 190.0])
-_OPACITY = 170.0  # of 255, where every direction is reached
+_OPACITY = 170.0  # of 255, at points that every direction reaches
 
 
 def sketch_pieces(world: ShownWorld, opacity: float = 1.0) -> Sketch:
-    """Draw the pieces of all bodies as physics collides them, meshes as convex hulls, and planes in grey."""
+    """Draw the collision geometry of all bodies: meshes as convex hulls, and planes in grey."""
     sketch, data = Sketch(), world.data
     hidden = set(world.hidden_bodies())
     pieces = [p for p in extract_pieces(world.compiled.mjm, "physics") if p.body not in hidden]
@@ -61,7 +61,7 @@ def sketch_pieces(world: ShownWorld, opacity: float = 1.0) -> Sketch:
 
 
 def sketch_relations(world: ShownWorld, only: str | None = None) -> Sketch:
-    """Draw the relations of all objects, or of one."""
+    """Draw the relations of all objects, or of the object `only`."""
     sketch = Sketch()
     number = 0
     for name in [only] if only is not None else world.placed_names:
@@ -87,13 +87,13 @@ def sketch_relations(world: ShownWorld, only: str | None = None) -> Sketch:
 
 
 def _above(world: ShownWorld, name: str) -> np.ndarray:
-    """Return a point (3,) [m] above an object's pivot and the whole object, which hides no arrow there."""
+    """Return a point (3,) [m] above an object's pivot and the whole object, so that the object hides no arrow."""
     at = world.standing(name)[0]
     return np.array([at[0], at[1], max(at[2], world.box(name)[1][2]) + _OVER])
 
 
 def _tail(world: ShownWorld, anchor: str, tip: np.ndarray) -> np.ndarray:
-    """Return the start of an arrow from an anchor to `tip`: above it, or at its side if it is higher than the tip."""
+    """Return the start of an arrow from an anchor to `tip`: above the anchor, or at the side of a higher anchor."""
     low, high = world.box(anchor, root_alone=True)
     tail = _above(world, anchor)
     if tip[2] >= high[2] or np.all((low[:2] <= tip[:2]) & (tip[:2] <= high[:2])):
@@ -106,7 +106,7 @@ def _tail(world: ShownWorld, anchor: str, tip: np.ndarray) -> np.ndarray:
 
 
 def sketch_clearances(world: ShownWorld, only: str | None = None) -> Sketch:
-    """Draw a line from each placed object to its nearest neighbour except its support, red if it is too near."""
+    """Draw a line from each placed object to its nearest neighbour except the support, red if they are too near."""
     sketch, drawn, config = Sketch(), set(), world.compiled.config
     clearances = {name: part.clearance for name, part in {**config.objects, **config.all_robots}.items()}
     for name in [only] if only is not None else world.placed_names:
@@ -126,9 +126,9 @@ class Nearest:
     """The nearest neighbour of an object.
 
     Attributes:
-        other: The name of the neighbour, an object or a body.
-        ends: The shortest line from the object to it, (2, 3) [m].
-        distance: The length of that line [m]; negative if they overlap.
+        other: The name of the neighbour, an object, a geom or a body.
+        ends: The shortest line from the object to the neighbour, (2, 3) [m].
+        distance: The length of that line [m], negative if they overlap.
     """
 
     other: str
@@ -137,9 +137,10 @@ class Nearest:
 
 
 def nearest_to(world: ShownWorld, name: str) -> Nearest | None:
-    """Return the nearest colliding neighbour of an object; None if nothing is near.
+    """Return the nearest colliding neighbour of an object, None if all are far.
 
-    Its support, the objects on it, and the things of its heap do not count, because `clearance` does not apply to them.
+    The object's support, the objects on it, and the objects of its heap are left out, because `clearance` does not
+    apply to them.
     """
     mjm, data, scene = world.compiled.mjm, world.data, world.compiled.scene
     own = set(scene.subtree(name))
@@ -164,12 +165,12 @@ def nearest_to(world: ShownWorld, name: str) -> Nearest | None:
 
 
 def _owner(world: ShownWorld, geom: int) -> str:
-    """Return the owner of a geom in the words of a scene file: an object, or a geom or body that never moves."""
+    """Return the owner of a geom by its name in a scene file: an object, or a geom or body that never moves."""
     scene = world.compiled.scene
     body = int(scene.mjm.geom_bodyid[geom])
     objects = (name for name in scene.bodies if body in scene.subtree(name))
     own = scene.mjm.geom(geom).name if scene.mjm.body_weldid[body] == 0 else ""
-    return next(objects, "") or own or (scene.mjm.body(body).name if body else "what never moves")
+    return next(objects, "") or own or (scene.mjm.body(body).name if body else "static geometry")
 
 
 def sketch_names(world: ShownWorld, only: str | None = None) -> Sketch:
@@ -198,7 +199,7 @@ class ReachSlice:
 
     @classmethod
     def of(cls, scene: SceneModel) -> list[ReachSlice]:
-        """Return a slice for each robot of a scene that has a map."""
+        """Return a slice for each robot of a scene with a map."""
         found = []
         for name, robot in scene.config.all_robots.items():
             with contextlib.suppress(ScenirisError):
@@ -213,9 +214,10 @@ class ReachSlice:
         return -self.map.u_low
 
     def picture(self, data: mujoco.MjData, height: float) -> np.ndarray:
-        """Return the picture at a height [m] of the world, (n, n, 4) uint8: more opaque where more approaches reach.
+        """Return the picture at a height [m] of the world, (n, n, 4) uint8. More reached approaches are more opaque.
 
-        It is `2 * span` wide, around the axis of the arm's first joint, with the base's y up and its x to the right.
+        The picture is `2 * span` wide, around the axis of the arm's first joint, with the base's x to the right and y
+        up.
         """
         ticks = (np.arange(_PIXELS) + 0.5) / _PIXELS * 2.0 * self.span - self.span
         across, up = np.meshgrid(ticks, ticks[::-1])
@@ -234,17 +236,17 @@ class ReachSlice:
 
 PARKED, REACH = "parked objects", "reach map"
 SEEN, COLLIDED, BOTH = "what is seen", "what collides", "both"
-"""The geometry of the worlds that is drawn. Colliding geometry is drawn in the first world only."""
+"""The drawn geometry of the worlds. Colliding geometry is only drawn in the first world."""
 LAYERS: dict[str, tuple[Callable[[ShownWorld, str | None], Sketch] | None, str]] = {
     "names": (sketch_names, "The name of every object."),
-    "regions": (sketch_regions, "Where the words of the scene let each object stand, in this world's joint state."),
+    "regions": (sketch_regions, "The region of each object's pivot, in this world's joint state."),
     "relations": (sketch_relations, "An arrow from each anchor, and the area that a relation leaves."),
-    "clearances": (sketch_clearances, "From each object to what is nearest, and how far it has to be. Red: too near."),
-    "grasps": (sketch_grasps, "Grasps that the layout was accepted for; blue is the approach."),
-    PARKED: (None, "Objects that their group left out, in a row before the scene."),
+    "clearances": (sketch_clearances, "From each object to its nearest neighbour, and the clearance. Red: too near."),
+    "grasps": (sketch_grasps, "The grasps that qualified the layout. Blue is the approach."),
+    PARKED: (None, "Absent members of groups, in a row in front of the scene."),
     REACH: (None, "A slice of the arm's reachability map, at the height below."),
 }
-"""The function of each layer and a sentence about it. It sketches one object of a world, or all.
+"""Layer -> its function, and its hint. The function sketches all objects of a world, or one object.
 
 Layers without a function move bodies, or are a picture.
 """

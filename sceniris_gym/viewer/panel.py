@@ -29,13 +29,13 @@ class Panel:
     Args:
         server: The page.
         requests: The queue of the requests.
-        commands: The SceneView, whose public methods the requests call.
-        num: How many worlds are shown first.
+        commands: The SceneView. Requests call its public methods.
+        num: Number of worlds at first.
 
     Attributes:
-        rejected: The box of rejected candidates.
+        rejected: The checkbox of rejected candidates.
         table: The table of rejection counts.
-        play: The button that lets physics run, or stops it.
+        play: The button that runs or pauses physics.
         arm: The list of the arm's poses.
     """
 
@@ -54,7 +54,7 @@ class Panel:
         self._targets: list[Any] = []
 
     def say(self, text: str, *, bad: bool = False, notices: Sequence[str] = ()) -> None:
-        """Show a message above all controls, red if something is wrong, and warnings below it."""
+        """Show a message above all controls, red with `bad`, and warnings below it."""
         boxes = [f"<div style='{_BOX}{_BAD if bad else _GOOD}'>{html.escape(text)}</div>"]
         boxes += [f"<div style='{_BOX}{_WARNED}'>{html.escape(notice)}</div>" for notice in notices]
         self._message.content = "".join(boxes)
@@ -62,7 +62,7 @@ class Panel:
     def set_scene(
         self, names: Sequence[str], only: str | None, targets: Sequence[tuple[str, float, float]], has_map: bool
     ) -> None:
-        """Offer the objects of a scene, with the chosen one, its actuators with their ranges, and its map."""
+        """Offer the objects of a scene with `only` selected, its actuators with their ranges, and its map."""
         self._object.options = (ALL, *names)
         self._object.value = ALL if only is None else only
         self._layers[REACH].disabled = self._height.disabled = not has_map
@@ -73,7 +73,7 @@ class Panel:
         self._no_targets.visible = not targets
 
     def set_where(self, where: Where, layout_id: str, poses: Sequence[str]) -> None:
-        """Show the choice of layouts and the id of the first one, and offer the poses of its arm."""
+        """Show the choice of layouts and the id of the first layout, and offer the poses of its arm."""
         self._where = where
         self._split.value, self._seed.value, self._episode.value = where.split, str(where.seed), str(where.episode)
         self._id.value = layout_id
@@ -87,14 +87,14 @@ class Panel:
             handle.value = min(max(float(value), handle.min), handle.max)
 
     def set_candidates(self, num: int, i: int, text: str) -> None:
-        """Show the number of rejected candidates, the one on show, and why it was rejected."""
+        """Show the number of rejected candidates, the index of the shown candidate, and its cause."""
         self._candidate.max = max(num, 1)
         self._candidate.disabled = num < 2
         self._candidate.value = i + 1 if num else 1
         self._why.content = f"<div style='{_BOX}{_BAD if num else _GOOD}'>{html.escape(text)}</div>"
 
     def _on(self, handle: Any, about: str, action: Callable[[Any], None]) -> Any:
-        """Ask for an action with the new value whenever a user, rather than this program, changes a control."""
+        """Request an action with the new value when a user changes a control, but not when this program does."""
 
         @handle.on_update
         def _(event: Any) -> None:
@@ -107,16 +107,14 @@ class Panel:
     def _add_layout(self, num: int) -> None:
         gui = self._gui
         with gui.add_folder("Layout"):
-            self._id = gui.add_text("id", "", hint="Copy it, or paste one of this scene.")
+            self._id = gui.add_text("id", "", hint="Copy the id, or paste another id of this scene.")
             self._on(self._id, "id", self._do.go_to_id)
             self._split: Any = gui.add_dropdown("split", USER_SPLITS)
             self._on(self._split, "where", lambda split: self._do.go(Where(split, self._where.seed, 0)))
             self._seed = gui.add_text("seed", "0", hint="From 0 to 2^64 - 1. World i has seed + i.")
             self._on(self._seed, "where", lambda text: self._go_to_number(text, "seed"))
             self._add_arrows("seed", lambda step: self._do.go(self._where.moved(seeds=step)))
-            self._episode = gui.add_text(
-                "episode", "0", hint="How often the worlds were reset since they got the seed."
-            )
+            self._episode = gui.add_text("episode", "0", hint="Number of resets of the worlds since they got the seed.")
             self._on(self._episode, "where", lambda text: self._go_to_number(text, "episode"))
             self._add_arrows("episode", lambda step: self._do.go(self._where.moved(episodes=step)))
             numbers = sorted({*NUMBERS, str(num)}, key=int)
@@ -140,14 +138,14 @@ class Panel:
     def _add_layers(self) -> None:
         gui = self._gui
         self._layers = {}
-        geometry = gui.add_dropdown("geometry", (SEEN, COLLIDED, BOTH), hint="Of the first world: a colour a body.")
+        geometry = gui.add_dropdown("geometry", (SEEN, COLLIDED, BOTH), hint="Of the first world, one colour per body.")
         self._on(geometry, "geometry", self._do.show_geometry)
         for name, (_, hint) in LAYERS.items():
             handle = gui.add_checkbox(name, False, hint=hint)
             self._layers[name] = self._on(handle, name, lambda on, name=name: self._do.show_layer(name, on))
         self._height = gui.add_slider("height of slice [m]", 0.0, 2.0, 0.01, 0.5)
         self._on(self._height, "height", self._do.move_slice)
-        self._object: Any = gui.add_dropdown("layers of", (ALL,), hint="Regions, relations and others of one object.")
+        self._object: Any = gui.add_dropdown("layers of", (ALL,), hint="Show the layers of one object, or of all.")
         self._on(self._object, "object", lambda name: self._do.look_at_object(None if name == ALL else name))
         self.arm: Any = gui.add_dropdown("arm in", (START,), hint="The arm jumps into the grasps of this layout.")
         self._on(self.arm, "arm", self._do.move_arm)

@@ -12,12 +12,12 @@ import viser
 
 _KEPT = 300  # steps
 _COLOURS = ("#266ebe", "#28965a", "#8250aa", "#b4781e", "#1496a0", "#aa3c78", "#5a7828", "#555b63")
-_MOST = len(_COLOURS)  # curves of a plot of the observation, so that each has a colour of its own
-_DASHES = (6, 4)  # of reward terms beyond those
+_MOST = len(_COLOURS)  # curves of a plot of the observation, so that each has a separate colour
+_DASHES = (6, 4)  # of reward terms that reuse a colour
 _SIDE = 64  # pixels left of a plot, for labels as long as '-0.001'
 _STEPS = (1, 2, 5, 10, 20, 50, 100)  # between two labels
 _Shapes = Sequence[tuple[str, tuple[int, ...]]]
-_NOTHING = np.full(2, np.nan)  # a curve before there are two steps to draw a line through
+_NOTHING = np.full(2, np.nan)  # an empty curve, as a line needs two steps
 
 
 @dataclass(frozen=True)
@@ -25,8 +25,8 @@ class Part:
     """The part of the observation that one plot shows.
 
     Attributes:
-        name: Its name, as the task has it; with an index for a row of an array.
-        first: Where it begins in the flat observation.
+        name: The task's name, with an index for a row of an array.
+        first: Index of its first component in the flat observation.
         labels: A label for each component, such as "[0]".
     """
 
@@ -40,8 +40,8 @@ class Plots:
 
     Args:
         server: The page.
-        shapes: Names and shapes of the arrays that the observation consists of, in order.
-        on_choice: Called when a user has chosen another part.
+        shapes: Names and shapes of the arrays in the observation, in order.
+        on_choice: Called when a user selects another part.
     """
 
     def __init__(
@@ -71,10 +71,10 @@ class Plots:
         self.draw()
 
     def draw(self) -> None:
-        """Bring the plots up to date."""
+        """Update the plots."""
         names = tuple(self._steps[-1][1]) if self._steps else self._charts.get("rewards", ((), None))[0]
         if not names:
-            return  # the reward terms are not known before the first step
+            return  # the first step reports the names of the reward terms
         self._draw("rewards", names, [[rewards[name] for _, rewards, *_ in self._steps] for name in names])
         self._draw("success", ("success",), [[success for *_, success, _ in self._steps]])
         part = self._parts[self._chosen.value]

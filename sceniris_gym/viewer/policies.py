@@ -34,13 +34,13 @@ def load_policy(name: str, device: str = "cpu", *, trust: bool = False) -> Polic
 
     Args:
         name: The path of a .pt or .zip file, or 'module:function'. A .pt should be a checkpoint of rsl-rl's MLPModel
-            with its default activation. Observations for a .zip are normalised by the VecNormalize that lies beside it
-            as normalize.pkl or vecnormalize.pkl, if there is one.
+            with its default activation. For a .zip, a VecNormalize in the same folder normalises the observations, if
+            it is saved as normalize.pkl or vecnormalize.pkl.
         device: The device of the observations, as torch names it.
-        trust: Read a .zip and the VecNormalize beside it, which executes what is in them.
+        trust: Read a .zip and its VecNormalize, which executes code in them.
 
     Raises:
-        ArgumentError: The name is none of these, or the file cannot be used, or is a .zip and not trusted.
+        ArgumentError: The name has another form, or the file cannot be used, or is a .zip and not trusted.
         MissingExtraError: The library of the policy is not installed.
     """
     path = Path(name)
@@ -56,7 +56,7 @@ def load_policy(name: str, device: str = "cpu", *, trust: bool = False) -> Polic
     if not colon:
         raise ArgumentError(f"--policy {name}: should be {FORMS}.")
     if os.getcwd() not in sys.path:
-        sys.path.append(os.getcwd())  # which an installed program does not search for modules
+        sys.path.append(os.getcwd())  # an installed program does not search the working directory
     try:
         policy = getattr(importlib.import_module(module), function)
     except (ImportError, AttributeError, ValueError) as error:
@@ -72,7 +72,7 @@ def _of_rsl_rl(path: Path, device: str) -> Policy:
         stored = read_checkpoint(path, device)["actor_state_dict"]
         weights = [value for key, value in stored.items() if key.startswith("mlp.") and key.endswith(".weight")]
         if not weights:
-            raise ArgumentError(f"--policy {path}: should hold an MLPModel of rsl-rl, has {', '.join(stored)}.")
+            raise ArgumentError(f"--policy {path}: should hold an MLPModel of rsl-rl, got {', '.join(stored)}.")
         sizes = [weights[0].shape[1], *(w.shape[0] for w in weights)]
         network = modules.MLP(sizes[0], sizes[-1], sizes[1:-1], "elu").to(device)
         network.load_state_dict({k.removeprefix("mlp."): v for k, v in stored.items() if k.startswith("mlp.")})
@@ -87,7 +87,7 @@ def _of_rsl_rl(path: Path, device: str) -> Policy:
     def policy(observation: dict[str, Tensor]) -> Tensor:
         seen = observation[GROUP]
         if seen.shape[1] != sizes[0]:
-            raise ArgumentError(f"--policy {path}: takes {sizes[0]} observations, and this task has {seen.shape[1]}.")
+            raise ArgumentError(f"--policy {path}: takes {sizes[0]} observations, but this task has {seen.shape[1]}.")
         return network(scale(seen))
 
     return policy
@@ -96,16 +96,16 @@ def _of_rsl_rl(path: Path, device: str) -> Policy:
 def _of_stable_baselines(path: Path, device: str) -> Policy:
     stable_baselines3 = import_extra("stable_baselines3", "sb3")
     if not zipfile.is_zipfile(path):
-        raise ArgumentError(f"--policy {path}: should be a model that Stable-Baselines3 saved.")
+        raise ArgumentError(f"--policy {path}: should be a saved model of Stable-Baselines3.")
     why = ""
-    for name in _ALGORITHMS:  # the file does not say of which algorithm it is
+    for name in _ALGORITHMS:  # the file does not name its algorithm
         try:
             model = getattr(stable_baselines3, name).load(path, device=device)
             break
         except Exception as error:
             why = str(error).splitlines()[0] if str(error) else type(error).__name__
     else:
-        raise ArgumentError(f"--policy {path}: is a model of none of {', '.join(_ALGORITHMS)}: {why}.")
+        raise ArgumentError(f"--policy {path}: should be a model of {', '.join(_ALGORITHMS)}, got an error: {why}.")
     normalized = _normalization(path)
 
     def policy(observation: dict[str, Tensor]) -> Any:
@@ -115,14 +115,14 @@ def _of_stable_baselines(path: Path, device: str) -> Policy:
 
 
 def _normalization(path: Path) -> Callable[[np.ndarray], Any]:
-    """Return the normalisation of observations in the training of a model, by the VecNormalize saved beside it."""
+    """Return the normalisation of observations for a model, from the VecNormalize saved in its folder."""
     beside = [path.with_name(name) for name in _NORMALIZATIONS if path.with_name(name).is_file()]
     if not beside:
         return lambda seen: seen
     try:
         with beside[0].open("rb") as file:
-            normalize: Callable[[np.ndarray], Any] = pickle.load(file).normalize_obs  # the model is such a file too
+            normalize: Callable[[np.ndarray], Any] = pickle.load(file).normalize_obs  # as trusted as the model
     except Exception as error:
-        raise ArgumentError(f"--policy {path}: {beside[0]}: should be what VecNormalize saved: {error}.") from None
-    print(f"sceniris_gym: the policy sees observations as {beside[0]} normalises them", file=sys.stderr, flush=True)
+        raise ArgumentError(f"--policy {path}: {beside[0]}: should be a saved VecNormalize: {error}.") from None
+    print(f"sceniris_gym: {beside[0]} normalises the observations of the policy", file=sys.stderr, flush=True)
     return normalize

@@ -1,4 +1,4 @@
-"""The layer of regions: the part of the supports where each object may be, in the state of one world."""
+"""The layer of regions: the parts of supports that an object's pivot may occupy, in the state of one world."""
 
 from __future__ import annotations
 
@@ -22,24 +22,24 @@ from sceniris_gym.viewer.sketch import GREY, PALETTE, Sketch
 
 Standing = tuple[np.ndarray, np.ndarray]
 """Place of an object, its pivot [m] and heading [rad], and its bounds around the pivot [m], as in `Plan`."""
-_FAR = 20.0  # m; radius of a relation without a greatest distance
+_FAR = 20.0  # m, radius of a relation without a greatest distance
 _ARC = 128  # segments of a half circle
-_LINE = 0.002  # m; half width of a line
-_ALIKE = 0.75  # overlap, as a share of the larger one, from which two regions of a surface share a label
+_LINE = 0.002  # m, half width of a line
+_ALIKE = 0.75  # two regions with this overlap share a label, as a fraction of the larger region
 _MOST_NAMED = 5
-_CROWDED = 0.2  # m; labels that are nearer are moved apart
-_SITE = 0.005  # m; radius of the discs for points and for sites that meet
-_LIFT = 0.002  # m; height of a region above its surface, and above the region before it
-_OVER = 1e-4  # m above a surface that a cover begins, as when layouts are made
-_THIN = 1e-9  # m2; what is smaller is seen edge-on
+_CROWDED = 0.2  # m, nearer labels are moved apart
+_SITE = 0.005  # m, radius of the discs for points and for sites that meet
+_LIFT = 0.002  # m, height of a region above its surface, and above the region before it
+_OVER = 1e-4  # m above a surface, where a cover begins, as in the generator
+_THIN = 1e-9  # m2, a smaller outline is a face seen edge-on
 
 
 def sketch_regions(world: ShownWorld, only: str | None = None) -> Sketch:
-    """Draw the supports as grey outlines, and on them the regions for the pivots of objects in colour.
+    """Draw the supports as grey outlines, and the regions for the pivots of objects in colour.
 
     Args:
         world: The world.
-        only: The object to draw the region of; None for all.
+        only: The object whose region is drawn, None for all.
     """
     sketch = Sketch()
     found: dict[tuple[bytes, float], tuple[list[str], MultiPolygon]] = {}
@@ -50,10 +50,10 @@ def sketch_regions(world: ShownWorld, only: str | None = None) -> Sketch:
                 sketch.outline(np.c_[ring, np.full(len(ring), height + _LIFT)], GREY)
             if left.is_empty:
                 at = outline.representative_point()
-                sketch.words.append((f"nothing is left for {name}", np.array([at.x, at.y, height])))
+                sketch.words.append((f"no region for {name}", np.array([at.x, at.y, height])))
             else:
                 found.setdefault((left.normalize().wkb, height), ([], left))[0].append(name)
-    # Many regions together are as thin, and as transparent, as a few.
+    # With many regions, each is lower and more transparent, so that the stack looks like a few.
     lift, opacity = 2.0 * _LIFT / max(len(found), 2), 0.45 / math.sqrt(max(len(found) / 3.0, 1.0))
     for i, ((_, height), (_, left)) in enumerate(found.items()):
         triangles = triangulate(left)
@@ -64,7 +64,7 @@ def sketch_regions(world: ShownWorld, only: str | None = None) -> Sketch:
 
 
 def _words(regions: list[tuple[list[str], MultiPolygon, float]]) -> list[tuple[str, np.ndarray]]:
-    """Return the labels of regions: nearly equal regions share one, and crowded labels move to the edges."""
+    """Return the labels of regions. Nearly equal regions share a label, and crowded labels move to the edges."""
     shared: list[tuple[list[str], MultiPolygon, float]] = []
     for names, left, height in regions:
         for others, area, at_height in shared:
@@ -85,10 +85,10 @@ def _words(regions: list[tuple[list[str], MultiPolygon, float]]) -> list[tuple[s
 
 
 def regions_left(world: ShownWorld, name: str) -> list[tuple[MultiPolygon, MultiPolygon, float]]:
-    """Return the outline of each surface that an object may stand on, the area left for its pivot, and the height [m].
+    """Return the outline of each surface under an object, the area left for its pivot, and the height [m].
 
-    Outlines and areas [m] are those of the world, seen from above. The test for a cover looks at pivots on the surface
-    itself. Distances between bounds hold for any heading of the object, so their rings are a little too large.
+    Outlines and areas [m] are in the world frame, seen from above. The test for a cover takes the pivot on the surface.
+    Distances between bounds hold for any heading of the object, so their rings are a little too large.
     """
     placed = world.placed(name)
     relations = [relation_area(world, name, relation) for relation in placed.config.relations]
@@ -107,7 +107,7 @@ def regions_left(world: ShownWorld, name: str) -> list[tuple[MultiPolygon, Multi
 
 
 def is_covered_rightly(world: ShownWorld, placed: PlacedObject, region: BaseGeometry, height: float) -> BaseGeometry:
-    """Return what of a region of the world, seen from above, at a height [m] has the cover that an object asks for."""
+    """Return the part of a region at a height [m] with the cover that an object requires, seen from above."""
     if placed.cover == Cover.EITHER or region.is_empty:
         return region
     cover = cover_over(world, placed, height)
@@ -115,7 +115,7 @@ def is_covered_rightly(world: ShownWorld, placed: PlacedObject, region: BaseGeom
 
 
 def cover_over(world: ShownWorld, placed: PlacedObject, height: float) -> BaseGeometry:
-    """Return the outline, seen from above, of what a support's own object has above a height [m] of the world."""
+    """Return the outline, seen from above, of the parts of a support's object above a height [m] of the world."""
     compiled = world.compiled
     assert placed.support is not None
     parent = compiled.scene.around(placed.support)
@@ -130,7 +130,7 @@ def cover_over(world: ShownWorld, placed: PlacedObject, height: float) -> BaseGe
 
 
 def _above(triangles: np.ndarray, height: float) -> BaseGeometry:
-    """The hull, seen from above, of what of triangles (n, 3, 3) is above a height."""
+    """Return the hull, seen from above, of the parts of triangles (n, 3, 3) above a height."""
     ends = np.stack([triangles, np.roll(triangles, 1, axis=1)], axis=2).reshape(-1, 2, 3)
     above = ends[:, :, 2] > height
     one, other = ends[above[:, 0] != above[:, 1]].transpose(1, 0, 2)
@@ -150,7 +150,7 @@ def _areas(region: BaseGeometry) -> MultiPolygon:
 
 
 def relation_area(world: ShownWorld, name: str, relation: Relation) -> BaseGeometry | None:
-    """Return the area of the plane that a relation leaves for an object; None where it does not apply."""
+    """Return the area of the plane that a relation leaves for an object, None if the relation does not apply."""
     frames = [other for key, other in relation.references if key == "frame"]
     anchors = [world.standing(anchor) for anchor in relation.anchors if world.is_shown(anchor)]
     if len(anchors) < relation.least_anchors or not all(map(world.is_shown, frames)):
@@ -176,8 +176,8 @@ def area_of(relation: Relation, own: Standing, anchors: Sequence[Standing], head
 
     Args:
         relation: The relation.
-        own: How the object stands.
-        anchors: How the anchors that are present stand.
+        own: Place and bounds of the object.
+        anchors: Places and bounds of the present anchors.
         heading: The heading [rad] of the relation in the world.
     """
     raise NotImplementedError(f"no area of {type(relation).__name__}")
@@ -208,7 +208,7 @@ def _joined(relation: Joined, own: Standing, anchors: Sequence[Standing], headin
 
 @area_of.register
 def _beside(relation: Beside, own: Standing, anchors: Sequence[Standing], heading: float) -> BaseGeometry:
-    """Return the line of pivots at which the bounds are a gap apart, the narrower within the span of the wider."""
+    """Return the line of pivots that put the bounds a gap apart, with the narrower in the span of the wider."""
     side = np.array([math.cos(heading), math.sin(heading)])
     along = np.array([-side[1], side[0]])
     offset = _extent(anchors[0], side)[1] + relation.gap - _extent(own, side)[0]
@@ -228,7 +228,7 @@ def _wedge(apex: np.ndarray, axis: float, half_angle: float, low: float, high: f
 
 
 def _extent(standing: Standing, along: np.ndarray) -> tuple[float, float]:
-    """Return the least and greatest coordinate [m] of bounds along a direction of the world, from their origin."""
+    """Return the least and greatest coordinate [m] of bounds along a direction of the world, from the pivot."""
     (*_, heading), bounds = standing
     c, s = math.cos(heading), math.sin(heading)
     corners = np.array([[x, y] for x in bounds[[0, 2]] for y in bounds[[1, 3]]]) @ np.array([[c, s], [-s, c]])
@@ -237,10 +237,10 @@ def _extent(standing: Standing, along: np.ndarray) -> tuple[float, float]:
 
 
 def _radius(bounds: np.ndarray) -> float:
-    """Return the distance [m] of the furthest corner of bounds from their origin."""
+    """Return the distance [m] of the furthest corner of bounds from the pivot."""
     return float(np.linalg.norm(np.maximum(np.abs(bounds[:2]), np.abs(bounds[2:]))))
 
 
 def _outside(bounds: np.ndarray) -> float:
-    """Return the distance [m] of bounds from their origin, 0 if it is inside."""
+    """Return the distance [m] of bounds from the pivot, 0 if the pivot is inside."""
     return float(np.linalg.norm(np.maximum(np.maximum(bounds[:2], -bounds[2:]), 0.0)))

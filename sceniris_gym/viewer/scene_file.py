@@ -1,4 +1,4 @@
-"""The scene on show: compiled from a file, and again when that file, or one that it refers to, is saved."""
+"""The scene on the page: compiled from a file, and again after a change of the file or its assets."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ class LoadedScene:
     """The outcome of reading and compiling a scene file.
 
     Attributes:
-        compiled: The scene; None where it cannot be read. If no layout of it can be made, it has no bank.
-        error: The error in it, None if there is none.
-        notices: Warnings about it.
+        compiled: The scene, None if it cannot be read. A scene without layouts has no bank.
+        error: The error in the scene, or None.
+        notices: Warnings about the scene.
     """
 
     compiled: CompiledScene | None
@@ -41,7 +41,7 @@ class LoadedScene:
 
 
 class SceneFile:
-    """A scene by name or path, with changes laid over it, on the CPU.
+    """A scene by name or path, with changes, on the CPU.
 
     Args:
         scene: Name of a shipped scene, or a path.
@@ -61,7 +61,7 @@ class SceneFile:
         return replace(loaded, notices=tuple(str(w.message) for w in warned if issubclass(w.category, ScenirisWarning)))
 
     def _load(self) -> LoadedScene:
-        self._files = scene_files(self.scene) or self._files  # a file that is gone may come back
+        self._files = scene_files(self.scene) or self._files  # a missing file may come back
         self._stamps = self._read_stamps()
         try:
             config = SceneConfig.load(self.scene, self.changes)
@@ -76,23 +76,23 @@ class SceneFile:
             return LoadedScene(None, error)
 
     def changed(self) -> bool:
-        """Return True if any of its files was saved since it was loaded."""
+        """Return True if a file of the scene changed since it was loaded."""
         return self._read_stamps() != self._stamps
 
     def _read_stamps(self) -> Stamps:
         stamps = {}
         for path in self._files:
-            with contextlib.suppress(OSError):  # while an editor replaces it
+            with contextlib.suppress(OSError):  # an editor may be replacing the file
                 found = path.stat()
                 stamps[path] = found.st_mtime_ns, found.st_size
         return stamps
 
 
 def _files_of(config: SceneConfig) -> list[Path]:
-    """Return the models that a scene names, and the files that its user's models refer to."""
+    """Return the model files of a scene, and all files in models from outside the package."""
     parts = [*config.objects.values(), *config.all_robots.values()]
     assets = sorted({part.asset for part in parts if part.asset is not None})
-    of_package = shipped("assets", ".xml")  # building the model refuses unknown names
+    of_package = shipped("assets", ".xml")  # building the model rejects unknown names
     own = [Path(a) for a in assets if not SHIPPED_NAME.fullmatch(a)]
     own += [config.model] if isinstance(config.model, Path) else []
     found: dict[Path, None] = dict.fromkeys(of_package[a] for a in assets if a in of_package)
@@ -102,7 +102,7 @@ def _files_of(config: SceneConfig) -> list[Path]:
 
 
 def _add_referred(path: Path, folders: tuple[Path, ...], found: dict[Path, None]) -> None:
-    """Add a model and the files that it names, in each folder that they may be in, even if they do not exist."""
+    """Add a model and the files that it names, in every possible folder, even if they do not exist."""
     if path in found:
         return
     found[path] = None
@@ -110,9 +110,9 @@ def _add_referred(path: Path, folders: tuple[Path, ...], found: dict[Path, None]
         return
     try:
         text = path.read_text()
-    except (OSError, UnicodeDecodeError):  # building the model refuses it
+    except (OSError, UnicodeDecodeError):  # building the model rejects it
         return
-    folders = tuple(dict.fromkeys([path.parent, *folders]))  # an include means its own or its parent's folder
+    folders = tuple(dict.fromkeys([path.parent, *folders]))  # paths are relative to the file, or to the including file
     folders += tuple(folder / name for folder in folders for name in _FOLDER.findall(text))
     for name in _FILE.findall(text):
         for place in [file_of(name, path.parent)] if "://" in name else [folder / name for folder in folders]:

@@ -1,4 +1,4 @@
-"""The page's server. It answers before heavy imports, so that the address is there at once."""
+"""The page's server. It starts before heavy imports, so that the page opens at once."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ if TYPE_CHECKING:
 
 
 HOST = "127.0.0.1"
-"""The default address, at which only this machine reaches the page."""
+"""The default address, which only this machine can reach."""
 PORT = 8080
-"""The port that is tried first."""
+"""The default port."""
 MOST_SHOWN = 64
-"""Most worlds that are shown side by side."""
+"""Greatest number of worlds side by side."""
 
 _BACKGROUND = (238, 241, 245)
-# Lamps alone, so placed that one reaches each side: an environment map takes seconds where there is no GPU, and things
-# without a texture arrive at the page as metal, which only lamps light.
+# One lamp for each side, and no environment map, which takes seconds without a GPU. Objects without a texture arrive at
+# the page as metal, which only lamps light.
 _LAMPS = (
     ("front", 2.4, (-1.0, -1.5, 3.0)),
     ("right", 1.6, (2.0, -0.6, 1.2)),
@@ -40,12 +40,12 @@ _EVERYWHERE = ("0.0.0.0", "::")
 
 
 def open_server(host: str = HOST, port: int = PORT, origins: Sequence[str] = ()) -> viser.ViserServer:
-    """Open an empty page, for browsers that ask for it by a name of this machine and for no other site in them.
+    """Open an empty page. It answers only requests to an address of this page, and rejects requests of other sites.
 
     Args:
-        host: Address to listen on; "0.0.0.0" lets every machine in.
-        port: Port to listen on; the next free one is taken where it is in use.
-        origins: Other addresses that the page has in a browser, as in "https://hub.example.org".
+        host: Address to listen on. "0.0.0.0" admits all machines.
+        port: Port to listen on, or the next free port.
+        origins: Other addresses of the page in a browser, such as "https://hub.example.org".
 
     Raises:
         MissingExtraError: viser or mjviser is not installed.
@@ -61,12 +61,12 @@ def open_server(host: str = HOST, port: int = PORT, origins: Sequence[str] = ())
         server = viser.ViserServer(host=host, port=port, label="sceniris_gym", verbose=False)
     server.gui.configure_theme(control_width="medium", show_logo=False, show_share_button=False)
     server.gui.main_panel.dock_right()
-    light(server)  # before a page draws anything, so that it never does with the shadows of viser's own lights
+    light(server)  # before the page draws, so that it never shows the shadows of viser's default lights
     return server
 
 
 def _check_host(host: str) -> None:
-    """Refuse an address that cannot be listened on. With one, viser would wait for ever."""
+    """Reject an address that is not of this machine, because viser would wait forever."""
     try:
         family, kind, *_, at = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[0]
         with socket.socket(family, kind) as probe:
@@ -76,30 +76,30 @@ def _check_host(host: str) -> None:
 
 
 def refusal(headers: Mapping[str, str], host: str, origins: Sequence[str]) -> str | None:
-    """Return why a request is refused; None if it is not.
+    """Return why a request is rejected, None if it is accepted.
 
-    Another site may send requests to this machine from the user's browser, also under a name of its own that leads
-    here. The browser says so: `Origin` is the site, `Host` the name. A page that other machines reach also has numeric
-    addresses, which no site can take for a name.
+    Another site may send requests to this machine from the user's browser, also by a domain name that resolves to this
+    machine. The headers of the browser show both: `Origin` is the site, `Host` is the name. If other machines reach the
+    page, its numeric addresses are accepted, too, because a site cannot have such a name.
 
     Args:
         headers: The headers of the request.
-        host: The address that the page listens on.
-        origins: Other addresses that the page has in a browser.
+        host: The address of the listening socket.
+        origins: Other addresses of the page in a browser.
     """
     try:
         asked = headers.get("Host", "").lower()
         urls = [f"http://{asked}", headers.get("Origin", f"http://{asked}").lower()]
         sites = [urlsplit(url) for url in urls]
-    except (ValueError, LookupError) as error:  # LookupError: of more than one
-        return f"'Host' and 'Origin' should be an address each: {error}."
+    except (ValueError, LookupError) as error:  # a LookupError means several such headers
+        return f"'Host' and 'Origin' should be one address each: {error}."
     named = {origin.lower().rpartition("//")[2].rstrip("/") for origin in origins} - {""}
     for url, site in zip(urls, sites, strict=True):
         name = site.hostname or ""
         own = name == host.lower() or (_is_numeric(name) and not _is_loopback(host))
         fits = _is_loopback(name) or site.netloc in named or (own and site.netloc == asked)
         if not fits or "@" in url or url != f"{site.scheme}://{site.netloc}":
-            return f"'{url}' is no address of this page. If it should be, start the page with --allow-origin {url}."
+            return f"'{url}' is not an address of this page. To allow it, start the page with --allow-origin {url}."
     return None
 
 
@@ -114,7 +114,7 @@ def _is_loopback(name: str) -> bool:
 
 @contextlib.contextmanager
 def _refusing(host: str, origins: Sequence[str]) -> Iterator[None]:
-    """Let a server that viser starts in the block answer 403 to requests and handshakes that `refusal` refuses."""
+    """Make a server that viser starts in the block answer 403 to requests and handshakes that `refusal` rejects."""
     from websockets.asyncio import server
 
     serve = server.serve
@@ -156,25 +156,24 @@ def address(server: viser.ViserServer) -> str:
 
 
 def import_ahead() -> threading.Thread:
-    """Start to import mjviser in a thread, as its trimesh takes a second."""
+    """Start to import mjviser in a thread, because its trimesh takes a second."""
     thread = threading.Thread(target=importlib.import_module, args=("mjviser",), daemon=True)
     thread.start()
     return thread
 
 
 class Requests:
-    """Keeps the latest request about each thing, so that dragging a slider leaves no queue behind."""
+    """Queue of requests with only the latest per subject, so that dragging a slider does not fill it."""
 
     def __init__(self) -> None:
         self._waiting: dict[object, Callable[[], None]] = {}
         self._new = threading.Condition()
 
     def put(self, about: str | None, action: Callable[[], None]) -> None:
-        """Ask for something.
+        """Add a request.
 
         Args:
-            about: The thing that it is about. An earlier request about the same thing that was not done yet is dropped.
-                None if every request counts.
+            about: The subject. It replaces a waiting request with the same subject. None keeps all requests.
             action: The work to do.
         """
         key = object() if about is None else about
@@ -184,7 +183,7 @@ class Requests:
             self._new.notify()
 
     def take(self, seconds: float) -> list[Callable[[], None]]:
-        """Return the requests in order; if there are none, wait so long for one."""
+        """Return the waiting requests in order. If the queue is empty, wait up to `seconds` [s] for a request."""
         with self._new:
             if not self._waiting:
                 self._new.wait(seconds)

@@ -1,4 +1,4 @@
-"""One world as its layout has it, which the layers see, and as physics moves it from there."""
+"""One world in the state of its layout, for the layers, and in motion, for the player."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from sceniris_gym.program.plan import PlacedObject
 from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.scene.parking import PARKING_FROM
 
-_LONGEST = 0.1  # s of physics between two pictures; a slow machine falls behind rather than freezes
+_LONGEST = 0.1  # s of physics between two pictures, so that a slow machine falls behind but does not freeze
 
 
 @dataclass(frozen=True)
 class ShownWorld:
-    """One world on show.
+    """One world on the page.
 
     Attributes:
-        compiled: Its scene.
-        table: Its layout, one row.
-        unplaced: Objects that are not drawn, as they have no place yet.
-        stands: The generator's own pivot [m] and heading [rad], and bounds, of each of `Plan.places`, shape (nplace, 4)
-            each. None for a state that the generator does not have; then they are worked out from the state.
+        compiled: The scene.
+        table: The layout, one row.
+        unplaced: Objects without a place yet, which are not drawn.
+        stands: Pivots [m] with headings [rad], and bounds, of all `Plan.places` from the generator, shape (nplace, 4)
+            each. None for a state that the generator does not have. Then they are computed from the state.
     """
 
     compiled: CompiledScene
@@ -38,7 +38,7 @@ class ShownWorld:
 
     @cached_property
     def data(self) -> mujoco.MjData:
-        """The state, kinematics up to date."""
+        """The state, with kinematics."""
         data = mujoco.MjData(self.compiled.mjm)
         self.table.put(data, 0)
         mujoco.mj_kinematics(self.compiled.mjm, data)
@@ -47,15 +47,15 @@ class ShownWorld:
 
     @cached_property
     def absent(self) -> list[str]:
-        """Objects that their groups left out."""
+        """Absent members of groups."""
         return [name for name in self.compiled.object_names if not self.is_present(name)]
 
     def is_present(self, name: str) -> bool:
-        """Return True if an object takes part in this layout."""
+        """Return True if an object is present in this layout."""
         return bool(self.table.present[0, self.compiled.slots.index(self.own(name))])
 
     def own(self, name: str) -> str:
-        """Return the variant of an object that is present, and the name itself if it has no variants."""
+        """Return the present variant of an object, or the name of an object without variants."""
         members = self.compiled.config.variants.get(name, (name,))
         there = self.table.present[0, [self.compiled.slots.index(member) for member in members]]
         return members[int(there.argmax())]
@@ -65,7 +65,7 @@ class ShownWorld:
         return self.is_present(name) and self.own(name) not in self.unplaced
 
     def standing(self, name: str) -> tuple[np.ndarray, np.ndarray]:
-        """Return pivot [m] and heading [rad], and bounds, of an object as relations take them; see `Plan.place`."""
+        """Return pivot [m] with heading [rad], and bounds, of an object for relations, as in `Plan.place`."""
         plan, name = self.compiled.plan, self.own(name)
         slot = plan.places.index(self.compiled.config.owners.get(name, name))
         if self.stands is not None:
@@ -76,13 +76,13 @@ class ShownWorld:
         root = self.compiled.scene.bodies[name]
         mat = self.data.xmat[root].reshape(3, 3)
         rotations = [mat @ matrix(pose.quat).T for pose in poses]
-        # the pose from which the object is rotated about the vertical only
+        # The right stable pose differs from the state only by a rotation about the vertical.
         best = int(np.argmax([rotation[2, 2] for rotation in rotations]))
         heading = np.arctan2(rotations[best][1, 0], rotations[best][0, 0])
         return np.array([*self.data.xpos[root] + mat @ poses[best].pivot, heading]), poses[best].bounds
 
     def box(self, name: str, root_alone: bool = False) -> tuple[np.ndarray, np.ndarray]:
-        """Return the corners [m] of the upright box around an object, or around its root body alone."""
+        """Return the corners [m] of the upright box around an object, or around only its root body."""
         mjm, data, name = self.compiled.mjm, self.data, self.own(name)
         bodies = [self.compiled.scene.bodies[name]] if root_alone else self.compiled.scene.subtree(name)
         geoms = np.flatnonzero(np.isin(mjm.geom_bodyid, bodies))
@@ -92,12 +92,12 @@ class ShownWorld:
         return upright_box(mjm, data, geoms)
 
     def placed(self, name: str) -> PlacedObject:
-        """Return the plan of an object that is placed."""
+        """Return the plan of a placed object."""
         return self.compiled.plan.objects[self.compiled.placed.index(name)]
 
     @property
     def placed_names(self) -> list[str]:
-        """Objects, and robots whose base is drawn, that were placed in this world, in the order of the scene file."""
+        """Objects and robots with a place in this world, of all that layouts place, in the order of the scene file."""
         parts = self.compiled.config.parts
         return [name for name in parts if parts[name].is_placed and self.is_shown(name)]
 
@@ -107,7 +107,7 @@ class ShownWorld:
         return [body for name in names for body in self.compiled.scene.subtree(name)]
 
     def parked_offsets(self, low: np.ndarray) -> dict[int, np.ndarray]:
-        """Return offsets [m] that move the bodies of absent objects to a row before the scene's lower corner `low`."""
+        """Return offsets [m] that move the bodies of absent objects to a row in front of the scene's corner `low`."""
         offsets = {}
         for i, name in enumerate(self.absent):
             at = np.array([low[0] + 0.15 + 0.3 * i, low[1] - 0.2, low[2]])
@@ -127,7 +127,7 @@ class Player:
     Attributes:
         data: The state.
         running: False while physics is paused.
-        speed: Seconds of physics in a second.
+        speed: Seconds of physics per second.
     """
 
     def __init__(self, compiled: CompiledScene, table: LayoutTable) -> None:
@@ -139,7 +139,7 @@ class Player:
         self.reset()
 
     def reset(self) -> None:
-        """Go back to the layout, with controls that hold its joints, and close fingers that are around something."""
+        """Return to the layout, with controls that hold its joints and close fingers around a held object."""
         mujoco.mj_resetData(self.mjm, self.data)
         self.table.put(self.data, 0)
         adr, closed = self._closed
@@ -150,7 +150,7 @@ class Player:
         self._debt = 0.0
 
     def advance(self, seconds: float) -> bool:
-        """Let so much time [s] pass; return True if that took any step."""
+        """Step physics for a time [s] at the chosen speed. Return True if at least one step was taken."""
         if not self.running:
             return False
         self._debt = min(self._debt + seconds * self.speed, _LONGEST)
@@ -165,7 +165,7 @@ class Player:
         mujoco.mj_step(self.mjm, self.data)
 
     def target_ranges(self) -> list[tuple[str, float, float]]:
-        """Return name, least and greatest control of each actuator; unlimited ones get their joint's range, or +-1."""
+        """Return name, least and greatest control per actuator. Without limits, take the joint's range, or +-1."""
         ranges = []
         for i in range(self.mjm.nu):
             low, high = self.mjm.actuator_ctrlrange[i]
@@ -180,7 +180,7 @@ class Player:
 
 
 def _closed_fingers(compiled: CompiledScene, table: LayoutTable) -> tuple[np.ndarray, np.ndarray]:
-    """Return addresses in qpos of the fingers that hold something in a layout, and their closed positions."""
+    """Return addresses in qpos of the fingers that hold an object in a layout, and their closed positions."""
     if compiled.config.start and compiled.reaching is not None:
         kind = compiled.config.start[table.start[0]]
         for name in kind.targets(compiled.config.groups) if kind.robot == "grasp" else ():

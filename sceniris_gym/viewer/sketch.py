@@ -1,4 +1,4 @@
-"""Sketches of layers: surfaces, lines, arrows, axes and words, as numbers first, then on the page."""
+"""Sketches of layers: surfaces, lines, arrows, axes and words, as arrays, and drawn on the page."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ import viser
 Colour = tuple[int, int, int]
 
 RED: Colour = (214, 39, 40)
-"""Errors, and nothing else."""
+"""Only for errors."""
 ORANGE: Colour = (240, 140, 20)
 BLUE: Colour = (38, 110, 190)
 GREEN: Colour = (40, 150, 90)
 VIOLET: Colour = (130, 80, 170)
 GREY: Colour = (120, 126, 134)
 PALETTE: tuple[Colour, ...] = (BLUE, GREEN, VIOLET, (180, 120, 30), (20, 150, 160), (170, 60, 120), (90, 120, 40))
-"""Colours of objects, none of them red."""
+"""Colours of objects, without red."""
 
-_THICK = 0.006  # of a world's size: two or three pixels where all of it is on show
+_THICK = 0.006  # of a world's size: two or three pixels if the whole world is in view
 _SLIM = 16.0  # length of a short arrow over its radius
 
 
@@ -32,8 +32,8 @@ class Sketch:
         surfaces: Triangles as vertices (n, 3) and faces (m, 3), their colour and opacity.
         lines: Ends of a line, (2, 3), and its colour.
         arrows: Tail and tip of an arrow, (2, 3), and its colour.
-        axes: Position (3,) and orientation (wxyz) of a frame whose axes are drawn.
-        words: Texts and where they are.
+        axes: Position (3,) and orientation (wxyz) of a frame.
+        words: Texts and their positions (3,).
     """
 
     surfaces: list[tuple[np.ndarray, np.ndarray, Colour, float]] = field(default_factory=list)
@@ -48,11 +48,11 @@ class Sketch:
             self.lines.append((np.stack([a, b]), colour))
 
     def draw(self, server: viser.ViserServer, name: str, origin: np.ndarray, size: float = 1.0) -> None:
-        """Show it on the page below `/name`, in the place of an earlier sketch.
+        """Show the sketch on the page below `/name`, and remove an earlier sketch of this name.
 
         Args:
             server: The page.
-            name: Its name there.
+            name: Name of the sketch on the page.
             origin: The world's origin [m].
             size: The size of the world [m], which sets the thickness of lines and arrows.
         """
@@ -88,11 +88,11 @@ class Sketch:
 
 
 def _linear(colour: Colour) -> np.ndarray:
-    """Return a colour in linear light, shape (3,): viser takes those of lines and arrows so, and all others in sRGB."""
+    """Return a colour in linear light, shape (3,). viser expects it for lines and arrows, and sRGB for other shapes."""
     return np.round(255.0 * (np.array(colour) / 255.0) ** 2.2).astype(np.uint8)
 
 
 def erase(server: viser.ViserServer, name: str) -> None:
-    """Take a sketch off the page, if it is there."""
+    """Remove a sketch from the page, if it exists."""
     if server.scene.get_handle_by_name(f"/{name}") is not None:
         server.scene.remove_by_name(f"/{name}")

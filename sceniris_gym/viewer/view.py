@@ -25,34 +25,34 @@ from sceniris_gym.viewer.sketch import Sketch, erase
 from sceniris_gym.viewer.worlds import Worlds, view_direction
 
 _FRAME = 1.0 / 60.0  # s between pictures of physics
-_IDLE = 0.25  # s between looks at the scene's files
-_TOLD = 0.25  # s between two words on how far work is
+_IDLE = 0.25  # s between checks of the scene's files
+_TOLD = 0.25  # s between two reports of progress
 _KERNELS = "The first time this compiles kernels, which takes a minute."
-_TRIED = "The tab 'Why' shows what was tried, in red."
+_TRIED = "The tab 'Why' shows the rejected candidates in red."
 _CANDIDATE, _SLICE, _PIECES = "candidate", "slice", "pieces"  # names of sketches on the page
 
 
 class SceneView:
-    """Shows layouts of a scene, and does the requests of the page's controls, in the thread that calls `tick`.
+    """Shows layouts of a scene, and handles the requests of the page's controls, in the thread that calls `tick`.
 
     Args:
         server: The page.
         file: The scene.
-        where: The choice of layouts that is shown first.
-        num: How many worlds are shown first.
+        where: The first choice of layouts.
+        num: Number of worlds at first.
     """
 
     def __init__(self, server: viser.ViserServer, file: SceneFile, where: Where, num: int = 1) -> None:
         self.server, self.file, self.where, self.num = server, file, where, num
         self.requests = Requests()
         self.panel = Panel(server, self.requests, self, num)
-        self.panel.say(f"The scene is being worked out. {_KERNELS}")
-        self._ready = False  # True once a scene is on show, and with it the next four are there
+        self.panel.say(f"The scene is being compiled. {_KERNELS}")
+        self._ready = False  # True once a scene is on the page, and the next four attributes are set
         self.loaded: LoadedScene
         self.deck: LayoutDeck
         self.table: LayoutTable
         self._worlds: Worlds
-        self._broken: str | None = None  # what is wrong with the file, while its last good scene is on show
+        self._broken: str | None = None  # the error in the file, while the page shows the last good scene
         self._player: Player | None = None
         self._slices: list[ReachSlice] = []
         self._layers: set[str] = set()
@@ -66,7 +66,7 @@ class SceneView:
         self._looked = self._stepped = self._told = time.monotonic()
 
     def tick(self, seconds: float = _IDLE) -> None:
-        """Do what was asked for, waiting so long for a request; let physics go on, and look for saved files."""
+        """Run one iteration: handle requests (waiting up to `seconds` [s]), step physics, and reload changed files."""
         running = self._player is not None and self._player.running
         for action in self.requests.take(_FRAME if running else seconds):
             self._try(action)
@@ -78,13 +78,13 @@ class SceneView:
             self._looked = now
             if self.file.changed():
                 self._try(self.load)
-            elif not self._counted:  # nobody asks for anything
+            elif not self._counted:  # the page is idle
                 self._counted = True
                 self.deck.count_ahead()
                 self._tell_counts()
 
     def load(self) -> None:
-        """Read the scene, and show it at the same seed. If that fails, say why, and leave the page as it is."""
+        """Read the scene, and show it at the same seed. On an error, show the message and keep the last scene."""
         with listening(self._tell_progress):
             loaded = self.file.load()
         if loaded.error is not None:
@@ -126,7 +126,7 @@ class SceneView:
             self.go(self.deck.find(text))
 
     def show_worlds(self, num: int) -> None:
-        """Show so many worlds."""
+        """Show this number of worlds."""
         self.num = num
         if self._ready:
             self.deck = LayoutDeck(self.deck.compiled, num)
@@ -134,17 +134,17 @@ class SceneView:
             self._draw_worlds()
 
     def show_layer(self, name: str, shown: bool) -> None:
-        """Show a layer, or hide it."""
+        """Show or hide a layer."""
         (self._layers.add if shown else self._layers.discard)(name)
         self._show()
 
     def show_geometry(self, which: str) -> None:
-        """Show what is seen, what physics collides, or both."""
+        """Show visual geometry, colliding geometry, or both."""
         self._geometry = which
         self._show()
 
     def look_at_object(self, name: str | None) -> None:
-        """Let layers show one object, or all."""
+        """Limit layers to one object, or show all objects with None."""
         self._only = name
         self._show()
 
@@ -155,14 +155,14 @@ class SceneView:
             self._show_slices(self._first_world()[0])
 
     def move_arm(self, pose: str) -> None:
-        """Let the arm of the first world jump into a pose of `poses_of_arm`, in the layout itself; physics ends."""
+        """Put the arm of the first world into a pose of `poses_of_arm`, in the state of the layout. Physics ends."""
         self._pose, self._candidates = pose, None
         self.panel.rejected.value = False
         self._end_play()
         self._show()
 
     def show_rejected(self, shown: bool) -> None:
-        """Show the rejected candidates of this layout, or the layout itself; physics ends where there are some."""
+        """Show the rejected candidates of this layout, which ends physics, or hide them."""
         if shown:
             self._end_play()
         self._candidates = self.deck.rejected(self.where) if shown and self._ready else None
@@ -170,24 +170,24 @@ class SceneView:
         self._show()
 
     def show_candidate(self, i: int) -> None:
-        """Show a rejected candidate; those before the first and after the last one are those themselves."""
+        """Show rejected candidate `i`, or the first or last candidate if `i` is out of range."""
         self._candidate = min(max(i, 0), max(len(self._candidates or ()) - 1, 0))
         self._show()
 
     def play(self, running: bool) -> None:
-        """Let physics go on in the first world, or stop it."""
+        """Run or pause physics in the first world."""
         player = self._playing()
         player.running, self._stepped = running, time.monotonic()
         self.panel.play.label = "Pause" if running else "Play"
 
     def step(self) -> None:
-        """Stop, and take one step of physics."""
+        """Pause physics, and take one step."""
         self.play(False)
         self._playing().step()
         self._show_player()
 
     def reset_play(self) -> None:
-        """Go back to the layout, and to its layers."""
+        """Return to the layout and its layers."""
         if self._player is not None:
             self._player.reset()
             self.panel.set_targets(self._player.data.ctrl)
@@ -195,18 +195,18 @@ class SceneView:
             self._show()
 
     def set_speed(self, speed: float) -> None:
-        """Set how many seconds of physics there are in a second."""
+        """Set the seconds of physics per second."""
         self._speed = speed
         if self._player is not None:
             self._player.speed = speed
 
     def set_target(self, i: int, value: float) -> None:
-        """Set the control of an actuator, and let physics go on."""
+        """Set the control of an actuator, and run physics."""
         self._playing().data.ctrl[i] = value
         self.play(True)
 
     def _try(self, action: Callable[[], None]) -> None:
-        """Do what was asked for. Users' mistakes are said on the page, and our own on stderr as well."""
+        """Run an action. Show errors of the user on the page, and internal errors also on stderr."""
         try:
             action()
         except ScenirisError as error:
@@ -218,10 +218,10 @@ class SceneView:
     def _tell_progress(self, what: str, done: int, total: int) -> None:
         if time.monotonic() - self._told > _TOLD:
             self._told = time.monotonic()
-            self.panel.say(f"The scene is being worked out ({what}: {done} of {total}). {_KERNELS}")
+            self.panel.say(f"The scene is being compiled ({what}: {done} of {total}). {_KERNELS}")
 
     def _draw_worlds(self) -> None:
-        """Draw the worlds anew, for another model or another number of them."""
+        """Replace all worlds on the page, for another model or another number of worlds."""
         self.server.scene.reset()
         worlds = Worlds(self.server, self.deck.compiled.scene, self.num)
         worlds.aim(open_pages=not self._ready or not worlds.is_like(self._worlds))
@@ -229,7 +229,7 @@ class SceneView:
         self.go(self.where)
 
     def _show(self) -> None:
-        """Bring the picture up to date."""
+        """Update the picture."""
         if not self._ready:
             return
         compiled, worlds = self.deck.compiled, self._worlds
@@ -250,7 +250,7 @@ class SceneView:
         self._show_player()
 
     def _first_world(self) -> tuple[ShownWorld, Candidate | None]:
-        """Return the world of the layers: that of a candidate, with the candidate, or the layout in the arm's pose."""
+        """Return the world for layers: with the shown candidate, or of the layout in the selected pose of the arm."""
         if self._candidates:
             candidate = self._candidates[self._candidate]
             return why.world_of(self.deck.compiled, candidate), candidate
@@ -258,7 +258,7 @@ class SceneView:
         if self._pose != START:
             moved = with_arm(world, self._pose)
             if moved is None:
-                self.panel.say(f"The arm has no joints for the {self._pose}.", bad=True)
+                self.panel.say(f"Inverse kinematics found no joints for the {self._pose}.", bad=True)
             else:
                 world = replace(world, table=moved)
         return world, None
@@ -281,7 +281,7 @@ class SceneView:
     def _show_candidate(self, world: ShownWorld, candidate: Candidate | None, before: Sequence[int]) -> None:
         if candidate is None:
             erase(self.server, _CANDIDATE)
-            text = "Nothing was rejected for this layout." if self._candidates == [] else "Switch them on to see them."
+            text = "This layout rejected no candidates." if self._candidates == [] else "Switch them on to see them."
             self.panel.set_candidates(0, 0, text)
             return
         hits = self.deck.hits(candidate) if candidate.cause == "collision" else []
@@ -307,7 +307,7 @@ class SceneView:
         self._worlds.send()
 
     def _playing(self) -> Player:
-        """Return the player of this layout. Starting one hides the layers, which are about the layout."""
+        """Return the player of this layout. A new player hides the layers, which show the state of the layout."""
         if self._player is None:
             self._player = Player(self.deck.compiled, self.table[:1])
             self._player.speed = self._speed
@@ -323,7 +323,7 @@ class SceneView:
         self.panel.play.label = "Play"
 
     def _first_candidate(self) -> int:
-        """Return the candidate to begin with: where no layout can be made, the first one of the object to blame."""
+        """Return the index of the first candidate on the page: of the blamed object, if no layout can be made."""
         error = self.loaded.error if self._ready else None
         blamed = (error.name, error.cause) if isinstance(error, InfeasibleSceneError) else None
         return next((i for i, c in enumerate(self._candidates or ()) if (c.name, c.cause) == blamed), 0)
@@ -332,7 +332,7 @@ class SceneView:
         return self.deck.compiled.layout_id(self.where.seed, self.where.episode, self.where.split)
 
     def _tell(self) -> None:
-        """Say what is on show."""
+        """Describe the shown layout above the controls."""
         poses = poses_of_arm(ShownWorld(self.deck.compiled, self.table[:1]))
         self.panel.set_where(self.where, self._layout_id(), poses)
         self._tell_counts()
@@ -341,7 +341,7 @@ class SceneView:
         if self.loaded.error is not None:
             return self.panel.say(f"{self.loaded.error}\n\n{_TRIED}", bad=True)
         name, row = self.deck.compiled.config.name, self.table[:1]
-        source = "a fresh layout" if row.valid[0] else "from the bank of valid ones, as no fresh one was found"
+        source = "a fresh layout" if row.valid[0] else "a layout from the bank, because no fresh layout was found"
         start = f", start {row.start[0]}" if self.deck.compiled.config.start else ""
         made = f"{name}: {source}{start}, {row.attempts[0]} candidates"
         if self.num > 1:

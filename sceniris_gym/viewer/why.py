@@ -1,4 +1,4 @@
-"""Rejected candidates: in red where they would have stood, and in words why they were rejected."""
+"""Rejected candidates: drawn in red at their place, with the cause in words."""
 
 from __future__ import annotations
 
@@ -17,35 +17,35 @@ from sceniris_gym.viewer.worlds import SEEN_GROUPS, body_mesh
 
 _MOST_HITS = 3
 _ABOVE = 0.15  # m from a candidate to its words
-_MOST_BEFORE = 20  # surfaces that a ray passes through
-_BEYOND = 1e-4  # m behind a surface at which a ray goes on
+_MOST_BEFORE = 20  # greatest number of surfaces along a ray
+_BEYOND = 1e-4  # m behind a surface, where the next ray starts
 CAUSES = {
-    "overhead": "what is above it is not what 'on' (open space) or 'inside' (a cover of the same object) asks for",
+    "overhead": "above it, 'on' requires open space, and 'inside' requires a cover of the same object",
     "footprint": "part of it hangs over the edge of its support",
-    "collision": "it would touch something, or be nearer to it than its clearance",
-    "empty": "its region and relations leave nothing of its support",
-    "region": "its relations hold nowhere in the region that is left",
-    "unreachable": "no grasp of it is within the arm's reach",
-    "no_ik": "the arm has no joints for a grasp of it",
-    "blocked": "something is in the way of the arm in every grasp of it",
-    "falls": "it would not stand there, or what it is put on would not",
-    "unsound": "the layout has numbers that are not finite",
+    "collision": "it would touch an obstacle, or be nearer than its clearance",
+    "empty": "its region and relations leave no area of its support",
+    "region": "its relations do not hold at any point of the remaining region",
+    "unreachable": "all of its grasps are out of the arm's reach",
+    "no_ik": "inverse kinematics found no joints for its grasps",
+    "blocked": "the arm would hit an obstacle in all of its grasps",
+    "falls": "it would fall, or make its support fall",
+    "unsound": "the layout has non-finite numbers",
 }
 """The meaning of each cause, in words that follow 'because'."""
 
 
 def world_of(compiled: CompiledScene, candidate: Candidate) -> ShownWorld:
-    """Return the world as it was when a candidate was tried; later objects have no place yet."""
+    """Return the world at the trial of a candidate. Later objects have no place yet."""
     later = compiled.placed[candidate.number + 1 :]
     drawn = {name for name in later if name in compiled.config.parts and compiled.config.parts[name].is_placed}
     return ShownWorld(compiled, candidate.state, frozenset(drawn))
 
 
 def bodies_before(world: ShownWorld, candidate: Candidate, direction: np.ndarray) -> list[int]:
-    """Return the bodies that hide a candidate, such as the front of the drawer that it is in.
+    """Return the bodies that hide a candidate, such as the front of a drawer around it.
 
     Args:
-        world: The world as it was when it was tried.
+        world: The world at the trial of the candidate.
         candidate: The candidate.
         direction: From the scene to the eye, shape (3,).
     """
@@ -66,7 +66,7 @@ def bodies_before(world: ShownWorld, candidate: Candidate, direction: np.ndarray
 def sketch_candidate(
     world: ShownWorld, candidate: Candidate, hits: Sequence[Hit], before: Sequence[int] = ()
 ) -> Sketch:
-    """Draw a candidate in red, what it hits in orange, and the bodies `before` it in translucent grey."""
+    """Draw a candidate in red, its obstacles in orange, and the bodies `before` it in translucent grey."""
     sketch, mjm = Sketch(), world.compiled.mjm
     for body in world.compiled.scene.subtree(candidate.name):
         _add_body(sketch, world, body, RED, 0.8)
@@ -86,29 +86,29 @@ def sketch_candidate(
 
 
 def explain(compiled: CompiledScene, candidate: Candidate, hits: Sequence[Hit]) -> str:
-    """Say in sentences why a candidate was rejected."""
+    """Return the reason for the rejection of a candidate, in sentences."""
     times = f"{candidate.count} of its candidates" if candidate.count > 1 else "one candidate"
     lines = [f"{candidate.name}: {candidate.cause} ({times} in this layout)."]
     because = CAUSES[candidate.cause]
     if candidate.cause == "unreachable" and candidate.name in compiled.config.all_robots:
-        because = "no grasp of something that it must reach is within the arm's reach from there"
+        because = "from there, all grasps of an object that it must reach are out of the arm's reach"
     lines.append(f"Rejected because {because}.")
     lines += [f"In the way: {hit}." for hit in worst_by_body(compiled.mjm, hits)]
     return "\n".join(lines)
 
 
 def worst_by_body(mjm: mujoco.MjModel, hits: Sequence[Hit]) -> list[Hit]:
-    """Return the worst hit with each other body, the worst of all first, three at most."""
+    """Return the worst hit with each other body, sorted from the worst on, at most three."""
     first = {int(mjm.geom_bodyid[hit.geoms[1]]): hit for hit in reversed(hits)}
     return [hit for hit in hits if first[int(mjm.geom_bodyid[hit.geoms[1]])] is hit][:_MOST_HITS]
 
 
 def table_in_html(counts: Mapping[str, Mapping[str, int]], layouts: int, valid: int) -> str:
-    """Return rejection counts as an HTML table: a row for each object that had any, a column for each cause."""
+    """Return rejection counts as an HTML table: a row per object with rejections, a column per cause."""
     share = f"{valid / layouts:.1%}" if layouts else "none"
     head = f"<p>Rejected candidates in {layouts} layouts, {share} valid:</p>"
     if not counts:
-        return f"{head}<p>none at all</p>"
+        return f"{head}<p>no candidates</p>"
     cells = {name: "".join(f"<td align=right>{n or '-'}</td>" for n in row.values()) for name, row in counts.items()}
     rows = "".join(f"<tr><td>{name}</td>{cells[name]}</tr>" for name in counts)
     titles = "".join(f"<th align=right title='{CAUSES[c]}'>{c}</th>" for c in next(iter(counts.values())))

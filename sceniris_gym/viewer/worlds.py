@@ -1,4 +1,4 @@
-"""The worlds on show, one model drawn many times on a square grid by mjviser, and the page of an environment."""
+"""The worlds on the page, drawn by mjviser from one model on a square grid, and the page of an environment."""
 
 from __future__ import annotations
 
@@ -28,20 +28,20 @@ if TYPE_CHECKING:
     from sceniris_gym.layout.layouts import Layouts
     from sceniris_gym.sim.batch import Batch
 
-_GAP = 0.12  # between worlds, as a share of their size
+_GAP = 0.12  # between worlds, as a fraction of their size
 _FLOOR = (0.80, 0.83, 0.86, 1.0)
-_ENDLESS = 4.0  # m; a plane without sizes is drawn so wide
+_ENDLESS = 4.0  # m, width of a drawn plane without sizes
 SEEN_GROUPS = (0, 1, 2, MARK_GROUP)
 """The groups of geoms that are drawn."""
 _ASPECT = 1.2
-_ALIKE = 0.25  # share of a scene's size by which its ends may move while cameras stay where users turned them
+_ALIKE = 0.25  # if its bounds move by less than this fraction of a scene's size, users' cameras stay
 _FEW = 8
-"""Worlds up to which all are drawn in full."""
+"""Up to this number of worlds, all are drawn in full."""
 _FAR, _COARSE = 2.0, 0.2
-"""Beyond so many sizes of a scene, worlds are drawn with this share of their triangles."""
+"""Worlds farther than the first number of scene sizes are drawn with the second number's fraction of triangles."""
 _MANY = 1000
-"""A body of fewer triangles is always drawn in full: boards and boxes have too few to spare any."""
-# The place of hidden bodies [m], beyond what a camera sees.
+"""A body of fewer triangles, such as a board or a box, is always drawn in full."""
+# The place of hidden bodies [m], out of view of all cameras.
 _AWAY = np.array([0.0, 0.0, -1.0e5])
 
 
@@ -50,8 +50,8 @@ class Worlds:
 
     Args:
         server: The page.
-        scene: The scene, of whose model a changed copy is drawn.
-        num: How many worlds.
+        scene: The scene. The page draws a changed copy of its model.
+        num: Number of worlds.
     """
 
     def __init__(self, server: viser.ViserServer, scene: SceneModel, num: int) -> None:
@@ -73,7 +73,7 @@ class Worlds:
                 for group in self._scene._mesh_groups:
                     many = _triangles(mjm, int(group.body_ids[0])) >= _MANY
                     group.handle.lod = ((_FAR * self.size, _COARSE),) if many else "off"
-            light(server)  # over what mjviser sets, before a page draws anything with that
+            light(server)  # replaces the lights of mjviser before the page draws with them
         self._scene.camera_tracking_enabled = False
         self._visible: bool | None = None
         shape = (num, mjm.nbody)
@@ -83,13 +83,13 @@ class Worlds:
     def put(
         self, i: int, data: Any, hidden: Collection[int] = (), moved: Mapping[int, np.ndarray] | None = None
     ) -> None:
-        """Set what world `i` shows, without sending it.
+        """Set the state of world `i`, without sending it to the page.
 
         Args:
             i: The world.
-            data: An MjData whose kinematics are up to date, or anything else with its xpos, xmat and mocap_quat.
+            data: An MjData with current kinematics, or any object with xpos, xmat and mocap_quat.
             hidden: Bodies that are not drawn.
-            moved: Bodies that are drawn elsewhere, and how far away [m].
+            moved: Body -> offset [m] of its drawing, shape (3,).
         """
         self._xpos[i] = data.xpos + self.origins[i]
         self._xmat[i] = np.reshape(data.xmat, (-1, 3, 3))
@@ -102,17 +102,17 @@ class Worlds:
         self._mocap_quat[i] = data.mocap_quat
 
     def is_like(self, other: Worlds) -> bool:
-        """Return whether these worlds are as many as others, and nearly as large."""
+        """Return whether the other worlds have the same number and nearly the same size."""
         most = _ALIKE * (other.high - other.low).max()
         ends = np.abs(np.stack([self.low - other.low, self.high - other.high]))
         return self.num == other.num and bool(ends.max() <= most)
 
     def send(self) -> None:
-        """Let the page show the worlds as they were set."""
+        """Send the states of all worlds to the page."""
         self._scene.update_from_arrays(self._xpos, self._xmat, self._mocap_pos, self._mocap_quat)
 
     def show_visuals(self, visible: bool) -> None:
-        """Show or hide the worlds themselves, for layers that stand in their place."""
+        """Show or hide the worlds, for layers that replace their geometry."""
         if visible == self._visible:
             return
         self._visible = visible
@@ -121,7 +121,10 @@ class Worlds:
         self._scene._sync_visibilities()
 
     def aim(self, open_pages: bool = True) -> None:
-        """Point the cameras of new pages, and of open ones, at all worlds, from the side of the model's camera."""
+        """Point the cameras of new pages, and with `open_pages` of open pages, at all worlds.
+
+        The direction is from the model's camera.
+        """
         points = (self._seen[None] + self.origins[:, None]).reshape(-1, 3)
         eye, axes = frame(points, view_direction(self.mjm), FOVY, _ASPECT)
         middle = points.mean(axis=0)
@@ -132,12 +135,12 @@ class Worlds:
 
 
 class Window:
-    """Shows the first worlds of a batch, at most 64, and keeps to real time.
+    """Shows the first worlds of a batch, at most 64, in real time.
 
     Args:
-        scene: The scene, with all variants, of which those that are absent are hidden.
-        num: How many worlds there are.
-        server: The page; None opens one, and says on stderr where it is.
+        scene: The scene, with all variants. Absent variants are hidden.
+        num: Number of worlds in the batch.
+        server: The page. None opens a page and prints its address to stderr.
 
     Raises:
         MissingExtraError: viser or mjviser is not installed.
@@ -158,11 +161,11 @@ class Window:
         self._due = time.monotonic()
 
     def show(self, batch: Batch, layouts: Layouts, seconds: float) -> None:
-        """Show the worlds as they are now, and wait until `seconds` have passed since they were shown last.
+        """Show the current state of the worlds, and wait until `seconds` have passed since the last call.
 
         Args:
             batch: The worlds. This waits for their device.
-            layouts: Their layouts, which tell the objects that are present.
+            layouts: Their layouts, for the present objects.
             seconds: Time that has passed in the worlds [s].
         """
         data = batch.data
@@ -175,7 +178,7 @@ class Window:
             self._worlds.put(i, SimpleNamespace(xpos=xpos[i], xmat=xmat[i], mocap_quat=mocap_quat[i]), absent)
         self._worlds.send()
         now = time.monotonic()
-        self._due = max(self._due + seconds, now - seconds)  # a slow machine does not catch up
+        self._due = max(self._due + seconds, now - seconds)  # a slow machine does not hurry to catch up
         time.sleep(max(self._due - now, 0.0))
 
     def close(self) -> None:
@@ -184,7 +187,7 @@ class Window:
 
 
 def view_direction(mjm: mujoco.MjModel) -> np.ndarray:
-    """Return the direction from a scene to the eye of its camera `overview`, else of one in front, shape (3,)."""
+    """Return the direction from a scene to its camera `overview`, or to a default camera in front, shape (3,)."""
     camera = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_CAMERA, OVERVIEW)
     if camera < 0:
         return camera_axes(np.array([0.5, -1.0, 1.0]))[:, 2]
@@ -192,7 +195,7 @@ def view_direction(mjm: mujoco.MjModel) -> np.ndarray:
 
 
 def grid_origins(num: int, size: np.ndarray) -> np.ndarray:
-    """Return the places of worlds [m], row by row from the back left on, around the origin, shape (num, 3)."""
+    """Return the places of worlds [m] around the origin, row by row from the back left on, shape (num, 3)."""
     columns = math.ceil(math.sqrt(num))
     rows = math.ceil(num / columns)
     i = np.arange(num)
@@ -202,9 +205,10 @@ def grid_origins(num: int, size: np.ndarray) -> np.ndarray:
 
 
 def drawn_model(mjm: mujoco.MjModel) -> mujoco.MjModel:
-    """Return a copy of a model that mjviser draws for every world, including all that does not move.
+    """Return a copy of a model that mjviser draws completely for every world.
 
-    mjviser draws bodies that are welded to the world once, planes as one endless grid, and changes the model's `vis`.
+    From the model itself, mjviser would draw static bodies only once, and planes as one endless grid. The copy also
+    protects the model's `vis`, which mjviser changes.
     """
     drawn = copy.copy(mjm)
     drawn.body_weldid[drawn.body_weldid == 0] = -1
@@ -225,7 +229,7 @@ def _triangles(mjm: mujoco.MjModel, body: int) -> int:
 
 
 def body_mesh(mjm: mujoco.MjModel, geoms: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return vertices (n, 3) [m] in the body's frame and faces (m, 3) of the visible geoms; None if there are none."""
+    """Return vertices (n, 3) [m] in the body's frame and faces (m, 3) of the visible geoms, None without any."""
     from mjviser.conversions import merge_geoms
 
     seen = [int(g) for g in geoms if mjm.geom_group[g] in SEEN_GROUPS and mjm.geom_rgba[g, 3] > 0.0]

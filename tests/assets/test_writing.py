@@ -45,6 +45,6 @@ def test_a_mesh_that_is_refused_leaves_the_one_there_was(folder: Path):
     closed = shapes.surface(shapes.hull(np.random.default_rng(0).normal(size=(20, 3))))
     shapes.write_obj("thing", closed)
     before = (folder / "meshes" / "thing.obj").read_bytes()
-    with pytest.raises(ValueError, match="not a closed mesh"):
+    with pytest.raises(ValueError, match="should be a closed mesh"):
         shapes.write_obj("thing", shapes.Mesh(closed.vertices, closed.faces[1:]))
     assert (folder / "meshes" / "thing.obj").read_bytes() == before

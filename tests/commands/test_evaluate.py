@@ -89,7 +89,7 @@ def test_a_folder_without_a_run_is_refused(tmp_path: Path, capfd: pytest.Capture
         cli.main(["evaluate", str(tmp_path), "--device", "cpu"])
     said = capfd.readouterr()
     assert (stop.value.code, said.out) == (2, "")
-    wanted = f"should be the folder of a run that 'sceniris-gym train TASK --out {tmp_path}' made"
+    wanted = f"should be the folder of a run of 'sceniris-gym train TASK --out {tmp_path}'"
     assert said.err == f"error: {tmp_path}: {wanted}, but has no model.pt.\n"
 
 

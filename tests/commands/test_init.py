@@ -64,7 +64,7 @@ def test_things_stand_wholly_on_their_supports_where_they_can(tmp_path: Path, ca
     cli.main(["init", str(tmp_path / "post.xml"), "-o", str(out), "--device", "cpu"])
     lines = out.read_text().splitlines()
     plank = lines.index("  plank: {on: post}")
-    assert lines[plank - 1] == "  # It may hang over: `ratio_on_support: 1` finds no place."
+    assert lines[plank - 1] == "  # It may overhang its support: `ratio_on_support: 1` finds no place."
     assert lines[plank + 1] == "  cube: {on: plank, ratio_on_support: 1}"
     cli.main(["check", str(out), "--device", "cpu"])
     assert "100.00% valid" in capfd.readouterr().out

@@ -142,7 +142,7 @@ def test_without_a_map_poses_are_solved(tmp_path: Path, capfd: pytest.CaptureFix
 
 def test_clear_needs_a_layout(arm: Path, tmp_path: Path):
     """Poses alone have none."""
-    with pytest.raises(NotSupportedError, match="poses alone have none"):
+    with pytest.raises(NotSupportedError, match="poses have no layout"):
         reach.judge(str(arm), None, asked(tmp_path, random_poses(2)), tmp_path / "out.npy", Tier.of("clear"), "cpu")
 
 
@@ -150,9 +150,9 @@ def test_clear_needs_a_layout(arm: Path, tmp_path: Path):
     ("made", "words"),
     [
         (np.zeros((4, 4)), "holds float64 of shape"),
-        (np.zeros((3, 4, 4)), "pose 0 is not a rotation"),
-        (np.full((1, 4, 4), np.nan), "pose 0 is not a rotation"),
-        (np.stack([np.eye(4), np.diag([1.0, 1.0, -1.0, 1.0])]), "pose 1 is not a rotation"),
+        (np.zeros((3, 4, 4)), "pose 0 is not a rigid"),
+        (np.full((1, 4, 4), np.nan), "pose 0 is not a rigid"),
+        (np.stack([np.eye(4), np.diag([1.0, 1.0, -1.0, 1.0])]), "pose 1 is not a rigid"),
         (np.array([["a"]]), "holds <U1"),
     ],
 )
@@ -214,7 +214,7 @@ def test_positions_that_are_no_numbers_are_refused(tmp_path: Path, number: float
     """A rotation alone is no pose."""
     made = np.tile(np.eye(4), (3, 1, 1))
     made[2, 1, 3] = number
-    with pytest.raises(ArgumentError, match="pose 2 is not a rotation and a position"):
+    with pytest.raises(ArgumentError, match="pose 2 is not a rigid transform"):
         reach.read_poses(asked(tmp_path, made))
 
 
@@ -234,7 +234,7 @@ def test_the_advice_never_overwrites_another_arms_map(arm: Path, tmp_path: Path,
             reach.judge(str(new), path, poses_file, out, Tier.of("map"), "cpu")
         assert str(told.value).endswith(f"{build}.")
     new.with_suffix(".reach").write_text("damaged")
-    with pytest.raises(MapError, match="not a reachability map, or a damaged one") as told:
+    with pytest.raises(MapError, match="not a reachability map, or a damaged file") as told:
         reach.judge(str(new), None, poses_file, out, Tier.of("map"), "cpu")
     assert str(told.value).endswith(f"Build it again: {build}.")
 
@@ -307,7 +307,7 @@ def test_a_map_that_depends_on_turns_is_used_with_a_warning(tmp_path: Path):
         found = reach.judge("heron", None, poses_file, out, None, "cpu")
         reach.judge("panda", None, poses_file, out, Tier.of("map"), "cpu")
     assert found["tier"] == "ik"
-    assert "does not know" in found["why_ik"]
+    assert "which maps ignore" in found["why_ik"]
 
 
 def test_a_map_that_is_too_coarse_says_so(arm: Path, tmp_path: Path, capfd: pytest.CaptureFixture):

@@ -31,9 +31,9 @@ def test_rows_are_written_where_the_scene_names_them(tmp_path: Path, capfd: pyte
 def test_what_is_asked_for_wrongly_is_an_error():
     """No file, no heap of that name, none at all."""
     config = SceneConfig.load(words(folder(), rows=None))
-    with pytest.raises(NotSupportedError, match=r"nowhere to write to. Give -o ROWS\.npz, or heaps\.pile\.rows"):
+    with pytest.raises(NotSupportedError, match=r"no file to write. Give -o ROWS\.npz, or heaps\.pile\.rows"):
         settle(config, None, 1, None, 0)
     with pytest.raises(UnknownNameError, match=r"unknown heap 'pil'\. Did you mean 'pile'"):
         settle(config, "pil", 1, None, 0)
-    with pytest.raises(NotSupportedError, match="should say which heap"):
+    with pytest.raises(NotSupportedError, match="should have --heap NAME"):
         settle(SceneConfig.load("mid"), None, 1, None, 0)

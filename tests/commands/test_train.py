@@ -36,7 +36,7 @@ def test_a_task_of_ones_own_is_trained(tmp_path: Path, monkeypatch: pytest.Monke
     assert out.endswith(" million steps; the policy is in run/model.pt\n")
     assert out.count("\n") == 1
     told, *lines = err.splitlines()
-    assert told.startswith(f"{task} has no settings of its own, so it trains with Settings(hidden=(8,)")
+    assert told.startswith(f"{task} has no tuned settings, so it trains with Settings(hidden=(8,)")
     assert [json.loads(line) for line in lines] == [
         json.loads(line) for line in Path("run/log.jsonl").read_text().splitlines()
     ]
@@ -53,7 +53,7 @@ def test_a_task_of_ones_own_is_trained(tmp_path: Path, monkeypatch: pytest.Monke
     module.write_text(module.read_text() + "\n# another version\n")
     with pytest.raises(SystemExit):
         cli.main([*words, "--resume"])
-    assert "the run to go on from has sources.hash" in capfd.readouterr().err
+    assert "the run to resume has sources.hash" in capfd.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -61,8 +61,8 @@ def test_a_task_of_ones_own_is_trained(tmp_path: Path, monkeypatch: pytest.Monke
     [
         (["DrawerPik-v0"], "unknown task 'DrawerPik-v0'. Did you mean 'DrawerPick-v0'?"),
         (["nowhere_at_all:Task-v0"], "'nowhere_at_all' should be a module that Python can import"),
-        (["DrawerPick-v0", "--changes", "gama=1"], "--changes takes name=value with a name out of hidden, gamma"),
-        (["DrawerPick-v0", "--bank", "0"], "--bank takes 1 or more layouts"),
+        (["DrawerPick-v0", "--changes", "gama=1"], "--changes should be name=value with a name out of hidden, gamma"),
+        (["DrawerPick-v0", "--bank", "0"], "--bank should be 1 or more layouts"),
         (["DrawerPick-v0", "--minutes", "0"], "--minutes 0.0: should be above 0"),
         (["DrawerPick-v0", "--num-envs", "0"], "--num-envs 0: should be at least 1"),
         (["DrawerPick-v0", "--seed", "-1"], "--seed -1: should be at least 0"),

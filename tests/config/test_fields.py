@@ -213,5 +213,5 @@ def test_half_of_a_surrogate_pair_is_refused():
 def test_what_is_wrong_with_a_whole_scene_is_told_without_its_first_words():
     """They are the scene's name and floor, whatever is wrong."""
     words = {"robots": {"left": {"asset": "panda"}}, "objects": {"left": {"asset": "mug", "on": "floor"}}}
-    with pytest.raises(SceneKeyError, match=r"scene: scene: it should have a robot and an object of different names"):
+    with pytest.raises(SceneKeyError, match=r"scene: scene: it should have different names for robots and objects"):
         SceneConfig.load({"floor": {"size": [1, 1]}, **words})

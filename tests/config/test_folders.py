@@ -55,17 +55,17 @@ def test_tags_that_choose_nothing_are_refused(tmp_path: Path):
     pattern = folder_of(tmp_path, a=["red"], b=["graspable"])
     for tags, message in (
         (["graspible"], r"objects\.target\.tags: .*have graspable, red. Did you mean 'graspable'"),
-        (["red", "graspable"], "one of the folder's things has all of"),
+        (["red", "graspable"], "at least one of the folder's assets has together"),
         ([], "a list of tags"),
         (3, "a list of tags"),
     ):
         with pytest.raises(ScenirisError, match=message):
             loaded({"asset": pattern, "tags": tags, "on": "table"})
-    with pytest.raises(ScenirisError, match=r"tags: .* beside an 'asset' with a '\*'"):
+    with pytest.raises(ScenirisError, match=r"tags: .* next to an 'asset' with a '\*'"):
         loaded({"asset": ["can", "mug"], "tags": ["red"], "on": "table"})
     for wrong in ("[", "[" * 100_000, '{"tags": "red"}'):
         (tmp_path / "b" / "manifest.json").write_text(wrong)
-        with pytest.raises(ScenirisError, match=r"b/manifest\.json is none: "):
+        with pytest.raises(ScenirisError, match=r"b/manifest\.json is not one: "):
             loaded({"asset": pattern, "tags": ["red"], "on": "table"})
     (tmp_path / "b" / "manifest.json").unlink()
     os.mkfifo(tmp_path / "b" / "manifest.json")

@@ -123,7 +123,7 @@ HEAPS_WRONG: dict[str, tuple[dict[str, Any], type[ScenirisError], str]] = {
     "a place of its own": ({"objects.a.on": "floor"}, SceneKeyError, r"objects\.a: should have no place of its own"),
     "a turn of its own": ({"objects.a.orientation": "fixed"}, SceneKeyError, "should have no place of its own"),
     "a heap in a heap": (
-        {"heaps.other": {"fill": "a", "of": ["c"]}, "objects.c": {"asset": "lemon"}}, SceneKeyError, "thing of a heap",
+        {"heaps.other": {"fill": "a", "of": ["c"]}, "objects.c": {"asset": "lemon"}}, SceneKeyError, "object of a heap",
     ),
     "a container that may lie": ({"objects.bin.orientation": "any"}, SceneKeyError, "should keep it upright"),
 }  # fmt: skip
@@ -201,8 +201,8 @@ STACKS_WRONG: dict[str, tuple[dict[str, Any], type[ScenirisError], str]] = {
     "a thing of a group": (
         {"groups": {"some": {"of": ["a"], "count": 1}}}, SceneKeyError, "'a' is also in the group 'some'",
     ),
-    "a place of its own": ({"objects.b.on": "floor"}, SceneKeyError, r"objects\.b: should have no support of its own"),
-    "a cover of its own": ({"objects.b.inside": "a"}, SceneKeyError, r"objects\.b: should have no support of its own"),
+    "a place of its own": ({"objects.b.on": "floor"}, SceneKeyError, r"objects\.b: should not name a support"),
+    "a cover of its own": ({"objects.b.inside": "a"}, SceneKeyError, r"objects\.b: should not name a support"),
     "on one of its things": ({"stacks.tower.on": "c"}, SceneKeyError, "a -> c -> b -> a"),
     "no width": ({"stacks.tower.offset": [0.1, 0.1]}, SceneKeyError, r"stacks\.tower\.offset: .*high at least 0\.0002"),
     "a negative offset": ({"stacks.tower.offset": [-1, 1]}, SceneKeyError, r"stacks\.tower\.offset"),

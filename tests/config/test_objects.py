@@ -117,7 +117,7 @@ WRONG: dict[str, tuple] = {
     "by another": (
         {"objects.apple.reachable": True, "objects.apple.by": "shelf"},
         SceneKeyError,
-        ["objects.apple.reachable", "there is no robot"],
+        ["objects.apple.reachable", "the scene has no robot"],
     ),
 }
 
@@ -144,7 +144,7 @@ WRONG_RELATIONS: dict[str, tuple] = {
     "relations of what is not placed": (
         {"objects.goal": {"kind": "marker", "on": None, "relations": [NEAR]}},
         SceneKeyError,
-        ["objects.goal:", "should name its support", "or have a 3D box or 3D points as its region"],
+        ["objects.goal:", "should have a support", "or a 3D box or 3D points as its region"],
     ),
     "the support's frame without a support": (
         {

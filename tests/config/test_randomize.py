@@ -29,9 +29,9 @@ def load(draws: Any = None, **scene: Any) -> SceneConfig:
         ({"mass": {"scale": [1, 2], "abs": [1, 2]}}, "should have exactly one of scale, add, abs, choice"),
         ({"mass": {"scale": [0, 2], "distribution": "log_uniform"}}, "ends above 0 for a log_uniform"),
         ({"mass": {"scale": [1, -1], "distribution": "normal"}}, "a standard deviation of 0 or more"),
-        ({"mass": {"choice": [1], "distribution": "normal"}}, "no 'distribution' together with 'choice'"),
+        ({"mass": {"choice": [1], "distribution": "normal"}}, "'choice' or 'distribution', not both"),
         ({"mass": {"scale": [1, 2], "distribution": "gauss"}}, "should be 'uniform', 'log_uniform' or 'normal'"),
-        ({"rgba": {"abs": [[0, 0], [1]]}}, "as many numbers in both of its ends"),
+        ({"rgba": {"abs": [[0, 0], [1]]}}, "the same number of values in low and high"),
     ],
 )
 def test_wrong_words_are_told(randomize: dict, error: str):

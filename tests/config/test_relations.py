@@ -233,7 +233,7 @@ WRONG: dict[str, tuple] = {
     "a side of sites": (
         [{"beside": {"of": "mug", "my": "end", "its": "end"}, "side": "left"}],
         SceneKeyError,
-        ["0.side: 'left' should be left out where 'beside' names sites"],
+        ["0.side: 'left' should be left out if 'beside' names sites"],
     ),
     "joined to nothing": (
         [{"beside": {"of": "mgu", "my": "end", "its": "end"}}],

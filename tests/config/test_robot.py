@@ -55,7 +55,7 @@ def test_a_robot_of_one_kind_replaces_one_of_another():
 
 WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "two sources": ({"asset": "panda", "model": "a.xml"}, "exactly one of asset, model, in_model, but has asset and"),
-    "a base in the model": ({"in_model": "panda", "base": [0, 0, 1]}, "have no 'base': a robot that is in the model"),
+    "a base in the model": ({"in_model": "panda", "base": [0, 0, 1]}, "have no 'base': a robot of the model"),
     "no model to be in": ({"in_model": "panda"}, "'in_model' only together with 'model'"),
     "a TCP nowhere": ({"asset": "panda", "tcp": {"offset": [0, 0, 0.1]}}, "robot.tcp: .* the 'site' or the 'body'"),
     "an unknown word": ({"asset": "panda", "tcp": {"bodi": "hand"}}, "robot.tcp.bodi: unknown key. Did you mean"),
@@ -77,7 +77,7 @@ def test_a_wrong_robot_is_refused(robot: dict[str, Any], says: str):
 
 PANDA = {"asset": "panda"}
 WRONG_TOGETHER: dict[str, tuple[dict[str, Any], str]] = {
-    "both forms": ({"robot": PANDA, "robots": {"left": PANDA}}, "'robot', which is the only one, or 'robots' by name"),
+    "both forms": ({"robot": PANDA, "robots": {"left": PANDA}}, "a single 'robot', or 'robots' by name"),
     "a robot and an object": (
         {"robots": {"can": PANDA}, "objects": {"can": {"asset": "can"}}},
         "two of the name 'can'",
@@ -149,7 +149,7 @@ def test_a_target_with_variants_stands_for_all_of_them():
     scene = {"floor": {"size": [1, 1]}, "robot": {"asset": "panda"}, "objects": {"target": target}}
     config = SceneConfig.load({**scene, "start": [{"robot": "grasp", "of": "target", "lift": [0.0, 0.1]}]})
     assert config.start[0].targets(config.groups) == ("target/block", "target/can")
-    with pytest.raises(SceneKeyError, match="may be absent, as one of a group or of variants"):
+    with pytest.raises(SceneKeyError, match="may be absent, as it is in a group or a variant"):
         SceneConfig.load({**scene, "start": [{"robot": "grasp", "of": "target/can"}]})
     for word in ({"place": {"target": "goal"}}, {"joints": {"target/lid": {"noise": 0.1}}}):
         with pytest.raises(SceneKeyError, match=r"start\.0\.\w+: 'target' has variants"):
@@ -159,17 +159,17 @@ def test_a_target_with_variants_stands_for_all_of_them():
 GRASP = {"robot": "grasp", "of": "block"}
 WRONG_START: dict[str, tuple[dict[str, Any], type[ScenirisError], str]] = {
     "an unknown pose": ({"robot": "graps", "of": "block"}, SceneKeyError, "start.0.robot"),
-    "nothing to grasp": ({"robot": "grasp"}, SceneKeyError, "should name an object as 'of'"),
-    "home of something": ({"of": "block"}, SceneKeyError, "should name an object as 'of'"),
+    "nothing to grasp": ({"robot": "grasp"}, SceneKeyError, "should have 'of' if and only if"),
+    "home of something": ({"of": "block"}, SceneKeyError, "should have 'of' if and only if"),
     "a weight of 0": ({"weight": 0}, SceneKeyError, "start.0.weight"),
     "a lift upside down": (GRASP | {"lift": [0.2, 0.1]}, SceneKeyError, "low <= high"),
     "a lift by nothing": (GRASP | {"lift": [0, 0]}, SceneKeyError, "high above 0"),
-    "a lift without a grasp": ({"robot": "pregrasp", "of": "block", "lift": [0, 0.1]}, SceneKeyError, "only where"),
+    "a lift without a grasp": ({"robot": "pregrasp", "of": "block", "lift": [0, 0.1]}, SceneKeyError, "only if"),
     "a lift and joints": (GRASP | {"lift": [0, 0.1], "robot_joints": {"*": {"noise": 0.1}}}, SceneKeyError, "not both"),
     "a choice": (GRASP | {"robot_joints": {"*": {"choice": [0.1]}}}, SceneKeyError, "should draw joints by"),
     "an unknown object": (GRASP | {"of": "blok"}, UnknownNameError, "start.0.of"),
     "one that is out of reach": (GRASP | {"of": "apple"}, SceneKeyError, "'apple' should be 'reachable'"),
-    "a lifted fixture": (GRASP | {"of": "cabinet", "lift": [0, 0.1]}, SceneKeyError, "'cabinet' is no free object"),
+    "a lifted fixture": (GRASP | {"of": "cabinet", "lift": [0, 0.1]}, SceneKeyError, "'cabinet' is not a free object"),
     "no marker": ({"place": {"apple": "block"}}, UnknownNameError, "Valid: goal"),
     "another support": ({"place": {"cabinet": "goal"}}, SceneKeyError, ""),
     "no joint": ({"joints": {"cabinet": {"noise": 0.1}}}, SceneKeyError, "'object/joint'"),

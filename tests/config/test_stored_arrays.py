@@ -53,9 +53,9 @@ def test_a_file_that_declares_more_than_it_holds_is_refused(tmp_path: Path, shap
     used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (used + (1 << 30), kept[1]))
     try:
-        with pytest.raises(ValueError, match=r"bytes, and there are|Invalid shape|shape is not valid"):
+        with pytest.raises(ValueError, match=r"bytes, but the file has|Invalid shape|shape is not valid"):
             read_array(tmp_path / "a.npy")
-        with pytest.raises(ValueError, match=r"bytes, and there are|Invalid shape|shape is not valid"):
+        with pytest.raises(ValueError, match=r"bytes, but the file has|Invalid shape|shape is not valid"):
             read_arrays(_archive(tmp_path / "a.npz", _header(shape)))
     finally:
         resource.setrlimit(resource.RLIMIT_AS, kept)

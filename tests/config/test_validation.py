@@ -17,7 +17,7 @@ WRONG: dict[str, tuple] = {
         SMALL,
         {"objects.apple.reachable": "map"},
         SceneKeyError,
-        ["objects.apple.reachable", "there is no robot"],
+        ["objects.apple.reachable", "the scene has no robot"],
     ),
     "unknown parent": (
         SMALL,
@@ -38,7 +38,7 @@ WRONG: dict[str, tuple] = {
         NEIGHBOURS,
         {"objects.goal.relations": [{"front_of": "mug"}, {"between": ["cabinet", "mug"]}]},
         SceneKeyError,
-        ["objects.goal.relations.1.width: is missing", "no width of its own"],
+        ["objects.goal.relations.1.width: is missing", "has no width"],
     ),
     "a stable point": (
         NEIGHBOURS,
@@ -199,7 +199,10 @@ def test_a_variant_without_an_asset_is_told_by_the_key_that_the_file_has():
     objects: dict[str, Any] = {"cup": {"variants": {"wide": {}, "tall": {"asset": "can"}}, "on": "floor"}}
     scene = {"floor": {"size": [1, 1]}, "objects": objects}
     said = refusal(scene, {}, SceneKeyError)
-    assert "objects.cup.variants: 'wide' has no asset. Name one there, or one of all variants in 'objects.cup'" in said
+    assert (
+        "objects.cup.variants: 'wide' has no asset. Name one there, or name an asset for all variants in 'objects.cup'"
+        in said
+    )
     assert "body" not in said
     objects["cup"]["asset"] = "tin"
     SceneConfig.load(scene)

@@ -146,7 +146,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "a name": ({"objects.target.variants.a b": {"asset": "can"}}, r"objects\.target\.variants\.a b: .*letters"),
     "a word": ({"objects.target.variants.can.gapp": 1}, r"objects\.target/can\.gapp: unknown key.*'gap'"),
     "two of a name": ({"objects.other": {"asset": ["can", "can"], "on": "table"}}, "two of the name 'can'"),
-    "both": ({"objects.target.asset": ["can"]}, r"objects\.target\.asset: .*no 'variants' beside it: .*'target/"),
+    "both": ({"objects.target.asset": ["can"]}, r"objects\.target\.asset: .*no 'variants' next to it: .*'target/"),
     "a support": ({"objects.apple.on": "target"}, r"objects\.apple\.on: 'target' has variants"),
     "a variant": (
         {"objects.apple.relations": [NEAR]},
@@ -155,7 +155,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "itself": ({"objects.target.relations": [NEAR | {"near": "target"}]}, "a different object"),
     "a site": (
         {"objects.apple.relations": [{"beside": {"of": "target", "my": "a", "its": "b"}}]},
-        r"objects\.apple\.relations: 'target' has variants, whose sites",
+        r"objects\.apple\.relations: 'target' has variants with different sites",
     ),
     "no weights": (
         {"objects.target.variants.can.weight": 0, "objects.target.variants.mug.weight": 0},
@@ -163,13 +163,13 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "no weights in a split": (
         {"objects.target.variants.can.split": "eval", "objects.target.variants.mug.split": "eval"},
-        r"objects\.target\.variants: .*should have one that the split 'train' may draw",
+        r"objects\.target\.variants: .*should have a variant that the split 'train' may draw",
     ),
     "variants of a variant": (
         {"objects.target.variants.can.variants": {"tin": {"asset": "tin"}}},
         r"objects\.target\.variants\.can\.variants: .*a word of the object 'target'",
     ),
-    "a pattern of folders": ({"objects.other": {"asset": "/*/can.xml", "on": "table"}}, "in no folder's"),
+    "a pattern of folders": ({"objects.other": {"asset": "/*/can.xml", "on": "table"}}, "not in a folder"),
     "two kinds": (
         {"objects.target.variants.mug.kind": "fixture"},
         r"objects\.target\.variants\.mug\.kind: .*the kind of",
@@ -192,7 +192,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "a share of nothing": (
         {"objects.other": {"holdout": 0.5, "on": "table"}},
-        r"other\.holdout: 0\.5 should be beside",
+        r"other\.holdout: 0\.5 should be next to",
     ),
     "a negative weight": (
         {"objects.target.variants.can.weight": -1},
@@ -203,7 +203,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
         r": objects\.target/can\.split: .*should be 'train' or 'eval'",
     ),
     "all in one split": ({"objects.target.holdout": 1}, r"objects\.target\.holdout: 1 should be above 0"),
-    "one to hold out": ({"objects.other": {"asset": ["can"], "on": "table", "holdout": 0.5}}, "not two variants"),
+    "one to hold out": ({"objects.other": {"asset": ["can"], "on": "table", "holdout": 0.5}}, "at least two variants"),
     "no place": (
         {"objects.other": {"asset": ["can", "mug"]}},
         r"objects\.other: 'other/can' stays.*all variants a",
@@ -218,7 +218,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "no scales": ({"objects.other": {"asset": "can", "scale": [], "on": "table"}}, r"other\.scale: .*list of numbers"),
     "scales of nothing": (
         {"objects.other": {"scale": [1, 2], "on": "table"}},
-        r"other\.scale: \[1, 2\] should be beside an 'asset'",
+        r"other\.scale: \[1, 2\] should be next to an 'asset'",
     ),
     "two of a name by scale": (
         {"objects.target.variants": {"can": {"asset": "can", "scale": [0.8, 1]}, "can-80": {"asset": "can"}}},

@@ -102,7 +102,7 @@ def test_all_formats_are_resumed_shared_and_verified(tmp_path: Path):
     lost = ("scene.usdc", "layouts-00000.usdc", "layouts-00002.json")
     for name in lost:
         (alone / name).write_bytes(b"damaged")
-    with pytest.raises(DatasetError, match=r"scene\.usdc, layouts-00000\.usdc, layouts-00002\.json are not as"):
+    with pytest.raises(DatasetError, match=r"scene\.usdc, layouts-00000\.usdc, layouts-00002\.json are damaged"):
         verify(alone)
     for name in lost:
         (alone / name).unlink()

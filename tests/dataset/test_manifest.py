@@ -44,7 +44,7 @@ def test_a_plan_names_the_rows_and_their_columns(crane: CompiledScene):
 
 def test_a_manifest_of_something_else_is_refused(tmp_path: Path):
     """Missing, no JSON, no mapping, a field too few, a part without its rows: each by file and field."""
-    with pytest.raises(DatasetError, match=r"no whole data set is here.*--resume"):
+    with pytest.raises(DatasetError, match=r"should be a complete data set.*--resume"):
         read_manifest(tmp_path)
     for text, words in (("{", "cannot be read"), ("[]", "'format'"), ('{"format": "1"}', "'format' should be 1 to")):
         (tmp_path / "dataset.json").write_text(text)

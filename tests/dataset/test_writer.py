@@ -112,7 +112,7 @@ def test_a_data_set_is_never_written_over(tmp_path: Path):
     """Without --resume not at all; with it another one is refused by what differs."""
     write(tmp_path)
     before = contents(tmp_path)
-    with pytest.raises(DatasetError, match=r"is here already\. Add --resume"):
+    with pytest.raises(DatasetError, match=r"already holds a data set\. Add --resume"):
         write(tmp_path)
     with pytest.raises(DatasetError, match="layouts = 40, not 50"):
         write(tmp_path, 50, resume=True)
@@ -183,7 +183,7 @@ def test_other_bytes_than_the_manifest_tells_are_said(tmp_path: Path):
     told["parts"][1]["sha256"] = "0" * 64
     path.write_text(json.dumps(told))
     (tmp_path / "layouts-00001.npy").unlink()
-    with pytest.raises(DatasetError, match="versions that made the others"):
+    with pytest.raises(DatasetError, match="same versions of sceniris_gym"):
         write(tmp_path, resume=True)
 
 

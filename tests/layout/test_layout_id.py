@@ -38,7 +38,7 @@ def test_an_id_names_each_param_once(again: str):
     """Two numbers for one param are refused, however it is written."""
     bits = "3f80000040400000"
     assert LayoutId.parse(f"a:train:1:0:groups.some.count={bits},groups.any.count={bits}").params
-    with pytest.raises(ArgumentError, match=r"each param once, and has: groups\.some\.count, groups\.some\.count"):
+    with pytest.raises(ArgumentError, match=r"each param once, got: groups\.some\.count, groups\.some\.count"):
         LayoutId.parse(f"a:train:1:0:groups.some.count={bits},{again}={bits}")
 
 

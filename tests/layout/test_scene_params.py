@@ -127,5 +127,5 @@ def test_messages_of_params_have_the_numbers_of_the_scene_file(tmp_path: Path):
         generator.set_params({"objects.wide.region": [[0.46, 0.0], [0.56, 0.1]]})  # all of it beyond the edge
     strange = [10**400, [[0.2], [0.3, 0.4]], np.full((2, 4), 0.3), [True, True], "ab", torch.ones(2, device="meta")]
     for value in strange:
-        with pytest.raises(ArgumentError, match=r"joints\.flap should be \[low, high\], or such for each of 4 worlds"):
+        with pytest.raises(ArgumentError, match=r"joints\.flap should be \[low, high\], or one such value for each of"):
             generator.set_params({"objects.chest.joints.flap": value})

@@ -212,7 +212,7 @@ def test_a_state_with_a_number_out_of_range_is_refused(make_env):  # noqa: F811
     for strange in (before["value"].astype(np.float64), before["value"].tolist(), None, 3):
         with pytest.raises(ArgumentError, match=r"value should have shape \(64,\) and type float32"):
             levels.restore(before | {"value": strange})
-    with pytest.raises(ArgumentError, match="cumulative should be from 7 to inf there, got 5 at 2"):
+    with pytest.raises(ArgumentError, match="cumulative should be from 7 to inf, got 5 at 2"):
         levels.restore(before | {"cumulative": np.array([0, 7, 5, *[8] * 61], np.int32)})
     with pytest.raises(ArgumentTypeError, match="state should be a Mapping"):
         levels.restore([before])
@@ -228,7 +228,7 @@ def test_a_state_of_another_scene_split_or_params_is_refused(make_env):  # noqa:
         with pytest.raises(SceneMismatchError, match=rf"\['{levels.layouts.compiled.hash}', 'train', '{SLIDE}'\]"):
             levels.restore(other)
     for source in (None, [["a"], ["b", "c"]], np.array(["0" * 16, "train", SLIDE])):
-        with pytest.raises(SceneMismatchError, match="Give the state of a sampler of this scene"):
+        with pytest.raises(SceneMismatchError, match="Pass the state of a sampler with this scene"):
             levels.restore(levels.state() | {"source": source})
 
 

@@ -37,5 +37,5 @@ def test_a_warning_is_made_again_from_json(warning: UserWarning):
 @pytest.mark.parametrize("name", ["annotations", "ScenirisError", "system"])
 def test_nothing_but_warnings_is_made(name: str):
     """A name in a file leads to no other class or function."""
-    with pytest.raises(ValueError, match="no warning"):
+    with pytest.raises(ValueError, match="is not a warning"):
         from_words([name, ["true"]])

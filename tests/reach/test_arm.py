@@ -133,10 +133,10 @@ TWO = link(hinge(name="a") + link(hinge("0 1 0", name="b") + site(), name="hand"
 @pytest.mark.parametrize(
     ("mjm", "why"),
     [
-        (lambda: model(chain=link(site())), "no joint is between it and the site 'tcp'. The site should be on a body"),
+        (lambda: model(chain=link(site())), "no joint is between it and the site 'tcp'. Put the site on a body"),
         (
             lambda: model(chain=link(hinge() * 5 + link(hinge() * 4 + site()))),
-            "has 9 joints up to the site 'tcp'; it should have at most 8",
+            "has 9 joints up to the site 'tcp': it should have at most 8",
         ),
         (lambda: model(chain=link('<joint type="ball" name="b"/>' + site())), "joint 'b' is a ball joint"),
         (lambda: model(chain=link(slide(range=None, name="s") + site())), "joint 's' is a slide without limits"),

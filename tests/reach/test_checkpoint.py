@@ -57,7 +57,7 @@ def test_more_than_there_is_cannot_be_done(tmp_path: Path, done: int):
     stopped = Checkpoint(tmp_path / "state", "a build")
     stopped.enter("first", {"first": np.zeros(5)}, 5)
     stopped.reached(done)
-    with pytest.raises(MapError, match=f"says that {done} of 5 parts of 'first' are done. Remove the file"):
+    with pytest.raises(MapError, match=f"'first' has 5 parts, but {done} are stored as done. Remove the file"):
         Checkpoint(tmp_path / "state", "a build").enter("first", {"first": np.zeros(5)}, 5)
 
 
@@ -68,7 +68,7 @@ def test_arrays_of_another_form_are_refused(tmp_path: Path, array: np.ndarray):
     stopped = Checkpoint(tmp_path / "state", "a build")
     stopped.enter("first", {"first": array})
     stopped.reached(1)
-    with pytest.raises(MapError, match="'first' holds"):
+    with pytest.raises(MapError, match="'first' does not fit the build"):
         Checkpoint(tmp_path / "state", "a build").enter("first", {"first": np.zeros(5)})
 
 

@@ -77,7 +77,7 @@ def test_a_share_that_is_none_is_refused(shell: ReachMap, arm: SerialArm, tmp_pa
         fields = {name: stored[name] for name in stored.files}
     with path.open("wb") as file:
         np.savez(file, allow_pickle=False, **fields, false_accepts=np.array(share))
-    with pytest.raises(MapError, match="a damaged reachability map: false_accepts is"):
+    with pytest.raises(MapError, match="the reachability map is damaged: false_accepts is"):
         ReachMap.load(path, arm)
 
 
@@ -85,7 +85,7 @@ def test_why_a_map_does_not_decide(shell: ReachMap):
     """There is none, its verdicts depend on turns, or it accepts what is out of reach; only then is it not default."""
     known = {
         "it has no map yet; build one with sceniris-gym reach own --build": None,
-        "does not know: its map is wrong about 0.6%": replace(shell, turn_error=0.006, false_accepts=0.02),
+        "which maps ignore: its map is wrong about 0.6%": replace(shell, turn_error=0.006, false_accepts=0.02),
         "too coarse: 2.00% of the poses that it accepts": replace(shell, false_accepts=0.02),
     }
     for says, reach_map in known.items():
@@ -115,7 +115,7 @@ def test_a_file_that_was_cut_off_is_refused(shell: ReachMap, arm: SerialArm, tmp
     shell.save(tmp_path / "a.reach")
     whole = (tmp_path / "a.reach").read_bytes()
     (tmp_path / "a.reach").write_bytes(whole[: int(share * len(whole))])
-    with pytest.raises(MapError, match="not a reachability map, or a damaged one"):
+    with pytest.raises(MapError, match="not a reachability map, or a damaged file"):
         ReachMap.load(tmp_path / "a.reach", arm)
 
 
@@ -139,7 +139,7 @@ def test_a_damaged_file_is_refused(shell: ReachMap, arm: SerialArm, tmp_path: Pa
 def test_an_array_is_no_map(arm: SerialArm, tmp_path: Path):
     """A .npy file, as that of poses is, is not taken for an archive."""
     np.save(tmp_path / "poses.npy", np.zeros((3, 4, 4)))
-    with pytest.raises(MapError, match=r"not a reachability map, or a damaged one \(File is not a zip file\)"):
+    with pytest.raises(MapError, match=r"not a reachability map, or a damaged file \(File is not a zip file\)"):
         ReachMap.load(tmp_path / "poses.npy", arm)
 
 
@@ -184,14 +184,14 @@ def test_a_map_that_would_lead_look_ups_astray_is_refused(shell: ReachMap, arm: 
         fields = {name: stored[name] for name in stored.files}
     with path.open("wb") as file:
         np.savez(file, allow_pickle=False, **(fields | {name: change(fields[name])}))
-    with pytest.raises(MapError, match="a damaged reachability map"):
+    with pytest.raises(MapError, match="the reachability map is damaged"):
         ReachMap.load(path, arm)
 
 
 def test_a_map_in_which_nothing_is_within_reach_is_refused(shell: ReachMap, arm: SerialArm, tmp_path: Path):
     """No arm is so short; every object would be out of reach without a word."""
     replace(shell, codes=0 * shell.codes, poles=0 * shell.poles).save(tmp_path / "a.reach")
-    with pytest.raises(MapError, match="nothing is within reach"):
+    with pytest.raises(MapError, match="codes are 0, out of reach"):
         ReachMap.load(tmp_path / "a.reach", arm)
 
 
@@ -199,7 +199,7 @@ def test_a_map_in_which_nothing_is_within_reach_is_refused(shell: ReachMap, arm:
 def test_a_map_of_no_arm_is_refused(shell: ReachMap, arm: SerialArm, tmp_path: Path, name: str, value: float):
     """Steps and places that are out of all bounds."""
     replace(shell, **{name: value}).save(tmp_path / "a.reach")
-    with pytest.raises(MapError, match=f"a damaged reachability map: {name} is"):
+    with pytest.raises(MapError, match=f"the reachability map is damaged: {name} is"):
         ReachMap.load(tmp_path / "a.reach", arm)
 
 
@@ -231,7 +231,7 @@ def test_a_file_of_another_format_is_refused(shell: ReachMap, arm: SerialArm, tm
         fields = {name: stored[name] for name in stored.files if name != "format"}
     with path.open("wb") as file:
         np.savez(file, allow_pickle=False, format=np.array(99), **fields)
-    with pytest.raises(MapError, match="format 99, but should have format 1"):
+    with pytest.raises(MapError, match="should have format 1, got format 99"):
         ReachMap.load(path, arm)
 
 

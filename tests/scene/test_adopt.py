@@ -54,7 +54,7 @@ def test_without_a_keyframe_the_start_pose_is_that_of_the_model():
     np.testing.assert_array_equal(scene.home_qpos, model.qpos0)
     with pytest.raises(UnknownNameError, match=r"home: unknown keyframe of the model 'init'\. Did you mean 'init_st"):
         built(model, {**PLACED, "home": "init"})
-    with pytest.raises(SceneKeyError, match=r"'home', .*, only together with 'model'; a robot .* by 'keyframe'"):
+    with pytest.raises(SceneKeyError, match=r"'home', .*, only together with 'model'. Set .* robot's 'keyframe'"):
         SceneConfig.load({"home": "init_state", "objects": {}})
 
 
@@ -83,7 +83,7 @@ WRONG: dict[str, tuple[dict[str, Any], type[ScenirisError], str]] = {
     "twice": (
         {"a": {"body": "cube_0/cube", "on": "ground"}, "b": {"body": "cube_0/cube"}},
         SceneKeyError,
-        "the body 'cube_0/cube' is the object 'a' already",
+        "body 'cube_0/cube' is already used by object 'a'",
     ),
     "asset and body": ({"a": {"body": "x", "asset": "apple"}}, SceneKeyError, "an 'asset', or be a 'body'"),
 }
@@ -100,7 +100,7 @@ def test_a_body_that_does_not_fit_is_refused(objects: dict, error: type[Sceniris
 
 def test_a_body_without_a_model_is_refused():
     """An object that names a body needs a model that has it."""
-    with pytest.raises(SceneKeyError, match=r"objects\.a\.body: there is no model that could have a body 'x'"):
+    with pytest.raises(SceneKeyError, match=r"objects\.a\.body: the scene has no model with a body 'x'"):
         SceneConfig.load({"floor": {"size": [1, 1]}, "objects": {"a": {"body": "x", "on": "floor"}}})
     with pytest.raises(SceneKeyError, match=r"model: .* should be the path of an MJCF file, a mujoco\.MjSpec or a"):
         SceneConfig.load({"model": 7, "objects": {}})

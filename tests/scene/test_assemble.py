@@ -90,11 +90,11 @@ def test_explicit_pairs_make_no_marker_touch_anything(folder: Path):
 
 BAD_ASSETS = {
     "no XML": ("<mujoco>", SceneFileError, r"objects\.a\.asset: .*bad\.xml: should be .*XML, found: no element.*"),
-    "no body": ("<mujoco/>", SceneKeyError, "a body below its worldbody; found none"),
+    "no body": ("<mujoco/>", SceneKeyError, "a body below its worldbody, found none"),
     "two free bodies": (
         BALL.replace("</worldbody>", "<body name='c'><freejoint/><geom size='.1'/></body></worldbody>"),
         SceneKeyError,
-        r"one body.*'b', 'c'.*of which \['c'\] move freely.*'model'.*objects\.a: {body: c}",
+        r"one body.*'b', 'c'.*and \['c'\] move freely.*'model'.*objects\.a: {body: c}",
     ),
     "a missing mesh": (
         BALL.replace("<worldbody>", "<asset><mesh name='m' file='m.obj'/></asset><worldbody>"),

@@ -136,7 +136,7 @@ def test_the_whole_scene_lights_and_materials(build):
         (
             {"arm": {"forcerange": {"abs": [4, 6]}}},
             SceneKeyError,
-            "forcerange.abs: .* lower limits should be below all upper ones",
+            "forcerange.abs: .* lower limits should be below all upper limits",
         ),
         ({"box": {"rgba": {"abs": [[0, 0], [1, 1]]}}}, SceneKeyError, "should have 1 or 3 or 4 numbers, got 2"),
         (
@@ -144,7 +144,7 @@ def test_the_whole_scene_lights_and_materials(build):
             SceneKeyError,
             "box.randomize.damping: cannot be .*: it is 0 in the model",
         ),
-        ({"box": {"gains": {"scale": [1, 2]}}}, SceneKeyError, "nothing in the model has it"),
+        ({"box": {"gains": {"scale": [1, 2]}}}, SceneKeyError, "the model does not have it"),
         (
             {"box": {"mass": {"choice": ["heavy"]}}},
             SceneKeyError,
@@ -153,7 +153,7 @@ def test_the_whole_scene_lights_and_materials(build):
         (
             {"box": {"solref": {"abs": [[-100, -1], [0.02, 1]]}}},
             SceneKeyError,
-            "solref.abs: .* should be above 0, or none of them",
+            "solref.abs: .* should be all above 0, or all at most 0",
         ),
         (
             {"box": {"solimp": {"abs": [[0.9, 0.95, 0.001, 0.5, 2], [0.9, 1.5, 0.001, 0.5, 2]]}}},
@@ -195,14 +195,14 @@ def test_draws_that_the_model_cannot_have_are_refused(build, scene: dict, error:
 )
 def test_draws_that_nothing_reads_are_refused(build, scene: dict):
     """Of free bodies, of those that never move, and of cameras with a lens."""
-    with pytest.raises(SceneKeyError, match=r"cannot be .*: nothing in the model has it, or it has no effect"):
+    with pytest.raises(SceneKeyError, match=r"cannot be .*: the model does not have it, or it has no effect"):
         build(**scene)
 
 
 def test_both_formats_of_solref_can_be_chosen_from(build):
     """Each value has one of them."""
     assert only(build(box={"solref": {"choice": [[0.02, 1], [-100, -1]]}})).choice.shape == (2, 2)
-    with pytest.raises(SceneKeyError, match="should be above 0, or none of them"):
+    with pytest.raises(SceneKeyError, match="should be all above 0, or all at most 0"):
         build(box={"solref": {"choice": [[0.02, 1], [-100, 1]]}})
 
 

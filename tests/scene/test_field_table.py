@@ -115,5 +115,5 @@ def test_elements_that_do_not_follow_each_other_are_refused():
   <actuator><motor joint="a"/><motor joint="b"/><motor joint="a"/></actuator>
 </mujoco>""")
     assert field_rows(mjm, {"a": 1, "b": 2}, "actuator_gainprm", "b", "test") == slice(1, 2)
-    with pytest.raises(ArgumentError, match="do not follow each other"):
+    with pytest.raises(ArgumentError, match="are not consecutive"):
         field_rows(mjm, {"a": 1, "b": 2}, "actuator_gainprm", "a", "test")

@@ -41,7 +41,7 @@ def test_files_that_do_not_fit_are_refused(tmp_path: Path):
     with pytest.raises(SceneKeyError, match="holds no settled heaps"):
         read_rows(tmp_path / "none.npz", HEAP, "here")
     HeapRows(("b", "a"), ROWS.pos, ROWS.quat, "").write(tmp_path / "other.npz")
-    with pytest.raises(SceneKeyError, match="has heaps of b, a, and the heap is of a, b"):
+    with pytest.raises(SceneKeyError, match="has heaps of b, a, but the scene's heap is of a, b"):
         read_rows(tmp_path / "other.npz", HEAP, "here")
 
 
@@ -69,7 +69,7 @@ def test_other_shapes_and_masses_are_told_apart(tmp_path: Path):
 def test_things_with_joints_are_refused():
     """A heap is of rigid things."""
     scene = model(folder(), **{"objects.a.asset": "cupboard"})
-    with pytest.raises(NotSupportedError, match="'a' should be 'free' and have no joints of its own"):
+    with pytest.raises(NotSupportedError, match="'a' should be 'free' and have no joints inside"):
         settled_with(scene, scene.config.heaps["pile"], "here")
 
 
@@ -109,5 +109,5 @@ def test_things_of_a_heap_are_not_kept_apart_from_each_other_or_from_the_bin():
 
 def test_a_heap_without_rows_is_told_how_to_make_them():
     """By the key that is missing."""
-    with pytest.raises(SceneKeyError, match=r"heaps\.pile\.rows: is missing. Make them with `sceniris-gym settle"):
+    with pytest.raises(SceneKeyError, match=r"heaps\.pile\.rows: is missing. Make rows with `sceniris-gym settle"):
         build_plan(build_model(SceneConfig.load(words(folder(), rows=None))))

@@ -55,7 +55,7 @@ def test_a_free_bin_stays_where_it_is():
 def test_a_bin_that_is_too_small_is_an_error():
     """It says how many things it does not hold, and what helps."""
     scene = model(folder(), **{f"objects.{name}.asset": "cereal_box" for name in THINGS})
-    with pytest.raises(SceneKeyError, match=r"heaps\.pile: 'bin' does not hold 3 things.* a larger container"):
+    with pytest.raises(SceneKeyError, match=r"heaps\.pile: 'bin' does not hold all 3 objects.* a larger container"):
         settle(scene, "pile", 1, seed=0)
 
 

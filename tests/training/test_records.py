@@ -38,15 +38,15 @@ def test_intervals_are_those_of_wilson():
         ({"config.json": "{}"}, "has no model.pt"),
         (
             {"config.json": "{}", "model.pt": ""},
-            "config.json: should be as 'sceniris-gym train' writes it: KeyE",
+            "config.json: should be a file of 'sceniris-gym train': KeyE",
         ),
-        ({"config.json": "[", "model.pt": ""}, "config.json: should be as 'sceniris-gym train' writes it: "),
-        ({"config.json": "[1]", "model.pt": ""}, "config.json: should be as 'sceniris-gym train' writes it: "),
+        ({"config.json": "[", "model.pt": ""}, "config.json: should be a file of 'sceniris-gym train': "),
+        ({"config.json": "[1]", "model.pt": ""}, "config.json: should be a file of 'sceniris-gym train': "),
         (
             {"config.json": '{"options": {"task": 5}, "settings": {}}', "model.pt": ""},
             "options.task should be a str",
         ),
-        ({"config.json": '{"options": {}, "scene": null}', "model.pt": ""}, "config.json: should be as"),
+        ({"config.json": '{"options": {}, "scene": null}', "model.pt": ""}, "config.json: should be a file of"),
     ],
 )
 def test_a_folder_without_a_run_is_refused(tmp_path: Path, files: dict[str, str], words: str):
@@ -89,7 +89,7 @@ def test_a_pipe_is_no_configuration(tmp_path: Path):
 def test_a_log_that_is_cut_off_is_told(tmp_path: Path):
     """By its name."""
     (tmp_path / "log.jsonl").write_text('{"kind": "eval"}\n{"kind": "ev')
-    with pytest.raises(ArgumentError, match=r"log\.jsonl: should be as 'sceniris-gym train' writes it"):
+    with pytest.raises(ArgumentError, match=r"log\.jsonl: should be a file of 'sceniris-gym train'"):
         evaluations(tmp_path)
 
 
@@ -107,17 +107,17 @@ def test_a_checkpoint_is_read_as_weights_unless_it_is_trusted(tmp_path: Path):
     """A pickle in it is executed only where the user says so."""
     file, touched = tmp_path / "model.pt", tmp_path / "touched"
     torch.save({"actor_state_dict": _Touching(touched)}, file)
-    with pytest.raises(ArgumentError, match=r"model\.pt: should be weights alone.* executes .*--trust"):
+    with pytest.raises(ArgumentError, match=r"model\.pt: should hold only weights.* executes .*--trust"):
         read_checkpoint(file, "cpu")
     assert not touched.exists()
     read_checkpoint(file, "cpu", trust=True)
     assert touched.exists()
     whole = file.read_bytes()
     file.write_bytes(np.random.default_rng(1).bytes(1000))
-    with pytest.raises(ArgumentError, match=r"model\.pt: is damaged or no file of weights"):
+    with pytest.raises(ArgumentError, match=r"model\.pt: is damaged or has no weights"):
         read_checkpoint(file, "cpu")
     file.write_bytes(whole[:200])
-    with pytest.raises(ArgumentError, match=r"model\.pt: should be as 'sceniris-gym train' writes it"):
+    with pytest.raises(ArgumentError, match=r"model\.pt: should be a file of 'sceniris-gym train'"):
         read_checkpoint(file, "cpu", trust=True)
 
 

@@ -86,6 +86,6 @@ def test_a_task_with_another_environment_is_refused(monkeypatch: pytest.MonkeyPa
     spec = EnvSpec("Other-v0", **entry)
     monkeypatch.setitem(gymnasium.registry, "Other-v0", spec)
     with pytest.raises(
-        ArgumentError, match="vector_entry_point='sceniris_gym:SceneVectorEnv', makes a CartPoleVectorEnv"
+        ArgumentError, match="vector_entry_point='sceniris_gym:SceneVectorEnv', but makes a CartPoleVectorEnv"
     ):
         task_scenes.make_env("Other-v0", 2, None)  # type: ignore[arg-type]

@@ -161,7 +161,7 @@ def test_a_run_does_not_go_on_from_progress_that_no_run_has(
     (tmp_path / "log.jsonl").write_bytes(begun.log.read_bytes())
     monkeypatch.setattr(begun, "checkpoint", tmp_path / "model.pt")
     monkeypatch.setattr(begun, "log", tmp_path / "log.jsonl")
-    with pytest.raises(ArgumentError, match=r"model\.pt: should be as 'sceniris-gym train' writes it"):
+    with pytest.raises(ArgumentError, match=r"model\.pt: should be a file of 'sceniris-gym train'"):
         begun._load()
 
 
@@ -179,7 +179,7 @@ def test_a_run_does_not_go_on_from_another_one(tmp_path: Path):
 def test_a_bank_has_layouts_and_is_not_uniform():
     """Refused before anything is compiled."""
     for bank, uniform in ((0, False), (-3, False), (4, True)):
-        with pytest.raises(ArgumentError, match="--bank takes 1 or more layouts"):
+        with pytest.raises(ArgumentError, match="--bank should be 1 or more layouts"):
             train.Run(Options("TabletopReach-v0", bank=bank, uniform=uniform))
 
 

@@ -100,7 +100,7 @@ def test_what_is_nearest_is_named_as_in_a_scene_file():
       <body name="desk"><geom type="box" size="0.5 0.5 0.1"/></body>
       <body name="cube"><freejoint/><geom type="box" size="0.02 0.02 0.02" pos="0 0 2"/></body>
     </worldbody></mujoco>"""
-    for name, word in (("wall", "wall"), ("", "what never moves")):
+    for name, word in (("wall", "wall"), ("", "static geometry")):
         spec = mujoco.MjSpec.from_string(model.format(name))
         cube = {"body": "cube", "on": "desk", "region": {"box": [[-0.1, 0.0], [0.1, 0.1]]}}
         world = world_of({"model": spec.compile(), "objects": {"cube": cube}})

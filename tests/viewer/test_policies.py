@@ -36,7 +36,7 @@ def test_a_checkpoint_of_rsl_rl_acts_as_its_own_model_does(tmp_path: Path):
         torch.save({"actor_state_dict": model.state_dict()}, path)
         policy = load_policy(str(path))
         assert policy(observation) == pytest.approx(model(seen).detach(), abs=1e-6)
-        with pytest.raises(ArgumentError, match="takes 6 observations, and this task has 5"):
+        with pytest.raises(ArgumentError, match="takes 6 observations, but this task has 5"):
             policy({"policy": torch.zeros(1, 5)})
 
 
@@ -66,7 +66,7 @@ def test_a_model_sees_observations_as_in_its_training(tmp_path: Path, capsys: py
     assert actions != pytest.approx(model.predict(observation.numpy(), deterministic=True)[0])
     assert "normalize.pkl" in capsys.readouterr().err
     (tmp_path / "normalize.pkl").write_bytes(b"nothing")
-    with pytest.raises(ArgumentError, match=r"normalize.pkl: should be what VecNormalize saved"):
+    with pytest.raises(ArgumentError, match=r"normalize.pkl: should be a saved VecNormalize"):
         load_policy(str(tmp_path / "model.zip"), trust=True)
 
 
@@ -101,7 +101,7 @@ def test_files_of_something_else_are_refused(tmp_path: Path):
     os.mkfifo(tmp_path / "pipe.pt")
     torch.save({"actor_state_dict": {"cnn.weight": torch.zeros(1)}}, tmp_path / "cnn.pt")
     for name, words in (
-        ("a.pt", "a.pt: is damaged or no file of weights"),
+        ("a.pt", "a.pt: is damaged or has no weights"),
         ("a.zip", "Stable-Baselines3"),
         ("cnn.pt", "MLPModel"),
         ("pipe.pt", "a pipe or a device"),
@@ -113,7 +113,7 @@ def test_files_of_something_else_are_refused(tmp_path: Path):
 def test_a_pickle_is_not_read_unless_it_is_trusted(tmp_path: Path):
     """A model of Stable-Baselines3 is refused before it is opened, with the way out."""
     (tmp_path / "model.zip").touch()
-    with pytest.raises(ArgumentError, match=r"model\.zip: .*executes what is in it.*--trust"):
+    with pytest.raises(ArgumentError, match=r"model\.zip: .*executes its code.*--trust"):
         load_policy(str(tmp_path / "model.zip"))
 
 
@@ -122,7 +122,7 @@ def test_a_checkpoint_with_other_parts_is_refused(tmp_path: Path):
     pytest.importorskip("rsl_rl", reason="needs the extra 'rsl-rl'")
     for i, actor in enumerate(([1], {"mlp.0.weight": torch.zeros(3)}, {5: 5}, {"mlp.9.weight": torch.zeros(2, 3)})):
         torch.save({"actor_state_dict": actor}, tmp_path / f"{i}.pt")
-        with pytest.raises(ArgumentError, match=rf"{i}\.pt: should be as"):
+        with pytest.raises(ArgumentError, match=rf"{i}\.pt: should be a file of"):
             load_policy(str(tmp_path / f"{i}.pt"))
 
 

@@ -133,7 +133,7 @@ def test_where_nothing_is_left_it_says_so():
     world.placed("apple").__dict__["config"] = far
     sketch = sketch_regions(world, "apple")
     assert sketch.surfaces == []
-    assert [text for text, _ in sketch.words] == ["nothing is left for apple"]
+    assert [text for text, _ in sketch.words] == ["no region for apple"]
 
 
 @pytest.mark.parametrize("near", [{}, {"relations": [{"near": "post", "distance": {"max": 0.5}}]}], ids=["all", "near"])

@@ -96,4 +96,4 @@ def test_the_table_has_a_row_for_each_object_and_a_column_for_each_cause():
     assert "200 layouts, 75.0% valid" in table
     assert table.count("<tr>") == 3
     assert "<td>pear</td><td align=right>-</td><td align=right>12</td>" in table
-    assert "none at all" in table_in_html({}, 10, 10)
+    assert "no candidates" in table_in_html({}, 10, 10)

@@ -1,8 +1,9 @@
-"""The classes of LIBERO: how they stand and turn, and boxes that stand in for their models.
+"""LIBERO's classes: their sizes, headings and joints, and stand-in boxes for missing models.
 
-Turns are those that LIBERO's samplers arrive at, which give some quaternions in another order than MuJoCo reads them. A
-class that is sampled at an angle about its x axis so stands upright with its heading at 180 degrees less that angle.
-The initial states that LIBERO ships show the same headings. Sizes and places were measured on LIBERO's models.
+Headings match the poses that LIBERO's samplers produce. For some classes the samplers write a quaternion in a different
+component order than MuJoCo reads. An object sampled at an angle a about its x axis therefore stands upright, with a
+heading of 180 degrees - a. The initial states that LIBERO ships show the same headings. Sizes and positions were
+measured on LIBERO's models.
 """
 
 from __future__ import annotations
@@ -21,13 +22,13 @@ class Box:
     """A box of a stand-in.
 
     Attributes:
-        pos: Its centre [m].
+        pos: Centre [m].
         size: Full edges [m].
-        open: The side that is left out of its walls, such as '-y' or '+z'; '' for a solid box.
-        inside, top: The sites inside of it and on top of it; '' for none.
-        joint: The name of its joint, if it moves: it slides along y, or turns about z if it has an anchor.
+        open: The side without a wall, such as '-y' or '+z', or '' for a solid box.
+        inside, top: Names of the sites in the box and on top of it, or ''.
+        joint: Name of its joint, or '' if it is fixed. The box slides along y, or rotates about z if it has an anchor.
         range: Range of the joint [m or rad].
-        anchor: A point of the axis that it turns about [m].
+        anchor: A point on the axis of rotation [m].
     """
 
     pos: Vec3
@@ -42,15 +43,15 @@ class Box:
 
 @dataclass(frozen=True)
 class Kind:
-    """A class of things.
+    """A class of objects or fixtures.
 
     Attributes:
-        size: Edges of its bounds [m] as it stands, along its own x axis, to the left of it, and up.
-        yaw: Least and greatest heading [degrees] of an object; fixtures have that of their region.
-        up: The axis of its model that points up.
-        inside: The site inside of a stand-in that is open above.
-        boxes: Its stand-in, if that is not one box of its size.
-        states: The joint positions [m or rad] between which a predicate of the start draws.
+        size: Edges of the bounding box [m] when upright: along the x axis, to the left, and up.
+        yaw: Least and greatest heading [degrees] of an object. A fixture takes its heading from its region.
+        up: The axis of the model that points up.
+        inside: Name of the site in a stand-in that is open at the top, or '' for a solid box.
+        boxes: Boxes of the stand-in. If empty, the stand-in is one box of `size`.
+        states: Range of joint positions [m or rad] for each predicate of the start.
     """
 
     size: Vec3
@@ -66,10 +67,10 @@ class Workspace:
     """A work surface.
 
     Attributes:
-        origin: The point that rectangles are relative to, world frame [m].
+        origin: Origin of the file's rectangles, world frame [m].
         low, high: Corners of the surface, world frame [m].
-        top: Its height [m].
-        base: The place of LIBERO's arm, world frame [m].
+        top: Height of the surface [m].
+        base: Base of LIBERO's arm, world frame [m].
     """
 
     origin: Vec3
@@ -86,7 +87,7 @@ WORKSPACES = {
     "living_room_table": Workspace((0.0, 0.0, 0.41), (-0.82, -0.62), (0.34, 0.72), 0.437, (-0.51, 0.0, 0.42)),
     "floor": Workspace((0.0, 0.0, -0.035), (-1.5, -1.5), (1.5, 1.5), 0.0, (-0.6, 0.0, 0.0)),
 }
-"""The work surfaces by their class; 'floor' is the ground workspace."""
+"""Work surfaces by class. 'floor' is the ground workspace."""
 
 _BACK, _ACROSS, _MUG, _BOOK = (180.0, 180.0), (90.0, 90.0), (-90.0, -90.0), (-135.0, -90.0)
 
@@ -142,7 +143,7 @@ FIXTURES = {
         ),
     ),
 }
-"""Fixtures that stand on a work surface, by their class."""
+"""Fixtures that stand on a work surface, by class."""
 
 OBJECTS = {
     "alphabet_soup": Kind((0.062, 0.063, 0.077), _BACK, "y"),
@@ -172,20 +173,20 @@ OBJECTS = {
     "red_coffee_mug": Kind((0.123, 0.093, 0.133), _MUG),
     "white_yellow_mug": Kind((0.139, 0.106, 0.103), _MUG),
 }
-"""Objects that are free to move, by their class."""
+"""Free objects, by class."""
 TURN = {"z": (1.0, 0.0, 0.0, 0.0), "y": (0.5**0.5, 0.5**0.5, 0.0, 0.0)}
-"""Turn (wxyz) that lets an axis of a model point up."""
+"""Rotation (wxyz) that points an axis of a model up."""
 
 
 def moving(problem: Problem, predicate: Predicate) -> tuple[str, tuple[float, float]]:
-    """Return the fixture that a predicate such as `Open` is about, and the joint positions [m or rad] it draws.
+    """Return the fixture of a predicate such as `Open`, and its range of joint positions [m or rad].
 
     Raises:
-        UnknownNameError: The predicate does not apply to the thing.
+        UnknownNameError: The fixture does not have this state.
     """
     region, word = problem.regions.get(predicate.names[0]), predicate.word
     name = predicate.names[0] if region is None else region.target
     kinds = {thing: FIXTURES[kind] for thing, kind in problem.fixtures.items() if kind in FIXTURES}
     states = {thing: kind.states[word] for thing, kind in kinds.items() if word in kind.states}
-    check_names(f"thing for {word}", [name], predicate.where, states)
+    check_names(f"fixture for {word}", [name], predicate.where, states)
     return name, states[name]

@@ -1,4 +1,4 @@
-"""LIBERO's things: their models, upright, or boxes in place of these; supports, regions, orientations and joints."""
+"""Places LIBERO's objects and fixtures: models or stand-in boxes, supports, regions, orientations and joints."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ from sceniris_gym.scene.model_files import load_model
 from sceniris_gym.scene.support import subtree
 
 INNER = "object"
-"""The body of a model that LIBERO places, below the root."""
+"""Name of the body below a model's root that LIBERO places."""
 _FILES = (
     "articulated_objects/{0}.xml",
     "stable_hope_objects/{0}/{0}.xml",
     "stable_scanned_objects/{0}/{0}.xml",
     "turbosquid_objects/{0}/{0}.xml",
 )
-_HIDDEN = 3  # group of geoms that collide and are not drawn, which is 0 in LIBERO's models
+_HIDDEN = 3  # group of collision geoms, which are not drawn (group 0 in LIBERO's models)
 _WALL = 0.004  # thickness of walls [m]
 _DENSITY = 300.0  # kg/m^3
 _COLOUR = [0.7, 0.6, 0.5, 1.0]
@@ -39,26 +39,26 @@ _SIDES = ("-x", "+x", "-y", "+y", "-z", "+z")
 
 
 def load_thing(name: str, kind: Kind, assets: Path, where: str) -> mujoco.MjSpec | None:
-    """Return LIBERO's model of a class, upright on its own axes; None if the folder does not have it.
+    """Load LIBERO's model of a class in its upright orientation. Return None if the folder does not have it.
 
     Raises:
-        SceneFileError: MuJoCo cannot read it, or a file that it refers to is missing.
+        SceneFileError: MuJoCo cannot read the model, or a file that it refers to is missing.
     """
     file = next((file for path in _FILES if (file := assets / path.format(name)).is_file()), None)
     if file is None:
         return None
     spec = load_model(file, where, _with_unique_names)
-    spec.njmax = spec.nconmax = -1  # sizes of a scene are its own
+    spec.njmax = spec.nconmax = -1  # the scene sets these sizes
     for geom in spec.geoms:
         geom.group = geom.group or _HIDDEN
-    spec.compiler.inertiagrouprange = [_HIDDEN, _HIDDEN]  # as in robosuite, what collides has the mass
+    spec.compiler.inertiagrouprange = [_HIDDEN, _HIDDEN]  # as in robosuite, collision geoms carry the mass
     inner = spec.body(INNER)
     inner.pos, inner.quat = np.zeros(3), TURN[kind.up]
     return spec
 
 
 def stand_in(kind: Kind) -> mujoco.MjSpec:
-    """Return boxes of the stated sizes in place of a model."""
+    """Build boxes of the class's size that stand in for its model."""
     spec = mujoco.MjSpec()
     spec.compiler.degree = False
     inner = spec.worldbody.add_body().add_body(name=INNER)
@@ -81,7 +81,7 @@ def stand_in(kind: Kind) -> mujoco.MjSpec:
 
 
 def _add_walls(body: mujoco.MjsBody, at: np.ndarray, half: np.ndarray, opening: str) -> None:
-    """Add a solid box, or five walls inside of its bounds."""
+    """Add a solid box, or five walls within the same bounds and an opening."""
     for i, side in enumerate(_SIDES if opening else ("",)):
         pos, size = at.copy(), half.copy()
         if side:
@@ -92,7 +92,7 @@ def _add_walls(body: mujoco.MjsBody, at: np.ndarray, half: np.ndarray, opening: 
 
 
 def _with_unique_names(text: str) -> str:
-    """Return MJCF in which no two elements of one kind in `<asset>` have one name: MuJoCo reads no such file."""
+    """Rename repeated names in `<asset>`: MuJoCo rejects two elements of the same type and name."""
     root = ElementTree.fromstring(text)
     seen: Counter[tuple[str, str]] = Counter()
     for element in (element for asset in root.iter("asset") for element in asset if element.get("name")):
@@ -103,15 +103,15 @@ def _with_unique_names(text: str) -> str:
     return ElementTree.tostring(root, encoding="unicode")
 
 
-_AROUND = 0.1  # clutter keeps within this distance [m] of the rectangles of the file
+_AROUND = 0.1  # clutter stays within this distance [m] of the file's rectangles
 _EVERYWHERE = (-math.inf, -math.inf, math.inf, math.inf)
-_GAP = 0.0005  # height above what a thing stands on [m]
-_POINT = 0.00005  # half the edge of the rectangle that a point becomes [m]
-_RADIUS = 0.025  # radius [m] by which most of LIBERO's objects keep from the edge of a site
+_GAP = 0.0005  # height of an object above its support [m]
+_POINT = 0.00005  # half edge [m] of the rectangle that replaces a point
+_RADIUS = 0.025  # margin [m] that most of LIBERO's objects keep to the edge of a site
 
 
 def kinds_of(problem: Problem) -> dict[str, Kind]:
-    """Return the class of everything but the work surface, checked."""
+    """Check the classes of a problem, and return the class of each object and fixture but the work surface."""
     found = {}
     for name, kind in problem.things.items():
         word, table = ("object", OBJECTS) if name in problem.objects else ("fixture", {**FIXTURES, **WORKSPACES})
@@ -123,12 +123,12 @@ def kinds_of(problem: Problem) -> dict[str, Kind]:
 
 
 def _rounded(values: Any) -> list:
-    """Return lengths [m] or angles [degrees] as a scene file shows them."""
+    """Round lengths [m] or angles [degrees] for a scene file."""
     return (np.round(values, 6) + 0.0).tolist()
 
 
 class Places:
-    """The words of objects: their supports, regions, orientations and joints."""
+    """Translates a problem into the words of a scene file: supports, regions, orientations and joints."""
 
     def __init__(self, problem: Problem, surface: str, space: Workspace, spec: mujoco.MjSpec, widen: float) -> None:
         self._problem, self._surface, self._space, self._spec, self._widen = problem, surface, space, spec, widen
@@ -144,14 +144,14 @@ class Places:
         )
 
     def words(self, added: list[str]) -> dict[str, Any]:
-        """Return the words of all objects by name; those of `added` stand anywhere around the rectangles."""
+        """Return the words of all objects by name. Objects in `added` may stand anywhere around the rectangles."""
         placing = [predicate for predicate in self._problem.init if predicate.word in ("On", "In")]
         count = Counter(predicate.names[0] for predicate in placing)
         for name in self._yaw:
             if count[name] != 1 and name not in added:
                 raise SceneKeyError(
                     f"{self._problem.places[name]}: '{name}' should have one place in ':init', such as (On {name} "
-                    f"REGION); has {count[name]}."
+                    f"REGION), has {count[name]}."
                 )
         found = {predicate.names[0]: self._place(predicate) for predicate in placing}
         for predicate in self._problem.init:
@@ -166,15 +166,15 @@ class Places:
         return found
 
     def _place(self, predicate: Predicate) -> dict[str, Any]:
-        """Return the words of the thing that an `On` or `In` of the start places."""
+        """Return the words of the object or fixture that an `On` or `In` of the start places."""
         (name, target), where = predicate.names, predicate.where
         check_names("thing", [name], where, self._yaw)
         region = self._problem.regions.get(target)
         if region is not None and region.target == self._surface:
             if len(region.boxes) != 1:
                 raise SceneKeyError(
-                    f"{where}: region '{region.name}' should have one rectangle in ':ranges', as it is on the work "
-                    f"surface; has {len(region.boxes)}."
+                    f"{where}: region '{region.name}' of the work surface should have one rectangle in ':ranges', "
+                    f"has {len(region.boxes)}."
                 )
             low, high = np.reshape(region.boxes[0], (2, 2))
             half = np.maximum(0.5 * self._widen * (high - low), _POINT)
@@ -188,13 +188,13 @@ class Places:
         return self._on_thing(name, target)
 
     def _on_surface(self, name: str, corners: np.ndarray) -> dict[str, Any]:
-        """Return the words of a thing whose origin is in a rectangle, shape (2, 2), as far as the surface reaches."""
+        """Return the words of an object with its origin in a rectangle, shape (2, 2), cut at the surface's edge."""
         origin = np.array(self._space.origin[:2])
         inside = np.clip(corners, self._space.low - origin, self._space.high - origin)
         return {"on": self._surface, **self._within(name, self._yaw[name], inside)}
 
     def _on_thing(self, name: str, target: str) -> dict[str, Any]:
-        """Return the words of a thing over the middle of another one, above its rim, or anywhere on the surface."""
+        """Return the words of an object anywhere on the work surface, or over the middle of another, above its rim."""
         if target == self._surface:
             return {"on": target, **self._within(name, self._yaw[name])}
         yaw, support = self._relative(name, target), self._mjm.body(f"{target}/{INNER}").id
@@ -208,7 +208,10 @@ class Places:
         return {"on": f"{target}/{INNER}", **self._within(name, yaw), **middle, **gap}
 
     def _on_site(self, name: str, region: Region, word: str, where: str) -> dict[str, Any]:
-        """Return the words of a thing on or in a site, which keeps its radius from the edge of half of it."""
+        """Return the words of an object on or in a site.
+
+        As in LIBERO, positions lie in a rectangle of half the site's size, less the object's radius on each side.
+        """
         site = self._site(region, where)
         radius = self._spec.site(f"{name}/horizontal_radius_site")
         turned = np.abs(matrix(np.asarray(site.quat)) @ site.size)
@@ -218,18 +221,18 @@ class Places:
         return {word.lower(): site.parent.name, **self._within(name, self._relative(name, region.target), corners)}
 
     def _within(self, name: str, yaw: np.ndarray, corners: np.ndarray | None = None) -> dict[str, Any]:
-        """Return the words of a thing with these headings, whose origin is in a rectangle, shape (2, 2)."""
+        """Return the words of an object with these headings and its origin in a rectangle, shape (2, 2)."""
         kind = {"kind": "fixture"} if name in self._problem.fixtures else {}
         region = {} if corners is None else {"region": {"box": _rounded(corners + self._pivot(name, yaw))}}
         return {**kind, "orientation": {"yaw": _rounded(yaw)}, **region}
 
     def _relative(self, name: str, target: str) -> np.ndarray:
-        """Return the headings of a thing relative to another one in the middle of its own headings."""
+        """Return the headings of an object relative to the target's mean heading."""
         yaw = self._yaw[name]
         return yaw - yaw.mean() + math.remainder(yaw.mean() - self._yaw[target].mean(), 360.0)
 
     def _pivot(self, name: str, yaw: np.ndarray) -> np.ndarray:
-        """Return where the pivot is, from the origin that LIBERO places, in the middle of the headings [m]."""
+        """Return the pivot [m] relative to the origin that LIBERO places, at the mean heading."""
         root = self._mjm.body(name).id
         inside = subtree(self._mjm, root)
         shape = HomeShape(self._data, root, [p for p in self._pieces if p.body in inside])
@@ -238,7 +241,7 @@ class Places:
         return np.array([math.cos(angle) * x - math.sin(angle) * y, math.sin(angle) * x + math.cos(angle) * y])
 
     def _state(self, predicate: Predicate) -> tuple[str, dict[str, Any]]:
-        """Return the thing and the joints that a predicate such as `Open` moves."""
+        """Return the fixture and the joints that a predicate such as `Open` moves."""
         name, positions = moving(self._problem, predicate)
         region = self._problem.regions.get(predicate.names[0])
         found = self._spec.body(name).find_all("joint")

@@ -1,4 +1,4 @@
-"""A BDDL problem file as it is written: regions, things and predicates, each with its place in the file."""
+"""Parses BDDL problem files into regions, objects, fixtures and predicates, each with its line in the file."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from sceniris_gym.errors import SceneFileError, SceneKeyError, UnknownNameError
 from sceniris_gym.files import read_bytes
 
 PREDICATES = {"On": 2, "In": 2, "Open": 1, "Close": 1, "Turnon": 1, "Turnoff": 1}
-"""The predicates that are read, with the number of names that each takes."""
+"""Number of names that each supported predicate takes."""
 _TOKEN = re.compile(r";[^\n]*|[()]|[^\s();]+")
 _SECTIONS = ("domain", "language", "regions", "fixtures", "objects", "obj_of_interest", "init", "goal", "requirements")
 _ATTRIBUTES = (":target", ":ranges", ":yaw_rotation", ":rgba")
 
 
 class Word(str):
-    """A word of the file that knows its place there, 'FILE:LINE'."""
+    """A word of the file. `where` is its position, 'FILE:LINE'."""
 
     where = ""
 
 
 class Group(list):
-    """A parenthesis of the file, of words and other groups, that knows where it opens, 'FILE:LINE'."""
+    """Words and groups in a pair of parentheses. `where` is the position of the opening one, 'FILE:LINE'."""
 
     where = ""
 
@@ -38,12 +38,12 @@ class Group(list):
 
 @dataclass(frozen=True)
 class Predicate:
-    """A predicate on things or regions, such as On(plate_1, kitchen_table_plate_region).
+    """A predicate of objects, fixtures or regions, such as On(plate_1, kitchen_table_plate_region).
 
     Attributes:
         word: A key of `PREDICATES`.
-        names: The things or regions.
-        where: Its place, 'FILE:LINE: (On ...)'.
+        names: The objects, fixtures or regions.
+        where: Position in the file, 'FILE:LINE: (On ...)'.
     """
 
     word: str
@@ -56,15 +56,15 @@ class Predicate:
 
 @dataclass(frozen=True)
 class Region:
-    """A region of a thing: rectangles on a work surface, or a site of a fixture or an object.
+    """A region: rectangles on a work surface, or a site of a fixture or an object.
 
     Attributes:
-        target: The thing.
-        name: Its name without that of the thing.
-        boxes: Rectangles (low x, low y, high x, high y) [m] relative to the origin of the work surface; none for a
+        target: The work surface, fixture or object that has the region.
+        name: Name without the target's name.
+        boxes: Rectangles (low x, low y, high x, high y) [m], relative to the origin of the work surface. Empty for a
             site.
-        yaw: Least and greatest heading [rad] of a fixture that is placed there.
-        where: Its place, 'FILE:LINE'.
+        yaw: Least and greatest heading [rad] of a fixture placed in the region.
+        where: Position in the file, 'FILE:LINE'.
     """
 
     target: str
@@ -82,10 +82,10 @@ class Problem:
         path: The file.
         language: The instruction.
         regions: Regions by the names that predicates use: 'TARGET_NAME'.
-        fixtures, objects: The class of each thing by its name.
-        of_interest: Things and regions that the task is about.
-        init, goal: Predicates of the start, and those that all hold at the end.
-        places: The place of each thing in the file, 'FILE:LINE'.
+        fixtures, objects: Class of each fixture and of each object, by name.
+        of_interest: Objects and regions that the task involves.
+        init, goal: Predicates of the start, and of the goal, which are all required.
+        places: Position of each fixture and object in the file, 'FILE:LINE'.
     """
 
     path: Path
@@ -100,7 +100,7 @@ class Problem:
 
     @property
     def things(self) -> dict[str, str]:
-        """The class of each fixture and object by its name."""
+        """Class of each fixture and object, by name."""
         return {**self.fixtures, **self.objects}
 
 
@@ -108,9 +108,10 @@ def read_problem(path: str | Path) -> Problem:
     """Read a problem file.
 
     Raises:
-        SceneFileError: The file is missing, cannot be read, or its parentheses do not match.
-        SceneKeyError: A part of it is missing or malformed.
-        UnknownNameError: It has an unknown section, attribute or predicate, or a predicate names nothing in the file.
+        SceneFileError: The file is missing or cannot be read, or its parentheses do not match.
+        SceneKeyError: A part of the file is missing or malformed.
+        UnknownNameError: A section, attribute or predicate is unknown, or a predicate has a name that is not in the
+            file.
     """
     file = user_path(path, Path(), "read_bddl")
     try:
@@ -126,7 +127,7 @@ def read_problem(path: str | Path) -> Problem:
         for name, kind in _typed(sections[key]):
             if name in places or name == "world":
                 raise SceneKeyError(
-                    f"{name.where}: '{name}' should be another name: {places.get(name, 'MuJoCo')} has it."
+                    f"{name.where}: '{name}' should be another name: {places.get(name, 'MuJoCo')} uses it already."
                 )
             found[str(name)], places[str(name)] = kind, name.where
     problem = Problem(
@@ -141,21 +142,21 @@ def read_problem(path: str | Path) -> Problem:
     )
     for first, second in (pair for part in (problem.init, problem.goal) for pair in combinations(part, 2)):
         if first.names == second.names and first.word != second.word and len(first.names) == 1:
-            told = f"({second.word} {second.names[0]}) should be left out: it is against ({first.word} ...)"
+            told = f"({second.word} {second.names[0]}) should be left out: it contradicts ({first.word} ...)"
             raise SceneKeyError(f"{second.where}: {told} in {first.where}.")
     for predicate in (*problem.init, *problem.goal):
         for i, name in enumerate(predicate.names):
             if predicate.word == "In" and i == 1 and name not in regions:
                 raise UnknownNameError("region", name, predicate.where, regions)
             if name not in {**places, **regions}:
-                raise UnknownNameError("thing or region", name, predicate.where, [*places, *regions])
+                raise UnknownNameError("object, fixture or region", name, predicate.where, [*places, *regions])
             if name in regions and regions[name].target not in places:
                 raise UnknownNameError("thing", regions[name].target, f"{regions[name].where}: :target", places)
     return problem
 
 
 def _parsed(text: str, file: Path) -> Group:
-    """Return the first group of a text; words and groups keep their places."""
+    """Return the first group of a text. Its words and groups store their positions."""
     top = Group()
     stack = [top]
     for number, line in enumerate(text.split("\n"), 1):
@@ -167,7 +168,7 @@ def _parsed(text: str, file: Path) -> Group:
                 stack[-2].append(stack[-1])
             elif token == ")":
                 if len(stack) == 1:
-                    raise SceneFileError(f"{where}: this ')' should be left out: it closes nothing.")
+                    raise SceneFileError(f"{where}: this ')' should be left out: it has no matching '('.")
                 stack.pop()
             elif not token.startswith(";"):
                 stack[-1].append(word := Word(token))
@@ -180,7 +181,7 @@ def _parsed(text: str, file: Path) -> Group:
 
 
 def _sections(group: Group, file: Path) -> dict[str, Group]:
-    """Return the sections by name without ':', those that are not in the file empty."""
+    """Return all sections by name without ':'. Sections that the file lacks are empty."""
     found = {name: Group() for name in _SECTIONS}
     for part in group[1:]:
         head = str([*part, "()"][0]) if isinstance(part, Group) else f"{part} without parentheses"
@@ -205,8 +206,8 @@ def _region(group: Group) -> Region:
             raise ValueError
     except (IndexError, KeyError, TypeError, ValueError):
         raise SceneKeyError(
-            f"{group.where}: {short(group)} should be a region: a name, '(:target THING)', and for one on the work "
-            "surface '(:ranges ((LOW_X LOW_Y HIGH_X HIGH_Y)))', with '(:yaw_rotation ((LEAST GREATEST)))' if it turns."
+            f"{group.where}: {short(group)} should be a region: a name and '(:target NAME)'. On the work surface it "
+            "also has '(:ranges ((LOW_X LOW_Y HIGH_X HIGH_Y)))', and may have '(:yaw_rotation ((LEAST GREATEST)))'."
         ) from None
     for word in given:
         raise UnknownNameError("attribute of a region", word, f"{group.where}: {name}", _ATTRIBUTES)
@@ -214,7 +215,7 @@ def _region(group: Group) -> Region:
 
 
 def _rows(value: list, size: int) -> list[tuple[float, ...]]:
-    """Return the rows of `((a b ...) (a b ...))`, each of `size` finite numbers; raise ValueError for others."""
+    """Return the rows of `((a b ...) (a b ...))`. Raise ValueError unless each row is `size` finite numbers."""
     found = [tuple(float(word) for word in row) for row in (value[0] if value else [])]
     if not all(len(row) == size and all(map(math.isfinite, row)) for row in found):
         raise ValueError
@@ -222,7 +223,7 @@ def _rows(value: list, size: int) -> list[tuple[float, ...]]:
 
 
 def _typed(group: Group) -> Iterator[tuple[Word, str]]:
-    """Yield each name of `a b - class c - class` with its class."""
+    """Yield each name with its class, from `a b - class c - class`."""
     names: list[Word] = []
     words = iter(_words(group))
     for word in words:
@@ -246,7 +247,7 @@ def _words(group: Group) -> list[Word]:
 
 
 def _goal(groups: Group) -> Iterator[Predicate]:
-    """Yield the predicates of a goal, of one that has `And` those inside."""
+    """Yield the predicates of a goal, including the predicates inside `And`."""
     for group in groups:
         if isinstance(group, Group) and group and str(group[0]).lower() == "and":
             yield from _goal(Group(group[1:]))
@@ -260,6 +261,6 @@ def _predicate(group: Group | Word) -> Predicate:
     if word is None:
         raise UnknownNameError("predicate", head, group.where, [*PREDICATES, "And"])
     if len(names) != PREDICATES[word] or not isinstance(group, Group):
-        count = "a thing or region" if PREDICATES[word] == 1 else "a thing, and a thing or region"
+        count = "one object or region" if PREDICATES[word] == 1 else "an object, and an object or region"
         raise SceneKeyError(f"{group.where}: {short(group)} should be ({word} ...) with {count}.")
     return Predicate(word, tuple(names), f"{group.where}: ({word} {' '.join(names)})")

@@ -1,4 +1,4 @@
-"""Problem files of LIBERO, read as scenes of this package: `read_bddl`."""
+"""Reads LIBERO's problem files as scenes of this package: `read_bddl`."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from sceniris_gym.importers.libero.problem import Problem, read_problem
 from sceniris_gym.scene import adopt, assemble, backdrop
 
 _CLUTTER = "clutter"
-_ZONE = 0.007  # half height [m] of the zone over a rectangle in which a goal counts a thing as on it
-_LEAST = 1e-6  # half the edge of the zone of a point [m]
+_ZONE = 0.007  # half height [m] of the zone over a rectangle: a goal counts an object in it as on the rectangle
+_LEAST = 1e-6  # half edge [m] of the zone over a point
 _THICK = 0.05  # thickness of a work surface [m]
 
 
@@ -32,8 +32,8 @@ class LiberoTask:
     """A problem file as a scene and a goal.
 
     Attributes:
-        scene: The scene; its model is an MjSpec in which each thing is a body of its name. `THING/REGION` are sites.
-        problem: The file as it is written: `language`, `goal`, `of_interest`, and the class of each thing.
+        scene: The scene. Its model is an MjSpec with a body for each object and fixture, and sites `NAME/REGION`.
+        problem: The parsed file: `language`, `goal`, `of_interest`, and the class of each object and fixture.
     """
 
     scene: SceneConfig
@@ -50,26 +50,27 @@ def read_bddl(
 ) -> LiberoTask:
     """Read a problem file of LIBERO (BDDL).
 
-    Rectangles become regions of the work surface, sites of fixtures and objects regions of the body that has them.
-    `Open`, `Close`, `Turnon` and `Turnoff` become ranges of joints, as LIBERO draws them.
+    Rectangles become regions of the work surface. Sites of fixtures and objects become regions of the site's body.
+    `Open`, `Close`, `Turnon` and `Turnoff` become joint ranges, with LIBERO's limits.
 
     Args:
         path: The file.
-        assets: The folder of LIBERO's models, which has `stable_hope_objects` and the like. Without it, and for a
-            class that it lacks, boxes of stated sizes stand in, and a warning names them.
-        widen: Factor by which rectangles grow about their centres, up to the edge of the work surface.
-        clutter: Number of further objects in each layout, drawn from twice as many of classes that the file does not
-            use. They stand within 10 cm of the file's rectangles.
-        robot: An arm for LIBERO's place beside the work surface: an asset, or a mapping as in a scene file.
+        assets: The folder of LIBERO's models, which contains `stable_hope_objects` and similar folders. Boxes stand in
+            for missing models, and a warning lists these boxes and their sizes.
+        widen: Factor that enlarges each rectangle about its centre, up to the edge of the work surface.
+        clutter: Number of extra objects in each layout. Each layout draws them from 2 * `clutter` objects of classes
+            that the file does not use. They stand within 10 cm of the file's rectangles.
+        robot: An arm, placed where LIBERO puts its arm at the work surface: an asset, or a mapping as in a scene file.
 
     Returns:
         The scene, and the goal.
 
     Raises:
         SceneFileError: The file, the folder or a model is missing or cannot be read.
-        SceneKeyError: A part of the file is missing or malformed, or a thing has no place.
-        UnknownNameError: An unknown section, predicate, class, thing or region.
-        ArgumentError: `widen` is not a positive number, or `clutter` not a possible one.
+        SceneKeyError: A part of the file is missing or malformed, or an object or fixture does not have exactly one
+            place.
+        UnknownNameError: A section, predicate, class, object, fixture or region is unknown.
+        ArgumentError: `widen` is not a positive number, or `clutter` is out of range.
 
     Warns:
         ModelWarning: Boxes stand in for models.
@@ -98,7 +99,7 @@ def read_bddl(
 
 
 def _workspace(problem: Problem) -> tuple[str, Workspace]:
-    """Return the work surface by its name in the file; a floor is the scene's 'floor'."""
+    """Return the work surface and its name in the file, which is 'floor' for a floor."""
     found = [name for name, kind in problem.fixtures.items() if kind in WORKSPACES]
     if len(found) != 1:
         listing = ", ".join(WORKSPACES)
@@ -108,12 +109,12 @@ def _workspace(problem: Problem) -> tuple[str, Workspace]:
     name, kind = found[0], problem.fixtures[found[0]]
     if (name == FLOOR) != (kind == FLOOR):
         where = problem.places[name]
-        raise SceneKeyError(f"{where}: '{name} - {kind}' should be named 'floor' if it is the floor, and only then.")
+        raise SceneKeyError(f"{where}: '{name} - {kind}' should be named 'floor' if and only if its class is 'floor'.")
     return name, WORKSPACES[kind]
 
 
 def _model(problem: Problem, surface: str, space: Workspace, assets: Path | None) -> mujoco.MjSpec:
-    """Return a specification with the work surface, the zones on it, and everything in the file at the origin."""
+    """Build an MjSpec with the work surface, its zones, and all objects and fixtures at the origin."""
     if assets is not None and not assets.is_dir():
         raise SceneFileError(
             f"read_bddl: assets: there is no folder '{assets}'. Give the folder that has 'stable_hope_objects'."
@@ -139,7 +140,7 @@ def _model(problem: Problem, surface: str, space: Workspace, assets: Path | None
 
 
 def _add_surface(spec: mujoco.MjSpec, problem: Problem, surface: str, space: Workspace) -> None:
-    """Add the work surface, its frame at the origin of rectangles, and a site for each rectangle."""
+    """Add the work surface, with its frame at the origin of the rectangles, and a site for each rectangle."""
     x, y, z = space.origin
     body = spec.worldbody
     if surface != FLOOR:

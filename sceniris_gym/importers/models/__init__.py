@@ -1,1 +1,1 @@
-"""First scene files, written from MuJoCo models: `sceniris-gym init`."""
+"""Writes a first scene file for a MuJoCo model: `sceniris-gym init`."""

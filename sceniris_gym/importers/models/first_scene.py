@@ -1,4 +1,4 @@
-"""A first scene file for a model: its free bodies on their supports, its robot, and all other supports."""
+"""Writes a first scene file for a model: its robot, its free bodies on their supports, and a list of all supports."""
 
 from __future__ import annotations
 
@@ -32,26 +32,26 @@ from sceniris_gym.scene.assemble import compile_spec
 from sceniris_gym.scene.model_files import load_model
 from sceniris_gym.scene.support import subtree
 
-# On a support with a longer edge [m], things stay within this half edge [m] of where they stand at the start.
+# On a support with a longer edge [m], an object stays in a square of this half edge [m] around its start position.
 _LARGE, _AROUND = 2.0, 0.3
-# A surface that is higher than the lowest one by more than this [m] is not the ground.
+# A surface more than this far above the lowest surface [m] is not the ground.
 _RAISED = 0.05
 _WHOLLY = "ratio_on_support"
 _PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_./-]*")
-# Plain words that YAML does not read as strings.
+# Words that YAML reads as booleans or null, unless they are quoted.
 _NOT_STRINGS = frozenset(("true", "false", "null", "yes", "no", "on", "off"))
 _WIDTH = 100
 
 
 @dataclass
 class Entry:
-    """An object or the robot of the scene.
+    """An entry of the scene file for an object or the robot.
 
     Attributes:
-        name: Its name; 'robot' for the robot.
-        words: Its words in the scene file; empty for a body that cannot be named at all.
-        notes: Comments above it.
-        why: The reason for which it is commented out; "" if it is not.
+        name: Name of the object, or 'robot'.
+        words: Its words in the scene file.
+        notes: Comments above the entry.
+        why: Why the entry is commented out, or "" if it is active.
     """
 
     name: str
@@ -60,7 +60,7 @@ class Entry:
     why: str = ""
 
     def lines(self, indent: str) -> list[str]:
-        """Return its lines of YAML."""
+        """Return the entry as lines of YAML."""
         lines = [f"# {line}" for note in (*self.notes, self.why) for line in _wrapped(note)]
         if self.words:
             lines.append(f"{'# ' if self.why else ''}{self.name}: {flow(self.words)}")
@@ -72,12 +72,12 @@ class FirstScene:
     """A first scene of a model.
 
     Attributes:
-        model: The model's file.
-        start: A sentence on the start pose.
-        home: The keyframe that is the start pose, if the scene has to name it.
-        robot: The robot, if there is one.
-        objects: Its objects.
-        supports: Everything that never moves and can carry things, the largest first.
+        model: File of the model.
+        start: A sentence about the start pose.
+        home: Keyframe of the start pose, or None if the scene does not have to name it.
+        robot: The robot, or None.
+        objects: The objects.
+        supports: Static bodies and geoms with level surfaces, largest first.
     """
 
     model: Path
@@ -88,28 +88,28 @@ class FirstScene:
     supports: list[FoundSupport]
 
     def words(self) -> dict[str, Any]:
-        """Return the scene without the entries that are commented out, as `SceneConfig.load` takes it."""
+        """Return the active entries as a scene for `SceneConfig.load`."""
         found: dict[str, Any] = {"model": str(self.model.resolve())} | ({"home": self.home} if self.home else {})
         if self.robot is not None and not self.robot.why:
             found[ROBOT] = self.robot.words
         return found | {"objects": {e.name: e.words for e in self.objects if not e.why}}
 
     def comment_out(self, name: str, why: str) -> None:
-        """Comment out an object, or the robot, and all objects that need it."""
+        """Comment out an object and all objects that it supports, or the robot."""
         if name == ROBOT and self.robot is not None:
             self.robot.why = why
         out = {name: why}
-        for entry in self.objects:  # objects that stand on others come after them
+        for entry in self.objects:  # supports come before the objects on them
             if (carrier := _carrier(entry)) in out and not entry.why:
                 out[entry.name] = f"It stands on '{carrier}', which is commented out."
             entry.why = out.get(entry.name, entry.why)
 
     def let_overhang(self, name: str) -> bool:
-        """Let an object hang over the edge of its support, a comment above it; return False if it may already."""
+        """Let an object hang over the edge of its support, and add a comment. Return False if it may already."""
         for entry in self.objects:
             if entry.name == name and _WHOLLY in entry.words:
                 del entry.words[_WHOLLY]
-                entry.notes += (f"It may hang over: `{_WHOLLY}: 1` finds no place.",)
+                entry.notes += (f"It may overhang its support: `{_WHOLLY}: 1` finds no place.",)
                 return True
         return False
 
@@ -117,10 +117,10 @@ class FirstScene:
         """Return the scene file.
 
         Args:
-            model: The path of the model as the file names it.
+            model: Path of the model, as written in the scene file.
         """
         lines = [
-            "# A first scene, written from the model: try it with `sceniris-gym check`, and change what it says.",
+            "# A first scene, generated from the model. Test it with `sceniris-gym check`, then edit it.",
             f"model: {flow(model)}",
             *(f"# {line}" for line in _wrapped(self.start)),
             *([f"home: {flow(self.home)}"] if self.home else []),
@@ -131,26 +131,26 @@ class FirstScene:
         alive = any(not entry.why for entry in self.objects)
         lines += ["", "objects:" if alive else "objects: {}", *shown]
         if not self.objects:
-            lines += ["  # The model has no body with a freejoint. Add things: `mug: {asset: mug, on: SUPPORT}`."]
-        lines += ["", "# What things can stand on, as in `on: NAME`; the edges of its level surfaces, and their area:"]
+            lines += ["  # The model has no body with a freejoint. Add objects: `mug: {asset: mug, on: SUPPORT}`."]
+        lines += ["", "# Supports, as in `on: NAME`, with the size and area of their level surfaces:"]
         lines += [f"#   {_support_line(s)}" for s in self.supports]
         if not self.supports:
-            lines += ["#   nothing that never moves and has a name: add `floor: {size: [2, 2]}`, and `on: floor`"]
+            lines += ["#   The model has no static, named support: add `floor: {size: [2, 2]}`, and use `on: floor`."]
         return "\n".join(lines) + "\n"
 
 
 def first_scene(path: Path) -> FirstScene:
-    """Read a model, and work out a first scene.
+    """Read a model and derive a first scene.
 
     Raises:
         SceneFileError: The file is missing, or MuJoCo cannot read or compile it.
-        MeshError: A mesh that cannot be used for collision.
+        MeshError: A mesh cannot be used for collision.
     """
     where = str(path)
     mjm = compile_spec(load_model(path, where), where)
     data = mujoco.MjData(mjm)
     names = [mjm.key(i).name for i in range(mjm.nkey)]
-    attached = [name for name in names if name.rpartition("/")[2] == HOME]  # models with a prefix have one each
+    attached = [name for name in names if name.rpartition("/")[2] == HOME]  # attached models prefix the name
     home, *others = [HOME] if HOME in names else attached or [None]
     data.qpos[:] = mjm.qpos0 if home is None else mjm.key(home).qpos
     mujoco.mj_kinematics(mjm, data)
@@ -171,7 +171,7 @@ def first_scene(path: Path) -> FirstScene:
 
 @dataclass(frozen=True)
 class _Bodies:
-    """The free bodies of a model, and the data that decide where they are placed."""
+    """Writes entries for the free bodies of a model, from the start pose and the supports."""
 
     mjm: mujoco.MjModel
     data: mujoco.MjData
@@ -180,7 +180,7 @@ class _Bodies:
     supports: list[FoundSupport]
 
     def entries(self) -> list[Entry]:
-        """Return an entry for each body, carriers before what they carry."""
+        """Return an entry for each body. Supports come before the objects on them."""
         found = {name: self._entry(name, body) for name, body in self.free.items()}
         ordered: dict[str, Entry] = {}
         for name in found:
@@ -196,7 +196,7 @@ class _Bodies:
         if not own_name:
             return _commented_out(name, {}, f"Body {body} of the model has no name. Give it one.")
         if self._is_driven(subtree(self.mjm, body)):
-            return _commented_out(name, words, f"'{name}' has actuators: it is a robot that moves freely.")
+            return _commented_out(name, words, f"'{name}' has actuators: it is a robot with a free base.")
         geom = geom_beneath(self.mjm, self.data, body)
         named = None if geom is None else named_support(self.mjm, geom, self.free)
         support = None if named is None else support_of(*named, self.pieces)
@@ -204,7 +204,7 @@ class _Bodies:
             return Entry(name, {**words, **self._standing(support, body)}, self._tilted(body))
         said = self._not_beneath(geom, named)
         if not self.supports:
-            return _commented_out(name, words, f"{said} Nothing else carries it, either.")
+            return _commented_out(name, words, f"{said} The model has no other support.")
         ground = min(self._height(s) for s in self.supports)
         raised = [s for s in self.supports if self._height(s) > ground + _RAISED]
         largest = (raised or self.supports)[0]
@@ -212,16 +212,16 @@ class _Bodies:
         return Entry(name, {**words, **self._standing(largest, body)}, (said, *self._tilted(body)))
 
     def _not_beneath(self, geom: int | None, named: tuple | None) -> str:
-        """Explain why a body does not stand in the scene on what is beneath it in the start pose."""
+        """Explain why the geom beneath a body in the start pose cannot be its support in the scene."""
         if geom is None:
-            return "Nothing is beneath it in the start pose."
+            return "The start pose has no geom beneath it."
         if named is not None:
-            return f"'{named[0]}', which is beneath it, has no level surface of 2 cm or more in width."
+            return f"'{named[0]}' beneath it has no level surface that is at least 2 cm wide."
         label = self.mjm.body(int(self.mjm.geom_bodyid[geom])).name
-        return f"What is beneath it, geom {geom} of body '{label}', moves or has no name, so nothing can be put on it."
+        return f"Geom {geom} of body '{label}' beneath it cannot be a support: it moves or has no name."
 
     def _standing(self, support: FoundSupport, body: int) -> dict[str, Any]:
-        """Return the words that place a body on a support, as a whole unless the support is endless."""
+        """Return the words that place a body on a support, without overhang unless the support is endless."""
         words: dict[str, Any] = {"on" if support.open_above else "in": support.name}
         if support.is_endless or max(support.extent) > _LARGE:
             mat = self.data.xmat[support.body].reshape(3, 3)
@@ -231,13 +231,13 @@ class _Bodies:
         return words if support.is_endless else {**words, _WHOLLY: 1}
 
     def _height(self, support: FoundSupport) -> float:
-        """Return the height of a support's highest surface in the world [m]."""
+        """Return the height of a support's highest surface, world frame [m]."""
         return float(self.data.xpos[support.body][2]) + support.surfaces[-1].height
 
     def _tilted(self, body: int) -> tuple[str, ...]:
-        """Return a note if a body's start pose is tilted against that of `qpos0`, in which it will be placed."""
+        """Return a note if the start pose tilts a body against `qpos0`, because layouts place it as in `qpos0`."""
         turn = self.data.xmat[body].reshape(3, 3)[2] @ matrix(self.mjm.body_quat[body])[2]
-        note = "It lies otherwise in the start pose than `qpos0` has it, which is how it is placed: see `orientation`."
+        note = "The start pose tilts it, but layouts place it upright as in `qpos0`. To change that, see `orientation`."
         return (note,) if turn < np.cos(np.radians(5.0)) else ()
 
     def _is_driven(self, bodies: list[int]) -> bool:
@@ -262,22 +262,22 @@ def _robot(mjm: mujoco.MjModel, data: mujoco.MjData, arms: list[FoundArm]) -> En
 
 
 def reach_note(mjm: mujoco.MjModel, base: str, tcp: str) -> str:
-    """Return a comment on `reachable` for a robot: that it works, or why it does not.
+    """Return a comment on `reachable` for a robot: how to use it, or why it does not work.
 
     Args:
         mjm: The model of the scene.
-        base: The robot's root body.
-        tcp: The site that is its tool centre point.
+        base: Root body of the robot.
+        tcp: Site of its tool centre point.
     """
     try:
         SerialArm.from_model(mjm, base, tcp)
     except (ArmError, NotSupportedError) as error:
         return f"`reachable` does not work with it: {error}"
-    return "Check that +z of the `tcp` is its approach axis. Objects within its reach: `reachable: ik`."
+    return "Check that +z of the `tcp` is the approach axis. To keep an object within reach: `reachable: ik`."
 
 
 def _names(mjm: mujoco.MjModel, bodies: Iterable[int]) -> dict[str, int]:
-    """Return bodies by the names that their objects get in the scene file: from their own names, or their numbers."""
+    """Return bodies by their object's name in the scene file, derived from the name or the id of the body."""
     found: dict[str, int] = {}
     for body in bodies:
         parts = mjm.body(body).name.split("/")
@@ -289,14 +289,14 @@ def _names(mjm: mujoco.MjModel, bodies: Iterable[int]) -> dict[str, int]:
 
 
 def _slides(mjm: mujoco.MjModel, body: int) -> bool:
-    """Return whether a body moves on slides of its own in place of a freejoint, without actuators."""
+    """Return whether a body moves on two or more slide joints in place of a freejoint, without actuators."""
     slides = np.flatnonzero((mjm.jnt_bodyid == body) & (mjm.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE))
     return len(slides) >= 2 and not np.isin(mjm.actuator_trnid[:, 0], slides).any()
 
 
 def _not_free(mjm: mujoco.MjModel, body: int) -> Entry:
     num = int(mjm.body_jntnum[body])
-    why = f"Body '{mjm.body(body).name}' hangs on {num} joints of its own. Write <freejoint/> in their place."
+    why = f"Body '{mjm.body(body).name}' moves on {num} separate joints. Write <freejoint/> in their place."
     return _commented_out(next(iter(_names(mjm, [body]))), {}, why)
 
 
@@ -318,7 +318,7 @@ def _support_line(support: FoundSupport) -> str:
 
 
 def flow(value: Any) -> str:
-    """Return a value as YAML on one line."""
+    """Format a value as YAML on one line."""
     if isinstance(value, Mapping):
         return "{" + ", ".join(f"{k}: {flow(v)}" for k, v in value.items()) + "}"
     is_plain = isinstance(value, str) and _PLAIN.fullmatch(value) and value.lower() not in _NOT_STRINGS

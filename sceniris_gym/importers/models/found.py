@@ -1,4 +1,4 @@
-"""Arms in a model, chains of joints with a tool centre point, and its supports by their names in a scene."""
+"""Finds the arms of a model with their tool centre points, and its supports with their names in a scene."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from sceniris_gym.geometry.pieces import Piece
 from sceniris_gym.geometry.supports import SupportSurface, level_surfaces
 from sceniris_gym.scene.support import Support, is_static, static_supports, subtree
 
-# A chain of fewer joints is no arm.
+# An arm has at least this number of joints.
 _LEAST_JOINTS = 4
-# A branch continues the arm if it has at least this many joints in a row, and more than twice as many as any other: the
-# others are a neck or a bellows.
+# A branch continues the arm if it has at least this number of joints in a row, and more than twice the joints of any
+# other branch: a shorter branch may be a neck or a bellows.
 _LEAST_BRANCH = 3
-# A branch with more joints in a row is no finger; below a torso it may be an arm.
+# A finger has at most this number of joints in a row. A longer branch may be an arm of a torso.
 _MOST_FINGER = 5
-# Parts of the names of sites that are tool centre points, best first.
+# A site is a tool centre point if its name contains one of these words, best first.
 _TCP_WORDS = ("tcp", "grip_site", "gripsite", "pinch", "grasp", "attachment", "ee_site", "eef", "end_effector", "tool")
-# The tool centre point is this far behind the ends of the fingers [m].
+# Distance of the tool centre point behind the fingertips [m].
 _TIP = 0.01
-# Fingers whose middle is nearer than this to the origin of the hand show no direction [m].
+# Fingers centred within this distance of the hand's origin do not indicate an approach direction [m].
 _AT_ORIGIN = 0.03
-# An axis of the frame is taken as the approach axis if the fingers point within this angle of it [deg].
+# The approach axis snaps to an axis of the frame within this angle [deg].
 _CLOSE = 15.0
 _GEOM = mujoco.mjtObj.mjOBJ_GEOM
 
@@ -42,10 +42,10 @@ class FoundArm:
 
     Attributes:
         mjm: The model.
-        base: Its root body, a child of the world.
-        hand: The last body of its chain of joints.
-        joints: The joints of that chain, from the base on.
-        fingers: The bodies below the hand that joints of their own move.
+        base: Root body of the arm, a child of the world.
+        hand: Last body of the joint chain.
+        joints: Joints of the chain, starting at the base.
+        fingers: Moving bodies below the hand.
     """
 
     mjm: mujoco.MjModel
@@ -56,16 +56,16 @@ class FoundArm:
 
     @cached_property
     def palm(self) -> tuple[int, ...]:
-        """The hand, and the bodies below it that are fixed to it."""
+        """The hand and all bodies that are fixed to it."""
         weld = self.mjm.body_weldid
         return tuple(b for b in subtree(self.mjm, self.hand) if weld[b] == weld[self.hand])
 
     def tcp(self, data: mujoco.MjData) -> TcpConfig:
-        """Return the tool centre point as a scene file names it.
+        """Return the tool centre point (TCP) as written in a scene file.
 
-        It is a site on the hand that is named like one; else it is between the fingertips, or, without fingers, at the
-        origin of the last body. Its +z points from the hand to the fingertips, or along the axis of the last joint if
-        these are at the origin of the hand.
+        If the hand has a site with a name such as 'tcp', that site is the TCP. Otherwise, the TCP is between the
+        fingertips, or at the origin of the last body of an arm without fingers. Its +z axis points from the hand to the
+        fingertips. If the fingers are at the hand's origin, +z is the axis of the last joint.
 
         Args:
             data: The model in its start pose, after `mj_kinematics`.
@@ -87,7 +87,7 @@ class FoundArm:
         return TcpConfig.model_validate({"body": name, "offset": offset, **_turn_to(along)})
 
     def _along(self, data: mujoco.MjData, mat: np.ndarray) -> np.ndarray:
-        """Return the approach axis in a frame of the hand: an axis of that frame, if one is near."""
+        """Return the approach axis in a frame of the hand. It snaps to an axis of this frame if one is near."""
         along, hand = np.zeros(3), data.xpos[self.hand]
         if self.fingers:
             points = _points(self.mjm, data, self.fingers)
@@ -102,10 +102,10 @@ class FoundArm:
 
 
 def find_arms(mjm: mujoco.MjModel) -> list[FoundArm]:
-    """Return the arms of a model, those with fingers first, then those with more joints.
+    """Return the arms of a model. Arms with fingers come first, then arms with more joints.
 
-    An arm begins at a child of the world and follows the branch with the most joints in a row, as long as the others
-    are much shorter. Where they are not, its fingers begin, or the arms of a torso do.
+    The search starts at each child of the world and follows the branch with the most joints in a row, while all other
+    branches are much shorter. Where two branches are similar, they are either fingers or the arms of a torso.
     """
     roots = (root for root in range(1, mjm.nbody) if mjm.body_parentid[root] == 0)
     found = [arm for root in roots for arm in _arms_below(mjm, root, root, ())]
@@ -133,7 +133,7 @@ def _arms_below(mjm: mujoco.MjModel, base: int, body: int, joints: tuple[int, ..
 
 
 def _in_a_row(mjm: mujoco.MjModel, root: int) -> int:
-    """Return the largest number of joints on a path from a body down to any below it, its own included."""
+    """Return the largest number of joints on a path from a body down to a descendant, including the body's joints."""
     count = {int(mjm.body_parentid[root]): 0}
     for body in subtree(mjm, root):
         count[body] = count[int(mjm.body_parentid[body])] + int(mjm.body_jntnum[body])
@@ -141,13 +141,13 @@ def _in_a_row(mjm: mujoco.MjModel, root: int) -> int:
 
 
 def _ends_in_finger(mjm: mujoco.MjModel, body: int) -> bool:
-    """Return whether the only joint that is left is a slide, as in a gripper with one moving finger."""
+    """Return whether the remaining chain has a single joint, a slide, as in a gripper with one moving finger."""
     own = [j for b in subtree(mjm, body) for j in range(mjm.njnt) if mjm.jnt_bodyid[j] == b]
     return len(own) == 1 and mjm.jnt_type[own[0]] == mujoco.mjtJoint.mjJNT_SLIDE
 
 
 def _points(mjm: mujoco.MjModel, data: mujoco.MjData, bodies: tuple[int, ...]) -> np.ndarray:
-    """Return the origins of bodies, and the corners of the boxes around their geoms, in the world [m], shape (n, 3)."""
+    """Return body origins and the corners of the bodies' geom bounds, world frame [m], shape (n, 3)."""
     found = [data.xpos[list(bodies)]]
     for geom in np.flatnonzero(np.isin(mjm.geom_bodyid, bodies)):
         corners = box_corners(mjm.geom_aabb[geom, :3], mjm.geom_aabb[geom, 3:])
@@ -156,7 +156,7 @@ def _points(mjm: mujoco.MjModel, data: mujoco.MjData, bodies: tuple[int, ...]) -
 
 
 def _turn_to(along: np.ndarray) -> dict[str, float]:
-    """Return roll and pitch [degrees] that turn the z axis to a direction, those that are not zero."""
+    """Return the roll and pitch [degrees] that rotate the z axis to a direction. Zero angles are omitted."""
     if math.degrees(math.acos(np.clip(along[2], -1.0, 1.0))) < _CLOSE:
         return {}
     x, y, z = along
@@ -168,13 +168,13 @@ def _turn_to(along: np.ndarray) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class FoundSupport:
-    """A support by its name in a scene file, with its level surfaces.
+    """A support with its level surfaces.
 
     Attributes:
-        name: Its name in a scene file.
-        body: Id of the body that it is part of.
-        surfaces: Its level surfaces, lowest first; empty if it has none.
-        open_above: Whether they are open above, so that things stand 'on' it and not 'in' it.
+        name: Name in a scene file.
+        body: Id of its body.
+        surfaces: Level surfaces, lowest first. May be empty.
+        open_above: Whether the surfaces are open above. If so, objects stand 'on' the support, otherwise 'in' it.
     """
 
     name: str
@@ -184,26 +184,26 @@ class FoundSupport:
 
     @property
     def area(self) -> float:
-        """The area of its surfaces [m^2]."""
+        """Total area of the surfaces [m^2]."""
         return sum(s.outline.area for s in self.surfaces)
 
     @property
     def extent(self) -> tuple[float, float]:
-        """The lengths of its surfaces' bounds along the x and y axes of its body [m]."""
+        """Size of the surfaces' bounds along the x and y axes of the body [m]."""
         x0, y0, x1, y1 = shapely.union_all([s.outline for s in self.surfaces]).bounds
         return x1 - x0, y1 - y0
 
     @property
     def is_endless(self) -> bool:
-        """True if one of its surfaces is a plane without sizes."""
+        """True if one of the surfaces is an infinite plane."""
         return any(s.is_endless for s in self.surfaces)
 
 
 def geom_beneath(mjm: mujoco.MjModel, data: mujoco.MjData, root: int) -> int | None:
-    """Return the first colliding geom straight below the middle of a body and its descendants; None if there is none.
+    """Return the first collision geom straight below the middle of a body and its descendants, or None.
 
-    The ray begins at the top of the body, so that a geom that the body is sunk into counts. Geoms that move and lie
-    higher than the foot of the body do not count: they stand on it.
+    The ray starts at the top of the body, so a geom that the body is sunk into counts. A moving geom counts only if it
+    reaches below the foot of the body. Otherwise it may stand on the body.
 
     Args:
         mjm: The model.
@@ -228,15 +228,15 @@ def geom_beneath(mjm: mujoco.MjModel, data: mujoco.MjData, root: int) -> int | N
 def supports_of(
     mjm: mujoco.MjModel, bodies: Mapping[str, int], robots: Iterable[int], pieces: Sequence[Piece]
 ) -> list[FoundSupport]:
-    """Return everything that never moves and has a name and a level surface, the largest first.
+    """Return all static, named supports that have a level surface, largest first.
 
-    Robots are left out, and so is a body all of whose surface belongs to one geom that has a name.
+    Robots are excluded. If one named geom has the whole surface of a body, the list has the geom and not the body.
 
     Args:
         mjm: The model.
-        bodies: Root bodies of the objects of the scene, by name.
+        bodies: Root bodies of the scene's objects, by name.
         robots: Root bodies of robots.
-        pieces: The pieces of the model.
+        pieces: Convex pieces of the model.
     """
     found = [support_of(name, support, pieces) for name, support in static_supports(mjm, bodies).items()]
     found = [s for s in found if s.surfaces and mjm.body_rootid[s.body] not in set(robots)]
@@ -246,7 +246,7 @@ def supports_of(
 
 
 def support_of(name: str, support: Support, pieces: Sequence[Piece]) -> FoundSupport:
-    """Return a support with its level surfaces: those that are open above, or, without any, those that are covered."""
+    """Return a support with its level surfaces that are open above. If all are covered, return the covered surfaces."""
     own = [p for p in pieces if p.body == support.body]
     above = level_surfaces(support.body, own, open_above=True, geom=support.geom)
     found = above or level_surfaces(support.body, own, open_above=False, geom=support.geom)
@@ -254,7 +254,7 @@ def support_of(name: str, support: Support, pieces: Sequence[Piece]) -> FoundSup
 
 
 def named_support(mjm: mujoco.MjModel, geom: int, bodies: Mapping[str, int]) -> tuple[str, Support] | None:
-    """Return the support that a geom belongs to, by its name: the geom, its body, or a part of an object; or None."""
+    """Return the support of a geom and its name: the geom itself, its body, or a part of an object. None if unnamed."""
     body = int(mjm.geom_bodyid[geom])
     owner = next((name for name, root in bodies.items() if body in subtree(mjm, root)), None)
     if owner is not None:

@@ -1,1 +1,1 @@
-"""The importer of things: a mesh, a URDF or a USD file becomes an asset that scenes can place."""
+"""Imports objects: converts a mesh, URDF or USD file into an asset that scenes can place."""

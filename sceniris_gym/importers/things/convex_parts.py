@@ -1,6 +1,7 @@
-"""Convex parts of a mesh: the hull of each connected piece if it fits, else the parts that CoACD cuts it into.
+"""Decomposes a mesh into few convex parts within a tolerance.
 
-Parts of a solid that do not fit yet are split along planes; finally parts are merged.
+Each connected piece is replaced by its hull if that fits, and is cut by CoACD otherwise. Parts of a solid that still do
+not fit are split along planes. Finally, parts are merged.
 """
 
 from __future__ import annotations
@@ -26,28 +27,29 @@ if TYPE_CHECKING:
     import manifold3d
 
 MOST_PARTS = 160
-_TOO_MANY = 2 * MOST_PARTS  # of one piece: merging does not reduce more to `MOST_PARTS`, and finer cuts take minutes
-_MOST_SPLIT = 4 * MOST_PARTS  # of all pieces: merging takes minutes with more
+_TOO_MANY = 2 * MOST_PARTS  # parts of one piece: merging more does not reach `MOST_PARTS`, and finer cuts take minutes
+_MOST_SPLIT = 4 * MOST_PARTS  # parts of all pieces: merging more parts takes minutes
 _MOST_PIECES = 200
-# CoACD's threshold of concavity: the first one, in halves of a piece's size and as a multiple of the tolerance; and how
-# often a finer one is tried, as fine as the error asks for. Finer ones take much longer: for a camera of 42 mm, 0.12
-# takes 6 s of a core, and fits, whereas 0.09 takes more than two minutes.
+# CoACD's concavity threshold, in units of half a piece's size: the smallest first threshold, the first threshold as a
+# multiple of the tolerance, and the number of thresholds to try. The error sets each next threshold, because fine ones
+# are slow: for a camera of 42 mm, 0.12 takes 6 s of one core and fits, whereas 0.09 takes more than two minutes.
 _COARSE, _MULTIPLE, _TRIES = 0.05, 4.0, 6
-# Its search is kept short: with its defaults a mug takes four times as long, and merging finds what that would save.
+# A short search: with CoACD's defaults a mug takes four times as long, and merging removes the surplus parts anyway.
 _SEARCH = {"mcts_iterations": 10, "mcts_nodes": 8, "mcts_max_depth": 2, "resolution": 500}
-_GRID = 40  # cells along its size, of the surface that CoACD closes first
-# The share of the tolerance within which faces are simplified before: a link of 12,716 faces then has 1,000, and takes
-# a fifth of the time, and a third of the parts.
+_GRID = 40  # cells along a piece's size, when CoACD encloses an open piece in a surface
+# Fraction of the tolerance for simplifying faces before CoACD. A link of 12,716 faces then has 1,000 faces, and takes a
+# fifth of the time and a third of the parts.
 _SIMPLER = 0.2
-_LOST = 2.0  # times that: vertices that are farther from the simplified mesh were lost by it
-# Shares of the tolerance: for each piece, while parts are merged, and in the final check. Samples miss a little.
+_LOST = 2.0  # multiple of that distance: a vertex farther from the simplified mesh was lost
+# Fractions of the tolerance for each piece, for merging, and for the final check. The margins cover sampling errors.
 _REST, _MERGED, _SURE = 0.9, 0.9, 0.95
-_SPLITS = (_REST, 0.45, 0.2)  # the same, up to which parts of a solid stick out; finer ones if the final check fails
-# A share of the previous error: a cut that leaves more is followed by one twice as fine, and the third such in a row is
-# the last.
+_SPLITS = (_REST, 0.45, 0.2)  # how far parts of a solid may stick out: the next fraction follows a failed final check
+# A cut with an error above this fraction of the smallest error so far halves the threshold, at most this many times in
+# succession.
 _BETTER, _WORSE = 0.95, 2
-# Points of the final check. Fewer miss the small places that other parts leave bare of one: for a motor's mount 10,000
-# found 2.5 mm, and these 4.1 mm. Where that is too much, fewer parts are merged, up to so many times.
+# Number of points in the final check. Fewer points miss small areas that other parts leave uncovered: on a motor mount,
+# 10,000 points found an error of 2.5 mm, and 50,000 found 4.1 mm. If the error is too large, merging is repeated with a
+# smaller tolerance, up to this number of attempts.
 _EXACT, _MERGES = 50_000, 3
 Beyond = Callable[[trimesh.Trimesh, list[trimesh.Trimesh]], float]
 
@@ -58,9 +60,9 @@ class Parts:
 
     Attributes:
         meshes: The parts [m].
-        fit: Their distances from the mesh.
-        tolerance: The largest distance that was allowed [m].
-        method: The methods that found them, in words.
+        fit: Distances between the parts and the mesh.
+        tolerance: Largest allowed distance [m].
+        method: The methods that found the parts, in words.
     """
 
     meshes: tuple[trimesh.Trimesh, ...]
@@ -74,12 +76,13 @@ def convex_parts(solid: Solid, where: str, tolerance: float | None = None) -> Pa
 
     Args:
         solid: The mesh.
-        where: The beginning of errors.
-        tolerance: In metres; by default 2 mm or 2% of its longest edge, whichever is larger.
+        where: Prefix of error messages.
+        tolerance: Largest distance between parts and mesh [m]. By default 2 mm or 2% of the mesh's longest edge,
+            whichever is larger.
 
     Raises:
-        MeshError: Not even the finest parts stay within the tolerance.
-        MissingExtraError: It is not convex, and CoACD is not installed.
+        MeshError: The best parts exceed the tolerance, or are more than `MOST_PARTS`.
+        MissingExtraError: The mesh is not convex, and CoACD is not installed.
     """
     allowed = tolerance_of(solid.mesh) if tolerance is None else tolerance
     cuts = [_of_piece(piece, solid.closed, _REST * allowed) for piece in _pieces(solid.mesh)]
@@ -100,9 +103,9 @@ def convex_parts(solid: Solid, where: str, tolerance: float | None = None) -> Pa
         parts, fit = _merged(found, Measure(solid.mesh, allowed).beyond, exact, allowed)
     if fit.error > allowed or len(parts) > MOST_PARTS:
         raise MeshError(
-            f"{where}: its best convex parts, {len(parts)} by {method}, are {1000.0 * fit.error:.2g} mm off its "
-            f"surface; at most {1000.0 * allowed:.2g} mm and {MOST_PARTS} parts are allowed. Allow more with "
-            "--tolerance, or model thin and fine structures thicker.",
+            f"{where}: its convex parts should be within {1000.0 * allowed:.2g} mm of its surface and at most "
+            f"{MOST_PARTS} parts, got {1000.0 * fit.error:.2g} mm and {len(parts)} by {method}. Increase --tolerance, "
+            "or model thin and fine structures thicker.",
             "parts",
         )
     return Parts(tuple(parts), fit, allowed, method)
@@ -111,17 +114,17 @@ def convex_parts(solid: Solid, where: str, tolerance: float | None = None) -> Pa
 def inertia_of(solid: Solid, parts: Parts, density: float, where: str) -> Inertia:
     """Return the inertia of a homogeneous link.
 
-    The union of its convex parts is weighed where its surface would not do: overlapping pieces would be counted twice,
-    and a shell has no inside.
+    If the surface is a single closed piece, it defines the volume. Otherwise, the union of the convex parts does:
+    overlapping pieces would count twice, and a shell has no volume.
 
     Args:
-        solid: Its surface [m].
-        parts: Its convex parts.
-        density: In kg/m^3.
-        where: The beginning of errors.
+        solid: Surface of the link [m].
+        parts: Convex parts of the link.
+        density: Density [kg/m^3].
+        where: Prefix of error messages.
 
     Raises:
-        MeshError: Its moments are too small for MuJoCo.
+        MeshError: The moments of inertia are too small for MuJoCo.
     """
     mesh = solid.mesh
     alone = solid.closed and mesh.is_watertight and mesh.body_count == 1
@@ -131,9 +134,9 @@ def inertia_of(solid: Solid, parts: Parts, density: float, where: str) -> Inerti
     found = Inertia(density * float(mesh.volume), np.asarray(mesh.center_mass), full)
     if (least := found.least) <= LEAST_MOMENT:
         raise MeshError(
-            f"{where}: it is a sliver of {1e6 * found.mass:.2g} mg, and its least moment of inertia is {least:.1g} "
-            f"kg m^2. It should be at least {LEAST_MOMENT:g} kg m^2 for MuJoCo. Leave it out, or give it a thickness; "
-            "if it should be larger, give its --scale.",
+            f"{where}: its smallest moment of inertia should be at least {LEAST_MOMENT:g} kg m^2 for MuJoCo, got "
+            f"{least:.1g} kg m^2: it is a sliver of {1e6 * found.mass:.2g} mg. Leave it out, or give it a thickness. "
+            "If it should be larger, give its --scale.",
             "sliver",
         )
     return found
@@ -144,7 +147,8 @@ def _merged(
 ) -> tuple[list[trimesh.Trimesh], Fit]:
     """Merge parts as far as the final check allows, and return them with their fit.
 
-    If no merging passes it, the parts that fit best are returned; too many of them only if there are no others.
+    If no attempt passes the check, return the parts with the smallest error. Attempts with at most `MOST_PARTS` parts
+    take precedence.
     """
     aimed, tried = _MERGED * allowed, []
     for _ in range(_MERGES):
@@ -159,12 +163,12 @@ def _merged(
 
 
 def merge(parts: list[trimesh.Trimesh], beyond: Beyond, allowed: float) -> list[trimesh.Trimesh]:
-    """Merge pairs of parts, those first whose common hull adds least volume.
+    """Merge pairs of parts. Pairs whose common hull adds the least volume come first.
 
     Args:
         parts: Convex parts that fit.
-        beyond: Returns the distance of the outside of a part among others from the mesh [m].
-        allowed: The largest such distance [m].
+        beyond: Returns how far the outside of a part is from the mesh [m], given the other parts.
+        allowed: Largest allowed distance [m].
     """
     alive = dict(enumerate(parts))
     fresh = itertools.count(len(parts))
@@ -192,13 +196,13 @@ def merge(parts: list[trimesh.Trimesh], beyond: Beyond, allowed: float) -> list[
 
 
 def _rank(found: tuple[list[trimesh.Trimesh], Fit]) -> tuple[bool, float]:
-    """Return the key by which parts are compared: few enough ones come first, then those that fit best."""
+    """Return a sort key: at most `MOST_PARTS` parts first, then the smallest error."""
     return len(found[0]) > MOST_PARTS, found[1].error
 
 
 @dataclass(frozen=True)
 class _Cut:
-    """Parts of a connected piece, the method that found them, and a solid near it."""
+    """Parts of a connected piece, the method that found them, and a solid close to the piece."""
 
     parts: list[trimesh.Trimesh]
     method: str
@@ -206,7 +210,7 @@ class _Cut:
 
 
 def _of_piece(piece: trimesh.Trimesh, closed: bool, allowed: float) -> _Cut:
-    """Cut a connected piece once, or, if it is no solid, so that its parts are not split later, until the parts fit."""
+    """Cut a connected piece. A solid is cut once, because its parts are split later, a shell until its parts fit."""
     hull = [splitting.small_hull(piece.vertices, allowed)]
     measure = Measure(piece, allowed)
     error = 0.0 if float(piece.extents.max()) < allowed else measure.fit(hull).error
@@ -214,7 +218,7 @@ def _of_piece(piece: trimesh.Trimesh, closed: bool, allowed: float) -> _Cut:
         return _Cut(hull, "hull", splitting.hull_of(hull[0].vertices))
     simple = _simpler(piece, _SIMPLER * allowed)
     solid = splitting.manifold_of(simple)
-    threshold = float(np.clip(_MULTIPLE * allowed / float(piece.extents.max()), _COARSE, 1.0))  # CoACD takes no more
+    threshold = float(np.clip(_MULTIPLE * allowed / float(piece.extents.max()), _COARSE, 1.0))  # CoACD's maximum
     if closed and not solid.is_empty():
         parts = _cut(simple, threshold, closed, allowed)
         return _Cut(parts or hull, "CoACD" if parts else "hull", solid)
@@ -238,18 +242,18 @@ def _of_piece(piece: trimesh.Trimesh, closed: bool, allowed: float) -> _Cut:
 
 
 def _simpler(mesh: trimesh.Trimesh, off: float) -> trimesh.Trimesh:
-    """Return the mesh with fewer faces, about `off` [m] from it at most; the mesh itself if that is not possible."""
+    """Simplify a mesh to within about `off` [m]. Return the mesh itself if that is not possible."""
     solid = splitting.manifold_of(mesh)
     simple = splitting.mesh_of(solid.simplify(off))
     if solid.is_empty() or not len(simple.faces):
         return mesh
-    # A mesh that cuts through itself is a manifold too, and can lose a piece.
+    # A self-intersecting mesh is also a manifold, and simplification can lose a piece of it.
     return mesh if Distances(simple.vertices, simple.faces).farthest(mesh.vertices)[1] > _LOST * off else simple
 
 
 def _cut(mesh: trimesh.Trimesh, threshold: float, closed: bool, allowed: float) -> list[trimesh.Trimesh]:
-    """Return the parts that CoACD cuts a mesh into, thinned; it encloses an open one in a surface first."""
-    # One thread finds the same parts on every machine; several wait for each other where cores are busy.
+    """Cut a mesh with CoACD, and reduce the vertices of its parts. CoACD first encloses an open mesh in a surface."""
+    # One thread finds the same parts on every machine. Several threads wait for each other on busy cores.
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     coacd = import_extra("coacd", "import")
     coacd.set_log_level("error")
@@ -267,7 +271,7 @@ def _cut(mesh: trimesh.Trimesh, threshold: float, closed: bool, allowed: float) 
 
 
 def _pieces(mesh: trimesh.Trimesh) -> list[trimesh.Trimesh]:
-    """Return the connected pieces of a mesh that have a volume; the whole mesh if some are hollows inside others."""
+    """Return the connected pieces that have a volume, or the whole mesh if some pieces are cavities."""
     pieces = [
         piece for piece in mesh.split(only_watertight=False) if splitting.hull_or_none(piece.vertices) is not None
     ]

@@ -1,9 +1,9 @@
-"""Distance between convex parts and the surface that they replace, measured both ways.
+"""Measures the distance between convex parts and the surface that they replace, in both directions.
 
-The error is the larger of two distances: that of the surface from the parts, and that of the parts' outside from the
-surface. Their outside is what a ball whose diameter is the tolerance can touch. A gap between parts that this ball
-cannot enter is no error: to close it, parts would have to grow by half the tolerance at most. Points of the surface
-within such a gap count like any others.
+The error is the larger of two distances: from the surface to the parts, and from the outside of the parts to the
+surface. The outside consists of all points that a ball can touch, with the tolerance as its diameter. A gap between
+parts is not an error if the ball cannot enter it: parts could close the gap by growing by half the tolerance or less.
+Surface points inside such a gap are measured like all others.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ import trimesh
 from scipy.spatial import KDTree
 
 LEAST_TOLERANCE, SHARE = 0.002, 0.02
-"""Parts should stay within 2 mm of the mesh, or 2% of its longest edge if that is more."""
-_SAMPLES = 10_000  # points on either side
-_LEAST = 200  # points on each part
-# Rounds in which more points are drawn near those that may be farthest, the number around each of them, and how many of
-# them there are; each round halves the spacing. Without them the errors of a kettle and an arm's link came out a
-# seventh smaller.
+"""The default tolerance: 2 mm, or 2% of the mesh's longest edge if that is larger [m, fraction]."""
+_SAMPLES = 10_000  # points on the mesh, and on parts with the same area
+_LEAST = 200  # smallest number of points on a part
+# Refinement: number of rounds, new points around each candidate, and candidates per round. Candidates are the points
+# that may be farthest away, and each round halves the spacing. Without refinement, the errors of a kettle and an arm's
+# link were a seventh smaller.
 _FINER, _AROUND, _DOUBTFUL = 3, 4, 100
-_BALL = 0.8  # of the tolerance, so that no small place is missed that the ball of the definition just enters
-_NEAR = 60_000  # points on the surface that bound distances from above
-_BESIDE = 1e-5  # of the size: parts that are nearer to each other leave no gap
-_NEEDLE = 1e-6  # sine of the least angle between edges of a face whose distances FCL computes correctly
+_BALL = 0.8  # diameter as a fraction of the tolerance: also finds small places that the full ball barely enters
+_NEAR = 60_000  # points on the surface for upper bounds of distances
+_BESIDE = 1e-5  # fraction of the size: parts closer than this leave no gap
+_NEEDLE = 1e-6  # sine of the smallest angle in a face: FCL's distances from sharper faces are wrong
 
 
 @dataclass(frozen=True)
@@ -35,8 +35,8 @@ class Fit:
     """The distances between parts and a mesh [m].
 
     Attributes:
-        bare: The farthest that the mesh reaches out of the parts.
-        beyond: The farthest that the parts' outside is from the surface of the mesh: they fill a hollow, or stick out.
+        bare: How far the mesh sticks out of the parts.
+        beyond: How far the outside of the parts is from the surface, because the parts fill a hollow or stick out.
     """
 
     bare: float
@@ -44,7 +44,7 @@ class Fit:
 
     @property
     def error(self) -> float:
-        """The larger of both."""
+        """The larger of both distances."""
         return max(self.bare, self.beyond)
 
 
@@ -58,8 +58,8 @@ class Measure:
 
     Args:
         mesh: The mesh, which may be open.
-        tolerance: The largest distance of parts from it [m], and the diameter of the ball that touches them.
-        samples: Number of points that are drawn on either side.
+        tolerance: Largest allowed distance between parts and mesh [m]. The ball's diameter is derived from it.
+        samples: Number of points on the mesh.
     """
 
     def __init__(self, mesh: trimesh.Trimesh, tolerance: float, samples: int = _SAMPLES) -> None:
@@ -70,7 +70,7 @@ class Measure:
         )
 
     def fit(self, parts: list[trimesh.Trimesh]) -> Fit:
-        """Return the distances between the mesh and its parts, which are closed and convex."""
+        """Return the distances between the mesh and its closed, convex parts."""
         beside = _BESIDE * self._size
         out = np.min([height_over(part, self._points) for part in parts], axis=0)
         bare = 0.0
@@ -81,7 +81,7 @@ class Measure:
         return Fit(bare, beyond)
 
     def beyond(self, part: trimesh.Trimesh, others: list[trimesh.Trimesh]) -> float:
-        """Return the largest distance of the outside of a part among others from the surface of the mesh [m]."""
+        """Return the largest distance [m] from the surface to the outside of a part that other parts may cover."""
         share = max(int(self.samples * min(float(part.area) / self._area, 1.0)), _LEAST)
         apart = np.sqrt(float(part.area) / share)
         points, normals = points_with_normals(part.triangles, share)
@@ -95,7 +95,7 @@ class Measure:
             if finer == _FINER or most < apart:
                 break
             first = np.argsort(-away)[:_DOUBTFUL]
-            doubtful = np.repeat(kept[first[away[first] > most - apart]], _AROUND)  # a point beside may be farther away
+            doubtful = np.repeat(kept[first[away[first] > most - apart]], _AROUND)  # a neighbour may be farther away
             shift = apart * rng.uniform(-1.0, 1.0, (len(doubtful), 3))
             shift -= (shift * normals[doubtful]).sum(axis=1, keepdims=True) * normals[doubtful]
             points, normals = points[doubtful] + shift, normals[doubtful]
@@ -106,11 +106,11 @@ class Measure:
     def _touched(
         self, points: np.ndarray, normals: np.ndarray, near: list[trimesh.Trimesh]
     ) -> tuple[np.ndarray, float, np.ndarray]:
-        """Find the points of a part that no other part covers, and the farthest of them that the ball touches.
+        """Find the points of a part that other parts do not cover, and the farthest of them that the ball touches.
 
         Returns:
-            An upper bound of the distance of each of these points from the surface [m], shape (m,); the distance of the
-            farthest that the ball touches [m]; and the indices of these points, shape (m,).
+            Upper bounds of the distances from these points to the surface [m], shape (m,), the distance of the farthest
+            point that the ball touches [m], and the indices of these points, shape (m,).
         """
         beside = _BESIDE * self._size
         middles, bare = points + self._radius * normals, np.ones(len(points), bool)
@@ -126,19 +126,19 @@ class Measure:
 
 
 def are_near(one: trimesh.Trimesh, other: trimesh.Trimesh, distance: float) -> bool:
-    """Return whether the bounds of two parts are at most a distance [m] apart."""
+    """Return whether the bounding boxes of two parts are within a distance [m]."""
     low, high = one.bounds
     return bool((low <= other.bounds[1] + distance).all() and (other.bounds[0] <= high + distance).all())
 
 
 def height_over(part: trimesh.Trimesh, points: np.ndarray) -> np.ndarray:
-    """Return the height of points (n, 3) above the planes of a convex part's faces: negative inside of it."""
+    """Return the largest height of points (n, 3) above the face planes of a convex part, negative inside the part."""
     normals = part.face_normals
     return (points @ normals.T - (normals * part.triangles[:, 0]).sum(axis=1)).max(axis=1)
 
 
 def _distance_over(part: trimesh.Trimesh, point: np.ndarray, enough: float) -> float:
-    """Return the distance of a point (3,) outside of a convex part from it [m]; a lower bound where that is enough."""
+    """Return the distance [m] from a convex part to a point (3,) outside it, or a lower bound of at least `enough`."""
     if (height := float(height_over(part, point[None])[0])) >= enough:
         return height
     nearest = trimesh.triangles.closest_point(part.triangles, np.broadcast_to(point, (len(part.faces), 3)))
@@ -146,15 +146,16 @@ def _distance_over(part: trimesh.Trimesh, point: np.ndarray, enough: float) -> f
 
 
 class Distances:
-    """Distances from triangles, by FCL where those from samples leave a doubt.
+    """Distances from triangles. FCL computes them where bounds from sample points are not enough.
 
     Args:
-        vertices: Their corners [m], shape (n, 3).
-        faces: Indices of the corners of each, shape (m, 3).
+        vertices: Corners of the triangles [m], shape (n, 3).
+        faces: Corner indices of each triangle, shape (m, 3).
     """
 
     def __init__(self, vertices: np.ndarray, faces: np.ndarray) -> None:
-        # FCL returns 0 for faces without area, wherever they are. Their edges belong to other faces, too.
+        # FCL returns distance 0 for degenerate faces at any position. Dropping them is safe, because their edges belong
+        # to other faces too.
         a, b = (vertices[faces[:, i]] - vertices[faces[:, 0]] for i in (1, 2))
         lengths = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
         faces = faces[np.linalg.norm(np.cross(a, b), axis=1) > _NEEDLE * lengths]
@@ -163,22 +164,22 @@ class Distances:
         model.addSubModel(np.ascontiguousarray(vertices, float), np.ascontiguousarray(faces, np.int64))
         model.endModel()
         self._object = fcl.CollisionObject(model)
-        # A point is a ball too small to matter, of a size relative to the mesh.
+        # A ball of negligible size, relative to the mesh, stands for a point.
         self._ball = fcl.Sphere(1e-6 * float(np.ptp(vertices, axis=0).max()))
         self._samples = KDTree(np.concatenate([vertices, points_on(vertices[faces], _NEAR)]))
 
     def farthest(
         self, points: np.ndarray, counts: Callable[[int], bool] = lambda i: True
     ) -> tuple[np.ndarray, float, int]:
-        """Find the farthest of points (n, 3).
+        """Find the point that is farthest from the triangles.
 
         Args:
-            points: The points [m].
-            counts: Tells whether a point counts, by its index.
+            points: The points [m], shape (n, 3).
+            counts: Returns whether the point with this index counts.
 
         Returns:
-            An upper bound of the distance of each point [m], shape (n,); the largest distance of those that count, 0 if
-            none does; and the index of that point.
+            An upper bound of each point's distance [m], shape (n,), the largest distance of a point that counts, or 0,
+            and the index of this point.
         """
         at_most, most, which = self._samples.query(points)[0], 0.0, 0
         for i in np.argsort(-at_most):
@@ -192,12 +193,12 @@ class Distances:
 
 
 def points_on(triangles: np.ndarray, count: int) -> np.ndarray:
-    """Return points on triangles (n, 3, 3), uniform by area, shape (count, 3)."""
+    """Sample points on triangles (n, 3, 3), uniform by area, shape (count, 3)."""
     return points_with_normals(triangles, count)[0]
 
 
 def points_with_normals(triangles: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return points on triangles (n, 3, 3), uniform by area, and their normals, shapes (count, 3)."""
+    """Sample points on triangles (n, 3, 3), uniform by area, and their normals, shapes (count, 3)."""
     rng = np.random.default_rng(0)
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     area = np.linalg.norm(normals, axis=1)

@@ -1,4 +1,4 @@
-"""Imports all things of a folder in parallel; a failure or a crash of one stops no other."""
+"""Imports all files of a folder in parallel. A failure or crash of one import does not stop the others."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from sceniris_gym.files import write_text
 from sceniris_gym.importers.things.importer import SUFFIXES, Options, import_thing
 
 MOST_SECONDS = 1800.0
-"""The longest that one thing may take; none with fewer than `MOST_FACES` faces was seen to take a tenth of it."""
+"""Time limit of one import [s]. Every file tested, with up to `MOST_FACES` faces, took less than a tenth of it."""
 
 
 @dataclass(frozen=True)
@@ -26,10 +26,10 @@ class Outcome:
     """The result of an import.
 
     Attributes:
-        source: The file of the thing.
-        asset: The MJCF file that was written; None if the thing was refused.
-        manifest: Its manifest; None if the thing was refused.
-        error: The reason for which it was refused; None if it was not.
+        source: The imported file.
+        asset: The MJCF file that was written, or None after an error.
+        manifest: The asset's manifest, or None after an error.
+        error: The error that rejected the file, or None.
     """
 
     source: Path
@@ -39,9 +39,9 @@ class Outcome:
 
 
 def things_in(folder: Path) -> list[Path]:
-    """Return all files below a folder that can be imported, in alphabetical order.
+    """Return all importable files below a folder, in alphabetical order.
 
-    Meshes that a URDF of the folder refers to are parts of it, and no things of their own.
+    Meshes that a URDF in the folder refers to are part of that URDF, so they are omitted.
     """
     found = sorted(path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES and path.is_file())
     texts = [path.read_text(errors="replace") for path in found if path.suffix.lower() == ".urdf"]
@@ -58,15 +58,15 @@ def import_folder(
     done: Callable[[Outcome], object] = lambda outcome: None,
     seconds: float = MOST_SECONDS,
 ) -> list[Outcome]:
-    """Import things, each in a process of its own, and write `manifest.json` into the folder of assets.
+    """Import files in parallel, one process per file, and write `manifest.json` to the output folder.
 
     Args:
-        sources: Their files; assets get their names, with a number where a name comes again.
-        out: The folder of assets.
-        options: The choices for all of them. Nobody is asked.
-        jobs: The number of imports at a time; by default one for each core.
-        done: Called with each outcome as it arrives.
-        seconds: The longest that one may take.
+        sources: The files. Each asset gets the name of its file, with a number if the name is taken.
+        out: The output folder.
+        options: The options for all imports. Imports do not prompt the user.
+        jobs: Number of parallel imports. By default, one per core.
+        done: Callback that receives each outcome as it arrives.
+        seconds: Time limit of one import [s].
 
     Returns:
         The outcomes, in the order of the sources.
@@ -94,7 +94,7 @@ def _told(error: ScenirisError) -> dict[str, str]:
 
 
 def _targets(sources: list[Path], out: Path) -> list[Path]:
-    """Return an MJCF file for each source, with a name that MuJoCo and scene files accept."""
+    """Return the path of each source's MJCF file. MuJoCo and scene files accept these names."""
     taken: set[str] = set()
     targets = []
     for source in sources:
@@ -108,7 +108,7 @@ def _targets(sources: list[Path], out: Path) -> list[Path]:
 
 
 def _isolated(source: Path, target: Path, options: Options, seconds: float) -> Outcome:
-    """Import one thing in a process of its own."""
+    """Import one file in a separate process."""
     context = multiprocessing.get_context("spawn")
     near, far = context.Pipe(duplex=False)
     process = context.Process(target=_work, args=(far, source, target, options), daemon=True)
@@ -120,12 +120,12 @@ def _isolated(source: Path, target: Path, options: Options, seconds: float) -> O
             answer = near.recv()
         else:
             process.terminate()
-            answer = SceneFileError(f"{source}: it took more than {seconds:g} s. Reduce its faces.")
+            answer = SceneFileError(f"{source}: the import took more than {seconds:g} s. Reduce its faces.")
     except EOFError:
         process.join()
         answer = SceneFileError(
-            f"{source}: the process that imported it ended with status {process.exitcode}. Export it again, e.g. "
-            "with Blender, or reduce its faces."
+            f"{source}: its import process ended with status {process.exitcode}. Export the file again, e.g. with "
+            "Blender, or reduce its faces."
         )
     finally:
         process.join()
@@ -140,5 +140,5 @@ def _work(far: Connection, source: Path, target: Path, options: Options) -> None
         far.send(import_thing(source, target, options))
     except ScenirisError as error:
         far.send(error)
-    except Exception as error:  # one thing of many: its error is reported, and the others go on
-        far.send(SceneFileError(f"{source}: it cannot be imported: {type(error).__name__}: {error}"))
+    except Exception as error:  # reported as this file's outcome: the other imports continue
+        far.send(SceneFileError(f"{source}: the import failed: {type(error).__name__}: {error}"))

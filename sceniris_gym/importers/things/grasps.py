@@ -1,4 +1,4 @@
-"""Antipodal grasps: two fingers that close on a thing press on faces that look away from each other."""
+"""Finds antipodal grasps: two fingers close on faces with opposite normals."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from sceniris_gym.geometry.rotations import matrix, quaternion
 from sceniris_gym.importers.things.fit import points_with_normals
 
 OPENING = 0.08
-"""Opening of the gripper [m]: that of the narrowest of the shipped arms."""
+"""Opening of the gripper [m], the narrowest among the shipped arms."""
 MOST = 16
-# The cosine of 15 degrees, by which the normals at both fingers may be off the closing axis. Rubber pads hold more.
+# Cosine of 15 degrees, the largest angle between a contact normal and the closing axis. Rubber pads hold larger angles.
 _ALIGNED = 0.966
-_TRIALS = 400  # points that the first finger may touch
-_APPROACHES = 12  # directions about the closing axis
-# A hand in its TCP's frame [m]: fingers (half width, thickness, palm to TCP, tip beyond TCP), and its palm.
+_TRIALS = 400  # candidate contact points of the first finger
+_APPROACHES = 12  # approach directions about the closing axis
+# The hand in its TCP's frame [m]: fingers (half width, thickness, palm to TCP, tip beyond TCP), and palm.
 _FINGER = (0.011, 0.02, 0.038, 0.009)
 _PALM = (0.032, 0.1, 0.1)  # half depth, half width, height
 _ROOM = 0.005  # between an open finger and the surface
-_FLOOR = 0.002  # between the hand and what the thing stands on
+_FLOOR = 0.002  # between the hand and the support of the object
 
 
 @dataclass(frozen=True)
 class GraspSite:
-    """A grasp: position [m] and orientation (wxyz) of the TCP; z is the approach axis, y the closing axis."""
+    """A grasp: position [m] and orientation (wxyz) of the TCP. z is the approach axis, y the closing axis."""
 
     pos: np.ndarray
     quat: np.ndarray
@@ -33,11 +33,11 @@ class GraspSite:
 
 
 def antipodal_grasps(triangles: np.ndarray, points: np.ndarray) -> list[GraspSite]:
-    """Find grasps that are spread over a thing that stands at z = 0.
+    """Find grasps spread over an object that stands at z = 0.
 
     Args:
-        triangles: Its surface, facing outwards [m], shape (n, 3, 3).
-        points: Points on it that a hand must not touch [m], shape (m, 3).
+        triangles: Surface of the object, facing outwards [m], shape (n, 3, 3).
+        points: Points of the object that the open hand must not touch [m], shape (m, 3).
     """
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     area = np.linalg.norm(normals, axis=1)
@@ -54,7 +54,7 @@ def antipodal_grasps(triangles: np.ndarray, points: np.ndarray) -> list[GraspSit
 
 
 def _through(triangles: np.ndarray, start: np.ndarray, direction: np.ndarray) -> tuple[float, int] | None:
-    """Return the length of a ray within the solid, and the triangle where it leaves (Moeller and Trumbore 1997)."""
+    """Return a ray's length within the solid, and the triangle of its exit (Moeller and Trumbore 1997)."""
     a, e1, e2 = triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     p = np.cross(direction, e2)
     det = (e1 * p).sum(axis=1)
@@ -69,7 +69,7 @@ def _through(triangles: np.ndarray, start: np.ndarray, direction: np.ndarray) ->
 
 
 def _around(middle: np.ndarray, closing: np.ndarray, width: float, points: np.ndarray) -> list[GraspSite]:
-    """Return the collision-free grasps with this closing axis, one for each direction of approach."""
+    """Return the collision-free grasps with this closing axis, at most one per approach direction."""
     side = np.cross(closing, np.eye(3)[np.argmin(np.abs(closing))])
     side /= np.linalg.norm(side)
     other, found = np.cross(closing, side), []
@@ -82,13 +82,13 @@ def _around(middle: np.ndarray, closing: np.ndarray, width: float, points: np.nd
 
 
 def _is_clear(local: np.ndarray, gap: float, height: float, up: np.ndarray) -> bool:
-    """Return whether none of some points is inside the open hand, and the hand stays clear of the floor.
+    """Return whether the open hand contains no point and stays above the floor.
 
     Args:
-        local: The points, in the frame of the TCP [m], shape (n, 3).
+        local: Points in the TCP frame [m], shape (n, 3).
         gap: Distance of each finger from the TCP [m].
-        height: Height of the TCP [m], over the floor at 0.
-        up: The direction that points up, in the frame of the TCP, shape (3,).
+        height: Height of the TCP above the floor [m].
+        up: The up direction in the TCP frame, shape (3,).
     """
     half, thickness, palm, tip = _FINGER
     x, y, z = np.abs(local[:, 0]), np.abs(local[:, 1]), local[:, 2]
@@ -101,17 +101,17 @@ def _is_clear(local: np.ndarray, gap: float, height: float, up: np.ndarray) -> b
 
 
 def _spread(found: list[GraspSite], size: float) -> list[GraspSite]:
-    """Return the grasps that are farthest from each other, up to the most that an asset gets."""
+    """Select at most `MOST` grasps, each as far as possible from the previous ones."""
     if not found:
         return []
     features = np.array([np.concatenate([g.pos / size, matrix(g.quat).ravel() * 0.5]) for g in found])
     turned = np.array([np.concatenate([g.pos / size, (matrix(g.quat) * [-1, -1, 1]).ravel() * 0.5]) for g in found])
-    chosen = [int(np.argmin([matrix(g.quat)[2, 2] for g in found]))]  # that from above, if there is one
+    chosen = [int(np.argmin([matrix(g.quat)[2, 2] for g in found]))]  # the one closest to straight down
     away = np.full(len(found), np.inf)
     while len(chosen) < min(MOST, len(found)):
         last = chosen[-1]
         away = np.minimum(away, np.linalg.norm(features - features[last], axis=1))
-        away = np.minimum(away, np.linalg.norm(turned - features[last], axis=1))  # half a turn is the same grasp
+        away = np.minimum(away, np.linalg.norm(turned - features[last], axis=1))  # swapped fingers: same grasp
         if away.max() < 0.05:
             break
         chosen.append(int(np.argmax(away)))

@@ -1,4 +1,4 @@
-"""Imports a thing: reads, scales, repairs, cuts into convex parts, weighs, tries how it rests, and writes an asset."""
+"""Imports an object: reads, scales, repairs, cuts it into convex parts, simulates how it rests, and writes an asset."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ from sceniris_gym.importers.things.units import UPRIGHT, Ask, find_scale, find_u
 
 SECONDS, STILL = 0.5, 0.01
 """An asset rests in a pose if no point of its bounds moves by more than 1 cm in half a second."""
-_GAP = 0.0005  # m over the floor, as in scenes
-_MOST = 6  # poses that are tried, the most probable ones
-_STANDING = 0.985  # cosine of 10 degrees: a stable pose this near to the authored one is that one
+_GAP = 0.0005  # height above the floor [m], as in scenes
+_MOST = 6  # number of poses to simulate, most probable first
+_STANDING = 0.985  # cosine of 10 degrees: the largest tilt at which a stable pose counts as upright
 
 
 @dataclass(frozen=True)
@@ -41,9 +41,9 @@ class Rest:
     """A resting pose.
 
     Attributes:
-        quat: Orientation of the asset, wxyz, its heading being 0.
-        probability: The share of throws after which the asset rests in it.
-        moved: The distance that it moves in the half second after it is put down in it [m].
+        quat: Orientation of the asset, wxyz, at heading 0.
+        probability: Fraction of random throws that end in this pose.
+        moved: How far the asset moves within half a second, released in this pose [m].
     """
 
     quat: np.ndarray
@@ -52,7 +52,7 @@ class Rest:
 
 
 def resting_poses(path: Path) -> list[Rest]:
-    """Return the most probable poses in which an asset rests; none if it rolls from all of them."""
+    """Return the most probable resting poses of an asset. The list is empty if the asset rolls out of every pose."""
     spec = mujoco.MjSpec.from_file(str(path))
     spec.worldbody.bodies[0].add_freejoint()
     mjm = spec.compile()
@@ -61,22 +61,22 @@ def resting_poses(path: Path) -> list[Rest]:
     mujoco.mj_comPos(mjm, home)
     try:
         poses = HomeShape(home, 1, extract_pieces(mjm, "physics")).stable(str(path))
-    except SceneKeyError:  # it rolls, or its centre of mass is outside of it
+    except SceneKeyError:  # it rolls, or its centre of mass is outside its hull
         return []
     return [Rest(quat, share, moved(path, quat)) for quat, share in poses[:_MOST]]
 
 
 def stands(rests: list[Rest], up: np.ndarray) -> bool:
-    """Return whether this direction in the asset's frame, shape (3,), points up in one of the poses."""
+    """Return whether a direction in the asset's frame, shape (3,), points up in one of the poses."""
     return any(matrix(rest.quat)[2] @ up > _STANDING for rest in rests)
 
 
 def moved(path: Path, quat: np.ndarray) -> float:
-    """Put an asset on a floor and return how far the corners of its bounds move [m] in half a second.
+    """Simulate an asset on a floor, and return how far the corners of its bounds move [m] in half a second.
 
     Args:
-        path: Its MJCF.
-        quat: Its orientation, wxyz.
+        path: The asset's MJCF file.
+        quat: Initial orientation, wxyz.
     """
     spec = mujoco.MjSpec.from_file(str(path))
     spec.worldbody.bodies[0].add_freejoint()
@@ -102,9 +102,9 @@ def moved(path: Path, quat: np.ndarray) -> float:
 
 
 SUFFIXES = (*meshes.SUFFIXES, ".usd", ".usda", ".usdc", ".usdz", ".urdf")
-"""Suffixes of the files that can be imported."""
+"""File suffixes that can be imported."""
 _FRAME = Inertia(1e-6, np.zeros(3), 1e-12 * np.eye(3))
-"""Inertia of a link that is only a frame."""
+"""Inertia of a link without geometry."""
 _UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -113,11 +113,12 @@ class Options:
     """The user's choices for an import.
 
     Attributes:
-        scale: Metres for each unit of length, or the name of a unit; None for the file's own, or a guess.
-        up: The axis that points up; None likewise.
-        density: In kg/m^3.
-        tolerance: The largest distance of convex parts from the surface [m]; None for 2 mm or 2%, whichever is larger.
-        shell: Whether open surfaces are sheets, which enclose nothing.
+        scale: Metres per unit of length, or the name of a unit. If None, it comes from the file or is guessed.
+        up: The axis that points up. If None, it comes from the file or is guessed.
+        density: Density [kg/m^3].
+        tolerance: Largest distance between the convex parts and the surface [m]. If None, 2 mm or 2% of the longest
+            edge, whichever is larger.
+        shell: Whether open surfaces are sheets that enclose no volume.
     """
 
     scale: str | None = None
@@ -127,7 +128,7 @@ class Options:
     shell: bool = False
 
     def check(self) -> None:
-        """Refuse numbers that make no sense.
+        """Check the ranges of the options.
 
         Raises:
             ArgumentError: The scale, the density or the tolerance is out of range.
@@ -143,22 +144,23 @@ class Options:
 
 
 def import_thing(source: Path, out: Path, options: Options | None = None, ask: Ask | None = None) -> dict[str, Any]:
-    """Import a thing as an asset.
+    """Import a file as an asset.
 
     Args:
-        source: A file of one of `SUFFIXES`.
-        out: The MJCF file to write; meshes, pictures and `manifest.json` go into a folder of its name beside it.
+        source: A file with one of `SUFFIXES`.
+        out: The MJCF file to write. Meshes, images and `manifest.json` go to a folder of the same name next to it.
         options: The user's choices.
-        ask: Asks the user for the scale where it makes no sense; None if nobody can be asked.
+        ask: Prompts for a scale if the size is implausible. If None, an implausible size is an error.
 
     Returns:
-        The manifest: what was read, guessed, repaired and measured, with the hashes of all files.
+        The manifest: sources of scale and up axis, repairs, measurements, and the hashes of all files.
 
     Raises:
-        MeshError: It is empty, flat, open, too large, too small or thin, has too many faces, or no convex parts fit.
-        SceneFileError: It cannot be read, or a file that it refers to does not exist.
-        NotSupportedError: It is of another kind, or has something that things cannot have.
-        MissingExtraError: It needs a package of the extra `import`.
+        MeshError: The object is empty, flat, open, too large, too small, too thin, has too many faces, or no convex
+            parts fit.
+        SceneFileError: The file cannot be read, or a file that it refers to does not exist.
+        NotSupportedError: The file type, or an element such as a floating joint, is not supported.
+        MissingExtraError: The import needs a package of the extra `import`.
     """
     options = options or Options()
     options.check()
@@ -170,7 +172,7 @@ def import_thing(source: Path, out: Path, options: Options | None = None, ask: A
     touched = {link.name: link.touched for link in thing.links if link.touched}
     solids = {name: repair(some, f"{where}: {name}", shell=options.shell) for name, some in touched.items()}
     if not solids:
-        raise MeshError(f"{where}: nothing of it has a volume.", "flat")
+        raise MeshError(f"{where}: it has no volume. Export a closed surface, or give it a thickness.", "flat")
     cut = {name: convex_parts(solid, where, options.tolerance) for name, solid in solids.items()}
     patched = [
         replace(link, surfaces=(*link.surfaces, *solids[link.name].patches))
@@ -224,11 +226,9 @@ def import_thing(source: Path, out: Path, options: Options | None = None, ask: A
 def _read(source: Path) -> Thing:
     suffix = source.suffix.lower()
     if not source.is_file():
-        raise SceneFileError(
-            f"{source}: {no_file(source)}. Give the path of one ({', '.join(SUFFIXES)}), or of a folder of them."
-        )
+        raise SceneFileError(f"{source}: {no_file(source)}. Give the path of one ({', '.join(SUFFIXES)}), or a folder.")
     if suffix not in SUFFIXES:
-        raise NotSupportedError(f"{source}: it should be one of {', '.join(SUFFIXES)}. Export it as one of them.")
+        raise NotSupportedError(f"{source}: its type should be one of {', '.join(SUFFIXES)}. Export it again.")
     if suffix == ".urdf":
         return read_urdf(source)
     if suffix in meshes.SUFFIXES:
@@ -240,7 +240,7 @@ def _read(source: Path) -> Thing:
 
 
 def _written(link: Link, solid: Solid | None, parts: Parts | None, density: float, where: str) -> Link:
-    """Return a link as it is written: with an inertia, and its convex parts as solids."""
+    """Return a link for the asset, with an inertia, and with its convex parts as solids."""
     if solid is None or parts is None:
         return replace(link, inertia=link.inertia or _FRAME)
     hulls = tuple(Surface(np.asarray(part.vertices), np.asarray(part.faces)) for part in parts.meshes)
@@ -249,7 +249,7 @@ def _written(link: Link, solid: Solid | None, parts: Parts | None, density: floa
 
 
 def _grasps(link: Link, written: Link) -> list[GraspSite]:
-    """Return grasps of the root link that keep clear of its surface, and of its convex parts as it is written."""
+    """Return grasps of the root link that avoid both its surface and its convex parts."""
     if not written.solids:
         return []
     triangles = np.concatenate([surface.vertices[surface.faces] for surface in link.touched])
@@ -261,9 +261,9 @@ def _findings(thing: Thing, solids: Iterable[Solid], cut: Collection[Parts], res
     """Return the repairs, parts, resting poses and notes of the manifest."""
     notes = [*thing.notes]
     if not any(rest.moved < STILL for rest in rests):
-        notes.append("it rests in no pose: it rolls or tips over")
+        notes.append("it has no stable pose: it rolls or tips over")
     elif not stands(rests, _UP):
-        notes.append("as it is written it tips over: give it 'orientation: stable', or --up")
+        notes.append("it tips over in its default orientation: give it 'orientation: stable', or --up")
     return {
         "repaired": [line for solid in solids for line in solid.report],
         "parts": sum(len(parts.meshes) for parts in cut),

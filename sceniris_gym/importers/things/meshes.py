@@ -1,4 +1,4 @@
-"""Reads files of meshes: OBJ, STL, PLY, OFF, GLB and glTF, DAE with pycollada; and URDF with its shapes."""
+"""Reads mesh files (OBJ, STL, PLY, OFF, GLB, glTF, and DAE with pycollada) and URDF files."""
 
 from __future__ import annotations
 
@@ -19,34 +19,34 @@ from sceniris_gym.importers.things.thing import GREY, LEAST_MOMENT, Inertia, Joi
 from sceniris_gym.scene.model_files import file_of
 
 SUFFIXES = (".obj", ".stl", ".ply", ".off", ".glb", ".gltf", ".dae")
-"""Suffixes of the files that are read."""
-# Metres for each unit and the axis that points up, if known: glTF prescribes them, and trimesh converts DAE.
+"""Suffixes of mesh files."""
+# Metres per unit and up axis where the format fixes them. glTF prescribes both. trimesh converts DAE to metres, z up.
 _FRAMES = {".glb": (1.0, "y"), ".gltf": (1.0, "y"), ".dae": (1.0, "z")}
 
 
 def read_mesh(path: Path) -> Thing:
-    """Read a file of meshes as a thing of one link; nothing is scaled or turned.
+    """Read a mesh file as an object with one link, in the file's unit and axes.
 
     Raises:
-        SceneFileError: It cannot be read.
-        MeshError: It has vertices that are not finite.
-        MissingExtraError: It is a DAE file, and pycollada is not installed.
+        SceneFileError: The file cannot be read.
+        MeshError: The file has non-finite vertices.
+        MissingExtraError: The file is DAE, and pycollada is not installed.
     """
     meters, up = _FRAMES.get(path.suffix.lower(), (None, None))
     return Thing(path.stem, (Link(path.stem, surfaces=read_surfaces(path)),), meters, up)
 
 
 def read_surfaces(path: Path) -> tuple[Surface, ...]:
-    """Read the surfaces of a file of meshes, one for each of its materials; errors as in `read_mesh`."""
+    """Read the surfaces of a mesh file, one per material. Raises the errors of `read_mesh`."""
     if path.suffix.lower() == ".dae":
         import_extra("collada", "import", "pycollada")
     try:
         beside = _Beside(str(path))
-        # When trimesh merges vertices, it silently drops those that are not finite, as if the file had holes.
+        # When trimesh merges vertices, it silently drops non-finite ones. Load without merging to find them.
         loaded = trimesh.load_scene(path, resolver=beside, process=False).geometry.values()
         raw = [mesh for mesh in loaded if isinstance(mesh, trimesh.Trimesh)]
         if not all(np.isfinite(mesh.vertices).all() for mesh in raw):
-            raise MeshError(f"{path}: it has vertices that are not finite. Export it again.", "not finite")
+            raise MeshError(f"{path}: it has non-finite vertices. Export it again.", "not finite")
         scene = trimesh.load_scene(path, resolver=beside)
         found = []
         for node in scene.graph.nodes_geometry:
@@ -56,10 +56,10 @@ def read_surfaces(path: Path) -> tuple[Surface, ...]:
                 found.append(_surface(mesh, np.asarray(pose, float)))
     except (MemoryError, MeshError):
         raise
-    except Exception as error:  # a reader of a dozen formats, each with errors of its own
+    except Exception as error:  # each of trimesh's readers raises different errors
         if path.suffix.lower() not in SUFFIXES:
             raise SceneFileError(
-                f"{path}: it should be a file of meshes, whose name ends in {', '.join(SUFFIXES)}."
+                f"{path}: it should be a mesh file with a name that ends in {', '.join(SUFFIXES)}."
             ) from None
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise SceneFileError(
@@ -69,10 +69,10 @@ def read_surfaces(path: Path) -> tuple[Surface, ...]:
 
 
 class _Beside(FilePathResolver):
-    """The files that a mesh refers to, such as materials and buffers, but no pipes and no devices."""
+    """Opens the files of a mesh, such as materials and buffers, and rejects pipes and devices."""
 
     def get(self, name: str) -> Any:
-        """Return the contents of one of them."""
+        """Return the contents of a file."""
         opened(Path(self.parent, name.strip())).close()
         return super().get(name)
 
@@ -86,7 +86,7 @@ def _surface(mesh: trimesh.Trimesh, pose: np.ndarray) -> Surface:
 
 
 def _look(visual: Any) -> tuple[tuple[float, ...], Any, np.ndarray | None]:
-    """Return the colour, the picture and the texture coordinates of a trimesh visual."""
+    """Return the colour, the image and the texture coordinates of a trimesh visual."""
     if visual.kind == "texture":
         material = visual.material
         image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
@@ -112,32 +112,32 @@ _MOMENTS = ("ixx", "ixy", "ixz", "ixy", "iyy", "iyz", "ixz", "iyz", "izz")
 def read_urdf(path: Path) -> Thing:
     """Read a URDF file.
 
-    Meshes are found beside the file, or, with `package://`, in a folder above it.
+    Mesh paths are relative to the file. `package://` and `model://` search the folders above it.
 
     Raises:
-        SceneFileError: It is no URDF, its links are no tree, or meshes do not exist: all of them are named.
-        NotSupportedError: It has a floating or planar joint.
+        SceneFileError: The file is not a URDF, its links do not form a tree, or meshes are missing.
+        NotSupportedError: It has a floating or planar joint, or a shape that URDF does not define.
     """
     try:
         robot = ElementTree.parse(path).getroot()
     except (ElementTree.ParseError, UnicodeDecodeError, OSError) as error:
         raise SceneFileError(f"{path}: it cannot be read as XML: {error}. Correct it, or export it again.") from None
     if robot.tag != "robot":
-        raise SceneFileError(f"{path}: it should begin with <robot>, as a URDF does; found <{robot.tag}>.")
-    folder = path.absolute().parent  # as a relative path has no folders above it
+        raise SceneFileError(f"{path}: its root element should be <robot>, got <{robot.tag}>. Give a URDF file.")
+    folder = path.absolute().parent  # a relative path may lack the folders above it
     meshes = {mesh.get("filename", ""): file_of(mesh.get("filename", ""), folder) for mesh in robot.iter("mesh")}
     missing = [name for name, found in meshes.items() if found is None]
     if missing:
         raise SceneFileError(
-            f"{path}: it refers to {len(missing)} files that do not exist, or are none: {', '.join(missing[:5])}"
-            f"{', ...' if len(missing) > 5 else ''}. Put them where the file says, relative to it or below a folder "
-            "of the package's name."
+            f"{path}: {len(missing)} mesh paths do not exist or are not files: {', '.join(missing[:5])}"
+            f"{', ...' if len(missing) > 5 else ''}. Put the meshes at these paths, relative to the URDF file or below "
+            "a folder with the package's name."
         )
     colours = {material.get("name", ""): rgba for material in robot.iter("material") if (rgba := _rgba_of(material))}
     links = {link.get("name", ""): _link(path, link, colours) for link in robot.findall("link")}
     joints = robot.findall("joint")
     mimics = [joint.get("name") for joint in joints if joint.find("mimic") is not None]
-    notes = [f"the joint '{name}' follows another in the file (mimic) and is free here" for name in mimics]
+    notes = [f"the joint '{name}' mimics another joint in the file, but moves freely here" for name in mimics]
     ordered = tuple(_in_order(path, links, joints))
     return Thing(robot.get("name") or path.stem, ordered, 1.0, "z", tuple(notes))
 
@@ -152,7 +152,7 @@ def _link(path: Path, element: ElementTree.Element, colours: dict[str, tuple[flo
 
 
 def _in_order(path: Path, links: dict[str, Link], joints: list[ElementTree.Element]) -> Iterator[Link]:
-    """Yield links with their joints, parents first."""
+    """Yield links with their joints, parents before children."""
     children: dict[str, list[tuple[str, ElementTree.Element]]] = {}
     for joint in joints:
         ends = [end.get("link", "") if (end := joint.find(kind)) is not None else "" for kind in ("parent", "child")]
@@ -161,10 +161,10 @@ def _in_order(path: Path, links: dict[str, Link], joints: list[ElementTree.Eleme
     hanging = {child for below in children.values() for child, _ in below}
     roots = [name for name in links if name not in hanging]
     if not links:
-        raise SceneFileError(f"{path}: it has no links. It should have a <link> with a mesh, a box or another shape.")
+        raise SceneFileError(f"{path}: it has no links. Add a <link> with a mesh, a box or another shape.")
     if len(roots) != 1:
-        wrong = f"{len(roots)} roots: {', '.join(roots[:5])}" if roots else "a circle"
-        raise SceneFileError(f"{path}: its links should hang on one root by joints, and it has {wrong}. Add joints.")
+        wrong = f"{len(roots)} roots: {', '.join(roots[:5])}" if roots else "a cycle"
+        raise SceneFileError(f"{path}: joints should connect all links to one root, got {wrong}. Correct the joints.")
     waiting = [links[roots[0]]]
     while waiting:
         yield (link := waiting.pop(0))
@@ -179,7 +179,7 @@ def _joint(path: Path, element: ElementTree.Element) -> Joint | None:
         return None
     if kind not in _JOINTS:
         raise NotSupportedError(
-            f"{path}: joint '{name}' is '{kind}'. Things have revolute, continuous, prismatic and fixed joints."
+            f"{path}: joint '{name}' should be revolute, continuous, prismatic or fixed, got '{kind}'."
         )
     axis, limit = element.find("axis"), element.find("limit")
     limits = None
@@ -209,7 +209,9 @@ def _shape(path: Path, element: ElementTree.Element, colours: dict[str, tuple[fl
             make = getattr(trimesh.creation, shape.tag)
             made = make(radius=float(shape.get("radius", 1.0)), height=float(shape.get("length", 1.0)))
         else:
-            raise NotSupportedError(f"{path}: a <{shape.tag}> is no shape of URDF. Use box, sphere, cylinder or mesh.")
+            raise NotSupportedError(
+                f"{path}: a geometry should be box, sphere, cylinder, capsule or mesh, got <{shape.tag}>."
+            )
         surfaces = [Surface(np.asarray(made.vertices), np.asarray(made.faces))]
     rgba = None if material is None else _rgba_of(material) or colours.get(material.get("name", ""))
     for surface in surfaces:
@@ -232,12 +234,12 @@ def _inertia(element: ElementTree.Element | None) -> Inertia | None:
     value = float(mass.get("value", 0.0))
     least, middle, most = np.linalg.eigvalsh(full)
     if value <= 0.0 or least <= LEAST_MOMENT or least + middle < most:
-        return None  # no body has such moments
+        return None  # physically impossible: the inertia is computed from the shape instead
     return Inertia(value, pos, full)
 
 
 def _origin(element: ElementTree.Element) -> tuple[np.ndarray, np.ndarray]:
-    """Return the pose of an element: position, and orientation as wxyz."""
+    """Return the pose of an element: position and orientation (wxyz)."""
     origin = element.find("origin")
     words = {} if origin is None else origin.attrib
     return _floats(words.get("xyz"), (0, 0, 0)), of_angles(_floats(words.get("rpy"), (0, 0, 0)))

@@ -1,4 +1,4 @@
-"""Repairs the surfaces of a link into one closed mesh, and reports what was done."""
+"""Repairs the surfaces of a link into one closed mesh, and reports each repair."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from sceniris_gym.importers.things.fit import Measure, tolerance_of
 from sceniris_gym.importers.things.thing import Surface
 
 MOST_FACES = 500_000
-"""The most triangles of a thing: more than any picture of it needs, and minutes of work."""
+"""Largest number of triangles of an object. More are not visible in images and take minutes."""
 LARGEST_HOLE, MOST_OPEN = 0.1, 0.3
-"""Share of a surface that may be missing in one hole, and in all of them; flat patches close them. A box without one of
-its sides misses a fifth, and may be a solid or a container."""
-_WELD = 1e-6  # of its size: vertices nearer to each other are merged
-_FLAT = 1e-6  # of its size: anything thinner is flat
-_EMPTY = 1e-9  # of the cube of its size: a surface that encloses less encloses nothing
+"""Fractions of a surface that may be missing in one hole, and in all holes together. Flat patches close them. A box
+without one side lacks a fifth of its surface, and may be a solid or a container."""
+_WELD = 1e-6  # fraction of the size: closer vertices are merged
+_FLAT = 1e-6  # fraction of the size: a thinner mesh is flat
+_EMPTY = 1e-9  # fraction of the cubed size: the smallest enclosed volume
 
 
 @dataclass(frozen=True)
@@ -29,10 +29,10 @@ class Solid:
     """A surface as one mesh.
 
     Attributes:
-        mesh: The mesh [m], vertices welded.
-        closed: Whether it encloses a volume; a shell does not.
+        mesh: The mesh [m], with merged vertices.
+        closed: Whether the mesh encloses a volume. A shell does not.
         report: The repairs, in words.
-        patches: A visual surface of the triangles that closed its holes; empty if none of them can be seen.
+        patches: A visual surface with the triangles that close holes. Empty without visible triangles.
     """
 
     mesh: trimesh.Trimesh
@@ -42,34 +42,34 @@ class Solid:
 
 
 def check_faces(surfaces: Sequence[Surface], where: str) -> None:
-    """Refuse surfaces without faces, with too many of them, or with numbers that are not finite.
+    """Check the number of faces, and that all vertices are finite.
 
     Raises:
-        MeshError: See above.
+        MeshError: The surfaces have no faces, more than `MOST_FACES`, or non-finite vertices.
     """
     count = sum(len(surface.faces) for surface in surfaces)
     if count == 0:
-        raise MeshError(f"{where}: it has no faces. Export the object as a mesh of triangles or polygons.", "empty")
+        raise MeshError(f"{where}: it has no faces. Export the object as triangles or polygons.", "empty")
     if count > MOST_FACES:
         raise MeshError(
-            f"{where}: it has {count:,} faces, and should have {MOST_FACES:,} at most. Reduce it, e.g. with Blender's "
-            "modifier Decimate: 10,000 are plenty.",
+            f"{where}: it should have at most {MOST_FACES:,} faces, got {count:,} faces. Reduce them, e.g. with "
+            "Blender's modifier Decimate. 10,000 are enough.",
             "large",
         )
     if not all(np.isfinite(surface.vertices).all() for surface in surfaces):
-        raise MeshError(f"{where}: it has vertices that are not finite. Export it again.", "not finite")
+        raise MeshError(f"{where}: it has non-finite vertices. Export it again.", "not finite")
 
 
 def repair(surfaces: Sequence[Surface], where: str, *, shell: bool = False) -> Solid:
-    """Merge vertices, drop faces that have no area or are duplicates, close small holes, and turn all faces outwards.
+    """Merge vertices, drop degenerate and duplicate faces, close small holes, and orient all faces outwards.
 
     Args:
         surfaces: The surfaces of a link [m].
-        where: The beginning of errors.
-        shell: The surface is a sheet that encloses nothing: holes stay as they are.
+        where: Prefix of error messages.
+        shell: Whether the surface is a sheet without volume. If so, holes stay open.
 
     Raises:
-        MeshError: It lies in a plane, or too much of it is missing.
+        MeshError: The mesh is flat, encloses no volume, or has holes that are too large.
     """
     mesh = _joined(surfaces)
     size = float(mesh.extents.max()) if len(mesh.faces) else 0.0
@@ -78,29 +78,29 @@ def repair(surfaces: Sequence[Surface], where: str, *, shell: bool = False) -> S
     mesh.update_faces(mesh.nondegenerate_faces(height=1e-12 * size) & mesh.unique_faces())
     mesh.remove_unreferenced_vertices()
     if len(mesh.faces) < faces:
-        report.append(f"{faces - len(mesh.faces)} faces without area or twice there were dropped")
+        report.append(f"{faces - len(mesh.faces)} degenerate or duplicate faces were dropped")
     if not len(mesh.faces) or float(np.linalg.svd(mesh.vertices - mesh.vertices.mean(axis=0), compute_uv=False)[2]) <= (
         _FLAT * size * np.sqrt(len(mesh.vertices))
     ):
         raise MeshError(f"{where}: it is flat and has no volume. Give it a thickness, or leave it out.", "flat")
     if not mesh.is_winding_consistent:
         trimesh.repair.fix_winding(mesh)
-        report.append("its faces were turned to agree with each other")
+        report.append("the orientation of its faces was made consistent")
     if shell:
-        return Solid(mesh, False, (*report, "taken as a shell without inside"))
+        return Solid(mesh, False, (*report, "imported as a shell without volume"))
     loops, patches = _holes(mesh), ()
     if loops:
         shares = [float(np.linalg.norm(_vector_area(mesh.vertices, edges)) / mesh.area) for edges in loops]
         missing = sum(shares)
         if max(shares) > LARGEST_HOLE or missing > MOST_OPEN:
             hull, allowed = convex_hull(mesh.vertices), tolerance_of(mesh)
-            if Measure(mesh, allowed).fit([hull]).error <= allowed:  # then solid and sheet are the same
-                told = f"{missing:.0%} of its surface is missing: taken as its convex hull"
-                return Solid(hull, True, (*report, f"{told}, which is as near to the surface as parts have to be"))
+            if Measure(mesh, allowed).fit([hull]).error <= allowed:  # then solid and sheet are equivalent
+                told = f"{missing:.0%} of its surface is missing: replaced by its convex hull"
+                return Solid(hull, True, (*report, f"{told}, which is within the tolerance of the surface"))
             raise MeshError(
-                f"{where}: it is open along {sum(map(len, loops))} edges. What is missing is {missing:.0%} of "
-                f"what is there, {max(shares):.0%} in the largest hole. Close it (in Blender: Mesh, Clean Up, Fill "
-                "Holes), or import it with --shell if it is a sheet without inside.",
+                f"{where}: it is open along {sum(map(len, loops))} edges. Its holes have {missing:.0%} of the area of "
+                f"its surface, the largest hole has {max(shares):.0%}. Close them (in Blender: Mesh, Clean Up, Fill "
+                "Holes), or import it with --shell if it is a sheet without volume.",
                 "open",
             )
         mesh, patches = _capped(mesh, loops, surfaces[0].rgba)
@@ -114,7 +114,7 @@ def repair(surfaces: Sequence[Surface], where: str, *, shell: bool = False) -> S
 
 
 def _joined(surfaces: Sequence[Surface]) -> trimesh.Trimesh:
-    """Return all surfaces as one mesh in which near vertices are merged."""
+    """Join all surfaces into one mesh, and merge close vertices."""
     vertices, faces = trimesh.util.append_faces([s.vertices for s in surfaces], [s.faces for s in surfaces])
     used = vertices[np.unique(faces)]
     grid = _WELD * max(float(np.ptp(used, axis=0).max()), 1e-12)
@@ -127,7 +127,7 @@ def _joined(surfaces: Sequence[Surface]) -> trimesh.Trimesh:
 
 
 def _holes(mesh: trimesh.Trimesh) -> list[np.ndarray]:
-    """Return the edges that only one face has, each in that face's direction, by hole: arrays of shape (n, 2)."""
+    """Return the boundary edges of each hole, arrays of shape (n, 2), each edge in the direction of its face."""
     edges = mesh.edges
     _, which, count = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True, return_counts=True)
     single = edges[(count[which.ravel()] % 2) == 1]
@@ -138,7 +138,7 @@ def _holes(mesh: trimesh.Trimesh) -> list[np.ndarray]:
 
 
 def _loops(edges: np.ndarray) -> list[np.ndarray]:
-    """Split connected edges (n, 2) into loops that pass no vertex twice; edges that form no loop stay together."""
+    """Split connected edges (n, 2) into simple loops. Edges that do not form loops stay in one array."""
     graph = networkx.MultiDiGraph(edges.tolist())
     if not networkx.is_eulerian(graph):
         return [edges]
@@ -153,7 +153,7 @@ def _loops(edges: np.ndarray) -> list[np.ndarray]:
 
 
 def _vector_area(vertices: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Return the area of a flat patch within a loop of edges, as a vector along its normal."""
+    """Return the area vector of a flat patch in a loop of edges: along its normal, with its area as the length."""
     a, b = vertices[edges[:, 0]], vertices[edges[:, 1]]
     middle = 0.5 * (a + b).mean(axis=0)
     return 0.5 * np.cross(a - middle, b - middle).sum(axis=0)
@@ -162,7 +162,7 @@ def _vector_area(vertices: np.ndarray, edges: np.ndarray) -> np.ndarray:
 def _capped(
     mesh: trimesh.Trimesh, loops: list[np.ndarray], rgba: tuple[float, ...]
 ) -> tuple[trimesh.Trimesh, tuple[Surface, ...]]:
-    """Close each hole by triangles around its middle; return the mesh, and a surface of those that have an area."""
+    """Close each hole with triangles around its middle. Return the mesh, and a surface with the visible triangles."""
     middles = np.array([mesh.vertices[np.unique(edges)].mean(axis=0) for edges in loops])
     faces = np.concatenate(
         [

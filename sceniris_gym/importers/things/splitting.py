@@ -1,7 +1,7 @@
-"""Splits parts of a closed solid along planes until none sticks out of it too far.
+"""Splits convex parts along planes until all parts stay close to a closed solid.
 
-A part that sticks out is split through the place that is farthest from the surface, or along a face near it: the wall
-of a slot, the floor of a pocket. The plane is taken that leaves the smallest hulls of both halves.
+The plane goes through the point that sticks out farthest, or along a nearby face, such as the wall of a slot or the
+floor of a pocket. The best plane minimises the hull volume of both halves.
 """
 
 from __future__ import annotations
@@ -19,25 +19,25 @@ from sceniris_gym.importers.things.fit import Distances, height_over, points_on
 if TYPE_CHECKING:
     import manifold3d
 
-_APART = 0.25  # of the tolerance: the spacing of the points by which parts are judged
-_FEWEST, _MOST = 100, 20_000  # points on a part
-_BESIDE = 1e-5  # of the size: a part that sticks out less does not count
-_SLIVER = 1e-7  # of the volume of the solid's bounds: smaller pieces are dropped
-_NEAR = 1.5  # times the distance of the place: vertices within this may lie on a plane
-# Planes: normals of the faces with the largest area, beside the axes, and levels along each of them.
+_APART = 0.25  # spacing of sample points, as a fraction of the tolerance
+_FEWEST, _MOST = 100, 20_000  # limits of the sample points on a part
+_BESIDE = 1e-5  # fraction of the size: a part that sticks out less is ignored
+_SLIVER = 1e-7  # fraction of the solid's bounding box volume: smaller pieces are dropped
+_NEAR = 1.5  # multiple of the distance to the surface: vertices in this radius are candidates for planes
+# Candidate planes: normals with the largest face area, in addition to the axes, and levels along each normal.
 _DIRECTIONS, _LEVELS = 6, 6
-_ALIKE = 20  # steps from 0 to 1 in which normals are compared
-_MOST_VERTICES = 96  # of a part: MuJoCo-Warp's collisions take longer with more
-_EVEN = 192  # directions, spread evenly
-_LOST = 0.9  # of the distance allowed, that thinning may take: later steps take some, too
+_ALIKE = 20  # steps per unit, to group similar normals
+_MOST_VERTICES = 96  # of a part: more vertices slow down MuJoCo-Warp's collisions
+_EVEN = 192  # number of evenly spread directions
+_LOST = 0.9  # fraction of the allowed distance for removing vertices: later steps need the rest
 
 
 class Excess:
     """Measures how far convex parts stick out of a solid.
 
     Args:
-        solid: The solid, closed; near `mesh`.
-        mesh: The mesh from whose surface distances are measured [m].
+        solid: The closed solid, close to `mesh`.
+        mesh: Reference surface for distances [m].
         allowed: How far parts may stick out [m].
     """
 
@@ -47,7 +47,7 @@ class Excess:
         self._size = float(mesh.extents.max())
 
     def of(self, part: trimesh.Trimesh) -> tuple[float, np.ndarray]:
-        """Return how far a part sticks out at most [m], and where, shape (3,)."""
+        """Return how far a part sticks out [m], and its farthest point, shape (3,)."""
         out = mesh_of(hull_of(part.vertices) - self.solid)
         if not len(out.faces):
             return 0.0, part.vertices[0]
@@ -61,17 +61,17 @@ class Excess:
         return most, points[which]
 
     def beyond(self, part: trimesh.Trimesh, others: Sequence[trimesh.Trimesh]) -> float:
-        """Return how far a part sticks out at most [m], be it covered by others or not."""
+        """Return how far a part sticks out [m], including areas that other parts cover."""
         return self.of(part)[0]
 
 
 def split(parts: Sequence[trimesh.Trimesh], excess: Excess, most: int) -> list[trimesh.Trimesh]:
-    """Split parts that stick out, and their pieces, until none does, or there are too many.
+    """Split parts that stick out, and their pieces, until all parts fit or the number of parts reaches `most`.
 
     Args:
         parts: Convex parts that cover the solid.
-        excess: Measures how far they stick out of it.
-        most: The largest number of parts.
+        excess: Measures how far parts stick out of the solid.
+        most: Largest number of parts.
     """
     found, pieces = [], []
     for part in parts:
@@ -95,7 +95,7 @@ def split(parts: Sequence[trimesh.Trimesh], excess: Excess, most: int) -> list[t
 
 
 def _halves(piece: manifold3d.Manifold, where: np.ndarray, away: float) -> tuple[manifold3d.Manifold, ...]:
-    """Return the two sides of the best plane near a place; none if no plane cuts the piece there."""
+    """Return both sides of the best plane near a point, or an empty tuple if no plane cuts the piece there."""
     mesh, best, least = mesh_of(piece), (), np.inf
     near = mesh.vertices[np.linalg.norm(mesh.vertices - where, axis=1) <= _NEAR * away]
     for normal in _normals(mesh):
@@ -114,7 +114,7 @@ def _halves(piece: manifold3d.Manifold, where: np.ndarray, away: float) -> tuple
 
 
 def _normals(mesh: trimesh.Trimesh) -> Iterable[np.ndarray]:
-    """Yield the axes, and the directions that most of the surface faces, either way."""
+    """Yield the axes, and the face normals with the largest total area. Opposite normals count as equal."""
     normals = mesh.face_normals * np.where(mesh.face_normals @ [1.0, 1e-2, 1e-4] < 0.0, -1.0, 1.0)[:, None]
     _, alike = np.unique(np.round(_ALIKE * normals), axis=0, return_inverse=True)
     areas = np.bincount(alike.ravel(), mesh.area_faces)
@@ -126,9 +126,10 @@ def _normals(mesh: trimesh.Trimesh) -> Iterable[np.ndarray]:
 
 
 def small_hull(points: np.ndarray, allowed: float = np.inf) -> trimesh.Trimesh:
-    """Return the convex hull of points (n, 3), or of those farthest in even directions if it has many vertices.
+    """Return the convex hull of points (n, 3), with fewer vertices if it has more than `_MOST_VERTICES`.
 
-    Few of these are where a hull is nearly flat. More are taken there until the others are within `allowed` [m] of it.
+    The reduced hull has the farthest vertices in evenly spread directions. These miss regions that are nearly flat, so
+    more vertices are added until all vertices of the hull are within `allowed` [m].
     """
     hull = convex_hull(points)
     if len(hull.vertices) <= _MOST_VERTICES:
@@ -148,13 +149,13 @@ def small_hull(points: np.ndarray, allowed: float = np.inf) -> trimesh.Trimesh:
 
 
 def hull_or_none(points: np.ndarray, allowed: float = np.inf) -> trimesh.Trimesh | None:
-    """Return the same; None if the points lie in a plane."""
+    """Return `small_hull` of points (n, 3), or None if they are coplanar."""
     flat = hull_of(points).volume() <= 1e-9 * float(np.ptp(points, axis=0).max()) ** 3
     return None if flat else small_hull(points, allowed)
 
 
 def manifold_of(mesh: trimesh.Trimesh) -> manifold3d.Manifold:
-    """Return a closed mesh as a solid; an empty one if edges do not have two faces each.
+    """Convert a closed mesh to a solid. The solid is empty unless each edge has two faces.
 
     Raises:
         MissingExtraError: manifold3d is not installed.
@@ -164,9 +165,9 @@ def manifold_of(mesh: trimesh.Trimesh) -> manifold3d.Manifold:
 
 
 def hull_of(points: np.ndarray) -> manifold3d.Manifold:
-    """Return the convex hull of points (n, 3) as a solid, an empty one if they lie in a plane.
+    """Return the convex hull of points (n, 3) as a solid. It is empty if the points are coplanar.
 
-    Parts become solids in this way, since the faces of nearly flat ones need not form a manifold.
+    Convex parts are converted to solids this way, because the faces of nearly flat parts may not form a manifold.
 
     Raises:
         MissingExtraError: manifold3d is not installed.

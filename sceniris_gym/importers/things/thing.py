@@ -1,4 +1,4 @@
-"""Things as they are read from a file of any format, a tree of links with surfaces and solids, and written as MJCF."""
+"""An imported object as a tree of links with surfaces and solids, read from any format and written as MJCF."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from sceniris_gym.importers.things.grasps import GraspSite
 
 GREY = (0.7, 0.7, 0.7, 1.0)
 LEAST_MOMENT = 1e-14
-"""Moments of inertia that are no larger than this [kg m^2] are none to MuJoCo."""
+"""MuJoCo rejects moments of inertia up to this limit [kg m^2]."""
 
 
 @dataclass(frozen=True)
 class Surface:
-    """Triangles that look alike.
+    """Triangles with the same colour or texture.
 
     Attributes:
-        vertices: In the frame of its link, shape (n, 3).
-        faces: Indices of vertices, counterclockwise as seen from outside, shape (m, 3).
-        rgba: Its colour, each component from 0 to 1.
-        texture: The image that is mapped onto it.
-        uv: Texture coordinates of the vertices, origin at the bottom left, shape (n, 2).
+        vertices: Vertices in the link's frame, shape (n, 3).
+        faces: Vertex indices, counterclockwise as seen from outside, shape (m, 3).
+        rgba: Colour, each component from 0 to 1.
+        texture: Image mapped onto the triangles, or None.
+        uv: Texture coordinates of the vertices, origin at the bottom left, shape (n, 2), or None.
     """
 
     vertices: np.ndarray
@@ -40,20 +40,21 @@ class Surface:
     uv: np.ndarray | None = None
 
     def moved(self, turn: np.ndarray, shift: np.ndarray | float = 0.0) -> Surface:
-        """Return the surface with its vertices times a matrix, shape (3, 3), which may mirror, then shifted."""
+        """Return the surface with its vertices multiplied by a matrix, shape (3, 3), then shifted."""
+        # A matrix that mirrors turns the faces inside out, so their vertex order is reversed.
         faces = self.faces[:, ::-1] if np.linalg.det(turn) < 0.0 else self.faces
         return replace(self, vertices=self.vertices @ turn.T + shift, faces=faces)
 
 
 @dataclass(frozen=True)
 class Joint:
-    """A joint between a link and its parent, about or along an axis through the link's origin.
+    """A joint between a link and its parent. Its axis passes through the link's origin.
 
     Attributes:
-        name: Its name.
+        name: Name of the joint.
         type: "hinge" or "slide".
-        axis: In the link's frame, shape (3,).
-        range: Its limits [rad, or the unit of length]; None without limits.
+        axis: Axis in the link's frame, shape (3,).
+        range: Limits [rad, or the unit of length], or None if unlimited.
     """
 
     name: str
@@ -64,7 +65,7 @@ class Joint:
 
 @dataclass(frozen=True)
 class Inertia:
-    """Mass [kg], centre of mass, and the inertia matrix about it in the link's axes, shape (3, 3)."""
+    """Mass [kg], centre of mass, and inertia matrix about the centre of mass in the link's axes, shape (3, 3)."""
 
     mass: float
     center: np.ndarray
@@ -72,23 +73,23 @@ class Inertia:
 
     @property
     def least(self) -> float:
-        """The least of its principal moments [kg m^2]."""
+        """Smallest principal moment [kg m^2]."""
         return float(np.linalg.eigvalsh(self.matrix)[0])
 
 
 @dataclass(frozen=True)
 class Link:
-    """A rigid part of a thing.
+    """A rigid part of an object.
 
     Attributes:
-        name: Its name.
-        parent: The link that it hangs on; None for the root.
-        pos: Its origin in its parent's frame, shape (3,).
-        quat: Its orientation there, wxyz.
-        joint: The joint to its parent; None if it is fixed.
-        surfaces: Its visual surfaces.
-        solids: Its collision surfaces, if the file has any; else the visual ones serve as such.
-        inertia: Its inertia, if the file gives it.
+        name: Name of the link.
+        parent: Name of the parent link, or None for the root.
+        pos: Origin in the parent's frame, shape (3,).
+        quat: Orientation in the parent's frame, wxyz.
+        joint: Joint to the parent, or None if the link is fixed to it.
+        surfaces: Visual surfaces.
+        solids: Collision surfaces. If empty, the visual surfaces are used.
+        inertia: Inertia from the file, or None.
     """
 
     name: str
@@ -102,25 +103,25 @@ class Link:
 
     @property
     def touched(self) -> tuple[Surface, ...]:
-        """The surfaces that collision geometry is made for."""
+        """Source surfaces of the collision geometry."""
         return self.solids or self.surfaces
 
     def moved(self, turn: np.ndarray, shift: np.ndarray | float = 0.0) -> Link:
-        """Return the link with each of its surfaces moved, in its own frame."""
+        """Return the link with all of its surfaces moved in the link's frame."""
         surfaces, solids = (tuple(s.moved(turn, shift) for s in kind) for kind in (self.surfaces, self.solids))
         return replace(self, surfaces=surfaces, solids=solids)
 
 
 @dataclass(frozen=True)
 class Thing:
-    """A thing as its file describes it.
+    """An object as its file describes it.
 
     Attributes:
-        name: Its name.
-        links: Its links, parents before their children; the first is the root.
-        meters: Metres for each unit of length; None if the file does not say.
-        up: The axis that points up, "x", "y" or "z"; None if the file does not say.
-        notes: Remarks on parts of the file that were interpreted differently, or left out.
+        name: Name of the object.
+        links: Links, parents before their children. The first link is the root.
+        meters: Metres per unit of length, or None if the file does not specify a unit.
+        up: The axis that points up, "x", "y" or "z", or None if the file does not specify it.
+        notes: Remarks on parts of the file that were changed or left out.
     """
 
     name: str
@@ -130,7 +131,7 @@ class Thing:
     notes: tuple[str, ...] = ()
 
     def points(self) -> np.ndarray:
-        """Return all vertices with joints at zero, in the frame of the root, shape (n, 3)."""
+        """Return all vertices in the root's frame, with joints at zero, shape (n, 3)."""
         frames: dict[str | None, tuple[np.ndarray, np.ndarray]] = {None: (np.eye(3), np.zeros(3))}
         found = [np.zeros((0, 3))]
         for link in self.links:
@@ -140,17 +141,17 @@ class Thing:
         return np.concatenate(found)
 
     def extents(self) -> np.ndarray:
-        """Return the lengths of its bounds along its axes, shape (3,)."""
+        """Return the edge lengths of the bounding box, shape (3,)."""
         return np.ptp(points, axis=0) if len(points := self.points()) else np.zeros(3)
 
     def scaled(self, factor: float) -> Thing:
-        """Return the thing in another unit of length; masses stay as they are."""
+        """Return the object in another unit of length. Masses do not change."""
         return replace(self, links=tuple(_scaled(link, factor) for link in self.links))
 
     def moved(self, turn: np.ndarray, shift: np.ndarray) -> Thing:
-        """Return the thing turned by `turn` (3, 3), then shifted by `shift` (3,), in the frame of its root.
+        """Return the object rotated by `turn` (3, 3), then shifted by `shift` (3,), in the root's frame.
 
-        The root link's frame stays at the origin, so what belongs to the root is moved itself.
+        The root link's frame stays at the origin, so the surfaces, inertia and child links of the root are moved.
         """
         root, *rest = self.links
         inertia = root.inertia
@@ -175,18 +176,19 @@ def _scaled(link: Link, factor: float) -> Link:
     return replace(link.moved(factor * np.eye(3)), pos=link.pos * factor, joint=joint, inertia=inertia)
 
 
-_JOINT = {"damping": "0.05", "frictionloss": "0.05"}  # so that a door or drawer stays about where it was left
+_JOINT = {"damping": "0.05", "frictionloss": "0.05"}  # so that a door or drawer stays where it is released
 
 
 def write_asset(thing: Thing, grasps: Sequence[GraspSite], path: Path) -> list[Path]:
-    """Write `path` and the folder of the same name beside it.
+    """Write an MJCF file, and its meshes and images into the folder of the same name next to it.
 
-    File names in the folder begin with the asset's name, as a scene keeps all of them in one place.
+    File names in the folder start with the asset's name, because a scene collects the files of all its assets in one
+    place.
 
     Args:
-        thing: The thing in metres, z up, its root's origin at the asset's; solids of links are their convex parts, and
-            each link has an inertia.
-        grasps: Grasps in the frame of its root.
+        thing: The object in metres, z up, with its root at the asset's origin. The solids of each link are its convex
+            parts, and each link has an inertia.
+        grasps: Grasps in the root's frame.
         path: The MJCF file.
 
     Returns:
@@ -204,7 +206,7 @@ def write_asset(thing: Thing, grasps: Sequence[GraspSite], path: Path) -> list[P
     asset, world = add(root, "asset"), add(root, "worldbody")
     writer = _Writer(folder, asset)
     elements: dict[str | None, ElementTree.Element] = {None: world}
-    taken = {"world"}  # MuJoCo's own body
+    taken = {"world"}  # reserved by MuJoCo
     for link in thing.links:
         pose = {} if link.parent is None else {"pos": _text(link.pos), "quat": _text(link.quat)}
         body = name if link.parent is None else link.name
@@ -226,14 +228,14 @@ def write_asset(thing: Thing, grasps: Sequence[GraspSite], path: Path) -> list[P
         add(elements[thing.links[0].name], "site", {"name": f"grasp_{k}", "size": "0.005", "group": "4", **pose})
     ElementTree.indent(root)
     path.write_text(ElementTree.tostring(root, encoding="unicode") + "\n")
-    # MuJoCo caches meshes by path and modification time in seconds: it would mistake these for those of an earlier
-    # draft that was written just before.
+    # MuJoCo caches meshes by path and modification time in seconds. Without this call, it could load the meshes of an
+    # earlier draft written in the same second.
     mujoco.mj_clearCache(mujoco.mj_getCache())
     return [path, *writer.files]
 
 
 class _Writer:
-    """Numbers the meshes, materials and pictures of an asset, and writes them."""
+    """Numbers and writes the meshes, materials and images of an asset."""
 
     def __init__(self, folder: Path, asset: ElementTree.Element) -> None:
         self._folder, self._asset = folder, asset
@@ -253,7 +255,7 @@ class _Writer:
     def _mesh(
         self, body: ElementTree.Element, surface: Surface, name: str, file: str, geom: dict[str, str], **mesh: Any
     ) -> None:
-        """Write a surface as a mesh of this name, and add a geom of it to a body."""
+        """Write a surface as a mesh file, and add a geom with this mesh to a body."""
         lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in surface.vertices]
         if surface.uv is not None:
             lines += [f"vt {u:.7g} {v:.7g}" for u, v in surface.uv]

@@ -1,4 +1,4 @@
-"""Reads USD: the meshes of a stage and their materials, with usd-core, which importing this module needs."""
+"""Reads the meshes and materials of a USD stage. Importing this module requires usd-core."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from sceniris_gym.importers.things.thing import GREY, Link, Surface, Thing
 
 
 def read_usd(path: Path) -> Thing:
-    """Read all visible meshes and primitives of a stage, at its first time, as a thing of one link.
+    """Read all visible meshes and primitives of a stage, at its earliest time, as an object with one link.
 
-    Each instance of a prototype is read; a PointInstancer is refused.
+    Every instance of a prototype is read.
 
     Raises:
         SceneFileError: The file cannot be read, or refers to a file that does not exist.
-        NotSupportedError: It has a PointInstancer.
+        NotSupportedError: The stage has a PointInstancer.
     """
     try:
         stage = Usd.Stage.Open(str(path))
@@ -31,19 +31,19 @@ def read_usd(path: Path) -> Thing:
         raise SceneFileError(f"{path}: usd-core cannot read it: {str(error).strip().splitlines()[-1]:.200}") from None
     if errors := stage.GetCompositionErrors():
         raise SceneFileError(
-            f"{path}: something that it refers to is missing or wrong: {str(errors[0]).strip(' .'):.300}. Put the file "
-            "where the stage looks for it, or export the stage as one file."
+            f"{path}: the stage refers to a missing or invalid file: {str(errors[0]).strip(' .'):.300}. Put the file "
+            "where the stage expects it, or export the stage as one file."
         )
     time, notes, found = Usd.TimeCode.EarliestTime(), [], []
     poses = UsdGeom.XformCache(time)
     for prim in stage.Traverse(Usd.TraverseInstanceProxies()):
         if prim.IsA(UsdGeom.PointInstancer):
             raise NotSupportedError(
-                f"{path}: '{prim.GetPath()}' is a PointInstancer, which is a scene rather than a thing. Import its "
-                "prototype as a file of its own, and place it as often as you like in a scene file."
+                f"{path}: '{prim.GetPath()}' is a PointInstancer, which is a scene and not an object. Export its "
+                "prototype as a separate file, import that, and place the asset several times in a scene file."
             )
         if prim.HasAPI("PhysicsDriveAPI") or prim.GetTypeName() in ("PhysicsRevoluteJoint", "PhysicsPrismaticJoint"):
-            notes.append(f"the joint '{prim.GetPath()}' is left out: all is one rigid body")
+            notes.append(f"the joint '{prim.GetPath()}' is left out: the asset is one rigid body")
         if not prim.IsA(UsdGeom.Gprim) or UsdGeom.Imageable(prim).ComputeVisibility(time) == "invisible":
             continue
         if UsdGeom.Imageable(prim).ComputePurpose() not in ("default", "render"):
@@ -55,7 +55,7 @@ def read_usd(path: Path) -> Thing:
 
 
 def _surfaces(prim: Any, time: Any) -> Iterator[Surface]:
-    """Yield the triangles of a mesh, or of a primitive, in its own frame."""
+    """Yield the triangles of a mesh or primitive in the prim's frame."""
     colours = UsdGeom.Gprim(prim).GetDisplayColorAttr().Get(time)
     rgba = (*(float(c) for c in np.mean(np.array(colours), axis=0)), 1.0) if colours else GREY
     if not prim.IsA(UsdGeom.Mesh):
@@ -70,22 +70,22 @@ def _surfaces(prim: Any, time: Any) -> Iterator[Surface]:
         return
     if corners.min(initial=0) < 0 or counts.sum() != len(corners) or corners.max(initial=-1) >= len(points):
         raise SceneFileError(
-            f"{prim.GetStage().GetRootLayer().realPath}: faces of '{prim.GetPath()}' have corners that it lacks. "
-            "Export it again."
+            f"{prim.GetStage().GetRootLayer().realPath}: faces of '{prim.GetPath()}' refer to vertices that do "
+            "not exist. Export it again."
         )
     triangles = _fans(counts)
     if mesh.GetOrientationAttr().Get(time) == "leftHanded":
         triangles = triangles[:, ::-1]
     colour, texture = _material(prim)
     uv = _coordinates(prim, time, corners, len(points)) if texture is not None else None
-    if uv is not None:  # a vertex of its own for each corner of a face, as textures may have seams
+    if uv is not None:  # a separate vertex per corner of a face, because textures may have seams
         yield Surface(points[corners], triangles, (1.0, 1.0, 1.0, 1.0), texture, uv)
     else:
         yield Surface(points, corners[triangles], rgba if colour is None else colour)
 
 
 def _fans(counts: np.ndarray) -> np.ndarray:
-    """Return polygons as fans of triangles: indices of corners, shape (n, 3)."""
+    """Split polygons into fans of triangles. Return corner indices, shape (n, 3)."""
     first = np.cumsum(counts) - counts
     fans = [first[counts > i + 2, None] + [0, i + 1, i + 2] for i in range(int(counts.max()) - 2)]
     return np.concatenate([*fans, np.zeros((0, 3), int)])
@@ -112,7 +112,7 @@ def _primitive(prim: Any, time: Any) -> Any:
 
 
 def _material(prim: Any) -> tuple[tuple[float, ...] | None, Any]:
-    """Return the colour, or the picture, of the preview surface that is bound to a prim."""
+    """Return the colour or the image of a prim's preview surface."""
     material, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()
     shader = material.ComputeSurfaceSource()[0] if material else None
     diffuse = shader.GetInput("diffuseColor") if shader else None
@@ -127,7 +127,7 @@ def _material(prim: Any) -> tuple[tuple[float, ...] | None, Any]:
 
 
 def _picture(asset: Any) -> Any:
-    """Return the picture at a path of an asset, which may be inside an archive; None if there is none."""
+    """Load an image at an asset path, which may be inside an archive. Return None if it cannot be read."""
     if asset is None or not asset.resolvedPath:
         return None
     opened = Ar.GetResolver().OpenAsset(Ar.ResolvedPath(asset.resolvedPath))
@@ -135,12 +135,12 @@ def _picture(asset: Any) -> Any:
         return None
     try:
         return Image.open(io.BytesIO(bytes(opened.GetBuffer()))).convert("RGB")
-    except OSError:  # Pillow's own error about unknown formats is one
+    except OSError:  # Pillow's UnidentifiedImageError is an OSError
         return None
 
 
 def _coordinates(prim: Any, time: Any, corners: np.ndarray, npoint: int) -> np.ndarray | None:
-    """Return the texture coordinates of each corner of a face, shape (ncorner, 2)."""
+    """Return the texture coordinates of all face corners, shape (ncorner, 2), or None."""
     api = UsdGeom.PrimvarsAPI(prim)
     uv = next((api.GetPrimvar(name) for name in ("st", "UVMap", "uv", "st_0") if api.HasPrimvar(name)), None)
     values = None if uv is None else uv.ComputeFlattened(time)

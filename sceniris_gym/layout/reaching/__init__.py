@@ -1,1 +1,1 @@
-"""The reach stage of a reset, which follows placing: tiers `ik` and `clear`."""
+"""The reach stage of a reset, after placing, for the tiers `ik` and `clear`."""

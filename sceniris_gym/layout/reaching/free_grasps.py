@@ -1,9 +1,9 @@
-"""Free grasps: each object that is placed has to leave one to every reach target of tier `clear` placed before it.
+"""Free grasps: every object has to leave a free grasp to each reach target of tier `clear` placed before it.
 
-A grasp is *free* if the arm's map accepts it and the hand in it is clear of all objects that were placed after the
-target. A candidate that leaves a target none is rejected with the cause BLOCKED, so that another trial of the same
-object follows, not another restart. The stage after placing goes on with free grasps. Targets that are placed before
-their robot are exempt.
+A grasp is *free* if the arm's map accepts it and the hand is clear of all objects placed after the target. A candidate
+that blocks the last free grasp of a target is rejected with the cause BLOCKED. Another trial of the same object then
+follows, which costs less than another restart. The reach stage tries only free grasps. Targets placed before their
+robot are exempt.
 """
 
 import warp as wp
@@ -24,7 +24,7 @@ _OPTIONS = {"enable_backward": False, "fuse_fp": False}
 wp.set_module_options(_OPTIONS)
 
 _SLACK = wp.constant(1.0e-3)
-"""Distance [m] between spheres up to which things are tested: far more than rounding is worth."""
+"""Pairs of spheres within this distance [m] are tested exactly. It is far above rounding errors."""
 
 
 @wp.kernel
@@ -45,13 +45,13 @@ def _pose_hands(
 
 
 def launch_pose_hands(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
-    """Pose the hand at each grasp in the frame of the grasped body; joints outside the gripper are at home."""
+    """Pose the hand at each grasp in the frame of the grasped body, with joints outside the gripper at home."""
     work.launch(_pose_hands, reach.early_grasp.shape[0], [work.program, reach], reach_search)
 
 
 @wp.func
 def _needs_free_grasp(reach: Reach, layouts: LayoutsView, row: int, obj: int, column: int) -> bool:
-    """Return True if a candidate of an object has to leave a reach target of this arm a free grasp."""
+    """Return True if a candidate of an object has to leave a free grasp to a reach target of this arm."""
     if reach.reach_arm[column] != reach.number or reach.reach_obj[column] >= obj:
         return False
     return reach.reach_early[column] and layouts.present[row, reach.reach_slot[column]] != 0
@@ -59,7 +59,7 @@ def _needs_free_grasp(reach: Reach, layouts: LayoutsView, row: int, obj: int, co
 
 @wp.func
 def _is_accepted(reach: Reach, layouts: LayoutsView, search: Search, c: int, column: int, grasp: int) -> bool:
-    """Return True if a candidate of the target has a grasp in its stable pose, and the map accepts it."""
+    """Return True if a grasp belongs to the stable pose of a target's candidate, and the map accepts it."""
     number = grasp - reach.stable_graspadr[search.stable_draw[c].stable]
     if number < 0 or number >= reach.stable_graspnum[search.stable_draw[c].stable]:
         return False
@@ -70,7 +70,7 @@ def _is_accepted(reach: Reach, layouts: LayoutsView, search: Search, c: int, col
 
 @wp.func
 def _pairs_of(program: Program, reach: Reach, column: int, obj: int):
-    """Return address and number of the broad-phase pairs of the hand with an object."""
+    """Return address and number of the broad-phase pairs between the hand and an object."""
     i = column * (program.nobject + 1) + obj
     before = reach.hand_before[i]
     return reach.arm_broadadr[reach.arm_hand[column]] + before, reach.hand_before[i + 1] - before
@@ -207,11 +207,11 @@ def _reject_blocked(
 
 
 OWN_KERNELS = [_test_hands]
-"""The kernels with a module of their own."""
+"""Kernels in separate modules."""
 
 
 def launch_test_hands(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
-    """Find the grasps that each candidate leaves free, after all its other tests; reject those that leave none."""
+    """Find the free grasps of candidates that passed all other tests. Reject candidates that leave no free grasp."""
     inputs, blocks = [work.program, reach, work.layouts, work.search], min(work.size.blocks, len(reach_search.failed))
     work.launch_lanes(_queue_hands, inputs, reach_search)
     work.launch_blocks(_test_hands, inputs, reach_search, blocks=blocks)

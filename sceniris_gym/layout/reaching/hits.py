@@ -15,7 +15,7 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 @wp.func
 def _pairs_of(reach: Reach, reach_search: ReachSearch, step: int, row: int) -> int:
-    """Return the list of pairs that a step tests for the reach target of a row."""
+    """Return the index of the list of pairs that a step tests for a row's reach target."""
     column = reach_search.column[row]
     if step < ReachStep.HAND_AND_TARGET:
         return reach.arm_hand[column]
@@ -99,7 +99,7 @@ def _test_containment(
 def launch_test_arm(
     work: Workspace, reach: Reach, first: ReachStep, last: ReachStep, reach_search: ReachSearch
 ) -> None:
-    """Test candidates at the steps from `first` to `last`, all of which have the pose that they are in now."""
+    """Test candidates in their current pose, for the steps from `first` to `last`."""
     for test in (_test, _test_containment) if work.program.visual else (_test,):
         inputs = [work.program, reach, int(first), int(last), work.layouts]
         work.launch_blocks(test, inputs, reach_search)

@@ -1,4 +1,4 @@
-"""Poses of a candidate's robot in its grasp or pre-grasp: the hand alone, or all of it. One lane per candidate."""
+"""Poses of a candidate's hand or whole robot in its grasp or pre-grasp. One lane per candidate."""
 
 import warp as wp
 
@@ -16,12 +16,12 @@ from sceniris_gym.reach.solve import vec8
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 OPENING_MARGIN = 0.01
-"""Gap [m] by which the gripper opens beyond what the grasp needs, within its range."""
+"""The gripper opens by this gap [m] more than the grasp needs, within its range."""
 
 
 @wp.func
 def take_joints(program: Program, bodies: wp.array[int], from_qpos: wp.array[float], qpos: wp.array[float]):
-    """Copy the joints of bodies from the layout."""
+    """Copy the positions of the joints of bodies from `from_qpos` to `qpos`."""
     for i in range(bodies.shape[0]):
         body = bodies[i]
         for joint in range(program.body_jntadr[body], program.body_jntadr[body] + program.body_jntnum[body]):
@@ -39,7 +39,7 @@ def open_gripper(reach: Reach, grasp: int, qpos: wp.array[float]):
 
 @wp.func
 def set_gripper(reach: Reach, share: float, qpos: wp.array[float]):
-    """Open the gripper by a share: 0 is closed, 1 open."""
+    """Open the gripper to a fraction of its range, from 0 (closed) to 1 (open)."""
     for i in range(reach.grip_qposadr.shape[0]):
         joint = reach.grip_closed[i] + wp.clamp(share, 0.0, 1.0) * (reach.grip_open[i] - reach.grip_closed[i])
         qpos[reach.grip_qposadr[i]] = joint
@@ -73,7 +73,7 @@ def pose_hand(
 
 @wp.func
 def in_base(reach: Reach, layouts: LayoutsView, row: int, pos: wp.vec3, quat: wp.vec4):
-    """Return a pose of the TCP, which is given in the world, in the frame of the arm's base."""
+    """Transform a pose of the TCP from the world frame to the frame of the arm's base."""
     back = neg_quat(layouts.body_quat[row, reach.base_body])
     return rot_vec_quat(pos - layouts.body_pos[row, reach.base_body], back), wp.normalize(mul_quat(back, quat))
 
@@ -89,7 +89,7 @@ def pose_arm(
     body_pos: wp.array[wp.vec3],
     body_quat: wp.array[wp.vec4],
 ):
-    """Pose a robot with these joints of its arm, its base where the row has it; `qpos` has its other joints."""
+    """Pose a robot with these joints of its arm, other joints from `qpos`, and its base at the row's pose."""
     for i in range(MAX_JOINTS):
         if i < reach.arm.njoint:
             qpos[reach.arm_qposadr[i]] = joints[i]
@@ -101,11 +101,12 @@ def pose_arm(
 
 @wp.func
 def _is_deferred(reach_search: ReachSearch, at_once: int, c: int) -> bool:
-    """Return True if enough candidates before this one have joints: the first that passes wins, most often the first.
+    """Return True if a candidate's test can wait, because enough earlier candidates of its row have joints.
 
-    More are tested where some have failed, and where the wave has few rows for the `at_once` candidates that a launch
-    tests as fast as one; all are where rows wait for room, which bounds the number of waves. Other lanes may defer the
-    candidates before it meanwhile.
+    The first valid candidate wins, which usually is the row's first candidate. More candidates are tested after
+    failures, and in waves with few rows, because a launch tests `at_once` candidates as fast as one. If rows wait for
+    room, all candidates are tested, which bounds the number of waves. Other lanes may defer earlier candidates at the
+    same time, so deferred candidates also count as earlier ones.
     """
     if reach_search.candidates[0] > reach_search.failed.shape[0]:
         return False
@@ -157,7 +158,7 @@ def _pose(
 
 
 def launch_pose(work: Workspace, reach: Reach, step: ReachStep, reach_search: ReachSearch) -> None:
-    """Pose the robot of each candidate as a step tests it, the hand alone before there are joints. Defer some."""
-    # on an H200 1,000 more take 0.1 ms longer; with starts hardly any first joints fail
+    """Pose the robot of each candidate for a step, or only its hand if joints are not solved yet. Defer some tests."""
+    # On an H200, 1,000 more candidates take 0.1 ms longer. In scenes with starts, the first joints hardly ever fail.
     at_once = work.size.blocks // (2 if work.compiled.starts is None else 16)
     work.launch_lanes(_pose, [work.program, reach, int(step), at_once, work.layouts], reach_search)

@@ -1,9 +1,9 @@
-"""`ReachSearch`: the state of a search for joints of grasps: a queue of rows, and their candidates.
+"""`ReachSearch`: the state of a search for joints of grasps, with a queue of rows and their candidates.
 
-A row that has placed all its objects works through its arms in order, through the reach targets of each arm, and
-through the grasps of each target. A *candidate* is one start of the inverse kinematics for one grasp. It takes the
-steps of `ReachStep` in order; the lowest (grasp, start) that passes all of them is kept. Steps that do not depend on
-the arm's joints are taken once per grasp, by its first start.
+A row with all objects placed works through its arms in order, through the reach targets of each arm, and through the
+grasps of each target. A *candidate* is one start of the inverse kinematics for one grasp. It takes the steps of
+`ReachStep` in order, and the lowest (grasp, start) that passes all steps is kept. Steps that do not depend on the arm's
+joints are taken once per grasp, by its first start.
 """
 
 from enum import IntEnum
@@ -20,30 +20,30 @@ from sceniris_gym.reach.solve import vec8
 PREGRASP_DISTANCE = 0.08
 """Distance [m] of a pre-grasp from its grasp, back along the approach axis."""
 STARTS = 8
-"""Starts of the inverse kinematics for each grasp: the arm's present pose, witnesses of its map, then random joints."""
+"""Starts of the inverse kinematics per grasp: the arm's present pose, witnesses of its map, then random joints."""
 MOST_AT_ONCE = 8 * STARTS
-"""Most candidates of a row in a wave; a single lane goes through them at the end."""
+"""Most candidates of a row in a wave. It is bounded because a single lane goes through them at the end."""
 IN_HAND = Tier.CLEAR + 1
-"""The tier of a target that is tested in the hand of a robot at its start, away from where it was placed."""
+"""The tier of a target that is tested in the robot's hand at a start, away from its place."""
 
 
 class ReachStep(IntEnum):
-    """Tests of a candidate, in this order. The first four depend on the grasp alone, the others on the start as well.
+    """Tests of a candidate, in this order. The first four depend only on the grasp, the others also on the start.
 
-    The tier `ik` takes MAP, IK_AT_GRASP and SELF_AT_GRASP only.
+    The tier `ik` takes only MAP, IK_AT_GRASP and SELF_AT_GRASP.
     """
 
     DEFERRED = -1
-    """No test: it has joints, but this wave only tests those of earlier candidates of its row."""
+    """No test: the candidate has joints, but this wave only tests earlier candidates of its row."""
     MAP = 0
     """The grasp does not approach from below, and the arm's map accepts it."""
     HAND_AT_GRASP = 1
-    """The hand alone is clear of the layout."""
+    """The hand, without the arm, is clear of the layout."""
     HAND_AT_PREGRASP = 2
     HAND_AND_TARGET = 3
-    """In the pre-grasp the hand alone is clear of its target."""
+    """In the pre-grasp, the hand is clear of its target."""
     IK_AT_GRASP = 4
-    """Inverse kinematics finds joints for the grasp; for the pre-grasp it starts from these."""
+    """Inverse kinematics finds joints for the grasp. They are also the start for the pre-grasp."""
     IK_AT_PREGRASP = 5
     SELF_AT_GRASP = 6
     """The robot is clear of itself."""
@@ -60,29 +60,29 @@ class ReachSearch:
     """The arrays of a search for joints on the device."""
 
     # Rows
-    arm: wp.array[int]  # the arm that it is at
-    column: wp.array[int]  # the reach target that it is at
+    arm: wp.array[int]  # the current arm
+    column: wp.array[int]  # the current reach target
     number: wp.array[int]  # number of the next start, counted over all grasps from the first that the map accepts
-    total: wp.array[int]  # candidates that this target has in all
+    total: wp.array[int]  # total number of candidates of this target
     tried: wp.array[int]  # starts of this target that have failed so far
-    tier: wp.array2d[int]  # of each target: its own, or what the start of the row's world asks for
+    tier: wp.array2d[int]  # the required tier of each target, from the scene file or the start of the row's world
     furthest: wp.array[int]  # the last step that any candidate of this target reached
     first: wp.array[int]  # the row's first candidate in this wave
-    trials: wp.array[int]  # the number of its candidates; 0 if the wave has no room for them
+    trials: wp.array[int]  # number of the row's candidates, 0 if the wave has no room for them
     queue: wp.array2d[int]  # rows that continue: two lists, one read and one written
     # Counts
     rows_left: wp.array[int]
-    source: wp.array[int]  # the list of `queue` that is read
-    rows: wp.array[int]  # number of rows in that list
+    source: wp.array[int]  # the list of `queue` to read
+    rows: wp.array[int]  # number of rows in this list
     candidates: wp.array[int]
     # Candidates
     row: wp.array[int]
     grasp: wp.array[int]
     start: wp.array[int]
-    failed: wp.array[int]  # the step that it failed at; PASSED if it failed at none, DEFERRED if it is tried again
+    failed: wp.array[int]  # the failed step, PASSED if all steps passed, or DEFERRED if the candidate is tried again
     grasp_qpos: wp.array[vec8]  # the arm's joints: first the start, then the solution for the grasp
     pregrasp_qpos: wp.array[vec8]
-    # The state of the robot, posed for a test; other entries are not used.
+    # The state of the robot, posed for a test. Entries of other bodies are not used.
     qpos: wp.array2d[float]
     body_pos: wp.array2d[wp.vec3]
     body_quat: wp.array2d[wp.vec4]
@@ -94,7 +94,7 @@ class ReachSearch:
 
 @wp.func
 def candidate_num(reach_search: ReachSearch) -> int:
-    """Return the number of candidates in this wave: as many as rows asked for, up to the capacity."""
+    """Return the number of candidates in this wave. The count itself may exceed the capacity."""
     return wp.min(reach_search.candidates[0], reach_search.failed.shape[0])
 
 
@@ -125,7 +125,7 @@ def queue_target(reach_search: ReachSearch, row: int, column: int, total: int):
 
 @wp.func
 def first_start(reach_search: ReachSearch, c: int) -> int:
-    """Return the candidate of a grasp's first start, whose result holds for all; -1 if it was in an earlier wave."""
+    """Return the candidate with a grasp's first start, or -1 if an earlier wave had it. Its result holds for all."""
     found = c - reach_search.start[c]
     if found < reach_search.first[reach_search.row[c]]:
         return -1
@@ -134,7 +134,7 @@ def first_start(reach_search: ReachSearch, c: int) -> int:
 
 @wp.func
 def takes_step(reach_search: ReachSearch, c: int, step: int) -> bool:
-    """Return True if a candidate takes a step itself, and has not failed before it."""
+    """Return True if a candidate has passed all steps before a step, and takes this step itself."""
     if reach_search.failed[c] < step:
         return False
     if step < ReachStep.IK_AT_GRASP and reach_search.start[c] != 0:
@@ -146,7 +146,7 @@ def takes_step(reach_search: ReachSearch, c: int, step: int) -> bool:
 
 
 def create_reach_search(compiled: CompiledScene, nrow: int, size: SearchSize, early: int = 0) -> ReachSearch:
-    """Allocate the arrays of a search for the joints of `nrow` rows."""
+    """Allocate the arrays of a search for joints in `nrow` rows."""
     ncand, mjm, reaching = min(size.grasps, nrow * MOST_AT_ONCE), compiled.mjm, compiled.reaching
     assert reaching is not None
     s = ReachSearch()

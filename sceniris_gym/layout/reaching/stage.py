@@ -1,7 +1,7 @@
 """The reach stage of a reset, for the tiers `ik` and `clear`: find joints for a grasp of every reach target.
 
-It follows placing. A world in which a target has no such joints continues with its next restart, or falls back on the
-bank if it has none left. The stage plans no path from the start pose.
+The stage follows placing. If a target has no such joints, the world continues with its next restart, or falls back to
+the bank after its last restart. The stage does not plan a path from the start pose.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ class ReachStage:
     """A search for joints of grasps in all waiting rows, in waves of candidates.
 
     Args:
-        work: The arrays of the generator, whose capacities affect the speed and never the result.
-        reaching: The arms of its scene and their reach targets.
+        work: The arrays of the generator. Their capacities affect only the speed, not the result.
+        reaching: The arms of the scene and their reach targets.
     """
 
     def __init__(self, work: Workspace, reaching: Reaching) -> None:
@@ -36,29 +36,29 @@ class ReachStage:
         self._arms = [(one.view, number in asked) for number, one in enumerate(reaching.arms)]
         self.search = create_reach_search(work.compiled, work.nrow, work.size, work.search.free.shape[1])
         self._early = [reach for reach, clear in self._arms if clear and work.search.free.shape[1] > 0]
-        # every wave either tries at least one candidate of each row, or is filled to its capacity
+        # every wave tries at least one candidate of each row, or fills its capacity
         most = sum(STARTS * len(t.grasp_set.grasps) for t in reaching.targets)
         most = most if work.compiled.starts is None else max(most, TRIALS)
         self._most_waves = most + -(-work.nrow * most // self.search.failed.shape[0])
 
     def launch_begin(self) -> None:
-        """Clear the queue of rows, which is not empty if earlier launches were interrupted."""
+        """Clear the queue of rows, because an interrupt of earlier launches may have left entries."""
         self.search.rows_left.zero_()
 
     def launch_pose_hands(self) -> None:
-        """Pose the hand at each grasp that objects may block, once and for all."""
+        """Pose the hand at each grasp that objects may block. Once per generator."""
         for reach in self._early:
             launch_pose_hands(self._work, reach, self.search)
 
     def launch_test_hands(self) -> None:
-        """Reject candidates that leave a target of tier `clear` no free grasp."""
+        """Reject candidates that block the last free grasp of a target of tier `clear`."""
         for reach in self._early:
             launch_test_hands(self._work, reach, self.search)
 
     def launch(self) -> None:
-        """Find joints in all waiting rows. The lowest restart that has them becomes the best of its world.
+        """Find joints in all waiting rows. The lowest restart with joints becomes the best of its world.
 
-        In scenes with starts its arm goes there; a restart without a start that is clear of everything has failed.
+        In scenes with starts, the arm then moves to its start. A restart without a collision-free start fails.
         """
         for reach, clear in self._arms:
             launch_open_rows(self._work, reach, self.search)
@@ -68,7 +68,7 @@ class ReachStage:
             repeat_launches(self.search.rows_left, partial(self._start_wave, reach), self._most_waves)
 
     def _wave(self, reach: Reach, clear: bool) -> None:
-        """Open candidates, run their steps, and keep the first candidate of each row that passes."""
+        """Open candidates, run their steps, and keep the first valid candidate of each row."""
         work, search = self._work, self.search
         launch_open_wave(work, reach, search)
         launch_look_up(work, reach, search)
@@ -82,12 +82,12 @@ class ReachStage:
         launch_accept_grasps(work, reach, search)
 
     def _test(self, reach: Reach, first: ReachStep, last: ReachStep) -> None:
-        """Pose the robot of each candidate, and test it at the steps that have this pose."""
+        """Pose the robot of each candidate, and run the steps from `first` to `last`, which share this pose."""
         launch_pose(self._work, reach, first, self.search)
         launch_test_arm(self._work, reach, first, last, self.search)
 
     def _start_wave(self, reach: Reach) -> None:
-        """Pose candidates of starts, test them, and keep the first of each row that passes."""
+        """Pose candidates of starts, test them, and keep the first valid candidate of each row."""
         work, search = self._work, self.search
         launch_open_wave(work, reach, search)
         launch_pose_start(work, reach, search)

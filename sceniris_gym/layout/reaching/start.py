@@ -1,8 +1,8 @@
-"""Starts, which follow the reach stage: bring the arm to its start, and what it holds with it.
+"""Starts, after the reach stage: move the arm and its held object to the start.
 
-A layout whose kind of start has an arm at an object takes it to the pre-grasp or to the grasp that the reach stage
-found. Lifted and held things are tried at several heights and joints; the first that is clear of everything wins. A
-restart without one has failed, and the next one follows. A *candidate* here is one such trial, in a `ReachSearch`.
+If the kind of start has an arm at an object, the arm moves to the pre-grasp or the grasp from the reach stage. Lifted
+and held objects are tried at several heights and joints, and the first collision-free trial wins. Without such a trial
+the restart fails, and the next restart follows. A *candidate* here is one such trial, in a `ReachSearch`.
 """
 
 import warp as wp
@@ -34,10 +34,10 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 TRIALS = 64
 """Trials of a restart whose kind of start draws heights or joints."""
-# Greatest distance [m] of the TCP from a grasp. At the limit of a joint the inverse kinematics of `ik` ends up to a
-# millimetre away, and the fingers would be in what they hold by as much.
+# Greatest distance [m] of the TCP from a grasp. At the limit of a joint, the tier `ik` accepts up to a millimetre, and
+# the fingers would then penetrate the held object by a millimetre.
 _EXACT = wp.constant(1.0e-4)
-# Numbers of the uniform numbers of a trial, behind those of the joints.
+# Indices of a trial's random numbers for height and grasp, after the indices of the joints.
 _HEIGHT, _GRASP = MAX_JOINTS, MAX_JOINTS + 1
 
 
@@ -65,13 +65,13 @@ def _queue_starts(
 
 
 def launch_queue_starts(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
-    """Queue the worlds whose restart is done and whose start has this arm at an object."""
+    """Queue the worlds with a finished restart whose start has this arm at an object."""
     work.launch(_queue_starts, work.nworld, [reach, work.compiled.starts], work.layouts, work.search, reach_search)
 
 
 @wp.func
 def _grip_pose(reach: Reach, starts: Starts, layouts: LayoutsView, row: int, grasp: int):
-    """Return position and orientation of the TCP in a closed grasp of the object where it was placed."""
+    """Return position and orientation of the TCP in a closed grasp of the object at its place."""
     body = reach.grasp_body[grasp]
     quat = layouts.body_quat[row, body]
     pos = layouts.body_pos[row, body] + rot_vec_quat(starts.grip_pos[grasp], quat)
@@ -80,7 +80,7 @@ def _grip_pose(reach: Reach, starts: Starts, layouts: LayoutsView, row: int, gra
 
 @wp.func
 def _drawn_grasp(reach: Reach, starts: Starts, kind: int, stable: int, u: float) -> int:
-    """Draw one of the grasps of a stable pose that count; each is as likely as any other."""
+    """Draw a grasp of a stable pose, uniformly among the grasps that the kind of start can use."""
     adr = reach.stable_graspadr[stable]
     num = int(0)
     for grasp in range(adr, adr + reach.stable_graspnum[stable]):
@@ -97,7 +97,7 @@ def _drawn_grasp(reach: Reach, starts: Starts, kind: int, stable: int, u: float)
 
 @wp.func
 def _uniform(layouts: LayoutsView, search: Search, split: wp.uint32, row: int, trial: int, number: int) -> float:
-    """Return a uniform number of a trial of a row."""
+    """Return a uniform random number of a row's trial."""
     worldid = search.row_world[row]
     seed, episode = layouts.pending_seed[worldid], layouts.pending_episode[worldid]
     named = 1 + search.row_restart[row] * wp.static(TRIALS) + trial
@@ -108,7 +108,7 @@ def _uniform(layouts: LayoutsView, search: Search, split: wp.uint32, row: int, t
 def _carry(
     program: Program, reach: Reach, starts: Starts, layouts: LayoutsView, row: int, reach_search: ReachSearch, c: int
 ):
-    """Move the object of a posed candidate into its hand, as a whole."""
+    """Move the object of a posed candidate rigidly into the robot's hand."""
     old_pos, old_quat = _grip_pose(reach, starts, layouts, row, reach_search.grasp[c])
     hand = reach.hand_body[0]
     new_quat = mul_quat(reach_search.body_quat[c, hand], neg_quat(reach.hand_quat))
@@ -186,7 +186,7 @@ def _pose(
 
 
 def launch_pose_start(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
-    """Pose the robot of each candidate, and what it holds. Candidates fail where no joints lead there."""
+    """Pose the robot of each candidate with its held object. Candidates without an exact solution for joints fail."""
     inputs = [work.program, reach, work.compiled.starts, work.split, work.layouts, work.search]
     work.launch_lanes(_pose, inputs, reach_search)
 
@@ -227,8 +227,9 @@ def _accept(
 
 
 def launch_accept_starts(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
-    """Keep the first candidate of each row that passed. A row without one goes on; out of trials, it has failed.
+    """Keep the first candidate of each row that passed. Other rows continue, or fail after their last trial.
 
-    The bodies of a row stay posed as they were placed.
+    A start only changes positions of joints and mocap bodies. `body_pos` and `body_quat` of the row keep the placed
+    poses.
     """
     work.launch_lanes(_accept, [work.program, reach], work.layouts, work.search, reach_search)

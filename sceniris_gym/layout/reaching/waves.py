@@ -1,7 +1,7 @@
-"""Waves of the reach stage: open candidates of waiting rows, and keep the first candidate of each that passes.
+"""Waves of the reach stage: open candidates of waiting rows, and keep the first candidate of each row that passes.
 
-The candidates of a row are its next grasps and starts. Those after the one that is kept are not counted, so the
-result does not depend on how many are tried at once.
+The candidates of a row are its next grasps and starts. Candidates after the kept candidate do not count, so the result
+does not depend on the number of candidates tried in parallel.
 """
 
 import warp as wp
@@ -33,7 +33,7 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 @wp.func
 def _take_first_through(reach: Reach, layouts: LayoutsView, row: int, column: int):
-    """Write the grasp that the arm's base was accepted for, where the base was placed after the target."""
+    """Write the first grasp that the map accepts, for a target placed before the arm's base."""
     body_pos = layouts.body_pos[row]
     body_quat = layouts.body_quat[row]
     base = pose_of(body_pos[reach.base_body], body_quat[reach.base_body])
@@ -43,7 +43,7 @@ def _take_first_through(reach: Reach, layouts: LayoutsView, row: int, column: in
 
 @wp.func
 def _skip_blocked(reach: Reach, layouts: LayoutsView, search: Search, row: int, column: int):
-    """Write the lowest free grasp of a target that every object had to leave one."""
+    """Write the lowest free grasp of a target whose free grasps were tracked while placing."""
     for early in range(reach.early_grasp.shape[0]):
         grasp = reach.early_grasp[reach.early_grasp.shape[0] - 1 - early]
         if reach.grasp_reach[grasp] == column and search.row_free[row, reach.early_grasp.shape[0] - 1 - early]:
@@ -52,16 +52,16 @@ def _skip_blocked(reach: Reach, layouts: LayoutsView, search: Search, row: int, 
 
 @wp.func
 def _first_grasp(reach: Reach, layouts: LayoutsView, row: int, column: int) -> int:
-    """Return the first grasp of a target to try: while placing, the map rejected all before it."""
+    """Return the first grasp of a target to try. While placing, the map rejected all grasps before it."""
     return reach.reach_graspadr[column] + layouts.grasp[row, column]
 
 
 @wp.func
 def _move_to(reach: Reach, layouts: LayoutsView, search: Search, reach_search: ReachSearch, row: int, column: int):
-    """Move a row to the arm's first target from `column` on that is present and of tier `ik` or `clear`.
+    """Move a row to the arm's first present target from `column` on of tier `ik` or `clear`.
 
-    Absent targets on the way get no grasp. After the last target the row moves to the next arm; after the last arm
-    it is done: its restart becomes the best of its world, unless an earlier one is.
+    Absent targets before it get no grasp. After the last target, the row moves to the next arm. After the last arm, the
+    row is finished, and its restart becomes the best of its world unless an earlier restart has finished.
     """
     found = int(column)
     columns = layouts.grasp.shape[1]
@@ -89,9 +89,10 @@ def _move_to(reach: Reach, layouts: LayoutsView, search: Search, reach_search: R
 
 @wp.func
 def _first_waiting(reach: Reach, search: Search, row: int) -> int:
-    """Return the row of the first restart of a row's world that waits, -1 for none; with several arms the row itself.
+    """Return the row that a row's world tries next, or -1.
 
-    With one arm restarts are tried one after the other.
+    With one arm, restarts are tried one after the other, so it is the world's first waiting restart. With several arms,
+    all restarts are tried, so it is the row itself.
     """
     if reach.last > 0:
         return row
@@ -105,9 +106,9 @@ def _first_waiting(reach: Reach, search: Search, row: int) -> int:
 
 @wp.func
 def _ask_tiers(starts: Starts, reach: Reach, layouts: LayoutsView, search: Search, reach_search: ReachSearch, row: int):
-    """Ask for `clear` where the start of a row's world takes the arm to a target; others are asked for their tier.
+    """Set the required tiers of a row's targets, and clear their joints.
 
-    None has joints yet.
+    A target that the world's kind of start takes the arm to requires `clear`. Other targets keep their tier.
     """
     kind = layouts.start[search.row_world[row]]
     for column in range(reach_search.tier.shape[1]):
@@ -134,12 +135,12 @@ def _open_rows(
 ):
     row = wp.tid()
     if row == 0:
-        reach_search.candidates[0] = 0  # already 0 unless earlier launches were interrupted
+        reach_search.candidates[0] = 0  # an interrupt of earlier launches may have left candidates
     if reach.number == 0:
         reach_search.arm[row] = 0
         if search.waiting[row]:
             _ask_tiers(starts, reach, layouts, search, reach_search, row)
-        # the world of an unsound row falls back, whatever is in reach
+        # the world of an unsound row falls back, so the row skips the stage
         if search.waiting[row] and not is_sound(program, layouts, row, 0, 1):
             search.waiting[row] = False
             wp.atomic_min(search.best, search.row_world[row], search.row_restart[row])
@@ -148,7 +149,7 @@ def _open_rows(
 
 
 def launch_open_rows(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
-    """Queue the waiting rows that are at this arm."""
+    """Queue the waiting rows whose current arm is `reach`."""
     inputs = [work.program, reach, work.kinds]
     work.launch(_open_rows, work.nrow, inputs, work.layouts, work.search, reach_search)
 
@@ -171,8 +172,8 @@ def _open_candidates(
         row = reach_search.queue[1 - reach_search.source[0], i]
         column = reach_search.column[row]
         number = reach_search.number[row]
-        # half as many as have failed so far: at most half as many again in vain, in far fewer waves; on a CPU core a
-        # wave costs 10 to 20 us, and a start 4 us
+        # Try half the number of starts that have failed so far. This wastes at most 50% more starts, and takes far
+        # fewer waves: on a CPU core, a wave costs 10 to 20 us and a start 4 us.
         trials = wp.clamp(reach_search.tried[row] // 2, at_once, wp.static(MOST_AT_ONCE))
         trials = wp.min(trials, reach_search.total[row] - number)
         first = wp.atomic_add(reach_search.candidates, 0, trials)
@@ -219,18 +220,18 @@ def _look_up(
 
 
 def launch_open_wave(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
-    """Open candidates of the queued rows, more per row if few rows are left."""
+    """Open candidates of the queued rows, with more candidates per row if few rows are left."""
     work.launch_lanes(_open_candidates, [reach, work.size.busy, work.layouts], reach_search)
 
 
 def launch_look_up(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
-    """Look up the grasps of candidates in the arm's map, and among those that count for starts."""
+    """Reject candidates whose grasps the arm's map rejects, or that the kind of start cannot use."""
     work.launch_lanes(_look_up, [reach, work.kinds, work.layouts, work.search], reach_search)
 
 
 @wp.func
 def keep_grasp(reach: Reach, layouts: LayoutsView, reach_search: ReachSearch, row: int, column: int, c: int):
-    """Write the joints of a candidate that passed; only the tier `clear` has pre-grasps."""
+    """Write the joints of a candidate that passed. Only the tier `clear` has pre-grasps."""
     layouts.grasp[row, column] = reach_search.grasp[c] - reach.reach_graspadr[column]
     clear = reach_search.tier[row, column] == Tier.CLEAR
     for i in range(MAX_JOINTS):
@@ -241,7 +242,7 @@ def keep_grasp(reach: Reach, layouts: LayoutsView, reach_search: ReachSearch, ro
 
 @wp.func
 def first_passed(reach_search: ReachSearch, row: int) -> int:
-    """Return the first of a row's candidates that passed; else move on to the starts after them, and return -1."""
+    """Return the first of a row's candidates that passed, or advance the row to its next starts and return -1."""
     after = reach_search.number[row]
     for c in range(reach_search.first[row], reach_search.first[row] + reach_search.trials[row]):
         failed = reach_search.failed[c]
@@ -261,10 +262,10 @@ def first_passed(reach_search: ReachSearch, row: int) -> int:
 
 @wp.func
 def _reject_cause(reach: Reach, reach_search: ReachSearch, row: int) -> int:
-    """Return the cause for which no grasp of a row's target passed: NO_IK, or BLOCKED.
+    """Return the cause of failure of a row's target: NO_IK or BLOCKED.
 
-    BLOCKED is for the tier `clear` alone: all candidates failed at a test of the hand, or one got past the arm's test
-    against itself.
+    BLOCKED requires the tier `clear`. Either all candidates failed a test before the inverse kinematics, or at least
+    one candidate passed the robot's test against itself.
     """
     furthest = reach_search.furthest[row]
     if reach_search.tier[row, reach_search.column[row]] == Tier.CLEAR and (
@@ -296,7 +297,7 @@ def _accept(
             keep_grasp(reach, layouts, reach_search, row, column, found)
             _move_to(reach, layouts, search, reach_search, row, column + 1)
         elif search.best[search.row_world[row]] < search.row_restart[row]:
-            search.waiting[row] = False  # an earlier restart of its world is done
+            search.waiting[row] = False  # an earlier restart of the world has finished
         elif reach_search.number[row] < reach_search.total[row]:
             queue_row(reach_search, row)
         else:
@@ -308,5 +309,5 @@ def _accept(
 
 
 def launch_accept_grasps(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
-    """Keep candidates that passed. A row without one continues with its next starts; out of starts, it has failed."""
+    """Keep candidates that passed. Other rows continue with their next starts, or fail if there are no more."""
     work.launch_lanes(_accept, [reach], work.layouts, work.search, reach_search)

@@ -1,4 +1,4 @@
-"""Accept candidates: place the lowest trial of each row that passed every test, and move the row to its next object."""
+"""Accept candidates: place the lowest valid trial of each row, and move the row to its next object."""
 
 import warp as wp
 
@@ -27,7 +27,7 @@ def _write_state(
     mocap_pos: wp.array[wp.vec3],
     mocap_quat: wp.array[wp.quat],
 ):
-    """Write a candidate's joints and the pose of its root: the share of lane `lane` of `lanes`."""
+    """Write a candidate's joints and root pose. Lane `lane` of `lanes` writes its part."""
     for i in range(lane, program.obj_drawnum[obj], lanes):
         adr = program.draw_qposadr[program.obj_drawadr[obj] + i]
         qpos[adr] = search.qpos[c, adr]
@@ -52,7 +52,7 @@ def place(
     lane: int,
     lanes: int,
 ):
-    """Write a candidate into its row: the share of lane `lane` of `lanes`."""
+    """Write a candidate into its row. Lane `lane` of `lanes` writes its part."""
     qpos = layouts.qpos[row]
     _write_state(program, search, c, obj, lane, lanes, qpos, layouts.mocap_pos[row], layouts.mocap_quat[row])
     for i in range(lane, program.obj_bodynum[obj], lanes):
@@ -81,13 +81,13 @@ def place(
 
 @wp.func
 def _had_no_region(cause: int) -> bool:
-    """Return True if a candidate was rejected because its region was empty, or no point of it held."""
+    """Return True if a candidate was rejected for an empty region, or because no drawn point passed the exact test."""
     return cause == Cause.EMPTY or cause == Cause.REGION
 
 
 @wp.func
 def _is_recorded(layouts: LayoutsView, cause: int) -> bool:
-    """Return True if rejected candidates with this cause are recorded: collisions, or all that were posed."""
+    """Return True if rejected candidates with this cause are recorded: collisions, or all causes at a pose."""
     if layouts.rejected_object.shape[0] == 0 or cause == Cause.NONE:
         return False
     if cause == Cause.COLLISION:
@@ -116,7 +116,7 @@ def _record(program: Program, layouts: LayoutsView, search: Search, c: int, row:
 
 @wp.func
 def _ends_row(program: Program, obj: int, cause: int) -> bool:
-    """Return True if a trial is the last of its object: it passed, or no further trial could pass."""
+    """Return True if a trial is the last of its object, because it passed or further trials cannot pass."""
     if cause == Cause.NONE:
         return True
     return program.obj_retry_if_empty[obj] == 0 and _had_no_region(cause)
@@ -126,16 +126,16 @@ def _ends_row(program: Program, obj: int, cause: int) -> bool:
 def _accept_first(
     program: Program, reach: Reach, layouts: LayoutsView, search: Search, row: int, obj: int, lane: int, lanes: int
 ) -> int:
-    """Place the first of a row's candidates for an object that passed. Return its next trial, or _PLACED.
+    """Place the first valid candidate of a row's object. Return the object's next trial, or _PLACED.
 
-    Either one lane calls it alone, or all lanes of a block call it together.
+    Called by a single lane, or by all lanes of a block together.
     """
     first = search.row_first[row]
     trials = search.row_trials[row]
     if obj < search.row_object[row]:  # drawn ahead
         first += obj - search.row_object[row]
         trials = 1
-    end = int(trials)  # the lowest trial that ends the object: the same however many are tried at once
+    end = int(trials)  # the lowest trial that ends the object, independent of the number of parallel trials
     for t in range(lane, trials, lanes):
         if t < end and _ends_row(program, obj, search.cause[first + t]):
             end = t
@@ -153,7 +153,7 @@ def _accept_first(
         return search.row_trial[row] + trials
     if search.cause[first + end] != Cause.NONE:
         return program.attempts
-    if obj == search.row_object[row]:  # others are placed as they are drawn
+    if obj == search.row_object[row]:  # objects drawn ahead are already placed
         place(program, reach, layouts, search, first + end, row, obj, lane, lanes)
     return _PLACED
 
@@ -162,9 +162,9 @@ def _accept_first(
 def _advance(
     program: Program, reach: Reach, layouts: LayoutsView, search: Search, row: int, trial: int, staged: bool, busy: int
 ):
-    """Queue a row for the next trial of its object, or for its next object, unless it is out of trials or of objects.
+    """Queue a row for the next trial of its object or for its next object, and finish a row with all objects placed.
 
-    It ends as well once an earlier restart of its world has placed everything.
+    The row ends without a layout if the trials run out, or if an earlier restart of its world has finished.
     """
     following = int(trial)
     if trial == _PLACED:
@@ -193,7 +193,7 @@ def _accept(
     search: Search,
 ):
     block, lane = wp.tid()
-    # Few rows: a block for each is faster. Many rows: a lane for each.
+    # A block per row is faster for few rows, and a lane per row for many rows.
     first = int(block)
     step = int(blocks)
     lanes = int(wp.block_dim())
@@ -210,12 +210,12 @@ def _accept(
             obj += 1
             trial = _accept_first(program, reach, layouts, search, row, obj, lane, lanes)
         if lanes > 1:
-            block_sync()  # every lane has finished its reads and writes of the row
+            block_sync()  # lane 0 changes the row only after all lanes have finished with it
         if lane == 0:
             search.row_object[row] = obj
             _advance(program, reach, layouts, search, row, trial, staged, busy)
 
 
 def launch_accept(work: Workspace, staged: bool) -> None:
-    """Place the candidates of this wave that passed every test, and queue the rows that continue."""
+    """Place the valid candidates of this wave, and queue the rows that continue."""
     work.launch_blocks(_accept, [work.program, work.reach, staged, work.size.busy], work.layouts, work.search)

@@ -1,7 +1,7 @@
-"""Objects drawn ahead: the leading ones of which no candidate failed while the scene was compiled.
+"""Objects drawn ahead: the first objects in placement order, if their candidates never failed during compilation.
 
-They are drawn and placed as a round begins, and tested in its first wave beside the trials of the next object, so that
-they need no waves of their own. If one of them fails, its row goes back to it.
+They are drawn and placed at the beginning of a round, and tested in its first wave together with the trials of the next
+object. This saves one wave per object. If one of them fails, its row goes back to this object.
 """
 
 import numpy as np
@@ -19,10 +19,11 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
 def count_ahead(compiled: CompiledScene, size: SearchSize) -> int:
-    """Return the number of objects that are drawn ahead, all of them before the last object and every reach target.
+    """Return the number of objects to draw ahead.
 
-    None has a region that differs between worlds, and no start places one at a marker. One lane, which a CPU is, has
-    nothing to gain, and no effort is known before there is a bank.
+    The count stops before the last object, before the first reach target, and before the first object that needed
+    retries, whose region differs between worlds, or that a start places at a marker. It is 0 on a CPU, where a single
+    lane gains no time, and before there is a bank, because the effort of objects is still unknown.
     """
     program = compiled.program
     if size.busy == 1 or compiled.bank.ntrain == 0:
@@ -55,5 +56,5 @@ def _draw_ahead(
 
 
 def launch_draw_ahead(work: Workspace) -> None:
-    """Draw and place the objects ahead of the queued rows, which have placed nothing."""
+    """Draw and place the objects ahead in the queued rows, which do not have any placed object yet."""
     work.launch_lanes(_draw_ahead, [work.program, work.reach, work.split, work.layouts], work.search)

@@ -1,6 +1,6 @@
-"""Draw points anew in the worlds in which a param narrows the region of an object on a support to a box.
+"""Draw points again in worlds where a param narrows the region of an object on a support to a box.
 
-The region's triangles are clipped to the box, and a point is uniform by area in what is left of them.
+The region's triangles are clipped to the box, and the point is uniform by area in the clipped triangles.
 """
 
 import warp as wp
@@ -16,13 +16,13 @@ from sceniris_gym.program.device import Cause, Program
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-# Number of the draw of a trial; joints have those before it, and regions that relations cut those behind it.
+# Number of this draw within a trial. Lower numbers belong to joints, higher numbers to regions cut by relations.
 _DRAW = wp.constant(1 << 15)
 
 
 @wp.func
 def _clipped(program: Program, tri: int, box: wp.array[float], first: int, polygon: wp.array[wp.vec2]) -> int:
-    """Write the part of a triangle in a box (low x, low y, high x, high y from `first` on); return its corners."""
+    """Clip a triangle to a box (low x, low y, high x, high y from `first` on). Return the number of corners."""
     num = set_triangle(polygon, program.tri_a[tri], program.tri_b[tri], program.tri_c[tri])
     for k in range(4):
         corner = wp.vec2(box[first + 2 * (k // 2)], box[first + 1 + 2 * (k // 2)])
@@ -36,7 +36,10 @@ def _clipped(program: Program, tri: int, box: wp.array[float], first: int, polyg
 def _choose_triangle(
     program: Program, stable: int, box: wp.array[float], first: int, polygon: wp.array[wp.vec2], u: float
 ) -> int:
-    """Choose a triangle of a region by what a box leaves of its area, in two passes; -1 if it leaves none."""
+    """Choose a triangle of a region with a probability proportional to its area inside a box.
+
+    The first pass adds up the areas, and the second pass finds the triangle. Return -1 if they do not overlap.
+    """
     left = float(0.0)
     chosen = int(-1)
     adr = program.stable_triadr[stable]
@@ -53,7 +56,7 @@ def _choose_triangle(
 
 @wp.func
 def _is_narrowed(layouts: LayoutsView, worldid: int, first: int) -> bool:
-    """Return True if the box of a world differs from that of the scene file."""
+    """Return True if the box of a world differs from the scene file."""
     narrowed = bool(False)
     for k in range(first, first + 4):
         if layouts.next_param[worldid, k] != layouts.default_param[k]:
@@ -99,10 +102,10 @@ def _draw_in_boxes(
 
 
 def launch_draw_in_boxes(work: Workspace, columns: wp.array) -> None:
-    """Draw the points of this wave's candidates anew where a param narrows their region.
+    """Draw the points of this wave's candidates again if a param narrows their region.
 
     Args:
         work: The arrays of the generator.
-        columns: First column of each object's box in a row of params, -1 for none, shape (nobject,), int32.
+        columns: First column of each object's box in a row of params, -1 without a box, shape (nobject,), int32.
     """
     work.launch_lanes(_draw_in_boxes, [work.program, work.split, columns, work.layouts], work.search)

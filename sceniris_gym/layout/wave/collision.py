@@ -1,9 +1,9 @@
 """Collision test of a wave's candidates against the objects placed before in their rows.
 
-With `geometry: physics` the lanes of a block traverse the bounding-volume trees of a candidate, and leaves that are
-close to each other are queued as narrow-phase pairs, one lane for each. With `geometry: visual` close leaves usually
-collide, so a block tests its candidate completely and stops at the first hit. A candidate for which a stack or queue
-overflowed is tested again by a single lane.
+With `geometry: physics`, the lanes of a block traverse the bounding-volume trees of a candidate and queue close leaves
+as narrow-phase pairs, which are tested by one lane each. With `geometry: visual`, close leaves usually collide, so a
+block tests its candidate completely and stops at the first hit. If a stack or queue overflows, a single lane repeats
+the candidate's test.
 """
 
 import warp as wp
@@ -30,13 +30,13 @@ from sceniris_gym.program.device_reach import Reach
 _OPTIONS = {"enable_backward": False, "fuse_fp": False}
 wp.set_module_options(_OPTIONS)
 
-# Blocks that narrow-phase pairs are spread over before a block takes more than one.
+# Narrow-phase pairs are spread over up to this number of blocks before a block takes more than one.
 _SPREAD = wp.constant(1024)
 
 
 @wp.func
 def _passes_prefilter(program: Program, reach: Reach, search: Search, c: int, lane: int) -> bool:
-    """Return True if a candidate passes the prefilter; else write the cause. All lanes of a block call it together."""
+    """Return True if a candidate passes the prefilter, or write the cause. All lanes of a block call it together."""
     cause = search.cause[c]
     block_sync()  # every lane reads the cause before lane 0 writes it
     if cause == Cause.NONE:
@@ -48,20 +48,20 @@ def _passes_prefilter(program: Program, reach: Reach, search: Search, c: int, la
 
 @wp.func
 def _mark_overflow(search: Search, c: int):
-    """Mark a candidate whose collision test did not fit into a stack or queue."""
+    """Mark a candidate whose collision test overflowed a stack or queue."""
     search.overflowed[c] = 1
     search.any_overflowed[0] = 1
 
 
 @wp.func
 def _margin(program: Program, search: Search, c: int, pair: int) -> float:
-    """Return the least distance [m] of a pair of a candidate."""
+    """Return the least allowed distance [m] of a candidate's pair."""
     return margin_of(program, search.row_world[search.row[c]], pair, support_of(program, search.obj[c]))
 
 
 @wp.func
 def collides_alone(program: Program, layouts: LayoutsView, search: Search, c: int) -> bool:
-    """Return True if a candidate collides; the test of a single lane."""
+    """Return True if a candidate collides. Called by a single lane."""
     row = search.row[c]
     obj = search.obj[c]
     support = support_of(program, obj)
@@ -134,7 +134,7 @@ def _test_inner_boxes(
                 search.cause[c] = Cause.COLLISION
 
 
-# Without a bound on registers a multiprocessor holds few warps, too few to hide the latency of the arithmetic.
+# With unlimited registers, a multiprocessor holds too few warps to hide the latency of the arithmetic.
 @wp.kernel(module="unique", module_options=_OPTIONS, grid_stride=False, cuda_max_registers=128)
 def _test_narrow_pairs(
     blocks: int,
@@ -147,9 +147,9 @@ def _test_narrow_pairs(
 ):
     block, lane = wp.tid()
     num = narrow_pair_num(search)
-    # Lanes of a block wait for each other, so that few pairs are spread over some blocks for each multiprocessor.
+    # Lanes of a block wait for each other, so a small number of pairs is spread over several blocks per multiprocessor.
     most = wp.clamp(num // _SPREAD + 1, 1, wp.block_dim())
-    # Most pairs belong to candidates that are known to collide by now. The others wait until every lane has one.
+    # Most pairs belong to candidates that are already known to collide. The others wait until every lane has a pair.
     waiting = wp.tile_stack(capacity=wp.static(NARROW_STACK), dtype=int)
     base = int(block * most)
     while base < num or wp.tile_stack_count(waiting) > 0:
@@ -238,7 +238,7 @@ def launch_test_collisions(work: Workspace) -> None:
 
 
 def launched_kernels(work: Workspace) -> list[wp.Kernel]:
-    """Return the kernels that are launched."""
+    """Return the kernels that `launch_test_collisions` launches."""
     if work.size.block_dim == 1:
         return [_test_alone]
     if work.program.visual:

@@ -1,4 +1,4 @@
-"""Containment test of a wave's candidates against the objects placed before in their rows; for `geometry: visual`."""
+"""Containment test of a wave's candidates against the objects placed before in their rows, for `geometry: visual`."""
 
 import warp as wp
 

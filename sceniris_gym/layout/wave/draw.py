@@ -1,6 +1,6 @@
 """Draw candidates: one lane per trial of a row's object draws joints, then an orientation, then a point.
 
-Where relations leave a different region in every world, `points.py` draws the point.
+If the region differs between worlds because of relations, `points.py` draws the point.
 """
 
 import warp as wp
@@ -32,7 +32,7 @@ def _draw_static(program: Program, layouts: LayoutsView, search: Search, c: int,
 
 @wp.func
 def _draw_point(program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, u: wp.vec4):
-    """Draw the heading, and the point under the pivot if the region is the same in every world."""
+    """Draw the heading, and the point under the pivot unless the region differs between worlds."""
     drawn = search.stable_draw[c]
     ground = program.obj_ground[obj]
     worldid = search.row_world[row]
@@ -66,7 +66,7 @@ def _draw_point(program: Program, layouts: LayoutsView, search: Search, c: int, 
 def _draw_from_heap(program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, u: float):
     """Pose an object of a heap as in one of the heap's settled arrangements, relative to its container.
 
-    All objects of the heap take the same arrangement, which is drawn once per restart, not once per trial.
+    All objects of the heap take the same arrangement. It is drawn once per restart, not once per trial.
     """
     heap = program.obj_heap[obj]
     settled = program.heap_pose[heap[0] + wp.min(int(u * float(heap[1])), heap[1] - 1)]
@@ -89,7 +89,7 @@ def _draw_from_heap(program: Program, layouts: LayoutsView, search: Search, c: i
     pose_candidate(program, layouts, search, c, row, obj)
 
 
-# On a CPU a call would copy the structs, which takes as long as half of a draw.
+# Inlined, because a call on a CPU would copy the structs, which takes half as long as a draw.
 @wp.func(inline=True)
 def draw_candidate(program: Program, split: wp.uint32, layouts: LayoutsView, search: Search, c: int):
     """Draw a candidate's joints, orientation and point, and pose it, unless `points.py` draws the point."""
@@ -107,7 +107,7 @@ def draw_candidate(program: Program, split: wp.uint32, layouts: LayoutsView, sea
         _draw_static(program, layouts, search, c, row, obj)
         return
     u = uniforms(seed, episode, stream, trial, 0)
-    # most objects need no second draw; draws have numbers, so that leaving one out changes no other
+    # Most objects need no second draw. Skipping it does not change other draws, because each has a number.
     w = wp.vec4(0.0)
     if program.obj_orientation[obj] == OrientationType.ANY or program.obj_stablenum[obj] > 1:
         w = uniforms(seed, episode, stream, trial, 1)
@@ -160,11 +160,11 @@ def _draw(
             cuts[0] = 0
             regions[0] = 0
     for c in range(wp.tid(), wp.min(search.opened[0], search.cause.shape[0]), lanes):
-        if c >= search.row_first[search.row[c]]:  # others are drawn ahead
+        if c >= search.row_first[search.row[c]]:  # candidates before the first are drawn ahead
             draw_candidate(program, split, layouts, search, c)
 
 
 def launch_draw(work: Workspace, regions: "Regions | None") -> None:
-    """Draw the candidates of this wave; for regions that differ between worlds, all but their points."""
+    """Draw the candidates of this wave, except for points in regions that differ between worlds."""
     counts = [None, None] if regions is None else [regions.cuts, regions.regions]
     work.launch_lanes(_draw, [work.program, work.split, work.layouts, *counts], work.search)

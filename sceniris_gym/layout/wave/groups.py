@@ -1,7 +1,7 @@
-"""Members of groups: draw which are present in a world, and park the others.
+"""Members of groups: draw the present members of a world, and park the others.
 
-Parked objects are not tested for collision: `program.checks.parking` refuses scenes in which a placed object could
-reach the parking area.
+Parked objects are not tested for collision: `program.checks.parking` rejects scenes with objects that could be placed
+in the parking area.
 """
 
 import warp as wp
@@ -27,8 +27,8 @@ def _draw_weighted(
     count: int,
     present: wp.array[int],
 ):
-    """Draw so many members of a group one after the other, each by the weights of those that are left."""
-    column = int(split % wp.uint32(2))  # those of the splits 'eval' and 'eval_bank' are odd
+    """Draw `count` members of a group without replacement, each by the weights of the remaining members."""
+    column = int(split % wp.uint32(2))  # the splits 'eval' and 'eval_bank' have odd numbers
     adr = program.group[worldid, g][0]
     num = program.group[worldid, g][1]
     total = float(0.0)
@@ -39,7 +39,7 @@ def _draw_weighted(
         u = uniforms(seed, episode, numbered_stream(split, GROUP_STREAM), g, 1 + k // 4)[k % 4]
         at = u * total
         chosen = int(0)
-        below = float(0.0)  # weights of the members before, which are only added up, so that all devices round alike
+        below = float(0.0)  # sum of the weights before, without differences, so that all devices round in the same way
         for i in range(num):
             weight = program.group_weight[worldid, adr + i][column]
             if weight > 0.0 and present[program.group_slot[adr + i]] == 0:
@@ -54,9 +54,9 @@ def _draw_weighted(
 def draw_groups(
     program: Program, worldid: int, seed: wp.uint64, episode: int, split: wp.uint32, present: wp.array[int]
 ):
-    """Draw which objects of each group are present: k uniform in its interval, then k members without replacement.
+    """Draw the present objects of each group: k uniform in its interval, then k members without replacement.
 
-    The draw belongs to the episode, not to a trial: otherwise restarts would favour small sets, which are easier to
+    The draw belongs to the episode, not to a restart: otherwise restarts would favour small sets, which are easier to
     place.
     """
     stream = numbered_stream(split, GROUP_STREAM)
@@ -104,7 +104,7 @@ def _park_absent(program: Program, layouts: LayoutsView, row: int, obj: int):
     layouts.body_pos[row, root] = pos
     layouts.body_quat[row, root] = quat
     pose_bodies(program, obj, 1, qpos, layouts.body_pos[row], layouts.body_quat[row])
-    if program.obj_place[obj] == slot:  # else the place is that of the present variant
+    if program.obj_place[obj] == slot:  # an absent variant does not overwrite the place of the present variant
         layouts.place[row, slot] = wp.vec4(pivot[0], pivot[1], pivot[2], 0.0)
         layouts.bounds[row, slot] = program.stable_bounds[stable]
     write_root(program, obj, pos, quat, qpos, layouts.mocap_pos[row], layouts.mocap_quat[row])
@@ -112,7 +112,7 @@ def _park_absent(program: Program, layouts: LayoutsView, row: int, obj: int):
 
 @wp.func
 def next_object(program: Program, reach: Reach, layouts: LayoutsView, row: int, obj: int) -> int:
-    """Return the first present object from `obj` on; park absent ones on the way."""
+    """Return the first present object from `obj` on, and park the absent objects before it."""
     found = int(obj)
     while found < program.nobject and layouts.present[row, program.obj_slot[found]] == 0:
         _park_absent(program, layouts, row, found)

@@ -1,8 +1,8 @@
-"""Draw the point of a support that an object is placed at: uniform by area in the region that its relations leave.
+"""Draw an object's point on its support, uniform by area in the region that satisfies its relations.
 
-Without relations the region is the same in every world, and its triangles are clipped once, on the host. With relations
+Without relations, the region is the same in every world, and the host clips its triangles once. With relations,
 `region_pieces.py` clips them in each world. This module samples a piece by area in an exponential race, and draws a
-point of it; where the point fails the exact test of the relations, another race and another point follow.
+point in it. If the point fails the exact test of the relations, another race and point follow.
 
 The race takes one pass and no sum. Each piece draws an arrival time at the rate of its area, and the least time wins:
 P(i) = area_i / total. P. Efraimidis, P. Spirakis, "Weighted random sampling with a reservoir", Information Processing
@@ -29,12 +29,12 @@ from sceniris_gym.program.device import Cause, Program
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-# A slice covers at most twice the area that it should, so with a whole slice 64 redraws fail with a probability of
-# 1e-19. More redraws are needed where the support or another relation leaves little of a slice but the part outside of
-# the ring, and where distances are measured between bounds, which the circles around them describe poorly.
+# A slice covers at most twice the area of its part of the ring, so for a whole slice all 64 redraws fail with a
+# probability of 1e-19. More redraws are needed if the support or another relation cuts away most of the ring's part, or
+# if distances are measured between bounds, because the circles around bounds are a poor approximation.
 _REDRAWS = wp.constant(64)
-# Draws of a trial from here on are those of the region: one block per redraw. The first draw of a block gives the
-# numbers of the point, each further one the numbers of four pieces.
+# Draws of a trial from this number on belong to the region, with one block per redraw. The first draw of a block gives
+# the numbers of the point, and each further draw the numbers of four pieces.
 _FIRST_DRAW = wp.constant(1 << 16)
 _DRAWS = wp.constant(1 << 20)
 _HALF_STEP = wp.constant(2.0**-25)
@@ -46,7 +46,7 @@ NO_PIECE = wp.constant(wp.uint64(0xFFFFFFFFFFFFFFFF))
 
 @wp.struct
 class PointCounter:
-    """The key and counter of the random numbers behind a candidate's point, all but the number of the draw."""
+    """The key and counter of the random numbers of a candidate's point, without the number of the draw."""
 
     seed: wp.uint64
     episode: int
@@ -66,7 +66,7 @@ def _point_counter(program: Program, split: wp.uint32, layouts: LayoutsView, sea
 
 @wp.func
 def _point_uniforms(n: PointCounter, redraw: int) -> wp.vec4:
-    """Return the uniform numbers that place the point of a redraw inside its piece."""
+    """Return the uniform numbers for a redraw's point inside its piece."""
     return uniforms(n.seed, n.episode, n.stream, n.trial, _FIRST_DRAW + redraw * _DRAWS)
 
 
@@ -74,7 +74,7 @@ def _point_uniforms(n: PointCounter, redraw: int) -> wp.vec4:
 def arrival_time(u: float, size: float) -> float:
     """Return the arrival time of a piece of this area [m^2], from a uniform number.
 
-    The number 0 stands for all numbers below 2^-24 and is replaced by their midpoint: at time 0 the area would not
+    The number 0 represents all numbers below 2^-24 and is replaced by their midpoint: at time 0, the area would not
     matter.
     """
     return wp.where(u == 0.0, _HALF_STEP, -log_of(1.0 - u)) / size
@@ -82,10 +82,10 @@ def arrival_time(u: float, size: float) -> float:
 
 @wp.func
 def arrival_key(n: PointCounter, redraw: int, index: int, size: float) -> wp.uint64:
-    """Return the key of a piece of this number and area [m^2] in the race of a redraw; the least key wins.
+    """Return the key of a piece with this number and area [m^2] in the race of a redraw. The least key wins.
 
-    The upper word is the arrival time, since the bits of positive floats are ordered like the floats themselves. The
-    lower word is the number of the piece.
+    The upper word is the arrival time, because the bits of positive floats are ordered like the floats. The lower word
+    is the number of the piece.
     """
     u = uniforms(n.seed, n.episode, n.stream, n.trial, _FIRST_DRAW + redraw * _DRAWS + 1 + index // 4)
     which = index % 4
@@ -95,7 +95,7 @@ def arrival_key(n: PointCounter, redraw: int, index: int, size: float) -> wp.uin
 
 @wp.func
 def _first_arrival(regions: Regions, holder: int, n: PointCounter, redraw: int, lane: int, lanes: int) -> wp.uint64:
-    """Return the least arrival key among the pieces of a region: the share of lane `lane` of `lanes`."""
+    """Return the least arrival key among the pieces of a region that lane `lane` of `lanes` covers."""
     best = NO_PIECE
     for k in range(lane, regions.pieces[holder], lanes):
         size = regions.piece_area[holder, k]
@@ -112,7 +112,7 @@ def piece_of(key: wp.uint64) -> int:
 
 @wp.func
 def draw_triangle(program: Program, stable: int, u: float) -> int:
-    """Return the triangle at share `u` of the cumulated area of a stable pose's region."""
+    """Return the triangle at the fraction `u` of the cumulated area of a stable pose's region."""
     low = program.stable_triadr[stable]
     high = low + program.stable_trinum[stable] - 1
     while low < high:
@@ -135,7 +135,7 @@ def draw_in_triangle(program: Program, tri: int, u: float, v: float) -> wp.vec2:
 
 @wp.func
 def _on_surface(frame: Pose, height: float, at: wp.vec2) -> wp.vec3:
-    """Return the point of a surface above `at`. A surface that is level to 0.1 degree need not be level to 0.1 mm."""
+    """Return the point of a surface above `at`, with its exact height: surfaces are only level to 0.1 degree."""
     ground = apply(frame, wp.vec3(0.0, 0.0, height))
     n = wp.vec3(frame.rot[0, 2], frame.rot[1, 2], frame.rot[2, 2])
     return wp.vec3(at[0], at[1], ground[2] - (n[0] * (at[0] - ground[0]) + n[1] * (at[1] - ground[1])) / n[2])
@@ -143,7 +143,7 @@ def _on_surface(frame: Pose, height: float, at: wp.vec2) -> wp.vec3:
 
 @wp.func
 def _clears_outline(program: Program, obj: int, tri: int, frame: Pose, own: Placed) -> bool:
-    """Return True if the pivot is far enough from the outline of the surface for the bounds that were drawn."""
+    """Return True if the pivot is far enough from the outline of the surface for the candidate's bounds."""
     size = own.high - own.low
     surface = program.tri_surface[tri]
     p = wp.transpose(frame.rot) * (_on_surface(frame, program.surface_height[surface], own.at) - frame.pos)
@@ -169,7 +169,7 @@ def _point_holds(
 
 @wp.func
 def _keep_point(program: Program, search: Search, c: int, obj: int, tri: int, frame: Pose, at: wp.vec2):
-    """Write a candidate's point: on the surface, or at the drawn height above it if the object has no support."""
+    """Write a candidate's point: on the surface, or at the drawn height above it for an object without a support."""
     surface = program.tri_surface[tri]
     if program.obj_ground[obj] >= 0:
         search.surface[c] = surface
@@ -182,7 +182,7 @@ def _keep_point(program: Program, search: Search, c: int, obj: int, tri: int, fr
 def _draw_in_piece(
     program: Program, layouts: LayoutsView, search: Search, regions: Regions, c: int, index: int, u: wp.vec4
 ) -> bool:
-    """Draw a point of a piece from three uniform numbers; write it and return True if it passes the exact test."""
+    """Draw a point in a piece from three uniform numbers. Write it and return True if it passes the exact test."""
     row = search.row[c]
     obj = search.obj[c]
     frame = support_pose(program, layouts, row, obj)
@@ -214,10 +214,10 @@ def _race(
     most: int,
     redraw: int,
 ) -> wp.uint64:
-    """Return the arrival key that wins the race of a redraw for a lane's candidate, -1 for none.
+    """Return the winning arrival key of a redraw's race for a lane's candidate, or NO_PIECE.
 
-    Only the `most` first lanes have one. A region may have hundreds of pieces, so all lanes of the block share a race,
-    one candidate after the other.
+    `c` is -1 for lanes without a candidate, and only the first `most` lanes have one. A region may have hundreds of
+    pieces, so all lanes of the block share each race, one candidate after the other.
     """
     own = NO_PIECE
     wanted = wp.tile(c)
@@ -247,7 +247,7 @@ def _draw_points(
 ):
     block, lane = wp.tid()
     num = regions.cuts[0]
-    # Few candidates: a block for each is faster. Many: a lane for each.
+    # A block per candidate is faster for few candidates, and a lane per candidate for many.
     most = wp.clamp((num + blocks - 1) // blocks, 1, wp.block_dim())
     for base in range(block * most, num, blocks * most):
         needs = wp.where(lane < wp.min(most, num - base), 1, 0)

@@ -1,4 +1,4 @@
-"""Poses of a candidate's bodies at the point where it was drawn."""
+"""Poses of a candidate's bodies at its drawn point."""
 
 import warp as wp
 
@@ -19,7 +19,7 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 def heading_at(
     program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, at: wp.vec2
 ) -> float:
-    """Return the heading [rad] of a candidate at a point: the one that was drawn, or towards what it faces."""
+    """Return the heading [rad] of a candidate at a point: the drawn heading, or the direction to a faced object."""
     target = program.obj_target[obj]
     if program.obj_orientation[obj] == OrientationType.FACE_TO and is_there(layouts.present[row], target):
         place = layouts.place[row, target]
@@ -38,9 +38,9 @@ def pose_candidate(program: Program, layouts: LayoutsView, search: Search, c: in
         pivot = point + wp.vec3(0.0, 0.0, program.obj_gap[obj])
     root = program.obj_body[obj]
     quat = wp.normalize(mul_quat(quat_z(heading), drawn.quat))
-    if program.obj_upright[obj] < wp.static(COS_MAX_TILT_32):  # it leans as its support does
+    if program.obj_upright[obj] < wp.static(COS_MAX_TILT_32):  # the object leans with its support
         up = quat_mat(layouts.body_quat[row, program.obj_ground[obj]]) * wp.vec3(0.0, 0.0, 1.0)
-        # the shortest rotation from the z axis of the world to that of the support
+        # the shortest rotation from the world's z axis to the support's z axis
         quat = wp.normalize(mul_quat(wp.vec4(1.0 + up[2], -up[1], up[0], 0.0), quat))
     search.body_pos[c, root] = pivot - quat_mat(quat) * drawn.pivot
     search.body_quat[c, root] = quat
@@ -54,7 +54,7 @@ def pose_candidate(program: Program, layouts: LayoutsView, search: Search, c: in
 
 @wp.func
 def candidate_poses(program: Program, layouts: LayoutsView, search: Search, c: int, row: int, pair: int) -> PairPoses:
-    """Return the poses of a pair's bodies: the candidate's own, and those of the objects placed before in its row."""
+    """Return the poses of a pair's bodies, from the candidate and from the objects placed before in its row."""
     own_pos = search.body_pos[c]
     own_quat = search.body_quat[c]
     return pair_poses(program, pair, own_pos, own_quat, layouts.body_pos[row], layouts.body_quat[row])

@@ -15,7 +15,7 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 @wp.func
 def _find_grasp(reach: Reach, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, part: int, parts: int):
-    """Find the first of a candidate's grasps that the arm's map accepts; if the base comes later, by approach alone."""
+    """Find the first grasp of a candidate that the map accepts. If the base is placed later, test only the approach."""
     column = reach.obj_reach[obj]
     late = reach.reach_late[column]
     base = pose_of(layouts.body_pos[row, reach.base_body], layouts.body_quat[row, reach.base_body])
@@ -48,7 +48,7 @@ def _find_grasps_from_base(reach: Reach, layouts: LayoutsView, search: Search, c
 
 @wp.func
 def _test_map(reach: Reach, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, part: int, parts: int):
-    """Look up the grasps of a reach target, or those that a base has to reach; one lane works on a base."""
+    """Test the grasps of a reach target, or all grasps that a base has to reach. A single lane tests a base."""
     column = reach.obj_reach[obj]
     if column >= 0:
         if reach.reach_arm[column] == reach.number:
@@ -85,7 +85,7 @@ def _test_footprint(
 
 @wp.func
 def reject_cause(program: Program, reach: Reach, search: Search, c: int, obj: int) -> int:
-    """Return the cause for which the prefilter rejects a candidate, or NONE."""
+    """Return the prefilter's cause of rejection of a candidate, or NONE."""
     if program.obj_kind[obj] == ObjectKind.STATIC:
         return Cause.NONE
     if reach.obj_reach.shape[0] > 0:
@@ -100,7 +100,7 @@ def reject_cause(program: Program, reach: Reach, search: Search, c: int, obj: in
     return Cause.NONE
 
 
-# With more registers per lane fewer warps fit on a multiprocessor, which was measured to be slower.
+# With more registers per lane, fewer warps fit on a multiprocessor, which is slower (measured).
 @wp.kernel(grid_stride=False, cuda_max_registers=128)
 def _prefilter(
     lanes: int,
@@ -114,7 +114,7 @@ def _prefilter(
     search: Search,
 ):
     if wp.tid() == 0:
-        search.opened[0] = 0  # all of them are drawn
+        search.opened[0] = 0  # all opened candidates are drawn by now
     num = candidate_num(search)
     parts = lanes_for_each(lanes, num, least_parts)
     for i in range(wp.tid(), parts * num, lanes):

@@ -1,7 +1,8 @@
 """Clip the support's triangles to each relation, and measure the pieces.
 
-A piece is the part of a triangle inside one convex piece of every relation, a *combination* of them. Its number is
-combination * triangles + triangle. Several lanes share the pieces of a region: the fewer the regions, the more.
+A *combination* is one convex piece of every relation. A piece is the part of a triangle inside a combination, and its
+number is combination * triangles + triangle. Several lanes share the pieces of a region. Their number grows as the
+number of regions falls.
 """
 
 import warp as wp
@@ -16,9 +17,9 @@ from sceniris_gym.program.device import Program
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-# A triangle that lies outside of a half-plane by more than this [m] is dropped, and one that lies inside by more is not
-# clipped. It is ten times the rounding error within a few metres; 100 m away, heights round to 0.03 mm, which moves a
-# cut by no more than that.
+# A triangle outside of a half-plane by more than this [m] is dropped, and a triangle inside by more is not clipped. The
+# value is ten times the rounding error within a few metres. At 100 m, heights round to 0.03 mm, and cuts move by at
+# most this distance.
 _SURE = wp.constant(1.0e-5)
 
 
@@ -33,7 +34,7 @@ class Triangle:
 
 @wp.func
 def is_point(program: Program, tri: int) -> bool:
-    """Return True if a triangle of the region stands for a single point: its corners are equal."""
+    """Return True if a triangle of the region represents a single point by three equal corners."""
     a = program.tri_a[tri]
     return program.tri_b[tri] == a and program.tri_c[tri] == a
 
@@ -55,7 +56,7 @@ def posed_triangle(program: Program, tri: int, frame: Pose) -> Triangle:
 
 @wp.func
 def _is_out_of_reach(program: Program, regions: Regions, c: int, obj: int, t: Triangle) -> bool:
-    """Return True if a triangle's bounding box lies outside of the circle around all pieces of one of the relations."""
+    """Return True if a triangle's bounding box lies outside of the circle around all pieces of some relation."""
     low = wp.min(wp.min(t.a, t.b), t.c)
     high = wp.max(wp.max(t.a, t.b), t.c)
     for i in range(program.obj_relnum[obj]):
@@ -69,7 +70,7 @@ def _is_out_of_reach(program: Program, regions: Regions, c: int, obj: int, t: Tr
 
 @wp.func
 def _depth(h: HalfPlane, t: Triangle) -> wp.vec2:
-    """Return how far a triangle's corners lie outside of a half-plane, least and most, times the normal's length."""
+    """Return the least and greatest distance of corners outside of a half-plane, times the normal's length."""
     limit = h.offset + wp.dot(h.normal, h.origin)
     a = wp.dot(h.normal, t.a)
     b = wp.dot(h.normal, t.b)
@@ -79,14 +80,14 @@ def _depth(h: HalfPlane, t: Triangle) -> wp.vec2:
 
 @wp.func
 def _is_surely_empty(program: Program, regions: Regions, c: int, obj: int, combination: int, t: Triangle) -> bool:
-    """Return True if a triangle lies outside of one half-plane of a combination: a cheap test that drops most."""
+    """Return True if a triangle lies outside of a half-plane of a combination. A cheap test that drops most pieces."""
     rest = int(combination)
     for i in range(program.obj_relnum[obj]):
         rel = program.obj_reladr[obj] + i
         piece = rest % program.rel_piecenum[rel]
         rest = rest // program.rel_piecenum[rel]
         sides = regions.side_num[c, i]
-        # a relation that is not active has one piece, the whole plane
+        # an inactive relation has one piece, the whole plane
         if sides < 0 and piece > 0:
             return True
         adr = program.rel_sideadr[rel] + piece * sides
@@ -100,7 +101,7 @@ def _is_surely_empty(program: Program, regions: Regions, c: int, obj: int, combi
 def cut_triangle(
     program: Program, regions: Regions, c: int, obj: int, combination: int, t: Triangle, polygon: wp.array[wp.vec2]
 ) -> int:
-    """Clip a triangle to a combination: write `polygon`, and return the number of its corners."""
+    """Clip a triangle to a combination. Write `polygon`, and return the number of its corners."""
     num = set_triangle(polygon, t.a, t.b, t.c)
     rest = int(combination)
     for i in range(program.obj_relnum[obj]):
@@ -111,7 +112,7 @@ def cut_triangle(
         adr = program.rel_sideadr[rel] + piece * sides
         for k in range(adr, adr + sides):
             plane = regions.sides[c, k]
-            # a normal of zero stands for the whole plane
+            # a zero normal represents the whole plane
             if num > 0 and (plane.normal[0] != 0.0 or plane.normal[1] != 0.0):
                 if _depth(plane, t)[1] > -_SURE:
                     num = clip(polygon, num, plane)
@@ -146,11 +147,11 @@ def _find_pieces(
             for combination in range(program.obj_cutnum[obj]):
                 if not _is_surely_empty(program, regions, c, obj, combination, t):
                     regions.piece[c, wp.atomic_add(regions.pieces, c, 1)] = combination * triangles + tri
-                    if single:  # counted once, even where two combinations meet
+                    if single:  # a point on the border of two combinations counts once
                         break
 
 
-# A kernel of its own, so that the pieces found above are spread evenly over the lanes that clip them.
+# A separate kernel, so that the pieces found above are spread evenly over its lanes.
 @wp.kernel(grid_stride=False)
 def _measure_pieces(
     lanes: int,

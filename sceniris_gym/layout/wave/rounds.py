@@ -1,7 +1,7 @@
-"""Rounds of restarts: every pending world runs one restart, or several where rows are free.
+"""Rounds of restarts: every pending world runs one restart, or several in parallel if rows are free.
 
-The lowest restart that places everything, and passes the reach stage if there is one, becomes the world's layout; later
-restarts of the round are not counted. An unsound layout is never served: its world falls back at once.
+The lowest restart that places all objects and passes the reach stage becomes the world's layout. Later restarts of the
+round do not count. An unsound layout is never served: its world falls back at once.
 """
 
 import warp as wp
@@ -16,15 +16,16 @@ from sceniris_gym.program.device_reach import Reach, Starts
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 NEVER = wp.constant(1 << 30)
-"""Value of `Search.best` of a world without a restart that is done."""
-# Worlds that a round is expected to leave, at most. With a reach stage a round costs more, and some worlds are harder.
+"""Value of `Search.best` of a world without a finished restart."""
+# Most worlds that a round should leave pending, as an expected value. With a reach stage, a round costs more and some
+# worlds are harder.
 _LEFT = wp.constant(0.5)
 _LEFT_BY_STAGE = wp.constant(0.01)
 
 
 @wp.func
 def _restarts_wanted(worlds: float, left: float, rate: float) -> int:
-    """Return the number of restarts after which so many worlds are expected to be left."""
+    """Return the number of restarts after which `left` of the worlds are expected to be pending."""
     return int(wp.ceil(log_of(worlds / left) / -log_of(rate)))
 
 
@@ -38,7 +39,7 @@ def _clear_rejections(layouts: LayoutsView, row: int):
 
 @wp.func
 def await_round(search: Search, worldid: int):
-    """Give a world without a layout its number in the next round."""
+    """Give a pending world its index in the next round."""
     search.best[worldid] = NEVER
     search.ticket[worldid] = wp.atomic_add(search.worlds_left, 0, 1)
 
@@ -54,7 +55,7 @@ def _begin_episodes(
     search: Search,
 ):
     worldid = wp.tid()
-    # These are already clear unless earlier launches were interrupted.
+    # An interrupt of earlier launches may have left these set.
     search.pending[worldid] = False
     for row in range(worldid, search.waiting.shape[0], search.pending.shape[0]):
         search.waiting[row] = False
@@ -76,7 +77,7 @@ def _begin_episodes(
 
 
 def launch_begin_episodes(work: Workspace, mask: wp.array | None) -> None:
-    """Mark the masked worlds as pending, each for its next episode."""
+    """Mark the masked worlds as pending and open their next episodes."""
     work.search.worlds_left.zero_()
     work.launch(_begin_episodes, work.nworld, [work.program, mask, work.split], work.layouts, work.search)
 
@@ -102,12 +103,13 @@ def _plan_round(
     room = extra // worlds + 1
     left = wp.where(staged, _LEFT_BY_STAGE, _LEFT)
     wanted = _restarts_wanted(float(worlds), left, program.restart_rate)
-    wanted = wp.max(wanted, 2 * search.restarts_at_once[0])  # twice as many as were too few
+    wanted = wp.max(wanted, 2 * search.restarts_at_once[0])  # the last round's number was too low, so double it
     failing = float(worlds) * program.restart_rate
-    # another round follows anyway, or all rows take longer in the stage than it does
+    # Another round follows anyway, or is cheaper than all rows in the reach stage. One restart per world then suffices
+    # if the next round has room for the worlds that are expected to fail.
     if failing > left and (wanted > room or (staged and 2 * worlds >= busy)):
         if failing * float(_restarts_wanted(failing, left, program.restart_rate)) <= float(extra):
-            room = 1  # the next one has room for all that fail in this one
+            room = 1
     search.restarts_at_once[0] = wp.clamp(wp.min(room, wanted), 1, program.restarts + 1)
     search.worlds_left[0] = 0
     search.rows[0] = worlds * search.restarts_at_once[0]
@@ -141,7 +143,7 @@ def _open_rows(
             for k in range(layouts.present.shape[1]):
                 layouts.present[row, k] = layouts.present[worldid, k]
             _clear_rejections(layouts, row)
-        for k in range(starts.robot_qposadr.shape[0]):  # starts of earlier layouts have taken robots elsewhere
+        for k in range(starts.robot_qposadr.shape[0]):  # starts of earlier layouts may have moved the robots
             adr = starts.robot_qposadr[k]
             layouts.qpos[row, adr] = program.home_qpos[adr]
         search.row_world[row] = worldid
@@ -152,7 +154,7 @@ def _open_rows(
         if search.row_object[row] == program.nobject:
             finish_row(search, row, staged)
             continue
-        num = int(0)  # of the objects ahead, as far as no object is absent
+        num = int(0)  # number of objects ahead, up to the first absent object
         if search.row_object[row] == 0:
             while num < ahead and layouts.present[row, program.obj_slot[num + 1]] != 0:
                 num += 1
@@ -161,7 +163,7 @@ def _open_rows(
 
 
 def launch_open_rows(work: Workspace, staged: bool) -> None:
-    """Open rows for the pending worlds, one for each restart of this round."""
+    """Open a row for each restart of this round in the pending worlds."""
     busy = work.size.busy
     work.launch(_plan_round, 1, [work.program, staged, busy], work.search)
     inputs = [work.program, work.reach, work.kinds, staged, work.ahead, busy]

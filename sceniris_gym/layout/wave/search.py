@@ -1,8 +1,8 @@
-"""`Search`: the state of a search for layouts: rows, candidates, and queues of fixed capacity.
+"""`Search`: the state of a search for layouts, with rows, candidates, and queues of fixed capacity.
 
 A *row* is one restart of one world: the objects placed so far, and the next object with its next trial. The first
-`nworld` rows belong to the worlds themselves; the others run later restarts of worlds at the same time. A *candidate*
-is one trial of one row's object. Counts that control loops are arrays of one element, read on the device.
+`nworld` rows belong to the worlds, and the other rows run later restarts of worlds in parallel. A *candidate* is one
+trial of one row's object. Counts that control loops are arrays of one element, so that the device can read them.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from sceniris_gym.program.device_statics import Statics
 NO_GRASP = 1 << 30
 """Sentinel: the arm's map accepts no grasp."""
 
-# Most 4-byte words for the half-planes and pieces of the candidates of a wave; rows beyond that wait for the next wave.
+# Most 4-byte words for the half-planes and pieces of a wave's candidates. Further rows wait for the next wave.
 _MOST_WORDS = 1 << 27
 
 _STREAM_BITS = wp.constant(wp.uint32(STREAM_BITS))
@@ -39,32 +39,32 @@ class Search:
     # Worlds
     pending: wp.array[bool]  # has no layout yet
     restart: wp.array[int]  # the next restart
-    ticket: wp.array[int]  # its number among the pending worlds of this round, or of the next
-    best: wp.array[int]  # the lowest restart of this round that is done; see `flip_failed`
+    ticket: wp.array[int]  # index among the pending worlds of this or the next round
+    best: wp.array[int]  # the lowest finished restart of this round, see `flip_failed`
     # Restarts, each in a row
     row_world: wp.array[int]
     row_restart: wp.array[int]
     # Rows
-    waiting: wp.array[bool]  # has placed everything; the reach stage has yet to find joints for its grasps
-    row_object: wp.array[int]  # the object to place next; `nobject` once all are placed
-    row_trial: wp.array[int]  # the next trial of that object, from 0
+    waiting: wp.array[bool]  # all objects are placed, and the reach stage has to solve for joints
+    row_object: wp.array[int]  # the next object to place, `nobject` if all are placed
+    row_trial: wp.array[int]  # the next trial of this object, from 0
     row_attempts: wp.array[int]  # candidates drawn in this restart
-    row_free: wp.array2d[bool]  # grasps that are still free, of those in `early_grasp`
+    row_free: wp.array2d[bool]  # whether each grasp in `early_grasp` is still free
     queue: wp.array2d[int]  # rows that still place objects: two lists, one read and one written
     # Shares of rows in a wave
     row_first: wp.array[int]  # the row's first candidate in this wave
-    row_trials: wp.array[int]  # the number of its candidates; 0 if the wave has no room for them
-    row_ahead: wp.array[int]  # in front of them, candidates of all objects before it, in the first wave of a round
-    # Placed: of each object that is placed, if objects may fall or start at markers
+    row_trials: wp.array[int]  # number of the row's candidates, 0 if the wave has no room for them
+    row_ahead: wp.array[int]  # number of candidates before them, one per object drawn ahead
+    # Placed: support of each placed object, in scenes where objects may fall or start at markers
     row_surface: wp.array2d[int]
     row_stable: wp.array2d[int]
     # Counts
     worlds_left: wp.array[int]
     rows_left: wp.array[int]
     restarts_at_once: wp.array[int]
-    source: wp.array[int]  # the list of `queue` that is read
-    rows: wp.array[int]  # number of rows in that list
-    rows_before: wp.array[int]  # the same in the wave before
+    source: wp.array[int]  # the list of `queue` to read
+    rows: wp.array[int]  # number of rows in this list
+    rows_before: wp.array[int]  # number of rows in the last wave
     opened: wp.array[int]  # number of candidates of the next wave
     candidates: wp.array[int]
     narrow_pairs: wp.array[int]
@@ -73,7 +73,7 @@ class Search:
     # Trials, each a candidate
     row: wp.array[int]
     obj: wp.array[int]
-    trial: wp.array[int]  # number of the trial of its object in this restart, from 0
+    trial: wp.array[int]  # index of the object's trial in this restart
     # Candidates
     cause: wp.array[int]
     stable_draw: wp.array[StableDraw]
@@ -81,15 +81,15 @@ class Search:
     point: wp.array[wp.vec3]  # under the pivot [m]
     surface: wp.array[int]
     grasp: wp.array[int]
-    free: wp.array2d[bool]  # grasps that it leaves free, of those in `early_grasp`
+    free: wp.array2d[bool]  # whether the candidate leaves each grasp in `early_grasp` free
     hand: wp.array[int]  # (candidate, grasp) that are near each other, as indices into `free`
-    overflowed: wp.array[int]  # 1: a stack or queue had no room for all of its collision test; one lane repeats it
+    overflowed: wp.array[int]  # 1: a stack or queue of the collision test overflowed, so one lane repeats the test
     # Places of candidates
     place: wp.array[wp.vec4]
     bounds: wp.array[wp.vec4]
     # Flags of the prefilter
-    covered: wp.array[int]  # 1: an obstacle is above its point
-    overhanging: wp.array[int]  # 1: part of its footprint lies off the support
+    covered: wp.array[int]  # 1: an obstacle is above the candidate's point
+    overhanging: wp.array[int]  # 1: part of the footprint lies off the support
     # Poses of candidates
     qpos: wp.array2d[float]
     body_pos: wp.array2d[wp.vec3]
@@ -100,19 +100,19 @@ class Search:
 
 @wp.func
 def candidate_num(search: Search) -> int:
-    """Return the number of candidates in this wave: as many as rows asked for, up to the capacity."""
+    """Return the number of candidates in this wave. The count itself may exceed the capacity."""
     return wp.min(search.candidates[0], search.cause.shape[0])
 
 
 @wp.func
 def lanes_for_each(lanes: int, num: int, least: int) -> int:
-    """Return how many lanes share each of `num` things: all there are, or `least` where things are many."""
+    """Return the number of lanes for each of `num` tasks: `lanes` divided among them, but at least `least`."""
     return wp.max(lanes // wp.max(num, 1), least)
 
 
 @wp.func
 def narrow_pair_num(search: Search) -> int:
-    """Return the number of narrow-phase pairs in the queue: as many as were found, up to the capacity."""
+    """Return the number of narrow-phase pairs in the queue. The count itself may exceed the capacity."""
     found = search.narrow_pairs[0]
     if found < 0:  # the count overflowed
         return search.narrow_pair.shape[0]
@@ -121,18 +121,19 @@ def narrow_pair_num(search: Search) -> int:
 
 @wp.func
 def queue_row(program: Program, search: Search, row: int, ahead: int, busy: int):
-    """Queue a row for the next wave, with candidates for the next trials of its object, as far as there is room.
+    """Queue a row for the next wave, with candidates for the next trials of its object, within the capacity.
 
-    There are more of them if few rows are left, or if the object usually needs more. In front of them is a candidate of
-    each of the `ahead` objects before it; the first of these without room is the row's object in its place.
+    The row gets more candidates if few rows are left, or if its object usually needs many trials. Before them come the
+    candidates of the `ahead` objects drawn ahead, one per object. If one of these objects does not fit, it becomes the
+    row's next object.
     """
     search.queue[1 - search.source[0], wp.atomic_add(search.rows_left, 0, 1)] = row
     obj = search.row_object[row]
     trial = search.row_trial[row]
-    # the share of the rows that goes on is expected to be that of the last wave
+    # expect the same fraction of rows to continue as in the last wave
     rows = float(wp.max(search.rows[0], 1))
     share = wp.max(float(search.rows_before[0]), rows) / (rows * rows)
-    # no more than there is room for: the count of all candidates would overflow
+    # at most the capacity, because the count of all candidates would overflow
     most = wp.min(float(busy) * program.obj_effort[obj], float(search.cause.shape[0]))
     trials = wp.min(share * most, float(program.attempts - trial))
     wanted = ahead + wp.max(int(trials), 1)
@@ -151,13 +152,13 @@ def queue_row(program: Program, search: Search, row: int, ahead: int, busy: int)
 
 @wp.func
 def flip_failed(best: int) -> int:
-    """Return a number below 0 for a restart whose start is not clear, or that restart for such a number."""
+    """Return the code (below 0) of a restart whose start is not clear, or the restart for such a code."""
     return -1 - best
 
 
 @wp.func
 def finish_row(search: Search, row: int, staged: bool):
-    """Pass on a row that has placed all its objects: to the reach stage if there is one, else its restart is done."""
+    """Pass a row with all objects placed to the reach stage. Without a stage, mark its restart as finished."""
     if staged:
         search.waiting[row] = True
     else:
@@ -184,26 +185,26 @@ def numbered_stream(split: wp.uint32, number: int) -> wp.uint32:
 
 @wp.func
 def stream_of(program: Program, split: wp.uint32, obj: int) -> wp.uint32:
-    """Return the random stream that an object's candidates are drawn from."""
+    """Return the random stream of an object's candidates."""
     return numbered_stream(split, program.obj_stream[obj])
 
 
 @dataclass(frozen=True)
 class SearchSize:
-    """Capacities of a search. They affect its speed, never its layouts.
+    """Capacities of a search. They affect only its speed, not its layouts.
 
     Attributes:
-        rows: Rows beyond one per world, for restarts that run at the same time.
+        rows: Rows beyond one per world, for restarts in parallel.
         candidates: Most candidates in a wave.
-        busy: Number of candidates that a wave is filled up to with further trials of its rows.
-        narrow_pairs: Capacity of the queue of narrow-phase pairs, which `geometry: visual` does without. Candidates
-            whose pairs have no room are tested as a whole.
+        busy: Number of candidates that keeps the device busy. Smaller waves get further trials of their rows.
+        narrow_pairs: Capacity of the queue of narrow-phase pairs, unused with `geometry: visual`. If the queue
+            overflows, the candidate's collision test is repeated by one lane.
         grasps: Most candidates in a wave of the reach stage, each with a pose of the robot.
-        lanes: Lanes of a launch in which lanes work independently.
-        parts: Lanes that share the containment test of a candidate, and at least so many share its prefilter and the
-            pieces of its region.
-        blocks: Blocks of a launch in which the lanes of a block share a candidate.
-        block_dim: Lanes of a block, in launches of both kinds.
+        lanes: Lanes of a launch with independent lanes.
+        parts: Lanes that share the containment test of a candidate, and the minimum number of lanes that share its
+            prefilter and the pieces of its region.
+        blocks: Blocks of a launch with one candidate per block.
+        block_dim: Lanes of a block, in both kinds of launches.
 
     Raises:
         ArgumentError: A capacity is below 1, or below 0 for `rows` and `narrow_pairs`.
@@ -243,7 +244,7 @@ CPU_SIZE = SearchSize(
 
 
 def default_size(device: str) -> SearchSize:
-    """Return the default capacities of a device: on a CPU one lane does everything, and nothing is queued."""
+    """Return the default capacities of a device. On a CPU, one lane does all the work without a queue."""
     return GPU_SIZE if wp.get_device(device).is_cuda else CPU_SIZE
 
 
@@ -253,14 +254,14 @@ class Workspace:
 
     Attributes:
         compiled: The compiled scene.
-        program: Its placement program, some numbers of which differ between worlds.
-        statics: How objects stand, None if none can fall; the same holds.
-        ahead: Number of objects that are drawn ahead.
-        reaches: The arms; a single empty one if there are no reach targets.
+        program: The placement program. Params give some of its fields a row per world.
+        statics: Data of the standing test, with masses per world if they are drawn. None if objects cannot fall.
+        ahead: Number of objects drawn ahead.
+        reaches: The arms, or a single empty arm without reach targets.
         split: Number of the split.
         size: Capacities.
         layouts: The layouts of all rows.
-        search: The state of the search for them.
+        search: The state of the search.
     """
 
     compiled: CompiledScene
@@ -275,12 +276,12 @@ class Workspace:
 
     @property
     def reach(self) -> Reach:
-        """The first arm, for the fields that all arms share."""
+        """The first arm, for fields common to all arms."""
         return self.reaches[0]
 
     @property
     def kinds(self) -> Starts:
-        """The kinds of starts, for kernels that all scenes launch."""
+        """The kinds of starts, empty in scenes without `start`."""
         return Starts() if self.compiled.starts is None else self.compiled.starts
 
     @property
@@ -299,13 +300,13 @@ class Workspace:
         wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, **words)
 
     def launch_lanes(self, kernel: wp.Kernel, inputs: Sequence, *outputs: Any) -> None:
-        """Launch a kernel whose lanes step through a queue, and which takes their number first."""
+        """Launch a kernel whose lanes step through a queue. Its first argument is the number of lanes."""
         self.launch(kernel, self.size.lanes, [self.size.lanes, *inputs], *outputs)
 
     def launch_blocks(self, kernel: wp.Kernel, inputs: Sequence, *outputs: Any, blocks: int | None = None) -> None:
-        """Launch a kernel in which the lanes of a block share a candidate, and which takes the number of blocks first.
+        """Launch a kernel whose blocks step through a queue. Its first argument is the number of blocks.
 
-        By default it is launched with all blocks.
+        The default is `size.blocks`.
         """
         blocks, words = blocks or self.size.blocks, {"block_dim": self.size.block_dim, "device": self.compiled.device}
         wp.launch_tiled(kernel, dim=[blocks], inputs=[blocks, *inputs], outputs=outputs, **words)

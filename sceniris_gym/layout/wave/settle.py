@@ -1,9 +1,9 @@
-"""End of a round: worlds take the layout of their lowest restart that is done, fall back, or await the next round.
+"""End of a round: worlds take the layout of their lowest finished restart, fall back, or wait for the next round.
 
-The lanes of a block share the counts and the copy of a world's rows. Worlds that run out of restarts fall back on the
-bank of valid layouts. Each split has rows of its own there, so that an evaluation never gets a layout that training may
-have seen. A layout that is served is finite, within the scene's bounds, with unit quaternions: checks on the host
-refuse all known ways to others, and `is_sound` guards against the unknown.
+The lanes of a block share the counts and the copy of a world's rows. Worlds that run out of restarts fall back to the
+bank of valid layouts. The bank has separate rows for each split, so that an evaluation never gets a layout that
+training may have seen. Every served layout is finite and within the scene's bounds, with unit quaternions: checks on
+the host reject all known causes of other layouts, and `is_sound` guards against unknown causes.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ from sceniris_gym.program.device_bank import Bank
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-# Single precision keeps the squared norm of a quaternion to a few times 1e-7.
+# Tolerance of the squared norm of a quaternion. Single precision keeps it to a few times 1e-7.
 _UNIT = wp.constant(1.0e-4)
 
 
 @wp.func
 def _is_unit(w: float, x: float, y: float, z: float) -> bool:
-    # nan compares as false
+    # comparisons with NaN are false
     return wp.abs(w * w + x * x + y * y + z * z - 1.0) <= _UNIT
 
 
 @wp.func
 def is_sound(program: Program, layouts: LayoutsView, row: int, lane: int, lanes: int) -> bool:
-    """Return True if a row may be served, as far as lane `lane` of `lanes` looks."""
+    """Return True if a row may be served. Lane `lane` of `lanes` checks its part."""
     for i in range(lane, layouts.qpos.shape[1], lanes):
         if not (wp.abs(layouts.qpos[row, i]) <= program.bound_qpos[i]):
             return False
@@ -43,7 +43,7 @@ def is_sound(program: Program, layouts: LayoutsView, row: int, lane: int, lanes:
             return False
     for i in range(lane, program.bound_mocap.shape[0], lanes):
         pos = layouts.mocap_pos[row, i]
-        far = wp.abs(pos[0]) + wp.abs(pos[1]) + wp.abs(pos[2])  # a maximum would ignore nan
+        far = wp.abs(pos[0]) + wp.abs(pos[1]) + wp.abs(pos[2])  # a maximum would ignore NaN
         q = layouts.mocap_quat[row, i]
         if not (far <= program.bound_mocap[i]) or not _is_unit(q[0], q[1], q[2], q[3]):
             return False
@@ -54,13 +54,14 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _EVAL = wp.constant(wp.uint32(SPLITS["eval"]))
 _BANK_BIT = wp.constant(BANK_BIT)
-# Distances for another kind of start, and for an object of a group with one present member. Of other groups it is 1.
+# Distances of an entry with another kind of start, and per differing object of a group with one present member. The
+# distance per differing object of other groups is 1.
 _KIND, _ONLY, _FURTHEST = wp.constant(1 << 24), wp.constant(1 << 12), wp.constant((1 << 31) - 1)
 
 
 @wp.func
 def _difference(program: Program, bank: Bank, layouts: LayoutsView, worldid: int, row: int, most: int) -> int:
-    """Return how far an entry of the bank is from the draw of a world, `most` at most."""
+    """Return the distance of a bank entry from the draw of a world, at most `most`."""
     found = wp.where(bank.start[row] == layouts.start[worldid], 0, _KIND)
     for g in range(program.ngroup):
         group = program.group[worldid, g]
@@ -74,10 +75,10 @@ def _difference(program: Program, bank: Bank, layouts: LayoutsView, worldid: int
 
 @wp.func
 def _bank_row(program: Program, bank: Bank, layouts: LayoutsView, worldid: int, split: wp.uint32) -> int:
-    """Return the world's entry of its split's bank; -1 while the bank of the scene is still being filled.
+    """Return a bank entry of the world's split, or -1 during compilation, while the bank is empty.
 
-    It is the next entry, from a random one on, of those nearest to the draw of the world: by the kind of start, then by
-    groups with one present member, such as variants, then by other groups.
+    The search begins at a random entry and returns the first entry that is nearest to the draw of the world: by the
+    kind of start, then by groups with one present member, such as variants, then by other groups.
     """
     first = int(0)
     num = bank.ntrain
@@ -104,7 +105,7 @@ def _bank_row(program: Program, bank: Bank, layouts: LayoutsView, worldid: int, 
 
 @wp.func
 def _fall_back(program: Program, bank: Bank, layouts: LayoutsView, worldid: int, split: wp.uint32, width: int) -> int:
-    """Copy the world's entry of the bank with the key of its draws, and return the status of its row."""
+    """Copy the world's bank entry with the key of its draws, and return the status of the row."""
     row = _bank_row(program, bank, layouts, worldid, split)
     if row < 0:
         return 0
@@ -118,7 +119,7 @@ def _fall_back(program: Program, bank: Bank, layouts: LayoutsView, worldid: int,
 
 @wp.func
 def _count_row(layouts: LayoutsView, search: Search, worldid: int, row: int, lane: int, lanes: int):
-    """Add the attempts and rejections of a restart to those of its world."""
+    """Add the attempts and rejections of a restart to the counts of its world."""
     if lane == 0:
         layouts.attempts[worldid] += search.row_attempts[row]
     if row != worldid:
@@ -164,9 +165,9 @@ def _settle(
         first = search.restart[worldid]
         best = int(search.best[worldid])
         placed = best >= 0 and best < NEVER
-        if best < 0:  # this restart has no start that is clear, and ends the round
+        if best < 0:  # this restart's start is not clear, which ends the round
             best = flip_failed(best)
-        # restarts after the best one are not counted: how many are tried at once would change the counts
+        # restarts after the best do not count, because the counts would depend on the number of parallel restarts
         last = wp.min(wp.min(first + search.restarts_at_once[0] - 1, program.restarts), best)
         row = int(worldid)
         for i in range(last - first + 1):
@@ -195,6 +196,6 @@ def _settle(
 
 
 def launch_settle(work: Workspace) -> None:
-    """End a round: worlds with a layout are done, worlds out of restarts fall back, all others stay pending."""
+    """End a round: worlds with a layout are finished, worlds out of restarts fall back, others stay pending."""
     inputs = [work.program, work.compiled.bank, work.split, layout_width(work.layouts)]
     work.launch_blocks(_settle, inputs, work.layouts, work.search)

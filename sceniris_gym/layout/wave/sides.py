@@ -1,7 +1,7 @@
-"""Resolve the relations of each candidate in its world, and bound the region that they leave by half-planes.
+"""Resolve the relations of each candidate in its world, and bound the resulting region by half-planes.
 
-One lane works on one relation of one candidate. Candidates whose region differs from world to world are listed. Where
-candidates of a row have the same region, it is cut once, for the first of them: their *holder*.
+One lane works on one relation of one candidate. Candidates whose region differs between worlds are listed. If several
+candidates of a row have the same region, it is cut once, for the first candidate: their *holder*.
 """
 
 from functools import partial
@@ -24,25 +24,25 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 @wp.struct
 class Regions:
-    """The regions of a wave's candidates, in scenes in which relations make them differ from world to world."""
+    """The regions of a wave's candidates, in scenes whose relations make regions differ between worlds."""
 
     # Counts
     cuts: wp.array[int]  # number of candidates in `cut`
     regions: wp.array[int]  # number of candidates in `region`
     # Candidates
     relations: wp.array2d[ResolvedRelation]
-    sides: wp.array2d[HalfPlane]  # half-planes that bound the pieces of its relations
-    side_num: wp.array2d[int]  # number of half-planes of each piece of a relation; -1 if the relation is inactive
-    pieces: wp.array[int]  # number of pieces of its region that may have positive area
-    piece: wp.array2d[int]  # their numbers
+    sides: wp.array2d[HalfPlane]  # half-planes that bound the pieces of the relations
+    side_num: wp.array2d[int]  # number of half-planes per piece of a relation, -1 if the relation is inactive
+    pieces: wp.array[int]  # number of pieces of the region that may have positive area
+    piece: wp.array2d[int]  # numbers of these pieces
     piece_area: wp.array2d[float]  # [m^2]
-    cut: wp.array[int]  # candidates whose region differs from world to world
-    region: wp.array[int]  # those that regions are cut for, one for each region of a row
-    holder: wp.array[int]  # the one of these that has the candidate's region
+    cut: wp.array[int]  # candidates whose region differs between worlds
+    region: wp.array[int]  # holders, one candidate for each region of a row
+    holder: wp.array[int]  # the holder of the candidate's region
 
 
 def create_regions(compiled: CompiledScene, ncand: int) -> "Regions | None":
-    """Allocate the regions of so many candidates; return None if they are the same in every world."""
+    """Allocate regions of `ncand` candidates. Return None if regions are the same in every world."""
     if not compiled.related:
         return None
     regions = Regions()
@@ -90,9 +90,9 @@ def _resolve(program: Program, layouts: LayoutsView, search: Search, regions: Re
 
 @wp.func
 def _holder(program: Program, search: Search, c: int, row: int, obj: int) -> int:
-    """Return the first candidate of the row of `c` that has the same region.
+    """Return the first candidate of the row of `c` with the same region.
 
-    Trials of the same stable pose have the same one, unless it depends on their drawn joints or headings.
+    Trials with the same stable pose have the same region, unless it depends on their drawn joints or headings.
     """
     if program.obj_measured[obj] == Measure.WHOLE:
         return c

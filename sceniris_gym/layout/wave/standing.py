@@ -1,4 +1,4 @@
-"""Statics of a wave's candidates: each is to stand, and to leave everything below it standing."""
+"""Statics of a wave's candidates: each candidate should stand, and all objects below should stay standing."""
 
 import warp as wp
 
@@ -23,7 +23,7 @@ def _centered(total: wp.vec4) -> wp.vec4:
 
 @wp.func
 def _stands_alone(program: Program, statics: Statics, layouts: LayoutsView, search: Search, c: int, row: int) -> bool:
-    """Return True if a candidate is carried by what cannot fall, and stands there with all of its foot."""
+    """Return True if a candidate's support cannot fall, and the candidate stands on it with its whole foot."""
     obj = search.obj[c]
     if statics.obj_levelnum[obj] > 1:
         return False
@@ -35,7 +35,7 @@ def _stands_alone(program: Program, statics: Statics, layouts: LayoutsView, sear
 
 @wp.func
 def _stands(program: Program, statics: Statics, layouts: LayoutsView, search: Search, c: int, row: int) -> bool:
-    """Return True if a candidate stands, and all levels below it with it."""
+    """Return True if a candidate stands, and all levels below still stand with its load."""
     levels = wp.zeros(shape=(wp.static(MAX_LEVELS),), dtype=Level)
     patch = wp.zeros(shape=(wp.static(DIRECTIONS),), dtype=wp.vec2)
     adr = statics.obj_leveladr[search.obj[c]]
@@ -54,7 +54,7 @@ def _stands(program: Program, statics: Statics, layouts: LayoutsView, search: Se
             own = weigh(program, statics, obj, worldid, search.body_pos[c], search.body_quat[c], origin)
         else:
             surface = search.row_surface[row, obj]
-            if surface < 0:  # it is held, so that all above stands on it
+            if surface < 0:  # this level is held, so it carries all levels above
                 return loads_stand(levels, j)
             stable = search.row_stable[row, obj]
             place = layouts.place[row, program.obj_slot[obj]]
@@ -107,5 +107,5 @@ def _test_standing(
 
 
 def launch_test_standing(work: Workspace) -> None:
-    """Reject candidates that would fall, or make what they are put on fall."""
+    """Reject candidates that would fall, or topple the objects below."""
     work.launch_lanes(_test_standing, [work.program, work.statics, work.layouts, work.search])

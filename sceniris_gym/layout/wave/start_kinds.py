@@ -1,4 +1,4 @@
-"""Kinds of starts while placing: the kind of each world, joints that it draws otherwise, and objects at markers.
+"""Kinds of starts while placing: the kind of each world, its intervals of joints, and objects at markers.
 
 The kind belongs to the episode, not to a restart: otherwise restarts would favour kinds that are easier to place.
 """
@@ -17,7 +17,7 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 @wp.func
 def _weight(starts: Starts, layouts: LayoutsView, worldid: int, kind: int, column: int) -> float:
-    """Return the weight of a kind in a world: that of its param if there is one, else that of the scene file."""
+    """Return the weight of a kind in a world, from the param if there is one, or from the scene file."""
     if column >= 0:
         return layouts.next_param[worldid, column + kind]
     return starts.weight[kind]
@@ -55,12 +55,12 @@ def _draw_kinds(
 
 
 def launch_draw_kinds(work: Workspace, mask: wp.array | None, column: int = -1) -> None:
-    """Draw the kind of start of the masked worlds, once they have their pending episodes.
+    """Draw the kind of start of the masked worlds. Their pending episodes should be open.
 
     Args:
-        work: The arrays of the generator. Its program has intervals of joints for each world if a kind draws joints.
-        mask: Which worlds, shape (nworld,), bool; all if None.
-        column: First column of their weights in a row of params, -1 for none.
+        work: The arrays of the generator. Its program has intervals of joints per world if a kind draws joints.
+        mask: Selected worlds, shape (nworld,), bool. None selects all.
+        column: First column of the weights in a row of params, -1 without such a param.
     """
     inputs = [work.compiled.starts, mask, work.split, column]
     work.launch(_draw_kinds, work.nworld, inputs, work.layouts, work.program.draw_range)
@@ -95,5 +95,5 @@ def _put_at_markers(
 
 
 def launch_put_at_markers(work: Workspace, end: int) -> None:
-    """Move the candidates of this wave that their kind of start places at a marker, all of objects before `end`."""
+    """Move candidates of this wave to the markers of their kind of start. Only objects before `end` have markers."""
     work.launch_lanes(_put_at_markers, [work.program, work.compiled.starts, end, work.layouts], work.search)

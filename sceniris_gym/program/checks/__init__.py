@@ -1,1 +1,1 @@
-"""Checks of a scene, all of which run before it is uploaded."""
+"""Checks of a scene before it is uploaded."""

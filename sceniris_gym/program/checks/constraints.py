@@ -1,4 +1,4 @@
-"""Check of constraints that layouts would break: welds, connects and tendons, and limits of fixed tendons."""
+"""Checks of constraints that layouts could break: welds, connects and tendons, and limits of fixed tendons."""
 
 from __future__ import annotations
 
@@ -13,20 +13,21 @@ from sceniris_gym.program.plan import Plan
 from sceniris_gym.scene.couplings import active_equalities, equality_errors, equality_label, extremes, joined_bodies
 
 KEPT = 1e-4
-"""The most [m or rad] that the start pose may miss a constraint by: keyframes are written with few digits."""
+"""Greatest error [m or rad] of a constraint in the start pose: keyframes are written with few digits."""
 
 _FLEXES = (mujoco.mjtEq.mjEQ_FLEX, mujoco.mjtEq.mjEQ_FLEXVERT, mujoco.mjtEq.mjEQ_FLEXSTRAIN)
-# Rounding by which a tendon may leave its limits.
+# Tolerance of a tendon's limits for rounding.
 _ROUNDING = 1e-6
 
 
 def check_constraints(plan: Plan) -> None:
-    """Check that every layout keeps the model's equalities, and leaves limited and stiff spatial tendons as they are.
+    """Check that every layout keeps the model's equalities, and the lengths of limited and stiff spatial tendons.
 
-    Equalities of joints are left out, as what they tie follows; `check_tendon_limits` has the limits of fixed tendons.
+    Equalities of joints need no check, because the coupled joints follow. `check_tendon_limits` checks the limits of
+    fixed tendons.
 
     Raises:
-        NotSupportedError: A weld, connect or tendon that layouts would break, or that the start pose breaks.
+        NotSupportedError: Layouts or the start pose would break a weld, a connect or a tendon.
     """
     drawn, where, mjm = _Drawn(plan), plan.scene.config.where, plan.scene.mjm
     for eq in active_equalities(mjm):
@@ -41,32 +42,32 @@ def check_constraints(plan: Plan) -> None:
             what = f"joints {joints}" if joints else "the poses of " + _quoted({str(name) for name in moving})
             if moving:
                 raise NotSupportedError(
-                    f"{label} of tendon {names} would be broken by drawing {what}. Leave that out of the scene file, "
-                    "or couple the joints by <equality><joint>, which layouts follow."
+                    f"{label} of tendon {names} would be broken by drawing {what}. Remove these draws from the scene "
+                    "file, or couple the joints by <equality><joint>, which layouts follow."
                 )
         elif kind in _FLEXES:
             flex = int(mjm.eq_obj1id[eq])
             name = mujoco.mj_id2name(mjm, mujoco.mjtObj.mjOBJ_FLEX, flex) or flex
-            raise NotSupportedError(f"{label}: flex '{name}' cannot be placed. Take it out, or use rigid bodies.")
+            raise NotSupportedError(f"{label}: flex '{name}' cannot be placed. Remove it, or use rigid bodies.")
     (missed,) = equality_errors(mjm, plan.scene.home_qpos[None])
     for eq in active_equalities(mjm):
         if mjm.eq_type[eq] != mujoco.mjtEq.mjEQ_JOINT and missed[eq] > KEPT:
             raise NotSupportedError(
                 f"{where}: {equality_label(mjm, eq)} is missed by {missed[eq]:.3g} m or rad in the start pose, and "
-                f"should be kept to {KEPT:g}. Correct the keyframe 'home', or take the equality out."
+                f"should be kept to {KEPT:g}. Correct the keyframe 'home', or remove the equality."
             )
     for tendon in range(mjm.ntendon):
         _check_spatial(where, drawn, tendon)
 
 
 class _Drawn:
-    """The poses and joints that differ between layouts: of placed objects, drawn joints and their followers.
+    """The poses of placed objects, the drawn joints and their followers, which differ between layouts.
 
     Attributes:
         mjm: The model.
         owners: The object or robot of each body that belongs to one.
         joints: The joints that differ.
-        above: What moves each body, as a set of joint ids and names of objects.
+        above: The movers of each body, a set of joint ids and names of objects.
     """
 
     def __init__(self, plan: Plan) -> None:
@@ -82,21 +83,21 @@ class _Drawn:
             self.above.append(self.above[self.mjm.body_parentid[body]] | own)
 
     def owner(self, body: int) -> str:
-        """Return the object or robot of a body, "world" for what belongs to none."""
+        """Return the object or robot of a body, or "world"."""
         return self.owners.get(body, "world")
 
     def apart(self, bodies: Iterable[int]) -> frozenset[int | str]:
-        """Return what moves some of the bodies, but not all of them."""
+        """Return the movers of some of the bodies, without the movers of all of them."""
         sets = [self.above[body] for body in bodies]
         return frozenset.union(*sets) - frozenset.intersection(*sets) if sets else frozenset()
 
     def stretching(self, tendon: int) -> frozenset[int | str]:
-        """Return what changes the length of a tendon: drawn joints, or poses of objects."""
+        """Return the drawn joints or poses of objects that change the length of a tendon."""
         joints = tendon_joints(self.mjm, tendon)
         return frozenset(self.joints.intersection(joints)) if joints else self.apart(_bodies_of(self.mjm, tendon))
 
     def names(self, joints: Iterable[int | str]) -> str:
-        """Return joints as errors name them."""
+        """Return names of joints for errors."""
         return ", ".join(f"'{self.mjm.joint(j).name}'" for j in sorted(j for j in joints if isinstance(j, int)))
 
 
@@ -109,16 +110,16 @@ def _check_loop(label: str, drawn: _Drawn, a: int, b: int) -> None:
     if drawn.owner(a) != drawn.owner(b):
         raise NotSupportedError(
             f"{label} ties body '{first}' to body '{second}', but layouts draw the pose of one without the other "
-            f"('{drawn.owner(a)}' and '{drawn.owner(b)}'). Take the equality out, or make both parts of one asset."
+            f"('{drawn.owner(a)}' and '{drawn.owner(b)}'). Remove the equality, or make both bodies parts of one asset."
         )
     raise NotSupportedError(
         f"{label} ties body '{first}' to body '{second}', and drawing {drawn.names(apart)} would break it. Leave these "
-        f"joints out of the 'joints' of '{drawn.owner(a)}', or take the equality out."
+        f"joints out of the 'joints' of '{drawn.owner(a)}', or remove the equality."
     )
 
 
 def _check_spatial(where: str, drawn: _Drawn, tendon: int) -> None:
-    """Check that draws stretch no spatial tendon that has limits, and none between objects that is a spring."""
+    """Check that draws do not stretch a spatial tendon with limits, or a spring between objects."""
     mjm = drawn.mjm
     limited, springs = has_active_limits(mjm, tendon), not mjm.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_SPRING
     stretched = drawn.stretching(tendon)
@@ -129,17 +130,17 @@ def _check_spatial(where: str, drawn: _Drawn, tendon: int) -> None:
     if len(owners) > 1:
         raise NotSupportedError(
             f"{where}: tendon '{name}' has limits or stiffness and runs between {_quoted(owners)}, which layouts draw "
-            "apart from each other. Take it out, or make all of them parts of one asset."
+            "separately. Remove it, or make all of them parts of one asset."
         )
     if limited:
         raise NotSupportedError(
             f"{where}: tendon '{name}' is spatial and has limits, and drawing {drawn.names(stretched)} changes its "
-            f"length. Leave these joints out of the 'joints' of {_quoted(owners)}, or take the limits out."
+            f"length. Leave these joints out of the 'joints' of {_quoted(owners)}, or remove the limits."
         )
 
 
 def _bodies_of(mjm: mujoco.MjModel, tendon: int) -> list[int]:
-    """Return the bodies that a spatial tendon runs along."""
+    """Return the bodies along a spatial tendon."""
     wrap, adr, num = mujoco.mjtWrap, int(mjm.tendon_adr[tendon]), int(mjm.tendon_num[tendon])
     kinds, ids = mjm.wrap_type[adr : adr + num], mjm.wrap_objid[adr : adr + num]
     geoms = ids[np.isin(kinds, [int(wrap.mjWRAP_SPHERE), int(wrap.mjWRAP_CYLINDER)])]
@@ -147,7 +148,7 @@ def _bodies_of(mjm: mujoco.MjModel, tendon: int) -> list[int]:
 
 
 def _quoted(names: Iterable[str]) -> str:
-    """Return names as errors list them."""
+    """Return quoted names for errors."""
     return ", ".join(f"'{name}'" for name in sorted(names))
 
 
@@ -158,7 +159,7 @@ def has_active_limits(mjm: mujoco.MjModel, tendon: int) -> bool:
 
 
 def tendon_joints(mjm: mujoco.MjModel, tendon: int) -> dict[int, float]:
-    """Return the factors of a fixed tendon's joints, by joint id; none for a spatial one."""
+    """Return the factors of a fixed tendon's joints by joint id, empty for a spatial tendon."""
     adr = int(mjm.tendon_adr[tendon])
     wraps = range(adr, adr + int(mjm.tendon_num[tendon]))
     return {
@@ -169,14 +170,14 @@ def tendon_joints(mjm: mujoco.MjModel, tendon: int) -> dict[int, float]:
 def check_tendon_limits(plan: Plan) -> None:
     """Check that drawn joints and their followers keep fixed tendons within their limits.
 
-    A tendon that the start pose has beyond its limits may be as far beyond them, and no farther.
+    A tendon beyond its limits in the start pose may keep that length, but not go further beyond.
 
     Raises:
-        SceneKeyError: A tendon that would leave its limits.
+        SceneKeyError: A tendon would leave its limits.
     """
     scene, mjm = plan.scene, plan.scene.mjm
     drawn = {d.qposadr: d.intervals for o in plan.objects for d in o.joint_ranges}
-    # the drawn joint that moves each joint, and the joint's position as a polynomial of that of the drawn one
+    # for each joint, the drawn joint that moves it, and its position as a polynomial of the drawn position
     moving = {adr: (adr, np.poly1d([1.0, 0.0])) for adr in drawn}
     for c in (c for o in plan.objects for c in o.followers):
         root, position = moving[c.driver_adr]
@@ -196,12 +197,12 @@ def check_tendon_limits(plan: Plan) -> None:
             raise SceneKeyError(
                 f"{scene.config.where}: drawing {names} would make tendon '{mjm.tendon(tendon).name}' {low:.4g} to "
                 f"{high:.4g} long, which should be inside its limits [{least:g}, {most:g}]. Draw these joints from "
-                "smaller ranges, or take the limits out."
+                "smaller ranges, or remove the limits."
             )
 
 
 def _shares(factors: Mapping[int, float], moving: Mapping[int, tuple[int, np.poly1d]]) -> dict[int, np.poly1d]:
-    """Return the part of a tendon's length that each drawn joint decides, as a polynomial of its position."""
+    """Return the contribution of each drawn joint to a tendon's length, as a polynomial of its position."""
     shares: dict[int, np.poly1d] = {}
     for adr in factors.keys() & moving.keys():
         root, position = moving[adr]

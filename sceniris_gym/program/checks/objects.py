@@ -16,16 +16,16 @@ from sceniris_gym.program.reach import asset_and_words
 from sceniris_gym.reach.map import build_command, why_not_map
 from sceniris_gym.scene.heaps import settled_with
 
-# Rounding [m or rad] by which a joint may leave its limits.
+# Tolerance [m or rad] of a joint's limits for rounding.
 _ROUNDING = 1e-6
 
 
 def check_supports(plan: Plan) -> None:
-    """Check that objects can stand on what the scene file names as their support.
+    """Check that objects can stand on the supports named in the scene file.
 
     Raises:
-        NotSupportedError: A support that leans at home: surfaces are level in the frame of their body.
-        SceneKeyError: An object inside the floor, or on an endless plane without a region.
+        NotSupportedError: A support leans at home. Surfaces have to be level in the frame of their body.
+        SceneKeyError: An object is inside the floor, or on an endless plane without a region.
     """
     config = plan.scene.config
     for o in plan.objects:
@@ -44,7 +44,7 @@ def check_supports(plan: Plan) -> None:
         is_endless = any(s.is_endless for surfaces in o.surfaces for s in surfaces)
         if is_endless and (region is None or region.fraction is not None):
             raise SceneKeyError(
-                f"{where}: the plane '{parent}' is endless. Say where on it objects are placed, as in "
+                f"{where}: the plane '{parent}' is endless. Bound the places on it, as in "
                 f"{config.key(o.name)}.region: {{box: [[-0.3, -0.3], [0.3, 0.3]]}}."
             )
 
@@ -53,8 +53,8 @@ def check_relations(plan: Plan) -> None:
     """Check that the relations of each object fit together and onto the device, and that `between` has a width.
 
     Raises:
-        SceneKeyError: Relations with too many corners or pieces, `beside` with `face_to`, a width that is missing, or
-            too many points on several surfaces.
+        SceneKeyError: Relations have too many corners or pieces, `beside` is combined with `face_to`, a width is
+            missing, or a region has too many points on several surfaces.
     """
     for o in plan.objects:
         relations, where = o.config.relations, f"{plan.scene.config.where}: objects.{o.name}.relations"
@@ -66,13 +66,12 @@ def check_relations(plan: Plan) -> None:
             )
         if o.orientation == "face_to" and any(isinstance(r, Beside) for r in relations):
             raise SceneKeyError(
-                f"{where}: 'beside' depends on how the object is turned, and 'face_to' on where it is. Use one of them."
+                f"{where}: 'beside' depends on the object's rotation, and 'face_to' on its position. Use one of them."
             )
         for i, relation in enumerate(relations):
             if relation.has_own_width and max(v.short_edge for v in o.stable_poses) == 0.0:
                 raise SceneKeyError(
-                    f"{where}.{i}.width: is missing. '{o.name}' has nothing that collides, so no bounds and no width "
-                    "of its own."
+                    f"{where}.{i}.width: is missing. '{o.name}' has no geom that collides, so its bounds have no width."
                 )
         pieces, points = cut_pieces(o), None if o.config.region is None else o.config.region.points
         if pieces > MAX_PIECES and points is not None:
@@ -84,12 +83,12 @@ def check_relations(plan: Plan) -> None:
         if pieces > MAX_PIECES:
             raise SceneKeyError(
                 f"{where}: together cut the region into {pieces} pieces, and there is room for {MAX_PIECES}. Use fewer "
-                f"rings, or wider ones: a thin one makes up to {MOST_SLICES} slices."
+                f"or wider rings: a thin ring makes up to {MOST_SLICES} slices."
             )
 
 
 def check_followers(plan: Plan) -> None:
-    """Check that drawn joints move joints of their own object only, and none of these beyond its limits.
+    """Check that drawn joints only move joints of the same object, and keep these within their limits.
 
     Raises:
         NotSupportedError: A joint of another object would follow.
@@ -105,8 +104,8 @@ def check_followers(plan: Plan) -> None:
             if c.follower not in own:
                 raise NotSupportedError(
                     f"{where}: joint '{driver}' is drawn, and {c.label} makes joint '{follower}' follow it, which is "
-                    f"not part of '{o.name}'. Make both part of one asset, leave '{driver}' out, or take the equality "
-                    "out."
+                    f"not part of '{o.name}'. Make both part of one asset, leave '{driver}' out, or remove the "
+                    "equality."
                 )
             if low < least - _ROUNDING or high > most + _ROUNDING:
                 raise SceneKeyError(
@@ -117,10 +116,10 @@ def check_followers(plan: Plan) -> None:
 
 
 def check_heaps(plan: Plan) -> None:
-    """Check that the rows of each heap were settled with its things and its container as they are.
+    """Check that the rows of each heap were settled with the present objects and container.
 
     Raises:
-        SceneKeyError: They were settled with other shapes or masses.
+        SceneKeyError: The rows were settled with other shapes or masses.
     """
     config = plan.scene.config
     made_with = {o.name: o.heap.settled_with for o in plan.objects if o.heap is not None}
@@ -128,17 +127,17 @@ def check_heaps(plan: Plan) -> None:
         where = f"{config.where}: heaps.{key}"
         if made_with[heap.of[0]] != settled_with(plan.scene, heap, where):
             raise SceneKeyError(
-                f"{where}.rows: '{heap.rows}' was settled with other shapes or masses. Make it anew with "
+                f"{where}.rows: '{heap.rows}' was settled with other shapes or masses. Settle it again with "
                 "`sceniris-gym settle SCENE`."
             )
 
 
 def check_reach(plan: Plan) -> None:
-    """Check that each reach target is decided as the scene file asks; warn where `ik` decides instead of a map.
+    """Check that each reach target can be tested by its tier, and warn if `ik` replaces a map.
 
     Raises:
-        MapError: A tier asks for the map of an arm that has none.
-        SceneKeyError: An arm that is not in the scene would have to be posed.
+        MapError: A tier needs a map, and the arm has no map.
+        SceneKeyError: A tier needs to pose an arm that is not in the scene.
     """
     config, where = plan.scene.config, plan.scene.config.where
     for i, one in enumerate(plan.reaching.arms):
@@ -151,13 +150,13 @@ def check_reach(plan: Plan) -> None:
         if asked and one.map is None and one.arm.no_map is None:
             raise MapError(
                 f"{where}: {asked[0]}: there is no map of the arm '{asset}'. Build it with "
-                f"'{build_command(asset, tcp)}' and name it as the robot's 'map', or ask for 'ik', which needs none."
+                f"'{build_command(asset, tcp)}' and name it as the robot's 'map', or use 'ik', which needs no map."
             )
         if asked and why_not is not None:
             warn(ReachWarning(f"{where}: {', '.join(asked)}: {why_not}, so 'ik' decides."))
         solved = [target.name for target in targets if not target.tier.needs_map]
         if solved and not robot.in_scene:
-            instead = "Build that" if one.map is not None and one.map.coarse else "Ask for 'map'"
+            instead = "Build that" if one.map is not None and one.map.coarse else "Use 'map'"
             raise SceneKeyError(
                 f"{where}: objects.{solved[0]}.reachable: 'ik' and 'clear' pose the arm, which has 'in_scene: false'"
                 f"{'' if why_not is None else f', and {why_not}'}. {instead}, or put the robot into the scene."

@@ -1,4 +1,4 @@
-"""Warnings of oddities, which are accepted but probably not meant: one for each kind, with its extent and remedy."""
+"""Warnings about oddities that are accepted but probably not intended: one for each kind, with extent and remedy."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from sceniris_gym.program.notices import warn
 from sceniris_gym.program.plan import Plan
 from sceniris_gym.scene.model import SceneModel
 
-# A hull that is larger than its mesh by more than this factor fills something in.
+# A hull that is larger than its mesh by more than this factor fills a hollow.
 _FILLED = 1.3
-# Extents of an object [m]; outside of them its units are probably others.
+# Usual extents of an object [m]. Outside of this range, the file probably has other units.
 _SMALLEST, _LARGEST = 1.0e-3, 50.0
-# Depth [m] to which two objects that are not placed may overlap, as files are rounded.
+# Depth [m] to which two objects that are not placed may overlap, because files are rounded.
 _SUNK = 1.0e-3
 # Flags that switch contact forces off.
 _NO_CONTACTS = int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
-# Distance [m] from the origin, along an axis, up to which rounding stays below the skin of collision tests.
+# Greatest distance [m] from the origin, along an axis, at which rounding stays below the skin of collision tests.
 _FINE = 128.0
 
 
 def warn_of_oddities(plan: Plan) -> None:
-    """Warn of oddities in a scene: one `ModelWarning` for each kind."""
+    """Warn about oddities in a scene, with one `ModelWarning` for each kind."""
     is_physics = plan.scene.config.geometry == "physics"
     for kind in (_filled, _sizes, _sunk, _coarse) if is_physics else (_flat, _sizes, _coarse):
         for text in kind(plan):
@@ -37,19 +37,19 @@ def warn_of_oddities(plan: Plan) -> None:
 
 
 def _flat(plan: Plan) -> Iterator[str]:
-    """Warn of faces without area, which have no inside and no normal, of geometry as it is seen."""
+    """Warn about faces without area in visual geometry. They have no inside and no normal."""
     meshes = {p.geom: p.mesh for p in plan.pieces if p.mesh is not None}
     counts = {g: int(flat_faces(m.triangles).sum()) + m.metadata.get("left_out", 0) for g, m in meshes.items()}
     found = [f"{count} of geom '{geom_name(plan.scene.mjm, geom)}'" for geom, count in counts.items() if count]
     if found:
         yield (
-            f"faces without area are left out: {_some(found)}. Nothing is lost if the mesh is closed without them; "
-            "merge its vertices and remove degenerate faces to be rid of this."
+            f"faces without area are left out: {_some(found)}. This does no harm if the mesh is closed without them. "
+            "To avoid this warning, merge the mesh's vertices and remove degenerate faces."
         )
 
 
 def _filled(plan: Plan) -> Iterator[str]:
-    """Warn of meshes that collide as a hull much larger than they are."""
+    """Warn about meshes whose convex hull, which collides, is much larger than the mesh."""
     mjm, found = plan.scene.mjm, []
     for p in plan.pieces:
         if p.type == PieceType.HULL and p.mesh is not None:
@@ -61,12 +61,12 @@ def _filled(plan: Plan) -> Iterator[str]:
     if found:
         yield (
             f"MuJoCo collides meshes as their convex hulls, which fill the hollows of {_some(found)}. Compose them of "
-            "several convex geoms, or use `geometry: visual` if only placing should see the hollows."
+            "several convex geoms, or use `geometry: visual` if only placing has to respect the hollows."
         )
 
 
 def _sizes(plan: Plan) -> Iterator[str]:
-    """Warn of objects of a size that suggests other units."""
+    """Warn about objects with a size that suggests other units."""
     found = []
     for name in plan.slots:
         bodies = set(plan.scene.subtree(name))
@@ -83,7 +83,7 @@ def _sizes(plan: Plan) -> Iterator[str]:
 
 
 def _sunk(plan: Plan) -> Iterator[str]:
-    """Warn of things that overlap at home and that layouts leave there."""
+    """Warn about geoms that overlap at home and that layouts do not place."""
     scene, mjm = plan.scene, plan.scene.mjm
     is_pushed = not mjm.opt.disableflags & _NO_CONTACTS
     still: list[str] = []
@@ -101,20 +101,20 @@ def _sunk(plan: Plan) -> Iterator[str]:
             cures |= dict.fromkeys(_cure(scene, geom) for geom in free)
     if still:
         yield (
-            f"geoms that never move overlap: {_some(still)}. Nothing moves them apart; correct their positions (for "
-            "a robot its `base`), or exclude the pair if that is meant."
+            f"geoms that never move overlap: {_some(still)}. Correct their positions (for a robot its `base`), or "
+            "exclude the pair if the overlap is intended."
         )
     if pushed:
         yield (
-            "movable geoms overlap others in the start pose, where layouts leave them untested, and contact forces "
-            f"push them out at the start: {_some(pushed)}. {'; '.join(cures)}; or exclude the pair if that is meant."
+            "movable geoms overlap others in the start pose, which layouts do not test, so contact forces push them "
+            f"out at the start: {_some(pushed)}. {'; '.join(cures)}; or exclude the pair if the overlap is intended."
         )
 
 
 def _overlaps(mjm: mujoco.MjModel, home: mujoco.MjData, pieces: list[Piece]) -> Iterator[tuple[float, tuple[int, int]]]:
-    """Yield the depths [m] of overlaps at home with the two geoms, the deepest of each two things.
+    """Yield the deepest overlap at home of each two bodies of the world: its depth [m] and the two geoms.
 
-    Overlaps of geoms that can move and of geoms that cannot count separately.
+    Overlaps of movable geoms and overlaps of geoms that never move are reported separately.
     """
     rules = ContactRules(mjm, "physics")
     deepest: dict[tuple[int, int, bool], tuple[float, tuple[int, int]]] = {}
@@ -136,18 +136,18 @@ def _can_move(mjm: mujoco.MjModel, geom: int) -> bool:
 
 
 def _owner(scene: SceneModel, geom: int) -> str:
-    """Return the name of the object, the robot or the body of the model that a geom is part of."""
+    """Return the name of the object, robot or model body that contains a geom."""
     root = int(scene.mjm.body_rootid[scene.mjm.geom_bodyid[geom]])
     return scene.owners.get(root) or str(scene.mjm.body(root).name)
 
 
 def _geom_of(scene: SceneModel, geom: int) -> str:
-    """Return a geom and its owner as messages name them."""
+    """Return the name of a geom and its owner, for messages."""
     return f"geom '{geom_name(scene.mjm, geom)}' of '{_owner(scene, geom)}'"
 
 
 def _cure(scene: SceneModel, geom: int) -> str:
-    """Return the remedy that moves a geom at the start."""
+    """Return the remedy for an overlap of a movable geom at the start."""
     name, mjm = _owner(scene, geom), scene.mjm
     root = int(mjm.body_rootid[mjm.geom_bodyid[geom]])
     robot = scene.config.all_robots.get(name)
@@ -161,11 +161,11 @@ def _cure(scene: SceneModel, geom: int) -> str:
 
 
 def _coarse(plan: Plan) -> Iterator[str]:
-    """Warn of geoms so far out that rounding there may use up the clearance of something that is placed or drawn."""
+    """Warn about geoms so far out that rounding there may exceed the clearance of a placed object or drawn joint."""
     mjm, found = plan.scene.mjm, []
     drawn = [o.config for o in plan.objects if o.config.kind != "marker"]
     least = min((c.clearance if c.is_placed else 0.0 for c in drawn), default=np.inf)
-    if np.any(mjm.geom_margin > 0.0) or np.any(mjm.pair_margin > 0.0):  # nothing may come into a margin
+    if np.any(mjm.geom_margin > 0.0) or np.any(mjm.pair_margin > 0.0):  # rounding may not reach into a margin
         least = min(least, 0.0)
     for p, low, high in plan.solids if drawn else []:
         reach = float(np.abs([low, high]).max())
@@ -174,13 +174,14 @@ def _coarse(plan: Plan) -> Iterator[str]:
             found.append(f"geom '{geom_name(mjm, p.geom)}' ({reach:.4g} m, {1e6 * resolution:.2g} um)")
     if found:
         yield (
-            f"geoms that reach beyond {_FINE:g} m from the world's origin are rounded, and objects of less 'clearance' "
-            f"may touch them: {_some(found)}. Use a plane or smaller geoms, or a 'clearance' of 0.0001 or more."
+            f"geoms that reach beyond {_FINE:g} m from the world's origin are rounded, and objects with a smaller "
+            f"'clearance' may touch them: {_some(found)}. Use a plane or smaller geoms, or a 'clearance' of at least "
+            "0.0001."
         )
 
 
 def _near(mjm: mujoco.MjModel, home: mujoco.MjData, pieces: list[Piece]) -> Iterator[tuple[Piece, Piece]]:
-    """Yield pairs of pieces whose geoms' bounding spheres meet at home. A row at a time, as scenes have thousands."""
+    """Yield pairs of pieces whose bounding spheres meet at home, row by row because scenes have thousands of pieces."""
     geoms = [p.geom for p in pieces]
     at, radius = home.geom_xpos[geoms], mjm.geom_rbound[geoms]
     radius = np.where(radius > 0.0, radius, np.inf)  # 0 for a plane
@@ -191,6 +192,6 @@ def _near(mjm: mujoco.MjModel, home: mujoco.MjData, pieces: list[Piece]) -> Iter
 
 
 def _some(found: list[str], most: int = 5) -> str:
-    """Return the first of a list of findings, and how many more there are."""
+    """Return the first findings of a list, and the number of the others."""
     more = f", and {len(found) - most} more" if len(found) > most else ""
     return ", ".join(found[:most]) + more

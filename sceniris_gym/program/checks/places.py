@@ -1,4 +1,4 @@
-"""Checks of places: near enough for single precision, and clear of where absent members of groups are parked."""
+"""Checks of places: within single precision, and away from the parking places of absent group members."""
 
 from __future__ import annotations
 
@@ -13,19 +13,20 @@ from sceniris_gym.program.placed_object import PlacedObject
 from sceniris_gym.program.plan import Plan
 from sceniris_gym.scene.parking import GROUND_RISE, PARKING_FROM, PARKING_SPACING
 
-# An object that may get beyond this [m] in both x and y is too close to the parked ones.
+# An object that may get beyond this [m] in both x and y is too close to parked objects.
 _NEAREST = PARKING_FROM - PARKING_SPACING
 
 
 def check_distances(plan: Plan) -> None:
-    """Check that objects stay, and obstacles end, within distances that single precision resolves.
+    """Check that objects and the ends of obstacles stay within distances that single precision resolves.
 
-    Obstacles that stand beyond them as a whole and are no objects of the scene can meet nothing, and are left alone.
+    Obstacles that are wholly beyond these distances and are not objects of the scene are ignored, because placed
+    objects cannot reach them.
 
     Raises:
-        NotSupportedError: A plane in an object that is placed.
-        SceneKeyError: An object that stands too far away or may be placed there, a geom that reaches too far, or a
-            joint that is drawn too far out.
+        NotSupportedError: A placed object has a plane.
+        SceneKeyError: An object stands too far away or may be placed there, a geom reaches too far, or a joint is drawn
+            too far out.
     """
     placed = {o.name for o in plan.objects if o.kind != ObjectKind.STATIC}
     config = plan.scene.config
@@ -46,7 +47,7 @@ def check_distances(plan: Plan) -> None:
         if o.name in placed and any(p.type == PieceType.PLANE and p.body in o.bodies for p in plan.pieces):
             raise NotSupportedError(f"{where}: a plane is endless and cannot be part of what is placed. Use a box.")
         for p, *ends in (solid for solid in plan.solids if o.name in placed and solid[0].body in o.bodies):
-            # it ends near enough to its own frame, wherever that is at home
+            # measured from the object's frame, because the object is placed elsewhere than at home
             reach = float(np.abs(np.subtract(ends, plan.scene.home.xpos[o.bodies[0]])).max())
             if reach > MOST_FAR:
                 raise SceneKeyError(
@@ -74,9 +75,9 @@ def check_distances(plan: Plan) -> None:
 
 
 def _check_region(plan: Plan, o: PlacedObject, placed: set[str]) -> None:
-    """Check that no point of a support on which an object may be placed is too far away.
+    """Check that an object cannot be placed too far away on its support.
 
-    A support that is placed itself is checked for its size alone: its own region bounds how far it gets.
+    For a support that is itself placed, only the size counts. The region of the support bounds its distance.
     """
     if o.support is None or o.config.support is None:
         return
@@ -94,10 +95,10 @@ def _check_region(plan: Plan, o: PlacedObject, placed: set[str]) -> None:
 
 
 def check_parking(plan: Plan) -> None:
-    """Check that absent objects have room where they are parked, and that nothing else gets there.
+    """Check that absent objects have room in their parking places, and that other objects stay away from there.
 
     Raises:
-        SceneKeyError: An object is too large to be parked, or something may get to where objects are parked.
+        SceneKeyError: An object is too large to be parked, or may get to the parking places.
     """
     config = plan.scene.config
     if not config.absent:
@@ -108,9 +109,9 @@ def check_parking(plan: Plan) -> None:
             cure = "leave this variant out" if o.name in config.owners else "take it out of its group"
             raise SceneKeyError(
                 f"{config.where}: objects.{o.name}: is {edge:.3g} m wide and may be absent, and absent objects are "
-                f"parked {PARKING_SPACING:g} m apart. Use something smaller, or {cure}."
+                f"parked {PARKING_SPACING:g} m apart. Use a smaller object, or {cure}."
             )
-    corners: dict[str, np.ndarray] = {}  # at home, of all that rises above the ground
+    corners: dict[str, np.ndarray] = {}  # at home, of pieces that rise above the ground
     for p, _, high in plan.solids:
         if high[2] > GROUND_RISE:
             name = plan.scene.owners.get(p.body) or str(plan.scene.mjm.body(p.body).name)
@@ -122,13 +123,13 @@ def check_parking(plan: Plan) -> None:
             path = f"objects.{name}" if name in config.objects else f"body '{name}'"
             raise SceneKeyError(
                 f"{config.where}: {path}: reaches as far as ({corner[0]:.3g}, {corner[1]:.3g}) m, and absent members "
-                f"of groups are parked from ({PARKING_FROM:g}, {PARKING_FROM:g}) m on. Bring it and what carries it "
+                f"of groups are parked from ({PARKING_FROM:g}, {PARKING_FROM:g}) m on. Move it and its support "
                 "nearer to the world's origin, or use no groups."
             )
 
 
 def _corner(plan: Plan, o: PlacedObject, corners: dict[str, np.ndarray]) -> np.ndarray:
-    """Return the greatest x and y [m] that an object may reach, wherever it is placed, in any joint state."""
+    """Return the greatest x and y [m] that an object may reach, in all of its places and joint states."""
     size = _size(plan, o)
     if not o.config.is_placed:
         return corners.get(o.name, np.full(2, -np.inf)) + (2.0 * size if o.joint_ranges else 0.0)
@@ -144,7 +145,7 @@ def _corner(plan: Plan, o: PlacedObject, corners: dict[str, np.ndarray]) -> np.n
 
 
 def _size(plan: Plan, o: PlacedObject) -> float:
-    """Return a distance [m] from its root beyond which an object has no piece, in any joint state that is drawn."""
+    """Return an upper bound [m] of the distance from an object's root to its pieces, over all drawn joint states."""
     mjm = plan.scene.mjm
     own = [p for p in plan.pieces if p.body in o.bodies]
     if not own:

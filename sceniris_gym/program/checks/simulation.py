@@ -1,4 +1,4 @@
-"""Checks of what the simulation takes: a solver that MuJoCo-Warp has, features that it knows, and memory."""
+"""Checks of the simulation's needs: a solver and features that MuJoCo-Warp supports, and memory."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from sceniris_gym.program.plan import Plan
 
 _MEMINFO = Path("/proc/meminfo")
 _LIMIT, _USED = (Path("/sys/fs/cgroup") / name for name in ("memory.max", "memory.current"))
-# Memory that a pair of colliders takes while a scene is compiled, measured with 500,000 of them.
+# Memory of a pair of colliders during compilation [bytes], measured with 500,000 pairs.
 _PAIR_BYTES = 600
 
 
@@ -23,7 +23,7 @@ def check_solver(plan: Plan) -> None:
     """Check that MuJoCo-Warp has the solver of the model.
 
     Raises:
-        NotSupportedError: It does not.
+        NotSupportedError: MuJoCo-Warp lacks the solver.
     """
     solver = mujoco.mjtSolver(plan.scene.mjm.opt.solver)
     if int(solver) not in set(mjw.SolverType):
@@ -35,41 +35,41 @@ def put_simulated(mjm: mujoco.MjModel, where: str) -> mjw.Model:
     """Return mujoco_warp's Model on Warp's current device.
 
     Raises:
-        NotSupportedError: The model has a feature that MuJoCo-Warp lacks; the message begins with `where`.
+        NotSupportedError: The model has a feature that MuJoCo-Warp lacks. The message begins with `where`.
     """
     try:
         return mjw.put_model(mjm)
     except NotImplementedError as error:
-        raise NotSupportedError(f"{where}: MuJoCo-Warp cannot simulate the model: {error} Take that out.") from None
+        raise NotSupportedError(f"{where}: MuJoCo-Warp cannot simulate the model: {error} Remove it.") from None
 
 
 def check_pairs_fit(plan: Plan) -> None:
-    """Check that the pairs of colliders, which are listed while a scene is compiled, fit into memory.
+    """Check that the list of pairs of colliders, which compilation makes, fits into memory.
 
     Raises:
-        MemoryLimitError: They do not fit.
+        MemoryLimitError: The list does not fit.
     """
     solid = {(p.body, p.contact_class) for p in plan.pieces if p.type != PieceType.PLANE}
     number = len(solid) + sum(p.type == PieceType.PLANE for p in plan.pieces)
     own = sum(len(o.bodies) for o in plan.objects)
     pairs = own * (number - own) + own * own // 2
     what = f"{plan.scene.config.where}: the pairs of {number} colliders"
-    check_memory(what, pairs * _PAIR_BYTES, "cpu", "Use fewer objects, or geoms of one body in place of many bodies.")
+    check_memory(what, pairs * _PAIR_BYTES, "cpu", "Use fewer objects, or geoms of one body instead of many bodies.")
 
 
 def check_memory(what: str, needed: int, device: str, cure: str) -> None:
-    """Check that free memory has room for something.
+    """Check that a large allocation fits into free memory.
 
     Args:
-        what: The thing that is about to be made, with the place in the user's words that asks for it.
-        needed: Number of bytes that it takes, at least.
-        device: Warp's name of the device that it is made on.
+        what: The allocation, after the place in the user's words that requires it.
+        needed: Its least number of bytes.
+        device: Warp's name of the device.
         cure: The remedy.
 
     Raises:
         MemoryLimitError: It does not fit.
     """
-    if needed < 1 << 28:  # not worth asking
+    if needed < 1 << 28:  # small enough to skip the query
         return
     free = free_memory(device)
     if free is not None and needed > free:
@@ -80,7 +80,7 @@ def check_memory(what: str, needed: int, device: str, cure: str) -> None:
 
 
 def free_memory(device: str) -> int | None:
-    """Return the number of free bytes on a device; None if the system does not tell."""
+    """Return the number of free bytes on a device, or None if the system does not report it."""
     found = wp.get_device(device)
     if found.is_cuda:
         return int(found.free_memory)

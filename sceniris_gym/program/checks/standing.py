@@ -1,4 +1,4 @@
-"""Check that what has to stand can: it collides with its support, weighs on it, and its support does not give way."""
+"""Checks of standing: an object collides with its support, weighs on it, and the support does not give way."""
 
 from __future__ import annotations
 
@@ -21,23 +21,24 @@ from sceniris_gym.scene.couplings import follow
 from sceniris_gym.scene.draws import LOOSE, WEAK, Ends, at_ends
 from sceniris_gym.scene.model import SceneModel
 
-# Greatest angle [degrees] between gravity and the vertical: a friction of 0.02 holds things there.
+# Greatest angle [degrees] between gravity and the vertical: a friction of 0.02 holds objects there.
 _TILT = 1.0
-# Greatest depth [m] to which an object sinks into its support by its own weight, and to which that gives way.
+# Greatest sink [m] of an object into its support, and greatest yield [m] of a support under a load.
 _GIVES = 5.0e-3
+# Duration of a simulated test [s], and the number of looks at the support during it.
 _SECONDS, _LOOKS = 0.5, 10
-# Greatest motion [m] in that time of an object that stands.
+# Greatest motion [m] of a standing object during the test.
 _STILL = 0.01
-# Greatest height [m] between the geoms that an object is placed by and the geoms that carry it.
+# Greatest height [m] between the geoms used for placing and the geoms that carry the object.
 _DROP = 2.0e-3
-# Inertia [kg or kg m^2] that keeps joints where they are; with 1e9 in a hinge the body that it is on tips by rounding.
+# Inertia [kg or kg m^2] that holds joints in place. With 1e9 in a hinge, rounding tips the body below it.
 _HELD = 1.0e6
-# The ends of what may be drawn at which joints and supports give way the most; a light one may, or a heavy one.
+# The ends of draws at which joints and supports give way the most. Either the heaviest or the lightest bodies may.
 _HEAVY: dict[str, Ends] = {**WEAK, **LOOSE}
 _LIGHT: dict[str, Ends] = {**_HEAVY, "body_mass": "least"}
 # Joints that move a support up or down by less than this [m per m or rad] do not yield to a load.
 _LEAST_LIFT = 1.0e-3
-# Least friction of what leans, or may do so: the tangent of that angle.
+# Least friction of an object that may lean: a little above the tangent of `_TILT`.
 _FRICTION = 0.02
 _ANYWAY = "or write 'stands: false' if it is meant to fall"
 
@@ -46,9 +47,9 @@ def check_standing(plan: Plan) -> None:
     """Check that each object that has to stand can do so on its support.
 
     Raises:
-        SceneKeyError: Gravity that does not point down, contacts that are switched off or too soft, an object that its
-            support does not carry or carries elsewhere, parts of it below its foot, too many objects on each other, or
-            a joint that gives way.
+        SceneKeyError: Gravity does not point down, or contacts are off or too soft. A support does not carry its
+            object, carries it at another height, or moves it. Drawn joints move parts of an object below its foot. An
+            object falls over, too many objects stand on each other, or a joint gives way.
     """
     config, draws = plan.scene.config, plan.scene.draws
     models = dict.fromkeys(at_ends(plan.scene.mjm, draws, **ends) for ends in ({}, _HEAVY, _LIGHT))
@@ -61,27 +62,27 @@ def check_standing(plan: Plan) -> None:
         if not stance.feet:
             raise SceneKeyError(
                 f"{where}: '{o.name}' falls through '{o.config.support.parent}', as no geom of it collides with that. "
-                f"Give both contact bits (contype, conaffinity) that match, take an <exclude> out, {_ANYWAY}."
+                f"Give both matching contact bits (contype, conaffinity), remove an <exclude>, {_ANYWAY}."
             )
         if stance.is_belt:
             raise SceneKeyError(
                 f"{where}: '{o.name}' does not stay on '{o.config.support.parent}', as a 'surfacevel' of a geom there "
-                f"carries it away. Set that to 0, {_ANYWAY}."
+                f"carries it away. Set 'surfacevel' to 0, {_ANYWAY}."
             )
         if (len(stance.levels) > 1 or stance.tilt) and stance.friction < _FRICTION:
             raise SceneKeyError(
                 f"{where}: '{o.name}' slides off '{o.config.support.parent}', as the friction between them is "
-                f"{stance.friction:.3g} and should be {_FRICTION:g} at least. Give one of both more, {_ANYWAY}."
+                f"{stance.friction:.3g} and should be at least {_FRICTION:g}. Raise the friction of either, {_ANYWAY}."
             )
         if round(hangs := max(f.hangs for f in stance.feet), 4) > 0.0:
             raise SceneKeyError(
                 f"{where}: '{o.name}' may not stand on its foot: the drawn joints {drawn_joints(plan.scene, o)} "
-                f"move parts of it up to {1e3 * hangs:.3g} mm below that. Draw them from less, {_ANYWAY}."
+                f"move parts of it up to {1e3 * hangs:.3g} mm below the foot. Narrow their ranges, {_ANYWAY}."
             )
         if round(abs(gap := max((f.drop for f in stance.feet), key=abs)), 6) > _DROP:
             raise SceneKeyError(
                 f"{where}: '{o.name}' meets its support {1e3 * abs(gap):.3g} mm {'below' if gap > 0 else 'above'} its "
-                f"place, which should be {1e3 * _DROP:g} mm at most. Let visible and colliding geoms end at one height."
+                f"place, which should be at most {1e3 * _DROP:g} mm. Let visible and colliding geoms end at one height."
             )
         check_weight(plan.scene, o.bodies, where)
         best = max(stance.feet, key=lambda f: f.most)
@@ -93,21 +94,21 @@ def check_standing(plan: Plan) -> None:
         if best.most <= 0.0:
             falls, foot = ("rolls", "curved foot, or too high above it") if best.law.tip else ("falls", "foot")
             if best.law.tip and best.law.steady:
-                foot += f" for '{o.config.support.parent}', which is no fixed plane"
+                foot += f" for '{o.config.support.parent}', which is not a fixed plane"
             raise SceneKeyError(
                 f"{where}: '{o.name}' {falls} over: its centre of mass is {-1e3 * best.most:.3g} mm outside of its "
                 f"{foot}. Correct its <inertial> or its geoms, give it 'orientation: stable', {_ANYWAY}."
             )
         if stance.depth > _GIVES:
             raise SceneKeyError(
-                f"{where}: '{o.name}' sinks into its support by {1e3 * stance.depth:.3g} mm, which should be "
-                f"{1e3 * _GIVES:g} mm at most. Give its geoms a harder 'solref' or 'solimp', or a weight nearer to "
-                f"that of its support, {_ANYWAY}."
+                f"{where}: '{o.name}' sinks into its support by {1e3 * stance.depth:.3g} mm, which should be at most "
+                f"{1e3 * _GIVES:g} mm. Give its geoms a harder 'solref' or 'solimp', or a weight closer to "
+                f"its support's, {_ANYWAY}."
             )
         levels = len(stance.levels)
         if levels > MAX_LEVELS:
             raise SceneKeyError(
-                f"{where}: {levels} free objects stand on each other, which should be {MAX_LEVELS} at most. Begin "
+                f"{where}: {levels} free objects stand on each other, which should be at most {MAX_LEVELS}. Begin "
                 "another stack."
             )
         for mjm in models:
@@ -116,7 +117,7 @@ def check_standing(plan: Plan) -> None:
 
 
 def _check_gravity(scene: SceneModel, o: PlacedObject, where: str) -> None:
-    """Refuse a model in which an object cannot stand, or gravity and wind are drawn with too much of a tilt."""
+    """Reject a model whose contacts are off, or whose greatest drawn tilt of gravity and wind is too large."""
     mjm, bits = scene.mjm, mujoco.mjtDisableBit
     pull, push = least_upright(scene), wind_push(scene, o)
     if np.hypot(*pull[:2]) + push > -pull[2] * np.tan(np.radians(_TILT)):
@@ -124,14 +125,14 @@ def _check_gravity(scene: SceneModel, o: PlacedObject, where: str) -> None:
         wind = f" with a wind that pushes '{o.name}' by up to {push:.3g} N for each kg" if push else ""
         raise SceneKeyError(
             f"{where}: gravity {drawn} {pull.round(6).tolist()}{wind}, and should point down the z axis to {_TILT:g} "
-            f"degree for what stands. Correct it, {_ANYWAY}."
+            f"degree for standing objects. Correct it, {_ANYWAY}."
         )
     if mjm.opt.disableflags & (bits.mjDSBL_CONTACT | bits.mjDSBL_CONSTRAINT):
-        raise SceneKeyError(f"{where}: a flag of the model switches contacts off. Take it out, {_ANYWAY}.")
+        raise SceneKeyError(f"{where}: a flag of the model switches contacts off. Remove it, {_ANYWAY}.")
 
 
 def _check_joints(plan: Plan, mjm: mujoco.MjModel, o: PlacedObject, load: float, where: str) -> None:
-    """Refuse a support that gives way under a load [kg]: MuJoCo C puts it on its corners, all that is placed held."""
+    """Reject a support that gives way in MuJoCo C under a load [kg] on its corners, with placed objects held."""
     assert o.ground is not None
     low, high = o.corners.min(axis=0), o.corners.max(axis=0)
     places = [np.array([x, y, low[2]]) for x in (low[0], high[0]) for y in (low[1], high[1])]
@@ -140,7 +141,7 @@ def _check_joints(plan: Plan, mjm: mujoco.MjModel, o: PlacedObject, load: float,
     is_loose = mjm.body_dofnum[root] == 6 and root not in placed
     if not joints and not is_loose:
         return
-    held = np.isin(mjm.body_rootid, placed) | (not is_loose)  # what is loose may stand on what is there, too
+    held = np.isin(mjm.body_rootid, placed) | (not is_loose)  # a loose support may itself rest on other bodies
     is_free = mjm.jnt_type == mujoco.mjtJoint.mjJNT_FREE
     model, data = _held(mjm, is_free & held[mjm.jnt_bodyid], held), mujoco.MjData(mjm)
     if not is_loose:
@@ -151,7 +152,7 @@ def _check_joints(plan: Plan, mjm: mujoco.MjModel, o: PlacedObject, load: float,
         data.qpos[:], data.ctrl[:] = plan.scene.home.qpos, plan.scene.home_ctrl
         data.qpos[list(state)] = list(state.values())
         mujoco.mj_forward(model, data)
-        if data.xmat[o.ground][8] < COS_MAX_TILT:  # nothing is put on it there
+        if data.xmat[o.ground][8] < COS_MAX_TILT:  # too tilted to be a support in this state
             continue
         start, force = _point(data, o.ground, at), load * model.opt.gravity
         data.xfrc_applied[o.ground] = [*force, *np.cross(start - data.xipos[o.ground], force)]
@@ -161,16 +162,16 @@ def _check_joints(plan: Plan, mjm: mujoco.MjModel, o: PlacedObject, load: float,
             fall = max(fall, float((start - _point(data, o.ground, at))[2]))
         if fall > _GIVES:
             names = " and ".join(f"'{mjm.joint(j).name}'" for j in joints)
-            by = f"joint {names}. Hold that by its frictionloss, stiffness, limits or actuator"
+            by = f"joint {names}. Hold it by its frictionloss, stiffness, limits or actuator"
             if is_loose:
-                by = f"free body '{mjm.body(root).name}'. Place that, too"
+                by = f"free body '{mjm.body(root).name}'. Also place this body"
             raise SceneKeyError(
                 f"{where}: its support gives way by {1e3 * fall:.3g} mm under {load:.3g} kg, by {by}, {_ANYWAY}."
             )
 
 
 def _check_own_joints(plan: Plan, mjm: mujoco.MjModel, o: PlacedObject, stance: Stance, where: str) -> None:
-    """Refuse an object that moves on its support in MuJoCo C, but not with all of its joints held."""
+    """Reject an object that moves on its support in MuJoCo C, but stands with all of its joints held."""
     home = plan.scene.home
     is_own, ground = np.isin(mjm.jnt_bodyid, o.bodies), int(o.ground or 0)
     free, *inner = np.flatnonzero(is_own).tolist()
@@ -192,7 +193,7 @@ def _check_own_joints(plan: Plan, mjm: mujoco.MjModel, o: PlacedObject, stance: 
         mujoco.mj_step(model, data, round(_SECONDS / model.opt.timestep))
         return float(np.linalg.norm(data.qpos[adr : adr + 3] - start))
 
-    # a servo holds a drawn joint where it is
+    # a reset makes position actuators hold the drawn joints, so only the home state is tested with actuators
     states = [{}] if np.isin(mjm.actuator_trnid[:, 0], inner).any() else _states(o) or [{}]
     for state, i in itertools.product(states, range(len(o.stable_poses))):
         if (far := moves(loose, state, i)) > _STILL >= moves(firm, state, i):
@@ -203,13 +204,13 @@ def _check_own_joints(plan: Plan, mjm: mujoco.MjModel, o: PlacedObject, stance: 
 
 
 def _states(o: PlacedObject) -> list[dict[int, float]]:
-    """Return five sets of positions of an object's joints, from one end of their draws to the other, by qposadr."""
+    """Return five sets of joint positions by qposadr, from one end of the draws to the other, empty without draws."""
     drawn = [(r.qposadr, r.choice or np.linspace(r.low, r.high, 5)) for r in o.joint_ranges]
     return [{adr: values[(len(values) - 1) * i // 4] for adr, values in drawn} for i in range(5 if drawn else 0)]
 
 
 def _held(mjm: mujoco.MjModel, joints: np.ndarray, bodies: np.ndarray) -> mujoco.MjModel:
-    """Return the model with some joints (njnt,) held where they are, and without contacts of some bodies (nbody,)."""
+    """Return the model with some joints (njnt,) held in place, and without contacts of some bodies (nbody,)."""
     model = copy.copy(mjm)
     model.geom_contype[bodies[mjm.geom_bodyid]] = model.geom_conaffinity[bodies[mjm.geom_bodyid]] = 0
     model.dof_armature[joints[mjm.dof_jntid]] = _HELD
@@ -222,7 +223,7 @@ def _point(data: mujoco.MjData, body: int, at: np.ndarray) -> np.ndarray:
 
 
 def _yielding(mjm: mujoco.MjModel, home: mujoco.MjData, body: int, at: np.ndarray) -> set[int]:
-    """Return the joints by which a load on a support moves it up or down at a point `at` in its frame [m]."""
+    """Return the joints that let a load move a support up or down at a point `at` in the support's frame [m]."""
     jacobian = np.zeros((3, mjm.nv))
     mujoco.mj_jac(mjm, home, jacobian, None, _point(home, body, at), body)
     joints = mjm.dof_jntid[np.abs(jacobian[2]) > _LEAST_LIFT]

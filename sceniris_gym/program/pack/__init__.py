@@ -1,1 +1,1 @@
-"""Packers: each turns a part of a Plan into flat arrays of the device."""
+"""Packers: each converts a part of a Plan into flat device arrays."""

@@ -1,4 +1,4 @@
-"""First nodes of the collision test: pairs of boxes of two trees; see `collide/boxes.py`."""
+"""First nodes of the collision test of `collide/boxes.py`: pairs of boxes of two trees."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from sceniris_gym.geometry.colliders import Collider
 Nodes = tuple[int, int]
 """A node of each of two trees."""
 Entry = tuple[int, int, int]
-"""A pair of colliders, and a node of each."""
+"""A pair of colliders, and a node in each of their trees."""
 
 
 class Trees:
-    """The trees of boxes of all colliders, with the half sizes of their boxes and the first child of each node.
+    """The trees of boxes of all colliders: the half sizes of the boxes, and the first child of each node.
 
     Args:
         colliders: All colliders.
@@ -27,14 +27,14 @@ class Trees:
         self._child = np.concatenate([*(c.child for c in colliders), np.zeros(0, int)])  # ~leaf for a leaf
 
     def first_nodes(self, entries: Sequence[Entry], lanes: int) -> list[Entry]:
-        """Return the entries that the descent of both trees begins with: (pair, node of a, node of b).
+        """Return the first entries of the descent of both trees: (pair, node of a, node of b).
 
-        The largest boxes are opened ahead of time, whatever the poses, until there is an entry for every lane. That
-        saves the first passes of every test, in which most lanes would idle.
+        The largest boxes are opened in advance for all poses, until every lane has an entry. This saves the first
+        passes of every test, which would leave most lanes idle.
 
         Args:
             entries: The test of one object, in as few entries as possible.
-            lanes: Number of lanes that share the work; a single one does best with the fewest entries.
+            lanes: Number of lanes that share the work. A single lane is fastest with the fewest entries.
         """
         found = list(entries)
         while 0 < len(found) < lanes:
@@ -47,11 +47,11 @@ class Trees:
         return found
 
     def without(self, a: int, b: int, left_out: Collection[Nodes]) -> list[Nodes]:
-        """Return pairs of nodes that together cover all pairs of leaves below two nodes but those left out.
+        """Return pairs of nodes that together cover all pairs of leaves below two nodes, except the pairs left out.
 
         Args:
-            a: One node, the root of a collider at first.
-            b: The other one.
+            a: A node. The recursion starts at the root of a collider.
+            b: A node of the other collider.
             left_out: Pairs of leaves, as nodes of a and of b.
         """
         within = [(x, y) for x, y in left_out if x in self._leaves(a) and y in self._leaves(b)]
@@ -62,7 +62,7 @@ class Trees:
         return [found for nodes in self._opened(a, b) for found in self.without(*nodes, within)]
 
     def leaves(self, collider: int) -> dict[int, int]:
-        """Return the leaves of a collider by their nodes: the numbers of pieces, also of a plane."""
+        """Return the numbers of a collider's pieces by their leaf nodes. A plane counts as a leaf."""
         one = self._colliders[collider]
         if one.plane >= 0:
             return {one.root: one.plane}
@@ -77,7 +77,7 @@ class Trees:
         return [node] if first < 0 else self._leaves(first) + self._leaves(first + 1)
 
     def _opened(self, a: int, b: int) -> list[Nodes]:
-        """Return the two smaller pairs of boxes that make up a pair of boxes, not both of which are leaves."""
+        """Split a pair of boxes into two smaller pairs. At least one of the boxes is not a leaf."""
         if self._is_leaf(b) or (not self._is_leaf(a) and self._half[a].max() > self._half[b].max()):
             return [(int(self._child[a]), b), (int(self._child[a]) + 1, b)]
         return [(a, int(self._child[b])), (a, int(self._child[b]) + 1)]

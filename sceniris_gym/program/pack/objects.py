@@ -1,4 +1,4 @@
-"""The objects of a plan as fields of `device.Program`: draws, bodies, pieces; and reach targets as those of `Reach`."""
+"""The objects of a plan as fields of `device.Program`, and its reach targets as fields of `device_reach.Reach`."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ from sceniris_gym.scene.couplings import coupling_arrays
 from sceniris_gym.scene.model import SceneModel
 
 _ORIENTATIONS = {"any": OrientationType.ANY, "face_to": OrientationType.FACE_TO}
-# A piece that rises above a surface by less than this [m] does not cover it: half of where rays upwards begin.
+# A piece that rises above a surface by less than this [m] does not cover it: half of the height of a ray's origin.
 _FLUSH = 5.0e-5
 
 
 def pack_objects(plan: Plan, rules: PairRules, joints: dict[str, JoinedSites]) -> dict[str, np.ndarray]:
-    """Return the fields `obj_*`, and the lists that they address but for pairs; `joints` as from `joints_of`."""
+    """Return the fields `obj_*` and their lists, without pairs. `joints` comes from `joints_of`."""
     objects, slots, shared = plan.objects, plan.slots, plan.scene.config.owners
     boxes = [_box(o.config) for o in objects]
     followers, followed = addressed("obj_follow", (o.followers for o in objects))
@@ -62,7 +62,7 @@ def pack_objects(plan: Plan, rules: PairRules, joints: dict[str, JoinedSites]) -
 
 
 def _heaps(objects: list[PlacedObject]) -> dict[str, np.ndarray]:
-    """Return the settled poses of the things of heaps, one thing after the other."""
+    """Return the settled poses of the objects of heaps, object by object."""
     rows, adr, num = ranges([] if o.heap is None else list(np.hstack([o.heap.pos, o.heap.quat])) for o in objects)
     streams = np.array([0 if o.heap is None else o.heap.stream for o in objects], int)
     heaped = np.array([o.heap is not None for o in objects], bool)
@@ -73,21 +73,21 @@ def _heaps(objects: list[PlacedObject]) -> dict[str, np.ndarray]:
 
 
 def _joint_ranges(objects: list[PlacedObject]) -> dict[str, np.ndarray]:
-    """Return the positions that joints are drawn from."""
+    """Return the draws of joint positions."""
     drawn, draws = addressed("obj_draw", (o.joint_ranges for o in objects))
     choice, choices = addressed("draw_choice", (r.choice for r in drawn))
     return {
         **draws,
         **choices,
         "draw_qposadr": np.array([r.qposadr for r in drawn], int),
-        # upside down where a choice is drawn
+        # low > high marks a draw by choice
         "draw_range": np.reshape([(1.0, -1.0) if r.choice else (r.low, r.high) for r in drawn], (-1, 2)),
         "choice": np.array(choice, float),
     }
 
 
 def _orientations(plan: Plan, joints: dict[str, JoinedSites]) -> dict[str, np.ndarray]:
-    """Return how orientations are drawn, and their stable poses; steps that only draw joints keep their orientation."""
+    """Return the draws of orientations, and their stable poses. Steps that only draw joints keep their orientation."""
     drawn = [o.config.drawn_orientation for o in plan.objects]
     yaws = [(joints[o.name].turn,) * 2 if o.name in joints else d.yaw for o, d in zip(plan.objects, drawn, strict=True)]
     poses, fields = addressed("obj_stable", (o.stable_poses for o in plan.objects))
@@ -106,7 +106,7 @@ def _orientations(plan: Plan, joints: dict[str, JoinedSites]) -> dict[str, np.nd
 
 
 def _bodies_and_pieces(plan: Plan, colliders: list[Collider]) -> dict[str, np.ndarray]:
-    """Return the bodies and pieces of each object, those of its footprint, and those that may cover it."""
+    """Return the bodies and pieces of each object, the pieces of its footprint, and the obstacles that may cover it."""
     objects = plan.objects
     of_body: dict[int, list[int]] = {}
     for i, p in enumerate(plan.pieces):
@@ -128,12 +128,12 @@ def _bodies_and_pieces(plan: Plan, colliders: list[Collider]) -> dict[str, np.nd
 
 
 def footprint_hulls(objects: list[PlacedObject]) -> list[Piece]:
-    """Return the footprints that are pieces of their own, numbered after all obstacles."""
+    """Return the footprints that are separate pieces, numbered after all obstacles."""
     return [o.footprint for o in objects if o.footprint is not None]
 
 
 def _gap(rules: PairRules, o: PlacedObject) -> float:
-    """Return the height [m] over the support: the scene's, or more where MuJoCo acts from further away."""
+    """Return the height [m] over the support: the scene file's, or more if MuJoCo's contact begins further away."""
     if o.heap is not None:
         return 0.0
     pairs = itertools.product(rules.of(o.bodies), rules.of([o.ground]))
@@ -142,9 +142,10 @@ def _gap(rules: PairRules, o: PlacedObject) -> float:
 
 
 def _overhead(plan: Plan, colliders: list[Collider], o: PlacedObject) -> list[int]:
-    """Return the pieces, or colliders of visual geometry, that may cover an object: of any body of its parent.
+    """Return the pieces of its parent's bodies, or their colliders with visual geometry, that may cover an object.
 
-    Planes never do, nor do pieces of the support itself that rise above none of the object's surfaces.
+    Planes never cover an object. A piece of the support itself only counts if it rises above one of the object's
+    surfaces.
     """
     if o.cover == Cover.EITHER:
         return []
@@ -160,7 +161,7 @@ def _overhead(plan: Plan, colliders: list[Collider], o: PlacedObject) -> list[in
 
 
 def _measured(plan: Plan, o: PlacedObject) -> Measure:
-    """Return the part of an object that is measured for each candidate; bounds only where a relation looks at them."""
+    """Return the measured part of an object for each candidate. Bounds are measured only if they are needed."""
     if not any(p.body in o.bodies for p in plan.pieces):
         return Measure.NOTHING
     if o.orientation == "any":
@@ -175,14 +176,14 @@ def _measured(plan: Plan, o: PlacedObject) -> Measure:
 
 
 def _address(mjm: mujoco.MjModel, body: int, kind: ObjectKind) -> int:
-    """Return the address of a free object's pose in qpos; of all others, the number of their mocap body."""
+    """Return the address of a free object's pose in qpos, or the number of the mocap body of another object."""
     if kind == ObjectKind.FREE:
         return int(mjm.jnt_qposadr[mjm.body_jntadr[body]])
     return int(mjm.body_mocapid[body])
 
 
 def _box(config: ObjectConfig) -> tuple:
-    """Return the corners of the box in space that an object is drawn in; an empty one for all others."""
+    """Return the corners of an object's box in space, or an empty box."""
     region = config.region
     if region is None or region.box is None or not region.is_3d:
         return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
@@ -190,7 +191,7 @@ def _box(config: ObjectConfig) -> tuple:
 
 
 def fill_views(plan: Plan, arm_lists: Mapping[str, np.ndarray], device: str) -> None:
-    """Fill the views of all arms that are to reach something.
+    """Fill the views of all arms with reach targets.
 
     Args:
         plan: The plan of the scene.
@@ -209,13 +210,13 @@ def fill_views(plan: Plan, arm_lists: Mapping[str, np.ndarray], device: str) -> 
 
 
 def set_map_and_arm(one: ReachingArm, device: str) -> None:
-    """Set the parts of an arm's view that are structs of their own."""
+    """Set the structs inside an arm's view."""
     one.view.map = MapView() if one.map is None else one.map.view(device)
     one.view.arm = arm_view(one.arm, device)
 
 
 def _arm_fields(scene: SceneModel, home: mujoco.MjData, one: ReachingArm) -> dict[str, np.ndarray]:
-    """Set the plain fields of an arm's view, and return its arrays that differ between arms."""
+    """Set the scalar fields of an arm's view, and return its arrays that differ between arms."""
     view, gripper, present = one.view, one.gripper, one.robot not in scene.apart
     hand = sorted(carried(scene.mjm, one.arm)) if present else []
     view.base_body = scene.bodies[one.robot]
@@ -238,7 +239,7 @@ def _arm_fields(scene: SceneModel, home: mujoco.MjData, one: ReachingArm) -> dic
 
 
 def _target_arrays(plan: Plan, bases: list[int]) -> dict[str, np.ndarray]:
-    """Return the arrays that all arms share: reach targets, their grasps, and an empty bank."""
+    """Return the arrays that all arms share: reach targets and their grasps."""
     targets, rows = plan.reaching.targets, len(plan.reaching.targets)
     grasps, fields = addressed("reach_grasp", (t.grasp_set.grasps for t in targets))
     numbers = np.full(len(plan.objects), UNASKED)

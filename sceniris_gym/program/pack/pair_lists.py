@@ -1,4 +1,4 @@
-"""Pairs of colliders as lists in `device.Program`: those of objects, then those of arms in a grasp."""
+"""Pairs of colliders as lists in `device.Program`: lists of objects, then lists of arms in a grasp."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from sceniris_gym.program.plan import Plan
 
 _ARM_LISTS = ("arm_scene", "arm_hand", "arm_target", "arm_held")
 ARM_LISTS = ("arm_pairadr", "arm_pairnum", "arm_broadadr", "arm_broadnum", "arm_self", *_ARM_LISTS, "hand_before")
-"""The packed lists that are fields of `Reach`: those of an arm in a grasp."""
+"""The packed lists that are fields of `Reach`, for an arm in a grasp."""
 
 
 def pack_pairs(plan: Plan, rules: PairRules, lanes: int) -> dict[str, np.ndarray]:
-    """Return the pairs of colliders that are kept apart, with their margins: the lists of objects, then those of arms.
+    """Return the pairs of colliders to keep apart, with their margins: lists of objects, then lists of arms.
 
     Args:
         plan: The plan.

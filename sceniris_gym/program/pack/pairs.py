@@ -1,8 +1,8 @@
-"""Pairs of colliders that are kept apart, with their margins: of each placed object, and of an arm in a grasp.
+"""Pairs of colliders to keep apart, with their margins, for each placed object and for an arm in a grasp.
 
-Parts of one object may touch at home already. With `geometry: physics` such geoms stay as far apart as at home, or get
-no deeper into each other; the other geoms of their bodies are kept apart. Visual geometry has no depth, so colliders
-that touch at home are left alone there.
+Parts of one object may already touch at home. With `geometry: physics`, such geoms keep at least their distance at
+home, or at most their depth there. The other geoms of their bodies are kept apart. Visual geometry has no depth, so
+colliders that touch at home are not tested.
 """
 
 from __future__ import annotations
@@ -27,26 +27,26 @@ from sceniris_gym.progress import tell
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.support import is_static
 
-# Geoms that are nearer at home than this [m] touch: distances are compared with a skin of half as much.
+# Geoms that are closer at home than this [m] touch. Comparisons of distances have a skin of half of this.
 _NEAR = 1.0e-5
-# Geoms that touch at home may come nearer by this [m], the skin included: half of it is left for rounding.
+# Geoms that touch at home may come closer by this [m]. The skin takes half of it, the other half is for rounding.
 _DEEPER = 1.0e-5
 _NO_DIRECTIONS = np.zeros((0, 3))
-# Least distance [m] of a thing in the hand from all else: arms sag, and what they hold swings.
+# Least distance [m] between a held object and all other bodies: arms sag, and held objects swing.
 _CLEAR_OF_HELD = 2.0e-3
 
 
 @dataclass(frozen=True)
 class Pair:
-    """Two colliders that are kept apart, or one geom of each that touch at home.
+    """Two colliders to keep apart, or two of their geoms that touch at home.
 
     Attributes:
-        a, b: The colliders; a plane is the second.
-        margin: The least distance [m]; negative: how deep they may be in each other.
-        starts: Nodes of a and b that the descent of their trees begins with.
+        a, b: The colliders. A plane is b.
+        margin: Least distance [m]. If negative, the greatest depth of one in the other.
+        starts: First nodes of a and b in the descent of their trees.
         geoms: The two geoms that touch at home, None for all other pairs.
-        directions: Separating directions that are tried, which bounds the depth of b's geom in a's: unit vectors in the
-            frame of a's body, and others in that of b's, shape (n, 3) each; the best one at home comes first.
+        directions: Separating directions to try. They bound the depth of b's geom in a's. Unit vectors in the frame of
+            a's body, then in the frame of b's body, shape (n, 3) each, the best direction at home first.
     """
 
     a: int
@@ -59,18 +59,19 @@ class Pair:
 
 @dataclass(frozen=True)
 class ArmPairs:
-    """Pairs of an arm in a grasp, in lists like those of `collider_pairs`.
+    """Pairs of an arm in a grasp, in lists as `collider_pairs` returns them.
 
     Attributes:
-        robots: For each reach target, in placement order, the robot that is to reach it.
+        robots: For each reach target, in placement order, the robot that has to reach it.
         itself: Each of these robots with itself, as MuJoCo would report it.
-        scene: For each reach target the robot with all but markers; the hand (all that the robot's last joint carries)
-            may touch the target.
-        hand: The same for the hand alone, without the target: what no placed object owns first, then by placed object.
-        owners: For each of these pairs the number of the placed object, -1 for none.
-        target: The hand with the target.
-        held: Where a start holds the target in the air, the robot and the target with all else but markers; the hand
-            may touch the target. Empty for other targets.
+        scene: For each reach target, the robot with all bodies except markers. The hand (all bodies that the robot's
+            last joint moves) may touch the target.
+        hand: For each reach target, only the hand with all bodies except markers and the target, sorted by the number
+            of the placed object. Bodies that are not placed come first.
+        owners: The number of the placed object of each pair in `hand`, or -1.
+        target: For each reach target, the hand with the target.
+        held: For each reach target that a start holds in the air, the robot and the target with all other bodies
+            except markers. The hand may touch the target. Empty for other targets.
     """
 
     robots: list[str] = field(default_factory=list)
@@ -83,7 +84,7 @@ class ArmPairs:
 
 
 class PairRules:
-    """MuJoCo's rules for the colliders of a scene: which of them can meet, and from which distance on they touch.
+    """MuJoCo's rules for the colliders of a scene: the pairs that can meet, and the distance at which they touch.
 
     Args:
         scene: The scene.
@@ -103,17 +104,17 @@ class PairRules:
         return [c for c, one in enumerate(self.colliders) if one.body in bodies]
 
     def touch(self, a: int, b: int) -> float:
-        """Return the distance [m] from which on MuJoCo acts on two colliders."""
+        """Return the distance [m] at which MuJoCo begins to act on two colliders."""
         return self.contacts.distance(*self._classes(a, b))
 
     def apart(self, a: int, b: int, margin: float) -> Pair:
-        """Return the pair of two colliders, given in either order, that keep a distance [m]."""
+        """Return the pair of two colliders, in either order, with a least distance [m]."""
         if self.colliders[a].plane >= 0:
             a, b = b, a
         return Pair(a, b, margin, ((self.colliders[a].root, self.colliders[b].root),))
 
     def meet(self, a: int, b: int) -> bool:
-        """Return whether two colliders can touch at all; no two planes do.
+        """Return whether two colliders can touch at all. Two planes cannot.
 
         Fixtures are kept apart even if MuJoCo would not report their contact.
         """
@@ -125,7 +126,7 @@ class PairRules:
         return not self.contacts.excludes(first.body, second.body) and self.contacts.meet(*self._classes(a, b))
 
     def meet_within(self, a: int, b: int) -> bool:
-        """Return whether two colliders of one object can touch; MuJoCo filters neighbours."""
+        """Return whether two colliders of one object can touch. MuJoCo filters neighbours."""
         weld, parent = self.mjm.body_weldid, self.mjm.body_parentid
         wa, wb = weld[[self.colliders[a].body, self.colliders[b].body]]
         if wa == wb or not self.meet(a, b):
@@ -135,7 +136,7 @@ class PairRules:
         return not ((wa != 0 and wa == weld[parent[wb]]) or (wb != 0 and wb == weld[parent[wa]]))
 
     def geoms(self, collider: int) -> list[int]:
-        """Return the geoms that MuJoCo collides of a collider, also with `geometry: visual`."""
+        """Return the geoms of a collider that MuJoCo collides, also with `geometry: visual`."""
         one = self.colliders[collider]
         of_body = np.flatnonzero(self.mjm.geom_bodyid == one.body).tolist()
         if self._simulated is not self.contacts:
@@ -152,7 +153,7 @@ class PairRules:
 
 
 def collider_pairs(plan: Plan, rules: PairRules) -> list[list[Pair]]:
-    """Return, for each object of a plan, the pairs of its colliders with others that are kept apart when it is placed.
+    """Return, for each object of a plan, the pairs of its colliders with others to keep apart when it is placed.
 
     Args:
         plan: The plan.
@@ -163,7 +164,7 @@ def collider_pairs(plan: Plan, rules: PairRules) -> list[list[Pair]]:
     for name, part in (*config.all_robots.items(), *config.objects.items()):
         clearances |= dict.fromkeys(scene.subtree(name), part.clearance)
     left_out = _marker_bodies(scene).union(*(o.bodies for o in plan.objects))
-    # of what stands before anything is placed; nothing keeps off markers
+    # clearances of the bodies already in place, at first all bodies that are not placed. Markers take no space.
     standing = {body: clearance for body, clearance in clearances.items() if body not in left_out}
     result = []
     for i, o in enumerate(plan.objects):
@@ -171,7 +172,7 @@ def collider_pairs(plan: Plan, rules: PairRules) -> list[list[Pair]]:
         clearance, is_static = o.config.clearance, o.kind == ObjectKind.STATIC
         pairs = []
         if o.config.kind != "marker":
-            never = config.variants.get(config.owners.get(o.name, ""), ())  # together: variants of one object
+            never = config.variants.get(config.owners.get(o.name, ""), ())  # variants of one object are never together
             others = {body for name in never for body in plan.scene.subtree(name)}
             pairs = [
                 rules.apart(a, b, max(rules.touch(a, b), 0.0 if is_static else max(clearance, standing[bodies[b]])))
@@ -192,7 +193,7 @@ def _marker_bodies(scene: SceneModel) -> set[int]:
 
 
 def arm_pairs(plan: Plan, rules: PairRules) -> ArmPairs:
-    """Return the pairs of colliders that an arm in a grasp keeps apart.
+    """Return the pairs of colliders to keep apart for an arm in a grasp.
 
     Args:
         plan: The plan.
@@ -242,7 +243,8 @@ def _among(rules: PairRules, plan: Plan, bodies: list[int]) -> list[Pair]:
 def _touch_at_home(rules: PairRules, plan: Plan, pair: Pair) -> bool:
     """Return whether two colliders touch in the start pose of the model.
 
-    Geom by geom: all unplaced objects are at the origin there, with more contacts than MuJoCo has room for.
+    Each pair of geoms is measured separately: unplaced objects are all at the origin in that pose, with more contacts
+    than MuJoCo can store.
     """
     near = max(pair.margin, _NEAR)
     geoms = [rules.geoms(collider) for collider in (pair.a, pair.b)]
@@ -250,7 +252,7 @@ def _touch_at_home(rules: PairRules, plan: Plan, pair: Pair) -> bool:
 
 
 def _as_at_home(rules: PairRules, plan: Plan, home: HomeTouch, pair: Pair) -> list[Pair]:
-    """Return a pair without those of its geoms that touch at home, and these geoms as pairs of their own."""
+    """Return a pair without its geoms that touch at home, and these geoms as separate pairs."""
     touching = []
     leaves = [rules.trees.leaves(collider).items() for collider in (pair.a, pair.b)]
     for (node, first), (other, second) in product(*leaves):
@@ -265,6 +267,6 @@ def _as_at_home(rules: PairRules, plan: Plan, home: HomeTouch, pair: Pair) -> li
 
 
 def _directions(plan: Plan, piece: Piece, direction: np.ndarray) -> np.ndarray:
-    """Return a direction of the world at home and the piece's axes, to and fro, in the frame of the piece's body."""
+    """Return a world direction at home and the piece's axes, with both signs, in the frame of the piece's body."""
     found = np.vstack([plan.scene.home.xmat[piece.body].reshape(3, 3).T @ direction, matrix(piece.quat).T])
     return np.concatenate([found, -found])

@@ -28,18 +28,18 @@ from sceniris_gym.program.standing import CURVED, Foot, Roll, carriers_of
 from sceniris_gym.program.starts import plan_grips, plan_starts
 from sceniris_gym.scene.parking import PARKING_SPACING
 
-# Shares and absolute numbers by which rounding may exceed a bound.
+# Tolerance of a bound for rounding, both relative and absolute.
 _ROUNDING = 1.0e-3
-# MuJoCo takes the end of a cylinder for a polygon of 16 corners when it looks for contacts on a face.
+# MuJoCo treats the end of a cylinder as a polygon of 16 corners in its contacts with a face.
 _ROUND = np.cos(np.pi / 16)
 _ENDLESS = np.zeros((0, 4))
-"""The edges of a surface that no foot can leave."""
+"""The edges of a surface that keeps every foot whole."""
 _NO_FOOT = Foot([np.zeros((1, 2))], CURVED, margin=0.0, most=0.0)
-"""The foot of what need not stand."""
+"""The foot of an object that does not have to stand."""
 
 
 def pack_program(plan: Plan, colliders: list[Collider], lanes: int) -> dict[str, np.ndarray]:
-    """Return all fields of `device.Program` but those of colliders and of the bank, and `ARM_LISTS`.
+    """Return `ARM_LISTS`, and all fields of `device.Program` except the fields of colliders.
 
     Args:
         plan: The plan.
@@ -61,15 +61,15 @@ def pack_program(plan: Plan, colliders: list[Collider], lanes: int) -> dict[str,
 
 
 def pack_starts(plan: Plan, bounds: np.ndarray, device: str) -> Starts | None:
-    """Return the kinds of starts of a scene on a device; None if it has none.
+    """Return the kinds of starts of a scene on a device, or None.
 
     Args:
         plan: The plan.
-        bounds: Greatest absolute values of qpos, shape (nq,), which are raised to those of all starts.
+        bounds: Greatest absolute values of qpos, shape (nq,). They are raised in place to cover all starts.
         device: Warp's name of the device.
 
     Raises:
-        ScenirisError: A kind does not fit the scene; see `plan_grips` and `plan_starts`.
+        ScenirisError: A kind does not fit the scene, as in `plan_grips` and `plan_starts`.
     """
     if not plan.scene.config.start:
         return None
@@ -89,7 +89,7 @@ def pack_starts(plan: Plan, bounds: np.ndarray, device: str) -> Starts | None:
 
 
 def pack_groups(groups: Collection[GroupConfig], slots: Sequence[str]) -> dict[str, np.ndarray]:
-    """Return the fields `group` and `group_*`: the members of each group as slots, and how many of them are present."""
+    """Return the fields `group` and `group_*`: the members of each group as slots, and the number to be present."""
     members, found = addressed("slot", ([slots.index(name) for name in g.of] for g in groups))
     counts = np.reshape([g.count for g in groups], (-1, 2)).T
     return {
@@ -101,7 +101,7 @@ def pack_groups(groups: Collection[GroupConfig], slots: Sequence[str]) -> dict[s
 
 
 def pack_pieces(pieces: list[Piece], visual: bool) -> dict[str, np.ndarray]:
-    """Return the fields `piece_*`, `inner_*` and `vert`; where faces are tested, pieces need no inner boxes."""
+    """Return the fields `piece_*`, `inner_*` and `vert`. Visual geometry tests faces and needs no inner boxes."""
     vert, fields = addressed("piece_vert", (p.vertices for p in pieces))
     boxes = [NO_INNER_BOX if visual else inner_box(p) for p in pieces]
     return {
@@ -114,10 +114,10 @@ def pack_pieces(pieces: list[Piece], visual: bool) -> dict[str, np.ndarray]:
 
 
 def pack_bodies(mjm: mujoco.MjModel, home_qpos: np.ndarray) -> dict[str, np.ndarray]:
-    """Return bodies and joints for forward kinematics, which knows hinges and slides only.
+    """Return bodies and joints for forward kinematics, which supports only hinges and slides.
 
-    Free and ball joints are never drawn. A root that stays at the start pose of its freejoint gets that as its body's
-    pose; a ball joint becomes a hinge that stands at the angle of its start pose.
+    Free and ball joints are never drawn. A root with a freejoint gets its start pose as the pose of its body. A ball
+    joint becomes a hinge at the angle of its start pose.
     """
     pos, quat, num = mjm.body_pos.copy(), mjm.body_quat.copy(), mjm.body_jntnum.copy()
     axis, qpos0 = mjm.jnt_axis.copy(), mjm.qpos0[mjm.jnt_qposadr].copy()
@@ -147,8 +147,8 @@ def pack_bodies(mjm: mujoco.MjModel, home_qpos: np.ndarray) -> dict[str, np.ndar
 def layout_bounds(plan: Plan) -> dict[str, np.ndarray]:
     """Return the fields `bound_*`, greatest absolute values, and `quat_qposadr`, addresses of quaternions in qpos.
 
-    Drawn joints and their followers stay within what is drawn, and all others at home. Placed objects stay within what
-    the scene may reach; absent ones are parked the further out the more there are.
+    Drawn joints and their followers stay within their draws, and other joints stay at home. Placed objects stay within
+    the greatest size of a scene. Absent objects are parked beyond it, further out if the scene has more objects.
     """
     mjm = plan.scene.mjm
     far = MOST_WIDE + PARKING_SPACING * len(plan.slots)
@@ -172,7 +172,7 @@ def layout_bounds(plan: Plan) -> dict[str, np.ndarray]:
 
 
 def pack_statics(plan: Plan, device: str) -> Statics | None:
-    """Return how the objects of a plan stand, on a device; None if none of them can fall."""
+    """Return the feet, contacts and loads of a plan's objects on a device, or None if no object can fall."""
     found, objects, mjm = plan.stances, plan.objects, plan.scene.mjm
     chains = [[] if stance.is_certain else stance.levels for stance in found]
     if not any(chains):
@@ -218,7 +218,7 @@ def pack_statics(plan: Plan, device: str) -> Statics | None:
 
 
 def _loads(chain: list[int], carriers: list[int | None], number: int) -> list[list[int]]:
-    """Return the objects placed before number `number` that each of its levels carries beside the levels above it."""
+    """Return the loads of each level of object `number`: earlier objects on the level that are not levels above it."""
     loads: dict[int, list[int]] = {i: [] for i in chain}
     for other in range(number):
         at: int | None = other
@@ -230,7 +230,7 @@ def _loads(chain: list[int], carriers: list[int | None], number: int) -> list[li
 
 
 def _convex_parts(surface: SupportSurface) -> list[np.ndarray]:
-    """Return convex polygons that make up a surface: ends of their edges [m], counter-clockwise, shape (n, 4) each."""
+    """Split a surface into convex polygons: ends of their edges [m], counter-clockwise, shape (n, 4) each."""
     hull = surface.outline.convex_hull
     if hull.area - surface.outline.area > 1e-9:
         corners = list(triangulate(surface.outline))

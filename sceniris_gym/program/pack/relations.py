@@ -1,4 +1,4 @@
-"""The relations and regions of a plan as fields of `device.Program`: what cuts, and the triangles that are cut."""
+"""The relations of a plan, and the triangles of regions that they cut, as fields of `device.Program`."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from sceniris_gym.program.placed_object import PlacedObject
 from sceniris_gym.program.plan import Plan
 
 _NO_LIMIT = 1.0e30
-# Slices of a ring have at most 30 degrees, and less if the ring is thin: the chord and the tangent of a slice enclose
-# about radius * angle^2 / 4 more than its width, which should be less than the width itself.
+# Slices of a ring have at most 30 degrees, and less in a thin ring. The gap between the chord and the tangent of a
+# slice exceeds its width by about radius * angle^2 / 4, and this excess should be less than the width.
 _SLICE = math.pi / 6.0
 MOST_SLICES = 256
 """Greatest number of slices of a ring."""
-# An x axis of a site with a shorter horizontal part gives no heading.
+# An x axis of a site does not define a heading if its horizontal part is shorter than this.
 _UPRIGHT = 1e-2
 
 
 def pack_relations(plan: Plan, joints: dict[str, JoinedSites]) -> dict[str, np.ndarray]:
-    """Return the fields `rel_*`, and which of them each object has; `joints` as from `joints_of`."""
+    """Return the fields `rel_*`, and the range of relations of each object. `joints` comes from `joints_of`."""
     owned = [(o, r) for o in plan.objects for r in o.config.relations]
     sites = [[*joints[o.name].at, *joints[o.name].own] if isinstance(r, Joined) else [0.0] * 4 for o, r in owned]
     relations, of_objects = addressed("obj_rel", (o.config.relations for o in plan.objects))
@@ -55,10 +55,10 @@ def pack_relations(plan: Plan, joints: dict[str, JoinedSites]) -> dict[str, np.n
 
 
 def joints_of(plan: Plan) -> dict[str, JoinedSites]:
-    """Return how objects are joined to others at sites, by their names.
+    """Return the sites of all joined objects, by the names of these objects.
 
     Raises:
-        UnknownNameError, SceneKeyError: As `joined_sites`.
+        UnknownNameError, SceneKeyError: As in `joined_sites`.
     """
     return {
         o.name: joined_sites(plan, o.name, relation, f"{plan.scene.config.where}: objects.{o.name}.relations.{i}")
@@ -91,7 +91,7 @@ def _sides(relation: Relation) -> int:
 
 
 def _insists(o: PlacedObject) -> bool:
-    """Return whether another draw of an object's orientation or joints may turn an empty region into a usable one."""
+    """Return whether another draw of an object's orientation or joints may open an empty region."""
     varies = len(o.stable_poses) > 1 or bool(o.joint_ranges) or o.orientation == "any"
     by_bounds = any(r.by_bounds or (varies and r.has_own_width) for r in o.config.relations)
     return by_bounds or o.erosion > 0.0 or len({id(surfaces) for surfaces in o.surfaces}) > 1
@@ -99,14 +99,14 @@ def _insists(o: PlacedObject) -> bool:
 
 @dataclass(frozen=True)
 class JoinedSites:
-    """The sites at which one object is joined to another, seen from above and with both headings 0.
+    """The sites that join one object to another, seen from above and with both headings 0.
 
     Attributes:
         to: The other object.
-        at: Position at which the sites meet, from the pivot of the other object [m], shape (2,): that of its site,
-            moved by the gap along the x axis of the site.
-        own: Position of the object's own site from its pivot [m], shape (2,).
-        turn: The angle that is added to the heading of the other object to get that of this one [rad].
+        at: Position of the joint from the pivot of the other object [m], shape (2,): the position of its site, moved by
+            the gap along the x axis of the site.
+        own: Position of the joined object's site from its pivot [m], shape (2,).
+        turn: The heading of the joined object minus the heading of the other object [rad].
     """
 
     to: str
@@ -116,13 +116,13 @@ class JoinedSites:
 
 
 def joined_sites(plan: Plan, name: str, relation: Joined, where: str) -> JoinedSites:
-    """Return how an object is joined.
+    """Return the sites that join an object to another.
 
     Args:
         plan: The plan.
         name: The object.
         relation: Its relation to the other object.
-        where: The relation's key, with which errors begin.
+        where: The relation's key, as the beginning of errors.
 
     Raises:
         UnknownNameError: An object has no such site.
@@ -155,8 +155,8 @@ def _site(plan: Plan, name: str, word: str, where: str) -> tuple[np.ndarray, flo
     x = mat @ back @ plan.scene.home.site_xmat[sites[word]].reshape(3, 3)[:, 0]
     if np.linalg.norm(x[:2]) < _UPRIGHT:
         raise SceneKeyError(
-            f"{where}: the x axis of '{word}' is vertical, so it gives no heading. Turn it out of '{name}', "
-            "towards what is joined to it."
+            f"{where}: the x axis of '{word}' is vertical, so it gives no heading. Point it out of '{name}', "
+            "towards the object that is joined to it."
         )
     return (mat @ (pos - pivot))[:2], math.atan2(x[1], x[0])
 
@@ -172,7 +172,7 @@ def _upright(placed: PlacedObject, where: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _at_home(plan: Plan, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return the same for an object that keeps its pose in the model."""
+    """Return the orientation at heading 0 and the pivot of an object that keeps its pose in the model."""
     root, place = plan.scene.bodies[name], plan.place[plan.slots.index(name)]
     mat = plan.scene.home.xmat[root].reshape(3, 3)
     level = matrix(np.array([math.cos(0.5 * place[3]), 0.0, 0.0, -math.sin(0.5 * place[3])])) @ mat
@@ -180,7 +180,7 @@ def _at_home(plan: Plan, name: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def pack_regions(objects: list[PlacedObject]) -> dict[str, np.ndarray]:
-    """Return the triangles in the regions of all stable poses, a shared region's once, and the outlines around."""
+    """Return the triangles in the regions of all stable poses, without duplicates, and the outlines of surfaces."""
     regions = _regions(objects)
     number = {key: i for i, key in enumerate(regions)}
     used = np.array([number[id(mine)] for o in objects for mine in o.surfaces], int)
@@ -208,7 +208,7 @@ def pack_regions(objects: list[PlacedObject]) -> dict[str, np.ndarray]:
 
 
 def _regions(objects: list[PlacedObject]) -> dict[int, list[SupportSurface]]:
-    """Return the lists of surfaces of all stable poses, a shared one once, by their identity."""
+    """Return the lists of surfaces of all stable poses by their identity, without duplicates."""
     return {id(mine): mine for o in objects for mine in o.surfaces}
 
 
@@ -218,7 +218,7 @@ def surfaces_of_regions(objects: list[PlacedObject]) -> list[SupportSurface]:
 
 
 def _convex_turn(edges: np.ndarray) -> int:
-    """Return 1 or -1 for the edges in a row of a convex ring that runs counter-clockwise or clockwise; else 0."""
+    """Return 1 for the edges of a convex counter-clockwise ring, -1 for a clockwise ring, and 0 for all others."""
     sides = edges[:, 1] - edges[:, 0]
     after = np.roll(sides, -1, axis=0)
     turns = np.arctan2(sides[:, 0] * after[:, 1] - sides[:, 1] * after[:, 0], (sides * after).sum(axis=1))
@@ -229,14 +229,14 @@ def _convex_turn(edges: np.ndarray) -> int:
 
 
 def cut_pieces(o: PlacedObject) -> int:
-    """Return the most pieces that relations cut the region of an object into; points are never cut."""
+    """Return the greatest number of pieces that relations make of the region of an object. Points are never cut."""
     triangles = max((sum(len(s.triangles) for s in surfaces) for surfaces in o.surfaces), default=0)
     has_points = o.config.region is not None and o.config.region.points is not None
     return triangles * (min(_cuts(o), 1) if has_points else _cuts(o))
 
 
 def _cuts(o: PlacedObject) -> int:
-    """Return the pieces that the relations of an object cut each triangle into; 0 if its region is always the same."""
+    """Return the number of pieces that an object's relations make of each triangle, 0 if its region never changes."""
     in_space = o.support is None and any(o.surfaces)
     if o.config.relations or o.tilts or o.erosion > 0.0 or in_space:
         return math.prod(region_pieces(r) for r in o.config.relations)

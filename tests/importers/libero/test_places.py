@@ -240,8 +240,8 @@ WRONG = [
     ("(top_side (:target wooden_cabinet_1))", "(top_side (:target flat_stove_1))", "unknown"),
     ("(On akita_black_bowl_2 wooden_cabinet_1_top_side)", "(On akita_black_bowl_2 flat_stove_1_knob)", "unknown site"),
     ("(On plate_1 kitchen_table_plate_region)", "(On plate_1 flat_stove_1)", "unknown object or region 'flat_stove_1'"),
-    ("(Turnon flat_stove_1)", "(Turnon wooden_cabinet_1)", "unknown thing for Turnon 'wooden_cabinet_1'"),
-    ("(Turnon flat_stove_1)", "(Open plate_1)", "unknown thing for Open 'plate_1'"),
+    ("(Turnon flat_stove_1)", "(Turnon wooden_cabinet_1)", "unknown fixture for Turnon 'wooden_cabinet_1'"),
+    ("(Turnon flat_stove_1)", "(Open plate_1)", "unknown fixture for Open 'plate_1'"),
 ]
 
 
@@ -276,10 +276,10 @@ def test_a_thing_without_one_place_is_an_error(tmp_path: Path):
     """With the predicate that would give it one; a region of the table needs a rectangle."""
     place = "(On plate_1 kitchen_table_plate_region)"
     for places, count in (("", 0), (f"{place} (On plate_1 akita_black_bowl_1)", 2)):
-        wanted = rf"'plate_1' should have one place in ':init', such as \(On plate_1 REGION\); has {count}\."
+        wanted = rf"'plate_1' should have one place in ':init', such as \(On plate_1 REGION\), has {count}\."
         with pytest.raises(SceneKeyError, match=wanted):
             read_bddl(write(tmp_path, **{place: places}))
-    with pytest.raises(SceneKeyError, match=r"region 'plate_region' should have one rectangle .* has 0"):
+    with pytest.raises(SceneKeyError, match=r"region 'plate_region' .* should have one rectangle .* has 0"):
         read_bddl(write(tmp_path, **{"(:ranges ((0.02 0.1 0.06 0.14)))": ""}))
-    with pytest.raises(SceneKeyError, match=r"region 'plate_region' should have one rectangle .* has 2"):
+    with pytest.raises(SceneKeyError, match=r"region 'plate_region' .* should have one rectangle .* has 2"):
         read_bddl(write(tmp_path, **{"(0.02 0.1 0.06 0.14)": "(0.02 0.1 0.06 0.14) (0 0 0.1 0.1)"}))

@@ -62,7 +62,7 @@ WRONG = [
         "(Open wooden_cabinet_1_top_region)",
         "(Open wooden_cabinet_1 top)",
         SceneKeyError,
-        "(Open ...) with a thing or region",
+        "(Open ...) with one object or region",
     ),
     (
         "(On akita_black_bowl_1 plate_1)",
@@ -70,14 +70,14 @@ WRONG = [
         UnknownNameError,
         "unknown region 'plate_1'",
     ),
-    ("(:target flat_stove_1)", "(:goal flat_stove_1)", SceneKeyError, "should be a region: a name, '(:target"),
+    ("(:target flat_stove_1)", "(:goal flat_stove_1)", SceneKeyError, "should be a region: a name and '(:target"),
     (
         "(Open wooden_cabinet_1_top_region)",
         "(Open wooden_cabinet_1_top_region) (Close wooden_cabinet_1_top_region)",
         SceneKeyError,
-        "(Close wooden_cabinet_1_top_region) should be left out: it is against (Open ...) in ",
+        "(Close wooden_cabinet_1_top_region) should be left out: it contradicts (Open ...) in ",
     ),
-    ("(:yaw_rotation ((0.0 0.0)))", "(:yaw_rotation ((3.2 3.0)))", SceneKeyError, "with '(:yaw_rotation ((LEAST GREA"),
+    ("(:yaw_rotation ((0.0 0.0)))", "(:yaw_rotation ((3.2 3.0)))", SceneKeyError, "have '(:yaw_rotation ((LEAST GREA"),
     ("(:rgba (0 0 1 0))", "(:colour (0 0 1 0))", UnknownNameError, "unknown attribute of a region ':colour'"),
     ("(0.02 0.1 0.06 0.14)", "(0.06 0.1 0.02 0.14)", SceneKeyError, "(:ranges ((LOW_X LOW_Y HIGH_X HIGH_Y)))"),
     ("(0.02 0.1 0.06 0.14)", "(0.02 0.1 nan 0.14)", SceneKeyError, "should be a region"),
@@ -86,7 +86,7 @@ WRONG = [
     ("plate_1 - plate\n", "plate_1\n", SceneKeyError, "'plate_1' should be followed by '- CLASS'"),
     ("plate_1 - plate\n", "flat_stove_1 - plate\n", SceneKeyError, "'flat_stove_1' should be another name: "),
     ("(:obj_of_interest", "(:objekt", UnknownNameError, "unknown section ':objekt'. Did you mean ':objects'?"),
-    ("plate_1 - plate\n", "world - plate\n", SceneKeyError, "'world' should be another name: MuJoCo has it"),
+    ("plate_1 - plate\n", "world - plate\n", SceneKeyError, "'world' should be another name: MuJoCo uses it"),
     ("(:fixtures", ":regions (:fixtures", UnknownNameError, "unknown section ':regions without parentheses'"),
     ("(:target flat_stove_1)", "()", SceneKeyError, "should be a region"),
     ("(:language put", "(:language (put)", SceneKeyError, "should be a word without parentheses"),
@@ -111,7 +111,7 @@ def test_parentheses_that_do_not_match_are_named(tmp_path: Path):
     """One that is never closed by its line, and one too many."""
     with pytest.raises(SceneFileError, match=r"bddl:2: the '\(' of this line should be closed"):
         read_problem(write(tmp_path, KITCHEN.rstrip()[:-1]))
-    with pytest.raises(SceneFileError, match=r"closes nothing"):
+    with pytest.raises(SceneFileError, match=r"has no matching '\('"):
         read_problem(write(tmp_path, KITCHEN + ")"))
 
 

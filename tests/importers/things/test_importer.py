@@ -61,7 +61,7 @@ def test_y_up_becomes_z_up(tmp_path: Path):
     """A GLB says so; 10 cm along y become the height."""
     manifest = import_thing(write(box((0.04, 0.1, 0.06)), tmp_path / "box.glb"), tmp_path / "box.xml")
     assert manifest["size_m"] == pytest.approx([0.04, 0.06, 0.1])
-    assert (manifest["up"], manifest["up_from"]) == ("y", "as the file says")
+    assert (manifest["up"], manifest["up_from"]) == ("y", "from the file")
 
 
 @pytest.fixture(scope="module")
@@ -154,7 +154,7 @@ def test_every_kind_of_bad_thing_is_one_error_with_its_remedy(tmp_path: Path, mo
         "empty.obj": (None, "empty", "no faces"),
         "flat.stl": (flat, "flat", "has no volume"),
         "open.stl": (opened, "open", "--shell"),
-        "scan.ply": (trimesh.creation.icosphere(subdivisions=4), "large", "should have 1,000 at most"),
+        "scan.ply": (trimesh.creation.icosphere(subdivisions=4), "large", "at most 1,000 faces"),
         "sliver.stl": (sliver, "sliver", "at least 1e-14 kg m\\^2 .* Leave it out, or give it a thickness"),
         "dust.stl": (box((0.0005, 0.0005, 0.0005)), "size", "from 1 mm to 50 m"),
         "hill.stl": (box((60.0, 1.0, 1.0)), "size", "--scale cm makes it 0.6 m"),
@@ -167,11 +167,11 @@ def test_every_kind_of_bad_thing_is_one_error_with_its_remedy(tmp_path: Path, mo
         assert refused.value.reason == reason
     link = '<link name="a"><visual><geometry><mesh filename="gone.stl"/></geometry></visual></link>'
     (tmp_path / "a.urdf").write_text(f'<robot name="a">{link}</robot>')
-    with pytest.raises(SceneFileError, match=r"gone\.stl\. Put them where the file says"):
+    with pytest.raises(SceneFileError, match=r"gone\.stl\. Put the meshes at these paths"):
         import_thing(tmp_path / "a.urdf", tmp_path / "out" / "thing.xml")
     pytest.importorskip("pxr", reason="usd-core is not installed (extra 'import')")
     (tmp_path / "many.usda").write_text('#usda 1.0\ndef PointInstancer "many"\n{\n}\n')
-    with pytest.raises(NotSupportedError, match="Import its prototype as a file of its own"):
+    with pytest.raises(NotSupportedError, match="Export its prototype as a separate file"):
         import_thing(tmp_path / "many.usda", tmp_path / "out" / "thing.xml")
     assert not (tmp_path / "out" / "thing.xml").exists()
 

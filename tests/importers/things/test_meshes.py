@@ -61,7 +61,7 @@ def test_vertices_that_are_not_finite_are_no_holes(suffix: str, value: float, tm
     bad = trimesh.Trimesh(vertices, box().faces, process=False)
     with np.errstate(invalid="ignore"):
         path = write(bad, tmp_path / f"bad{suffix}")
-    with pytest.raises(MeshError, match=r"it has vertices that are not finite\. Export it again") as refused:
+    with pytest.raises(MeshError, match=r"it has non-finite vertices\. Export it again") as refused:
         read_mesh(path)
     assert refused.value.reason == "not finite"
 
@@ -141,7 +141,7 @@ def test_missing_meshes_are_all_named(door: Path):
     """So that they can be put in place at once."""
     (door.parents[1] / "meshes" / "door.stl").unlink()
     with pytest.raises(
-        SceneFileError, match=r"1 files that do not exist, or are none: package://cupboard/meshes/door\.stl"
+        SceneFileError, match=r"1 mesh paths do not exist or are not files: package://cupboard/meshes/door\.stl"
     ):
         read_urdf(door)
     assert file_of("file:///nowhere.stl", door.parent) is None
@@ -166,10 +166,10 @@ def test_what_is_no_urdf_of_a_thing_is_refused(door: Path, old: str, new: str, k
 def test_links_that_are_none_or_hang_on_none_are_told(tmp_path: Path):
     """Each with what is missing."""
     (tmp_path / "a.urdf").write_text('<robot name="a"></robot>')
-    with pytest.raises(SceneFileError, match=r"it has no links\. It should have a <link> with a mesh"):
+    with pytest.raises(SceneFileError, match=r"it has no links\. Add a <link> with a mesh"):
         read_urdf(tmp_path / "a.urdf")
     (tmp_path / "a.urdf").write_text('<robot name="a"><link name="b"/><link name="c"/></robot>')
-    with pytest.raises(SceneFileError, match=r"on one root by joints, and it has 2 roots: b, c\. Add joints"):
+    with pytest.raises(SceneFileError, match=r"to one root, got 2 roots: b, c\. Correct the joints"):
         read_urdf(tmp_path / "a.urdf")
 
 
@@ -190,5 +190,5 @@ def test_a_mesh_that_is_no_file_of_meshes_is_told_with_those_that_are(tmp_path: 
     path = tmp_path / "thing.urdf"
     shape = '<visual><geometry><mesh filename="words"/></geometry></visual>'
     path.write_text(f'<robot name="thing"><link name="base">{shape}</link></robot>')
-    with pytest.raises(SceneFileError, match=r"words: it should be a file of meshes, .* ends in \.obj, .*\.dae"):
+    with pytest.raises(SceneFileError, match=r"words: it should be a mesh file .* ends in \.obj, .*\.dae"):
         read_urdf(path)

@@ -66,7 +66,7 @@ def test_what_is_as_near_to_its_hull_as_parts_have_to_be_is_its_hull(edge: float
     found = repair([surface(mesh)], "lid")
     assert found.closed
     assert found.mesh.volume == pytest.approx(edge * edge * height)
-    assert "taken as its convex hull" in found.report[-1]
+    assert "replaced by its convex hull" in found.report[-1]
 
 
 def test_what_is_flat_is_refused():
@@ -83,7 +83,7 @@ def test_meshes_without_faces_with_too_many_or_with_nan_are_refused():
     refused: dict[str, tuple[list[Surface], str]] = {
         "empty": ([], "no faces"),
         "large": ([Surface(np.zeros((3, 3)), np.zeros((1_000_000, 3), int))], "1,000,000 faces"),
-        "not finite": ([Surface(np.full((3, 3), np.nan), np.array([[0, 1, 2]]))], "not finite"),
+        "not finite": ([Surface(np.full((3, 3), np.nan), np.array([[0, 1, 2]]))], "non-finite"),
     }
     for reason, (surfaces, words) in refused.items():
         with pytest.raises(MeshError, match=words) as told:

@@ -19,8 +19,8 @@ def thing(size: float, meters: float | None = None, up: str | None = None) -> Th
 def test_what_the_user_says_wins_then_what_the_file_says_then_metres():
     """And each is told."""
     assert find_scale(thing(100.0, 0.01), "mm", None, "x") == (0.001, "as given")
-    assert find_scale(thing(100.0, 0.01), None, None, "x") == (0.01, "as the file says")
-    assert find_scale(thing(0.1), None, None, "x") == (1.0, "guessed: the file does not say")
+    assert find_scale(thing(100.0, 0.01), None, None, "x") == (0.01, "from the file")
+    assert find_scale(thing(0.1), None, None, "x") == (1.0, "guessed: the file has no unit")
     assert "--scale" in find_scale(thing(20.0), None, None, "x")[1]
 
 
@@ -80,7 +80,7 @@ def test_an_axis_points_up_if_it_is_said_or_the_thing_stands_so():
     assert find_up(thing(1.0, up="y"), None, lambda axis: True)[0] == "y"
     assert find_up(thing(1.0), None, lambda axis: True)[0] == "z"
     assert find_up(thing(1.0), None, lambda axis: axis == "y")[0] == "y"
-    assert find_up(thing(1.0), None, lambda axis: False) == ("z", "guessed: it stands neither way")
+    assert find_up(thing(1.0), None, lambda axis: False) == ("z", "guessed: it does not stand with z or y up")
 
 
 @pytest.mark.parametrize("axis", ["x", "y", "z"])

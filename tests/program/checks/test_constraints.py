@@ -57,7 +57,7 @@ TIED = {
     "connect with a static": (
         '<connect name="pin" body1="cup" body2="post" anchor="0 0 0"/>',
         {"cup": PLACED, "post": {"kind": "static"}},
-        ["equality 'pin' (connect)", "'cup' and 'post'", "Take the equality out"],
+        ["equality 'pin' (connect)", "'cup' and 'post'", "Remove the equality"],
     ),
     "connect with the world": (
         '<connect body1="cup" anchor="0 0 0"/>',

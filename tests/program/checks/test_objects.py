@@ -36,7 +36,7 @@ REFUSED: dict[str, tuple[dict[str, Any], type[ScenirisError], str]] = {
     "an endless plane": (
         {"on": "ground"},
         SceneKeyError,
-        r"crate\.on: the plane 'ground' is endless\. Say where .* as in objects\.crate\.region: {box: \[\[-0\.3",
+        r"crate\.on: the plane 'ground' is endless\. Bound .*, as in objects\.crate\.region: {box: \[\[-0\.3",
     ),
     "a share of it": (
         {"on": "ground", "region": {"fraction": [[0, 0], [1, 1]]}},
@@ -190,7 +190,7 @@ def test_what_does_not_know_its_turn_cannot_be_beside(folder: Path):
     """`face_to` needs to know where it is first; the message names the relations."""
     box = {"asset": str(folder / "box.xml"), "on": "floor"}
     words = {"orientation": {"face_to": "post"}, "relations": [{"beside": "post", "side": "left"}]}
-    with pytest.raises(SceneKeyError, match=r"objects\.thing\.relations: 'beside' depends on how .* 'face_to'"):
+    with pytest.raises(SceneKeyError, match=r"objects\.thing\.relations: 'beside' depends on the object.* 'face_to'"):
         checked(scene_of({"post": {**box, "kind": "fixture"}, "thing": {**box, **words}}))
 
 
@@ -198,7 +198,7 @@ def test_what_has_no_bounds_needs_a_width(folder: Path):
     """A marker that touches nothing, between two posts; the message names the width that is missing."""
     box = {"asset": str(folder / "box.xml"), "on": "floor", "kind": "fixture"}
     mark: dict[str, Any] = {**box, "kind": "marker", "relations": [{"between": ["a", "b"]}]}
-    with pytest.raises(SceneKeyError, match=r"objects\.mark\.relations\.0\.width: is missing\. 'mark' has nothing"):
+    with pytest.raises(SceneKeyError, match=r"objects\.mark\.relations\.0\.width: is missing\. 'mark' has no geom"):
         checked(scene_of({"a": box, "b": box, "mark": mark}))
     assert pack(scene_of({"a": box, "b": box, "mark": mark}, geometry="visual"))["rel_width"].tolist() == [-1.0]
     mark["relations"] = [{"between": ["a", "b"], "width": 0.1}]

@@ -51,7 +51,7 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
     "bits": ({"geom": 'contype="2" conaffinity="2"'}, r"'crate' falls through 'bench', as no geom of it collides"),
     "an exclude": (
         {"rest": '<contact><exclude body1="bench" body2="crate"/></contact>'},
-        r"'crate' falls through 'bench', .* take an <exclude> out",
+        r"'crate' falls through 'bench', .* remove an <exclude>",
     ),
     "gravcomp": ({"body": 'gravcomp="1.2"'}, r"'gravcomp' leaves it no weight"),
     "an overhang": ({"more": BEAM}, r"'crate' falls over: its centre of mass is [0-9.]+ mm outside of its foot"),
@@ -62,7 +62,7 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "no friction": (
         {"geom": 'friction="0 0 0" priority="1"', "rest": LID},
-        r"lid\.on: 'lid' slides off 'crate', as the friction between them is 0 and should be 0\.02",
+        r"lid\.on: 'lid' slides off 'crate', as the friction between them is 0 and should be at least 0\.02",
     ),
     "no friction on a tilt": (
         {"gravity": ".1 0 -9.8", "geom": 'condim="1" priority="1"'},
@@ -74,7 +74,7 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "a loose stool": (
         {"on": "stool"},
-        r"gives way by [0-9.]+ mm under 1 kg, by free body 'stool'\. Place",
+        r"gives way by [0-9.]+ mm under 1 kg, by free body 'stool'\. Also place",
     ),
     "a seesaw": ({"on": "stand/board"}, r"its support gives way by [0-9.]+ mm under 1 kg, by joint 'turn'"),
     "a contact that may be drawn soft": (
@@ -190,7 +190,7 @@ def test_what_rolls_freely_needs_what_cannot_move(geom: str, on: str, joint: str
     """A ball on a loose bench, and a roller where MuJoCo's contacts are a little off, as they are on a box."""
     objects = {"thing": {"on": on}} | ({"bench": {"on": "floor"}} if joint else {})
     spec = mujoco.MjSpec.from_string(LOOSE.format(geom=geom, joint=joint))
-    message = r"thing\.on: 'thing' rolls over: .* too high above it for 'bench', which is no fixed plane"
+    message = r"thing\.on: 'thing' rolls over: .* too high above it for 'bench', which is not a fixed plane"
     with nullcontext() if stays else pytest.raises(SceneKeyError, match=message):
         checked(scene_of(objects, model=spec))
 
@@ -238,7 +238,7 @@ def test_more_levels_than_there_is_room_for_are_refused():
     bodies = "".join(f'<body name="{n}"><freejoint/><geom type="box" size=".05 .05 .05"/></body>' for n in names)
     spec = mujoco.MjSpec.from_string(f"<mujoco><worldbody>{bodies}</worldbody></mujoco>")
     objects = {name: {"on": below} for below, name in zip(["floor", *names], names, strict=False)}
-    with pytest.raises(SceneKeyError, match=r"c12\.on: 13 free objects stand on each other, which should be 12"):
+    with pytest.raises(SceneKeyError, match=r"c12\.on: 13 free objects stand on each other, which .* at most 12"):
         checked(scene_of(objects, model=spec))
 
 
@@ -316,7 +316,7 @@ def test_visible_geoms_end_where_colliding_ones_do(bench: float, crate: float, p
         checked(scene)
         return
     with pytest.raises(
-        SceneKeyError, match=rf"crate\.on: 'crate' meets its support {place} its place, which .* 2 mm at"
+        SceneKeyError, match=rf"crate\.on: 'crate' meets its support {place} its place, .* at most 2 mm"
     ):
         checked(scene)
 
