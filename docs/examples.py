@@ -59,7 +59,7 @@ class Example:
             ScenirisError: the scene is wrong.
         """
         data = self._data()
-        for words, key in ((data, "base"), (data, "model"), (data.get("robot", {}), "model")):
+        for words, key in ((data, "base"), (data, "model"), (data.get("robot", {}), "asset")):
             if (self.picture.parent / str(words.get(key))).is_file():
                 words[key] = str(self.picture.parent / words[key])
         return SceneConfig.load({"name": self.name, **data})

@@ -7,8 +7,17 @@ or mujoco.
 import lazy_loader
 
 from sceniris_gym import registration
+from sceniris_gym.errors import new_name
 
 __version__ = "0.2.0.dev0"
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_public, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+
+def __getattr__(name: str) -> object:
+    """Return a public name, or refuse an old one by its new name."""
+    if new := new_name(name, __all__):
+        raise ImportError(f"{__name__}:{new}")
+    return _public(name)
+
 
 registration.register_envs()

@@ -3,20 +3,40 @@
 from __future__ import annotations
 
 import difflib
+import functools
 import importlib
 import inspect
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from typing import Any, Literal
+import json
+from collections.abc import Callable, Collection, Container, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal, ParamSpec, TypeVar
+
+_P = ParamSpec("_P")
+_T = TypeVar("_T")
+RENAMED: dict[str, str] = json.loads(Path(__file__).with_name("renamed.json").read_text(encoding="utf-8"))
+"""Old names and their new names: `A|B` where the new name depends on the place, `A.b` for `b` in A.
+
+The old names were never released. Version 1.0 drops this table.
+"""
+
+
+def new_name(name: str, valid: Container[str]) -> str:
+    """Return " 'knobs' is now params." for an old name with a valid new name, or an empty string."""
+    found = RENAMED.get(name, "").split("|")
+    return next((f" '{name}' is now {new}." for new in found if new.partition(".")[0] in valid), "")
 
 
 def did_you_mean(name: str, valid: Iterable[str]) -> str:
-    """Return " Did you mean 'x'?" with the valid name closest to `name`, or an empty string if no name is close."""
+    """Return " Did you mean 'x'?" with the valid name closest to `name`, or an empty string if no name is close.
+
+    An old name gets the sentence of `new_name` instead.
+    """
     valid = list(valid)
     found = difflib.get_close_matches(name, valid, n=1, cutoff=0.5)
     if not found:  # names with prefixes: 'upper_drawer' is close to 'cabinet/upper_drawer'
         tails = {v.rsplit("/", 1)[-1]: v for v in reversed(valid)}
         found = [tails[t] for t in difflib.get_close_matches(name.rsplit("/", 1)[-1], tails, n=1, cutoff=0.6)]
-    return f" Did you mean '{found[0]}'?" if found else ""
+    return new_name(name, valid) or (f" Did you mean '{found[0]}'?" if found else "")
 
 
 class _Pickled(Exception):
@@ -108,13 +128,8 @@ class InfeasibleSceneError(ScenirisError):
 
     def __init__(self, text: str, where: str, name: str, cause: str, counts: Mapping[str, Mapping[str, int]]) -> None:
         super().__init__(text)
-        self.text, self.where, self.name, self.cause, self.counts = (
-            text,
-            where,
-            name,
-            cause,
-            {k: dict(v) for k, v in counts.items()},
-        )
+        self.text, self.where, self.name, self.cause = text, where, name, cause
+        self.counts = {k: dict(v) for k, v in counts.items()}
 
 
 class ArmError(ScenirisError):
@@ -187,6 +202,18 @@ def check_names(kind: str, names: Iterable[object], where: str, valid: Collectio
     for name in names:
         if name not in valid:
             raise UnknownNameError(kind, str(name), where, valid)
+
+
+def refuses_old_names(function: Callable[_P, _T]) -> Callable[_P, _T]:
+    """Refuse old keywords of a function by their new names: a call with one raises an UnknownNameError."""
+
+    @functools.wraps(function)
+    def checked(*args: _P.args, **kwargs: _P.kwargs) -> _T:
+        if old := [name for name in kwargs if name in RENAMED]:
+            check_names("argument", old, function.__qualname__, inspect.signature(function).parameters)
+        return function(*args, **kwargs)
+
+    return checked
 
 
 def as_names(value: Any, name: str) -> tuple[str, ...]:

@@ -135,11 +135,11 @@ def _off_beside(relation: Beside, name: str, scene: JudgedScene, seen: Seen) -> 
 def _off_site(relation: Joined, name: str, scene: JudgedScene, seen: Seen) -> dict[str, np.ndarray]:
     """Return the errors of the distance and of the angle between the two sites."""
     sites = relation.beside
-    own, own_x = _site(name, sites.my, scene, seen)
-    its, its_x = _site(sites.of, sites.its, scene, seen)
+    own, own_x = _site(name, sites.site, scene, seen)
+    its, its_x = _site(sites.of, sites.of_site, scene, seen)
     level = its_x / np.linalg.norm(its_x, axis=1, keepdims=True)
     between = np.arctan2(own_x[:, 1], own_x[:, 0]) - np.arctan2(its_x[:, 1], its_x[:, 0])
-    off = _wrapped(between - np.radians(sites.turn))
+    off = _wrapped(between - np.radians(sites.angle))
     return {"m": np.linalg.norm(own - its - (relation.gap or 0.0) * level, axis=1), "rad": np.abs(off)}
 
 

@@ -154,7 +154,7 @@ def narrowed(
     Raises:
         SceneKeyError: The arm is not a robot of the scene, or the scene has no object with `reachable`.
     """
-    robots = [robot.file or robot.name for robot in config.all_robots.values()]
+    robots = [robot.asset or robot.name for robot in config.all_robots.values()]
     if not any(_same(name, robot) for robot in robots):
         has = f"the robot {' and '.join(f'{robot!r}' for robot in robots)}" if robots else "no robot"
         raise SceneKeyError(f"reach {name} --scene {config.where}: this scene has {has}. Name a scene with '{name}'.")

@@ -39,8 +39,8 @@ REGION_FORMS = ("box", "fraction", "polygon", "points")
 JOINT_FORMS = ("fraction", "range", "choice", "value", "noise")
 DRAW_FORMS = ("scale", "add", "abs", "choice")
 ORIENTATION_FORMS = ("yaw", "any", "stable", "face_to")
-ROBOT_FORMS = ("asset", "model", "in_model")
-ROBOT_FILES = ("asset", "model", "map")
+ROBOT_FORMS = ("asset", "in_model")
+ROBOT_FILES = ("asset", "map")
 MOST_VALUES = 1_000_000
 """Maximum number of values in a scene file. A scene of 10,000 objects has a tenth of it."""
 

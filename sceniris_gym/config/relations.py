@@ -289,14 +289,14 @@ class Between(Relation):
 class Connection(Section):
     """Two sites that join an object to another object.
 
-    Seen from above, the site `my` of the object is at the site `its` of the object `of`. The x axis of `my` is rotated
-    by `turn` [degrees] from the x axis of `its`. By default, they point in opposite directions.
+    Seen from above, the `site` of the object is at `of_site` of the object `of`. The x axis of `site` is rotated by
+    `angle` [degrees] from the x axis of `of_site`. By default, they point in opposite directions.
     """
 
     of: str
-    my: str
-    its: str
-    turn: Turn = 180.0
+    site: str
+    of_site: str
+    angle: Turn = 180.0
 
 
 class Joined(Relation):
@@ -312,7 +312,7 @@ class Joined(Relation):
     @property
     def summary(self) -> str:
         """The two sites."""
-        return f"{self.beside.my} at {self.beside.its} of {self.beside.of}"
+        return f"{self.beside.site} at {self.beside.of_site} of {self.beside.of}"
 
 
 class Beside(Relation):

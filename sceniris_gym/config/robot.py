@@ -58,7 +58,7 @@ class TcpConfig(Section):
 
 
 class RobotConfig(Section):
-    """A robot: an `asset`, an MJCF or URDF file as `model`, or a body of the scene's model as `in_model`.
+    """A robot: an `asset`, by name or the path of an MJCF or URDF file, or a body of the scene's model as `in_model`.
 
     The robot stands at `base` (x, y, z) [m], rotated by `roll`, `pitch` and `yaw` [degrees] about x, then y, then z of
     the world. It starts from `keyframe`, by default 'home', or from `qpos0` without such a keyframe. A robot of the
@@ -73,7 +73,6 @@ class RobotConfig(Section):
     one_of = ROBOT_FORMS
     model_config = ConfigDict(populate_by_name=True)
     asset: str | None = None
-    model: str | None = None
     in_model: str | None = None
     tcp: TcpConfig | None = None
     map: str | None = None
@@ -111,11 +110,6 @@ class RobotConfig(Section):
         return ObjectConfig(body=self.name, kind="fixture", clearance=self.clearance, joints=self.joints, **words)
 
     @property
-    def file(self) -> str | None:
-        """The added asset or file, None for a robot of the scene's model."""
-        return self.asset if self.model is None else self.model
-
-    @property
     def key(self) -> str:
         """The key of the robot's source, for messages."""
         return f"{self.section}.{self.given(ROBOT_FORMS)[0]}"
@@ -128,9 +122,9 @@ class RobotConfig(Section):
     @property
     def name(self) -> str:
         """The name of the root body: from the model or `robots`, or 'panda' for 'panda' and 'my/panda.xml'."""
-        if self.file is None:
+        if self.asset is None:
             return str(self.in_model)
-        return Path(self.file).stem if self._called is None else self._called
+        return Path(self.asset).stem if self._called is None else self._called
 
     @property
     def prefix(self) -> str:
@@ -144,9 +138,7 @@ class RobotConfig(Section):
         if self.in_model is not None and start:
             raise wrong(f"should have no '{start[0]}': a robot of the model keeps its pose there")
         if not self.in_scene and (self.in_model is not None or self.joints or self.clearance or self.randomize):
-            raise wrong(
-                "should be an 'asset' or a 'model' without 'joints', 'clearance' and 'randomize' if 'in_scene' is false"
-            )
+            raise wrong("should be an 'asset' without 'joints', 'clearance' and 'randomize' if 'in_scene' is false")
         try:
             placing = self.placing
         except ValidationError as error:  # contradicting words, as for any object

@@ -17,8 +17,10 @@ from sceniris_gym.config.scene_words import SceneWords
 from sceniris_gym.config.validation import check_names
 from sceniris_gym.config.variants import check_shared, with_members, with_variants
 
-_FILES = ("asset", "model", "map", "rows")
+_FILES = ("asset", "map", "rows")
 """Keys of objects, robots and heaps that name files."""
+_HASHED_AS = {"site": "my", "of_site": "its", "angle": "turn"}
+"""Words of a connection, and the older words that hashes keep for them."""
 _WRITTEN = TypeAdapter(dict[str, Any])
 """The words of a scene. Some may be parts made in Python."""
 
@@ -139,6 +141,9 @@ class SceneConfig(SceneWords):
         for part in (*parts, *data.get("heaps", {}).values()):
             for word in _FILES:
                 part.pop(word, None)
+            for relation in part.get("relations", ()):
+                if isinstance(beside := relation.get("beside"), dict):
+                    relation["beside"] = {_HASHED_AS.get(word, word): value for word, value in beside.items()}
         return json.dumps(data, separators=(",", ":"))
 
     @model_validator(mode="after")

@@ -2,12 +2,24 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, NoReturn
+from typing import TYPE_CHECKING, Any, ClassVar, NoReturn
 
-from sceniris_gym.errors import FixedError, NotSupportedError
+from sceniris_gym.errors import FixedError, NotSupportedError, new_name
 
 
-class StaysHere:
+class RefusesOldNames:
+    """Base class of objects that refuse an old attribute by its new name."""
+
+    if not TYPE_CHECKING:  # a type checker would take any attribute to be there
+
+        def __getattr__(self, name: str) -> Any:
+            """Raise the error for a missing attribute."""
+            if new := new_name(name, dir(self)):
+                raise AttributeError(f"{type(self).__name__}:{new}")
+            return object.__getattribute__(self, name)
+
+
+class StaysHere(RefusesOldNames):
     """Base class of objects that hold device memory and therefore belong to one process.
 
     Attributes:

@@ -12,7 +12,7 @@ from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import warp as wp
 
-from sceniris_gym.errors import BusyError
+from sceniris_gym.errors import BusyError, refuses_old_names
 
 # One lock for the process, because Warp's stream and capture belong to the process.
 _LAUNCH_LOCK = threading.RLock()
@@ -27,6 +27,7 @@ def launching(function: Callable[_P, _T]) -> Callable[_P, _T]:
     Without the lock, launches of one thread would join the capture of another thread or go to its stream.
     """
 
+    @refuses_old_names
     @functools.wraps(function)
     def locked(*args: _P.args, **kwargs: _P.kwargs) -> _T:
         with _LAUNCH_LOCK:
@@ -69,6 +70,7 @@ def exclusive(method: Callable[Concatenate[Any, _P], _T]) -> Callable[Concatenat
         BusyError: Another thread holds the lock.
     """
 
+    @refuses_old_names
     @functools.wraps(method)
     def locked(self: Any, *args: _P.args, **kwargs: _P.kwargs) -> _T:
         with self.lock:

@@ -178,7 +178,7 @@ def load_map(arm: SerialArm, robot: RobotConfig, where: str) -> ReachMap | None:
 
 def asset_and_words(robot: RobotConfig) -> tuple[str, str]:
     """Return the arguments of `build_command` for a robot: its file, and the options for its TCP."""
-    file, words = robot.file or robot.name, robot.model_dump(mode="json", exclude_unset=True).get("tcp")
+    file, words = robot.asset or robot.name, robot.model_dump(mode="json", exclude_unset=True).get("tcp")
     if words is None:
         return file, ""
     return file, f"--set 'robot.tcp={words['site'] if words.get('site') == words.get('body') else json.dumps(words)}'"

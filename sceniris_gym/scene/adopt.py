@@ -132,8 +132,8 @@ def edit_spec(spec: mujoco.MjSpec, scene: str | Path | Mapping | SceneConfig) ->
         SceneKeyError: A body cannot be of its object's kind, or the scene has assets. `compile_scene` attaches assets.
     """
     config = SceneConfig.load(scene, {"model": spec})
-    assets = [robot.key for robot in config.all_robots.values() if robot.file is not None]
-    assets += [f"objects.{name}.asset" for name, part in config.objects.items() if part.asset is not None]
+    parts = {**config.all_robots, **config.objects}
+    assets = [f"{config.key(name)}.asset" for name, part in parts.items() if part.asset is not None]
     if key := next(iter(assets), None):
         raise SceneKeyError(
             f"{config.where}: {key}: edit_spec changes bodies of the model, and attaches nothing to it. Let "

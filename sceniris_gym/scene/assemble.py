@@ -107,10 +107,10 @@ def attach_variants(
 
 def attach_robot(spec: mujoco.MjSpec, config: RobotConfig, where: str) -> Home:
     """Attach a robot at its base, as a mocap body if its base is drawn. Return the start pose of its keyframe."""
-    assert config.file is not None
+    assert config.asset is not None
     where = f"{where}: {config.key}"
     named = "keyframe" in config.model_fields_set
-    child = _load_asset(config.file, where)
+    child = _load_asset(config.asset, where)
     home = _take_home(child, config.name, config.keyframe if named else None, where)
     frame = spec.worldbody.add_frame(pos=config.base, quat=_turn(config))
     if config.placing is None:
@@ -130,13 +130,14 @@ def check_assets(config: SceneConfig) -> None:
         MeshError, SceneFileError: The first asset that cannot be compiled. The message names its key.
     """
     for name, part in {**config.all_robots, **config.objects}.items():
+        if part.asset is None:
+            continue
         alone = mujoco.MjSpec()
-        if isinstance(part, RobotConfig) and part.file is not None:
+        if isinstance(part, RobotConfig):
             attach_robot(alone, part, config.where)
-            compile_spec(alone, f"{config.where}: {part.key}")
-        elif isinstance(part, ObjectConfig) and part.asset is not None:
+        else:
             attach_object(alone, name, part, config.where)
-            compile_spec(alone, f"{config.where}: objects.{name}.asset")
+        compile_spec(alone, f"{config.where}: {config.key(name)}.asset")
 
 
 def _load_asset(asset: str, where: str) -> mujoco.MjSpec:

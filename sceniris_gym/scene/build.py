@@ -152,10 +152,9 @@ def _scene(
 
 def _apart(robot: RobotConfig, config: SceneConfig) -> SceneModel:
     """Return the model of a robot that is not in the scene."""
-    words = {word: getattr(robot, word) for word in ("asset", "model", "tcp", "map", "keyframe")}
-    given = {word: value for word, value in words.items() if word in robot.model_fields_set}
+    words = [word for word in ("asset", "tcp", "map", "keyframe") if word in robot.model_fields_set]
     with reading(f"{config.where}: {robot.section}"):
-        return build_model(SceneConfig(robot=RobotConfig(**given)))
+        return build_model(SceneConfig(robot=RobotConfig(**{word: getattr(robot, word) for word in words})))
 
 
 def _tcps(spec: mujoco.MjSpec | None, mjm: mujoco.MjModel, qpos: np.ndarray, config: SceneConfig) -> dict[str, str]:

@@ -87,11 +87,11 @@ def scene_hash(config: SceneConfig, mjm: mujoco.MjModel, home_qpos: np.ndarray) 
     elif config.model is not None:
         _update_from_file(digest.update, config.model, drawn)
     for name, part in {**config.all_robots, **config.objects}.items():
-        file = part.file if isinstance(part, RobotConfig) else part.asset
-        if file is not None:
+        if part.asset is not None:
             digest.update(f"{name}:".encode())
-            is_shipped = SHIPPED_NAME.fullmatch(file)
-            _update_from_file(digest.update, shipped("assets", ".xml")[file] if is_shipped else Path(file), drawn)
+            is_shipped = SHIPPED_NAME.fullmatch(part.asset)
+            file = shipped("assets", ".xml")[part.asset] if is_shipped else Path(part.asset)
+            _update_from_file(digest.update, file, drawn)
     for heap in config.heaps.values():
         rows = Path(heap.rows) if heap.rows is not None else None
         digest.update(rows.read_bytes() if rows is not None and rows.is_file() else b"")

@@ -10,7 +10,7 @@ import torch
 from gymnasium.vector import VectorEnv
 from torch import Tensor
 
-from sceniris_gym.errors import ArgumentError
+from sceniris_gym.errors import ArgumentError, refuses_old_names
 from sceniris_gym.layout.layout_id import LayoutId
 from sceniris_gym.layout.masks import as_count
 from sceniris_gym.vector.arguments import LAYOUTS
@@ -39,6 +39,7 @@ class EpisodeResult:
 
 
 @torch.inference_mode()
+@refuses_old_names
 def evaluate(
     policy: Callable[[Any], Any], envs: VectorEnv, layouts: Iterable[str] | Mapping[str, Any] | int | None = None
 ) -> list[EpisodeResult]:

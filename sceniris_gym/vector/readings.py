@@ -10,6 +10,7 @@ import torch
 import warp as wp
 from torch import Tensor
 
+from sceniris_gym.device.fixed import RefusesOldNames
 from sceniris_gym.errors import check_names
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.program.plan import slot_names
@@ -23,7 +24,7 @@ from sceniris_gym.vector.statistics import finite_rows
 from sceniris_gym.vector.variants import Boxes, TargetGrasps, VariantView
 
 
-class Readings:
+class Readings(RefusesOldNames):
     """The worlds as a task reads them; see `State`, which also writes to them."""
 
     def __init__(self, batch: Batch, layouts: Layouts, split: str = "train", variant: wp.array | None = None) -> None:

@@ -109,7 +109,7 @@ def test_sites_that_should_meet_are_found_where_they_are(tmp_path: Path):
         "</body></worldbody></mujoco>"
     )
     words = {"asset": str(tmp_path / "block.xml"), "kind": "fixture", "on": "floor"}
-    relation = {"beside": {"of": "a", "my": "end", "its": "end"}, "gap": 0.05}
+    relation = {"beside": {"of": "a", "site": "end", "of_site": "end"}, "gap": 0.05}
     scene = build_model(
         SceneConfig.load({"floor": {"size": [2, 2]}, "objects": {"a": words, "b": {**words, "relations": [relation]}}})
     )

@@ -223,20 +223,20 @@ WRONG: dict[str, tuple] = {
         ["0.side: 'left' should stand only with 'beside', not with 'near'"],
     ),
     "a negative gap": ([{"beside": "mug", "side": "left", "gap": -1}], SceneKeyError, ["0.gap: -1", "at least 0"]),
-    "no sites": ([{"beside": {"of": "mug", "my": "end"}}], SceneKeyError, ["0.beside.its: is missing"]),
+    "no sites": ([{"beside": {"of": "mug", "site": "end"}}], SceneKeyError, ["0.beside.of_site: is missing"]),
     "a word of no connection": (
-        [{"beside": {"of": "mug", "my": "end", "its": "end", "trun": 0}}],
+        [{"beside": {"of": "mug", "site": "end", "of_site": "end", "angel": 0}}],
         SceneKeyError,
-        ["beside.trun: unknown key", "'turn'"],
+        ["beside.angel: unknown key", "'angle'"],
     ),
     "beside a number": ([{"beside": 3}], SceneKeyError, ["relations.0.beside: 3 should be a name"]),
     "a side of sites": (
-        [{"beside": {"of": "mug", "my": "end", "its": "end"}, "side": "left"}],
+        [{"beside": {"of": "mug", "site": "end", "of_site": "end"}, "side": "left"}],
         SceneKeyError,
         ["0.side: 'left' should be left out if 'beside' names sites"],
     ),
     "joined to nothing": (
-        [{"beside": {"of": "mgu", "my": "end", "its": "end"}}],
+        [{"beside": {"of": "mgu", "site": "end", "of_site": "end"}}],
         UnknownNameError,
         ["0.beside.of", "mean 'mug'"],
     ),
@@ -274,25 +274,38 @@ def test_directions_that_leave_only_a_line_are_refused(relations: list[dict], fi
 
 def test_what_is_joined_has_no_orientation_of_its_own_and_is_joined_once():
     """Two sites say where it is and how it is turned."""
-    beside = {"of": "shelf", "my": "end", "its": "end"}
+    beside = {"of": "shelf", "site": "end", "of_site": "end"}
     changed = {"objects.apple.relations": [{"beside": beside}], "objects.apple.orientation": "fixed"}
     assert "should have no 'orientation'" in refusal(SMALL, changed, SceneKeyError)
-    changed = {"objects.apple.relations": [{"beside": beside}, {"beside": {**beside, "my": "front"}}]}
+    changed = {"objects.apple.relations": [{"beside": beside}, {"beside": {**beside, "site": "front"}}]}
     assert "should be joined to one other object at most" in refusal(SMALL, changed, SceneKeyError)
 
 
 def test_joined_sites_are_as_far_apart_as_the_gap_that_is_given():
     """By default they coincide, while bounds are 1 cm apart."""
-    beside = {"of": "post", "my": "end", "its": "end"}
+    beside = {"of": "post", "site": "end", "of_site": "end"}
     relation = only({"beside": beside})
     assert isinstance(relation, Joined)
     assert (relation.references, relation.gap) == ([("beside.of", "post")], None)
     assert only({"beside": beside, "gap": 0.2}) == relation.model_copy(update={"gap": 0.2})
 
 
+def test_a_joined_object_is_copied_in_the_words_that_scene_files_have():
+    """By overrides, also in a scene with a stack, which keeps its words as written; and as it was printed."""
+    beside = {"of": "cabinet", "site": "end", "of_site": "tip", "angle": 90.0}
+    tower = {"objects.pear": {"asset": "pear"}, "stacks": {"tower": {"of": ["mug", "pear"], "on": "cabinet"}}}
+    config = related({"beside": beside}, **tower)
+    for scene in (related({"beside": beside}), config):
+        copied = SceneConfig.load(scene, {"objects.apple.clearance": 0.02})
+        assert copied.objects["apple"].relations == scene.objects["apple"].relations
+    printed = config.model_dump(by_alias=True, exclude_unset=True)
+    assert SceneConfig.load(printed).canonical() == config.canonical()
+    assert printed["objects"]["apple"]["relations"][0]["beside"] == beside
+
+
 def test_a_gap_between_sites_is_part_of_the_hash_whatever_it_is():
     """One of 1 cm too, which is the default between bounds: sites that coincide make other layouts."""
-    beside = {"of": "post", "my": "end", "its": "end"}
+    beside = {"of": "post", "site": "end", "of_site": "end"}
     words = [related({"beside": beside, **gap}).canonical() for gap in ({}, {"gap": 0.01}, {"gap": 0.02})]
     assert len(set(words)) == 3
 
@@ -319,4 +332,4 @@ def test_relations_are_said_in_a_line():
     near = {"near": "mug", "measure": "bounds", "distance": {"max": 0.3}}
     assert only(near).summary == "near mug, at most 0.3 m between bounds"
     assert only({"beside": "post", "side": "front", "gap": 0.03}).summary == "beside post, front, gap 0.03 m"
-    assert only({"beside": {"of": "post", "my": "end", "its": "tip"}}).summary == "end at tip of post"
+    assert only({"beside": {"of": "post", "site": "end", "of_site": "tip"}}).summary == "end at tip of post"

@@ -23,38 +23,38 @@ def scene(robot: dict[str, Any], **words: Any) -> SceneConfig:
 
 def test_a_name_alone_is_a_site_or_a_body():
     """The short form and the long one are the same words, and the same scene."""
-    short, long = RobotConfig.model_validate({"model": "arm.xml", "tcp": "hand"}), {"site": "hand", "body": "hand"}
+    short, long = RobotConfig.model_validate({"asset": "arm.xml", "tcp": "hand"}), {"site": "hand", "body": "hand"}
     assert short.tcp == TcpConfig.model_validate(long)
     assert short.name == "arm"
-    assert short.key == "robot.model"
-    assert scene({"model": "a.xml", "tcp": "hand"}).canonical() == scene({"model": "a.xml", "tcp": long}).canonical()
+    assert short.key == "robot.asset"
+    assert scene({"asset": "a.xml", "tcp": "hand"}).canonical() == scene({"asset": "a.xml", "tcp": long}).canonical()
 
 
 def test_names_of_files_are_not_in_the_canonical_form():
-    """Of model and map alike; where the robot stands is."""
-    words = [scene({"model": f"{x}/arm.xml", "map": f"{x}/arm.reach"}).canonical() for x in "ab"]
+    """The names of asset and map are left out. The pose of the robot counts."""
+    words = [scene({"asset": f"{x}/arm.xml", "map": f"{x}/arm.reach"}).canonical() for x in "ab"]
     assert words[0] == words[1]
-    turned = [scene({"model": "arm.xml", turn: 90.0}).canonical() for turn in ("roll", "pitch", "yaw")]
+    turned = [scene({"asset": "arm.xml", turn: 90.0}).canonical() for turn in ("roll", "pitch", "yaw")]
     assert len({*turned, words[0]}) == 4
 
 
 def test_paths_are_relative_to_the_file_that_names_them(tmp_path: Path):
-    """Of a robot's model and of its map."""
-    (tmp_path / "scene.yaml").write_text("robot: {model: arms/a.urdf, map: arms/a.reach}\nobjects: {}\n")
+    """The paths of a robot's asset and of its map."""
+    (tmp_path / "scene.yaml").write_text("robot: {asset: arms/a.urdf, map: arms/a.reach}\nobjects: {}\n")
     robot = SceneConfig.load(tmp_path / "scene.yaml").robot
     assert robot is not None
-    assert (robot.model, robot.map) == (str(tmp_path / "arms/a.urdf"), str(tmp_path / "arms/a.reach"))
+    assert (robot.asset, robot.map) == (str(tmp_path / "arms/a.urdf"), str(tmp_path / "arms/a.reach"))
 
 
 def test_a_robot_of_one_kind_replaces_one_of_another():
     """With overrides as with a base scene: only one of the words may be given."""
-    robot = SceneConfig.load(scene({"asset": "panda"}), {"robot.model": "arm.xml"}).robot
+    robot = SceneConfig.load(scene({"asset": "panda"}), {"model": "a.xml", "robot.in_model": "arm"}).robot
     assert robot is not None
-    assert (robot.asset, robot.model) == (None, "arm.xml")
+    assert (robot.asset, robot.in_model) == (None, "arm")
 
 
 WRONG: dict[str, tuple[dict[str, Any], str]] = {
-    "two sources": ({"asset": "panda", "model": "a.xml"}, "exactly one of asset, model, in_model, but has asset and"),
+    "two sources": ({"asset": "panda", "in_model": "a"}, "exactly one of asset, in_model, but has asset and in_model"),
     "a base in the model": ({"in_model": "panda", "base": [0, 0, 1]}, "have no 'base': a robot of the model"),
     "no model to be in": ({"in_model": "panda"}, "'in_model' only together with 'model'"),
     "a TCP nowhere": ({"asset": "panda", "tcp": {"offset": [0, 0, 0.1]}}, "robot.tcp: .* the 'site' or the 'body'"),
@@ -64,7 +64,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "drawn and fixed": ({"asset": "panda", "on": "floor", "yaw": 90.0}, "have no 'yaw': its base is drawn"),
     "on something unknown": ({"asset": "panda", "on": "shelf"}, "robot.on: unknown support 'shelf'"),
     "words that exclude each other": ({"asset": "panda", "on": "floor", "in": "floor"}, "should have only one of on"),
-    "not there and in the model": ({"in_model": "panda", "in_scene": False}, "'asset' or a 'model' without"),
+    "not there and in the model": ({"in_model": "panda", "in_scene": False}, "should be an 'asset' without"),
 }
 
 
@@ -105,11 +105,11 @@ def test_robots_that_do_not_go_together_are_refused(words: dict[str, Any], says:
 
 def test_robots_have_the_names_that_the_scene_gives_them(tmp_path: Path):
     """And paths, overrides and the canonical form as one robot has; the only one need not be named by objects."""
-    (tmp_path / "scene.yaml").write_text("robots: {left: {model: arms/a.urdf, map: arms/a.reach}}\nobjects: {}\n")
+    (tmp_path / "scene.yaml").write_text("robots: {left: {asset: arms/a.urdf, map: arms/a.reach}}\nobjects: {}\n")
     config = SceneConfig.load(tmp_path / "scene.yaml", {"robots.left.base": [0, 0, 1]})
     robot = config.robots["left"]
-    assert (robot.name, robot.key, config.key("left")) == ("left", "robots.left.model", "robots.left")
-    assert (robot.model, robot.base) == (str(tmp_path / "arms/a.urdf"), (0.0, 0.0, 1.0))
+    assert (robot.name, robot.key, config.key("left")) == ("left", "robots.left.asset", "robots.left")
+    assert (robot.asset, robot.base) == (str(tmp_path / "arms/a.urdf"), (0.0, 0.0, 1.0))
     assert "arms" not in config.canonical()
     with pytest.raises(UnknownNameError, match="unknown robot 'right'"):
         SceneConfig.load(config, {"robots.right.base": [0, 0, 1]})

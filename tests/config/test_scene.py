@@ -132,7 +132,7 @@ WRONG: dict[str, tuple] = {
     "attempts as a truth": ({"attempts": True}, SceneKeyError, ["attempts: True", "whole number or 'auto'"]),
     "an empty bank": ({"bank": 0}, SceneKeyError, ["bank: 0", "at least 1"]),
     "unknown geometry": ({"geometry": "visuel"}, SceneKeyError, ["geometry", "Did you mean 'visual'"]),
-    "robot without asset": ({"robot.yaw": 3}, SceneKeyError, ["robot: ", "exactly one of asset, model, in_model"]),
+    "robot without asset": ({"robot.yaw": 3}, SceneKeyError, ["robot: ", "exactly one of asset, in_model"]),
 }
 
 

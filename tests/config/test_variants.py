@@ -154,7 +154,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "itself": ({"objects.target.relations": [NEAR | {"near": "target"}]}, "a different object"),
     "a site": (
-        {"objects.apple.relations": [{"beside": {"of": "target", "my": "a", "its": "b"}}]},
+        {"objects.apple.relations": [{"beside": {"of": "target", "site": "a", "of_site": "b"}}]},
         r"objects\.apple\.relations: 'target' has variants with different sites",
     ),
     "no weights": (

@@ -27,7 +27,7 @@ def counter(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 def joined(counter: str, kind: str = "fixture", gap: float = 0.03, **words: Any) -> dict[str, Any]:
     """A scene of a counter anywhere, and one that is joined to its right."""
-    beside = {"of": "a", "my": "left", "its": "right", **words}
+    beside = {"of": "a", "site": "left", "of_site": "right", **words}
     objects = {
         "a": {"asset": counter, "kind": "fixture", "on": "floor"},
         "b": {"asset": counter, "kind": kind, "on": "floor", "relations": [{"beside": beside, "gap": gap}]},
@@ -52,7 +52,7 @@ def sites(compiled: CompiledScene, num: int, its: str = "a/right", own: str = "b
 @pytest.mark.parametrize(("turn", "gap"), [(180.0, 0.03), (0.0, 0.25), (-90.0, 0.1)])
 def test_sites_meet_and_are_turned_as_the_scene_says(counter: str, kind: str, turn: float, gap: float):
     """The gap is along the other one's x axis; wherever that one stands, and however it is turned."""
-    its, own, yaw, between = sites(compile_on_cpu(joined(counter, kind, gap, turn=turn), bank=4), 200)
+    its, own, yaw, between = sites(compile_on_cpu(joined(counter, kind, gap, angle=turn), bank=4), 200)
     assert len(its) > 100
     ahead = np.stack([np.cos(yaw), np.sin(yaw)], 1)
     assert np.abs(own - its - gap * ahead).max() < MET
@@ -63,7 +63,7 @@ def test_sites_meet_and_are_turned_as_the_scene_says(counter: str, kind: str, tu
 def test_without_a_gap_they_coincide_and_face_each_other(counter: str):
     """The default; the things themselves are kept apart as ever, so that these have the sites a bit outside."""
     scene = joined(counter)
-    scene["objects"]["b"]["relations"] = [{"beside": {"of": "a", "my": "far", "its": "right"}}]
+    scene["objects"]["b"]["relations"] = [{"beside": {"of": "a", "site": "far", "of_site": "right"}}]
     folder = Path(counter).parent
     geom = '<geom type="box" size=".1 .06 .05" pos="0 0 .05"/><site name="far" pos="-.16 0 0" euler="0 0 180"/>'
     scene["objects"]["b"]["asset"] = write_mjcf(folder, "far", geom)
@@ -88,7 +88,7 @@ def test_one_can_be_joined_to_what_stays_where_the_model_has_it(tmp_path: Path):
         "</body></worldbody></mujoco>"
     )
     crate = write_mjcf(tmp_path, "crate", '<geom type="box" size=".05 .05 .05"/><site name="me" pos="-.05 0 0"/>')
-    relation = {"beside": {"of": "wall", "my": "me", "its": "right", "turn": 90}, "gap": 0.1}
+    relation = {"beside": {"of": "wall", "site": "me", "of_site": "right", "angle": 90}, "gap": 0.1}
     words = {"asset": crate, "on": "floor", "relations": [relation]}
     objects = {"wall": {"kind": "static"}, "crate": words}
     scene = {"model": str(tmp_path / "room.xml"), "floor": {"size": [2, 2]}, "objects": objects}

@@ -59,5 +59,5 @@ def test_an_adr_alone_replays_no_level():
         assert as_curriculum(value, "curriculum") == LevelReplay(replay_prob=0.0, adr=adr)
     assert as_curriculum(None, "curriculum") is None
     assert as_curriculum({"score": "failure"}, "curriculum") == LevelReplay("failure")
-    with pytest.raises(UnknownNameError, match=r"curriculum: unknown field 'replay'\. Did you mean 'replay_prob'"):
+    with pytest.raises(UnknownNameError, match=r"curriculum: unknown field 'replay'\. 'replay' is now replay_prob"):
         as_curriculum({"replay": 0.5}, "curriculum")

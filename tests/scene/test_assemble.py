@@ -195,7 +195,7 @@ def test_a_robot_s_file_with_free_bodies_is_refused_with_the_scene_that_would_do
     path = folder / "cell.xml"
     path.write_text(f"<mujoco><worldbody>{free.format('cube', 0)}{arm}{free.format('ball', 1)}</worldbody></mujoco>")
     with pytest.raises(SceneKeyError, match=r"\['cube', 'ball'\] move freely") as told:
-        build(folder, {}, robot={"model": str(path)})
+        build(folder, {}, robot={"asset": "cell"})
     words = YAML(typ="safe").load("{" + str(told.value).partition("by name: ")[2].removesuffix(".") + "}")
     assert words == {"robot": {"in_model": "arm"}, "objects": {"cube": {"on": "floor"}, "ball": {"on": "floor"}}}
     build_model(SceneConfig.load({"model": str(path), "floor": {"size": [2, 2]}} | words))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import pytest
 
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.scene.build import build_model
-from tests.scene.assets import CHEST, OWN, TETRAHEDRON, build
+from tests.scene.assets import ARM, BALL, CHEST, OWN, TETRAHEDRON, build
 from tests.scene.memory import NEAR, cubes_on, spec_of
 
 CABINET = {"a": {"asset": "chest", "kind": "fixture", "on": "floor"}}
@@ -227,3 +228,40 @@ def test_the_hash_is_the_same_with_every_version_of_mujoco(folder: Path):
     assert OWN in (folder / "own.xml").read_text()
     assert own.former_hash == "47c17d236259dd1c"
     assert (build(folder, {"a": dict(CABINET["a"])}).hash, own.hash) == ("b2186a1706e23957", "69d5ef02a389cd99")
+
+
+def joined(**words: Any) -> dict[str, Any]:
+    """Return the words of an object that is joined to the object `a` at sites."""
+    return {"on": "floor", "relations": [{"beside": {"of": "a", **words}}]}
+
+
+BESIDE = {"asset": "ball", "kind": "fixture"}
+RENAMED: dict[str, tuple[dict[str, Any], dict[str, Any], str]] = {
+    "asset of a robot": ({}, {"robot": {"asset": "arm", "base": [0, 1, 0]}}, "4e0de271be331c18"),
+    "site": ({"b": BESIDE | joined(site="left", of_site="right")}, {}, "9e087973fb102fda"),
+    "of_site": ({"b": BESIDE | joined(site="left", of_site="left")}, {}, "7dd95f83044f0a3f"),
+    "angle": ({"b": BESIDE | joined(site="left", of_site="right", angle=90.0)}, {}, "1fae0e1f4a8ce416"),
+    "angle of a robot": (
+        {},
+        {"robot": {"asset": "arm"} | joined(site="left", of_site="right", angle=0.0)},
+        "b69336b416ed1eff",
+    ),
+    "angle of robots": (
+        {},
+        {"robots": {"left": {"asset": "arm.xml"} | joined(site="left", of_site="right", angle=0.0)}},
+        "118b4146b203a661",
+    ),
+}
+
+
+@pytest.mark.oldest
+@pytest.mark.parametrize(("objects", "words", "expected"), RENAMED.values(), ids=RENAMED.keys())
+def test_a_word_that_was_renamed_leaves_hashes_as_they_were(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, objects: dict[str, Any], words: dict[str, Any], expected: str
+):
+    """The hashes are from before: with `model` of a robot, and `my`, `its` and `turn` of a connection."""
+    (folder / "arm.xml").write_text(ARM)
+    (folder / "ball.xml").write_text(BALL)
+    monkeypatch.chdir(folder)
+    a = {} if words.get("robot", {}).get("base") else {"a": {**BESIDE, "on": "floor"}}
+    assert build(folder, deepcopy(a | objects), **deepcopy(words)).hash == expected

@@ -67,7 +67,7 @@ def test_models_that_are_attached_bring_their_own_files(tmp_path: Path):
     """MuJoCo itself finds them where the file lies; a scene finds them wherever it is written."""
     path = attached(tmp_path)
     expected = mujoco.MjModel.from_xml_path(str(path))
-    scene = build_model(SceneConfig.load({"robot": {"model": str(path)}, "objects": {}}))
+    scene = build_model(SceneConfig.load({"robot": {"asset": str(path)}, "objects": {}}))
     assert scene.mjm.nmesh == 2
     np.testing.assert_allclose(
         sorted(np.ptp(scene.mjm.mesh_vert, axis=0)), sorted(np.ptp(expected.mesh_vert, axis=0)), atol=1e-6
@@ -93,7 +93,7 @@ def test_assets_with_files_of_the_same_name_keep_their_own(tmp_path: Path):
 def test_a_urdf_is_a_robot_as_it_is(tmp_path: Path, uri: str):
     """Its meshes are found by package, or by the path within one; links that are fixed keep their names."""
     path = urdf(tmp_path, uri)
-    robot = {"model": str(path), "tcp": "l2", "base": [0, 0, 0.5]}
+    robot = {"asset": str(path), "tcp": "l2", "base": [0, 0, 0.5]}
     scene = build_model(SceneConfig.load({"robot": robot, "objects": {}}))
     assert [scene.mjm.body(b).name for b in scene.subtree("robot")] == ["arm", "arm/l1", "arm/l2"]
     assert list(scene.joints("robot")) == ["j0"]
@@ -108,7 +108,7 @@ def test_the_meshes_of_a_urdf_are_part_of_the_scenes_name(tmp_path: Path):
     for folder, mesh in (("a", TETRAHEDRON), ("b", TETRAHEDRON), ("c", LARGE)):
         path = urdf(tmp_path / folder, "package://my_arm/meshes/part.obj")
         write(path.parents[1] / "meshes/part.obj", mesh)
-        found.append(build_model(SceneConfig.load({"robot": {"model": str(path)}, "objects": {}})).hash)
+        found.append(build_model(SceneConfig.load({"robot": {"asset": str(path)}, "objects": {}})).hash)
     assert found[0] == found[1] != found[2]
 
 
@@ -278,7 +278,7 @@ def test_comments_and_marks_of_other_editors_are_read(tmp_path: Path):
     for before in (b"\xef\xbb\xbf", b'\n<?xml version="1.0"?><!DOCTYPE mujoco>', b""):
         (tmp_path / "model.xml").write_bytes(before + text + b"</worldbody></mujoco>")
         assert load_model(tmp_path / "model.xml", "scene: model").compile().ngeom == 1
-        robot = {"model": str(tmp_path / "model.xml")}
+        robot = {"asset": str(tmp_path / "model.xml")}
         build_model(SceneConfig.load({"robot": robot, "objects": {}}))
 
 

@@ -111,7 +111,7 @@ def test_a_nan_of_a_robot_s_start_pose_is_named_by_its_keyframe(tmp_path: Path):
         "<mujoco><worldbody><body name='arm'><geom size='.05'/><body><joint name='turn'/><geom size='.02'/></body>"
         "</body></worldbody><keyframe><key name='home' qpos='1'/><key name='bad' qpos='nan'/></keyframe></mujoco>"
     )
-    scene = build_model(SceneConfig.load({"floor": {"size": [1, 1]}, "robot": {"model": str(path)}}))
+    scene = build_model(SceneConfig.load({"floor": {"size": [1, 1]}, "robot": {"asset": str(path)}}))
     assert scene.home_qpos.tolist() == [1.0]
-    with pytest.raises(SceneKeyError, match=r"robot\.model.*key_qpos of key 'bad': nan .*\(qpos\[0\], joint 'turn'\)"):
-        build_model(SceneConfig.load({"floor": {"size": [1, 1]}, "robot": {"model": str(path), "keyframe": "bad"}}))
+    with pytest.raises(SceneKeyError, match=r"robot\.asset.*key_qpos of key 'bad': nan .*\(qpos\[0\], joint 'turn'\)"):
+        build_model(SceneConfig.load({"floor": {"size": [1, 1]}, "robot": {"asset": str(path), "keyframe": "bad"}}))

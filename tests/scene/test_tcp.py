@@ -39,7 +39,7 @@ def arm(folder: Path, axes: Sequence[float], **robot: Any) -> SceneModel:
     ways = [(np.cos(a), np.sin(a)) for a in np.radians(axes)]
     fingers = [FINGER.format(f"f{i}", f"{0.01 * x} {0.01 * y} .05", f"{x} {y} 0") for i, (x, y) in enumerate(ways)]
     (folder / "arm.xml").write_text(ARM.format(fingers="".join(fingers)))
-    words = {"robot": {"model": str(folder / "arm.xml"), **robot}, "objects": {}}
+    words = {"robot": {"asset": str(folder / "arm.xml"), **robot}, "objects": {}}
     return build_model(SceneConfig.load({"floor": {"size": [1, 1]}, **words}))
 
 

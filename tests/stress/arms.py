@@ -104,7 +104,7 @@ def scene_of(arm: Arm, packages: Path, mount: str) -> dict[str, Any]:
     wide = 2.0 * far if mount == "mobile" else far
     scene: dict[str, Any] = {"floor": {"size": [wide, wide]}, "objects": things}
     if arm.hand is None:
-        return scene | {"robot": {"model": str(found(packages, arm.file)), "tcp": arm.tcp, **stands}}
+        return scene | {"robot": {"asset": str(found(packages, arm.file)), "tcp": arm.tcp, **stands}}
     drawn = stands if mount == "mobile" else {}
     return scene | {"model": _with_hand(arm, packages, stands), "robot": {"in_model": "arm", "tcp": arm.tcp, **drawn}}
 

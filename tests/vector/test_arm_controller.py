@@ -274,7 +274,7 @@ def test_an_arm_without_a_gripper_is_driven_and_says_so_when_it_should_grip(tmp_
         body.replace('<body name="base" pos="0 0 0" euler="0 0 0.0">', "<body name='base'><joint name='0'/>")
     )
     path.write_text(path.read_text().replace("<actuator>", '<actuator><position joint="0" kp="900" kv="90"/>'))
-    s = state_of({"robot": {"model": str(path), "tcp": "base:point", "base": [0.2, 0.0, 0.1], "yaw": 70}})
+    s = state_of({"robot": {"asset": str(path), "tcp": "base:point", "base": [0.2, 0.0, 0.1], "yaw": 70}})
     arm = ArmController(s, "crane")
     assert (arm.name, arm.joints, arm.has_gripper) == ("crane", 5, False)
     for use in (arm.width, lambda s: arm.grip(s, torch.zeros(2))):

@@ -129,10 +129,10 @@ def joined_sites(plan: Plan, name: str, relation: Joined, where: str) -> JoinedS
         SceneKeyError: Joints of the object move a site, its x axis is vertical, or the object is not placed upright.
     """
     words = relation.beside
-    its, its_yaw = _site(plan, words.of, words.its, f"{where}.beside.its")
-    own, own_yaw = _site(plan, name, words.my, f"{where}.beside.my")
+    its, its_yaw = _site(plan, words.of, words.of_site, f"{where}.beside.of_site")
+    own, own_yaw = _site(plan, name, words.site, f"{where}.beside.site")
     at = its + (relation.gap or 0.0) * np.array([math.cos(its_yaw), math.sin(its_yaw)])
-    turn = math.remainder(its_yaw + math.radians(words.turn) - own_yaw, 2.0 * math.pi)
+    turn = math.remainder(its_yaw + math.radians(words.angle) - own_yaw, 2.0 * math.pi)
     return JoinedSites(words.of, at, own, turn)
 
 

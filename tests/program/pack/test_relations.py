@@ -231,7 +231,7 @@ def blocks(folder: Path, beside: dict[str, Any], gap: float = 0.0, **other: Any)
 
 def test_sites_are_measured_from_pivots_at_heading_zero(tmp_path: Path):
     """The pivot is below the middle of the box, 30 cm beside the root, and the lid does not move it."""
-    packed = blocks(tmp_path, {"my": "front", "its": "front"}, gap=0.05)
+    packed = blocks(tmp_path, {"site": "front", "of_site": "front"}, gap=0.05)
     relation = packed.scene.config.objects["b"].relations[0]
     assert isinstance(relation, Joined)
     found = joined_sites(packed.plan, "b", relation, "here")
@@ -248,17 +248,17 @@ def test_sites_are_measured_from_pivots_at_heading_zero(tmp_path: Path):
 
 WRONG: dict[str, tuple[dict, dict, type[ScenirisError], str]] = {
     "an unknown site of its own": (
-        {"my": "frnt", "its": "front"}, {}, UnknownNameError,
-        r"b\.relations\.0\.beside\.my: unknown site of 'b' 'frnt'\. Did you mean 'front'\? Valid: front, knob, up",
+        {"site": "frnt", "of_site": "front"}, {}, UnknownNameError,
+        r"b\.relations\.0\.beside\.site: unknown site of 'b' 'frnt'\. Did you mean 'front'\? Valid: front, knob, up",
     ),
     "an unknown site of the other": (
-        {"my": "front", "its": "bottom"}, {}, UnknownNameError,
-        r"beside\.its: unknown site of 'a' 'bottom'\..* Valid: front",
+        {"site": "front", "of_site": "bottom"}, {}, UnknownNameError,
+        r"beside\.of_site: unknown site of 'a' 'bottom'\..* Valid: front",
     ),
-    "one on a lid": ({"my": "knob", "its": "front"}, {}, SceneKeyError, "'knob' is on 'b/lid', which joints move"),
-    "one that points up": ({"my": "up", "its": "front"}, {}, SceneKeyError, "the x axis of 'up' is vertical"),
+    "one on a lid": ({"site": "knob", "of_site": "front"}, {}, SceneKeyError, "on 'b/lid', which joints move"),
+    "one that points up": ({"site": "up", "of_site": "front"}, {}, SceneKeyError, "the x axis of 'up' is vertical"),
     "of what may lie": (
-        {"my": "front", "its": "front"}, {"orientation": "any"}, SceneKeyError, "'a' has the orientation 'any'",
+        {"site": "front", "of_site": "front"}, {"orientation": "any"}, SceneKeyError, "'a' has the orientation 'any'",
     ),
 }  # fmt: skip
 

@@ -150,7 +150,7 @@ def test_what_is_reachable_without_a_robot_is_told_with_what_would_help():
         (
             {"robot": {"base": [0, 0, 0]}},
             SceneKeyError,
-            r"read_sceniris: robot: .* exactly one of asset, model, in_model",
+            r"read_sceniris: robot: .* exactly one of asset, in_model",
         ),
         ({"robot": {"asset": "panda", "bsae": [0, 0, 0]}}, SceneKeyError, r"read_sceniris: robot: bsae: .*mean 'base'"),
         ({"robot": 3}, SceneKeyError, r"read_sceniris: robot: .*mapping"),

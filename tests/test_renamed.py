@@ -1,0 +1,148 @@
+"""Old names: each is refused by the name that replaces it, wherever users write names."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import fields
+from inspect import signature
+from typing import Any
+
+import pytest
+
+import sceniris_gym
+from sceniris_gym import SceneConfig, SceneVectorEnv, evaluate
+from sceniris_gym.config.relations import Connection
+from sceniris_gym.config.robot import RobotConfig
+from sceniris_gym.config.settings import as_config
+from sceniris_gym.device.fixed import RefusesOldNames
+from sceniris_gym.errors import RENAMED, SceneKeyError, ScenirisError, UnknownNameError, did_you_mean, new_name
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.levels import ADR, LevelReplay, LevelSampler
+from sceniris_gym.levels.curriculum import SCORES
+from sceniris_gym.sim.randomizer import ResetRandomizer
+from sceniris_gym.vector.state import State
+
+BESIDE = {"of": "table", "site": "end", "of_site": "end"}
+ELSEWHERE = ("world", "scene", "scene_params", "redraw_status", "variants")
+"""Values, a field of the terms for mjlab, and attributes of objects that tests here do not make."""
+COMING = {"sim_config", "render_config", "make_worlds"}
+KEYWORDS: dict[str, tuple[Callable[..., Any], str, str]] = {
+    "an environment": (SceneVectorEnv, "knobs", "params"),
+    "its curriculum": (SceneVectorEnv, "levels", "curriculum"),
+    "a snapshot": (SceneVectorEnv.snapshot, "mask", "worlds"),
+    "a randomizer": (ResetRandomizer, "write", "scope"),
+    "a reset": (ResetRandomizer.reset, "env_ids", "worlds"),
+    "a reset by seeds": (ResetRandomizer.reset, "seeds", "seed"),
+    "a reset by episodes": (ResetRandomizer.reset, "episodes", "layouts"),
+    "a generator": (LayoutGenerator, "knobs", "params"),
+    "layouts": (LayoutGenerator.generate, "mask", "worlds"),
+    "other layouts": (LayoutGenerator.reseed, "seeds", "seed"),
+    "an evaluation": (evaluate, "ids", "layouts"),
+}
+ATTRIBUTES: dict[str, tuple[type, str, str]] = {
+    "an environment": (SceneVectorEnv, "replace", "redraw"),
+    "params of an environment": (SceneVectorEnv, "set_knob", "set_param"),
+    "a randomizer": (ResetRandomizer, "PROMISED", "STATE_FIELDS"),
+    "a generator": (LayoutGenerator, "extend", "redraw"),
+    "params of a generator": (LayoutGenerator, "set_knobs", "set_params"),
+    "a task's reading": (State, "parameter", "randomized"),
+}
+
+
+@pytest.mark.parametrize(("function", "old", "new"), KEYWORDS.values(), ids=KEYWORDS.keys())
+def test_an_old_keyword_is_refused_by_its_new_name(function: Callable[..., Any], old: str, new: str):
+    """Constructors, methods and functions of the door."""
+    with pytest.raises(UnknownNameError, match=f"unknown argument '{old}'. '{old}' is now {new}. Valid: .*{new}"):
+        function(**{old: None})
+
+
+@pytest.mark.parametrize(("kind", "old", "new"), ATTRIBUTES.values(), ids=ATTRIBUTES.keys())
+def test_an_old_attribute_is_refused_by_its_new_name(kind: type, old: str, new: str):
+    """`hasattr` is still false."""
+    thing = object.__new__(kind)
+    with pytest.raises(AttributeError, match=f"^{kind.__name__}: '{old}' is now {new}"):
+        getattr(thing, old)
+    assert not hasattr(thing, old)
+
+
+def test_other_attributes_fail_as_ever():
+    """With Python's own message, and with the error of a property that has one."""
+
+    class Thing(RefusesOldNames):
+        @property
+        def broken(self) -> int:
+            raise AttributeError("the bearing is worn")
+
+    with pytest.raises(AttributeError, match="'Thing' object has no attribute 'knobs'"):
+        Thing().knobs  # type: ignore[attr-defined]  # noqa: B018
+    with pytest.raises(AttributeError, match="the bearing is worn"):
+        Thing().broken  # noqa: B018
+
+
+def test_an_old_public_name_is_refused_by_its_new_one():
+    """As an attribute and in an import. Modules are still found, and unknown names still are not."""
+    with pytest.raises(ImportError, match="sceniris_gym: 'place_on' is now edit_spec"):
+        sceniris_gym.place_on  # type: ignore[attr-defined]  # noqa: B018
+    with pytest.raises(ImportError, match="sceniris_gym: 'Touch' is now ContactSensor"):
+        from sceniris_gym import Touch  # type: ignore[attr-defined]  # noqa: F401
+    from sceniris_gym import levels
+
+    assert levels.LevelReplay is LevelReplay
+    assert not hasattr(sceniris_gym, "knobs")
+
+
+CONFIGS: dict[str, tuple[type, dict[str, Any], str]] = {
+    "replay": (LevelReplay, {"replay": 0.5}, "'replay' is now replay_prob"),
+    "a score": (LevelReplay, {"score": "given"}, "'given' is now custom"),
+    "ADR": (ADR, {"start": {}}, "'start' is now init_range"),
+    "its queue": (ADR, {"episodes": 3}, "'episodes' is now queue_length"),
+}
+
+
+@pytest.mark.parametrize(("kind", "given", "says"), CONFIGS.values(), ids=CONFIGS.keys())
+def test_an_old_setting_is_refused_by_its_new_name(kind: type, given: dict[str, Any], says: str):
+    """Fields of a mapping, and words that are values."""
+    with pytest.raises(ScenirisError, match=says):
+        as_config(kind, given, "curriculum")
+
+
+@pytest.mark.parametrize(("old", "new"), [("my", "site"), ("its", "of_site"), ("turn", "angle")])
+def test_an_old_word_of_a_connection_is_refused_by_its_new_name(old: str, new: str):
+    """By its path in the scene."""
+    table = {"asset": "table", "kind": "fixture", "on": "floor"}
+    objects = {"table": table, "shelf": {**table, "relations": [{"beside": {**BESIDE, old: "end"}}]}}
+    says = rf"objects\.shelf\.relations\.0\.beside\.{old}: unknown key. '{old}' is now {new}."
+    with pytest.raises(SceneKeyError, match=says):
+        SceneConfig.load({"floor": {"size": [2, 2]}, "objects": objects})
+
+
+@pytest.mark.parametrize("key", ["robot", "robots.left"])
+def test_a_robot_s_model_is_refused_by_the_word_asset(key: str):
+    """Also in an override of a scene that has an asset. The word `model` of a scene stays."""
+    panda = {"asset": "panda"}
+    robot = {"robot": panda} if key == "robot" else {"robots": {"left": panda}}
+    with pytest.raises(SceneKeyError, match=rf"{key}\.model: unknown key. 'model' is now asset."):
+        SceneConfig.load({"floor": {"size": [1, 1]}, "objects": {}, **robot}, {f"{key}.model": "arm.xml"})
+    assert new_name("model", SceneConfig.model_fields) == ""
+
+
+def test_every_new_name_is_there():
+    """Each is a public name, an argument, a field or a word of scene files."""
+    arguments = {
+        name
+        for function in (*(function for function, _, _ in KEYWORDS.values()), LayoutGenerator.redraw)
+        for name in signature(function).parameters
+    }
+    attributes = {name for kind in (*(kind for kind, _, _ in ATTRIBUTES.values()), LevelSampler) for name in dir(kind)}
+    known = arguments | attributes | {*sceniris_gym.__all__, *SCORES, *ELSEWHERE}
+    known |= {field.name for kind in (LevelReplay, ADR) for field in fields(kind)}
+    known |= {*Connection.model_fields, *RobotConfig.model_fields}
+    news = {new.partition(".")[0] for names in RENAMED.values() for new in names.split("|")}
+    assert news - known == COMING - known
+    assert not {old for old in RENAMED if new_name(old, [old])}
+
+
+def test_an_old_name_comes_before_one_that_looks_alike():
+    """The nearest name is still the guess, if the new name is not valid."""
+    assert did_you_mean("nconmax", ["nconmix", "sim_config"]) == " 'nconmax' is now sim_config.nconmax."
+    assert did_you_mean("nconmax", ["nconmix"]) == " Did you mean 'nconmix'?"
