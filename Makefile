@@ -79,7 +79,7 @@ test-mjlab:
 	test -x $(MJLAB)/bin/python || $(PYTHON) -m venv $(MJLAB)
 	$(MJLAB)/bin/python -m pip install "$$(grep '^torch==' constraints.txt)"
 	$(MJLAB)/bin/python -m pip install -e '.[mjlab]' pytest "$$(grep '^torch==' constraints.txt)"
-	$(MJLAB)/bin/python -m pytest -q --durations=5 tests/adapters/test_mjlab*.py
+	$(MJLAB)/bin/python -m pytest -q --durations=5 tests/adapters/mjlab
 
 # MJX and Newton need MuJoCo 3.17, whose differences the tests for the oldest versions would find.
 test-jax:

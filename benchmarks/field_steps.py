@@ -129,7 +129,7 @@ def main() -> None:
     wp.config.quiet = True
     compiled = compile_scene(SceneConfig.load({"base": "tabletop_lift", **DRAWS}), words.device)
     batch = Batch(compiled.scene, words.num_envs, compiled.device)
-    ResetRandomizer(compiled, batch.model, batch.data, fields=batch.fields, prefetch=False).reset()
+    ResetRandomizer.of_batch(batch, compiled, prefetch=False).reset()
     state = {name: wp.clone(getattr(batch.data, name)) for name in ResetRandomizer.STATE_FIELDS}
     rows = [name for name in batch.fields.rows if name != "rest"]
     with wp.ScopedDevice(batch.device):

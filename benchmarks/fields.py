@@ -93,7 +93,7 @@ def main() -> None:
         batch = Batch(compiled.scene, n, compiled.device, substeps=4)
         for field in fields if name == "rows" else ():
             batch.fields.wide(field)
-        randomizer = ResetRandomizer(compiled, batch.model, batch.data, fields=batch.fields, prefetch=True)
+        randomizer = ResetRandomizer.of_batch(batch, compiled, prefetch=True)
         randomizer.reset()
         for _ in range(words.settle):
             batch.step()

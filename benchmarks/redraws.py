@@ -59,7 +59,9 @@ def milliseconds(envs: SceneVectorEnv, call: Callable[[torch.Tensor], None], mas
 def main(options: Options) -> None:
     """Measure, and print a line of JSON."""
     torch.manual_seed(0)
-    envs = SceneVectorEnv("envs.tabletop_lift:TabletopLift", options.num_envs, device=options.device, prefetch=False)
+    envs = SceneVectorEnv(
+        "envs.tabletop_lift:TabletopLift", options.num_envs, device=options.device, sim_config={"prefetch": False}
+    )
     envs.reset(seed=0)
     random, count = np.random.default_rng(0), max(round(options.share * options.num_envs), 1)
     masks = []

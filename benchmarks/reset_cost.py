@@ -89,7 +89,7 @@ def main(options: Options) -> None:
             options.num_envs,
             compiled,
             layout_source=source,
-            prefetch=False if name == "in_place" else None,
+            sim_config={"prefetch": False if name == "in_place" else None},
             max_episode_steps=options.episode,
         )
         for name, source in sources.items()

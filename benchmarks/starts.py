@@ -28,9 +28,8 @@ from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.layout.stored import StoredLayouts
 from sceniris_gym.layout.tables import read_table
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.sim.batch import default_budget
-from sceniris_gym.sim.model_fields import put_model
 from sceniris_gym.sim.randomizer import ResetRandomizer
+from sceniris_gym.sim.worlds import make_worlds
 
 MIXED = [
     {"weight": 5, "robot": "home"},
@@ -54,7 +53,7 @@ def makers(compiled: CompiledScene, nworld: int) -> tuple[LayoutGenerator, Reset
     """Return a generator of layouts, and a randomizer that resets to those that it made first."""
     generator = LayoutGenerator(compiled, nworld)
     generator.generate()
-    model, data = _worlds(compiled, nworld)
+    model, data = make_worlds(compiled, nworld)
     source = StoredLayouts(compiled, read_table(generator), nworld)
     randomizer = ResetRandomizer(compiled, model, data, layout_source=source)
     randomizer.reset()
@@ -79,7 +78,7 @@ def rates(scenes: Mapping[str, CompiledScene], nworld: int) -> dict[str, dict[st
 
 def held(compiled: CompiledScene, nworld: int) -> Iterator[dict[str, Any]]:
     """Yield for each kind that holds something the share of worlds in which it stays in the hand."""
-    model, data = _worlds(compiled, nworld)
+    model, data = make_worlds(compiled, nworld)
     randomizer = ResetRandomizer(compiled, model, data)
     randomizer.reset()
     before = _in_hand(compiled, model, data)
@@ -117,13 +116,6 @@ def shares(compiled: CompiledScene, nworld: int, layouts: int) -> dict[str, Any]
         found += np.bincount(generator.layouts.start.numpy(), minlength=len(weights))
     p = stats.chisquare(found, found.sum() * weights / weights.sum()).pvalue
     return {"layouts": int(found.sum()), "of_kinds": found.tolist(), "chi_square_p": float(p)}
-
-
-def _worlds(compiled: CompiledScene, nworld: int) -> tuple[mjw.Model, mjw.Data]:
-    nconmax, njmax = default_budget(compiled.mjm)[:2]
-    with wp.ScopedDevice(compiled.device):
-        model = put_model(compiled, nworld)
-        return model, mjw.make_data(compiled.mjm, nworld=nworld, nconmax=nconmax, njmax=njmax)
 
 
 def _in_hand(compiled: CompiledScene, model: mjw.Model, data: mjw.Data) -> np.ndarray:

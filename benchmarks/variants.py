@@ -69,8 +69,7 @@ class Worlds:
     def __init__(self, things: list[Any], options: Options) -> None:
         compiled = compile_scene(scene_of(things), options.device)
         self.batch = Batch(compiled.scene, options.num_envs, compiled.device, substeps=_SUBSTEPS)
-        fields = self.batch.fields
-        self.randomizer = ResetRandomizer(compiled, self.batch.model, self.batch.data, fields=fields, prefetch=True)
+        self.randomizer = ResetRandomizer.of_batch(self.batch, compiled, prefetch=True)
         numbers, device = np.arange(options.num_envs) % _EVERY, self.batch.device
         self._masks = [wp.array(numbers == turn, dtype=wp.bool, device=device) for turn in range(_EVERY)]
         m, d = self.batch.model, self.batch.data

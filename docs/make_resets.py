@@ -46,7 +46,11 @@ class Scripted:
 
 def main() -> None:
     """Draw the picture."""
-    words: dict[str, Any] = {"render_mode": "rgb_array", "render_size": (2 * SIZE[0], 2 * SIZE[1]), "device": "cpu"}
+    words: dict[str, Any] = {
+        "render_mode": "rgb_array",
+        "render_config": {"size": (2 * SIZE[0], 2 * SIZE[1])},
+        "device": "cpu",
+    }
     envs: Any = gym.make_vec(_ENV, num_envs=_WORLDS, max_episode_steps=_EPISODE, **words).unwrapped
     policy, (observation, _), frames = Scripted(envs), envs.reset(seed=0), []
     for step in range(_EPISODE * _EPISODES):

@@ -9,11 +9,10 @@ import runpy
 from collections.abc import Sequence
 from pathlib import Path
 
-import mujoco_warp as mjw
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from sceniris_gym import CompiledScene, ResetRandomizer, compile_scene, put_model
+from sceniris_gym import CompiledScene, ResetRandomizer, compile_scene, make_worlds
 from sceniris_gym.pictures.camera import Cameras
 from sceniris_gym.pictures.context import Looks, Shot
 
@@ -32,7 +31,7 @@ _INK = (40, 44, 50)
 
 def worlds_of(compiled: CompiledScene, worlds: int, seed: int = 0) -> np.ndarray:
     """Return pictures of worlds of a scene, with seeds from `seed` on, (worlds, height, width, 3) uint8."""
-    model, data = put_model(compiled, worlds), mjw.make_data(compiled.sim_mjm, worlds, nconmax=1, njmax=1)
+    model, data = make_worlds(compiled, worlds, nconmax=1, njmax=1)
     ResetRandomizer(compiled, model, data, seed=seed).reset()
     width, height = (_DRAWN * edge for edge in SIZE)
     cameras = Cameras(compiled.scene.sim, model, data, {"overview": Shot((width, height))}, Looks(shadows=True))

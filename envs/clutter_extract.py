@@ -9,6 +9,7 @@ from sceniris_gym.errors import ArgumentError
 from sceniris_gym.vector import rotations
 from sceniris_gym.vector.arm_controller import ArmController
 from sceniris_gym.vector.bodies import Bounds, ContactSensor
+from sceniris_gym.vector.settings import SimConfig
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.task import SLEEPING, Observation, Task
 
@@ -128,6 +129,8 @@ class ClutterExtract(Task):
     # 99.8% of a trained policy's physics steps need at most 10 iterations. More in one world would delay all worlds.
     options = SLEEPING | {"iterations": 10}
     action_size = 5
+    # 81 degrees of freedom: the arm's 9, and 6 for the peg and each of the at most 11 other present objects.
+    sim_config = SimConfig(nconmax=128, njmax=512, nvmax=81)
 
     def bind(self, s: State) -> None:
         """Find the arm, its contacts and the peg's bounds, and allocate the tensors that persist between steps.

@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from sceniris_gym.vector.arm_controller import ArmController
+from sceniris_gym.vector.settings import SimConfig
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.task import Observation, Task
 
@@ -77,6 +78,7 @@ class ClutterPush(Task):
 
     scene = "clutter_push"
     action_size = 4
+    sim_config = SimConfig(nconmax=40, njmax=160)
 
     def bind(self, s: State) -> None:
         """Find the arm, and allocate the tensors that persist between steps."""

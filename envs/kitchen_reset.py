@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from sceniris_gym.vector.arm_controller import ArmController
+from sceniris_gym.vector.settings import SimConfig
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.task import FRICTION_PYRAMIDS, SLEEPING, Observation, Task
 
@@ -55,6 +56,7 @@ class KitchenReset(Task):
     scene = "kitchen_reset"
     options = FRICTION_PYRAMIDS | SLEEPING
     action_size = 7
+    sim_config = SimConfig(nconmax=256, njmax=1024)
 
     def bind(self, s: State) -> None:
         """Find the arm."""

@@ -8,6 +8,7 @@ from torch import Tensor
 from sceniris_gym.vector import rotations
 from sceniris_gym.vector.arm_controller import ArmController
 from sceniris_gym.vector.bodies import Bounds, ContactSensor
+from sceniris_gym.vector.settings import SimConfig
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.task import Observation, Task
 
@@ -88,6 +89,7 @@ class TabletopLift(Task):
 
     scene = "tabletop_lift"
     action_size = 5
+    sim_config = SimConfig(nconmax=48, njmax=192)
     targets = tuple(GRASP_HEIGHTS)
     """Objects that can be chosen."""
     objects = OBJECTS

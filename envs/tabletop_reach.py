@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from sceniris_gym.vector.arm_controller import ArmController
+from sceniris_gym.vector.settings import SimConfig
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.task import FRICTION_PYRAMIDS, Observation, Task
 
@@ -64,6 +65,7 @@ class TabletopReach(Task):
 
     scene = "tabletop_reach"
     options = FRICTION_PYRAMIDS
+    sim_config = SimConfig(nconmax=40, njmax=160)
     action_size = 7
 
     def bind(self, s: State) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from sceniris_gym.vector.settings import ImageConfig
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.task import Observation, regrouped
 
@@ -32,6 +33,13 @@ class TabletopReachPixels(TabletopReach):
     Group `critic`, 73 numbers: the same, then `tcp_to_objects` (5, 3), `tcp_to_target` (3) and `object_velocities`
     (5, 3) of `TabletopReach-v0`.
     """
+
+    images = ImageConfig(
+        cameras={
+            "front": {"size": (64, 64), "data": ("rgb", "depth"), "thin": True},
+            "wrist": {"size": (64, 64), "data": ("rgb",), "thin": True},
+        }
+    )
 
     def observe(self, s: State) -> Observation:
         """Return the observations listed in the class docstring."""

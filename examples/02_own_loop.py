@@ -6,7 +6,7 @@ import mujoco_warp as mjw
 import tyro
 import warp as wp
 
-from sceniris_gym import ResetRandomizer, compile_scene
+from sceniris_gym import ResetRandomizer, compile_scene, make_worlds
 
 SCENE = {
     "model": str(Path(__file__).with_name("bench.xml")),  # keeps its options, names and start pose
@@ -27,9 +27,8 @@ def main(nworld: int = 64, steps: int = 1500, device: str | None = None) -> None
         device: "cpu" or "cuda:0", by default cuda:0 if available, otherwise cpu.
     """
     compiled = compile_scene(SCENE, device)
+    model, data = make_worlds(compiled, nworld, nconmax=64, njmax=256)  # room in each world
     with wp.ScopedDevice(compiled.device):
-        model = mjw.put_model(compiled.mjm)
-        data = mjw.make_data(compiled.mjm, nworld=nworld, nconmax=64, njmax=256)  # contacts and rows per world
         randomizer = ResetRandomizer(compiled, model, data, seed=0)
         randomizer.reset()  # all worlds, and the paddle's actuator holds the sampled position
         with wp.ScopedCapture() as capture:

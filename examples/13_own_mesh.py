@@ -7,7 +7,7 @@ import tyro
 
 from sceniris_gym import LayoutGenerator, cli, compile_scene
 from sceniris_gym.layout.tables import read_table
-from sceniris_gym.pictures.render import captioned, save
+from sceniris_gym.pictures import captioned, save
 
 
 def scene(asset: Path) -> dict:

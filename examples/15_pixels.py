@@ -17,7 +17,7 @@ SEEN = ("policy", "front/rgb", "wrist/rgb")
 
 def main(num_envs: int = 256, steps: int = 4_000_000, device: str | None = None, out: str = "pixels.zip") -> None:
     """Train, print the statistics of episodes, and save and evaluate the policy."""
-    made = {"num_envs": num_envs, "device": device, "final_images": True}
+    made = {"num_envs": num_envs, "device": device, "images": {"final": True}}
     envs = Sb3VecEnvWrapper(gym.make_vec(ENV_ID, **made), SEEN)
     model = PPO("MultiInputPolicy", envs, n_steps=24, batch_size=6 * num_envs, gamma=0.98, seed=0)
     for _ in range(10):

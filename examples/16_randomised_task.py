@@ -1,15 +1,12 @@
 """Physics and appearance from the layout's seed: the scene draws masses, gains and colours, the task draws friction."""
 
-import pkgutil
-from typing import Any
-
 import torch
 import tyro
 from torch import Tensor
 
 from sceniris_gym import SceneVectorEnv, State
+from sceniris_gym.envs.tabletop_lift import TabletopLift
 
-TabletopLift: Any = pkgutil.resolve_name("sceniris_gym.envs.tabletop_lift:TabletopLift")
 THING = {"mass": {"scale": [0.5, 2.0], "distribution": "log_uniform"}, "friction": {"scale": [0.7, 1.3]}}
 COLOUR = {"rgba": {"abs": [[0.1, 0.1, 0.1], [0.9, 0.9, 0.9]]}}
 SCENE = {

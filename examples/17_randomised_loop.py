@@ -6,7 +6,7 @@ import torch
 import tyro
 import warp as wp
 
-from sceniris_gym import ResetRandomizer, compile_scene, put_model
+from sceniris_gym import ResetRandomizer, compile_scene, make_worlds
 
 MJCF = """
 <mujoco>
@@ -29,9 +29,8 @@ def main(nworld: int = 64, steps: int = 500, device: str | None = None) -> None:
         device: "cpu" or "cuda:0", by default cuda:0 if available, otherwise cpu.
     """
     compiled = compile_scene({"model": mujoco.MjSpec.from_string(MJCF), "objects": OBJECTS}, device)
+    model, data = make_worlds(compiled, nworld, fields=("body_mass", "geom_friction"))  # a row for each world
     with wp.ScopedDevice(compiled.device):
-        model = put_model(compiled, nworld, "body_mass", "geom_friction")  # a row per world
-        data = mjw.make_data(compiled.mjm, nworld=nworld, nconmax=32, njmax=128)
         randomizer = ResetRandomizer(compiled, model, data, seed=0)
         randomizer.reset()
         u, v = (wp.to_torch(randomizer.random(name)) for name in ("mass", "friction"))  # from seed and episode

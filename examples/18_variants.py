@@ -5,8 +5,7 @@ import numpy as np
 import tyro
 import warp as wp
 
-from sceniris_gym import ResetRandomizer, compile_scene, put_model
-from sceniris_gym.sim.batch import default_budget
+from sceniris_gym import ResetRandomizer, compile_scene, make_worlds
 
 THINGS = ("can", "mug", "bowl", "banana", "book", "brick")
 SCENE = {
@@ -32,10 +31,8 @@ def main(nworld: int = 32, resets: int = 3, seconds: float = 1.0, device: str | 
     """
     compiled = compile_scene(SCENE, device)
     mjm = compiled.sim_mjm  # one body for all variants
-    nconmax, njmax = default_budget(mjm, compiled.scene)
+    model, data = make_worlds(compiled, nworld)  # a row for each world where objects differ
     with wp.ScopedDevice(compiled.device):
-        model = put_model(compiled, nworld)  # a row per world in fields that differ between variants
-        data = mjw.make_data(mjm, nworld=nworld, nconmax=nconmax, njmax=njmax)
         randomizer = ResetRandomizer(compiled, model, data, seed=0)
         body = mjm.body("thing").id
         for _ in range(resets):

@@ -8,7 +8,7 @@ import torch
 import tyro
 
 import sceniris_gym  # noqa: F401, registers the environments
-from sceniris_gym.levels import LevelReplay
+from sceniris_gym import LevelReplay
 
 STEPS = 20  # of an episode
 

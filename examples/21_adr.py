@@ -4,7 +4,7 @@ import mujoco
 import tyro
 
 import sceniris_gym
-from sceniris_gym.levels import ADR
+from sceniris_gym import ADR
 
 NAME = "objects.cube.region"
 MJCF = """

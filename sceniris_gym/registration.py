@@ -7,31 +7,23 @@ from typing import Any
 import gymnasium
 
 
-def _env(task: str, max_episode_steps: int, **words: Any) -> dict[str, Any]:
+def _env(task: str, max_episode_steps: int) -> dict[str, Any]:
     """Return the arguments of `gymnasium.register` for a task of `sceniris_gym.envs`."""
-    return {"max_episode_steps": max_episode_steps, "kwargs": {"task": f"sceniris_gym.envs.{task}", **words}}
+    return {"max_episode_steps": max_episode_steps, "kwargs": {"task": f"sceniris_gym.envs.{task}"}}
 
 
-REACH_IMAGES = {
-    "front": {"size": (64, 64), "data": ("rgb", "depth"), "thin": True},
-    "wrist": {"size": (64, 64), "data": ("rgb",), "thin": True},
-}
 ENVS = {
     "sceniris_gym/DrawerPick-v0": _env("drawer_pick:DrawerPick", 200),
     "sceniris_gym/DrawerOpenPick-v0": _env("drawer_open_pick:DrawerOpenPick", 400),
-    "sceniris_gym/TabletopReach-v0": _env("tabletop_reach:TabletopReach", 100, nconmax=40, njmax=160),
-    "sceniris_gym/TabletopReachEasy-v0": _env("tabletop_reach_easy:TabletopReachEasy", 100, nconmax=40, njmax=160),
-    "sceniris_gym/TabletopReachPixels-v0": _env(
-        "tabletop_reach_pixels:TabletopReachPixels", 100, nconmax=40, njmax=160, images=REACH_IMAGES
-    ),
-    "sceniris_gym/TabletopLift-v0": _env("tabletop_lift:TabletopLift", 150, nconmax=48, njmax=192),
-    "sceniris_gym/TabletopLiftEasy-v0": _env("tabletop_lift_easy:TabletopLiftEasy", 150, nconmax=48, njmax=192),
-    # Random actions in 4,096 worlds sometimes need more than 256 rows: a gripper presses on an object of many parts.
-    "sceniris_gym/TabletopLiftAny-v0": _env("tabletop_lift_any:TabletopLiftAny", 150, nconmax=64, njmax=512),
-    # 81 degrees of freedom: 9 for the arm, 6 for the peg, and 6 for each of at most 11 other objects.
-    "sceniris_gym/ClutterExtract-v0": _env("clutter_extract:ClutterExtract", 200, nconmax=128, njmax=512, nvmax=81),
-    "sceniris_gym/ClutterPush-v0": _env("clutter_push:ClutterPush", 250, nconmax=40, njmax=160),
-    "sceniris_gym/KitchenReset-v0": _env("kitchen_reset:KitchenReset", 200, nconmax=256, njmax=1024),
+    "sceniris_gym/TabletopReach-v0": _env("tabletop_reach:TabletopReach", 100),
+    "sceniris_gym/TabletopReachEasy-v0": _env("tabletop_reach_easy:TabletopReachEasy", 100),
+    "sceniris_gym/TabletopReachPixels-v0": _env("tabletop_reach_pixels:TabletopReachPixels", 100),
+    "sceniris_gym/TabletopLift-v0": _env("tabletop_lift:TabletopLift", 150),
+    "sceniris_gym/TabletopLiftEasy-v0": _env("tabletop_lift_easy:TabletopLiftEasy", 150),
+    "sceniris_gym/TabletopLiftAny-v0": _env("tabletop_lift_any:TabletopLiftAny", 150),
+    "sceniris_gym/ClutterExtract-v0": _env("clutter_extract:ClutterExtract", 200),
+    "sceniris_gym/ClutterPush-v0": _env("clutter_push:ClutterPush", 250),
+    "sceniris_gym/KitchenReset-v0": _env("kitchen_reset:KitchenReset", 200),
 }
 ENTRY_POINTS = {
     "entry_point": "sceniris_gym.vector.single_env:SceneEnv",

@@ -37,7 +37,7 @@ ORDER = {  # a module imports its own part of the house and those with a smaller
             ["sim"],
             ["pictures"],
             ["vector"],
-            ["adapters", "dataset"],
+            ["adapters", "dataset", "libero"],
             ["training"],
             ["commands"],
             ["viewer"],

@@ -130,7 +130,7 @@ class NewtonRandomizer(StaysHere):
         NotSupportedError: The scene has words of `start` or `randomize`.
     """
 
-    SEND = "the CompiledScene, and make a new one there"
+    _SEND = "the CompiledScene, and make a new one there"
 
     @launching
     def __init__(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import torch
@@ -20,6 +21,14 @@ try:
     from tensordict import TensorDict
 except ImportError as error:
     raise MissingExtraError("rsl_rl", "rsl-rl") from error
+
+
+def as_tensordict(observation: Mapping[str, Any]) -> TensorDict:
+    """Return observations of SceneVectorEnv as rsl-rl takes them, each camera as a group of channels first."""
+    images = {camera: as_channels(pictures) for camera, pictures in observation.get(GROUP, {}).items()}
+    groups = {name: part for name, part in observation.items() if name != GROUP} | images
+    first = next(iter(groups.values()))
+    return TensorDict(groups, batch_size=[len(first)], device=first.device)
 
 
 class RslRlVecEnvWrapper(VecEnv):
@@ -53,7 +62,7 @@ class RslRlVecEnvWrapper(VecEnv):
                 "RslRlVecEnvWrapper: env should be a SceneVectorEnv, as gymnasium.make_vec returns it, got "
                 f"a {type(env).__name__}."
             )
-        if env.autoreset_mode is not AutoresetMode.SAME_STEP or env.output != "torch" or not env.copy:
+        if env.autoreset_mode is not AutoresetMode.SAME_STEP or env.output != "torch" or not env.sim_config.copy:
             raise ArgumentError(
                 "RslRlVecEnvWrapper: env should have autoreset SAME_STEP, output='torch' and copy=True."
             )
@@ -66,7 +75,7 @@ class RslRlVecEnvWrapper(VecEnv):
         self.num_actions = env.single_action_space.shape[0]
         self.max_episode_length = env.max_episode_steps
         self.cfg = {"task": type(env.task).__name__, "scene": env.compiled.config.name, "num_envs": env.num_envs}
-        self._observation = self._as_tensordict(env.reset(seed=seed)[0])
+        self._observation = as_tensordict(env.reset(seed=seed)[0])
         self.log: dict[str, Tensor] = {}
         self._means = torch.zeros((), device=env.device)
 
@@ -89,7 +98,7 @@ class RslRlVecEnvWrapper(VecEnv):
     ) -> tuple[TensorDict, dict[str, Any]]:
         """Reset worlds as SceneVectorEnv.reset does; rsl-rl's runners never call this."""
         observation, info = self.env.reset(seed=seed, options=options)
-        self._observation = self._as_tensordict(observation)
+        self._observation = as_tensordict(observation)
         return self._observation, info
 
     def get_observations(self) -> TensorDict:
@@ -99,7 +108,7 @@ class RslRlVecEnvWrapper(VecEnv):
     def step(self, actions: Tensor) -> tuple[TensorDict, Tensor, Tensor, dict[str, Any]]:
         """Take one control step; return observations, rewards, dones (long), each (num_envs, ...), and extras."""
         observation, reward, terminated, truncated, info = self.env.step(actions)
-        self._observation = self._as_tensordict(observation)
+        self._observation = as_tensordict(observation)
         done = terminated | truncated
         self.log = self._finished() | self._resets()
         extras = {"time_outs": truncated & ~terminated, "success": info["success"], "log": self.log}
@@ -108,10 +117,6 @@ class RslRlVecEnvWrapper(VecEnv):
     def close(self) -> None:
         """Close the wrapped environment."""
         self.env.close()
-
-    def _as_tensordict(self, observation: dict[str, Any]) -> TensorDict:
-        images = {camera: as_channels(pictures) for camera, pictures in observation.pop(GROUP, {}).items()}
-        return TensorDict(observation | images, batch_size=[self.num_envs], device=self.device)  # type: ignore[arg-type]
 
     def _finished(self) -> dict[str, Tensor]:
         """Return the means over the episodes that finished in the last step."""

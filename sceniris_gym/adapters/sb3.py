@@ -44,7 +44,7 @@ class Sb3VecEnvWrapper(VecEnv):
         env: A SceneVectorEnv with autoreset SAME_STEP, output "torch" and copy=True.
         group: The part of the observation for the agent: a group, or a picture as "wrist/rgb" (for "CnnPolicy"). A
             sequence of several names makes a dict of them (for "MultiInputPolicy"). Pictures need an environment with
-            `final_images`, as agents see the last observation of an episode.
+            `ImageConfig.final`, as agents see the last observation of an episode.
 
     Raises:
         ArgumentTypeError: Not a SceneVectorEnv.
@@ -55,14 +55,15 @@ class Sb3VecEnvWrapper(VecEnv):
     def __init__(self, env: VectorEnv, group: str | Sequence[str] = "policy") -> None:
         if not isinstance(env, SceneVectorEnv):
             raise ArgumentTypeError(f"Sb3VecEnvWrapper: env should be a SceneVectorEnv of make_vec, got {short(env)}.")
-        if env.autoreset_mode is not AutoresetMode.SAME_STEP or env.output != "torch" or not env.copy:
+        if env.autoreset_mode is not AutoresetMode.SAME_STEP or env.output != "torch" or not env.sim_config.copy:
             raise ArgumentError("Sb3VecEnvWrapper: env should have autoreset SAME_STEP, output='torch' and copy=True.")
         assert isinstance(env.single_observation_space, gymnasium.spaces.Dict)
         parts = _parts(env.single_observation_space.spaces)
         names = [group] if isinstance(group, str) else list(group)
         check_names("observation group", names, f"task {type(env.task).__name__}", parts)
-        if not env.final_images and any(name not in env.observation_names for name in names):
-            raise ArgumentError("Sb3VecEnvWrapper: env should have final_images=True for pictures as observations.")
+        images = env.image_config
+        if images is not None and not images.final and any(name not in env.observation_names for name in names):
+            raise ArgumentError("Sb3VecEnvWrapper: env should have images=ImageConfig(..., final=True).")
         self.env, self.group = env, group
         space = parts[group] if isinstance(group, str) else gymnasium.spaces.Dict({name: parts[name] for name in names})
         super().__init__(env.num_envs, space, env.single_action_space)
@@ -102,18 +103,18 @@ class Sb3VecEnvWrapper(VecEnv):
             self._fill(infos, worlds, flags, info)
         return self.seen(observation), rewards, dones, infos
 
-    def seen(self, observation: dict[str, Any], rows: Tensor | None = None) -> Any:
+    def seen(self, observation: dict[str, Any], worlds: Tensor | None = None) -> Any:
         """Return the agent's part of an observation of the environment, on the host: an array, or a dict of arrays.
 
         Args:
             observation: Observation of all worlds, as the environment returns it.
-            rows: Numbers of some worlds, for an observation without NaNs: a world that diverged has them in its last
+            worlds: Numbers of some worlds, for an observation without NaNs: a world that diverged has them in its last
                 observation, and NaN * 0 would spoil a replay buffer's targets. None is all worlds, as they are.
         """
         parts = _parts(observation)
 
         def part(name: str) -> np.ndarray:
-            return to_host(parts[name] if rows is None else parts[name][rows].nan_to_num(0.0, 0.0, 0.0))
+            return to_host(parts[name] if worlds is None else parts[name][worlds].nan_to_num(0.0, 0.0, 0.0))
 
         return part(self.group) if isinstance(self.group, str) else {name: part(name) for name in self.group}
 
@@ -174,7 +175,7 @@ class Sb3VecEnvWrapper(VecEnv):
         return [wrapper_class is Monitor] * len(self._chosen(indices))
 
     def get_images(self) -> Sequence[np.ndarray | None]:
-        """Return pictures of the first `render_envs` worlds, (height, width, 3) uint8."""
+        """Return pictures of the first `RenderConfig.num_envs` worlds, (height, width, 3) uint8."""
         frames = self.env.render()
         if frames is None:
             warnings.warn("env should be made with render_mode='rgb_array' to return pictures.", stacklevel=2)

@@ -12,7 +12,7 @@ from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.layout.tables import read_table
-from sceniris_gym.pictures.render import captioned, save
+from sceniris_gym.pictures.layout_picture import captioned, save
 from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import ResetRandomizer

@@ -62,7 +62,7 @@ def import_many(folder: Path, out: Path, options: Options, jobs: int | None, dev
 
 def draw(asset: Path, device: str | None) -> Path:
     """Draw an asset in its start pose into the asset's folder, and return the path of the picture."""
-    from sceniris_gym.pictures.render import CAMERA, captioned, save
+    from sceniris_gym.pictures.layout_picture import CAMERA, captioned, save
 
     spec = mujoco.MjSpec.from_file(str(asset))
     spec.worldbody.add_camera(name=CAMERA, fovy=40.0)

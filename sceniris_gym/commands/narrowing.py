@@ -24,7 +24,7 @@ from sceniris_gym.grasping.grasps import comes_from_below
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.tables import read_table
-from sceniris_gym.pictures.render import save
+from sceniris_gym.pictures.layout_picture import save
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.scene.poses import body_poses

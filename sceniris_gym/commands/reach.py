@@ -21,8 +21,8 @@ from sceniris_gym.errors import ArgumentError, MapError, NotSupportedError, Reac
 from sceniris_gym.files import check_picture, no_file, replacing
 from sceniris_gym.geometry.rotations import quaternion
 from sceniris_gym.layout.compile import compile_scene, device_name
+from sceniris_gym.pictures.layout_picture import save
 from sceniris_gym.pictures.reach_picture import draw
-from sceniris_gym.pictures.render import save
 from sceniris_gym.program.reach import robot_arm
 from sceniris_gym.reach.arm import TCP, SerialArm
 from sceniris_gym.reach.build import TILT_STEP, build_map

@@ -22,7 +22,7 @@ from sceniris_gym.layout.layouts import LayoutStatus, LayoutsView
 from sceniris_gym.layout.params import ParamTable, params_in
 from sceniris_gym.layout.tables import read_table
 from sceniris_gym.layout.world_columns import WorldColumns
-from sceniris_gym.pictures.render import SIZE, contact_sheet, render, save
+from sceniris_gym.pictures.layout_picture import SIZE, contact_sheet, render, save
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import fill_struct
 from sceniris_gym.scene.build import build_model

@@ -23,10 +23,10 @@ class StaysHere(RefusesOldNames):
     """Base class of objects that hold device memory and therefore belong to one process.
 
     Attributes:
-        SEND: The object to send instead, worded for the error message.
+        _SEND: The object to send instead, worded for the error message.
     """
 
-    SEND = "its CompiledScene, which is compiled again where it arrives, or the scene's name, and make it there"
+    _SEND = "its CompiledScene, which is compiled again where it arrives, or the scene's name, and make it there"
 
     def __reduce__(self) -> NoReturn:
         """Reject pickling and copying.
@@ -35,7 +35,7 @@ class StaysHere(RefusesOldNames):
             NotSupportedError: Always.
         """
         raise NotSupportedError(
-            f"{type(self).__name__} holds memory of a device and cannot be pickled or copied. Send {self.SEND}."
+            f"{type(self).__name__} holds memory of a device and cannot be pickled or copied. Send {self._SEND}."
         )
 
 
@@ -43,12 +43,12 @@ class Fixed:
     """Base class of objects whose launches are captured with the arrays of one scene.
 
     Attributes:
-        FIXED: Attributes that only the constructor sets.
-        ARGUMENTS: Arguments of the constructor that are not attributes. Assigning to them would have no effect.
+        _FIXED: Attributes that only the constructor sets.
+        _ARGUMENTS: Arguments of the constructor that are not attributes. Assigning to them would have no effect.
     """
 
-    FIXED: ClassVar[tuple[str, ...]] = ()
-    ARGUMENTS: ClassVar[tuple[str, ...]] = ()
+    _FIXED: ClassVar[tuple[str, ...]] = ()
+    _ARGUMENTS: ClassVar[tuple[str, ...]] = ()
 
     def __setattr__(self, name: str, value: Any) -> None:
         """Set an attribute.
@@ -56,7 +56,7 @@ class Fixed:
         Raises:
             FixedError: The attribute is fixed, or is an argument of the constructor.
         """
-        if name in self.ARGUMENTS or (name in self.FIXED and name in self.__dict__):
+        if name in self._ARGUMENTS or (name in self._FIXED and name in self.__dict__):
             raise FixedError(type(self).__name__, name)
         super().__setattr__(name, value)
 
@@ -66,6 +66,6 @@ class Fixed:
         Raises:
             FixedError: The attribute is fixed.
         """
-        if name in self.FIXED:
+        if name in self._FIXED:
             raise FixedError(type(self).__name__, name)
         super().__delattr__(name)

@@ -72,8 +72,8 @@ class LayoutGenerator(Fixed, LayoutSource):
         MemoryLimitError: The worlds do not fit into memory.
     """
 
-    FIXED = ("compiled", "split", "size", "layouts")
-    ARGUMENTS = ("nworld", "seed", "rejected", "params")
+    _FIXED = ("compiled", "split", "size", "layouts")
+    _ARGUMENTS = ("nworld", "seed", "rejected", "params")
 
     @launching
     def __init__(

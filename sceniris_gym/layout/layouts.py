@@ -254,7 +254,7 @@ class Layouts(StaysHere):
             in placement order.
     """
 
-    SEND = "its arrays as copies on the host, such as layouts.qpos.numpy().copy(), or the ids that make its rows again"
+    _SEND = "its arrays as copies on the host, such as layouts.qpos.numpy().copy(), or the ids that make its rows again"
 
     compiled: CompiledScene
     view: LayoutsView

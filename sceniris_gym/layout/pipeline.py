@@ -71,7 +71,7 @@ class LayoutPipeline(Fixed, LayoutSource):
         FixedError: Raised on assignment to an attribute that captured graphs already use.
     """
 
-    FIXED = ("maker", "ahead", "chooser", "layouts", "split", "hears", "rows")
+    _FIXED = ("maker", "ahead", "chooser", "layouts", "split", "hears", "rows")
 
     def __init__(
         self,

@@ -148,7 +148,7 @@ class RequestedLayouts(StaysHere):
         ScenirisError: As in `LayoutGenerator`.
     """
 
-    SEND = "the CompiledScene, and make new ones there"
+    _SEND = "the CompiledScene, and make new ones there"
 
     @launching
     def __init__(self, compiled: CompiledScene, nworld: int, split: str = "train") -> None:

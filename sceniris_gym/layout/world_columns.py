@@ -92,7 +92,7 @@ class WorldColumns:
             return
         if self._narrowed is not None and max(*columns, *self._narrowed) >= 0:
             raise ArgumentError(
-                "params: another randomizer of the same `fields` draws with other params. Give both the same params, "
+                "params: another randomizer of the same Batch draws with other params. Give both the same params, "
                 "or give this randomizer separate fields."
             )
         self._narrowed = columns

@@ -137,8 +137,7 @@ def edit_spec(spec: mujoco.MjSpec, scene: str | Path | Mapping | SceneConfig) ->
     if key := next(iter(assets), None):
         raise SceneKeyError(
             f"{config.where}: {key}: edit_spec changes bodies of the model, and attaches nothing to it. Let "
-            "compile_scene attach assets to the MjSpec, and make Model and Data from it: "
-            "sceniris_gym.put_model(compiled, nworld), mjw.make_data(compiled.sim_mjm, nworld=...)."
+            "compile_scene attach assets to the MjSpec, and make Model and Data by make_worlds(compiled, nworld)."
         )
     assemble.stand_at_keyframe(spec, config.home or HOME, "edit_spec: spec")
     if config.floor is not None and spec.geom(FLOOR) is None:

@@ -25,11 +25,8 @@ _SIZES_OF = (0, 0, 1, 2, 3, 2, 3, 0)
 """How many numbers of its size a geom collides with, by its type: planes are endless, and meshes have vertices."""
 _TOLERANCE = 1.0e-6
 """Largest difference [m, or of an axis or quaternion] that counts as rounding to single precision."""
-_CURE_OF_VARIANTS = (
-    "Objects have variants, so make Model and Data from it: sceniris_gym.put_model(compiled, nworld), "
-    "mjw.make_data(compiled.sim_mjm, nworld=...)."
-)
-_CURE = "Make Model and Data from it: mjw.put_model(compiled.mjm), mjw.make_data(compiled.mjm, nworld=...)."
+_CURE_OF_VARIANTS = "Objects have variants, so make Model and Data from it: sceniris_gym.make_worlds(compiled, nworld)."
+_CURE = "Make Model and Data from it: sceniris_gym.make_worlds(compiled, nworld)."
 
 
 def check_fit(

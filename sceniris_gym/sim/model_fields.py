@@ -11,10 +11,7 @@ import warp as wp
 from sceniris_gym.config.randomize import WORDS, Word
 from sceniris_gym.errors import ArgumentError, FixedError, SceneMismatchError, check_names
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.layout.masks import as_count
 from sceniris_gym.layout.world_columns import WorldColumns, element_size
-from sceniris_gym.program.checks.simulation import put_simulated
-from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.draws import drawn_fields, nominal_values
 from sceniris_gym.scene.field_table import FIELDS, OPTIONS, check_field, field_rows
 from sceniris_gym.scene.model import SceneModel
@@ -23,8 +20,8 @@ from sceniris_gym.sim.derived_tables import Derived, derived_tables
 from sceniris_gym.sim.rest import GAINS, launch_holding, scene_rest
 from sceniris_gym.sim.variants import fields_of_variants
 
-_NAMED = "named_by_put_model"
-"""Attribute of a Model with the fields that `put_model` was asked for."""
+NAMED = "named_by_make_worlds"
+"""Attribute of a Model with the fields that `make_worlds` was asked for."""
 _BEFORE = "rows_before_draws"
 """Attribute of a Model with values of its fields from before anything was drawn, by name."""
 
@@ -61,8 +58,8 @@ class ModelFields:
         arrays = {name: self.wide(name, "randomize") for name in drawn_fields(scene.draws)}
         self.columns = WorldColumns(d.nworld, arrays, self._nominal, scene.draws)
         self._scaled: dict[tuple[str, str], WorldColumns] = {}
-        for name in getattr(m, _NAMED, ()):
-            self.ask(name, where="put_model")
+        for name in getattr(m, NAMED, ()):
+            self.ask(name, where="make_worlds")
 
     def ask(self, name: str, of: str | None = None, *, where: str = "model_field") -> wp.array:
         """Return a field with a row for each world, or the part of it that belongs to a name; all views of one array.
@@ -90,14 +87,14 @@ class ModelFields:
 
     def wide(self, name: str, where: str = "model_field") -> wp.array:
         """Return the array of a field, with a row for each world, as all have that follow from it."""
-        for each in _with_followers(name):
+        for each in with_followers(name):
             if each in self._nominal:
                 continue
             array = getattr(owner(self._model, each), each)
             if array.size and array.shape[0] != self._nworld and not self._grow:
                 raise SceneMismatchError(
                     f"{where}: model.{each} should have a row for each of {self._nworld} worlds, got {array.shape[0]}. "
-                    f'Make the Model by put_model(compiled, {self._nworld}, "{name}").'
+                    f'Make the Model by make_worlds(compiled, {self._nworld}, fields=("{name}",)).'
                 )
             self._nominal[each] = self._before(each)
             self._known[each] = widen(self._model, each, self._nworld)
@@ -233,38 +230,12 @@ class ModelFields:
                 raise FixedError("model", name, f"Write into its array: model_field('{name}').")
 
 
-def put_model(compiled: CompiledScene, nworld: int, *fields: str) -> mjw.Model:
-    """Return a mujoco_warp Model of a scene in which some fields have a row for each world.
-
-    Args:
-        compiled: The compiled scene.
-        nworld: Number of worlds.
-        fields: Names of the fields; those that the scene randomizes, what follows from either, and those in which
-            variants of objects differ have rows as well.
-
-    Raises:
-        ArgumentError: The number of worlds is not a whole number, at least 1. Steps leave the field out.
-        UnknownNameError: No such field, or layouts depend on it.
-        NotSupportedError: MuJoCo-Warp cannot simulate the model.
-    """
-    nworld = as_count(nworld, "put_model: nworld")
-    for name in fields:
-        check_field(name, compiled.sim_mjm, "put_model")
-    drawn, shared = drawn_fields(compiled.scene.sim.draws), fields_of_variants() if compiled.config.variants else ()
-    with wp.ScopedDevice(compiled.device):
-        m = put_simulated(compiled.sim_mjm, compiled.config.where)
-        for name in (*shared, *(each for source in (*drawn, *fields) for each in _with_followers(source))):
-            widen(m, name, nworld)
-    setattr(m, _NAMED, fields)
-    return m
-
-
 def _word(name: str) -> Word:
     """Return how a field of objects is scaled: as by the word of a scene file if there is one, else all of it."""
     return next((word for word in WORDS["object"].values() if word.field == name), Word(name, 0))
 
 
-def _with_followers(name: str) -> list[str]:
+def with_followers(name: str) -> list[str]:
     """Return a field, those that are scaled with it, and those that follow from any of these."""
     scaled = [name, *(other for other, _, _ in _word(name).follow)]
     return scaled + [output for output, sources in FOLLOWS.items() if not set(sources).isdisjoint(scaled)]

@@ -20,7 +20,8 @@ from sceniris_gym.layout.masks import as_rows, as_shape, as_worlds, fill_mask, m
 from sceniris_gym.levels.curriculum import ADR, LevelReplay
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import LayoutTable
-from sceniris_gym.sim.batch import check_budget, updater
+from sceniris_gym.sim.batch import Batch, updater
+from sceniris_gym.sim.budget import check_budget
 from sceniris_gym.sim.fit import check_fit
 from sceniris_gym.sim.model_fields import ModelFields
 from sceniris_gym.sim.named_random import draw_named
@@ -59,11 +60,9 @@ class ResetRandomizer(Fixed, StaysHere):
         compiled: The compiled scene, on the device of `data`.
         model: mujoco_warp Model made from `compiled.mjm`, or one like it in all that layouts depend on: bodies, joints
             and geoms, their order, types, sizes and places. Masses, frictions, gains and options may differ. If objects
-            have variants, `sceniris_gym.put_model(compiled, nworld)` makes it, and `data` is made from
-            `compiled.sim_mjm`.
-        data: mujoco_warp Data of the worlds. `default_budget(compiled.mjm, compiled.scene)` in sceniris_gym.sim.batch
-            returns an nconmax and an njmax that are large enough for most scenes; `check_budget` checks those of
-            `data`.
+            have variants, it is the Model of `make_worlds`.
+        data: mujoco_warp Data of the worlds. `make_worlds` leaves room for the contacts of most scenes, and
+            `check_budget` checks it.
         seed: Seed of world 0, world i has seed + i; or one seed per world. Not used with a layout_source.
         split: "train" or "eval", which share no random numbers. A layout_source may have its own.
         prefetch: Make the next layout of every world ahead, on a GPU beside the steps that follow, so that a reset only
@@ -82,10 +81,8 @@ class ResetRandomizer(Fixed, StaysHere):
         origins: Origins of the worlds [m], shape (nworld, 3), added to all positions that are written, as layouts are
             relative to them. A Warp array or a torch tensor on the device is read anew at every reset. What is fixed to
             the world is not moved; a ModelWarning names it.
-        needs: What else to bring up to date after a reset, keys of sceniris_gym.sim.batch.NEEDS.
+        needs: What else to bring up to date after a reset, out of "velocity", "contacts", "sensors" and "dynamics".
         mjm: The MjModel that `model` was made from. A mujoco_warp Model has no names; with it names are checked, too.
-        fields: The ModelFields of `model` if there are some, such as Batch.fields. Randomizers that share them have
-            the same params of draws.
         graph: Capture the reset into a graph and replay it.
 
     Attributes:
@@ -119,7 +116,7 @@ class ResetRandomizer(Fixed, StaysHere):
 
     With a need of "sensors" or "dynamics", `history` also gets the present values of delayed sensors, as in a step.
     """
-    FIXED = (
+    _FIXED = (
         "compiled",
         "model",
         "data",
@@ -133,7 +130,16 @@ class ResetRandomizer(Fixed, StaysHere):
         "redraw_count",
         "redraw_status",
     )
-    ARGUMENTS = ("layout_source", "params", "seed", "prefetch", "scope", "origins", "mjm", "needs", "graph")
+    _ARGUMENTS = ("layout_source", "params", "seed", "prefetch", "scope", "origins", "mjm", "needs", "graph")
+    _shared: ModelFields | None = None
+
+    @classmethod
+    def of_batch(cls, batch: Batch, compiled: CompiledScene, **arguments: Any) -> ResetRandomizer:
+        """Return a randomizer of a Batch. Both share the fields of the Model, which may still grow."""
+        made = cls.__new__(cls)
+        made._shared = batch.fields
+        made.__init__(compiled, batch.model, batch.data, **arguments)
+        return made
 
     @launching
     def __init__(
@@ -155,7 +161,6 @@ class ResetRandomizer(Fixed, StaysHere):
         needs: Iterable[str] = (),
         # how:
         mjm: mujoco.MjModel | None = None,
-        fields: ModelFields | None = None,
         graph: bool = True,
     ) -> None:
         check_type(compiled, CompiledScene, "ResetRandomizer: compiled")
@@ -169,7 +174,7 @@ class ResetRandomizer(Fixed, StaysHere):
         self.layouts = self.pipeline.layouts
         check_fit(compiled, model, data, self.layouts, mjm)
         check_names("scope", [scope], "ResetRandomizer: scope", _SCOPES)
-        self.fields = fields or ModelFields(compiled.scene, model, data, grow=False)
+        self.fields = self._shared or ModelFields(compiled.scene, model, data, grow=False)
         needs = list(needs)
         self.fields.columns.use_params(self.layouts.params)
         self._update, self.split = partial(updater(needs), model, data), self.pipeline.split or split
@@ -254,8 +259,8 @@ class ResetRandomizer(Fixed, StaysHere):
     def model_field(self, name: str, of: str | None = None) -> wp.array:
         """Return a field of the Model with a row for each world, to write to after a reset.
 
-        The Model has to be made with a row for each world, by `put_model(compiled, nworld, name)`. Call `refresh` after
-        writing to it. A field that `put_model` has made for the scene's draws is asked for before the first reset.
+        Make the Model with a row for each world, by `make_worlds(compiled, nworld, fields=name)`. Call `refresh` after
+        writing to it. A field that `make_worlds` has made for the scene's draws is asked for before the first reset.
 
         Args:
             name: The field, by its name in mujoco_warp's Model: "body_mass", "geom_friction", "gravity".
@@ -280,7 +285,7 @@ class ResetRandomizer(Fixed, StaysHere):
         masses.
 
         Args:
-            name: A field that `put_model` or `model_field` was asked for.
+            name: A field that `make_worlds` or `model_field` was asked for.
             of: An element of the model, or an object or a robot.
             factor: Factors of the model's values, a torch, numpy or Warp array, shape (nworld,), float32.
 

@@ -128,7 +128,7 @@ class VariantWriter:
     Args:
         scene: A scene in which objects have variants.
         m: Model of the scene as it is simulated, with a row for each world where variants differ: see
-            `model_fields.put_model`.
+            `make_worlds`.
         nworld: Number of worlds.
         varied: `ModelFields.varied`: copies of these fields, to which the same is written, with the colours seen.
 
@@ -146,7 +146,7 @@ class VariantWriter:
             if getattr(m, name).size and getattr(m, name).shape[0] != nworld:
                 raise SceneMismatchError(
                     f"ResetRandomizer: model.{name} has one row for all worlds and should have {nworld}, as objects "
-                    "have variants. Make the Model by sceniris_gym.put_model(compiled, nworld)."
+                    "have variants. Make Model and Data by make_worlds(compiled, nworld)."
                 )
         self._device = m.qpos0.device
         sim, variants = scene.sim.mjm, scene.config.variants

@@ -1,1 +1,5 @@
 """PPO on the tasks of the package and on your tasks."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -157,7 +157,7 @@ class Run:
         if not hasattr(self.runner.alg, "teacher"):
             return
         options, seed = self.options, (1 + self.options.seed) * 16 * SEED_SPACING
-        seeing = {"images": None, "observation_groups": ("critic",)}
+        seeing = {"images": {}, "observation_groups": ("critic",)}
         env = RslRlVecEnvWrapper(make_env(options.task, options.num_envs, self._compiled, **seeing), seed)
         runner_of(env, self.settings, options.seed).learn(1, init_at_random_ep_len=True)  # compiles everything
         teacher = runner_of(env, self.settings, options.seed)

@@ -17,13 +17,12 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, check_names
 from sceniris_gym.layout.chosen import ChosenLayouts, entries_of_worlds
 from sceniris_gym.layout.compile import compile_scene, device_name
-from sceniris_gym.layout.masks import as_count, as_host_mask
+from sceniris_gym.layout.masks import as_host_mask
 from sceniris_gym.layout.seeds import as_seeds
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.vector.ranks import Rank
 from sceniris_gym.vector.task import Task
 
-_MOST_PIXELS = 1 << 14  # along an edge
 RESET_MASK = "reset_mask"  # the option of Gymnasium's own vector environments
 LAYOUTS, STATE, PARAMS = "layouts", "state", "params"
 RESET_OPTIONS = (RESET_MASK, LAYOUTS, STATE, PARAMS)
@@ -93,19 +92,6 @@ def as_groups(value: str | Sequence[str] | None) -> tuple[str, ...] | None:
             f"got {short(value)}. Leave it out to observe all of them."
         )
     return groups
-
-
-def as_size(value: Any, name: str) -> tuple[int, int]:
-    """Return width and height.
-
-    Raises:
-        ArgumentError: Not two numbers. One that is no integer, or out of range.
-    """
-    try:
-        width, height = value
-    except (TypeError, ValueError):
-        raise ArgumentError(f"{name} should be (width, height), got {short(value)}.") from None
-    return as_count(width, f"{name}[0]", most=_MOST_PIXELS), as_count(height, f"{name}[1]", most=_MOST_PIXELS)
 
 
 def as_reset_seeds(

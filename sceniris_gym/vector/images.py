@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -11,50 +11,15 @@ import warp as wp
 from gymnasium import spaces
 from torch import Tensor
 
-from sceniris_gym.config.fields import short
-from sceniris_gym.errors import ArgumentError, check_names, check_type
 from sceniris_gym.pictures.camera import Cameras
-from sceniris_gym.pictures.context import CHANNELS, Looks, Shot
+from sceniris_gym.pictures.context import Looks, Shot
 from sceniris_gym.sim.batch import Batch
-from sceniris_gym.vector.arguments import as_size
 
 GROUP = "images"
 """The observation group."""
 
 Pictures = dict[str, dict[str, Tensor]]
 """Camera -> kind -> tensor of shape (num_envs, height, width, channels)."""
-
-_WORDS = ("size", "data", "shadows", "thin")
-
-
-def as_shots(images: Any) -> dict[str, tuple[Shot, Looks]]:
-    """Return the pictures to take by the names of cameras: {"wrist": {"size": (84, 84), "data": ("rgb", "depth")}}.
-
-    Raises:
-        ArgumentError: Not of that form, or a camera without a size or a kind of picture. A size that is no integer, or
-            out of range.
-        ArgumentTypeError: `shadows` or `thin` is no boolean.
-        UnknownNameError: A word or a kind that does not exist.
-    """
-    if not isinstance(images, Mapping) or not images or not all(isinstance(v, Mapping) for v in images.values()):
-        form = "{'camera': {'size': (width, height), 'data': ('rgb',)}}"
-        raise ArgumentError(f"images should be {form}, or None, got {short(images)}.")
-    return {str(name): _as_shot(words, f"images[{name!r}]") for name, words in images.items()}
-
-
-def _as_shot(words: Mapping[str, Any], where: str) -> tuple[Shot, Looks]:
-    check_names("word", words, where, _WORDS)
-    if "size" not in words:
-        raise ArgumentError(f"{where} should have a 'size', (width, height) in pixels.")
-    data = words.get("data", ("rgb",))
-    kinds = tuple(data) if isinstance(data, Collection) and not isinstance(data, str) else (data,)
-    check_names("kind of picture", kinds, f"{where}['data']", CHANNELS)
-    if not kinds:
-        raise ArgumentError(f"{where}['data'] should have at least one of {', '.join(CHANNELS)}.")
-    flags = {word: words.get(word, False) for word in ("shadows", "thin")}
-    for word, value in flags.items():
-        check_type(value, bool, f"{where}['{word}']")
-    return Shot(as_size(words["size"], f"{where}['size']"), tuple(dict.fromkeys(kinds))), Looks(**flags)
 
 
 class Images:

@@ -11,11 +11,10 @@ import numpy as np
 from sceniris_gym.config.fields import short
 from sceniris_gym.errors import ArgumentError, MissingExtraError
 from sceniris_gym.layout.layouts import Layouts
-from sceniris_gym.layout.masks import as_count
 from sceniris_gym.pictures.camera import Cameras
 from sceniris_gym.pictures.context import Looks, Shot
 from sceniris_gym.sim.batch import Batch
-from sceniris_gym.vector.arguments import as_size
+from sceniris_gym.vector.settings import RenderConfig, as_size
 
 RENDER_MODES = ["rgb_array", "human"]
 """Values of `render_mode` besides None."""
@@ -30,20 +29,18 @@ class Rendering:
     Args:
         mode: "rgb_array", "human" or None.
         num_envs: Number of worlds.
-        worlds: Number of worlds that are shown, from the first one on; None is all.
-        size: Width and height of a picture [pixels].
-        camera: Name of the camera.
+        config: What they show.
 
     Raises:
-        ArgumentError: Another mode, or a size that is no pair of numbers. A number that is no integer, or out of range.
+        ArgumentError: Another mode.
     """
 
-    def __init__(self, mode: str | None, num_envs: int, worlds: Any, size: Any, camera: str) -> None:
+    def __init__(self, mode: str | None, num_envs: int, config: RenderConfig) -> None:
         if mode not in (None, *RENDER_MODES):
             raise ArgumentError(f"render_mode should be one of {short(RENDER_MODES)} or None, got {short(mode)}.")
-        self.mode, self.camera = mode, camera
-        self.worlds = num_envs if worlds is None else min(as_count(worlds, "render_envs"), num_envs)
-        self.size = as_size(size, "render_size")
+        self.mode, self.camera = mode, config.camera
+        self.size = as_size(config.size, "render_config: size")
+        self.worlds = min(config.num_envs or num_envs, num_envs)
         self._camera: Cameras | None = None
         self._window: Any = None
 

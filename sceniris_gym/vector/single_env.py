@@ -22,8 +22,8 @@ class SceneEnv(Fixed, gymnasium.Env):
         kwargs: Arguments of SceneVectorEnv, except num_envs, output and autoreset_mode.
     """
 
-    FIXED = ("envs",)
-    ARGUMENTS = ("compiled", *SceneVectorEnv.ARGUMENTS)  # `compiled` is an attribute of `envs`
+    _FIXED = ("envs",)
+    _ARGUMENTS = ("compiled", *SceneVectorEnv._ARGUMENTS)  # `compiled` is an attribute of `envs`
     metadata: dict[str, Any] = {"render_modes": RENDER_MODES}  # noqa: RUF012, Gymnasium reads it from the class
 
     def __init__(self, task: Task | type[Task] | str, **kwargs: Any) -> None:

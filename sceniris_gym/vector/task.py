@@ -11,6 +11,7 @@ from torch import Tensor
 
 from sceniris_gym.errors import TaskError
 from sceniris_gym.sim.versions import SLEEPING as SLEEPING
+from sceniris_gym.vector.settings import ImageConfig, SimConfig
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.statistics import COUNTS
 
@@ -39,13 +40,16 @@ class Task:
 
     Attributes:
         scene: The name of a shipped scene, or the path of a scene file.
-        needs: Quantities that the task reads and kinematics does not update, keys of sceniris_gym.sim.batch.NEEDS.
+        needs: Quantities that the task reads and kinematics does not update, out of "velocity", "contacts", "sensors"
+            (values of sensors) and "dynamics" (all that a forward pass computes).
         substeps: Physics steps in a control step.
         action_size: Length of an action; None is the number of controls of the scene.
         model_fields: Fields of the physics model that get a row for each world, to write to in `on_reset`; see
             `State.model_field`.
         options: Fields of MjOption that differ from the scene's in the physics of this task. Layouts do not depend on
             them.
+        images: Camera images that environments of this task observe; None observes none.
+        sim_config: SimConfig of environments in the task's own scene: the contacts and constraint rows that it needs.
     """
 
     scene: str = ""
@@ -54,6 +58,8 @@ class Task:
     action_size: int | None = None
     model_fields: tuple[str, ...] = ()
     options: Mapping[str, Any] = {}
+    images: ImageConfig | None = None
+    sim_config: SimConfig = SimConfig()
 
     def bind(self, s: State) -> None:
         """Prepare for the worlds of `s`; called once, before anything else."""

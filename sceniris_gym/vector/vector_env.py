@@ -31,11 +31,12 @@ from sceniris_gym.sim.randomizer import ResetRandomizer
 from sceniris_gym.sim.sources import SourceLike
 from sceniris_gym.vector import arguments
 from sceniris_gym.vector.arguments import LAYOUTS, PARAMS, STATE
-from sceniris_gym.vector.images import Images, as_shots
+from sceniris_gym.vector.images import Images
 from sceniris_gym.vector.observer import Observer, action_space
 from sceniris_gym.vector.ranks import Rank
 from sceniris_gym.vector.rendering import RENDER_MODES, Rendering
 from sceniris_gym.vector.sensing import Sensing
+from sceniris_gym.vector.settings import ImageConfig, RenderConfig, SimConfig, as_image_config, as_settings, as_shots
 from sceniris_gym.vector.snapshot import Snapshot, take, versions, written
 from sceniris_gym.vector.statistics import finite_rows
 from sceniris_gym.vector.task import Task
@@ -86,8 +87,6 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         overrides: Parts of the scene to change, by dotted keys: {"objects.apple.clearance": 0.01}.
         device: "cpu" or "cuda:0"; None is cuda:0 if there is one, else cpu, and under torchrun cuda:LOCAL_RANK.
         split: "train" or "eval", which share no layouts and no random numbers. A layout_source may have its own.
-        prefetch: Make the next layout of every world ahead, beside the steps that follow; None does so on a GPU. See
-            ResetRandomizer. Not with a layout_source.
         layout_source: A LayoutSource, a LayoutTable or LayoutDataset whose rows are served, or a function
             `(compiled, num_envs)` that returns a LayoutSource. None makes a LayoutGenerator.
         curriculum: Chooses the next layout of each world by the outcomes of earlier episodes: a LevelReplay, an ADR,
@@ -101,23 +100,14 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         sensing: Noise, delay and dropout of the group `policy`, and delay of actions: a Sensing, a mapping of its
             fields, or None.
         output: "torch" (tensors on `device`) or "numpy".
-        copy: Never overwrite what was returned; if false, observations are valid until the next call.
-        images: Pictures to observe, by the names of cameras: {"overview": {"size": (width, height), "data": kinds}},
-            with kinds out of "rgb" (the default), "depth" and "segmentation". None observes no images.
-        render_every: Control steps between two pictures of a world, counted from its reset, which always takes one;
-            in between, the last picture is observed.
-        final_images: Take pictures of the last state of episodes, too, for `final_obs`, which has none otherwise.
+        images: Camera images to observe: an ImageConfig, a mapping of its fields, or only its `cameras`:
+            {"overview": {"size": (width, height), "data": kinds}}. None, and fields that are left out, take the
+            `images` of the task. An empty mapping observes none.
         render_mode: "rgb_array", for `render` to take pictures; "human", to show every reset and step on a page in the
             browser, in real time (extra `viewer`); or None.
-        render_envs: Number of worlds that `render` takes pictures of, or that the page shows, from the first one on;
-            None is all, as wrappers that record videos expect. The page shows 64 at most.
-        render_size: Width and height of a picture [pixels].
-        render_camera: Name of the camera.
-        nconmax: Contacts per world; None takes default_budget.
-        njmax: Constraint rows per world; None takes default_budget.
-        nvmax: Most degrees of freedom of a world that are awake at a time, if a task's `options` let bodies sleep; None
-            is all.
-        graph: Capture steps and resets into graphs and replay them.
+        render_config: Size, camera and number of worlds of these pictures: a RenderConfig, or a mapping of its fields.
+        sim_config: Room for contacts, graphs, prefetching and copies: a SimConfig, or a mapping of its fields. Fields
+            that it leaves at their defaults come from the task's own `sim_config`.
 
     Raises:
         ScenirisError: The scene cannot be used; see compile_scene.
@@ -126,24 +116,13 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         ContactBudgetError: There are more contacts than room for them; raised in the first reset.
     """
 
-    FIXED = (
+    _FIXED = (
         *("task", "autoreset_mode", "output", "compiled", "batch", "randomizer", "state", "statistics", "num_envs"),
-        *("device", "split", "rank"),
+        *("device", "split", "rank", "sim_config", "image_config"),
     )
-    SETTABLE = ("max_episode_steps", "final_images")
+    SETTABLE = ("max_episode_steps",)
     """Attributes that `set_attr` takes."""
-    ARGUMENTS = (
-        "scene",
-        "overrides",
-        "layout_source",
-        "curriculum",
-        "params",
-        "prefetch",
-        "graph",
-        "nconmax",
-        "njmax",
-        "render_every",
-    )
+    _ARGUMENTS = ("scene", "overrides", "layout_source", "curriculum", "params")
 
     # tensors made under inference mode could not be written to outside of it
     @torch.inference_mode(False)
@@ -158,7 +137,6 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         overrides: Mapping[str, Any] | None = None,
         device: str | None = None,
         split: str = "train",
-        prefetch: bool | None = None,
         layout_source: SourceLike | None = None,
         curriculum: LevelReplay | ADR | Mapping[str, Any] | None = None,
         params: str | Sequence[str] = (),
@@ -167,45 +145,39 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
         # observations:
         observation_groups: str | Sequence[str] | None = None,
+        images: ImageConfig | Mapping[str, Any] | None = None,
         sensing: Sensing | Mapping[str, Any] | None = None,
         output: str = "torch",
-        copy: bool = True,
-        # images as observations:
-        images: Mapping[str, Mapping[str, Any]] | None = None,
-        render_every: int = 1,
-        final_images: bool = False,
-        # pictures:
+        # how it is shown, and how it runs:
         render_mode: str | None = None,
-        render_envs: int | None = None,
-        render_size: tuple[int, int] = (320, 240),
-        render_camera: str = "overview",
-        # physics:
-        nconmax: int | None = None,
-        njmax: int | None = None,
-        nvmax: int | None = None,
-        graph: bool = True,
+        render_config: RenderConfig | Mapping[str, Any] | None = None,
+        sim_config: SimConfig | Mapping[str, Any] | None = None,
     ) -> None:
         if output not in OUTPUTS:
             raise ArgumentError(f"output should be one of {', '.join(OUTPUTS)}, got {short(output)}.")
         num_envs = as_count(num_envs, "num_envs")
         wanted = None if sensing is None else as_config(Sensing, sensing, "sensing")
-        every, shots = as_count(render_every, "render_every"), None if images is None else as_shots(images)
         groups, self.max_episode_steps = arguments.as_groups(observation_groups), max_episode_steps
         self.task, self.num_envs = arguments.as_task(task), num_envs
         self.autoreset_mode = arguments.as_autoreset_mode(autoreset_mode)
-        self.rendering = Rendering(render_mode, num_envs, render_envs, render_size, render_camera)
-        self.output, self.copy, self.render_mode, self.final_images = output, copy, render_mode, final_images
+        self.image_config = seen = as_image_config(self.task.images, images)
+        room = self.task.sim_config if scene is None else SimConfig()  # the task's is for its own scene
+        self.sim_config = sim = as_settings(room, sim_config, "sim_config")
+        shown = as_config(RenderConfig, {} if render_config is None else render_config, "render_config")
+        self.rendering = Rendering(render_mode, num_envs, shown)
+        self.output, self.render_mode = output, render_mode
+        self.images: Images | None = None
         self.rank = Rank.current()
         device = self.rank.device if device is None and not isinstance(scene, CompiledScene) else device
         self.lock = ObjectLock(type(self).__name__)
         self.compiled = arguments.as_compiled_scene(self.task.scene if scene is None else scene, overrides, device)
         self.rank.tell(self.compiled.device)
-        physics: dict[str, Any] = {"nconmax": nconmax, "njmax": njmax, "nvmax": nvmax, "graph": graph}
+        physics: dict[str, Any] = {name: getattr(sim, name) for name in ("nconmax", "njmax", "nvmax", "graph")}
         physics |= {name: getattr(self.task, name) for name in ("needs", "substeps", "options")}
         self.batch = batch = Batch(self.compiled.scene, num_envs, self.compiled.device, **physics)
-        words: dict[str, Any] = {"layout_source": layout_source, "split": split, "prefetch": prefetch}
-        words |= {"curriculum": curriculum, "needs": self.task.needs, "fields": batch.fields, "graph": graph}
-        self.randomizer = ResetRandomizer(self.compiled, batch.model, batch.data, params=params, **words)
+        words: dict[str, Any] = {"layout_source": layout_source, "split": split, "prefetch": sim.prefetch}
+        words |= {"curriculum": curriculum, "needs": self.task.needs, "graph": sim.graph}
+        self.randomizer = ResetRandomizer.of_batch(batch, self.compiled, params=params, **words)
         self._worlds = worlds = TaskWorlds(self.task, batch, self.randomizer)
         self.split, self._redrawn = self.randomizer.split, wp.to_torch(self.randomizer.redrawer.mask)
         self.state, self.statistics, self.device = worlds.state, worlds.statistics, worlds.state.device
@@ -216,10 +188,11 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         with on_torch_stream(self.batch.device):
             worlds.bind()
             # cameras may differ in fields of the model that the task has asked for
-            self.images = None if shots is None else Images(self.batch, shots, every, graph=graph)
+            if seen is not None:
+                self.images = Images(self.batch, as_shots(seen.cameras), seen.every, graph=sim.graph)
             size = self.task.action_size or self.compiled.mjm.nu
-            seen: dict[str, Any] = {"groups": groups, "sensing": wanted, "copy": copy}
-            self._observer = Observer(self.task, self.state, self.images, size, **seen)
+            more: dict[str, Any] = {"groups": groups, "sensing": wanted, "copy": sim.copy}
+            self._observer = Observer(self.task, self.state, self.images, size, **more)
         self.observation_names, self.single_observation_space = self._observer.names, self._observer.space
         self.single_action_space = action_space(size)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
@@ -372,7 +345,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         check_type(name, str, "set_attr: name")
         if "." in name:
             self.set_param(name, values)
-        elif name in (*self.SETTABLE, *self.FIXED, *self.ARGUMENTS):
+        elif name in (*self.SETTABLE, *self._FIXED, *self._ARGUMENTS):
             setattr(self, name, values)
         else:
             raise UnknownNameError("attribute", name, "set_attr", self.SETTABLE)
@@ -468,9 +441,9 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         self._worlds.count(outcome)
         info = outcome.info()
         if same_step:
-            done = outcome.done
+            done, final = outcome.done, self.image_config is not None and self.image_config.final
             info["final_info"] = outcome.info() | self._worlds.layout_info()
-            info["final_obs"] = observation | (observer.pictures(done, copy=True) if self.final_images else {})
+            info["final_obs"] = observation | (observer.pictures(done, copy=True) if final else {})
             info["_final_obs"] = info["_final_info"] = done.clone()
             self._worlds.reset(done)
             observation = observer.flat(0)

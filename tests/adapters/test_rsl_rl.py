@@ -135,7 +135,11 @@ def test_the_log_does_not_depend_on_who_reads_the_statistics(reach_scene: Compil
 
 def test_environments_of_another_kind_are_refused(reach_scene):
     """Without SAME_STEP, torch, copies or an end of episodes the contract cannot be kept."""
-    wrongs: list[dict[str, Any]] = [{"autoreset_mode": "NextStep"}, {"output": "numpy"}, {"copy": False}]
+    wrongs: list[dict[str, Any]] = [
+        {"autoreset_mode": "NextStep"},
+        {"output": "numpy"},
+        {"sim_config": {"copy": False}},
+    ]
     for wrong in wrongs:
         with pytest.raises(ValueError, match="SAME_STEP, output='torch' and copy=True"):
             RslRlVecEnvWrapper(SceneVectorEnv(Reach, 2, scene=reach_scene, max_episode_steps=5, **wrong))

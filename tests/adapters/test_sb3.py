@@ -227,7 +227,7 @@ def test_a_param_is_set_in_single_worlds(make):
 
 def test_pictures_are_tiled_and_recorded(make, tmp_path: Path):
     """One of each world; none, with a warning, without a render mode."""
-    envs = make(4, render_mode="rgb_array", render_size=(32, 24))
+    envs = make(4, render_mode="rgb_array", render_config={"size": (32, 24)})
     envs.reset()
     images = envs.get_images()
     assert [image.shape for image in images] == [(24, 32, 3)] * 4  # type: ignore[union-attr]
@@ -247,7 +247,7 @@ def test_pictures_are_tiled_and_recorded(make, tmp_path: Path):
 
 def test_wrong_environments_are_refused(make_env, reach_scene: CompiledScene):
     """Other autoreset, output, buffers and groups say what would be right."""
-    for wrong in ({"autoreset_mode": "NextStep"}, {"output": "numpy"}, {"copy": False}):
+    for wrong in ({"autoreset_mode": "NextStep"}, {"output": "numpy"}, {"sim_config": {"copy": False}}):
         with pytest.raises(ValueError, match="SAME_STEP, output='torch' and copy=True"):
             Sb3VecEnvWrapper(make_env(1, **wrong))
     with pytest.raises(UnknownNameError, match=r"unknown observation group 'actor'.*critic, policy"):
@@ -417,7 +417,7 @@ def until_an_end(envs: Sb3VecEnvWrapper) -> tuple[Any, list[dict]]:
 
 def test_images_train_a_cnn_policy(make):
     """A picture alone: bytes with the channels last, which SB3 puts first; terminal observations have it as well."""
-    envs = Sb3VecEnvWrapper(make(2, images=IMAGES, final_images=True).env, "overview/rgb")
+    envs = Sb3VecEnvWrapper(make(2, images={"cameras": IMAGES, "final": True}).env, "overview/rgb")
     assert envs.observation_space == gymnasium.spaces.Box(0, 255, (36, 40, 3), np.uint8)
     observation, infos = until_an_end(envs)
     assert (observation.shape, observation.dtype) == ((2, 36, 40, 3), np.uint8)
@@ -429,7 +429,9 @@ def test_images_train_a_cnn_policy(make):
 
 def test_images_and_numbers_train_a_policy_of_several_inputs(make):
     """As a dict, also in terminal observations; SB3 takes floats such as depths as they are."""
-    envs = Sb3VecEnvWrapper(make(2, images=IMAGES, final_images=True).env, ("policy", "overview/rgb", "overview/depth"))
+    envs = Sb3VecEnvWrapper(
+        make(2, images={"cameras": IMAGES, "final": True}).env, ("policy", "overview/rgb", "overview/depth")
+    )
     observation, infos = until_an_end(envs)
     assert {name: part.shape[1:] for name, part in observation.items()} == {
         name: part.shape for name, part in infos[1]["terminal_observation"].items()
@@ -440,7 +442,7 @@ def test_images_and_numbers_train_a_policy_of_several_inputs(make):
 
 def test_pictures_need_those_of_the_last_state_too(make):
     """The error names the argument; a picture that is not taken is none of the names."""
-    with pytest.raises(ArgumentError, match="final_images=True"):
+    with pytest.raises(ArgumentError, match="final=True"):
         Sb3VecEnvWrapper(make(1, images=IMAGES).env, "overview/rgb")
     with pytest.raises(UnknownNameError, match=r"'overview/rbg'.*Did you mean 'overview/rgb'"):
-        Sb3VecEnvWrapper(make(1, images=IMAGES, final_images=True).env, "overview/rbg")
+        Sb3VecEnvWrapper(make(1, images={"cameras": IMAGES, "final": True}).env, "overview/rbg")

@@ -160,7 +160,7 @@ def test_a_replay_has_the_physics_and_looks_of_its_episode():
     scene = {"gravity": {"scale": [0.5, 1.0]}, "materials": {"table/wood": {"rgba": {"scale": [0.5, 1.0]}}}}
     compiled = compile_scene({"base": "tabletop_lift", "bank": 8, "objects": things, "randomize": scene}, "cpu")
     batch = Batch(compiled.scene, 3, "cpu")
-    randomizer = ResetRandomizer(compiled, batch.model, batch.data, fields=batch.fields, seed=4)
+    randomizer = ResetRandomizer.of_batch(batch, compiled, seed=4)
     for _ in range(2):
         randomizer.reset()
     name = LayoutId.parse(randomizer.pipeline.ids(randomizer.split)[2])

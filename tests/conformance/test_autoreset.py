@@ -179,7 +179,6 @@ def test_infos_of_all_worlds_are_arrays_without_masks(make_env, mode):
     infos = [envs.reset(seed=0)[1], *(envs.step(envs.action_space.sample())[4] for _ in range(4))]
 
     def check(info: dict) -> None:
-        assert "episode" not in info
         for value in info.values():
             if isinstance(value, dict):
                 check(value)
@@ -189,4 +188,5 @@ def test_infos_of_all_worlds_are_arrays_without_masks(make_env, mode):
                 assert len(value) == NUM_ENVS
 
     for info in infos:
+        assert not {"episode", "_episode"} & {*info, *info.get("final_info", {})}
         check(info)

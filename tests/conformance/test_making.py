@@ -112,7 +112,7 @@ def test_arguments_for_wrapped_single_worlds_are_refused_by_gymnasium(env_id, wr
 @pytest.mark.filterwarnings("error", UNBOUNDED)
 def test_one_world_passes_gymnasiums_checker(env_id):
     """All of it: spaces, seeds, determinism, data that is not used again, pictures, closing; without a warning."""
-    env = gymnasium.make(env_id, render_mode="rgb_array", render_size=(32, 24))
+    env = gymnasium.make(env_id, render_mode="rgb_array", render_config={"size": (32, 24)})
     assert isinstance(env.unwrapped, SceneEnv)
     check_env(env.unwrapped)
 
@@ -138,7 +138,7 @@ def test_one_world_is_truncated_by_gymnasiums_time_limit(env_id):
 @pytest.mark.parametrize("name", sorted(ENVS))
 def test_every_environment_of_the_package_passes_gymnasiums_checker(name):
     """One world of each, with the arguments of its registration, and with pictures."""
-    env = gymnasium.make(name, device="cpu", render_mode="rgb_array", render_size=(32, 24))
+    env = gymnasium.make(name, device="cpu", render_mode="rgb_array", render_config={"size": (32, 24)})
     check_env(env.unwrapped, skip_close_check=True)
     env.reset(seed=0)
     frame = np.asarray(env.render())

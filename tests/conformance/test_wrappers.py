@@ -66,7 +66,7 @@ def test_videos_are_recorded_with_every_world_in_them(make_env, tmp_path: Path, 
         max_episode_steps=MAX_STEPS,
         output="numpy",
         render_mode="rgb_array",
-        render_size=(32, 24),
+        render_config={"size": (32, 24)},
     )
     envs = wrappers.RecordVideo(inner, str(tmp_path / "videos"), episode_trigger=lambda episode: episode == 0)
     envs.reset(seed=0)
@@ -87,7 +87,12 @@ def test_a_video_of_a_shipped_task_is_recorded(tmp_path: Path):
     """TabletopLift-v0 moves in it: pictures differ from one step to the next."""
     imageio = pytest.importorskip("imageio.v3")
     pytest.importorskip("moviepy")
-    kwargs: dict[str, Any] = {"device": "cpu", "output": "numpy", "render_mode": "rgb_array", "render_size": (64, 48)}
+    kwargs: dict[str, Any] = {
+        "device": "cpu",
+        "output": "numpy",
+        "render_mode": "rgb_array",
+        "render_config": {"size": (64, 48)},
+    }
     envs = gymnasium.make_vec("sceniris_gym/TabletopLift-v0", num_envs=2, max_episode_steps=MAX_STEPS, **kwargs)
     envs = wrappers.RecordVideo(envs, str(tmp_path), episode_trigger=lambda episode: episode == 0)
     envs.reset(seed=0)

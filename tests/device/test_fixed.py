@@ -25,8 +25,8 @@ SCENE = {"floor": {"size": [1.0, 1.0]}, "objects": {"apple": {"asset": "apple", 
 class Kept(Fixed):
     """Has one attribute that is fixed, one that is not, and an argument."""
 
-    FIXED = ("scene",)
-    ARGUMENTS = ("seed",)
+    _FIXED = ("scene",)
+    _ARGUMENTS = ("seed",)
 
     def __init__(self, scene: str, seed: int) -> None:
         self.scene, self.other = scene, seed

@@ -61,7 +61,7 @@ def test_the_can_is_in_the_way(compiled):
 
 def test_the_mark_is_seen(compiled):
     """In every picture some green is where the mark is, and none without it."""
-    envs = SceneVectorEnv(ClutterPush, 4, scene=compiled, render_mode="rgb_array", render_size=(160, 120))
+    envs = SceneVectorEnv(ClutterPush, 4, scene=compiled, render_mode="rgb_array", render_config={"size": (160, 120)})
     envs.reset(seed=41)
     green = []
     for height in (0.0, -1.0):

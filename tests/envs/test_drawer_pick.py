@@ -77,7 +77,7 @@ def test_it_is_made_by_id_by_module_and_by_spec(compiled):
 @pytest.mark.filterwarnings("ignore:.*A Box observation space")
 def test_one_world_of_it_passes_gymnasiums_checker(compiled):
     """gymnasium.make gives a plain environment whose observations are those of world 0 of the batch."""
-    env = gymnasium.make(ENV_ID, device="cpu", render_mode="rgb_array", render_size=(32, 24))
+    env = gymnasium.make(ENV_ID, device="cpu", render_mode="rgb_array", render_config={"size": (32, 24)})
     check_env(env.unwrapped, skip_render_check=True)
     observation, info = env.reset(seed=5)
     batch, _ = SceneVectorEnv(DrawerPick, 3, scene=compiled).reset(seed=5)

@@ -26,8 +26,9 @@ from sceniris_gym.layout.masks import as_rows, as_worlds
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.reach.arm import SerialArm
 from sceniris_gym.reach.map import ReachMap
-from sceniris_gym.vector.arguments import as_action, as_autoreset_mode, as_reset_mask, as_reset_seeds, as_size
+from sceniris_gym.vector.arguments import as_action, as_autoreset_mode, as_reset_mask, as_reset_seeds
 from sceniris_gym.vector.ranks import Rank
+from sceniris_gym.vector.settings import as_size
 from tests.fuzz.scenes import base_scene, write_assets
 from tests.fuzz.values import value
 from tests.reach.shapes import gantry

@@ -199,7 +199,9 @@ def _names(envs: SceneVectorEnv, draws: np.random.Generator, folder: Path) -> No
         lambda: envs.randomizer.reset(wrong),
         lambda: envs.randomizer.reset(layouts={"seed": wrong, "episode": value(draws)}),
         lambda: SceneVectorEnv(_Watch, 2, scene=compiled(), params=wrong),
-        lambda: SceneVectorEnv(_Watch, 2, scene=compiled(), nconmax=wrong if not isinstance(wrong, int) else -1),
+        lambda: SceneVectorEnv(
+            _Watch, 2, scene=compiled(), sim_config={"nconmax": wrong if not isinstance(wrong, int) else -1}
+        ),
         lambda: SceneVectorEnv(_Watch, 2, scene=compiled(), layout_source=wrong),
         lambda: SceneVectorEnv(_Watch, 2, scene=compiled(), curriculum=wrong),
         lambda: LevelReplay("custom", capacity=wrong, refresh_interval=value(draws)),

@@ -13,9 +13,8 @@ import numpy as np
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.sim.batch import default_budget
-from sceniris_gym.sim.model_fields import put_model
 from sceniris_gym.sim.randomizer import ResetRandomizer
+from sceniris_gym.sim.worlds import make_worlds
 
 HOME, PREGRASP, STANDING, LIFTED, HELD, PLACED, HANDLE = range(7)
 """The kinds of `SCENE`."""
@@ -87,9 +86,7 @@ class Held:
 
 def reset_worlds(compiled: CompiledScene, nworld: int, seed: int = 0) -> tuple[mjw.Data, Layouts]:
     """Return worlds that were reset once, and their layouts."""
-    nconmax, njmax = default_budget(compiled.sim_mjm)[:2]
-    model = put_model(compiled, nworld)
-    data = mjw.make_data(compiled.sim_mjm, nworld=nworld, nconmax=nconmax, njmax=njmax)
+    model, data = make_worlds(compiled, nworld)
     randomizer = ResetRandomizer(compiled, model, data, seed=seed)
     randomizer.reset()
     return data, randomizer.layouts

@@ -139,6 +139,6 @@ def test_the_parts_of_a_pipeline_cannot_be_exchanged(mid: CompiledScene):
     """Captured resets would not see it."""
     pipeline = LayoutPipeline(LayoutGenerator(mid, NWORLD, split="eval"))
     assert pipeline.split == "eval"
-    for name in LayoutPipeline.FIXED:
+    for name in LayoutPipeline._FIXED:
         with pytest.raises(FixedError, match=rf"LayoutPipeline\.{name}"):
             setattr(pipeline, name, None)

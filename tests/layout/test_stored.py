@@ -57,7 +57,7 @@ def table(crane: CompiledScene) -> LayoutTable:
 
 def _randomizer(compiled: CompiledScene) -> ResetRandomizer:
     batch = Batch(compiled.scene, NROW, "cpu")
-    return ResetRandomizer(compiled, batch.model, batch.data, fields=batch.fields)
+    return ResetRandomizer.of_batch(batch, compiled)
 
 
 def columns(layouts: Layouts) -> dict[str, np.ndarray]:

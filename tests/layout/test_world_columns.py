@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import mujoco
-import mujoco_warp as mjw
 import numpy as np
 import pytest
 import warp as wp
@@ -21,8 +20,8 @@ from sceniris_gym.layout.redraw import RedrawCounts
 from sceniris_gym.layout.stored import StoredLayouts
 from sceniris_gym.layout.tables import read_table
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.sim.model_fields import put_model
 from sceniris_gym.sim.randomizer import ResetRandomizer
+from sceniris_gym.sim.worlds import make_worlds
 from tests.layout.scenes import box_mjcf, compile_on_cpu, make, read
 from tests.oracle.stack_judge import STILL, StackJudge
 
@@ -46,9 +45,7 @@ def seesaw(folder: Path, plank: Any, load: Any, **words: Any) -> CompiledScene:
 
 def reset(compiled: CompiledScene, nworld: int = NWORLD, **words: Any) -> ResetRandomizer:
     """Return a randomizer that has made a layout of each world."""
-    with wp.ScopedDevice("cpu"):
-        data = mjw.make_data(compiled.sim_mjm, nworld)
-    randomizer = ResetRandomizer(compiled, put_model(compiled, nworld), data, seed=5, **words)
+    randomizer = ResetRandomizer(compiled, *make_worlds(compiled, nworld), seed=5, **words)
     randomizer.reset()
     return randomizer
 

@@ -30,7 +30,7 @@ def _play(envs, steps: int) -> list[dict]:
 @pytest.mark.parametrize("prefetch", [False, True])
 def test_a_level_is_the_layout_of_its_id(make_env, prefetch):  # noqa: F811
     """With replays in between, and the next ones made ahead or not."""
-    envs, plain = make_env(3, max_episode_steps=3, curriculum=LEVELS, prefetch=prefetch), make_env(3)
+    envs, plain = make_env(3, max_episode_steps=3, curriculum=LEVELS, sim_config={"prefetch": prefetch}), make_env(3)
     envs.reset(seed=5)
     replayed = 0
     for _ in range(24):

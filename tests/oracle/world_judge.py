@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -90,8 +89,8 @@ class WorldJudge:
         self.compiled, self.scene = compiled, compiled.scene.sim
         self.mjm = self.scene.mjm
         batch = Batch(compiled.scene, len(seeds), compiled.device, graph=False)
-        words: dict[str, Any] = {"fields": batch.fields, "prefetch": False, "graph": False}
-        self.randomizer = ResetRandomizer(compiled, batch.model, batch.data, seed=seeds.tolist(), **words)
+        seed: list[int] = seeds.tolist()
+        self.randomizer = ResetRandomizer.of_batch(batch, compiled, seed=seed, prefetch=False, graph=False)
         self.randomizer.reset()
         self.worlds = WorldModels(self.mjm, batch.model, batch.data)
         layouts = self.randomizer.layouts

@@ -12,7 +12,6 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import mujoco_warp as mjw
 import numpy as np
 import warp as wp
 
@@ -21,8 +20,8 @@ from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.draws import drawn_fields
-from sceniris_gym.sim.model_fields import put_model
 from sceniris_gym.sim.randomizer import ResetRandomizer
+from sceniris_gym.sim.worlds import make_worlds
 from tests.layout.layout_hashes import processor
 from tests.layout.param_scenes import scene_with_params
 from tests.layout.scenes import box_mjcf
@@ -42,9 +41,8 @@ def _copies(arrays: Mapping[str, wp.array], mark: str = "") -> dict[str, np.ndar
 
 
 def _randomizer(compiled: CompiledScene, *fields: str, **words: Any) -> ResetRandomizer:
-    with wp.ScopedDevice(compiled.device):
-        data = mjw.make_data(compiled.sim_mjm, NWORLD, nconmax=64, njmax=256)
-    return ResetRandomizer(compiled, put_model(compiled, NWORLD, *fields), data, seed=7, prefetch=False, **words)
+    model, data = make_worlds(compiled, NWORLD, fields=fields, nconmax=64, njmax=256)
+    return ResetRandomizer(compiled, model, data, seed=7, prefetch=False, **words)
 
 
 def _narrow(set_params: Callable[..., None], params: Mapping[str, Any]) -> None:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
-import mujoco_warp as mjw
 import numpy as np
 import pytest
 import warp as wp
@@ -12,8 +12,9 @@ import warp as wp
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.sim.model_fields import put_model
+from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import ResetRandomizer
+from sceniris_gym.sim.worlds import make_worlds
 
 NWORLD = 6
 DRAWS = {"mass": {"scale": [0.5, 2.0]}, "friction": {"scale": [0.5, 2.0]}, "rgba": {"scale": [0.5, 1.0]}}
@@ -48,9 +49,7 @@ def scene(device: str) -> CompiledScene:
 
 def make(scene: CompiledScene, nworld: int = NWORLD, **kwargs: Any) -> ResetRandomizer:
     """Return a randomizer of worlds whose Model has rows of all fields that are drawn."""
-    with wp.ScopedDevice(scene.device):
-        data = mjw.make_data(scene.sim_mjm, nworld, nconmax=64, njmax=256)
-    return ResetRandomizer(scene, put_model(scene, nworld), data, seed=7, **kwargs)
+    return ResetRandomizer(scene, *make_worlds(scene, nworld, nconmax=64, njmax=256), seed=7, **kwargs)
 
 
 def values(randomizer: ResetRandomizer) -> dict[str, np.ndarray]:
@@ -101,8 +100,12 @@ def test_two_randomizers_of_the_same_worlds_draw_what_one_would(device: str, sha
     one, alone = make(scene, prefetch=True), make(scene, prefetch=False)
     one.reset()
     alone.pipeline.reseed(seed=70)
-    words: dict[str, Any] = {"fields": one.fields} if shared else {}
-    other = ResetRandomizer(scene, one.model, one.data, seed=70, prefetch=True, **words)
+    worlds: Any = SimpleNamespace(model=one.model, data=one.data, fields=one.fields)
+    words: dict[str, Any] = {"seed": 70, "prefetch": True}
+    if shared:
+        other = ResetRandomizer.of_batch(worlds, scene, **words)
+    else:
+        other = ResetRandomizer(scene, one.model, one.data, **words)
     for randomizer in (other, one, other, alone, alone):
         randomizer.reset()
     rows, wanted = values(other), values(alone)
@@ -114,11 +117,12 @@ def test_two_randomizers_of_the_same_worlds_draw_what_one_would(device: str, sha
 def test_randomizers_that_share_fields_have_the_same_params_of_draws(scene: CompiledScene):
     """The fields draw by the columns of one row of params."""
     name = "objects.can.randomize.mass"
-    one = make(scene, params=(name,))
+    batch = Batch(scene.scene, NWORLD, scene.device)
+    ResetRandomizer.of_batch(batch, scene, params=(name,))
     for params in ((), ("objects.*.randomize.*",)):
-        with pytest.raises(ArgumentError, match="params: another randomizer of the same `fields`"):
-            ResetRandomizer(scene, one.model, one.data, fields=one.fields, params=params)
-    ResetRandomizer(scene, one.model, one.data, fields=one.fields, params=(name,))
+        with pytest.raises(ArgumentError, match="params: another randomizer of the same Batch"):
+            ResetRandomizer.of_batch(batch, scene, params=params)
+    ResetRandomizer.of_batch(batch, scene, params=(name,))
 
 
 def test_params_narrow_draws(scene: CompiledScene):

@@ -38,7 +38,7 @@ def mid() -> CompiledScene:
 def randomizer_of(compiled: CompiledScene, options: dict[str, Any] | None = None, **words: Any) -> ResetRandomizer:
     """Return a randomizer after a reset and some steps with random velocities."""
     batch = Batch(compiled.scene, NWORLD, compiled.device, options=options or {})
-    randomizer = ResetRandomizer(compiled, batch.model, batch.data, seed=4, fields=batch.fields, **words)
+    randomizer = ResetRandomizer.of_batch(batch, compiled, seed=4, **words)
     randomizer.reset()
     stir(randomizer, 0)
     return randomizer

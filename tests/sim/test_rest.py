@@ -15,10 +15,9 @@ from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.stored import StoredLayouts
 from sceniris_gym.layout.tables import make_table
 from sceniris_gym.scene.layout_table import LayoutTable
-from sceniris_gym.sim.batch import default_budget
-from sceniris_gym.sim.model_fields import put_model
 from sceniris_gym.sim.randomizer import ResetRandomizer
 from sceniris_gym.sim.rest import GAINS, history_samples, launch_holding, rest_map
+from sceniris_gym.sim.worlds import make_worlds
 from tests.layout.starting import HANDLE, HELD, LIFTED, SCENE, STANDING, reset_worlds, starting
 from tests.versions import since_4
 
@@ -214,9 +213,8 @@ def test_controls_close_the_gripper_and_hold_the_arm():
 def test_stored_layouts_have_the_controls_of_their_starts():
     """Those of the row of each world, and none for bare states."""
     compiled, table = starting(), make_table(starting(), 60, 4)
-    nconmax, njmax = default_budget(compiled.mjm)[:2]
-    data = mjw.make_data(compiled.mjm, nworld=3, nconmax=nconmax, njmax=njmax)
-    randomizer = ResetRandomizer(compiled, put_model(compiled, 3), data)
+    model, data = make_worlds(compiled, 3)
+    randomizer = ResetRandomizer(compiled, model, data)
     held, free = (int(np.flatnonzero(np.isin(table.start, CLOSED) == wanted)[0]) for wanted in (True, False))
     randomizer.write(table, np.array([held, free, -1]))
     assert data.ctrl.numpy()[0, 7] == 0.0
@@ -233,6 +231,6 @@ def test_a_gripper_without_a_position_actuator_is_refused():
     mjm.actuator_biasprm[7] = 0.0
     try:
         with pytest.raises(NotSupportedError, match="gripper of 'robot' has no position actuator"):
-            ResetRandomizer(compiled, put_model(compiled, 1), data)
+            ResetRandomizer(compiled, make_worlds(compiled, 1)[0], data)
     finally:
         mjm.actuator_biasprm[7] = gain

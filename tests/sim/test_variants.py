@@ -22,11 +22,12 @@ from sceniris_gym.pictures.camera import Cameras
 from sceniris_gym.pictures.context import Looks, Shot
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.build import build_model
-from sceniris_gym.sim.batch import Batch, default_budget
+from sceniris_gym.sim.batch import Batch
+from sceniris_gym.sim.budget import default_budget
 from sceniris_gym.sim.fit import check_model
-from sceniris_gym.sim.model_fields import put_model
 from sceniris_gym.sim.randomizer import ResetRandomizer
 from sceniris_gym.sim.variants import VariantReader, fields_of_variants
+from sceniris_gym.sim.worlds import make_worlds
 from tests.layout.scenes import write_mjcf
 
 THINGS = ("can", "mug", "book", "brick")
@@ -205,14 +206,14 @@ def test_a_model_with_one_row_for_all_worlds_is_refused(compiled: CompiledScene)
     """With the function that makes a better one."""
     with wp.ScopedDevice("cpu"):
         data = mjw.make_data(compiled.sim_mjm, nworld=2)
-        with pytest.raises(SceneMismatchError, match="put_model"):
+        with pytest.raises(SceneMismatchError, match="make_worlds"):
             ResetRandomizer(compiled, mjw.put_model(compiled.sim_mjm), data)
         with pytest.raises(SceneMismatchError, match=r"model\.nq"):
             ResetRandomizer(compiled, mjw.put_model(compiled.mjm), mjw.make_data(compiled.mjm, nworld=2))
     for nworld in (-1, 2.0):
-        with pytest.raises(ArgumentError, match=r"put_model: nworld should be an integer of at least 1, got"):
-            put_model(compiled, nworld)  # type: ignore[arg-type]
-    variant = ResetRandomizer(compiled, put_model(compiled, 2), data).variant
+        with pytest.raises(ArgumentError, match=r"make_worlds: nworld should be an integer of at least 1, got"):
+            make_worlds(compiled, nworld)  # type: ignore[arg-type]
+    variant = ResetRandomizer(compiled, *make_worlds(compiled, 2)).variant
     assert variant.shape == (2, len(compiled.config.variants))
 
 
@@ -301,7 +302,7 @@ def test_draws_of_physics_are_relative_to_the_variant():
     drawn = {"mass": {"scale": [0.5, 2.0]}, "friction": {"scale": [0.5, 1.0]}, "rgba": {"scale": [0.5, 0.9]}}
     compiled = compile_scene(words({"asset": list(THINGS), "randomize": drawn}, {"asset": list(STANDS)}), "cpu")
     batch = Batch(compiled.scene, NWORLD, "cpu")
-    randomizer = ResetRandomizer(compiled, batch.model, batch.data, fields=batch.fields, prefetch=False)
+    randomizer = ResetRandomizer.of_batch(batch, compiled, prefetch=False)
     for mask in (None, np.arange(NWORLD) % 2 == 0):
         randomizer.reset(mask)
     m, full, body = batch.model, compiled.mjm, compiled.scene.sim.bodies["target"]

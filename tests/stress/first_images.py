@@ -98,7 +98,14 @@ def main() -> None:
     wp.config.quiet = True
     compiled = compile_scene("tabletop_reach", words.device)
     envs, other = (
-        SceneVectorEnv(TASK, worlds, scene=compiled, images=IMAGES, max_episode_steps=STEPS, nconmax=40, njmax=160)
+        SceneVectorEnv(
+            TASK,
+            worlds,
+            scene=compiled,
+            images=IMAGES,
+            max_episode_steps=STEPS,
+            sim_config={"nconmax": 40, "njmax": 160},
+        )
         for worlds in (WORLDS, WORLDS // 3)
     )
     print(json.dumps({"device": words.device, **first_images(envs, words.resets)}), flush=True)

@@ -59,7 +59,7 @@ def param_names(compiled: CompiledScene) -> tuple[str, ...]:
 def randomizer(compiled: CompiledScene, nworld: int, params: Sequence[str]) -> ResetRandomizer:
     """Return worlds that were not reset yet."""
     batch = Batch(compiled.scene, nworld, compiled.device, graph=False)
-    return ResetRandomizer(compiled, batch.model, batch.data, fields=batch.fields, params=params, graph=False)
+    return ResetRandomizer.of_batch(batch, compiled, params=params, graph=False)
 
 
 def narrowed(worlds: ResetRandomizer, rng: np.random.Generator) -> np.ndarray:

@@ -107,7 +107,7 @@ def try_scene(scene: str, number: int, num_envs: int, device: str | None, seed: 
     model = compiled.scene
     batch = Batch(compiled.scene, num_envs, compiled.device)
     data = batch.data
-    randomizer = ResetRandomizer(compiled, batch.model, data, seed=seed, fields=batch.fields)
+    randomizer = ResetRandomizer.of_batch(batch, compiled, seed=seed)
     made = kept = deep = broken = 0
     worst, different = 0.0, set()
     choices = SCENES[scene]

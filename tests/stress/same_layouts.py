@@ -17,7 +17,6 @@ import time
 from pathlib import Path
 from typing import Any
 
-import mujoco_warp as mjw
 import numpy as np
 import warp as wp
 
@@ -25,8 +24,8 @@ from sceniris_gym.config.loader import shipped
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.draws import drawn_fields
-from sceniris_gym.sim.model_fields import put_model
 from sceniris_gym.sim.randomizer import ResetRandomizer
+from sceniris_gym.sim.worlds import make_worlds
 from tests.layout.starting import SCENE
 
 _LAYOUTS = ("qpos", "mocap_pos", "mocap_quat", "attempts", "status", "present", "start")
@@ -108,8 +107,7 @@ MIXED: dict[str, dict[str, Any]] = {
 def rows_of(compiled: CompiledScene, nworld: int) -> dict[str, np.ndarray]:
     """Return the arrays that the first reset of so many worlds makes, by name."""
     with wp.ScopedDevice(compiled.device):
-        model = put_model(compiled, nworld)
-        data = mjw.make_data(compiled.sim_mjm, nworld=nworld, nconmax=8, njmax=8)
+        model, data = make_worlds(compiled, nworld, nconmax=8, njmax=8)
         randomizer = ResetRandomizer(compiled, model, data, graph=False)
         randomizer.reset()
     names = {"layouts": _LAYOUTS if compiled.reaching is None else _LAYOUTS + _GRASPS, "data": _STATE}

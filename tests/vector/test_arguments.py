@@ -22,12 +22,12 @@ from sceniris_gym.vector.arguments import (
     as_groups,
     as_reset_mask,
     as_reset_seeds,
-    as_size,
     as_task,
     fresh_seed,
     fresh_seeds,
 )
 from sceniris_gym.vector.ranks import Rank
+from sceniris_gym.vector.settings import as_size
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 from tests.vector.conftest import SCENE, Reach
 from tests.vector.stepping import assert_equal
@@ -303,7 +303,7 @@ WRONG_CALLS = {
     "method": (UnknownNameError, "unknown attribute 'reset'", lambda envs: envs.set_attr("reset", 3)),
     "built in": (UnknownNameError, "unknown attribute '__class__'", lambda envs: envs.set_attr("__class__", int)),
     "attribute": (ArgumentTypeError, "set_attr: name", lambda envs: envs.set_attr(3, 4)),
-    "unknown": (UnknownNameError, "final_images", lambda envs: envs.set_attr("nope", 1)),
+    "unknown": (UnknownNameError, "max_episode_steps", lambda envs: envs.set_attr("nope", 1)),
     "space": (UnknownNameError, "observation_space", lambda envs: envs.set_attr("observation_space", 1)),
     "masked": (
         ArgumentError,
@@ -371,12 +371,12 @@ def test_calls_with_anything_end_in_errors_of_the_package(make_env):
 @pytest.mark.parametrize(
     ("words", "error"),
     [
-        ({"nconmax": -1}, ArgumentError),
-        ({"nconmax": 10**10}, ArgumentError),
-        ({"njmax": 10**10}, ArgumentError),
-        ({"nconmax": 1.5}, ArgumentError),
-        ({"nvmax": -1}, ArgumentError),
-        ({"nvmax": "all"}, ArgumentError),
+        ({"sim_config": {"nconmax": -1}}, ArgumentError),
+        ({"sim_config": {"nconmax": 10**10}}, ArgumentError),
+        ({"sim_config": {"njmax": 10**10}}, ArgumentError),
+        ({"sim_config": {"nconmax": 1.5}}, ArgumentError),
+        ({"sim_config": {"nvmax": -1}}, ArgumentError),
+        ({"sim_config": {"nvmax": "all"}}, ArgumentError),
         *(({word: 10**5000}, (ArgumentTypeError, ArgumentError)) for word in ("layout_source", "sensing", "output")),
         ({"overrides": 3}, ArgumentError),
     ],

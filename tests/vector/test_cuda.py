@@ -22,7 +22,7 @@ SLIDE = "objects.cabinet.joints.slide"
 def test_reset_states_have_the_same_bits_with_and_without_graphs(cuda_scene):
     """Recorded or not, 3 or 5 worlds: the same seed is the same observation."""
     envs = SceneVectorEnv(Reach, 3, scene=cuda_scene)
-    other = SceneVectorEnv(Reach, 5, scene=cuda_scene, graph=False)
+    other = SceneVectorEnv(Reach, 5, scene=cuda_scene, sim_config={"graph": False})
     for _ in range(2):
         first, _ = envs.reset(seed=[7, 8, 9])
         second, _ = other.reset(seed=[1, 9, 2, 7, 8])
@@ -34,7 +34,7 @@ def test_reset_states_have_the_same_bits_with_and_without_graphs(cuda_scene):
 def test_layouts_are_made_ahead_on_a_gpu_by_default(cuda_scene):
     """Unless a source of layouts is given, or it is asked not to."""
     assert SceneVectorEnv(Reach, 2, scene=cuda_scene).randomizer.pipeline.ahead is not None
-    plain = SceneVectorEnv(Reach, 2, scene=cuda_scene, prefetch=False)
+    plain = SceneVectorEnv(Reach, 2, scene=cuda_scene, sim_config={"prefetch": False})
     given = SceneVectorEnv(Reach, 2, scene=cuda_scene, layout_source=LayoutGenerator)
     for envs in (plain, given):
         assert envs.randomizer.pipeline.ahead is None
@@ -133,7 +133,7 @@ def test_levels_with_params_are_the_layouts_of_their_ids(cuda_scene):
 @pytest.mark.parametrize("task", sorted(i for i in gymnasium.registry if i.startswith("sceniris_gym/")))
 def test_no_shipped_task_waits_in_a_step(task: str, prefetch: bool):
     """With layouts made ahead and in place, through ends of episodes: nothing waits for the device."""
-    envs = gymnasium.make_vec(task, num_envs=8, device="cuda:0", max_episode_steps=3, prefetch=prefetch)
+    envs = gymnasium.make_vec(task, num_envs=8, device="cuda:0", max_episode_steps=3, sim_config={"prefetch": prefetch})
     envs.reset(seed=0)
     action = torch.zeros(8, *envs.single_action_space.shape, device="cuda")  # type: ignore[misc]
     for _ in range(4):  # with the first reset of an episode that has ended
@@ -149,8 +149,8 @@ def test_no_shipped_task_waits_in_a_step(task: str, prefetch: bool):
 def test_images_have_the_same_bytes_in_any_batch_and_nearly_those_of_a_cpu(cuda_scene, make_env):
     """With graphs and without, also where few worlds are due; on a CPU few pixels differ, at edges."""
     images = {"overview": {"size": (40, 30), "data": ("rgb", "depth", "segmentation")}}
-    envs = SceneVectorEnv(Reach, 3, scene=cuda_scene, images=images, render_every=2)
-    other = SceneVectorEnv(Reach, 5, scene=cuda_scene, images=images, graph=False)
+    envs = SceneVectorEnv(Reach, 3, scene=cuda_scene, images={"cameras": images, "every": 2})
+    other = SceneVectorEnv(Reach, 5, scene=cuda_scene, images=images, sim_config={"graph": False})
     envs.reset(seed=[7, 8, 9])
     first, _ = envs.reset()
     other.reset(seed=[1, 9, 2, 7, 8])

@@ -15,6 +15,7 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, UnknownNameError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.pictures import context
+from sceniris_gym.vector.settings import ImageConfig
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 from tests.vector.conftest import SCENE, Reach
@@ -87,7 +88,7 @@ def test_backs_of_faces_change_no_picture_from_outside(make_env, monkeypatch: py
 @pytest.mark.parametrize("mode", list(AutoresetMode))
 def test_the_first_image_shows_the_new_layout(make_env, mode: AutoresetMode):
     """In each mode, also where pictures are seldom taken; the worlds that go on keep theirs."""
-    envs = make_env(3, images=IMAGES, render_every=100, autoreset_mode=mode)
+    envs = make_env(3, images={"cameras": IMAGES, "every": 100}, autoreset_mode=mode)
     before, _ = envs.reset(seed=0)
     ends = torch.zeros(3, 5)
     ends[1, 0] = 1.0
@@ -104,7 +105,7 @@ def test_the_first_image_shows_the_new_layout(make_env, mode: AutoresetMode):
 
 def test_a_seed_gives_the_same_images_whatever_is_beside_it(make_env):
     """Other numbers of worlds, orders of resets, and no graph: the same bytes."""
-    envs, other = make_env(3, images=IMAGES), make_env(5, images=IMAGES, graph=False)
+    envs, other = make_env(3, images=IMAGES), make_env(5, images=IMAGES, sim_config={"graph": False})
     envs.reset(seed=[7, 8, 9])
     first, _ = envs.reset()
     other.reset(seed=[1, 9, 2, 7, 8])
@@ -154,7 +155,7 @@ def test_a_task_may_change_the_lens_of_a_camera(reach_scene):
 
 def test_pictures_are_taken_every_few_steps_of_a_world(make_env):
     """With 2 at the second step after a reset and not at the first, the same as those of every step."""
-    often, seldom = make_env(2, images=IMAGES), make_env(2, images=IMAGES, render_every=2)
+    often, seldom = make_env(2, images=IMAGES), make_env(2, images=ImageConfig(cameras=IMAGES, every=2))
     last = seldom.reset(seed=4)[0]["images"]["overview"]["depth"]
     often.reset(seed=4)
     for step in range(1, 5):
@@ -170,8 +171,8 @@ def test_final_images_show_how_an_episode_ended(make_env):
     ends = torch.zeros(2, 5)
     ends[:, 0] = 1.0
     plain, kept, final = (
-        make_env(2, images=IMAGES, autoreset_mode=mode, **more)
-        for mode, more in (("SameStep", {}), ("Disabled", {}), ("SameStep", {"final_images": True}))
+        make_env(2, images={"cameras": IMAGES, **more}, autoreset_mode=mode)
+        for mode, more in (("SameStep", {}), ("Disabled", {}), ("SameStep", {"final": True}))
     )
     for envs in (plain, kept, final):
         envs.reset(seed=1)
@@ -201,7 +202,7 @@ def test_spaces_have_a_box_for_each_picture(make_env):
 def test_returned_images_are_not_written_to_again(make_env):
     """Unless the environment is made with copy=False, where they are the same tensors."""
     for copy in (True, False):
-        envs = make_env(2, images=IMAGES, copy=copy)
+        envs = make_env(2, images=IMAGES, sim_config={"copy": copy})
         first = envs.reset(seed=0)[0]["images"]["overview"]["depth"]
         kept = first.clone()
         second = envs.step(torch.full((2, 5), 0.5))[0]["images"]["overview"]["depth"]
@@ -212,8 +213,8 @@ def test_returned_images_are_not_written_to_again(make_env):
 @pytest.mark.parametrize(
     ("images", "more", "error", "message"),
     [
-        (["overview"], {}, ArgumentError, r"images should be \{'camera'"),
-        ({}, {}, ArgumentError, r"images should be \{'camera'"),
+        (["overview"], {}, ArgumentTypeError, r"images should be a ImageConfig"),
+        ({"every": 2}, {}, ArgumentError, r"images should be \{'camera'"),
         ({"overview": {}}, {}, ArgumentError, r"images\['overview'\] should have a 'size'"),
         ({"overview": {"size": 84}}, {}, ArgumentError, r"images\['overview'\]\['size'\] should be \(width, height\)"),
         ({"overview": {"size": (0, 8)}}, {}, ArgumentError, r"images\['overview'\]\['size'\]\[0\]"),
@@ -223,7 +224,7 @@ def test_returned_images_are_not_written_to_again(make_env):
         ({"overview": {"sise": (8, 8)}}, {}, UnknownNameError, r"'sise'.*Did you mean 'size'"),
         ({"overview": {"size": (8, 8), "thin": 1}}, {}, ArgumentTypeError, r"images\['overview'\]\['thin'\] should be"),
         ({"overwiev": {"size": (8, 8)}}, {}, UnknownNameError, r"camera 'overwiev'.*Did you mean 'overview'"),
-        (IMAGES, {"render_every": 0}, ArgumentError, r"render_every"),
+        ({"cameras": IMAGES, "every": 0}, {}, ArgumentError, r"images: every"),
     ],
 )
 def test_wrong_words_are_refused(make_env, images: Any, more: dict[str, Any], error: type, message: str):

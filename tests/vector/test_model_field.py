@@ -18,8 +18,8 @@ from sceniris_gym.errors import ArgumentError, FixedError, SceneMismatchError, U
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.tables import read_table
-from sceniris_gym.sim.model_fields import put_model
 from sceniris_gym.sim.randomizer import ResetRandomizer
+from sceniris_gym.sim.worlds import make_worlds
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 from tests.vector.conftest import SCENE, Reach
@@ -64,7 +64,7 @@ def make(reach_scene):
 
 def test_fields_belong_to_seed_and_episode(make):
     """For another number of worlds, masks, layouts made ahead, and without a graph: the same bits."""
-    one, other = make(4), make(2, graph=False, prefetch=True)
+    one, other = make(4), make(2, sim_config={"graph": False, "prefetch": True})
     for envs in (one, other):
         envs.reset(seed=3)
         n = envs.num_envs
@@ -82,7 +82,7 @@ def test_fields_belong_to_seed_and_episode(make):
 @pytest.mark.parametrize("graph", [True, False])
 def test_steps_are_those_of_a_model_with_these_values(make, graph: bool):
     """MuJoCo C takes the same step from the same state, held by the same controls, with the mass of that world."""
-    envs = make(3, graph=graph)
+    envs = make(3, sim_config={"graph": graph})
     envs.reset(seed=1)
     m, d = envs.batch.model, envs.batch.data
     starts = [(d.qpos.numpy()[w].copy(), d.ctrl.numpy()[w].copy(), d.act.numpy()[w].copy()) for w in range(3)]
@@ -179,7 +179,7 @@ def drawn_scene():
 def test_what_a_scene_draws_belongs_to_seed_and_episode(drawn_scene):
     """For another number of worlds, masks, layouts made ahead, and without a graph; tasks see it, critics too."""
     one = SceneVectorEnv(Reach, 4, scene=drawn_scene)
-    other = SceneVectorEnv(Reach, 2, scene=drawn_scene, graph=False, prefetch=True)
+    other = SceneVectorEnv(Reach, 2, scene=drawn_scene, sim_config={"graph": False, "prefetch": True})
     for envs in (one, other):
         envs.reset(seed=3)
         mask = np.arange(envs.num_envs) == 1
@@ -204,9 +204,9 @@ def test_own_loops_have_the_same_fields(drawn_scene):
     with wp.ScopedDevice("cpu"):
         data = mjw.make_data(drawn_scene.mjm, 2)
         plain = mjw.put_model(drawn_scene.mjm)
-    with pytest.raises(SceneMismatchError, match=r"randomize: model.body_mass .* by put_model\(compiled, 2"):
+    with pytest.raises(SceneMismatchError, match=r"randomize: model.body_mass .* by make_worlds\(compiled, 2"):
         ResetRandomizer(drawn_scene, plain, data)
-    randomizer = ResetRandomizer(drawn_scene, put_model(drawn_scene, 2), data, seed=3)
+    randomizer = ResetRandomizer(drawn_scene, *make_worlds(drawn_scene, 2), seed=3)
     randomizer.reset()
     generator = LayoutGenerator(drawn_scene, 2, seed=3)
     generator.generate()
@@ -219,7 +219,7 @@ def test_own_loops_have_the_same_fields(drawn_scene):
 
 def test_pictures_show_what_is_drawn(drawn_scene):
     """Colours, cameras and fields of view of each world, also with the same layout in all of them."""
-    envs = SceneVectorEnv(Reach, 2, scene=drawn_scene, render_mode="rgb_array", render_size=(32, 24))
+    envs = SceneVectorEnv(Reach, 2, scene=drawn_scene, render_mode="rgb_array", render_config={"size": (32, 24)})
     envs.reset(seed=1)
     first = envs.render()
     for name in ("cam_fovy", "cam_pos", "cam_pos0", "geom_rgba"):

@@ -13,7 +13,7 @@ from tests.vector.stepping import actions, assert_equal
 
 def test_without_copy_the_observation_buffers_are_used_again(make_env):
     """copy=False is opt-in: the same memory every time, apart from final_obs, with the same values as with copies."""
-    envs, twin = make_env(2, copy=False), make_env(2)
+    envs, twin = make_env(2, sim_config={"copy": False}), make_env(2)
     envs.reset(seed=0)
     twin.reset(seed=0)
     first, *_ = envs.step(actions(2))

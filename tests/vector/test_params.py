@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import gymnasium
 import numpy as np
 import pytest
@@ -93,7 +95,7 @@ def test_draws_of_physics_follow_their_params(prefetch: bool):
     """A narrowed factor of mass is what a scene that says so draws, with what follows from it, made ahead or not."""
     narrow = {**RANDOM, "objects": {**RANDOM["objects"]}}
     narrow["objects"]["block"] = {**SCENE["objects"]["block"], "randomize": {"mass": {"scale": [1.5, 1.75]}}}
-    words = {"device": "cpu", "prefetch": prefetch}
+    words: dict[str, Any] = {"device": "cpu", "sim_config": {"prefetch": prefetch}}
     envs, told = SceneVectorEnv(Reach, 6, scene=RANDOM, params=[MASS], **words), np.arange(6) < 3
     wanted, plain = (SceneVectorEnv(Reach, 6, scene=scene, **words) for scene in (narrow, RANDOM))
     for number in range(4):

@@ -14,6 +14,7 @@ from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.vector import rendering
 from sceniris_gym.vector.rendering import Rendering
+from sceniris_gym.vector.settings import RenderConfig
 from sceniris_gym.viewer.worlds import Window
 
 
@@ -30,16 +31,16 @@ class _Page:
 
 def test_no_more_worlds_are_looked_at_than_there_are():
     """All of them by default, and as many as there are where more are asked for."""
-    assert Rendering(None, 3, None, (32, 24), "overview").worlds == 3
-    assert Rendering("human", 3, 8, (32, 24), "overview").worlds == 3
-    assert Rendering("rgb_array", 3, 2, np.array([32, 24]), "overview").size == (32, 24)
+    assert Rendering(None, 3, RenderConfig()).worlds == 3
+    assert Rendering("human", 3, RenderConfig(num_envs=8)).worlds == 3
+    assert Rendering("rgb_array", 3, RenderConfig(size=cast(Any, np.array([32, 24])))).size == (32, 24)
 
 
 @pytest.mark.parametrize(("mode", "worlds", "size"), [("ansi", 1, (8, 8)), (None, 0, (8, 8)), (None, 1, (0, 8))])
 def test_what_cannot_be_is_refused(mode: str | None, worlds: int, size: tuple[int, int]):
     """A mode that is none, no world, no pixel."""
     with pytest.raises(ScenirisError, match="render_"):
-        Rendering(mode, 3, worlds, size, "overview")
+        Rendering(mode, 3, RenderConfig(num_envs=worlds, size=size))
 
 
 def test_a_page_is_opened_when_it_is_first_needed_and_closed(monkeypatch: pytest.MonkeyPatch):
@@ -54,7 +55,7 @@ def test_a_page_is_opened_when_it_is_first_needed_and_closed(monkeypatch: pytest
     batch: Any = SimpleNamespace(full_scene=None)
     layouts: Any = None
     for mode, pages in (("rgb_array", 0), (None, 0), ("human", 1)):
-        looked = Rendering(mode, 2, None, (8, 8), "overview")
+        looked = Rendering(mode, 2, RenderConfig())
         for _ in range(2):
             looked.show(batch, layouts, 0.0)
         assert len(opened) == pages
@@ -70,7 +71,7 @@ def test_the_viewer_registers_its_page():
 def test_a_page_that_nobody_registers_names_the_extra(monkeypatch: pytest.MonkeyPatch):
     """As after an installation of part of the package."""
     monkeypatch.setattr(rendering, "PAGES", "sceniris_gym.pages_that_are_not_there")
-    looked, batch, layouts = Rendering("human", 2, None, (8, 8), "overview"), cast(Any, None), cast(Any, None)
+    looked, batch, layouts = Rendering("human", 2, RenderConfig()), cast(Any, None), cast(Any, None)
     with pytest.raises(MissingExtraError, match=r"sceniris-gym\[viewer\]"):
         looked.show(batch, layouts, 0.0)
 
@@ -105,7 +106,7 @@ def opened(monkeypatch: pytest.MonkeyPatch) -> list[FakeWindow]:
 
 def test_resets_and_steps_are_shown(make_env, opened: list[FakeWindow]):
     """Of as many worlds as are asked for, at the pace of the control steps; `render` returns nothing."""
-    envs = make_env(3, render_mode="human", render_envs=2)
+    envs = make_env(3, render_mode="human", render_config={"num_envs": 2})
     assert "human" in envs.metadata["render_modes"]
     assert opened == []
     envs.reset(seed=0)

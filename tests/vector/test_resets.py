@@ -38,7 +38,7 @@ def test_a_masked_reset_changes_the_masked_worlds_alone(make_env, mask_type):
 
 def test_a_seed_gives_the_same_bits_whatever_is_beside_it(make_env):
     """Other numbers of worlds, orders of resets, and no graph: world by world the same observation."""
-    envs, other = make_env(3), make_env(5, graph=False)
+    envs, other = make_env(3), make_env(5, sim_config={"graph": False})
     envs.reset(seed=[7, 8, 9])
     first, _ = envs.reset()
     other.reset(seed=[1, 9, 2, 7, 8])
@@ -148,7 +148,7 @@ def test_chosen_layouts_are_those_of_their_ids(make_env, prefetch):
 
     Layouts are compared with those that a world reaches by itself.
     """
-    plain, envs = make_env(3), make_env(3, prefetch=prefetch)
+    plain, envs = make_env(3), make_env(3, sim_config={"prefetch": prefetch})
     plain.reset(seed=[7, 8, 9])
     wanted = [plain.reset() for _ in range(3)]
     ids = [envs.compiled.layout_id(seed, episode) for seed, episode in ((7, 1), (8, 3), (9, 2))]

@@ -75,7 +75,7 @@ def test_the_seed_that_was_given_is_the_worlds(make_one):
 
 def test_a_picture_is_one_array(make_one):
     """Of the size that was asked for; none without a render mode."""
-    one = make_one(render_mode="rgb_array", render_size=(48, 32))
+    one = make_one(render_mode="rgb_array", render_config={"size": (48, 32)})
     one.reset(seed=0)
     picture = one.render()
     assert (picture.shape, picture.dtype) == ((32, 48, 3), np.uint8)

@@ -26,7 +26,7 @@ def _run(envs, steps: int) -> list[torch.Tensor]:
     return [leaf.clone() for k in range(steps) for leaf in leaves(envs.step(actions(envs.num_envs) * (1 + k)))]
 
 
-@pytest.mark.parametrize("words", [{}, {"sensing": SENSING}, {"graph": False}])
+@pytest.mark.parametrize("words", [{}, {"sensing": SENSING}, {"sim_config": {"graph": False}}])
 def test_an_episode_goes_on_to_the_same_bits(make_env, words):
     """Observations with noise and delay, rewards, the ends of episodes and the layouts that follow them."""
     envs = make_env(3, max_episode_steps=5, **words)

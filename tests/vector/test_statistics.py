@@ -165,7 +165,7 @@ def test_a_broken_world_does_not_spoil_the_sums(make_env):
 
 def test_without_copy_all_but_observations_is_kept(make_env):
     """The final info is of the episode that ended, and neither it nor the new one changes in later steps."""
-    envs = make_env(2, copy=False, max_episode_steps=2)
+    envs = make_env(2, sim_config={"copy": False}, max_episode_steps=2)
     envs.task.success = lambda s: flags  # a task may return a tensor that it writes to
     flags = torch.ones(2, dtype=torch.bool)
     envs.reset(seed=5)

@@ -26,7 +26,7 @@ def test_layouts_made_ahead_change_nothing(make_env):
     """Observations through ends of episodes, and after a reset of some worlds with new seeds."""
     seen = []
     for prefetch in (False, True):
-        envs = make_env(3, max_episode_steps=2, prefetch=prefetch)
+        envs = make_env(3, max_episode_steps=2, sim_config={"prefetch": prefetch})
         assert (envs.randomizer.pipeline.ahead is not None) == prefetch
         found = [envs.reset(seed=3)[0]]
         for step in range(5):
@@ -64,7 +64,7 @@ def test_a_chooser_of_ones_own_hears_how_episodes_end(make_env):
         choosers.append(Counting(maker.layouts))
         return LayoutPipeline(maker, chooser=choosers[0])
 
-    envs = make_env(2, max_episode_steps=2, layout_source=source, graph=False)
+    envs = make_env(2, max_episode_steps=2, layout_source=source, sim_config={"graph": False})
     envs.reset(seed=0)
     episodes = []
     for _ in range(4):

@@ -100,10 +100,10 @@ def test_calls_out_of_order_are_refused(make_env):
         {"max_episode_steps": 0},
         {"max_episode_steps": -5},
         {"max_episode_steps": 1.5},
-        {"render_size": (0, 0)},
-        {"render_size": (32, -24)},
-        {"render_size": 32},
-        {"render_envs": 0},
+        {"render_config": {"size": (0, 0)}},
+        {"render_config": {"size": (32, -24)}},
+        {"render_config": {"size": 32}},
+        {"render_config": {"num_envs": 0}},
     ],
 )
 def test_wrong_arguments_are_refused(make_env, arguments):
@@ -121,7 +121,7 @@ def test_what_makes_no_layout_source_is_refused(make_env, source):
 
 def test_integers_of_numpy_are_integers(make_env):
     """Sizes are often computed."""
-    envs = make_env(np.int64(2), max_episode_steps=np.int32(1), render_size=np.array([48, 32]))
+    envs = make_env(np.int64(2), max_episode_steps=np.int32(1), render_config={"size": np.array([48, 32])})
     assert envs.reset(seed=np.uint32(3))[1]["layout"]["seed"].tolist() == [3, 4]
     assert envs.step(actions(2))[3].tolist() == [True, True]
     assert (envs.num_envs, envs.np_random_seed) == (2, 3)
@@ -198,7 +198,7 @@ def test_it_may_be_made_under_inference_mode(make_env):
 
 def test_render_takes_pictures_of_the_first_worlds(make_env):
     """One picture per world up to the stated number, different ones, and the worlds stay as they are."""
-    envs = make_env(3, render_mode="rgb_array", render_envs=2, render_size=(48, 32))
+    envs = make_env(3, render_mode="rgb_array", render_config={"num_envs": 2, "size": (48, 32)})
     envs.reset(seed=0)
     before = state(envs)
     frames = envs.render()

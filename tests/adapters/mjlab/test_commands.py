@@ -11,8 +11,8 @@ from sceniris_gym.errors import ArgumentError
 pytest.importorskip("mjlab", reason="needs mjlab: make test-mjlab")
 from mjlab.envs import ManagerBasedRlEnv  # pyright: ignore[reportMissingImports]
 
-from sceniris_gym.adapters.mjlab_commands import RedrawObjectsCfg
-from tests.adapters.test_mjlab import NUM_ENVS, cubes_on, deepest, local, plain_cfg
+from sceniris_gym.adapters.mjlab import RedrawObjectsCfg
+from tests.adapters.mjlab.test_terms import NUM_ENVS, cubes_on, deepest, local, plain_cfg
 
 
 def make() -> ManagerBasedRlEnv:

@@ -13,7 +13,7 @@ import torch
 import warp as wp
 from torch import Tensor
 
-from sceniris_gym.adapters.mjlab_variants import VariantRows, model_of_variants
+from sceniris_gym.adapters.mjlab.variants import VariantRows, model_of_variants
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ArgumentError, NotSupportedError, SceneKeyError, import_extra
 from sceniris_gym.layout.chosen import ChosenLayouts

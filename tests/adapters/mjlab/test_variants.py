@@ -29,8 +29,7 @@ from mjlab.scene import Scene, SceneCfg  # pyright: ignore[reportMissingImports]
 from mjlab.terrains import TerrainEntityCfg  # pyright: ignore[reportMissingImports]
 from mjlab.utils.spec_config import CollisionCfg  # pyright: ignore[reportMissingImports]
 
-from sceniris_gym.adapters.mjlab import PlaceLayoutsCfg
-from sceniris_gym.adapters.mjlab_commands import RedrawObjectsCfg
+from sceniris_gym.adapters.mjlab import PlaceLayoutsCfg, RedrawObjectsCfg
 
 PAGE = Path(__file__).parents[2] / "docs" / "mjlab.md"
 NUM_ENVS = 6

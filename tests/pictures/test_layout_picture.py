@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 from sceniris_gym.errors import UnknownNameError
-from sceniris_gym.pictures.render import captioned, contact_sheet, render, save
+from sceniris_gym.pictures.layout_picture import captioned, contact_sheet, render, save
 from tests.commands.scenes import MODEL, layout, small_model, with_row
 
 

@@ -9,7 +9,7 @@ import torch
 import warp as wp
 from torch import Tensor
 
-from sceniris_gym.adapters.mjlab import layouts_term
+from sceniris_gym.adapters.mjlab.terms import layouts_term
 from sceniris_gym.errors import ArgumentError, import_extra
 from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.sim.redrawing import Redrawer

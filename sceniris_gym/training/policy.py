@@ -1,0 +1,62 @@
+"""`load_policy`: the policy of a training, to act, to evaluate or to export."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from sceniris_gym.adapters.rsl_rl import RslRlVecEnvWrapper, as_tensordict
+from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.training.records import MODEL, read_config
+from sceniris_gym.training.runner import load_checkpoint, runner_of
+from sceniris_gym.training.task_scenes import make_env, scene_of
+
+
+class Policy:
+    """A trained policy. Call it with observations; it returns actions.
+
+    Attributes:
+        task: Id of the task that it was trained on.
+        device: Where its networks are. Observations should be there, too.
+    """
+
+    def __init__(self, run: str | Path, device: str | None, *, trust: bool) -> None:
+        folder = Path(run)
+        self.task, settings = read_config(folder)
+        envs = make_env(self.task, 1, compile_scene(scene_of(self.task, reachable=True), device), split="eval")
+        self._runner, self.device = runner_of(RslRlVecEnvWrapper(envs), settings, 0), envs.device
+        load_checkpoint(self._runner, folder / MODEL, str(self.device), trust=trust)
+        self._act = self._runner.get_inference_policy(str(self.device))
+
+    def __call__(self, observation: Mapping[str, Any]) -> Tensor:
+        """Return actions in [-1, 1], shape (num_envs, size), for observations of SceneVectorEnv on `device`."""
+        with torch.inference_mode():
+            return self._act(as_tensordict(observation)).clamp(-1.0, 1.0)
+
+    def export(self, path: str | Path) -> None:
+        """Write the deterministic policy as TorchScript, with its normalisation of observations.
+
+        `torch.jit.load(path)` takes the flat group `policy`, shape (n, size), and returns actions before they are
+        clipped to [-1, 1].
+        """
+        path = Path(path)
+        self._runner.export_policy_to_jit(str(path.parent), path.name)
+
+
+def load_policy(run: str | Path, device: str | None = None, *, trust: bool = False) -> Policy:
+    """Return the deterministic policy of a run.
+
+    Args:
+        run: The folder that `sceniris-gym train --out` made.
+        device: "cpu" or "cuda:0". None is cuda:0 if there is one, else cpu.
+        trust: Also read a checkpoint that holds pickled objects, which can run any code.
+
+    Raises:
+        ArgumentError: The folder has no run, or its checkpoint cannot be read.
+        MissingExtraError: rsl-rl is not installed.
+    """
+    return Policy(run, device, trust=trust)

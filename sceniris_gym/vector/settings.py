@@ -1,0 +1,158 @@
+"""`SimConfig`, `RenderConfig` and `ImageConfig`: groups of settings of an environment, also given as mappings."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, TypeVar
+
+from sceniris_gym.config.fields import short
+from sceniris_gym.config.settings import as_config
+from sceniris_gym.errors import ArgumentError, check_names, check_type
+from sceniris_gym.layout.masks import as_count
+from sceniris_gym.pictures.context import CHANNELS, Looks, Shot
+
+_Settings = TypeVar("_Settings", bound="SimConfig | ImageConfig")
+_MOST_PIXELS = 1 << 14  # along an edge
+_WORDS = ("size", "data", "shadows", "thin")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimConfig:
+    """Settings that change the speed and memory of an environment, not its episodes.
+
+    Attributes:
+        nconmax: Contacts per world. None leaves room for a busy scene; see `make_worlds`.
+        njmax: Constraint rows per world. None leaves room for a busy scene.
+        nvmax: Maximum number of awake degrees of freedom of a world, if the task's `options` let bodies sleep. None is
+            the number of the scene.
+        graph: Capture steps and resets into graphs, and replay them.
+        prefetch: Make the next layout of every world during the steps before its reset. None prefetches on a GPU,
+            unless a layout_source is given. See `ResetRandomizer`.
+        copy: Return tensors that are never overwritten. Otherwise, observations are valid until the next call.
+    """
+
+    nconmax: int | None = None
+    njmax: int | None = None
+    nvmax: int | None = None
+    graph: bool = True
+    prefetch: bool | None = None
+    copy: bool = True
+
+
+@dataclass(frozen=True, kw_only=True)
+class RenderConfig:
+    """The pictures that `render` returns, or the page of render_mode "human".
+
+    Attributes:
+        num_envs: Number of worlds to show, from the first one on. None shows all worlds, as wrappers that record videos
+            expect. The page shows at most 64.
+        size: Width and height of a picture [pixels].
+        camera: Name of the camera.
+
+    Raises:
+        ArgumentError: `num_envs` is not a positive integer. `size` is not a pair of positive integers.
+    """
+
+    num_envs: int | None = None
+    size: tuple[int, int] = (320, 240)
+    camera: str = "overview"
+
+    def __post_init__(self) -> None:
+        if self.num_envs is not None:
+            as_count(self.num_envs, "render_config: num_envs")
+        as_size(self.size, "render_config: size")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImageConfig:
+    """Camera images as observations.
+
+    Attributes:
+        cameras: Images by camera: {"overview": {"size": (width, height), "data": kinds}}, with kinds out of "rgb" (the
+            default), "depth" and "segmentation".
+        every: Control steps between two images of a world, counted from its reset, which always takes one. The steps
+            between observe the last image.
+        final: Also take images of the last state of each episode, for `final_obs`, which has none otherwise.
+
+    Raises:
+        ArgumentError: `every` is not a positive integer.
+    """
+
+    cameras: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    every: int = 1
+    final: bool = False
+
+    def __post_init__(self) -> None:
+        as_count(self.every, "images: every")
+
+
+def as_settings(default: _Settings, given: Any, where: str) -> _Settings:
+    """Return the settings of a user. Fields that are at their defaults come from the settings of the task.
+
+    Args:
+        default: The settings of the task.
+        given: The settings of the user: of the same class, a mapping of its fields, or None.
+        where: Name of the argument in error messages.
+    """
+    cls = type(default)
+    config, plain = as_config(cls, {} if given is None else given, where), cls()
+    chosen = {f.name: getattr(config, f.name) for f in fields(cls)}
+    return replace(default, **{name: value for name, value in chosen.items() if value != getattr(plain, name)})
+
+
+def as_image_config(default: ImageConfig | None, given: Any) -> ImageConfig | None:
+    """Return the images of a user: an ImageConfig, a mapping of its fields, or its `cameras`.
+
+    None has the images of the task, and an empty mapping has none. Raises the errors of `as_shots`.
+    """
+    if given is None or given == {}:
+        return default if given is None else None
+    if isinstance(given, Mapping) and not {f.name for f in fields(ImageConfig)} >= set(given):
+        given = {"cameras": given}
+    config = as_settings(default or ImageConfig(), given, "images")
+    as_shots(config.cameras)
+    return config
+
+
+def as_shots(images: Any) -> dict[str, tuple[Shot, Looks]]:
+    """Return the pictures to take by the names of cameras: {"wrist": {"size": (84, 84), "data": ("rgb", "depth")}}.
+
+    Raises:
+        ArgumentError: Not of that form, or a camera without a size or a kind of picture. A size that is no integer, or
+            out of range.
+        ArgumentTypeError: `shadows` or `thin` is no boolean.
+        UnknownNameError: A word or a kind that does not exist.
+    """
+    if not isinstance(images, Mapping) or not images or not all(isinstance(v, Mapping) for v in images.values()):
+        form = "{'camera': {'size': (width, height), 'data': ('rgb',)}}"
+        raise ArgumentError(f"images should be {form}, or None, got {short(images)}.")
+    return {str(name): _as_shot(words, f"images[{name!r}]") for name, words in images.items()}
+
+
+def _as_shot(words: Mapping[str, Any], where: str) -> tuple[Shot, Looks]:
+    check_names("word", words, where, _WORDS)
+    if "size" not in words:
+        raise ArgumentError(f"{where} should have a 'size', (width, height) in pixels.")
+    data = words.get("data", ("rgb",))
+    kinds = tuple(data) if isinstance(data, Collection) and not isinstance(data, str) else (data,)
+    check_names("kind of picture", kinds, f"{where}['data']", CHANNELS)
+    if not kinds:
+        raise ArgumentError(f"{where}['data'] should have at least one of {', '.join(CHANNELS)}.")
+    flags = {word: words.get(word, False) for word in ("shadows", "thin")}
+    for word, value in flags.items():
+        check_type(value, bool, f"{where}['{word}']")
+    return Shot(as_size(words["size"], f"{where}['size']"), tuple(dict.fromkeys(kinds))), Looks(**flags)
+
+
+def as_size(value: Any, name: str) -> tuple[int, int]:
+    """Return width and height.
+
+    Raises:
+        ArgumentError: Not two numbers. One that is no integer, or out of range.
+    """
+    try:
+        width, height = value
+    except (TypeError, ValueError):
+        raise ArgumentError(f"{name} should be (width, height), got {short(value)}.") from None
+    return as_count(width, f"{name}[0]", most=_MOST_PIXELS), as_count(height, f"{name}[1]", most=_MOST_PIXELS)

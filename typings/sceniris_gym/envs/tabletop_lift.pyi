@@ -1,0 +1,1 @@
+from envs.tabletop_lift import TabletopLift as TabletopLift
