@@ -28,7 +28,7 @@ WITH_PROGRAMS = (
     "starts",
 )
 PAGES = (
-    *(*WITH_PROGRAMS, "tutorial", "how_to", "how_it_works", "commands", "viewer", "data_sets", "import"),
+    *(*WITH_PROGRAMS, "tutorial", "how_to", "glossary", "how_it_works", "commands", "viewer", "data_sets", "import"),
     *("libraries", "mjlab", "jax", "newton", "training", "reach", "libero", "several_gpus"),
 )
 BLOCK = re.compile(r'^```(python|yaml)(?: title="([^"]+)")?\n(.*?)^```$', re.MULTILINE | re.DOTALL)
