@@ -65,8 +65,8 @@ def warn_of_origins(scene: SceneModel, origins: np.ndarray, where: str) -> None:
     named = [f"'{mjm.geom(g).name}' of '{mjm.body(int(mjm.geom_bodyid[g])).name}'" for g in found[:3]]
     more = f" and {len(found) - len(named)} more" if len(found) > len(named) else ""
     message = (
-        f"{where}: layouts move to the origins of their worlds, but geoms that are fixed to the world do not move: "
+        f"{where}: layouts move to the origins of their worlds, but some geometry stays fixed to the world: geoms "
         f"{', '.join(named)}{more}. Unless they look the same from every origin, layouts do not fit around them. Put "
-        "them on mocap bodies and move these, too, or set all origins to 0."
+        "them on mocap bodies that move to the origins, too, or set all origins to 0."
     )
     warnings.warn(ModelWarning(message), stacklevel=5)

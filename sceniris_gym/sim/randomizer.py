@@ -46,7 +46,7 @@ class ResetRandomizer(Fixed, StaysHere):
     graph.
 
     If Ctrl-C interrupts a reset, reset the same worlds again, because their state is only partly written. The repeated
-    reset serves the same layouts, unless the interrupted reset had already finished making them.
+    reset serves the same layouts, unless the interrupted reset had already made them.
 
     The arrays in `STATE_FIELDS` are the state of a world, so the other worlds continue as if no reset had happened. A
     reset also updates computed arrays in all worlds: world poses (xpos, geom_xpos, site_xmat, ...) and the quantities
@@ -240,7 +240,7 @@ class ResetRandomizer(Fixed, StaysHere):
         """Move objects to new, valid places in some worlds, in the middle of their episodes.
 
         Everything else in `data` stays bitwise unchanged and acts as an obstacle, a relation anchor, or a support if it
-        is level. The named objects start at rest. Their joints return to the home pose unless the scene randomises
+        is level. The named objects start at rest. Their joints return to the home pose unless the scene draws
         them. The result is a pure function of scene, split, seed, episode, state, and number of the redraw since the
         reset (`redraw_count`).
 
@@ -261,8 +261,8 @@ class ResetRandomizer(Fixed, StaysHere):
 
         Raises:
             UnknownNameError: The scene does not place an object of this name.
-            ArgumentError: `objects` is empty, or lacks an object that stands on a named object. Or the first call for
-                these objects is inside a capture.
+            ArgumentError: `objects` is empty, or lacks an object that stands on a named object or shares its heap. Or
+                the first call for these objects is inside a capture.
             ArgumentTypeError, ArgumentError: As in `reset`.
         """
         self.redrawer.launch(objects, as_worlds(worlds, self.data.nworld, self.device, self.redrawer.mask))

@@ -72,7 +72,7 @@ def make_pipeline(
             )
     elif prefetch or params:
         raise ArgumentError(
-            f"{where}: prefetch and params only apply without a layout_source. Give either these or a layout_source, "
+            f"{where}: prefetch and params only apply without a layout_source. Give either them or a layout_source, "
             "which may be a LayoutPipeline that prefetches."
         )
     layout_source = as_layout_source(layout_source, compiled, nworld, f"{where}: layout_source")
