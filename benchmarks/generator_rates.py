@@ -57,7 +57,7 @@ def main() -> None:
         few = wp.array(np.arange(generator.nworld) % _EVERY == 0, dtype=bool, device=words.device)
         partial = median(lambda generator=generator, few=few: generator.generate(few), words.device)
         full = median(generator.generate, words.device)
-        valid = int((generator.layouts.status.numpy() == LayoutStatus.VALID).sum())
+        valid = int((generator.layouts.status.cpu().numpy() == LayoutStatus.VALID).sum())
         found = {
             "scene": scene,
             "num_envs": int(worlds),

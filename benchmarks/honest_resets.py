@@ -95,7 +95,7 @@ class Judge:
         self.randomizer.pipeline.reseed(seed=np.uint64(seed) + np.arange(self.batch.nworld, dtype=np.uint64))
         self.randomizer.reset()
         in_contact, pairs = self._touching()
-        fallback = self.randomizer.layouts.status.numpy() == LayoutStatus.FALLBACK
+        fallback = self.randomizer.layouts.status.cpu().numpy() == LayoutStatus.FALLBACK
         fastest = np.zeros(self.batch.nworld)
         for _ in range(self.steps):
             self.batch.step()

@@ -51,7 +51,7 @@ class Options:
 
 def torch_round(generator: LayoutGenerator, masks: torch.Tensor, qpos: torch.Tensor) -> Callable[[], None]:
     """Return a round of a generator."""
-    fresh = wp.to_torch(generator.layouts.qpos)
+    fresh = generator.layouts.qpos
 
     def turn() -> None:
         for mask in masks:
@@ -94,7 +94,7 @@ def main(options: Options) -> None:
     generator = LayoutGenerator(compiled, options.worlds)
     generator.generate()
     device = wp.device_to_torch(wp.get_device(compiled.device))
-    qpos = wp.to_torch(generator.layouts.qpos).clone()
+    qpos = generator.layouts.qpos.clone()
     turns = {"torch": torch_round(generator, torch.tensor(masks, device=device), qpos)}
     turns |= jax_rounds(LayoutFunction(compiled), masks)
     found: dict[str, list[float]] = {name: [] for name in turns}

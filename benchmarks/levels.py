@@ -107,7 +107,7 @@ def params(scene: tyro.conf.Positional[str], device: str = "cuda:0", num_envs: i
     for source in (plain, generator):
         source.generate()
     names = ("qpos", "mocap_pos", "present")
-    plain_bits, bits = ([getattr(g.layouts, n).numpy().tobytes() for n in names] for g in (plain, generator))
+    plain_bits, bits = ([getattr(g.layouts, n).cpu().numpy().tobytes() for n in names] for g in (plain, generator))
     found = {
         "change_of_one_us": _times(lambda: generator.set_params(one), device),
         "change_of_all_us": _times(lambda: generator.set_params(rows), device),

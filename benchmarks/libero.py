@@ -34,7 +34,6 @@ from sceniris_gym.importers.libero.kinds import OBJECTS, TURN, WORKSPACES
 from sceniris_gym.importers.libero.reader import LiberoTask, read_bddl
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.tables import read_table
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import LayoutTable
 
@@ -275,11 +274,11 @@ def measure(file: Path, options: Options, compiles: bool) -> dict[str, Any]:
         found["compile_s"] = round(time.perf_counter() - begin, 2)
     generator = LayoutGenerator(compiled, options.layouts, seed=options.seed)
     generator.generate()
-    table = read_table(generator)
+    table = generator.table()
     begin = time.perf_counter()
     for _ in range(_REPEATS):
         generator.generate()
-    generator.layouts.status.numpy()  # waits for the device
+    generator.layouts.status.cpu().numpy()  # waits for the device
     rate = _REPEATS * options.layouts / (time.perf_counter() - begin)
     sampler = CircleSampler(task, compiled, options.seed)
     begin, theirs, failed = time.perf_counter(), [], 0

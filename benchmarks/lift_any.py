@@ -76,7 +76,7 @@ def by_thing(env: RslRlVecEnvWrapper, found: dict[str, Any]) -> dict[str, Any]:
     randomizer, config = env.unwrapped.randomizer, env.unwrapped.compiled.config
     names = config.variants["target"]
     valid = (env.unwrapped.state.layout_status == LayoutStatus.VALID).cpu().numpy()
-    drawn = randomizer.variant.numpy()[valid, list(config.variants).index("target")][: found["layouts"]]
+    drawn = randomizer.variants.cpu().numpy()[valid, list(config.variants).index("target")][: found["layouts"]]
     verdicts: dict[str, list[int]] = {}
     for thing, success in zip(drawn, found["each"]["success"], strict=True):
         verdicts.setdefault(names[thing].partition("/")[2], []).append(success)

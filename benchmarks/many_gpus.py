@@ -147,15 +147,15 @@ def shared_layouts(count: int, rank: Rank, device: str) -> tuple[int, int]:
     nworld = min(count, _AT_ONCE)
     generator = LayoutGenerator(compiled, nworld, seed=rank.own_seed(0))
     layouts = generator.layouts
-    parts = [wp.to_torch(array)[:nworld].flatten(1) for array in (layouts.qpos, layouts.mocap_pose)]
+    parts = layouts.qpos, layouts.mocap_pos, layouts.mocap_quat
     draws = torch.Generator().manual_seed(0)
-    factors = [torch.randint(-(2**62), 2**62, (part.shape[1],), generator=draws).to(part.device) for part in parts]
+    factors = [torch.randint(-(2**62), 2**62, (part[0].numel(),), generator=draws).to(part.device) for part in parts]
     found = []
     for _ in range(-(-count // nworld)):
         generator.generate()
         wp.synchronize_device(compiled.device)
         # odd multiples of the bits of each number, added up modulo 2^64
-        bits = (part.contiguous().view(torch.int32).long() for part in parts)
+        bits = (part.flatten(1).contiguous().view(torch.int32).long() for part in parts)
         found.append(sum((b * (2 * f + 1)).sum(dim=1) for b, f in zip(bits, factors, strict=True)))
     own = torch.cat([part for part in found if isinstance(part, Tensor)])
     together = torch.cat(_gathered(own, rank))

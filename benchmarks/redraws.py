@@ -78,7 +78,7 @@ def main(options: Options) -> None:
         "redrawn": count,
         "objects": options.objects,
         "kept": kept / (count * len(masks)),
-        "valid": int((envs.randomizer.redraw_status.numpy() == LayoutStatus.VALID).sum()),
+        "valid": int((envs.randomizer.redraw_status.cpu().numpy() == LayoutStatus.VALID).sum()),
         "redraw_ms": [round(float(np.percentile(redraws, q)), 3) for q in (0, 50, 95)],
         "reset_ms": [round(float(np.percentile(resets, q)), 3) for q in (0, 50, 95)],
     }

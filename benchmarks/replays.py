@@ -8,7 +8,6 @@ import numpy as np
 
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.stored import StoredLayouts
-from sceniris_gym.layout.tables import read_table
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import LayoutTable
 
@@ -19,7 +18,7 @@ def episodes(compiled: CompiledScene, seeds: list[int], number: int) -> LayoutTa
     parts = []
     for _ in range(number):
         generator.generate()
-        parts.append(read_table(generator))
+        parts.append(generator.table())
     by_seed = np.arange(len(seeds) * number).reshape(number, len(seeds)).T.ravel()
     return LayoutTable.concatenate(parts)[by_seed]
 

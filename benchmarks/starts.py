@@ -26,7 +26,6 @@ from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.layout.stored import StoredLayouts
-from sceniris_gym.layout.tables import read_table
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.randomizer import ResetRandomizer
 from sceniris_gym.sim.worlds import make_worlds
@@ -54,7 +53,7 @@ def makers(compiled: CompiledScene, nworld: int) -> tuple[LayoutGenerator, Reset
     generator = LayoutGenerator(compiled, nworld)
     generator.generate()
     model, data = make_worlds(compiled, nworld)
-    source = StoredLayouts(compiled, read_table(generator), nworld)
+    source = StoredLayouts(compiled, generator.table(), nworld)
     randomizer = ResetRandomizer(compiled, model, data, layout_source=source)
     randomizer.reset()
     return generator, randomizer
@@ -71,7 +70,7 @@ def rates(scenes: Mapping[str, CompiledScene], nworld: int) -> dict[str, dict[st
     found = {}
     for name, (generator, _) in made.items():
         fresh, stored = np.median(times[name], axis=0).tolist()
-        valid = int((generator.layouts.status.numpy() == LayoutStatus.VALID).sum())
+        valid = int((generator.layouts.status.cpu().numpy() == LayoutStatus.VALID).sum())
         found[name] = {"valid_per_s": valid / fresh, "ms": 1e3 * fresh, "stored_per_s": nworld / stored}
     return found
 
@@ -95,7 +94,7 @@ def held(compiled: CompiledScene, nworld: int) -> Iterator[dict[str, Any]]:
     for _ in range(round(SECONDS / compiled.mjm.opt.timestep)):
         step_all()
     drift = np.linalg.norm(_in_hand(compiled, model, data) - before, axis=1)
-    kinds = randomizer.layouts.start.numpy()
+    kinds = randomizer.layouts.start.cpu().numpy()
     for number, kind in enumerate(compiled.config.start):
         of_kind = drift[kinds == number]
         if kind.robot == "grasp" and len(of_kind):
@@ -113,7 +112,7 @@ def shares(compiled: CompiledScene, nworld: int, layouts: int) -> dict[str, Any]
     found = np.zeros(len(weights), int)
     for _ in range(-(-layouts // nworld)):
         generator.generate()
-        found += np.bincount(generator.layouts.start.numpy(), minlength=len(weights))
+        found += np.bincount(generator.layouts.start.cpu().numpy(), minlength=len(weights))
     p = stats.chisquare(found, found.sum() * weights / weights.sum()).pvalue
     return {"layouts": int(found.sum()), "of_kinds": found.tolist(), "chi_square_p": float(p)}
 

@@ -72,9 +72,9 @@ class View:
         generator = LayoutGenerator(self.compiled, nworld)
         generator.generate()
         layouts = generator.layouts
-        self._fresh = layouts.status.numpy() == LayoutStatus.VALID
-        self._present = layouts.present.numpy() == 1
-        qpos, pos, quat = layouts.qpos.numpy(), layouts.mocap_pos.numpy(), layouts.mocap_quat.numpy()
+        self._fresh = layouts.status.cpu().numpy() == LayoutStatus.VALID
+        self._present = layouts.present.cpu().numpy() == 1
+        qpos, pos, quat = layouts.qpos.cpu().numpy(), layouts.mocap_pos.cpu().numpy(), layouts.mocap_quat.cpu().numpy()
         self._states = [self._posed(*row) for row in zip(qpos, pos, quat, strict=True)]
         drawn = [i for name in self.names for i in self.compiled.scene.joint_configs(name)]
         adr = self.compiled.mjm.jnt_qposadr[drawn]

@@ -6,7 +6,6 @@ import trimesh
 import tyro
 
 from sceniris_gym import LayoutGenerator, cli, compile_scene
-from sceniris_gym.layout.tables import read_table
 from sceniris_gym.pictures import captioned, save
 
 
@@ -34,7 +33,7 @@ def main(folder: Path = Path("own_mesh"), device: str | None = None) -> None:
     compiled = compile_scene(scene(folder / "wedge.xml"), device)
     generator = LayoutGenerator(compiled, 16, seed=0)
     generator.generate()
-    table = read_table(generator)
+    table = generator.table()
     save(captioned(compiled.mjm, table, [f"seed {seed}" for seed in table.seed]), folder / "layouts.png")
     print(f"{table.valid.sum()} of 16 layouts are valid; {folder / 'layouts.png'} shows them")
 

@@ -33,12 +33,12 @@ def main(nworld: int = 64, steps: int = 500, device: str | None = None) -> None:
     with wp.ScopedDevice(compiled.device):
         randomizer = ResetRandomizer(compiled, model, data, seed=0)
         randomizer.reset()
-        u, v = (wp.to_torch(randomizer.random(name)) for name in ("mass", "friction"))  # from seed and episode
+        u, v = (randomizer.random(name) for name in ("mass", "friction"))  # from seed and episode
         randomizer.scale_field("body_mass", "block", 0.5 + 2.0 * u)
         randomizer.scale_field("geom_friction", "block", 0.1 + 0.6 * v)
         randomizer.refresh()  # recomputes inverse weights
-        mass, friction = (wp.to_torch(randomizer.model_field(name, "block")) for name in ("body_mass", "geom_friction"))
-        start = wp.to_torch(randomizer.layouts.qpos)[:, 0].clone()
+        mass, friction = (randomizer.model_field(name, "block") for name in ("body_mass", "geom_friction"))
+        start = randomizer.layouts.qpos[:, 0].clone()
         wp.to_torch(data.qvel)[:, 0] = 1.0  # m/s
         for _ in range(steps):
             mjw.step(model, data)

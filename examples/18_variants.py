@@ -39,7 +39,7 @@ def main(nworld: int = 32, resets: int = 3, seconds: float = 1.0, device: str | 
             randomizer.reset()
             for _ in range(round(seconds / mjm.opt.timestep)):
                 mjw.step(model, data)
-            drawn = randomizer.variant.numpy()[:, 0]
+            drawn = randomizer.variants.cpu().numpy()[:, 0]
             height, mass = data.xpos.numpy()[:, body, 2], model.body_mass.numpy()[:, body]
             for i, name in enumerate(THINGS):
                 if rows := np.flatnonzero(drawn == i).tolist():

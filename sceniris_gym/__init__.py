@@ -9,7 +9,7 @@ import lazy_loader
 from sceniris_gym import registration
 from sceniris_gym.errors import new_name
 
-__version__ = "0.2.0"
+__version__ = "0.2.0.dev0"
 _public, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from tests.sources import ROOT, imports
 
-ALWAYS = {"tests/test_house.py", "tests/test_imports.py"}
+ALWAYS = {"tests/test_house.py", "tests/test_imports.py", "tests/test_prose.py"}
 
 
 def git(*words: str) -> list[str]:

@@ -131,8 +131,14 @@ def test_importing_the_package_loads_nothing_heavy():
 
 
 def test_scenes_and_layouts_are_made_without_torch():
-    """A scene is built without torch in the process."""
-    assert "torch" not in loaded_by("from sceniris_gym import SceneConfig, build_model, compile_scene, LayoutGenerator")
+    """From the scene to a table on the host, with ids and counts: only who reads a tensor loads torch."""
+    loaded = loaded_by(
+        "from sceniris_gym import LayoutGenerator, compile_scene;"
+        "generator = LayoutGenerator(compile_scene({'objects': {}}, 'cpu'), 2); generator.generate();"
+        "generator.layouts.ids('train'), generator.rejection_counts(), generator.table()"
+    )
+    assert "warp" in loaded
+    assert "torch" not in loaded
 
 
 def test_a_second_start_imports_what_it_uses(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -16,6 +17,7 @@ import pytest
 from ruamel.yaml import YAML
 
 from sceniris_gym import SceneConfig, __version__, build_model
+from sceniris_gym.errors import RENAMED
 from sceniris_gym.training.records import source_hash
 from tests.training.scenes import SMALL, write_task
 
@@ -76,13 +78,34 @@ def test_every_folder_with_code_is_a_package():
 
 
 def test_the_version_is_the_same_everywhere():
-    """In pyproject.toml, in the package, in the changelog and, with the same date, in CITATION.cff."""
-    assert PROJECT["project"]["version"] == __version__
-    headings = [line for line in (ROOT / "CHANGELOG.md").read_text().splitlines() if line.startswith("## ")]
-    headings.remove("## Unreleased")
+    """In pyproject.toml, in the package, in CITATION.cff and, once it is released, with its date in the changelog."""
     citation = YAML(typ="safe").load(ROOT / "CITATION.cff")
-    assert citation["version"] == __version__
-    assert headings[0] == f"## {__version__} - {citation['date-released']}"
+    assert PROJECT["project"]["version"] == __version__ == citation["version"]
+    unreleased, *releases = re.findall(r"^## (.+)$", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
+    assert unreleased == "Unreleased"
+    if __version__.endswith(".dev0"):
+        assert "date-released" not in citation
+        assert __version__.removesuffix(".dev0") not in [release.split(" - ")[0] for release in releases]
+    else:
+        assert releases[0] == f"{__version__} - {citation['date-released']}"
+
+
+@pytest.mark.parametrize("page", ["README.md", "CHANGELOG.md", "docs/index.md", "docs/tutorial.md"])
+def test_pages_agree_on_whether_there_is_a_release(page: str):
+    """They have the sentence that there is none yet until the changelog has a release."""
+    is_released = "\n## " in (ROOT / "CHANGELOG.md").read_text().partition("## Unreleased")[2]
+    assert ("no release" in (ROOT / page).read_text()) != is_released
+
+
+def test_the_changelog_names_what_changes_for_users_first():
+    """Unreleased begins with one table of old and new names; each row has both."""
+    breaking = (ROOT / "CHANGELOG.md").read_text().split("\n## Unreleased\n")[1].split("\n### ")[1]
+    title, *lines = breaking.splitlines()
+    rows = [line for line in lines if line.startswith("|")]
+    assert (title, rows[:2]) == ("Breaking", ["| old | new |", "|---|---|"])
+    assert "\n".join(rows) in breaking
+    assert [row for row in rows[2:] if row.count(" | ") != 1 or not row.endswith(" |")] == []
+    assert RENAMED.keys() - {"read_table"} <= set(re.findall(r"\w+", breaking))  # it is not renamed yet
 
 
 def test_every_dependency_is_pinned():

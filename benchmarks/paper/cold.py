@@ -61,7 +61,7 @@ def main(words: str) -> None:
     ready = time.perf_counter()
     generator = LayoutGenerator(compiled, worlds)
     generator.generate()
-    status = generator.layouts.status.numpy()
+    status = generator.layouts.status.cpu().numpy()
     end = time.perf_counter()
     print(_DONE, end="", flush=True)
     from sceniris_gym.commands.bench import peak_bytes

@@ -68,8 +68,8 @@ def warm(compiled: CompiledScene, worlds: int, rounds: int) -> Warm:
         generator.generate()
         wp.synchronize_device(compiled.device)
         times.append(time.perf_counter() - start)
-        valid += int((generator.layouts.status.numpy() == LayoutStatus.VALID).sum())
-        attempts += int(generator.layouts.attempts.numpy().sum(dtype=np.int64))
+        valid += int((generator.layouts.status.cpu().numpy() == LayoutStatus.VALID).sum())
+        attempts += int(generator.layouts.attempts.cpu().numpy().sum(dtype=np.int64))
     seconds, made = statistics.median(times), rounds * worlds
     return Warm(seconds, valid / made, attempts / made, 1e9 * seconds * rounds / attempts)
 

@@ -189,13 +189,13 @@ class NewtonRandomizer(StaysHere):
         fill_mask(as_worlds(worlds, self.model.world_count, self.model.device, self._mask), self._mask)
         self.pipeline.generate(self._mask)
         for state in self.states:
-            self._write(self.layouts.qpos, state.joint_q, state.joint_qd, self.model.joint_X_p)
+            self._write(self.layouts.view.qpos, state.joint_q, state.joint_qd, self.model.joint_X_p)
             newton.eval_fk(self.model, state.joint_q, state.joint_qd, state, joint_mask=self._joint_mask)
             self.solver.reset(state, self._world_mask, flags=0)
 
     def _write(self, qpos: wp.array, joint_q: wp.array, joint_qd: wp.array, x_p: wp.array) -> None:
         """Write joint positions into the masked worlds of Newton's arrays, with the mocap poses of the layouts."""
-        m, layouts = self.model, self.layouts
+        m, layouts = self.model, self.layouts.view
         dof_ref = getattr(getattr(m, "mujoco", None), "dof_ref", None)
         joints = [m.joint_type, m.joint_q_start, m.joint_qd_start, m.joint_X_c, dof_ref, self._qposadr, self._mocapid]
         wp.launch(

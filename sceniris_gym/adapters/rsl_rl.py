@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import torch
-import warp as wp
 from gymnasium.vector import AutoresetMode, VectorEnv
 from torch import Tensor
 
@@ -128,12 +127,11 @@ class RslRlVecEnvWrapper(VecEnv):
     def _resets(self) -> dict[str, Tensor]:
         """Return statistics of the present layouts of the worlds, and of rejections so far."""
         layouts = self.env.randomizer.layouts
-        status = self.env.state.layout_status
-        counts = wp.to_torch(layouts.rejections).sum(dim=0).float()
+        counts = layouts.rejections.sum(dim=0).float()
         shares = counts / counts.sum().clamp(min=1.0)
         return {
-            "Reset/valid_share": (status == LayoutStatus.VALID).float().mean(),
-            "Reset/fallback_share": (status == LayoutStatus.FALLBACK).float().mean(),
-            "Reset/attempts": wp.to_torch(layouts.attempts).float().mean(),
+            "Reset/valid_share": (layouts.status == LayoutStatus.VALID).float().mean(),
+            "Reset/fallback_share": (layouts.status == LayoutStatus.FALLBACK).float().mean(),
+            "Reset/attempts": layouts.attempts.float().mean(),
             **{f"Reset/reject_{cause.name.lower()}": shares[cause] for cause in Cause if cause != Cause.NONE},
         }

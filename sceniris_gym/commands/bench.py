@@ -63,11 +63,11 @@ def bench(
     counts: Counter[str] = Counter()
 
     def count() -> None:
-        status = generator.layouts.status.numpy()
+        status = generator.layouts.view.status.numpy()
         counts["valid"] += int((status == LayoutStatus.VALID).sum())
         counts["fallbacks"] += int((status == LayoutStatus.FALLBACK).sum())
-        counts["candidates"] += int(generator.layouts.attempts.numpy().sum())
-        counts["first_pass"] += int(generator.layouts.first_pass_valid.numpy().sum())
+        counts["candidates"] += int(generator.layouts.view.attempts.numpy().sum())
+        counts["first_pass"] += int(generator.layouts.view.first_pass_valid.numpy().sum())
 
     graph = LaunchSequence(generator.generate, wp.get_device(compiled.device))
     warm = median_time(graph.replay, compiled.device, count)

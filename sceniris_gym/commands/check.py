@@ -13,7 +13,6 @@ from sceniris_gym.errors import FallbackWarning, InfeasibleSceneError
 from sceniris_gym.layout.blame import obstructions, recording
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.tables import read_table
 from sceniris_gym.program.compiled import CompiledScene
 
 
@@ -57,7 +56,7 @@ def check(compiled: CompiledScene, layouts: int, seed: int, picture: Path | None
     """
     generator = recording(LayoutGenerator(compiled, layouts, seed=seed, split=split))
     generator.generate()
-    table = read_table(generator)
+    table = generator.table()
     return {
         "scene": compiled.config.name,
         "hash": compiled.hash,

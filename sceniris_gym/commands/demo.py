@@ -11,7 +11,6 @@ from sceniris_gym.commands.check import table_of_rejections
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import LayoutStatus
-from sceniris_gym.layout.tables import read_table
 from sceniris_gym.pictures.layout_picture import captioned, save
 from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.sim.batch import Batch
@@ -35,7 +34,7 @@ def demo(out: Path, device: str | None) -> dict:
     tables = []
     for _ in range(RESETS):
         randomizer.reset()
-        tables.append(read_table(generator))
+        tables.append(generator.table())
     ready = time.perf_counter() - start
     made, shown = LayoutTable.concatenate(tables), tables[-1][:SHOWN]
     counts = generator.rejection_counts()

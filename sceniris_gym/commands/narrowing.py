@@ -23,7 +23,6 @@ from sceniris_gym.geometry.rotations import matrix, pose_matrix
 from sceniris_gym.grasping.grasps import comes_from_below
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.tables import read_table
 from sceniris_gym.pictures.layout_picture import save
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import LayoutTable
@@ -96,14 +95,14 @@ def narrow(
 def narrowing(compiled: CompiledScene, layouts: int, seed: int, made: LayoutGenerator | None = None) -> Narrowing:
     """Compare layouts of a scene with the same number of layouts without `reachable`. See `narrow` for arguments."""
     generator = made or _made(compiled, layouts, seed)
-    table, counts = read_table(generator), generator.rejection_counts()
+    table, counts = generator.table(), generator.rejection_counts()
     before, kept = {}, {}
     names = [name for name in compiled.object_names if name in compiled.placed]
     if compiled.reaching is not None:
         names = compiled.reaching.names
         changes = {"start": [], **{f"objects.{name}.reachable": False for name in names}}
         plain = compile_scene(SceneConfig.load(compiled.config, changes), compiled.device)
-        free, passed = read_table(_made(plain, layouts, seed)), _staged(compiled, table, counts)
+        free, passed = _made(plain, layouts, seed).table(), _staged(compiled, table, counts)
         before = {name: _positions(compiled, free, name) for name in names}
         kept = {name: passed[name] * _on_map(compiled, plain, free, name) for name in names}
     after = {name: _positions(compiled, table, name) for name in names}

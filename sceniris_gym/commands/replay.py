@@ -20,7 +20,6 @@ from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layout_id import LayoutId
 from sceniris_gym.layout.layouts import LayoutStatus, LayoutsView
 from sceniris_gym.layout.params import ParamTable, params_in
-from sceniris_gym.layout.tables import read_table
 from sceniris_gym.layout.world_columns import WorldColumns
 from sceniris_gym.pictures.layout_picture import SIZE, contact_sheet, render, save
 from sceniris_gym.program.compiled import CompiledScene
@@ -60,7 +59,7 @@ def replay(compiled: CompiledScene, layout: LayoutId) -> LayoutTable:
     generator.set_params(named)
     generator.reseed(layouts={"seed": layout.seed, "episode": layout.episode})
     generator.generate()
-    return read_table(generator)
+    return generator.table()
 
 
 def drawn(compiled: CompiledScene, table: LayoutTable) -> tuple[mujoco.MjModel, dict[str, list[float]]]:

@@ -242,7 +242,7 @@ class Ahead(StaysHere):
     @launching
     def __init__(self, maker: LayoutSource, stream: wp.Stream | None = None, *, graph: bool = True) -> None:
         check_type(maker, LayoutSource, "Ahead: maker")
-        device = self._device = maker.layouts.seed.device
+        device = self._device = maker.layouts.view.seed.device
         if stream is not None:
             check_type(stream, wp.Stream, "Ahead: stream")
             if stream.device != device:

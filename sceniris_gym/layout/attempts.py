@@ -65,7 +65,7 @@ def _still_failing(trial: CompiledScene, seeds: np.ndarray) -> tuple[np.ndarray,
         chunk = seeds[start : start + _CHUNK]
         generator = LayoutGenerator(trial, len(chunk), seed=chunk, split="train_bank")
         generator.launch_placing(None)
-        failed = chunk[generator.layouts.status.numpy() != LayoutStatus.VALID]
+        failed = chunk[generator.layouts.view.status.numpy() != LayoutStatus.VALID]
         left.append(failed)
         restarts += len(failed) - _ended_at_once(generator)
         if restarts > _MOST_RESTARTS:
@@ -76,5 +76,5 @@ def _still_failing(trial: CompiledScene, seeds: np.ndarray) -> tuple[np.ndarray,
 def _ended_at_once(generator: LayoutGenerator) -> int:
     """Return the number of worlds with an empty region. Further attempts do not help such a layout."""
     retries = generator.compiled.program.obj_retry_if_empty.numpy() != 0
-    counts = generator.layouts.rejections.numpy()[: len(retries), [Cause.EMPTY, Cause.REGION]]
+    counts = generator.layouts.view.rejections.numpy()[: len(retries), [Cause.EMPTY, Cause.REGION]]
     return int(counts[~retries].sum())

@@ -96,7 +96,9 @@ def seeds_on_device(seed: Any, nworld: int, device: Any, worlds: Any = None) -> 
                 f"{seed.dtype.__name__} of shape {tuple(seed.shape)} on {seed.device}."
             )
         return seed
-    seed = as_numbers(seed) if type(seed).__module__ == "torch" else seed
+    if type(seed).__module__ == "torch":
+        seed = as_numbers(seed)
+        seed = seed.view(np.uint64) if seed.dtype == np.int64 else seed  # two's complement, as in `Layouts.seed`
     if isinstance(seed, Sequence | np.ndarray) and np.ndim(seed) == 1:
         found = as_seeds(seed, len(seed))[entries_of_worlds(len(seed), worlds, nworld, "seed")]
     else:

@@ -24,7 +24,7 @@ from sceniris_gym.layout.attempts import find_attempts
 from sceniris_gym.layout.blame import infeasible, recording
 from sceniris_gym.layout.columns import BANKED
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import LayoutStatus
+from sceniris_gym.layout.layouts import LayoutStatus, column_of
 from sceniris_gym.layout.scene_cache import UNREADABLE, from_arrays, load_arrays, scene_key, store_arrays, to_arrays
 from sceniris_gym.program.compiled import CompiledScene, upload_scene
 from sceniris_gym.program.device import Cause, Program, copied, fill_struct
@@ -145,7 +145,7 @@ def _with_bank(compiled: CompiledScene) -> CompiledScene:
     # these two numbers only tune the parallel search, and do not change layouts
     made, first = train.made + evaluation.made, train.first + evaluation.first
     program.restart_rate = (made - first + 0.5) / (made + 1.0)
-    rejected = sum(probe.generator.layouts.rejections.numpy().sum(axis=1) for probe in (train, evaluation))
+    rejected = sum(probe.generator.layouts.view.rejections.numpy().sum(axis=1) for probe in (train, evaluation))
     program.obj_effort = wp.array(1.0 + rejected / made, dtype=float, device=compiled.device)
     return replace(compiled, program=program, bank=bank)
 
@@ -187,11 +187,11 @@ class _Probe:
             if drawn > (_MOST_DRAWN if self.found or most > rounds else _BUDGET):
                 break
             self.generator.generate()
-            drawn += int(layouts.attempts.numpy().sum(dtype=np.int64))
-            valid = layouts.status.numpy() == LayoutStatus.VALID
-            self.found += zip(*(getattr(layouts, name).numpy()[valid] for name in BANKED), strict=True)
+            drawn += int(layouts.view.attempts.numpy().sum(dtype=np.int64))
+            valid = layouts.view.status.numpy() == LayoutStatus.VALID
+            self.found += zip(*(column_of(layouts, name).numpy()[valid] for name in BANKED), strict=True)
             self.made += nworld
-            self.first += int(layouts.first_pass_valid.numpy().sum())
+            self.first += int(layouts.view.first_pass_valid.numpy().sum())
             self.failed += int(nworld - valid.sum())
             tell(self.generator.split.replace("_", " "), min(len(self.found), self.size), self.size)
         self.found = self.found[: self.size]

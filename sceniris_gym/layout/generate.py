@@ -14,10 +14,11 @@ from sceniris_gym.device.fixed import Fixed
 from sceniris_gym.device.random import SPLITS
 from sceniris_gym.device.sequence import launching, repeat_launches
 from sceniris_gym.errors import ArgumentError, SceneMismatchError, check_type
-from sceniris_gym.layout.layouts import Layouts
+from sceniris_gym.layout.layouts import Layouts, column_of
 from sceniris_gym.layout.loading import load_kernels
 from sceniris_gym.layout.masks import as_count, fill_mask
 from sceniris_gym.layout.reaching.stage import ReachStage
+from sceniris_gym.layout.reading import read_layouts
 from sceniris_gym.layout.redraw import Redraw, RedrawCounts
 from sceniris_gym.layout.scene_params import STARTS
 from sceniris_gym.layout.seeds import launch_close
@@ -43,6 +44,7 @@ from sceniris_gym.program.compiled import USER_SPLITS, CompiledScene
 from sceniris_gym.program.device import REACH_CAUSES, Cause
 from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.program.part import chosen_objects, part_of
+from sceniris_gym.scene.layout_table import LayoutTable
 
 # Candidates are expensive in scenes with more pieces of regions than this, so fewer restarts are tried in parallel.
 _MOST_PIECES = 1024
@@ -236,6 +238,15 @@ class LayoutGenerator(Fixed, LayoutSource):
         super().__init_subclass__()
         cls.twin = cls.__dict__.get("twin", LayoutSource.twin)
 
+    def table(self, nrow: int | None = None) -> LayoutTable:
+        """Copy the first `nrow` layouts to the host, or all layouts by default.
+
+        Raises:
+            ArgumentError: `nrow` is not an integer of at least 0.
+        """
+        nrow = nrow if nrow is None else as_count(nrow, "LayoutGenerator.table: nrow", 0)
+        return read_layouts(self.layouts, self.split, nrow)
+
     @launching
     def redraw(self, layouts: Layouts, objects: str | Sequence[str]) -> Layouts:
         """Move objects of finished layouts to new places, or add objects to them. All other objects stay in place.
@@ -269,7 +280,7 @@ class LayoutGenerator(Fixed, LayoutSource):
                 "redraw: the layouts have params of drawn physics, but a redraw draws physics from the scene file. "
                 "Make the layouts without these params."
             )
-        there = layouts.present.numpy().any(axis=0)
+        there = column_of(layouts, "present").numpy().any(axis=0)
         present = [self.compiled.slots[i] for i in np.flatnonzero(there)]
         names = chosen_objects(self.compiled, objects, "redraw", present)
         if names not in self._redraws:
@@ -284,7 +295,7 @@ class LayoutGenerator(Fixed, LayoutSource):
         Causes of the reach stage are included in scenes with reach targets, `unsound` if it occurred, and `falls` if
         objects can fall.
         """
-        counts = self.layouts.rejections.numpy()
+        counts = self.layouts.view.rejections.numpy()
         unused = {Cause.NONE, *(REACH_CAUSES if self.compiled.reaching is None else ())}
         if not counts[:, Cause.UNSOUND].any():
             unused.add(Cause.UNSOUND)

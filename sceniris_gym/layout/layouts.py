@@ -11,6 +11,7 @@ import warp as wp
 
 from sceniris_gym.device.fixed import StaysHere
 from sceniris_gym.device.random import named_stream
+from sceniris_gym.device.tensors import TensorView
 from sceniris_gym.layout.columns import columns, row_types
 from sceniris_gym.layout.params import ParamTable
 from sceniris_gym.program.compiled import MOST_EPISODES, CompiledScene
@@ -206,44 +207,37 @@ def _part(poses: wp.array, first: int, dtype: type) -> wp.array:
     return part
 
 
-class _RowsOfWorlds:
-    """An array of `Layouts.view`, cut to the rows of worlds."""
-
-    def __set_name__(self, owner: type, name: str) -> None:
-        self._name = name
-
-    def __get__(self, layouts: "Layouts", owner: type) -> wp.array:
-        array = getattr(layouts.view, self._name)
-        if array.shape[0] == layouts.nworld or array.size == 0:  # Warp cannot slice an array without elements
-            return array
-        return array[: layouts.nworld]
+def column_of(layouts: "Layouts", name: str) -> wp.array:
+    """Return an array of `Layouts.view`, cut to the rows of worlds."""
+    array = getattr(layouts.view, name)
+    # Warp cannot slice an array without elements
+    return array if array.shape[0] == layouts.nworld or array.size == 0 else array[: layouts.nworld]
 
 
 @dataclass(frozen=True)
 class Layouts(StaysHere):
-    """Layouts of `nworld` worlds, as Warp arrays on the device of the compiled scene. Arrays are never reallocated.
+    """Layouts of `nworld` worlds, as torch tensors that share memory with the Warp arrays in `view`.
 
     Attributes:
         compiled: The scene of the rows.
-        view: The arrays as kernels take them. See `create` for their length.
-        mocap_pose: Memory of `mocap_pos` and `mocap_quat`, shape (nrow, nmocap, 8): an unused number, position and
-            orientation. Thus each pose is seven contiguous numbers, and each quaternion is aligned like a vec4.
+        view: The arrays as kernels take them. See `create` for their length. Arrays are never reallocated.
         params: The params of the worlds.
-        seed: 64-bit seed of the current row, shape (nworld,), uint64. A reseed shows once the next layout is served.
+        seed: Seed of the current row, shape (nworld,), int64. From 2^63 on it is the two's complement, as in
+            `info["layout"]`. A reseed shows once the next layout is served.
         episode: Episode of the current row, -1 before the first, shape (nworld,), int32.
         param: Param values of the current row, shape (nworld, nvalue). Width 0 without params.
-        draw_seed: Seed of the draws of physics and looks, shape (nworld,), uint64. It belongs to the row, or to the
+        draw_seed: Seed of the draws of physics and looks, shape (nworld,), int64. It belongs to the row, or to the
             bank's layout after a fallback.
         draw_episode: Episode of these draws, shape (nworld,), int32. -1 if unknown.
         draw_stream: Random stream of these draws, shape (nworld,), int32.
         qpos: Joint positions [m, rad] in the order of the MjModel, quaternions wxyz, shape (nworld, nq).
-        mocap_pos: Positions of mocap bodies [m], world frame, shape (nworld, nmocap).
-        mocap_quat: Orientations of mocap bodies, wxyz inside `wp.quat`, shape (nworld, nmocap).
+        mocap_pos: Positions of mocap bodies [m], world frame, shape (nworld, nmocap, 3).
+        mocap_quat: Orientations of mocap bodies, wxyz, shape (nworld, nmocap, 4).
         start: Index of the kind of start in the scene file, -1 in scenes without, shape (nworld,), int32.
         present: 1 for present objects, 0 for objects that a group left out, shape (nworld, nslot), slots in the order
             of `CompiledScene.slots`.
-        grasp: The accepted grasp of each ReachTarget, as an index into its GraspSet in `CompiledScene.reaching`, shape
-            (nworld, nreach), targets in placement order. -1 for absent objects.
+        grasp: The accepted grasp of each ReachTarget, as an index into its GraspSet in `CompiledScene.reaching`. -1 for
+            absent objects, shape (nworld, nreach), targets in placement order.
         grasp_qpos: The joints [rad, m] of the target's arm in this grasp, shape (nworld, nreach, MAX_JOINTS). NaN
             beyond the arm's joints, and everywhere if reach was judged only by the arm's map.
         pregrasp_qpos: The same for the pre-grasp, shape (nworld, nreach, MAX_JOINTS). NaN for tiers below `clear`.
@@ -254,17 +248,18 @@ class Layouts(StaysHere):
             in placement order.
     """
 
-    _SEND = "its arrays as copies on the host, such as layouts.qpos.numpy().copy(), or the ids that make its rows again"
+    _SEND = "its arrays as copies on the host, such as layouts.qpos.cpu().clone(), or the ids that make its rows again"
 
     compiled: CompiledScene
     view: LayoutsView
-    mocap_pose: wp.array
+    _mocap_pose: wp.array  # (nrow, nmocap, 8): an unused number, position, and orientation aligned as a vector of four
     params: ParamTable
 
-    seed, episode, param, draw_seed, draw_episode, draw_stream = (_RowsOfWorlds() for _ in range(6))
-    qpos, mocap_pos, mocap_quat, start, present = (_RowsOfWorlds() for _ in range(5))
-    grasp, grasp_qpos, pregrasp_qpos = (_RowsOfWorlds() for _ in range(3))
-    status, attempts, first_pass_valid = (_RowsOfWorlds() for _ in range(3))
+    seed, episode, param, draw_seed, draw_episode, draw_stream = (TensorView(column_of) for _ in range(6))
+    qpos, mocap_pos, mocap_quat, start, present = (TensorView(column_of) for _ in range(5))
+    grasp, grasp_qpos, pregrasp_qpos = (TensorView(column_of) for _ in range(3))
+    status, attempts, first_pass_valid = (TensorView(column_of) for _ in range(3))
+    rejections = TensorView(lambda layouts, name: layouts.view.rejections)
 
     def pose(self, name: str) -> Any:
         """Return the poses of an object as a torch tensor that shares memory with the layouts.
@@ -282,13 +277,13 @@ class Layouts(StaysHere):
         """
         variants = self.compiled.config.variants.get(name)
         if variants is not None:
-            there = wp.to_torch(self.present)[:, [self.compiled.slots.index(member) for member in variants]]
+            there = self.present[:, [self.compiled.slots.index(member) for member in variants]]
             return sum(self.pose(member) * there[:, [i]] for i, member in enumerate(variants))
         kind, number = pose_address(self.compiled.scene, name, "Layouts.pose")
         if kind == "qpos":
-            return wp.to_torch(self.qpos)[:, number : number + 7]
+            return self.qpos[:, number : number + 7]
         if kind == "mocap":
-            return wp.to_torch(self.mocap_pose)[: self.nworld, number, 1:]
+            return wp.to_torch(self._mocap_pose)[: self.nworld, number, 1:]
         still = np.concatenate([self.compiled.home_xpos[number], self.compiled.home_xquat[number]])
         return wp.to_torch(wp.array(still, dtype=float, device=self.compiled.device)).expand(self.nworld, 7)
 
@@ -305,8 +300,7 @@ class Layouts(StaysHere):
             UnknownNameError: There is no such joint, or several objects have it.
         """
         adr, width = joint_address(self.compiled.scene, name, "Layouts.joint")
-        qpos = wp.to_torch(self.qpos)
-        return qpos[:, adr] if width == 1 else qpos[:, adr : adr + width]
+        return self.qpos[:, adr] if width == 1 else self.qpos[:, adr : adr + width]
 
     @classmethod
     def create(
@@ -367,7 +361,8 @@ class Layouts(StaysHere):
         Raises:
             ArgumentError: Another split, or a world without a layout.
         """
-        rows = zip(*(keys or (self.seed.numpy(), self.episode.numpy(), self.param.numpy())), strict=True)
+        view = self.view
+        rows = zip(*(keys or (view.seed.numpy(), view.episode.numpy(), view.param.numpy())), strict=True)
         return [self.compiled.layout_id(seed, episode, split, self.params.text(param)) for seed, episode, param in rows]
 
     @property
@@ -379,8 +374,3 @@ class Layouts(StaysHere):
     def reaching(self) -> Reaching | None:
         """The arms, and their reach targets with grasps. None in scenes without reach targets."""
         return self.compiled.reaching
-
-    @property
-    def rejections(self) -> wp.array:
-        """See the class."""
-        return self.view.rejections

@@ -22,7 +22,8 @@ from sceniris_gym.layout.seeds import launch_close, launch_open, launch_reseed
 class LayoutSource(StaysHere):
     """A source of layouts for a batch of worlds, fresh (`LayoutGenerator`) or stored (`StoredLayouts`).
 
-    Subclasses set `layouts` and implement `launch_make`. All other methods have defaults.
+    Subclasses set `layouts` and implement `launch_make`. All other methods have defaults. Kernels take the Warp arrays
+    in `layouts.view`, whose memory users read as torch tensors such as `layouts.qpos`.
 
     The `launch_` methods only launch kernels, without allocation or host synchronisation, so that a captured graph can
     contain them. They do not validate arguments.
@@ -112,8 +113,9 @@ class LayoutSource(StaysHere):
 
     def ids(self, split: str, keys: LayoutKeys | None = None) -> list[str]:
         """Return the ids of the present layouts, or of the layouts served for other `keys`. See `Layouts.ids`."""
-        own = self.layouts
-        return own.ids(*self.served(split, keys or (own.seed.numpy(), own.episode.numpy(), own.param.numpy())))
+        own = self.layouts.view
+        keys = keys or (own.seed.numpy(), own.episode.numpy(), own.param.numpy())
+        return self.layouts.ids(*self.served(split, keys))
 
     def rejection_counts(self) -> dict[str, dict[str, int]]:
         """Return the number of rejected candidates so far, by object and cause. Waits for the device.
@@ -125,7 +127,7 @@ class LayoutSource(StaysHere):
     @cached_property
     def _generate_graph(self) -> tuple[LaunchSequence, wp.array]:
         """The launches of `generate`, and the mask of their worlds."""
-        mask = wp.zeros(self.layouts.nworld, dtype=wp.bool, device=self.layouts.seed.device)
+        mask = wp.zeros(self.layouts.nworld, dtype=wp.bool, device=self.layouts.view.seed.device)
         return LaunchSequence(lambda: self.launch_generate(mask), mask.device), mask
 
     @launching
@@ -155,7 +157,8 @@ class LayoutSource(StaysHere):
         Args:
             worlds: As in `generate`.
             seed: World i gets seed + i and starts at episode 0. Or a 64-bit seed for each chosen world in order, or for
-                each world. A uint64 Warp array on the device, shape (nworld,), is not copied to the host.
+                each world. A uint64 Warp array on the device, shape (nworld,), is not copied to the host. Torch tensors
+                are read in two's complement.
             layouts: A layout id, a sequence of ids (None keeps a world's next layout), or a mapping {"seed": ...,
                 "episode": ...} with optional "params".
 
@@ -167,7 +170,7 @@ class LayoutSource(StaysHere):
         """
         if (seed is None) == (layouts is None):
             raise ArgumentError("reseed: pass seed or layouts, and not both.")
-        nworld, device, mask = self.layouts.nworld, self.layouts.seed.device, self._mask_of(worlds)
+        nworld, device, mask = self.layouts.nworld, self.layouts.view.seed.device, self._mask_of(worlds)
         if layouts is None:
             self.launch_reseed(seeds_on_device(seed, nworld, device, worlds), mask)
             return
@@ -212,8 +215,8 @@ class LayoutSource(StaysHere):
 
     def _set_params(self, columns: np.ndarray, rows: np.ndarray, mask: wp.array | None) -> None:
         if len(columns):
-            with wp.ScopedDevice(self.layouts.seed.device):
+            with wp.ScopedDevice(self.layouts.view.seed.device):
                 self.launch_set_params(wp.array(columns, dtype=int), wp.array(rows, dtype=float), mask)
 
     def _mask_of(self, worlds: Any, mask_out: wp.array | None = None) -> wp.array | None:
-        return as_worlds(worlds, self.layouts.nworld, self.layouts.seed.device, mask_out)
+        return as_worlds(worlds, self.layouts.nworld, self.layouts.view.seed.device, mask_out)

@@ -3,52 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import warp as wp
 
 from sceniris_gym.device.fixed import StaysHere
 from sceniris_gym.device.sequence import launching
-from sceniris_gym.errors import check_type
-from sceniris_gym.layout.columns import columns, row_types
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import LayoutStatus
-from sceniris_gym.layout.masks import as_count
+from sceniris_gym.layout.layouts import column_of
 from sceniris_gym.layout.seeds import as_seeds
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.scene.layout_table import COLUMNS, LayoutTable
-from sceniris_gym.scene.poses import body_poses, product, rotated
+from sceniris_gym.scene.layout_table import LayoutTable
 
 CHUNK = 4096  # layouts made in one batch
-
-
-def read_table(generator: LayoutGenerator, nrow: int | None = None) -> LayoutTable:
-    """Copy the first `nrow` layouts of a LayoutGenerator to the host, or all layouts by default.
-
-    Raises:
-        ArgumentTypeError: Not a LayoutGenerator.
-        ArgumentError: `nrow` is not an integer of at least 0.
-    """
-    check_type(generator, LayoutGenerator, "read_table: generator")
-    nrow = nrow if nrow is None else as_count(nrow, "read_table: nrow", 0)
-    layouts = generator.layouts
-    types = row_types(generator.compiled, nvalue=layouts.param.shape[1])
-
-    def read(name: str) -> np.ndarray:
-        dtype, shape = types[name]  # astype also copies: on a CPU, `numpy()` is a view that the next reset overwrites
-        return getattr(layouts, name).numpy()[(slice(nrow), *map(slice, shape))].astype(dtype)
-
-    rows = {name: read(name) for name in columns()}
-    table = LayoutTable(
-        **rows,
-        valid=rows["status"] == LayoutStatus.VALID,
-        grasp_pose=COLUMNS["grasp_pose"].blanks(0),
-        scene=generator.compiled.hash,
-        split=generator.split,
-        params=layouts.params.names,
-    )
-    return replace(table, grasp_pose=grasp_poses(generator.compiled, table, table.grasp))
 
 
 @dataclass(frozen=True)
@@ -79,32 +47,6 @@ def read_rejected(generator: LayoutGenerator) -> RejectedCandidates:
     return RejectedCandidates(objects[:count].copy(), view.rejected_cause.numpy()[:count].copy(), states)
 
 
-def grasp_poses(compiled: CompiledScene, table: LayoutTable, grasp: np.ndarray) -> np.ndarray:
-    """Return the TCP poses of grasps in the world frame, shape (nrow, nreach, 7), float32.
-
-    Position [m] and orientation (wxyz), NaN for rows without a grasp.
-
-    Args:
-        compiled: The compiled scene.
-        table: The layouts.
-        grasp: Index of the grasp of each reachable object, -1 without a grasp, shape (nrow, nreach).
-    """
-    poses = np.full((*grasp.shape, 7), np.nan, np.float32)
-    if compiled.reaching is None:
-        return poses
-    for k, target in enumerate(compiled.reaching.targets):
-        grasps, chosen = target.grasp_set.grasps, grasp[:, k]
-        bodies, places = np.array([g.body for g in grasps]), np.array([g.pos for g in grasps])
-        rotations = np.array([g.quat for g in grasps])
-        for body in np.unique(bodies):
-            rows = np.flatnonzero((chosen >= 0) & (bodies[chosen] == body))
-            states = (column[rows] for column in (table.qpos, table.mocap_pos, table.mocap_quat))
-            pos, quat = body_poses(compiled.mjm, int(body), *states)
-            poses[rows, k, :3] = pos + rotated(places[chosen[rows]], quat)
-            poses[rows, k, 3:] = product(quat, rotations[chosen[rows]])
-    return poses
-
-
 def make_table(compiled: CompiledScene, n: int, seed: int, *, split: str = "train", chunk: int = CHUNK) -> LayoutTable:
     """Make n layouts. Row i is episode 0 of seed + i, independent of `n` and `chunk`.
 
@@ -129,7 +71,7 @@ def make_tables(generator: LayoutGenerator, seeds: np.ndarray) -> Iterator[Layou
         part = seeds[start : start + nworld]
         generator.reseed(seed=np.resize(part, nworld))
         generator.generate(wp.array(np.arange(nworld) < len(part), dtype=bool, device=generator.compiled.device))
-        yield read_table(generator, len(part))
+        yield generator.table(len(part))
 
 
 PARTS = ("qpos", "mocap_pos", "mocap_quat", "status")
@@ -153,7 +95,7 @@ class RequestedLayouts(StaysHere):
     @launching
     def __init__(self, compiled: CompiledScene, nworld: int, split: str = "train") -> None:
         self._generator = LayoutGenerator(compiled, nworld, split=split)
-        self._parts = [getattr(self._generator.layouts, name) for name in PARTS]
+        self._parts = [column_of(self._generator.layouts, name) for name in PARTS]
         self._start = [wp.clone(part) for part in self._parts]
         self._generator.generate(wp.zeros(nworld, dtype=wp.bool, device=compiled.device))  # records its graph
         wp.synchronize_device(compiled.device)  # later launches use other streams, which do not wait for this stream

@@ -12,6 +12,7 @@ from warp.utils import array_cast
 from sceniris_gym.config.fields import short
 from sceniris_gym.device.fixed import StaysHere
 from sceniris_gym.device.random import SPLITS, STREAM_BITS
+from sceniris_gym.device.tensors import TensorView
 from sceniris_gym.errors import ArgumentError, SceneMismatchError, check_names, check_type
 from sceniris_gym.layout.chosen import layouts_of_ids
 from sceniris_gym.layout.layouts import Layouts
@@ -50,16 +51,17 @@ class LevelSampler(Chooser, StaysHere):
         size: Number of levels in the buffer. Waits for the device.
     """
 
+    level, boundary = (TensorView(lambda sampler, name: sampler.rows[name]) for _ in range(2))
+
     def __init__(self, replay: LevelReplay, layouts: Layouts, split: str = "train") -> None:
         check_type(replay, LevelReplay, "LevelSampler: replay")
         check_type(layouts, Layouts, "LevelSampler: layouts")
         check_names("split", [split], "LevelSampler", USER_SPLITS)
         self.replay, self.layouts, self.split = replay, layouts, split
-        self._device, self._since = layouts.qpos.device, 0
+        self._device, self._since = layouts.view.qpos.device, 0
         self._stream = wp.uint32((SPLITS[self.split] << STREAM_BITS) + LEVEL_STREAM)
         self._buffer = buffer = create_buffer(replay, self.layouts.view)
-        self.level, self.boundary = buffer.level, buffer.boundary
-        self.rows = {"level": self.level, "boundary": self.boundary}
+        self.rows = {"level": buffer.level, "boundary": buffer.boundary}
         if replay.adr is not None:
             set_ranges(buffer, replay.adr, self.layouts.params)
         launch_forget(buffer, None, None)
@@ -91,9 +93,9 @@ class LevelSampler(Chooser, StaysHere):
             success: 1 for worlds that succeeded, 0 for the others, shape (nworld,), float32.
             finished: Worlds whose episode ended, shape (nworld,), bool.
         """
-        layouts = self.layouts.view
-        played = Episodes(self.level, layouts.seed, layouts.episode, success, layouts.param)
-        launch_update(self._buffer, played._replace(mask=finished, status=layouts.status, boundary=self.boundary))
+        buffer, layouts = self._buffer, self.layouts.view
+        played = Episodes(buffer.level, layouts.seed, layouts.episode, success, layouts.param)
+        launch_update(buffer, played._replace(mask=finished, status=layouts.status, boundary=buffer.boundary))
 
     def insert(self, layouts: Any, scores: Any) -> None:
         """Insert levels, replacing levels with lower scores, and refresh the weights.

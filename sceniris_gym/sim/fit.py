@@ -166,7 +166,7 @@ def _check_layouts(compiled: CompiledScene, m: mjw.Model, d: mjw.Data, layouts: 
     device = d.qpos.device
     for what, other in (
         ("the compiled scene", wp.get_device(compiled.device)),
-        ("layout_source", layouts.qpos.device),
+        ("layout_source", layouts.view.qpos.device),
         ("model", m.qpos0.device),
     ):
         if other != device:

@@ -14,6 +14,7 @@ import warp as wp
 from sceniris_gym.device.fixed import Fixed, StaysHere
 from sceniris_gym.device.random import named_stream
 from sceniris_gym.device.sequence import LaunchSequence, launching
+from sceniris_gym.device.tensors import TensorView
 from sceniris_gym.errors import check_names, check_type
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.masks import as_rows, as_shape, as_worlds, fill_mask, mask_of_rows
@@ -96,8 +97,8 @@ class ResetRandomizer(Fixed, StaysHere):
         redraw_status: `LayoutStatus` of each world's latest redraw, VALID or KEPT; NONE before the first; (nworld,),
             int32.
         redrawer: The launches of `redraw`; see `Redrawer`.
-        variant: The variant that each world has of each object with variants, numbered as in the scene file, objects in
-            the order of `SceneConfig.variants`; shape (nworld, number of these objects), int32.
+        variants: The variant that each world has of each object with variants, numbered as in the scene file, objects
+            in the order of `SceneConfig.variants`; shape (nworld, number of these objects), int32.
 
     Raises:
         ArgumentTypeError: `compiled`, `model`, `data`, `layout_source` or `prefetch` is of another type.
@@ -116,20 +117,7 @@ class ResetRandomizer(Fixed, StaysHere):
 
     With a need of "sensors" or "dynamics", `history` also gets the present values of delayed sensors, as in a step.
     """
-    _FIXED = (
-        "compiled",
-        "model",
-        "data",
-        "device",
-        "pipeline",
-        "layouts",
-        "levels",
-        "split",
-        "fields",
-        "redrawer",
-        "redraw_count",
-        "redraw_status",
-    )
+    _FIXED = ("compiled", "model", "data", "device", "pipeline", "layouts", "levels", "split", "fields", "redrawer")
     _ARGUMENTS = ("layout_source", "params", "seed", "prefetch", "scope", "origins", "mjm", "needs", "graph")
     _shared: ModelFields | None = None
 
@@ -140,6 +128,10 @@ class ResetRandomizer(Fixed, StaysHere):
         made._shared = batch.fields
         made.__init__(compiled, batch.model, batch.data, **arguments)
         return made
+
+    redraw_count = TensorView(lambda randomizer, name: randomizer.redrawer.number)
+    redraw_status = TensorView(lambda randomizer, name: randomizer.redrawer.status)
+    variants = TensorView(lambda randomizer, name: randomizer._writer.variant)
 
     @launching
     def __init__(
@@ -191,9 +183,7 @@ class ResetRandomizer(Fixed, StaysHere):
         )
         self.redrawer = Redrawer(simulation, self.layouts, alone=not needs, graph=graph)
         whole = scope == "world"
-        self.redraw_count, self.redraw_status = self.redrawer.number, self.redrawer.status
         self._writer = ResetWriter(simulation, self.fields, self._mask, whole=whole, count=self.redrawer.number)
-        self.variant = self._writer.variant
         self._reset_graph = LaunchSequence(self._launch_reset, self.device, graph=graph)
         self._refresh_graph = LaunchSequence(self._launch_refresh, self.device, graph=graph)
 
@@ -256,8 +246,8 @@ class ResetRandomizer(Fixed, StaysHere):
         """
         self.redrawer.launch(objects, as_worlds(worlds, self.data.nworld, self.device, self.redrawer.mask))
 
-    def model_field(self, name: str, of: str | None = None) -> wp.array:
-        """Return a field of the Model with a row for each world, to write to after a reset.
+    def model_field(self, name: str, of: str | None = None) -> Any:
+        """Return a field of the Model with a row for each world as a torch tensor, to write to after a reset.
 
         Make the Model with a row for each world, by `make_worlds(compiled, nworld, fields=name)`. Call `refresh` after
         writing to it. A field that `make_worlds` has made for the scene's draws is asked for before the first reset.
@@ -268,14 +258,14 @@ class ResetRandomizer(Fixed, StaysHere):
                 body, and other fields those of all geoms, joints or actuators inside.
 
         Returns:
-            A view of the array, shape (nworld, number of elements); (nworld,) for `of` a single element.
+            A view that steps read, shape (nworld, number of elements, ...); (nworld, ...) for `of` a single element.
 
         Raises:
             UnknownNameError: There is no such field or element, or layouts depend on it.
             ArgumentError: It is asked for after the first reset, or the model has none of what it scales.
             SceneMismatchError: The Model has one row for all worlds.
         """
-        return self.fields.ask(name, of, where="ResetRandomizer.model_field")
+        return wp.to_torch(self.fields.ask(name, of, where="ResetRandomizer.model_field"))
 
     @launching
     def scale_field(self, name: str, of: str, factor: Any) -> None:
@@ -295,16 +285,15 @@ class ResetRandomizer(Fixed, StaysHere):
         """
         self.fields.scale(name, of, factor, self._mask, "ResetRandomizer.scale_field")
 
-    def random(self, name: str, shape: int | Sequence[int] = ()) -> wp.array:
-        """Draw uniform numbers in [0, 1) by name, shape (nworld, *shape), float32.
+    def random(self, name: str, shape: int | Sequence[int] = ()) -> Any:
+        """Draw uniform numbers in [0, 1) by name, as a torch tensor, shape (nworld, *shape), float32.
 
         They depend only on the seed and the episode of a world's layout, the split, and the name.
         """
-        layouts, nworld, shape = self.layouts, self.data.nworld, as_shape(shape, "random: shape")
-        with wp.ScopedDevice(self.device):
-            values = wp.empty((nworld, math.prod(shape)), dtype=float)
-            draw_named(layouts.seed, layouts.episode, self.split, name, values)
-        return values.reshape((nworld, *shape))
+        view, nworld, shape = self.layouts.view, self.data.nworld, as_shape(shape, "random: shape")
+        values = wp.empty((nworld, math.prod(shape)), dtype=float, device=self.device)
+        draw_named(view.seed, view.episode, self.split, name, values)
+        return wp.to_torch(values).reshape(nworld, *shape)
 
     @launching
     def refresh(self) -> None:
@@ -332,17 +321,18 @@ class ResetRandomizer(Fixed, StaysHere):
             UnknownNameError, ArgumentError: The scene has no such params, or not such numbers of them.
             ArgumentError, ArgumentTypeError: The rows are not integers, have the wrong shape or do not exist.
         """
-        stored, nrow = stored_rows(layouts, self.layouts, str(self.device)), layouts.qpos.shape[0]
+        stored = stored_rows(layouts, self.layouts, str(self.device))
+        nrow = stored.seed.shape[0]
         on_device = as_rows(rows, nrow, self.data.nworld, self.device)
         with wp.ScopedDevice(self.device):
             mask_of_rows(on_device, nrow, self._mask)
             self._writer.launch(stored, on_device)
 
-    def launch_variants(self, mask: wp.array) -> None:
+    def _launch_variants(self, mask: wp.array) -> None:
         """Give the masked worlds the variants of their present layouts, without a reset."""
         if self._writer.variants is not None:
             fill_mask(mask, self._mask)
-            self._writer.variants.launch(poses_of(self.layouts.view), self._mask, self.layouts.present)
+            self._writer.variants.launch(poses_of(self.layouts.view), self._mask, self.layouts.view.present)
 
     @launching
     def check_budget(self) -> None:

@@ -14,7 +14,7 @@ from sceniris_gym.errors import ArgumentError, ArgumentTypeError, SceneMismatchE
 from sceniris_gym.layout.ahead import Ahead
 from sceniris_gym.layout.columns import columns
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layouts import Layouts, LayoutsView, view_of
+from sceniris_gym.layout.layouts import Layouts, LayoutsView, column_of, view_of
 from sceniris_gym.layout.pipeline import LayoutPipeline
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.layout.stored import StoredLayouts, check_table
@@ -135,5 +135,6 @@ def stored_rows(layouts: Layouts | LayoutTable, own: Layouts, device: str) -> La
             f"randomizer with params={list(params)}."
         )
     names = ("param", *columns("draw", "pose")) if params == known else columns("draw", "pose")
-    rows = {name: getattr(layouts, name) for name in names}
+    read: Any = getattr if isinstance(layouts, LayoutTable) else column_of
+    rows = {name: read(layouts, name) for name in names}
     return view_of(len(rows["qpos"]), device, rows)

@@ -23,7 +23,6 @@ from typing import Any
 
 import numpy as np
 import torch
-import warp as wp
 
 from sceniris_gym.adapters.rsl_rl import RslRlVecEnvWrapper
 from sceniris_gym.errors import ArgumentError
@@ -202,7 +201,7 @@ class Run:
             "iterations": self.iterations,
             "judged_at": self.judged_at,
             "log_size": self.log.stat().st_size,
-            "episode": wp.to_torch(layouts.episode).cpu(),
+            "episode": layouts.episode.cpu(),
             "elapsed": state.elapsed.cpu(),
         }
         sampler = self.env.unwrapped.randomizer.levels
@@ -225,7 +224,7 @@ class Run:
                 randomizer.levels.restore({name: np.asarray(values) for name, values in kept.items()})
             else:
                 pipeline = randomizer.pipeline
-                pipeline.reseed(layouts={"seed": pipeline.layouts.seed.numpy(), "episode": progress["episode"] + 1})
+                pipeline.reseed(layouts={"seed": pipeline.layouts.seed, "episode": progress["episode"] + 1})
             self.env.reset()  # starts the next episodes
             self.env.episode_length_buf = progress["elapsed"].to(device)
         # not the same action noise as at the start of the run

@@ -27,7 +27,7 @@ from sceniris_gym.vector.variants import Boxes, TargetGrasps, VariantView
 class Readings(RefusesOldNames):
     """The worlds as a task reads them. `State` adds the methods that write to them."""
 
-    def __init__(self, batch: Batch, layouts: Layouts, split: str = "train", variant: wp.array | None = None) -> None:
+    def __init__(self, batch: Batch, layouts: Layouts, split: str = "train", variants: Tensor | None = None) -> None:
         self.num_envs, self.scene, self.mjm = batch.nworld, batch.scene, batch.scene.mjm
         self.data, self._layouts, self._split = batch.data, layouts, split
         self._batch = batch
@@ -35,9 +35,8 @@ class Readings(RefusesOldNames):
         self.device = torch.device(wp.device_to_torch(batch.device))
         self.elapsed = torch.zeros(self.num_envs, dtype=torch.int32, device=self.device)
         self._elapsed = wp.from_torch(self.elapsed)
-        self.seed, self.episode = wp.to_torch(layouts.seed).view(torch.int64), wp.to_torch(layouts.episode)
-        self.layout_status, self.layout_param = wp.to_torch(layouts.status), wp.to_torch(layouts.param)
-        self.start = wp.to_torch(layouts.start)
+        self.seed, self.episode, self.start = layouts.seed, layouts.episode, layouts.start
+        self.layout_status, self.layout_param = layouts.status, layouts.param
         d = batch.data
         self.ctrl = wp.to_torch(d.ctrl)
         self.control_range = torch.tensor(self.mjm.actuator_ctrlrange, dtype=torch.float32, device=self.device)
@@ -46,8 +45,7 @@ class Readings(RefusesOldNames):
         self._site_xpos = wp.to_torch(d.site_xpos)
         self._xanchor, self._xaxis = wp.to_torch(d.xanchor), wp.to_torch(d.xaxis)
         self._base = base_frame(self.scene, self.device, self._xpos, self._xquat)
-        present = None if variant is None else wp.to_torch(variant)
-        self.variants = VariantView(batch.full_scene, present, self.device)
+        self.variants = VariantView(batch.full_scene, variants, self.device)
         self._kept: dict[tuple[Hashable, ...], Any] = {}
 
     @property
@@ -69,7 +67,7 @@ class Readings(RefusesOldNames):
             slots, always = slot_names(self.variants.scene.config), present.shape[1]
             return self._index([always if name in self.variants.names else slots.index(name) for name in names])
 
-        present = wp.to_torch(self._layouts.present)
+        present = self._layouts.present
         columns = self._once(find, "present", *names)
         if self.variants.names:  # an extra column of ones: some variant of such an object is always present
             present = torch.cat([present, torch.ones_like(present[:, :1])], dim=1)

@@ -154,10 +154,10 @@ def live_tensors(
         following: Columns that choose the next layouts: `NEXT`, or empty if a sampler chooses them.
     """
     arrays = {f"data.{name}": getattr(state.data, name) for name in _OF_DATA}
-    arrays |= {f"model.{name}": array for name, array in state.model_rows.items()}
-    arrays |= {f"layout.{name}": getattr(layouts, name) for name in columns()}
-    arrays |= {f"layout.{name}": getattr(layouts.view, name) for name in following}
-    tensors = {name: wp.to_torch(array) for name, array in arrays.items() if array.size}
+    arrays |= {f"layout.{name}": getattr(layouts.view, name) for name in (*columns(), *following)}
+    # not the tensors of `layouts`: Warp writes to them, and `written` drops those that torch has not written to
+    tensors = {name: wp.to_torch(array)[: state.num_envs] for name, array in arrays.items() if array.size}
+    tensors |= {f"model.{name}": tensor for name, tensor in state.model_rows.items()}
     # torch cannot index uint64
     found = {name: t.view(torch.int64) if t.dtype is torch.uint64 else t for name, t in tensors.items()}
     found["elapsed"] = state.elapsed
@@ -168,7 +168,7 @@ def live_tensors(
 
 def _memory(value: Any, num_envs: int, path: str, seen: set[int]) -> Iterator[tuple[str, Tensor]]:
     """Yield the tensors with `num_envs` rows in an object, and in its containers and helpers."""
-    if id(value) in seen or isinstance(value, State | VariantView | type | ModuleType | FunctionType):
+    if id(value) in seen or isinstance(value, State | VariantView | Layouts | type | ModuleType | FunctionType):
         return
     seen.add(id(value))
     if isinstance(value, Tensor):

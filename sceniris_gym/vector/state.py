@@ -31,7 +31,7 @@ class State(Readings):
         batch: The worlds.
         layouts: The layouts of the worlds.
         split: The split of the layouts.
-        variant: The present variant of each object with variants (`VariantWriter.variant`), or None without variants.
+        variants: The present variant of each object with variants (`ResetRandomizer.variants`), or None without variants.
 
     Attributes:
         num_envs: Number of worlds.
@@ -49,9 +49,9 @@ class State(Readings):
     """
 
     @property
-    def model_rows(self) -> dict[str, wp.array]:
-        """The arrays of the physics model that have a row for each world, by name."""
-        return self._batch.fields.rows
+    def model_rows(self) -> dict[str, Tensor]:
+        """The fields of the physics model that have a row for each world, by name."""
+        return {name: wp.to_torch(array) for name, array in self._batch.fields.rows.items()}
 
     def put_joints(self, name: Joints, qpos: Tensor, mask: Tensor) -> None:
         """Set joint positions in a task's `on_reset`, at rest and held by their position actuators.
@@ -190,9 +190,9 @@ class State(Readings):
         The numbers depend only on the world's seed and episode, the steps since its reset, and `stream`. A second call
         in the same step returns the same numbers, so use a separate stream for each purpose.
         """
-        layouts, values = self._layouts, torch.empty(self.num_envs, as_count(n, "uniform: n", 0), device=self.device)
+        view, values = self._layouts.view, torch.empty(self.num_envs, as_count(n, "uniform: n", 0), device=self.device)
         number = task_stream(self._split, stream)
-        draw_uniform(layouts.seed, layouts.episode, self._elapsed, number, low, high, wp.from_torch(values))
+        draw_uniform(view.seed, view.episode, self._elapsed, number, low, high, wp.from_torch(values))
         return values
 
     def random(self, name: str, shape: int | Sequence[int] = ()) -> Tensor:
@@ -200,7 +200,7 @@ class State(Readings):
 
         The numbers depend only on the world's seed and episode, and the name.
         """
-        layouts, shape = self._layouts, as_shape(shape, "random: shape")
+        view, shape = self._layouts.view, as_shape(shape, "random: shape")
         values = torch.empty(self.num_envs, math.prod(shape), device=self.device)
-        draw_named(layouts.seed, layouts.episode, self._split, name, wp.from_torch(values))
+        draw_named(view.seed, view.episode, self._split, name, wp.from_torch(values))
         return values.reshape(self.num_envs, *shape)

@@ -34,7 +34,7 @@ class TaskWorlds:
 
     def __init__(self, task: Task, batch: Batch, randomizer: ResetRandomizer) -> None:
         self.batch, self.randomizer = batch, randomizer
-        self.state = State(batch, randomizer.layouts, randomizer.split, randomizer.variant)
+        self.state = State(batch, randomizer.layouts, randomizer.split, randomizer.variants)
         self.statistics = EpisodeStatistics(batch.nworld, self.state.device)
         self._task, self._is_checked = task, False
 
@@ -92,7 +92,7 @@ class TaskWorlds:
         check_snapshot(snapshot, self.source, live, self.randomizer.layouts)
         due = put(snapshot, live, mask)
         if self.randomizer.compiled.config.variants:  # which brings the model of the variants as it was made
-            self.randomizer.launch_variants(wp.from_torch(due, dtype=wp.bool))
+            self.randomizer._launch_variants(wp.from_torch(due, dtype=wp.bool))
             put(snapshot, live, mask)
         self.batch.update()
         self.statistics.start(due)
@@ -112,10 +112,9 @@ class TaskWorlds:
             layout["params"] = self.randomizer.layouts.params.named(s.layout_param.clone())
         if s.variants.names:
             layout["variants"] = {name: s.variant(name) for name in s.variants.names}
-        redrawer = self.randomizer.redrawer
-        if redrawer.prepared:
-            layout["redraws"] = wp.to_torch(redrawer.number).clone()
-            layout["redraw_failed"] = wp.to_torch(redrawer.status) == LayoutStatus.KEPT
+        if self.randomizer.redrawer.prepared:
+            layout["redraws"] = self.randomizer.redraw_count.clone()
+            layout["redraw_failed"] = self.randomizer.redraw_status == LayoutStatus.KEPT
         if sampler is not None:
-            layout["level"] = torch.where(layout["fallback"], -2, wp.to_torch(sampler.level))
+            layout["level"] = torch.where(layout["fallback"], -2, sampler.level)
         return {"layout": layout}

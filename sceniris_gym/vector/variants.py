@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 import torch
-import warp as wp
 from torch import Tensor
 
 from sceniris_gym.errors import NotSupportedError
@@ -110,8 +109,8 @@ class TargetGrasps:
         if reaching is None or not found:
             valid = {scene.config.owners.get(target.name, target.name) for target in targets}
             raise unknown(scene, "reachable object", name, where, valid)
-        self._grasp, self._columns = wp.to_torch(layouts.grasp), torch.tensor(found, device=device)
-        self._qpos = {array: wp.to_torch(getattr(layouts, array)) for array in ("grasp_qpos", "pregrasp_qpos")}
+        self._grasp, self._columns = layouts.grasp, torch.tensor(found, device=device)
+        self._qpos = {array: getattr(layouts, array) for array in ("grasp_qpos", "pregrasp_qpos")}
         self._joints = len(reaching.arm_of(targets[found[0]]).arm.joints)
         self._rows = torch.arange(len(layouts.grasp), device=device)
         sets = [targets[i].grasp_set.grasps for i in found]

@@ -16,7 +16,7 @@ from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layout_id import LayoutId
 from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.layout.seeds import as_seeds
-from sceniris_gym.layout.tables import read_rejected, read_table
+from sceniris_gym.layout.tables import read_rejected
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import Cause
 from sceniris_gym.scene.layout_table import LayoutTable
@@ -94,7 +94,7 @@ class LayoutDeck:
         """Make layouts only for the table of rejections, with seeds far from users' seeds."""
         generator = LayoutGenerator(self.compiled, _COUNTED, seed=1 << 62)
         generator.generate()
-        self._count(generator, read_table(generator))
+        self._count(generator, generator.table())
 
     def rejected(self, where: Where) -> list[Candidate]:
         """Return the rejected candidates of the first world's layout, in the order of the trials.
@@ -164,4 +164,4 @@ def _made(generator: LayoutGenerator, where: Where) -> LayoutTable:
     generator.reseed(layouts={"seed": as_seeds(where.seed, generator.nworld), "episode": where.episode})
     generator.generate()
     wp.synchronize_device(generator.compiled.device)
-    return read_table(generator)
+    return generator.table()

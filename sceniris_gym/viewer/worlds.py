@@ -169,7 +169,7 @@ class Window:
             seconds: Time that has passed in the worlds [s].
         """
         data = batch.data
-        arrays = (data.xpos, data.xmat, data.mocap_quat, layouts.present)
+        arrays = (data.xpos, data.xmat, data.mocap_quat, layouts.view.present)
         xpos, xmat, mocap_quat, present = (array.numpy() for array in arrays)
         xpos, xmat = xpos[:, self._simulated], xmat[:, self._simulated]
         mocap_quat = mocap_quat[:, self._mocap]

@@ -54,7 +54,7 @@ def made(compiled: CompiledScene, words: np.ndarray, episode: int, split: str = 
     generator = LayoutGenerator(compiled, len(seeds), seed=seeds, split=split)
     for _ in range(episode + 1):
         generator.generate()
-    return generator.layouts.qpos.numpy().copy()
+    return generator.layouts.qpos.cpu().numpy().copy()
 
 
 def several(call: Callable[..., Any]) -> Callable[..., Any]:

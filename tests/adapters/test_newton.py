@@ -135,7 +135,7 @@ def test_bodies_stand_where_plain_mujoco_warp_has_them(parts: tuple[Any, Any, Co
         for state in states:
             assert_equal_poses(poses(model, solver, state), d)
             assert not state.joint_qd.numpy().any() and not state.body_qd.numpy().any()
-    assert randomizer.layouts.episode.numpy().tolist() == [1] * WORLDS
+    assert randomizer.layouts.episode.cpu().numpy().tolist() == [1] * WORLDS
 
 
 def test_the_solver_starts_from_the_layout_without_contacts(parts: tuple[Any, Any, CompiledScene]):
@@ -186,7 +186,7 @@ def test_other_worlds_keep_their_bits(parts: tuple[Any, Any, CompiledScene]):
     same = {name for name in before if np.array_equal(before[name][[1, 4]], after[name][[1, 4]])}
     assert same <= {"qpos", "qvel", "ctrl", "act"}  # of the solver's data, which the next step fills
     assert not after["qacc_warmstart"][[1, 4]].any()
-    assert randomizer.layouts.episode.numpy().tolist() == [0, 1, 0, 0, 1]
+    assert randomizer.layouts.episode.cpu().numpy().tolist() == [0, 1, 0, 0, 1]
     assert_equal_poses(poses(model, solver, states[0])[[1, 4]], part(plain(compiled, solver.mj_model, [1] * 5, 4)))
 
 
@@ -224,7 +224,7 @@ def played(parts: tuple[Any, Any, CompiledScene], captured: bool) -> np.ndarray:
         before = states[0].body_q.numpy().copy()
         wp.capture_launch(capture.graph) if captured else turn()
         rows.append([before, start.numpy().copy(), states[0].body_q.numpy().copy()])
-    assert randomizer.layouts.episode.numpy().tolist() == [1, 0, 2, 1, 0]
+    assert randomizer.layouts.episode.cpu().numpy().tolist() == [1, 0, 2, 1, 0]
     return np.reshape(rows, (len(MASKS), 3, WORLDS, -1))
 
 
@@ -321,4 +321,4 @@ def test_the_program_of_the_page_runs():
         program = program.replace(before, after)
     names: dict[str, Any] = {}
     exec(compile(program, "newton.md", "exec"), names)
-    assert names["randomizer"].layouts.episode.numpy().tolist() == [2] * 6
+    assert names["randomizer"].layouts.episode.cpu().numpy().tolist() == [2] * 6

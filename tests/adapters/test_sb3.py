@@ -219,7 +219,7 @@ def test_a_param_is_set_in_single_worlds(make):
         *_, dones, _ = envs.step(np.zeros((3, 5)))
     assert dones.all()
     assert envs.reset_infos[2]["layout"]["params"][name] == pytest.approx([0.05, 0.06])
-    low, high = envs.env.randomizer.layouts.param.numpy().T
+    low, high = envs.env.randomizer.layouts.param.cpu().numpy().T
     assert high.tolist() == pytest.approx([0.06, 0.16, 0.06])
     slide = envs.env.randomizer.layouts.joint("slide").numpy()
     assert ((slide >= low) & (slide <= high)).all()

@@ -9,7 +9,6 @@ from scipy.spatial.transform import Rotation
 
 from sceniris_gym.audit.auditor import Auditor
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.tables import read_table
 from tests.audit.judging import MJM, auditor, causes
 from tests.commands.scenes import GAP, MODEL, bodies, layout, small_config, with_row
 from tests.layout.scenes import compile_on_cpu
@@ -117,7 +116,7 @@ def test_heaps_are_sound_and_a_moved_thing_is_found(kind: str):
     compiled = compile_on_cpu(words(folder(), kind=kind), bank=2)
     generator = LayoutGenerator(compiled, 20)
     generator.generate()
-    table = read_table(generator)
+    table = generator.table()
     judge = Auditor(compiled.mjm, compiled.config, compiled.scene.bodies)
     report = judge.judge(table, settled=20)
     assert (report.conflicts, report.misplaced) == ([], [])

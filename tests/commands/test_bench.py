@@ -27,9 +27,9 @@ def test_shares_are_those_of_the_layouts_that_were_timed():
     for _ in range(4 + REPEATS):
         generator.generate()
         layouts = generator.layouts
-        status.append(layouts.status.numpy().copy())
-        first.append(layouts.first_pass_valid.numpy().copy())
-        attempts.append(layouts.attempts.numpy().copy())
+        status.append(layouts.status.cpu().numpy().copy())
+        first.append(layouts.first_pass_valid.cpu().numpy().copy())
+        attempts.append(layouts.attempts.cpu().numpy().copy())
     timed = np.array(status[-REPEATS:])
     assert found["valid"] == (timed == LayoutStatus.VALID).mean() < 1.0
     assert found["fallbacks"] == (timed == LayoutStatus.FALLBACK).sum() > 0

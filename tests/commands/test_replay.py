@@ -13,7 +13,7 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ArgumentError, SceneMismatchError, UnknownNameError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.tables import make_table, read_table
+from sceniris_gym.layout.tables import make_table
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.sim.batch import Batch
@@ -29,7 +29,7 @@ def test_an_id_makes_the_same_layout_again(split: str):
     generator = LayoutGenerator(compiled, 8, seed=2**63, split=split)
     for _ in range(3):
         generator.generate()
-    table = read_table(generator)
+    table = generator.table()
     again = replay(compiled, LayoutId.parse(compiled.layout_id(2**63 + 5, 2, split)))
     for name in ("qpos", "mocap_pos", "mocap_quat", "status", "attempts", "seed", "episode"):
         assert np.array_equal(getattr(again, name)[0], getattr(table, name)[5]), name
@@ -168,7 +168,7 @@ def test_a_replay_has_the_physics_and_looks_of_its_episode():
     assert set(numbers) == {"can.mass", "can.rgba", "extra.mass", "extra.rgba", "gravity", "materials.table/wood.rgba"}
     for draw, found in numbers.items():
         assert found == batch.fields.parameter(draw, "test").numpy()[2].tolist(), draw
-    present = f"extra/{list(variants)[randomizer.variant.numpy()[2, 0]]}"
+    present = f"extra/{list(variants)[randomizer.variants.cpu().numpy()[2, 0]]}"
     for ours, theirs in (("can", "can"), ("extra", present)):
         masses = batch.model.body_mass.numpy()[2, batch.scene.bodies[ours]]
         assert mjm.body_mass[compiled.scene.bodies[theirs]] == masses

@@ -104,7 +104,7 @@ def test_a_table_can_be_served_again(written: Path, table: LayoutTable):
             np.testing.assert_array_equal(getattr(held, name), getattr(table, name)[10:30], name)
     source = StoredLayouts(compile_on_cpu("mid"), held, 4, seed=0)
     source.generate()
-    np.testing.assert_array_equal(source.layouts.qpos.numpy(), table.qpos[10:14])
+    np.testing.assert_array_equal(source.layouts.qpos.cpu().numpy(), table.qpos[10:14])
     with pytest.raises(ArgumentError, match="among 0 to 39"):
         LayoutDataset(written).table(30, 20)
     with pytest.raises(ArgumentError, match="all columns"):

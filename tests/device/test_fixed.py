@@ -16,7 +16,6 @@ from sceniris_gym.layout.ahead import Ahead
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.stored import StoredLayouts
-from sceniris_gym.layout.tables import read_table
 from tests.layout.scenes import FLOOR, box_mjcf, compile_on_cpu, make
 
 SCENE = {"floor": {"size": [1.0, 1.0]}, "objects": {"apple": {"asset": "apple", "on": "floor"}}, "bank": 1}
@@ -93,7 +92,7 @@ def test_layouts_and_all_their_sources_say_what_to_send(tmp_path: Path, send: ob
     compiled = compile_on_cpu({"floor": FLOOR, "objects": {"crate": {"asset": crate, "on": "floor"}}}, bank=1)
     generator = LayoutGenerator(compiled, 1)
     generator.generate()
-    stored = StoredLayouts(compiled, read_table(generator), 1)
+    stored = StoredLayouts(compiled, generator.table(), 1)
     for kept, advice in (
         (generator.layouts, r"Layouts holds memory .* Send its arrays as copies on the host"),
         (stored, r"StoredLayouts holds memory .* Send its CompiledScene"),

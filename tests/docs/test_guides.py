@@ -28,7 +28,7 @@ WITH_PROGRAMS = (
     "starts",
 )
 PAGES = (
-    *(*WITH_PROGRAMS, "tutorial", "how_to", "how_it_works", "commands", "viewer", "data_sets", "import"),
+    *(*WITH_PROGRAMS, "tutorial", "how_to", "glossary", "how_it_works", "commands", "viewer", "data_sets", "import"),
     *("libraries", "mjlab", "jax", "newton", "training", "reach", "libero", "several_gpus"),
 )
 BLOCK = re.compile(r'^```(python|yaml)(?: title="([^"]+)")?\n(.*?)^```$', re.MULTILINE | re.DOTALL)
@@ -58,10 +58,10 @@ def test_the_programs_of_a_guide_run(page: str, tmp_path: Path, monkeypatch: pyt
     sys.modules.pop("my_tasks", None)
     if page == "index":
         assert found[0]["info"]["layout"]["episode"][6:10].tolist() == [1, 1, 0, 0]
-        assert set(found[1]["randomizer"].layouts.episode.numpy()) == {1}
+        assert set(found[1]["randomizer"].layouts.episode.cpu().numpy()) == {1}
     if page == "own_model":
-        assert set(found[0]["randomizer"].layouts.episode.numpy()) == {1}
-        assert np.flatnonzero(found[1]["randomizer"].layouts.episode.numpy() == 0).tolist() == [3, 5]
+        assert set(found[0]["randomizer"].layouts.episode.cpu().numpy()) == {1}
+        assert np.flatnonzero(found[1]["randomizer"].layouts.episode.cpu().numpy() == 0).tolist() == [3, 5]
         assert found[1]["poses"].shape == (64, 7)
 
 
@@ -76,7 +76,7 @@ def test_the_programs_of_the_readme_run(tmp_path: Path, monkeypatch: pytest.Monk
     assert environment == BLOCK.findall(read("index"))[0][2]
     names: dict = {}
     exec(compile(loop, "README.md", "exec"), names)
-    assert set(names["randomizer"].layouts.episode.numpy()) == {1}
+    assert set(names["randomizer"].layouts.episode.cpu().numpy()) == {1}
 
 
 def test_the_program_of_the_page_on_data_sets_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -91,7 +91,7 @@ def test_the_program_of_the_page_on_data_sets_runs(tmp_path: Path, monkeypatch: 
     exec(compile(program, "data_sets.md", "exec"), names)
     assert names["batch"]["qpos"].shape[0] == 16
     names["source"].generate()
-    assert names["source"].layouts.seed.numpy().max() < 16
+    assert names["source"].layouts.seed.cpu().numpy().max() < 16
 
 
 @pytest.mark.filterwarnings("ignore::sceniris_gym.errors.ModelWarning")

@@ -87,11 +87,11 @@ def _nonsense(scene: dict[str, Any]) -> str | None:
     generator = LayoutGenerator(compiled, 4)
     generator.generate()
     mjm, layouts = compiled.mjm, generator.layouts
-    if (layouts.status.numpy() == 0).any():
+    if (layouts.status.cpu().numpy() == 0).any():
         return "a world without a layout"
     data = mujoco.MjData(mjm)
     for qpos, pos, quat in zip(
-        *(a.numpy() for a in (layouts.qpos, layouts.mocap_pos, layouts.mocap_quat)), strict=True
+        *(a.cpu().numpy() for a in (layouts.qpos, layouts.mocap_pos, layouts.mocap_quat)), strict=True
     ):
         data.qpos[:] = qpos
         if mjm.nmocap:

@@ -21,7 +21,6 @@ from sceniris_gym.config.fields import short
 from sceniris_gym.importers.libero.reader import read_bddl
 from sceniris_gym.layout.layout_id import LayoutId
 from sceniris_gym.layout.stored import StoredLayouts
-from sceniris_gym.layout.tables import read_table
 from sceniris_gym.levels import ADR, LevelReplay
 from sceniris_gym.scene.layout_table import COLUMNS
 from sceniris_gym.training.records import CONFIG, MODEL, read_config
@@ -82,7 +81,7 @@ def wrong_use(draws: np.random.Generator, folder: Path) -> str | None:
     layouts = envs.randomizer.layouts
     if not observation["policy"].isfinite().all() or info["broken"].any():
         return "an observation that is not finite"
-    if (layouts.status.numpy() == 0).any() or not np.isfinite(layouts.qpos.numpy()).all():
+    if (layouts.status.cpu().numpy() == 0).any() or not np.isfinite(layouts.qpos.cpu().numpy()).all():
         return "a world without a layout"
     ids = envs.layout_ids()
     again = envs.reset(options={"layouts": ids})[1]
@@ -173,7 +172,7 @@ def _id(envs: SceneVectorEnv, draws: np.random.Generator, folder: Path) -> None:
 
 def _table(envs: SceneVectorEnv, draws: np.random.Generator, folder: Path) -> None:
     generator().generate()
-    table = read_table(generator())
+    table = generator().table()
     name = list(COLUMNS)[int(draws.integers(len(COLUMNS)))]
     table = replace(table, **{name: spoiled_array(getattr(table, name), draws)})
     if draws.random() < 0.5:

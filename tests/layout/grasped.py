@@ -145,7 +145,7 @@ def _grasped(
     compiled: CompiledScene, layouts: Layouts, which: str
 ) -> Iterator[tuple[mujoco.MjData, ReachTarget, Grasp]]:
     names = ("qpos", "mocap_pos", "mocap_quat", "status", "grasp", which)
-    rows = {name: getattr(layouts, name).numpy() for name in names}
+    rows = {name: getattr(layouts, name).cpu().numpy() for name in names}
     data, reaching = mujoco.MjData(compiled.mjm), compiled.reaching
     assert reaching is not None
     for i in np.flatnonzero(rows["status"] != LayoutStatus.NONE):

@@ -32,7 +32,7 @@ def layout_hashes(scene: str) -> dict[str, str]:
         generator.generate()
         digest = hashlib.sha256()
         for name in ARRAYS:
-            digest.update(getattr(generator.layouts, name).numpy().tobytes())
+            digest.update(getattr(generator.layouts, name).cpu().numpy().tobytes())
         found[split] = digest.hexdigest()[:16]
     return found
 

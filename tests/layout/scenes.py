@@ -76,7 +76,7 @@ def full_tray(folder: Path, **words: Any) -> CompiledScene:
 def read(layouts: Layouts) -> Rows:
     """Copy the rows of a batch."""
     arrays = (layouts.qpos, layouts.mocap_pos, layouts.mocap_quat, layouts.status, layouts.attempts)
-    return Rows(*(a.numpy().copy() for a in arrays))
+    return Rows(*(a.cpu().numpy().copy() for a in arrays))
 
 
 def make(compiled: CompiledScene, nworld: int, **options: Any) -> Rows:
@@ -107,8 +107,8 @@ def collisions(scene: Mapping, name: str, nworld: int = 200) -> tuple[int, int]:
     compiled = compile_on_cpu({"attempts": 1, "restarts": 0, **scene}, bank=1)
     generator = LayoutGenerator(compiled, nworld)
     generator.generate()
-    count = generator.layouts.rejections.numpy()[compiled.placed.index(name), Cause.COLLISION]
-    return int(count), int((generator.layouts.status.numpy() == LayoutStatus.VALID).sum())
+    count = generator.layouts.rejections.cpu().numpy()[compiled.placed.index(name), Cause.COLLISION]
+    return int(count), int((generator.layouts.status.cpu().numpy() == LayoutStatus.VALID).sum())
 
 
 def write_mjcf(folder: Path, name: str, body: str, rest: str = "") -> str:

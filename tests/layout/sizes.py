@@ -51,5 +51,5 @@ def made(
     for every in (1, 3, 1):
         mask.assign(np.arange(nworld) % every == 0)
         run.replay()
-        found.append(b"".join(getattr(generator.layouts, name).numpy().tobytes() for name in _MADE))
+        found.append(b"".join(getattr(generator.layouts, name).cpu().numpy().tobytes() for name in _MADE))
     return found

@@ -98,10 +98,10 @@ def stepped(compiled: CompiledScene, data: mjw.Data, layouts: Layouts, every: in
     Contacts with anything else are looked for in every so manieth step.
     """
     mjm, scene, found = compiled.mjm, compiled.scene, []  # the model that has all variants
-    state = {name: getattr(layouts, name).numpy() for name in ("qpos", "mocap_pos", "mocap_quat", "present")}
+    state = {name: getattr(layouts, name).cpu().numpy() for name in ("qpos", "mocap_pos", "mocap_quat", "present")}
     state |= {name: getattr(data, name).numpy() for name in ("ctrl", "act")}
     own = mujoco.MjData(mjm)
-    for worldid, number in enumerate(layouts.start.numpy().tolist()):
+    for worldid, number in enumerate(layouts.start.cpu().numpy().tolist()):
         kind = compiled.config.start[number]
         if kind.robot != "grasp":
             continue

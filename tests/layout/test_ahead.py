@@ -44,7 +44,7 @@ def _crane(folder: Path, device: str) -> CompiledScene:
 
 def _bits(source: LayoutGenerator | LayoutPipeline) -> dict[str, bytes]:
     """The bits of all that is made. NaN is one value here: joints that are not solved have either sign of it."""
-    made = {name: getattr(source.layouts, name).numpy() for name in (*MADE, *COUNTED)}
+    made = {name: getattr(source.layouts, name).cpu().numpy() for name in (*MADE, *COUNTED)}
     return {name: np.where(values == values, values, np.nan).tobytes() for name, values in made.items()}
 
 
@@ -116,11 +116,11 @@ def test_a_reset_without_graphs_is_made_up_for_on_a_gpu(monkeypatch: pytest.Monk
     plain = LayoutGenerator(compiled, NWORLD, seed=5)
     source = prefetched(LayoutGenerator(compiled, NWORLD, seed=5), graph=False)
     for after in range(3, 120, 9):
-        before, left[0] = source.layouts.episode.numpy(), after
+        before, left[0] = source.layouts.episode.cpu().numpy(), after
         with suppress(KeyboardInterrupt):
             _reset(source, lambda: source.launch_generate(None))
         left[0] = 0
-        for _ in range(1 + int(source.layouts.episode.numpy()[0] != before[0])):
+        for _ in range(1 + int(source.layouts.episode.cpu().numpy()[0] != before[0])):
             plain.launch_generate(None)
         _reset(source, lambda: source.launch_generate(None))
         assert _bits(plain) == _bits(source), f"after {after} launches"
@@ -191,7 +191,7 @@ def test_an_interrupted_reset_is_made_up_for(last: str, monkeypatch: pytest.Monk
 def _not_ahead(source: Any, *worlds: int) -> list[int]:
     """Reset these worlds, and return those whose next layouts are not made yet."""
     source.generate(np.isin(np.arange(NWORLD), worlds))
-    made = source.ahead._ahead.layouts.episode.numpy() - source.layouts.episode.numpy()
+    made = source.ahead._ahead.layouts.episode.cpu().numpy() - source.layouts.episode.cpu().numpy()
     return np.flatnonzero(made != 1).tolist()
 
 
@@ -254,7 +254,7 @@ def test_rejections_are_those_of_the_layouts_that_are_served():
         source.generate()
         twin.generate()
         assert source.rejection_counts() == twin.rejection_counts()
-        assert (source.layouts.rejections.numpy() == twin.layouts.rejections.numpy()).all()
+        assert (source.layouts.rejections.cpu().numpy() == twin.layouts.rejections.cpu().numpy()).all()
 
 
 def test_a_generator_that_nobody_can_stand_in_for_is_refused():

@@ -61,6 +61,16 @@ def test_layouts_are_ids_or_what_info_has(empty: CompiledScene):
     assert _next(generator) == [(2**64 - 1, 1), (2**64 - 1, 6), (2**64 - 1, 6), (3, 1)]
 
 
+def test_seeds_in_a_tensor_are_in_twos_complement(empty: CompiledScene):
+    """As in `info` and in layouts; a negative seed of NumPy is a mistake."""
+    generator = LayoutGenerator(empty, 4)
+    generator.reseed(seed=torch.tensor([-1, -(2**63), 0, 5]))
+    assert _next(generator) == [(2**64 - 1, 0), (2**63, 0), (0, 0), (5, 0)]
+    for wrong in (np.array([-1, 1, 0, 5]), torch.tensor([1.0, 2.0, 3.0, 4.0])):
+        with pytest.raises(ArgumentError, match=r"seeds\[0\]="):
+            generator.reseed(seed=wrong)
+
+
 @pytest.mark.parametrize(
     ("words", "error", "match"),
     [

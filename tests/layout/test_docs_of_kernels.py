@@ -5,10 +5,11 @@ import re
 
 import pytest
 
+from sceniris_gym.device.tensors import TensorView
 from sceniris_gym.geometry.colliders import Collider
 from sceniris_gym.geometry.pieces import Piece
 from sceniris_gym.geometry.supports import SupportSurface
-from sceniris_gym.layout.layouts import Layouts, LayoutsView, _RowsOfWorlds
+from sceniris_gym.layout.layouts import Layouts, LayoutsView
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.plan import PlacedObject, Plan
 from sceniris_gym.scene.model import SceneModel
@@ -29,10 +30,10 @@ def test_a_docstring_lists_the_fields_in_their_order(cls: type):
 
 def test_layouts_are_documented_in_the_order_of_the_view():
     """Every public array is a descriptor, is documented with its shape, and comes in the order of the device struct."""
-    public = [name for name, value in vars(Layouts).items() if isinstance(value, property | _RowsOfWorlds)]
+    public = [name for name, value in vars(Layouts).items() if isinstance(value, property | TensorView)]
     public = [name for name in public if name not in ("nworld", "reaching")]
     assert [name for name in LayoutsView.vars if name in public] == public
-    assert _documented(Layouts) == ["compiled", "view", "mocap_pose", "params", *public]
+    assert _documented(Layouts) == ["compiled", "view", "params", *public]
     for name in public:
         line = re.search(rf"^ {{8}}{name}: (.*(?:\n {{12}}.*)*)", Layouts.__doc__ or "", re.MULTILINE)
         assert line is not None

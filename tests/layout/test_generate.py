@@ -142,7 +142,7 @@ def test_high_bits_of_a_seed_count(mid: CompiledScene):
     seeds = [7, 7 + (1 << 32), 7 + (1 << 63), (1 << 64) - 1]
     generator = LayoutGenerator(mid, 4, seed=seeds)
     generator.generate()
-    assert generator.layouts.seed.numpy().tolist() == seeds
+    assert generator.layouts.view.seed.numpy().tolist() == seeds
     assert len({bytes(row.tobytes()) for row in generator.layouts.qpos.numpy()}) == 4
 
 

@@ -5,9 +5,11 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 import pytest
+import torch
 import warp as wp
 
 from sceniris_gym.errors import UnknownNameError
+from sceniris_gym.layout.columns import columns
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import Layouts, LayoutStatus, LayoutsView, layout_width, view_of
 from sceniris_gym.layout.seeds import launch_open
@@ -50,8 +52,8 @@ def test_poses_and_joints_are_views_by_name():
                 np.testing.assert_allclose(pose[i].numpy(), expected, atol=1e-6)
             assert slide[i] == pytest.approx(data.joint("cab/slide").qpos[0], abs=1e-6)
     assert (cube.shape, cabinet.shape, ground.shape, slide.shape) == ((40, 7), (40, 7), (40, 7), (40,))
-    assert cube.data_ptr() == layouts.qpos.ptr + 4 * 2
-    assert cabinet.data_ptr() == layouts.mocap_pos.ptr
+    assert cube.data_ptr() == layouts.view.qpos.ptr + 4 * 2
+    assert cabinet.data_ptr() == layouts.view.mocap_pos.ptr
 
 
 def test_rows_of_restarts_are_hidden():
@@ -61,8 +63,42 @@ def test_rows_of_restarts_are_hidden():
     for name in ("qpos", "mocap_pos", "mocap_quat", "present"):
         assert getattr(layouts.view, name).shape[0] == 8
         assert getattr(layouts, name).shape[0] == layouts.nworld == 3
-        assert getattr(layouts, name).ptr == getattr(layouts.view, name).ptr
+        assert getattr(layouts, name).data_ptr() == getattr(layouts.view, name).ptr
     assert layouts.grasp.shape == (3, 0)
+
+
+def test_columns_are_torch_tensors_in_the_memory_of_the_view():
+    """All that are documented: made once, never copied, and written to from both sides."""
+    layouts = Layouts.create(compiled_from(spec_of(), cubes_on("ground", 2, region=NEAR)), 3, rows=5)
+    for name in (*columns(), "rejections"):
+        tensor, array = getattr(layouts, name), getattr(layouts.view, name)
+        assert isinstance(tensor, torch.Tensor), name
+        assert tensor is getattr(layouts, name)
+        assert f"        {name}: " in str(Layouts.__doc__)
+        if array.size:
+            tensor[-1] = 2
+            assert (array.numpy()[len(tensor) - 1] == 2).all(), name
+            array.fill_(1)
+            assert (tensor == 1).all(), name
+        with pytest.raises(AttributeError):
+            setattr(layouts, name, tensor)
+    types = [getattr(layouts, name).dtype for name in ("seed", "draw_seed", "episode", "qpos", "rejections")]
+    assert types == [torch.int64, torch.int64, torch.int32, torch.float32, torch.int64]
+    assert (layouts.mocap_pos.shape, layouts.mocap_quat.shape) == ((3, 1, 3), (3, 1, 4))
+
+
+def test_the_largest_seed_is_read_in_twos_complement():
+    """It has the id of 2^64 - 1, and is a seed of worlds and of layouts again."""
+    generator = LayoutGenerator(compiled_from(spec_of(), cubes_on("ground", 1, region=NEAR)), 2, seed=2**64 - 1)
+    layouts = generator.layouts
+    for _ in range(2):
+        generator.generate()
+        assert layouts.seed.tolist() == [-1, 0]
+        assert layouts.ids("train")[0] == layouts.compiled.layout_id(2**64 - 1, 0) == layouts.compiled.layout_id(-1, 0)
+        generator.reseed(seed=layouts.seed)
+    generator.reseed(layouts={"seed": layouts.seed, "episode": layouts.episode})
+    generator.generate()
+    assert (layouts.view.seed.numpy().tolist(), layouts.episode.tolist()) == ([2**64 - 1, 0], [0, 0])
 
 
 def test_a_new_batch_holds_no_layout():

@@ -54,7 +54,7 @@ def _layouts(compiled: CompiledScene, split: str) -> list[bytes]:
     found = []
     for _ in range(2):
         generator.generate()
-        found += [getattr(generator.layouts, name).numpy().tobytes() for name in LAYOUT]
+        found += [getattr(generator.layouts, name).cpu().numpy().tobytes() for name in LAYOUT]
     return found
 
 

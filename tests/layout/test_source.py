@@ -39,7 +39,7 @@ class Lifted(LayoutSource):
 
     def launch_make(self, mask: wp.array | None) -> None:
         """Lift."""
-        wp.launch(_lift, dim=NWORLD, inputs=[mask, self.layouts.view], device=self.layouts.qpos.device)
+        wp.launch(_lift, dim=NWORLD, inputs=[mask, self.layouts.view], device=self.layouts.view.qpos.device)
 
 
 class Counted(Lifted):
@@ -119,14 +119,14 @@ def test_layouts_are_the_same_arrays_for_ever(mid: CompiledScene, make: Maker):
     """So that what reads them can be captured, and the launches with it."""
     source = make(mid)
     names = ("seed", "episode", "qpos", "mocap_pos", "mocap_quat", "status", "present", "grasp", "grasp_qpos")
-    before = [getattr(source.layouts, name).ptr for name in names]
+    before = [getattr(source.layouts, name).data_ptr() for name in names]
     with wp.ScopedCapture(device="cpu") as capture:
         source.launch_generate(None)
     source.launch_reseed(wp.array([5, 6, 7, 8], dtype=wp.uint64, device="cpu"), None)
     for episode in range(3):
         wp.capture_launch(capture.graph)
         assert source.layouts.episode.numpy().tolist() == [episode] * NWORLD
-    assert [getattr(source.layouts, name).ptr for name in names] == before
+    assert [getattr(source.layouts, name).data_ptr() for name in names] == before
 
 
 @SOURCES
@@ -176,7 +176,7 @@ def test_what_is_no_source_is_refused(mid: CompiledScene):
         match="should be a LayoutSource, LayoutTable, LayoutDataset or",
     ):
         ResetRandomizer(mid, batch.model, batch.data, layout_source=object())  # type: ignore[arg-type]
-    with pytest.raises(ArgumentTypeError, match=r"LayoutSource: should have a method `launch_make\(mask\)`"):
+    with pytest.raises(ArgumentTypeError, match=r"LayoutSource: should implement the method `launch_make\(mask\)`"):
         LayoutSource().launch_make(None)
 
 

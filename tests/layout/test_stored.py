@@ -17,7 +17,7 @@ from sceniris_gym.layout.layouts import LayoutKeys, Layouts, LayoutStatus
 from sceniris_gym.layout.pipeline import LayoutPipeline
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.layout.stored import StoredLayouts
-from sceniris_gym.layout.tables import make_table, read_table
+from sceniris_gym.layout.tables import make_table
 from sceniris_gym.levels import LevelReplay
 from sceniris_gym.levels.sampler import LevelSampler
 from sceniris_gym.program.compiled import CompiledScene
@@ -102,7 +102,7 @@ def test_the_row_is_seed_and_episode_modulo_the_number_of_rows(
         assert episode > 0 or rows == first
         assert_rows(stored.layouts, table, rows)
         assert stored.layouts.episode.numpy().tolist() == [episode] * 4
-    assert stored.layouts.seed.numpy().tolist() == given
+    assert stored.layouts.view.seed.numpy().tolist() == given
     assert (stored.layouts.status.numpy() == LayoutStatus.VALID).all()
 
 
@@ -196,14 +196,14 @@ def test_a_table_of_a_generator_gives_the_generators_layouts(crane: CompiledScen
     """Everything that a reset writes and a task sees, grasps and their joints among it."""
     generator = LayoutGenerator(crane, 5, seed=3)
     generator.generate()
-    stored = StoredLayouts(crane, read_table(generator), 5)
+    stored = StoredLayouts(crane, generator.table(), 5)
     stored.generate()
     for name in SERVED:
         np.testing.assert_array_equal(
             getattr(stored.layouts, name).numpy(), getattr(generator.layouts, name).numpy(), err_msg=name
         )
     seen = []
-    for source in (LayoutGenerator(crane, 5, seed=3), StoredLayouts(crane, read_table(generator), 5)):
+    for source in (LayoutGenerator(crane, 5, seed=3), StoredLayouts(crane, generator.table(), 5)):
         batch = Batch(crane.scene, 5, "cpu")
         randomizer = ResetRandomizer(crane, batch.model, batch.data, layout_source=source)
         randomizer.reset()
@@ -318,9 +318,9 @@ def test_rows_that_are_no_layouts_are_refused(crane: CompiledScene):
     """Rows that were never made, joints far beyond their limits, things far away, and keys that are no integers."""
     generator = LayoutGenerator(crane, 3)
     with pytest.raises(SceneMismatchError, match=r"row 0 has no layout yet\. Generate before you read the table"):
-        StoredLayouts(crane, read_table(generator), 2)
+        StoredLayouts(crane, generator.table(), 2)
     generator.generate()
-    made = read_table(generator)
+    made = generator.table()
     far = {"mocap_pos": np.full_like(made.mocap_pos, 1e30), "qpos": made.qpos + 50.0 * (np.arange(crane.mjm.nq) == 0)}
     wrong = [({name: values}, "row 0 has a non-finite or out-of-bounds value") for name, values in far.items()]
     for name in ("seed", "episode", "draw_seed", "draw_episode", "draw_stream", "present"):

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import mujoco
 import numpy as np
 import pytest
 import warp as wp
-from scipy.spatial.transform import Rotation
 
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.layout.seeds import as_seeds
-from sceniris_gym.layout.tables import RequestedLayouts, grasp_poses, make_table, make_tables, read_table
+from sceniris_gym.layout.tables import RequestedLayouts, make_table, make_tables
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import COLUMNS, LayoutTable
 from tests.layout.scenes import FLOOR, box_mjcf, compile_on_cpu, full_tray
@@ -30,19 +28,19 @@ def test_a_table_is_a_copy_of_the_batch(crane: CompiledScene):
     """Column by column, of all worlds or of the first ones, and later resets do not change it."""
     generator = LayoutGenerator(crane, 6, seed=2)
     generator.generate()
-    table, layouts = read_table(generator), generator.layouts
+    table, layouts = generator.table(), generator.layouts
     for name in ("qpos", "attempts", "status", "seed", "episode", "grasp"):
         np.testing.assert_array_equal(getattr(table, name), getattr(layouts, name).numpy(), err_msg=name)
     np.testing.assert_array_equal(table.valid, layouts.status.numpy() == LayoutStatus.VALID)
     assert table.present.dtype == table.valid.dtype == table.first_pass_valid.dtype == bool
     assert table.mocap_pos.shape == (6, crane.mjm.nmocap, 3)
     assert table.grasp_qpos.shape == (6, 1, 4)  # the crane's own joints, not the room that there is for others
-    assert_same(read_table(generator, 4), table[slice(0, 4)])
+    assert_same(generator.table(4), table[slice(0, 4)])
     before = [getattr(table, name).copy() for name in COLUMNS]
     generator.generate()
     for name, values in zip(COLUMNS, before, strict=True):
         np.testing.assert_array_equal(getattr(table, name), values, err_msg=name)
-    assert not np.array_equal(read_table(generator).qpos, table.qpos)
+    assert not np.array_equal(generator.table().qpos, table.qpos)
 
 
 def test_rows_do_not_depend_on_how_many_are_made_at_once(crane: CompiledScene):
@@ -64,28 +62,6 @@ def test_seeds_go_round_and_splits_differ(crane: CompiledScene):
     assert not np.array_equal(make_table(crane, 2, 0, split="eval").qpos, around.qpos[1:])
     with pytest.raises(ArgumentError, match="seed=-1"):
         make_table(crane, 2, -1)
-
-
-def test_a_tcp_is_where_the_grasp_is_on_the_object(crane: CompiledScene):
-    """The object's pose times the grasp's, by SciPy; nan where there is none."""
-    assert crane.reaching is not None
-    (target,) = crane.reaching.targets
-    table = make_table(crane, 8, 0)
-    chosen = table.grasp.copy()
-    chosen[3] = -1
-    found = grasp_poses(crane, table, chosen)
-    assert np.isnan(found[3]).all()
-    adr = crane.mjm.jnt_qposadr[crane.mjm.joint("thing/free").id]
-    for row in (0, 1, 2, 4, 5, 6, 7):
-        grasp = target.grasp_set.grasps[chosen[row, 0]]
-        assert grasp.body == mujoco.mj_name2id(crane.mjm, mujoco.mjtObj.mjOBJ_BODY, "thing")
-        turn = Rotation.from_quat(np.roll(table.qpos[row, adr + 3 : adr + 7], -1))
-        tcp = turn * Rotation.from_quat(np.roll(grasp.quat, -1))
-        np.testing.assert_allclose(found[row, 0, :3], table.qpos[row, adr : adr + 3] + turn.apply(grasp.pos), atol=1e-6)
-        np.testing.assert_allclose(
-            Rotation.from_quat(np.roll(found[row, 0, 3:], -1)).as_matrix(), tcp.as_matrix(), atol=1e-6
-        )
-    np.testing.assert_array_equal(make_table(crane, 8, 0).grasp_pose[[0, 7]], found[[0, 7]])
 
 
 SEEDS = [3, 2**40 + 9, 3, 2**64 - 1, 9]

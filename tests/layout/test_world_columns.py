@@ -18,7 +18,6 @@ from sceniris_gym.layout.layout_id import LayoutId
 from sceniris_gym.layout.layouts import Layouts, LayoutStatus
 from sceniris_gym.layout.redraw import RedrawCounts
 from sceniris_gym.layout.stored import StoredLayouts
-from sceniris_gym.layout.tables import read_table
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.randomizer import ResetRandomizer
 from sceniris_gym.sim.worlds import make_worlds
@@ -99,7 +98,7 @@ def test_a_fallback_has_the_physics_of_its_own_in_every_door(tmp_path: Path):
     for told, mass in zip(randomizer.pipeline.ids("train"), masses, strict=True):
         np.testing.assert_array_equal(drawn(compiled, replay(compiled, LayoutId.parse(told)))[0].body_mass, mass)
     assert isinstance(randomizer.pipeline.maker, LayoutGenerator)
-    table = read_table(randomizer.pipeline.maker)
+    table = randomizer.pipeline.maker.table()
     stored = reset(compiled, 8, layout_source=StoredLayouts(compiled, table, 8))
     np.testing.assert_array_equal(stored.model.body_mass.numpy(), masses)
     assert stored.pipeline.ids("train") == randomizer.pipeline.ids("train")
@@ -131,7 +130,7 @@ def test_a_redraw_tips_nothing_that_carries_it(tmp_path: Path):
     randomizer.redraw("load")
     placed = randomizer.redraw_status.numpy() == LayoutStatus.VALID
     assert placed.sum() > NWORLD // 2
-    wp.copy(randomizer.layouts.qpos, randomizer.data.qpos)
+    randomizer.data.qpos.assign(randomizer.layouts.qpos.numpy())
     assert not moving(randomizer.compiled, randomizer.layouts, fields)[placed].any()
 
 
@@ -171,7 +170,7 @@ def test_masses_of_variants_are_those_that_resets_write(tmp_path: Path):
     generator, slot = randomizer.pipeline.maker, compiled.scene.sim.bodies["load"]
     assert isinstance(generator, LayoutGenerator)
     assert generator._work.statics is not None
-    variant, rows = randomizer.variant.numpy()[:, 0], np.arange(NWORLD)
+    variant, rows = randomizer.variants.numpy()[:, 0], np.arange(NWORLD)
     members = np.array([compiled.scene.bodies[f"load/{name}"] for name in HEIGHTS])[variant]
     weights = generator._work.statics.body_weight.numpy()[rows, members]
     np.testing.assert_allclose(weights, randomizer.model.body_mass.numpy()[:, slot], rtol=1e-6)

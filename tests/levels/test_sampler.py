@@ -43,6 +43,18 @@ def test_a_level_is_the_layout_of_its_id(make_env, prefetch):  # noqa: F811
     assert envs.randomizer.levels.size > 3
 
 
+def test_the_levels_of_worlds_are_read_in_place(make_env):  # noqa: F811
+    """As torch tensors, made once, which show the levels that worlds have by then."""
+    envs = make_env(3, max_episode_steps=3, curriculum=LEVELS)
+    sampler = envs.randomizer.levels
+    level, boundary = sampler.level, sampler.boundary
+    assert (level.data_ptr(), boundary.data_ptr()) == (sampler.rows["level"].ptr, sampler.rows["boundary"].ptr)
+    envs.reset(seed=5)
+    seen = {int(value) for _ in range(24) for value in (envs.step(actions(3)), level)[1]}
+    assert level is sampler.level
+    assert max(seen) >= 0
+
+
 def test_levels_depend_on_seeds_and_outcomes_alone(make_env):  # noqa: F811
     """The same ones in a second run, and after a seed they begin anew."""
     runs = []

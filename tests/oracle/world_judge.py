@@ -94,8 +94,8 @@ class WorldJudge:
         self.randomizer.reset()
         self.worlds = WorldModels(self.mjm, batch.model, batch.data)
         layouts = self.randomizer.layouts
-        self._seeds, self._status = seeds.tolist(), layouts.status.numpy().tolist()
-        self._start, self._present = layouts.start.numpy().tolist(), layouts.present.numpy().astype(bool)
+        self._seeds, self._status = seeds.tolist(), layouts.status.cpu().numpy().tolist()
+        self._start, self._present = layouts.start.cpu().numpy().tolist(), layouts.present.cpu().numpy().astype(bool)
         self._standing = [
             (compiled.slots.index(name), self.scene.bodies[compiled.config.owners.get(name, name)], name)
             for name, words in compiled.config.objects.items()

@@ -18,6 +18,7 @@ import warp as wp
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.layouts import column_of
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.draws import drawn_fields
 from sceniris_gym.sim.randomizer import ResetRandomizer
@@ -68,7 +69,7 @@ def _drawn(randomizer: ResetRandomizer) -> dict[str, np.ndarray]:
     fields, draws = randomizer.fields.rows, randomizer.compiled.scene.sim.draws
     found = {name: array for name, array in fields.items() if name in {*drawn_fields(draws), "rest"}}
     found |= {f"drawn.{draw.name}": randomizer.fields.parameter(draw.name, "draw_hashes") for draw in draws}
-    found |= {name: getattr(randomizer.layouts, name) for name in LAYOUTS}
+    found |= {name: column_of(randomizer.layouts, name) for name in LAYOUTS}
     return _copies(found | {f"data.{name}": getattr(randomizer.data, name) for name in ("qpos", "mocap_pos", "ctrl")})
 
 
@@ -106,7 +107,7 @@ def masses(device: str, folder: Path) -> dict[str, np.ndarray]:
     names = ("body_mass", "body_inertia", "geom_friction")
     found |= _copies({name: getattr(randomizer.model, name) for name in names}, " scaled")
     randomizer.redraw("load")
-    return found | _copies({"qpos": randomizer.data.qpos, "status": randomizer.redraw_status}, " replaced")
+    return found | _copies({"qpos": randomizer.data.qpos, "status": randomizer.redrawer.status}, " replaced")
 
 
 def parameters(device: str, folder: Path) -> dict[str, np.ndarray]:
@@ -116,7 +117,7 @@ def parameters(device: str, folder: Path) -> dict[str, np.ndarray]:
     generator.generate()
     _narrow(generator.set_params, generator.layouts.params.params)
     generator.generate(np.arange(NWORLD) % 2 == 0)
-    return _copies({name: getattr(generator.layouts, name) for name in LAYOUTS})
+    return _copies({name: column_of(generator.layouts, name) for name in LAYOUTS})
 
 
 CASES: dict[str, Callable[..., dict[str, np.ndarray]]] = {

@@ -8,7 +8,6 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import FixedError, MemoryLimitError, NotSupportedError, UnknownNameError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.tables import read_table
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.scene.layout_table import LayoutTable
@@ -89,7 +88,7 @@ def test_objects_stand_as_still_on_friction_pyramids():
         compiled = compile_scene(name, "cpu")
         generator = LayoutGenerator(compiled, 4, seed=1)
         generator.generate()
-        table = read_table(generator)
+        table = generator.table()
         far = [_moved(with_options(compiled.mjm, change), compiled, table) for change in ({}, FRICTION_PYRAMIDS)]
         assert far[1] < far[0] + 1e-3
         assert far[0] < 2e-3

@@ -85,7 +85,7 @@ def test_bits_are_those_of_one_world_alone(device: str, variants: bool):
             for name, array in earlier.items():
                 np.testing.assert_array_equal(array, later[name], err_msg=f"{name} {prefetch} {graph}")
     assert {*FOLLOW, "body_mass", "geom_friction", "rest"} < set(after)
-    seed, episode = (getattr(randomizer.layouts, name).numpy() for name in ("seed", "episode"))
+    seed, episode = (getattr(randomizer.layouts, name).cpu().numpy() for name in ("seed", "episode"))
     for world in range(NWORLD):
         alone.reset(layouts={"seed": int(seed[world]), "episode": int(episode[world])})
         for name, array in values(alone).items():

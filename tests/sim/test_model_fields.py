@@ -9,6 +9,7 @@ import mujoco
 import mujoco_warp as mjw
 import numpy as np
 import pytest
+import torch
 import warp as wp
 
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, FixedError, SceneMismatchError, UnknownNameError
@@ -199,12 +200,28 @@ def test_fields_of_the_options_have_rows_too(make):
     """Gravity of each world."""
     randomizer = make("gravity", needs=("dynamics",))
     gravity = randomizer.model_field("gravity")
-    assert gravity.shape == (NWORLD,)
+    assert gravity.shape == (NWORLD, 3)
     randomizer.reset()
     gravity.numpy()[1] = 0.0
     randomizer.refresh()
     weight = randomizer.data.qfrc_bias.numpy()[:, 3]
     np.testing.assert_allclose(weight, [0.981, 0.0, 0.981, 0.981, 0.981], atol=1e-5)
+
+
+def test_arrays_that_are_read_are_torch_tensors(make):
+    """Fields, counts and variants share memory with what launches write to; numbers by name are the caller's own."""
+    randomizer = make("body_mass")
+    redrawer, variants = randomizer.redrawer, randomizer._writer.variant
+    shared = {"redraw_count": redrawer.number, "redraw_status": redrawer.status, "variants": variants}
+    for name, array in shared.items():
+        assert getattr(randomizer, name) is getattr(randomizer, name)
+        assert (getattr(randomizer, name).data_ptr(), getattr(randomizer, name).dtype) == (array.ptr or 0, torch.int32)
+        with pytest.raises(FixedError, match=rf"ResetRandomizer\.{name} cannot be changed"):
+            setattr(randomizer, name, None)
+    assert randomizer.model_field("body_mass").data_ptr() == randomizer.model.body_mass.ptr
+    drawn = randomizer.random("mass", (2, 3))
+    assert (drawn.shape, drawn.dtype) == ((NWORLD, 2, 3), torch.float32)
+    assert torch.equal(drawn, randomizer.random("mass", (2, 3)))
 
 
 def test_unknown_fields_are_told_before_a_model_is_made(small_scene):

@@ -82,12 +82,12 @@ def test_only_the_named_objects_move_and_they_are_free(mid: CompiledScene):
         randomizer.redraw(names, HALF)
         after = state(randomizer)
         assert judge.differences(before, after, HALF) == []
-        assert (randomizer.redraw_status.numpy()[HALF] == LayoutStatus.VALID).all()
+        assert (randomizer.redraw_status.cpu().numpy()[HALF] == LayoutStatus.VALID).all()
         assert max(judge.deepest(after, int(world)) for world in np.flatnonzero(HALF)) < DEEP
         for name in ("qpos", "qvel", "mocap_pos"):
             changed = (before[name] != after[name]).reshape((NWORLD, -1)).any(axis=1)
             np.testing.assert_array_equal(changed, HALF & (name != "mocap_pos" or names[0] == "cabinet"))
-    np.testing.assert_array_equal(randomizer.redraw_count.numpy(), 3 * HALF)
+    np.testing.assert_array_equal(randomizer.redraw_count.cpu().numpy(), 3 * HALF)
 
 
 @pytest.mark.oldest
@@ -123,7 +123,7 @@ def test_the_same_state_seed_and_number_give_the_same_places(mid: CompiledScene)
             randomizer.redraw("apple")
             found.append(randomizer.data.qpos.numpy().copy())
         randomizer.reset(HALF, seed=np.arange(4, 4 + NWORLD))
-        np.testing.assert_array_equal(randomizer.redraw_count.numpy(), np.where(HALF, 0, 2))
+        np.testing.assert_array_equal(randomizer.redraw_count.cpu().numpy(), np.where(HALF, 0, 2))
     np.testing.assert_array_equal(found[0], found[2])
     np.testing.assert_array_equal(found[1], found[3])
     assert (found[0] != found[1]).any(axis=1).all()
@@ -144,7 +144,7 @@ def test_a_redraw_is_part_of_a_capture(mid: CompiledScene):
         wp.capture_launch(capture.graph)
         twin.redraw("apple", mask)
         np.testing.assert_array_equal(randomizer.data.qpos.numpy(), twin.data.qpos.numpy())
-    np.testing.assert_array_equal(randomizer.redraw_count.numpy(), 1)
+    np.testing.assert_array_equal(randomizer.redraw_count.cpu().numpy(), 1)
 
 
 def test_where_nothing_fits_the_object_stays_and_is_counted(mid: CompiledScene):
@@ -156,7 +156,7 @@ def test_where_nothing_fits_the_object_stays_and_is_counted(mid: CompiledScene):
     data.qpos.assign(qpos)
     before = state(randomizer)
     randomizer.redraw("banana")
-    status = randomizer.redraw_status.numpy()
+    status = randomizer.redraw_status.cpu().numpy()
     np.testing.assert_array_equal(status, [LayoutStatus.KEPT] * 3 + [LayoutStatus.VALID] * 3)
     assert randomizer.redrawer.kept.numpy().tolist() == [3]
     after = state(randomizer)
@@ -202,14 +202,14 @@ def test_objects_keep_the_variants_that_they_have(names: tuple[str, ...], device
     randomizer.write(stored, np.where(np.arange(NWORLD) < 4, np.arange(NWORLD), -1))
     for turn in range(2):
         stir(randomizer, turn)
-        before, variant = state(randomizer), randomizer.variant.numpy().copy()
+        before, variant = state(randomizer), randomizer.variants.cpu().numpy().copy()
         fields = {name: getattr(randomizer.model, name).numpy().copy() for name in fields_of_variants()}
         randomizer.redraw(names, HALF)
         after = state(randomizer)
         judge = Judge(sim.mjm, [sim.bodies[name] for name in names])
         assert judge.differences(before, after, HALF) == []
         assert all((before["qpos"][world] != after["qpos"][world]).any() for world in np.flatnonzero(HALF))
-        np.testing.assert_array_equal(randomizer.variant.numpy(), variant)
+        np.testing.assert_array_equal(randomizer.variants.cpu().numpy(), variant)
         for name, values in fields.items():
             np.testing.assert_array_equal(getattr(randomizer.model, name).numpy(), values)
         for world in np.flatnonzero(HALF):
@@ -217,6 +217,6 @@ def test_objects_keep_the_variants_that_they_have(names: tuple[str, ...], device
             own = build_model(SceneConfig.load(with_variants((target,), (stand,))))
             alone = Judge(own.mjm, [own.bodies[name] for name in names])
             assert alone.deepest(after, int(world)) < DEEP
-    np.testing.assert_array_equal(randomizer.redraw_count.numpy(), 2 * HALF)
+    np.testing.assert_array_equal(randomizer.redraw_count.cpu().numpy(), 2 * HALF)
     with pytest.raises(UnknownNameError, match=r"placed object 'target/\w+'\. Did you mean 'target'\?"):
         randomizer.redraw(compiled.config.variants["target"][0])  # other worlds have another one

@@ -86,7 +86,7 @@ def test_a_world_moves_as_a_model_of_its_own_variants(compiled: CompiledScene):
     """Positions, velocities and accelerations in 30 steps, with the fall onto the table: no bit differs."""
     batch, randomizer = simulated(compiled)
     start = [getattr(batch.data, name).numpy().copy() for name in ("qpos", "mocap_pos", "mocap_quat")]
-    drawn = randomizer.variant.numpy()
+    drawn = randomizer.variants.cpu().numpy()
     ours = stepped(batch, 30)
     assert batch.data.nacon.numpy()[0] > NWORLD
     assert set(drawn[:, 1]) == set(range(len(THINGS)))
@@ -106,20 +106,20 @@ def test_masked_resets_change_nothing_else(anywhere: CompiledScene):
     stepped(batch, 3)
     mask = np.arange(NWORLD) % 3 == 0
     before = state(batch) | {name: getattr(batch.model, name).numpy().copy() for name in fields_of_variants()}
-    drawn = randomizer.variant.numpy().copy()
+    drawn = randomizer.variants.cpu().numpy().copy()
     randomizer.reset(mask)
     after = state(batch) | {name: getattr(batch.model, name).numpy() for name in fields_of_variants()}
     for name, values in before.items():
         assert values[~mask].tobytes() == after[name][~mask].tobytes(), name
-    assert (drawn[~mask] == randomizer.variant.numpy()[~mask]).all()
-    assert (drawn[mask] != randomizer.variant.numpy()[mask]).any()
+    assert (drawn[~mask] == randomizer.variants.cpu().numpy()[~mask]).all()
+    assert (drawn[mask] != randomizer.variants.cpu().numpy()[mask]).any()
     assert (before["geom_dataid"][mask] != after["geom_dataid"][mask]).any()
 
 
 def test_rows_of_the_model_are_those_that_mujoco_compiles_of_a_variant_alone(anywhere: CompiledScene):
     """Masses, inverse weights and the geoms of each class in their order; of all else nothing has a mass of its own."""
     batch, randomizer = simulated(anywhere)
-    drawn, m, sim = randomizer.variant.numpy(), batch.model, anywhere.sim_mjm
+    drawn, m, sim = randomizer.variants.cpu().numpy(), batch.model, anywhere.sim_mjm
     body = anywhere.scene.sim.bodies["target"]
     own = {name: build_model(SceneConfig.load(words({"asset": name}, {"asset": "tin"}))) for name in THINGS}
     geoms = np.flatnonzero(sim.geom_bodyid == body)
@@ -146,7 +146,9 @@ def test_stored_layouts_bring_their_variants(anywhere: CompiledScene):
     before = state(batch)
     randomizer.write(table, rows)
     columns = [anywhere.slots.index(name) for name in anywhere.config.variants["target"]]
-    assert (randomizer.variant.numpy()[[0, 2, 3], 1] == table.present[rows[[0, 2, 3]]][:, columns].argmax(1)).all()
+    assert (
+        randomizer.variants.cpu().numpy()[[0, 2, 3], 1] == table.present[rows[[0, 2, 3]]][:, columns].argmax(1)
+    ).all()
     data = mujoco.MjData(anywhere.mjm)
     for world in (0, 2, 3):
         table.put(data, rows[world])
@@ -184,7 +186,7 @@ def test_one_world_has_one_variant_at_a_time(compiled: CompiledScene):
     for _ in range(6):
         randomizer.reset()
         stepped(batch, 60)
-        seen.add(int(randomizer.variant.numpy()[0, 1]))
+        seen.add(int(randomizer.variants.cpu().numpy()[0, 1]))
         assert np.abs(batch.data.qvel.numpy()).max() < 0.05
     assert len(seen) > 1
 
@@ -195,7 +197,7 @@ def test_fixtures_have_variants_where_nothing_moves():
     compiled = compile_scene({"floor": {"size": [1, 1]}, "objects": {"stand": stand}, "bank": 4}, "cpu")
     batch, randomizer = simulated(compiled)
     assert compiled.sim_mjm.nv == 0
-    drawn = randomizer.variant.numpy()[:, 0]
+    drawn = randomizer.variants.cpu().numpy()[:, 0]
     assert {*drawn.tolist()} == {0, 1}
     body = compiled.scene.sim.bodies["stand"]
     mass = [compiled.mjm.body(f"stand/{name}").mass.item() for name in STANDS]
@@ -213,7 +215,7 @@ def test_a_model_with_one_row_for_all_worlds_is_refused(compiled: CompiledScene)
     for nworld in (-1, 2.0):
         with pytest.raises(ArgumentError, match=r"make_worlds: nworld should be an integer of at least 1, got"):
             make_worlds(compiled, nworld)  # type: ignore[arg-type]
-    variant = ResetRandomizer(compiled, *make_worlds(compiled, 2)).variant
+    variant = ResetRandomizer(compiled, *make_worlds(compiled, 2)).variants
     assert variant.shape == (2, len(compiled.config.variants))
 
 
@@ -258,7 +260,7 @@ def test_pictures_show_the_variants(compiled: CompiledScene):
     with wp.ScopedDevice("cpu"):
         full, d = mjw.put_model(compiled.mjm), mjw.make_data(compiled.mjm, 4, nconmax=1, njmax=1)
         for name in ("qpos", "mocap_pos", "mocap_quat"):
-            getattr(d, name).assign(getattr(randomizer.layouts, name).numpy())
+            getattr(d, name).assign(getattr(randomizer.layouts, name).cpu().numpy())
         mjw.kinematics(full, d)
     theirs = Cameras(compiled.scene, full, d, shots, Looks())
     pictures = []
@@ -282,7 +284,7 @@ def test_a_variant_is_seen_that_looks_like_the_hull_of_another(tmp_path):
     cameras = Cameras(compiled.scene.sim, batch.model, batch.data, {"above": Shot((8, 8))}, Looks())
     cameras.launch()
     middle = cameras.images["above"]["rgb"].numpy()[:, 4, 4].astype(int)
-    drawn = randomizer.variant.numpy()[:, 0]
+    drawn = randomizer.variants.cpu().numpy()[:, 0]
     assert {0, 1} == set(drawn)
     assert (middle[drawn == 0, 0] > 2 * middle[drawn == 0, 1]).all()
     assert (middle[drawn == 1, 1] > 2 * middle[drawn == 1, 0]).all()
@@ -309,7 +311,7 @@ def test_draws_of_physics_are_relative_to_the_variant():
     scale = batch.fields.parameter("target.mass", "here").numpy()[:, 0]
     assert np.unique(scale).size == NWORLD
     own = [compiled.scene.bodies[f"target/{name}"] for name in THINGS]
-    bodies = np.array(own)[randomizer.variant.numpy()[:, 1]]
+    bodies = np.array(own)[randomizer.variants.cpu().numpy()[:, 1]]
     np.testing.assert_allclose(m.body_mass.numpy()[:, body], full.body_mass[bodies] * scale, rtol=1e-5)
     np.testing.assert_allclose(m.body_inertia.numpy()[:, body], full.body_inertia[bodies] * scale[:, None], rtol=1e-5)
     weight = full.body_invweight0[bodies] / scale[:, None]
@@ -349,8 +351,9 @@ def test_variants_and_poses_have_the_same_bits_on_a_cpu_and_a_gpu(anywhere: Comp
     digest = hashlib.sha256()
     for mask in (None, np.arange(NWORLD) % 3 == 0, np.arange(NWORLD) % 2 == 0):
         randomizer.reset(mask)
-        for array in (randomizer.variant, randomizer.layouts.qpos, batch.data.qpos, batch.data.mocap_pos):
-            digest.update(array.numpy().tobytes())
+        simulated = map(wp.to_torch, (batch.data.qpos, batch.data.mocap_pos))
+        for array in (randomizer.variants, randomizer.layouts.qpos, *simulated):
+            digest.update(array.cpu().numpy().tobytes())
     assert digest.hexdigest()[:16] == BITS
 
 
@@ -362,7 +365,7 @@ def test_worlds_on_a_gpu_move_as_models_of_their_own_variants():
     randomizer = ResetRandomizer(scene, batch.model, batch.data)
     randomizer.reset()
     start = [getattr(batch.data, name).numpy().copy() for name in ("qpos", "mocap_pos", "mocap_quat")]
-    drawn, nq = randomizer.variant.numpy(), scene.sim_mjm.nq
+    drawn, nq = randomizer.variants.cpu().numpy(), scene.sim_mjm.nq
     ours = np.hstack([values[:, :nq] for values in stepped(batch, 30)])
     for pair in sorted(set(map(tuple, drawn))):
         own = SceneConfig.load(words({"asset": THINGS[pair[1]]}, {"asset": STANDS[pair[0]]}))

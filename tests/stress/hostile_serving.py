@@ -31,8 +31,8 @@ def serve(scene: Mapping[str, Any], nworld: int, device: str | None) -> tuple[mu
     generator = LayoutGenerator(compiled, nworld)
     generator.generate()
     layouts, mjm = generator.layouts, compiled.mjm
-    qpos = layouts.qpos.numpy().astype(float)
-    mocap = [a.numpy()[:, : mjm.nmocap].astype(float) for a in (layouts.mocap_pos, layouts.mocap_quat)]
+    qpos = layouts.qpos.cpu().numpy().astype(float)
+    mocap = [a.cpu().numpy()[:, : mjm.nmocap].astype(float) for a in (layouts.mocap_pos, layouts.mocap_quat)]
     home_act = mjm.key("home").act
     rest = rest_map(mjm, compiled.scene.home_ctrl, home_act, "cpu")
     constants, factors = affine_law(rest, mjm.nq)

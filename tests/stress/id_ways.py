@@ -79,7 +79,7 @@ def narrowed(worlds: ResetRandomizer, rng: np.random.Generator) -> np.ndarray:
 
 def layout_rows(layouts: Layouts) -> Rows:
     """Return the rows of layouts by name."""
-    return {f"layout {name}": getattr(layouts, name).numpy().copy() for name in _LAYOUTS}
+    return {f"layout {name}": getattr(layouts, name).cpu().numpy().copy() for name in _LAYOUTS}
 
 
 def rows_of(worlds: ResetRandomizer) -> Rows:
@@ -87,7 +87,7 @@ def rows_of(worlds: ResetRandomizer) -> Rows:
     wp.synchronize_device(worlds.device)  # an environment launches on torch's stream
     state = {name: getattr(worlds.data, name).numpy().copy() for name in _DATA}
     fields = {f"field {name}": array.numpy().copy() for name, array in worlds.fields.rows.items()}
-    varied = {"variant": worlds.variant.numpy().copy()}
+    varied = {"variant": worlds.variants.cpu().numpy().copy()}
     return {**layout_rows(worlds.layouts), **state, **fields, **varied}
 
 

@@ -47,7 +47,7 @@ def environment(seed: int) -> ManagerBasedRlEnv:
 def rows(env: ManagerBasedRlEnv, term: Any) -> np.ndarray:
     """Return the layouts and the cubes relative to their environments, a row for each environment."""
     places = [env.scene[name].data.root_link_pos_w - env.scene.env_origins for name in _CUBES]
-    return np.concatenate([term.layouts.qpos.numpy(), torch.cat(places, dim=1).cpu().numpy()], axis=1)
+    return np.concatenate([term.layouts.qpos.cpu().numpy(), torch.cat(places, dim=1).cpu().numpy()], axis=1)
 
 
 def main() -> int:
@@ -66,7 +66,7 @@ def main() -> int:
         served, ids, order = rows(first, terms[0]), terms[0].layout_ids(), rng.permutation(_NUM_ENVS)
         terms[1].reseed(layouts=[ids[i] for i in order])
         second.reset()
-        status = terms[0].layouts.status.numpy()
+        status = terms[0].layouts.status.cpu().numpy()
         told = terms[1].layout_ids()
         for row, (i, found) in enumerate(zip(order.tolist(), rows(second, terms[1]), strict=True)):
             half = len(found) - 3 * len(_CUBES)  # poses are rounded to their environments' origins

@@ -128,11 +128,11 @@ def try_scene(scene: str, number: int, num_envs: int, device: str | None, seed: 
         mask = random.random(num_envs) < 0.5
         randomizer.redraw(names, mask)
         after = {name: getattr(data, name).numpy().copy() for name in ResetRandomizer.STATE_FIELDS}
-        status = randomizer.redraw_status.numpy()
+        status = randomizer.redraw_status.cpu().numpy()
         placed = mask & (status == LayoutStatus.VALID)
         different |= set(moved[turn % len(choices)].differences(before, after, placed))
         if model.config.variants:
-            after = with_variants(compiled, after, randomizer.variant.numpy())
+            after = with_variants(compiled, after, randomizer.variants.cpu().numpy())
         for world in np.flatnonzero(placed):
             depth = judge.deepest(after, int(world))
             worst, deep = max(worst, depth), deep + (depth > DEEP)

@@ -96,7 +96,7 @@ class Soak:
         self.row.resets += int(mask.sum())
 
     def _judge(self, mask: np.ndarray) -> None:
-        status = self.randomizer.layouts.status.numpy()[mask]
+        status = self.randomizer.layouts.status.cpu().numpy()[mask]
         self.row.fallbacks += int((status == LayoutStatus.FALLBACK).sum())
         self.row.invalid += int((status == LayoutStatus.NONE).sum())
         state = [getattr(self.batch.data, name).numpy()[mask] for name in ("qpos", "qvel", "ctrl", "xpos")]

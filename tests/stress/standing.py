@@ -66,7 +66,7 @@ def try_scene(
     from sceniris_gym.errors import ScenirisError
     from sceniris_gym.layout.compile import compile_scene
     from sceniris_gym.layout.generate import LayoutGenerator
-    from sceniris_gym.layout.tables import read_rejected, read_table
+    from sceniris_gym.layout.tables import read_rejected
     from sceniris_gym.program.device import Cause
 
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
@@ -78,7 +78,7 @@ def try_scene(
             return Outcome(name, scene.features, f"{type(error).__name__}: {error}".replace(folder, "FOLDER"))
         generator = LayoutGenerator(compiled, layouts, seed=seed, rejected=_RECORDED, every_cause=True)
         generator.generate()
-    made, judge = read_table(generator), StackJudge(compiled.mjm)
+    made, judge = generator.table(), StackJudge(compiled.mjm)
     moved = {}
     for row in range(layouts):
         far = judge.moves(made.qpos[row], made.mocap_pos[row], made.mocap_quat[row]).max(initial=0.0)

@@ -80,7 +80,7 @@ def test_scenes_mix_everything():
 def test_a_world_has_the_model_of_its_variant(judge: WorldJudge, compiled: CompiledScene):
     """It moves as a scene in which the variant is a plain object, with the masses that replay draws for its id."""
     ids = [LayoutId.parse(text) for text in judge.randomizer.pipeline.ids(judge.randomizer.split)]
-    variants = judge.randomizer.variant.numpy()[:, 0]
+    variants = judge.randomizer.variants.cpu().numpy()[:, 0]
     assert set(variants.tolist()) == {0, 1}
     for world, number in enumerate(variants.tolist()):
         full, _ = drawn(compiled, replay(compiled, ids[world]))

@@ -21,7 +21,7 @@ def test_a_bank_for_training_goes_on_by_the_number_of_worlds(compiled: CompiledS
     for episode in range(4):
         generator.generate()
         expected = rows.qpos[[(seed + 2 * episode) % 7 for seed in (1, 2, 3)]]
-        np.testing.assert_array_equal(generator.layouts.qpos.numpy(), expected)
+        np.testing.assert_array_equal(generator.layouts.qpos.cpu().numpy(), expected)
 
 
 def test_a_bank_larger_than_the_worlds_is_served_whole(compiled: CompiledScene):
@@ -31,7 +31,7 @@ def test_a_bank_larger_than_the_worlds_is_served_whole(compiled: CompiledScene):
     source.reseed(seed=[5, 6, 7, 8])
     for _ in range(3):
         source.generate()
-        seen |= {row.tobytes() for row in source.layouts.qpos.numpy()}
+        seen |= {row.tobytes() for row in source.layouts.qpos.cpu().numpy()}
     assert len(seen) == 9
 
 
@@ -45,8 +45,8 @@ def test_placement_without_checks_takes_the_first_candidate():
     checked.generate()
     assert not any(causes["collision"] for causes in generator.rejection_counts().values())
     assert any(causes["collision"] for causes in checked.rejection_counts().values())
-    same = (generator.layouts.qpos.numpy() == checked.layouts.qpos.numpy()).all(axis=1)
-    first = checked.layouts.attempts.numpy() == generator.layouts.attempts.numpy()
+    same = (generator.layouts.qpos.cpu().numpy() == checked.layouts.qpos.cpu().numpy()).all(axis=1)
+    first = checked.layouts.attempts.cpu().numpy() == generator.layouts.attempts.cpu().numpy()
     np.testing.assert_array_equal(same, first)
     assert first.any()
     assert not first.all()

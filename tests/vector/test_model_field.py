@@ -17,7 +17,6 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ArgumentError, FixedError, SceneMismatchError, UnknownNameError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.tables import read_table
 from sceniris_gym.sim.randomizer import ResetRandomizer
 from sceniris_gym.sim.worlds import make_worlds
 from sceniris_gym.vector.state import State
@@ -210,7 +209,7 @@ def test_own_loops_have_the_same_fields(drawn_scene):
     randomizer.reset()
     generator = LayoutGenerator(drawn_scene, 2, seed=3)
     generator.generate()
-    table, masses = read_table(generator), envs.batch.model.body_mass.numpy()
+    table, masses = generator.table(), envs.batch.model.body_mass.numpy()
     np.testing.assert_array_equal(randomizer.model.body_mass.numpy(), masses)
     randomizer.reset()
     randomizer.write(table, np.array([1, -1]))

@@ -23,7 +23,7 @@ envs = SceneVectorEnv(Reach, 8, scene={**SCENE, "bank": 1}, device="cpu")
 rows = []
 for _ in range(2):
     _, info = envs.reset(seed=0)
-    rows.append(envs.randomizer.layouts.qpos.numpy().tolist())
+    rows.append(envs.randomizer.layouts.qpos.cpu().numpy().tolist())
     assert envs.np_random_seed == 0
 assert rows[0] == rows[1]
 found = [None] * dist.get_world_size()

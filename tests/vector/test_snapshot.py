@@ -117,6 +117,19 @@ def test_constants_of_a_task_are_no_memory(reach_scene):
         envs.reset(options={"state": _with(kept, name, np.nan)})
 
 
+def test_layouts_that_a_task_holds_are_no_memory(make_env):
+    """Their tensors are made when they are read, and a snapshot has the rows of the layouts in any case."""
+    envs = make_env(3)
+    task: Any = envs.task
+    task.layouts = envs.randomizer.layouts
+    envs.reset(seed=4)
+    kept, before = envs.snapshot(), task.layouts.attempts.clone()
+    envs.reset(seed=9)
+    envs.reset(options={"state": kept})
+    assert torch.equal(task.layouts.attempts, before)
+    assert not [name for name in kept.rows if name.startswith("task.layouts")]
+
+
 def test_rows_go_to_the_masked_worlds_in_order(make_env):
     """Without the other worlds being touched; a single row can be put into several worlds one after another."""
     envs = make_env(4)

@@ -22,7 +22,7 @@ def test_layouts_are_those_of_the_generator(where: Where):
         generator = LayoutGenerator(compiled, 1, seed=[(where.seed + i) % 2**64], split=where.split)
         for _ in range(where.episode + 1):
             generator.generate()
-        np.testing.assert_array_equal(table.qpos[i], generator.layouts.qpos.numpy()[0])
+        np.testing.assert_array_equal(table.qpos[i], generator.layouts.qpos.cpu().numpy()[0])
 
 
 def test_an_id_leads_to_its_layout_and_others_are_refused():

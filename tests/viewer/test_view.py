@@ -78,7 +78,7 @@ def test_controls_lead_to_layouts(view: SceneView):
     generator.generate()
     generator.generate()
     assert view.table is not None
-    np.testing.assert_array_equal(view.table.qpos[0], generator.layouts.qpos.numpy()[0])
+    np.testing.assert_array_equal(view.table.qpos[0], generator.layouts.qpos.cpu().numpy()[0])
 
 
 @pytest.mark.parametrize("wrong", ["-1", "1.5", "apple", str(2**64)])

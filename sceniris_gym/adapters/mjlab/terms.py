@@ -10,7 +10,6 @@ from typing import Any
 import mujoco
 import numpy as np
 import torch
-import warp as wp
 from torch import Tensor
 
 from sceniris_gym.adapters.mjlab.variants import VariantRows, model_of_variants
@@ -173,19 +172,17 @@ class PlaceLayouts(ManagerTermBase):
             else:
                 entity.write_root_link_pose_to_sim(pose, env_ids=env_ids)
                 entity.write_root_link_velocity_to_sim(torch.zeros_like(pose[:, :6]), env_ids=env_ids)
-        qpos = wp.to_torch(self.layouts.qpos)
         for entity, joint_ids in self._joints:
-            position = qpos[env_ids[:, None], entity.indexing.joint_q_adr[joint_ids]]
+            position = self.layouts.qpos[env_ids[:, None], entity.indexing.joint_q_adr[joint_ids]]
             entity.write_joint_state_to_sim(position, torch.zeros_like(position), joint_ids, env_ids)
 
     def _tell(self) -> None:
         """Report the layouts of the environments in `env.extras`."""
         layouts, extras = self.layouts, self._env.extras
-        fallback = wp.to_torch(layouts.status) == LayoutStatus.FALLBACK
-        seed, episode = wp.to_torch(layouts.seed).view(torch.int64).clone(), wp.to_torch(layouts.episode).long()
-        extras["layout"] = {"seed": seed, "episode": episode, "fallback": fallback}
+        fallback = layouts.status == LayoutStatus.FALLBACK
+        extras["layout"] = {"seed": layouts.seed.clone(), "episode": layouts.episode.long(), "fallback": fallback}
         if self.compiled.config.start:
-            extras["layout"]["start"] = wp.to_torch(layouts.start).long()
+            extras["layout"]["start"] = layouts.start.long()
         extras.setdefault("log", {})["Layouts/fallback_rate"] = fallback.float().mean()
 
 

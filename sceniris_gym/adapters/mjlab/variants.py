@@ -143,7 +143,7 @@ class VariantRows:
         """Write the variants of the environments `env_ids`; the others keep every bit."""
         if not self._entities:
             return
-        present = wp.to_torch(layouts.present)[env_ids]
+        present = layouts.present[env_ids]
         total = torch.full((len(env_ids),), self._total, dtype=torch.float32, device=env_ids.device)
         for name, table, mass, numbers in self._entities:
             chosen = numbers[present[:, numbers[:, 1]].argmax(dim=1), 0]

@@ -104,7 +104,7 @@ def test_episodes_start_with_the_fingers_around_a_cube():
     env = ManagerBasedRlEnv(cfg, device="cpu")
     env.reset()
     term = env.event_manager.get_term_cfg("layouts").func
-    kinds, layouts = env.extras["layout"]["start"].numpy(), term.layouts.qpos.numpy()
+    kinds, layouts = env.extras["layout"]["start"].numpy(), term.layouts.qpos.cpu().numpy()
     assert set(kinds) == {0, 1}
     mjm = env.sim.mj_model
     arm = [mjm.joint(f"robot/joint{i}").qposadr[0] for i in range(1, 7)]
@@ -134,7 +134,7 @@ def test_a_group_of_entities_is_another_thing_at_every_reset():
         env.reset()
         poses = [env.scene[name].data.root_link_pos_w - env.scene.env_origins for name in scene["objects"]]
         found.append(np.stack(poses, axis=1)[..., 0] < 1.0)
-        np.testing.assert_array_equal(found[-1], layouts.present.numpy()[:, :2] == 1)
+        np.testing.assert_array_equal(found[-1], layouts.present.cpu().numpy()[:, :2] == 1)
         assert (found[-1].sum(axis=1) == 1).all()
     assert (found[0] != found[1]).any()
     assert deepest(env) == 0.0
@@ -242,12 +242,14 @@ def test_a_curriculum_sets_a_param_by_steps():
         env.reset(env_ids=torch.tensor([1, 3]))
         ids, at = term.layout_ids(), local(env, "cube_0")[:, :2]
         assert [name.count("=") for name in ids] == [0, int(step == 2), 0, int(step == 2), 0, 0]
-        found.append((ids, bool(((low <= at[[1, 3]]) & (at[[1, 3]] <= high)).all()), term.layouts.qpos.numpy().copy()))
+        found.append(
+            (ids, bool(((low <= at[[1, 3]]) & (at[[1, 3]] <= high)).all()), term.layouts.qpos.cpu().numpy().copy())
+        )
     assert [narrowed for _, narrowed, _ in found] == [False, True, False]
     term.reseed(layouts=found[1][0])
     for env_ids in (torch.tensor([0, 1, 2]), torch.tensor([3, 4, 5])):
         env.reset(env_ids=env_ids)
-    assert np.array_equal(term.layouts.qpos.numpy(), found[1][2])
+    assert np.array_equal(term.layouts.qpos.cpu().numpy(), found[1][2])
 
 
 def test_a_mocap_root_and_drawn_joints_are_written_by_their_entity():
@@ -303,7 +305,7 @@ def test_the_arm_of_mjlab_can_grasp_what_is_reachable():
     layouts = env.event_manager.get_term_cfg("layouts").func.layouts
     mjm = env.sim.mj_model
     data, tool = mujoco.MjData(mjm), mjm.site("robot/grasp_site").id
-    qpos, joints = layouts.qpos.numpy(), layouts.grasp_qpos.numpy()
+    qpos, joints = layouts.qpos.cpu().numpy(), layouts.grasp_qpos.cpu().numpy()
     assert layouts.reaching.names == ("cube_0", "cube_1")
     for world in range(NUM_ENVS):
         for i, name in enumerate(("cube_0", "cube_1")):

@@ -23,8 +23,8 @@ def test_figures_are_those_of_the_layouts():
     valid = attempts = 0
     for _ in range(3):
         generator.generate()
-        valid += int((generator.layouts.status.numpy() == LayoutStatus.VALID).sum())
-        attempts += int(generator.layouts.attempts.numpy().sum())
+        valid += int((generator.layouts.status.cpu().numpy() == LayoutStatus.VALID).sum())
+        attempts += int(generator.layouts.attempts.cpu().numpy().sum())
     assert found.valid == valid / 600 < 1.0
     assert found.candidates == attempts / 600
     assert found.seconds > 0.0

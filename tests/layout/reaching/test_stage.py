@@ -28,7 +28,9 @@ def compiled(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
 
 def bits(layouts: Layouts) -> list[bytes]:
     """Return all that each row of a batch holds, its grasps included."""
-    own = [getattr(layouts, name).numpy() for name in ("grasp", "grasp_qpos", "pregrasp_qpos", "first_pass_valid")]
+    own = [
+        getattr(layouts, name).cpu().numpy() for name in ("grasp", "grasp_qpos", "pregrasp_qpos", "first_pass_valid")
+    ]
     rows = read(layouts)
     return [rows[i : i + 1].bits() + b"".join(a[i].tobytes() for a in own) for i in range(layouts.nworld)]
 
@@ -41,9 +43,9 @@ def test_rejected_grasps_start_anew_and_are_counted(compiled: CompiledScene):
     assert counts["bar"]["no_ik"] > 20
     assert counts["post_0"]["no_ik"] == 0
     assert (counts["bar"]["blocked"] + counts["can"]["blocked"] > 0) == is_clear(compiled)
-    first = generator.layouts.first_pass_valid.numpy()
+    first = generator.layouts.first_pass_valid.cpu().numpy()
     assert 0.0 < first.mean() < 0.9
-    assert (generator.layouts.attempts.numpy()[first == 1] < 100).all()
+    assert (generator.layouts.attempts.cpu().numpy()[first == 1] < 100).all()
 
 
 def test_a_layout_is_the_same_in_any_batch(compiled: CompiledScene):
@@ -61,7 +63,7 @@ def test_a_layout_is_the_same_in_any_batch(compiled: CompiledScene):
         before = bits(many.layouts)
         many.generate(mask)
         for i, (old, new) in enumerate(zip(before, bits(many.layouts), strict=True)):
-            episode = int(many.layouts.episode.numpy()[i])
+            episode = int(many.layouts.episode.cpu().numpy()[i])
             if not mask.numpy()[i]:
                 assert new == old
             elif episode < 3:
@@ -75,7 +77,7 @@ def test_restarts_that_run_at_once_change_no_bit(compiled: CompiledScene):
         generator = LayoutGenerator(compiled, 30, seed=6, size=replace(default_size("cpu"), **words))
         generator.generate()
         rows.append(
-            (bits(generator.layouts), generator.layouts.attempts.numpy().tolist(), generator.rejection_counts())
+            (bits(generator.layouts), generator.layouts.attempts.cpu().numpy().tolist(), generator.rejection_counts())
         )
     assert rows[1:] == rows[:1] * 2
 
@@ -112,9 +114,9 @@ def test_an_exhausted_world_takes_grasps_from_the_bank(tmp_path: Path):
     compiled = cluttered(tmp_path, "clear", restarts=0)
     generator = LayoutGenerator(compiled, 100, seed=8)
     generator.generate()
-    fallen = generator.layouts.status.numpy() == LayoutStatus.FALLBACK
+    fallen = generator.layouts.status.cpu().numpy() == LayoutStatus.FALLBACK
     assert 10 < fallen.sum() < 90
-    assert not generator.layouts.first_pass_valid.numpy()[fallen].any()
+    assert not generator.layouts.first_pass_valid.cpu().numpy()[fallen].any()
     for which in ("grasp_qpos", "pregrasp_qpos"):
         found = list(taken(compiled, generator.layouts, which))
         assert len(found) == 200
@@ -132,10 +134,10 @@ def test_absent_objects_have_no_grasp(tmp_path: Path):
     for _ in range(2):
         generator.generate()
         layouts = generator.layouts
-        here = layouts.present.numpy()[:, :2] == 1
+        here = layouts.present.cpu().numpy()[:, :2] == 1
         assert 0 < here.sum() < here.size
-        assert ((layouts.grasp.numpy() >= 0) == here).all()
-        for joints in (layouts.grasp_qpos.numpy(), layouts.pregrasp_qpos.numpy()):
+        assert ((layouts.grasp.cpu().numpy() >= 0) == here).all()
+        for joints in (layouts.grasp_qpos.cpu().numpy(), layouts.pregrasp_qpos.cpu().numpy()):
             assert (np.isfinite(joints[:, :, :6]).all(axis=2) == here).all()
 
 
@@ -179,7 +181,7 @@ def test_a_scene_launches_the_steps_of_its_tiers_alone(
     record("launch")
     record("launch_tiled")
     generator.launch_generate(None)
-    assert (generator.layouts.status.numpy() == LayoutStatus.VALID).all()
+    assert (generator.layouts.status.cpu().numpy() == LayoutStatus.VALID).all()
     waves = "|".join(launched).split("_open_candidates|")[1:]
     assert [wave.strip("|").split("|")[: len(steps)] for wave in waves] == [steps] * len(waves)
     assert (len(waves) > 0) == (tier is not None)

@@ -99,7 +99,7 @@ def test_worlds_that_start_at_home_are_not_queued():
     work.search.pending.fill_(True)
     wp.copy(work.search.restart, work.search.best)  # as at the end of the round that made them
     launch_queue_starts(work, work.reach, stage.search)
-    search, kinds = stage.search, generator.layouts.start.numpy()
+    search, kinds = stage.search, generator.layouts.start.cpu().numpy()
     num = int(search.rows_left.numpy()[0])
     queued = search.queue.numpy()[1 - int(search.source.numpy()[0]), :num]
     np.testing.assert_array_equal(np.sort(queued), np.flatnonzero(~np.isin(kinds, (HOME, PLACED))))
@@ -151,7 +151,7 @@ def test_worlds_without_restarts_get_the_kind_of_their_bank():
         assert kinds[entry] == rows["start"][i]
     usual = LayoutGenerator(starting(), 1000, seed=2)
     usual.generate()
-    drawn = usual.layouts.start.numpy()[fell]
+    drawn = usual.layouts.start.cpu().numpy()[fell]
     known = np.isin(drawn, kinds)
     assert known.any()
     np.testing.assert_array_equal(rows["start"][fell][known], drawn[known])
@@ -191,15 +191,15 @@ def test_what_is_held_stays_in_the_hand_on_a_gpu():
     generator.generate()
     on_cpu = LayoutGenerator(starting(), 256)
     on_cpu.generate()
-    assert (layouts.status.numpy() == LayoutStatus.VALID).all()
+    assert (layouts.status.cpu().numpy() == LayoutStatus.VALID).all()
     for other in (generator, on_cpu):
         for name, values in _rows(other).items():
-            np.testing.assert_array_equal(values, getattr(layouts, name).numpy())
+            np.testing.assert_array_equal(values, getattr(layouts, name).cpu().numpy())
 
 
 def _rows(generator: LayoutGenerator) -> dict[str, np.ndarray]:
     names = ("qpos", "mocap_pos", "status", "attempts", "start", "grasp", "grasp_qpos", "pregrasp_qpos")
-    return {name: getattr(generator.layouts, name).numpy().copy() for name in names}
+    return {name: getattr(generator.layouts, name).cpu().numpy().copy() for name in names}
 
 
 def test_fingers_are_at_the_thing_on_both_sides():

@@ -83,10 +83,10 @@ def test_the_scenes_are_as_hard_as_they_should_be(name: str, tmp_path: Path):
     """Many worlds of some start anew, and many of one fall back."""
     generator = LayoutGenerator(SCENES[name](tmp_path, "cpu"), N, seed=21)
     generator.generate()
-    fresh = generator.layouts.status.numpy() == LayoutStatus.VALID
+    fresh = generator.layouts.status.cpu().numpy() == LayoutStatus.VALID
     assert (fresh.mean() < 0.9) == (name == "tray")
     assert fresh.mean() > 0.2
-    assert (generator.layouts.first_pass_valid.numpy().mean() < 0.95) == (name in RESTARTING)
+    assert (generator.layouts.first_pass_valid.cpu().numpy().mean() < 0.95) == (name in RESTARTING)
 
 
 @pytest.mark.parametrize("size", SIZES)
@@ -190,8 +190,8 @@ def test_combs_within_each_other_keep_their_distance(geometry: str, tmp_path: Pa
     """Pegs of 4 mm on a grid of 20 mm and 1 mm between them: the offset in x or in y is at least 5 mm."""
     generator = LayoutGenerator(_combs(tmp_path, "cpu", geometry), 50)
     generator.generate()
-    fresh = generator.layouts.status.numpy() == LayoutStatus.VALID
-    offset = np.abs(generator.layouts.qpos.numpy()[fresh, :2])
+    fresh = generator.layouts.status.cpu().numpy() == LayoutStatus.VALID
+    offset = np.abs(generator.layouts.qpos.cpu().numpy()[fresh, :2])
     apart = np.minimum(offset, 0.02 - offset).max(axis=1)
     assert 10 < fresh.sum() <= 50
     assert 0.005 - 1e-6 <= apart.min() < 0.006
@@ -292,8 +292,8 @@ def test_floors_without_objects_need_no_candidates():
     """Nothing is to be placed: every world has a layout at once."""
     generator = LayoutGenerator(_compile({"floor": FLOOR}, "cpu"), 5, size=SIZES["64-3-5-3"])
     generator.generate()
-    assert (generator.layouts.status.numpy() == LayoutStatus.VALID).all()
-    assert (generator.layouts.attempts.numpy() == 0).all()
+    assert (generator.layouts.status.cpu().numpy() == LayoutStatus.VALID).all()
+    assert (generator.layouts.attempts.cpu().numpy() == 0).all()
 
 
 @pytest.mark.parametrize("name", [field.name for field in fields(SearchSize)])

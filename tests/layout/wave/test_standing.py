@@ -13,7 +13,6 @@ from sceniris_gym.audit.auditor import Auditor
 from sceniris_gym.errors import InfeasibleSceneError
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import LayoutStatus
-from sceniris_gym.layout.tables import read_table
 from sceniris_gym.program.compiled import CompiledScene
 from tests.layout.scenes import box_mjcf, compile_on_cpu, make, read
 from tests.layout.sizes import sizes
@@ -48,7 +47,7 @@ def test_a_tower_stands(tmp_path: Path):
     generator.generate()
     assert (generator.layouts.status.numpy() == LayoutStatus.VALID).all()
     assert not moving(compiled, generator).any()
-    assert Balance(Auditor(compiled.mjm, compiled.config, compiled.scene.bodies)).falling(read_table(generator)) == []
+    assert Balance(Auditor(compiled.mjm, compiled.config, compiled.scene.bodies)).falling(generator.table()) == []
     counts = generator.rejection_counts()
     assert counts["a"]["falls"] == 0
     assert min(counts[name]["falls"] for name in "bcd") > 0

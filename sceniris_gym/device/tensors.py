@@ -1,0 +1,40 @@
+"""`TensorView`: attributes that are read as torch tensors, in the memory of Warp arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import warp as wp
+
+from sceniris_gym.errors import FixedError
+
+
+class TensorView:
+    """An attribute that is a torch tensor in the memory of a Warp array. It reads uint64 as int64.
+
+    The first read imports torch and makes the tensor. Later reads return the same one, so the array is never replaced.
+
+    Args:
+        array: Function of the object and the attribute's name that returns the array.
+    """
+
+    def __init__(self, array: Callable[[Any, str], wp.array]) -> None:
+        self._array = array
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
+
+    def __get__(self, holder: Any, owner: type) -> Any:
+        if holder is None:
+            return self
+        tensor = vars(holder).get(self._name)
+        if tensor is None:
+            array = self._array(holder, self._name)
+            tensor = wp.to_torch(array.view(wp.int64) if array.dtype is wp.uint64 else array)
+            if not tensor.is_inference():  # outside of inference mode it could not be written to
+                vars(holder)[self._name] = tensor
+        return tensor
+
+    def __set__(self, holder: Any, value: Any) -> None:
+        raise FixedError(type(holder).__name__, self._name)
