@@ -31,7 +31,7 @@ class State(Readings):
         batch: The worlds.
         layouts: The layouts of the worlds.
         split: The split of the layouts.
-        variants: The present variant of each object with variants (`ResetRandomizer.variants`), or None without variants.
+        variants: The present variant of each object with variants (`ResetRandomizer.variants`), or None.
 
     Attributes:
         num_envs: Number of worlds.
