@@ -338,7 +338,7 @@ BETA = next(line.strip() for line in PLAIN.replace("</actuator>", "\n").splitlin
         (
             {BETA: '<motor joint="base:turn about"/>'},
             NAMED,
-            "joint 'base:turn about' should have one position actuator",
+            "joint 'base:turn about' should have one separate position actuator",
         ),
         ({BETA: "", JOINT: '<joint name="spin" type="ball"/>'}, NAMED, "'spin' between them is a ball joint."),
         (
