@@ -154,7 +154,7 @@ class LayoutAutoResetWrapper:
         self._observe, self._place = observe, _placing(compiled)
 
     def __getattr__(self, name: str) -> Any:
-        if name in ("env", "__setstate__"):  # copying and unpickling ask for these before `env` exists
+        if name in ("env", "__setstate__"):  # copying and unpickling look these up before `env` exists
             raise AttributeError(name)
         return getattr(self.env, name)
 

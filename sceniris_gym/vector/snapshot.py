@@ -124,7 +124,7 @@ def put(snapshot: Snapshot, live: Mapping[str, Tensor], mask: Tensor | None) -> 
     """Write a snapshot into its own worlds, or in order into the worlds of a mask. Return a mask of these worlds.
 
     Raises:
-        ArgumentError: The number of rows differs from the number of masked worlds. A world does not exist, or is there
+        ArgumentError: The number of rows differs from the number of masked worlds. A world does not exist, or occurs
             twice.
     """
     num_envs, device = live["elapsed"].shape[0], live["elapsed"].device
@@ -155,7 +155,7 @@ def live_tensors(
     """
     arrays = {f"data.{name}": getattr(state.data, name) for name in _OF_DATA}
     arrays |= {f"layout.{name}": getattr(layouts.view, name) for name in (*columns(), *following)}
-    # not the tensors of `layouts`: Warp writes to them, and `written` drops those that torch has not written to
+    # new tensors, not the tensors of `layouts`: `written` would drop them, because Warp writes to them and not torch
     tensors = {name: wp.to_torch(array)[: state.num_envs] for name, array in arrays.items() if array.size}
     tensors |= {f"model.{name}": tensor for name, tensor in state.model_rows.items()}
     # torch cannot index uint64

@@ -80,11 +80,11 @@ class Task:
         raise NotImplementedError
 
     def success(self, s: State) -> Tensor:
-        """Return the worlds in which the goal is reached, shape (num_envs,), bool."""
+        """Return whether each world has reached the goal, shape (num_envs,), bool."""
         raise NotImplementedError
 
     def terminated(self, s: State) -> Tensor:
-        """Return the worlds in which the episode terminates, shape (num_envs,), bool. The default is all false."""
+        """Return whether each world's episode terminates, shape (num_envs,), bool. The default is all false."""
         return torch.zeros(s.num_envs, dtype=torch.bool, device=s.device)
 
     def apply(self, s: State, action: Tensor) -> None:
@@ -112,7 +112,7 @@ def check_observation(task: Task, observation: Any, num_envs: int) -> None:
 def check_outcome(task: Task, reward: Any, success: Any, terminated: Any, num_envs: int) -> None:
     """Check that a reward is {name: tensor of shape (num_envs,)} and that flags have shape (num_envs,), bool.
 
-    No reward term may have the name of a statistic.
+    Reward terms must not have names of statistics.
 
     Raises:
         TaskError: One of them has another form. The message names the task, the method and the returned type.

@@ -323,13 +323,13 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         """Change a part of the scene file in some worlds, from their next layouts on.
 
         Args:
-            name: One of the `params` that the environment was made with, such as "groups.clutter.count".
+            name: One of the environment's `params`, such as "groups.clutter.count".
             value: A value in the form of the scene file, and within the value there: [1, 3]. Joint positions are in m
                 or rad. Alternatively a value for each world, shape (num_envs, ...).
             worlds: As in `redraw`.
 
         Raises:
-            UnknownNameError: The environment was not made with such a param.
+            UnknownNameError: The environment has no such param.
             ArgumentError: A value that the param cannot have.
             ArgumentError, ArgumentTypeError: As in `redraw`.
         """
