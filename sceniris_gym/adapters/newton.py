@@ -115,7 +115,8 @@ class NewtonRandomizer(StaysHere):
         *states: Every newton.State that the loop steps. A reset writes all of them.
         seed: Seed of world 0 (world i has seed + i), or one seed per world. Not used with a layout_source.
         split: "train" or "eval", which share no layouts. Not used with a layout_source.
-        layout_source: Another source of layouts, such as StoredLayouts.
+        layout_source: A LayoutSource, a LayoutTable or LayoutDataset whose rows are served, or a function
+            `(compiled, nworld)` that returns a LayoutSource. None makes a LayoutGenerator.
         prefetch: Make the next layout of every world during the steps before its reset, as in ResetRandomizer. None
             prefetches on a GPU. Not with a layout_source.
 

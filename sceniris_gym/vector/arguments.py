@@ -151,8 +151,8 @@ def as_reset_mask(options: Mapping[str, Any] | None, num_envs: int) -> np.ndarra
 def as_action(actions: Any, space: Space, device: torch.device) -> Tensor:
     """Return the actions of all worlds on the device, detached and clipped to [-1, 1], with 0 for NaN.
 
-    A NaN would stay in the controls until the world's next reset. A gradient would stay until the environment is
-    deleted.
+    A NaN would stay in the controls until the world's next reset. A gradient graph would stay attached to the tensors
+    of the task.
 
     Raises:
         ArgumentError: The actions have the wrong shape, or are not real numbers.

@@ -1,4 +1,4 @@
-"""`ArmController`: moves a robot of the scene by its joints or by its tool, and its gripper."""
+"""`ArmController`: moves a robot's arm by joints or by tool, and its gripper."""
 
 from __future__ import annotations
 
@@ -50,8 +50,8 @@ class ArmController:
 
     Args:
         s: The worlds.
-        name: The robot, by its name in `robots`. The only robot of a scene goes by the name of its asset or of its root
-            body, such as 'panda', and may be left out.
+        name: The robot's name in `robots`. A single robot has the name of its asset or root body, such as 'panda', and
+            is the default.
 
     Attributes:
         name: The robot's name.

@@ -83,7 +83,7 @@ def evaluate(
     results = []
     for first in range(0, len(wanted), number):
         batch = wanted[first : first + number]
-        padded = batch + [batch[-1]] * (number - len(batch))
+        padded = batch + [batch[-1]] * (number - len(batch))  # every world needs a layout
         results += _run(policy, envs, inner, padded)[: len(batch)]
     return results
 

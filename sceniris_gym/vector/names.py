@@ -45,7 +45,7 @@ def _body(scene: SceneModel, name: str) -> int:
 
 
 def find_element(scene: SceneModel, kind: str, name: str, where: str) -> int:
-    """Return the id of a 'site' or an 'actuator' by its name in the model. Raises as `find_body`."""
+    """Return the id of a 'site' or an 'actuator' by its name in the model, or raise as `find_body` does."""
     mjm = scene.mjm
     number = mujoco.mj_name2id(mjm, getattr(mujoco.mjtObj, f"mjOBJ_{kind.upper()}"), name)
     if number < 0:
@@ -55,7 +55,7 @@ def find_element(scene: SceneModel, kind: str, name: str, where: str) -> int:
 
 
 def find_free_dof(scene: SceneModel, body: int, where: str) -> int:
-    """Return the address of the first of the six velocities of a free object. Raises as `find_body`."""
+    """Return the address of the first of the six velocities of a free object, or raise as `find_body` does."""
     mjm = scene.mjm
     joint = int(mjm.body_jntadr[body])
     if joint < 0 or mjm.jnt_type[joint] != FREE:
@@ -67,7 +67,8 @@ def find_free_dof(scene: SceneModel, body: int, where: str) -> int:
 def find_joints(scene: SceneModel, name: Joints, where: str) -> list[int]:
     """Return the ids of a joint, or of all hinges and slides inside an object, a robot or a body.
 
-    Raises as `find_body`.
+    Raises:
+        UnknownNameError: The scene has no such name, or its body has no hinges and slides.
     """
     if not isinstance(name, str):
         return list(name)

@@ -50,7 +50,7 @@ class Readings(RefusesOldNames):
 
     @property
     def finite(self) -> Tensor:
-        """Worlds whose positions, velocities, activations and controls are all finite, shape (num_envs,), bool."""
+        """Worlds with finite positions, velocities, activations and controls, shape (num_envs,), bool."""
         return finite_rows((self._qpos, self._qvel, self._act, self.ctrl))
 
     def pose(self, name: str) -> Tensor:
@@ -147,7 +147,7 @@ class Readings(RefusesOldNames):
     def qpos(self, name: Joints) -> Tensor:
         """Return positions [m or rad] of the hinges and slides inside an object or a robot, or of one joint.
 
-        Shape (num_envs, number of joints), in the order of the model, or for a tuple of joint ids in its order.
+        Shape (num_envs, number of joints), in the order of the model. A tuple of joint ids sets its own order.
         """
         return self._qpos[:, self._span("qpos", name)]
 
@@ -156,7 +156,7 @@ class Readings(RefusesOldNames):
         return self._qvel[:, self._span("qvel", name)]
 
     def grasp(self, name: str) -> Tensor:
-        """Return the TCP pose of the grasp that an object's layout was accepted for, shape (num_envs, 7).
+        """Return the TCP pose of the grasp that makes an object's layout reachable, shape (num_envs, 7).
 
         Position [m] and orientation (wxyz), with the approach along +z and the closing axis along +y. The pose moves
         with the object. It is NaN if the object is absent, or if its present variant does not have to be reachable.

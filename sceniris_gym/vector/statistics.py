@@ -73,7 +73,7 @@ class EpisodeStatistics:
 
     Attributes:
         names: Names of the sums: "episodes", "length" [control steps], "success" (at the last step), "broken"
-            (ended by a number that is not finite), and the reward terms, which are known after the first step.
+            (ended because a number was not finite), and the reward terms, which are known after the first step.
         finished: Worlds whose episode finished in the last step, shape (num_envs,), bool.
     """
 
@@ -127,7 +127,7 @@ class EpisodeStatistics:
         Returns:
             `return`, `length` [control steps], `success` (fraction of the episodes whose last step was a success) and
             `reward_terms` (sum over an episode, by name), all NaN if no episode finished. `episodes` is the number of
-            episodes, and `broken` the number of episodes that ended by a number that is not finite.
+            episodes, and `broken` the number of episodes that ended because a number was not finite.
         """
         sums = self.sums().tolist()
         if clear:

@@ -150,7 +150,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         images: ImageConfig | Mapping[str, Any] | None = None,
         sensing: Sensing | Mapping[str, Any] | None = None,
         output: str = "torch",
-        # how it is shown, and how it runs:
+        # rendering and simulation:
         render_mode: str | None = None,
         render_config: RenderConfig | Mapping[str, Any] | None = None,
         sim_config: SimConfig | Mapping[str, Any] | None = None,
@@ -226,9 +226,9 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
                 The mask is an array of booleans (numpy, torch or Warp), shape (num_envs,), true for at least one world.
                 {"layouts": ids} gives world i the layout with id `ids[i]`, or its next layout if `ids[i]` is None. A
                 single id is for all worlds, and `info["layout"]` of any `info` also works. The world's later resets
-                continue from that episode. {"state": snapshot} restores worlds to the state at the call of `snapshot`:
-                each row its own world, or with a mask the masked worlds in order. {"params": {name: value}} first sets
-                params of the masked worlds, as `set_param` does.
+                continue from that episode. {"state": snapshot} restores worlds to the state at the call of `snapshot`.
+                Each row restores its own world, or with a mask the rows restore the masked worlds in order. {"params":
+                {name: value}} sets params of the masked worlds before their layouts are chosen, as `set_param` does.
 
         Raises:
             ArgumentTypeError: The options are no mapping. The mask is not an array of booleans.
@@ -262,7 +262,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
                 source.set_params({} if params is None else params, mask)  # restoring overwrites params
             else:
                 self._reseed(seed, chosen, mask)
-                self._worlds.reset(due.clone())
+                self._worlds.reset(due.clone())  # a copy, because `on_reset` may overwrite its mask
                 self._autoreset.logical_and_(~due)
             if not self._ready:
                 self.batch.check_budget()

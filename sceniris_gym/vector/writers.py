@@ -23,7 +23,7 @@ from sceniris_gym.sim.write import StateWriter, poses_of
 class JointWriter:
     """Writes positions of some hinges and slides, zero velocities, and the controls and activations that hold them.
 
-    A reset writes the same controls and activations, and also fills the histories of delayed actuators with them.
+    The controls and activations are the same as at a reset, and also fill the histories of delayed actuators.
 
     Args:
         mjm: The model.
