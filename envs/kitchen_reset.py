@@ -41,7 +41,7 @@ class KitchenReset(Task):
 
     Action, 7 numbers in [-1, 1] at 50 Hz: changes of the targets of joints 1 to 7 in units of 0.04 rad.
 
-    Observations, groups `policy` and `critic` alike, 99 numbers:
+    Observations, groups `policy` and `critic`, 99 numbers each:
 
     | name | shape | meaning |
     |---|---|---|

@@ -14,7 +14,7 @@ _public, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 
 def __getattr__(name: str) -> object:
-    """Return a public name, or refuse an old one by its new name."""
+    """Return a public name. For an old name, raise an error with the new name."""
     if new := new_name(name, __all__):
         raise ImportError(f"{__name__}:{new}")
     return _public(name)

@@ -24,7 +24,7 @@ jnp: Any = jax.numpy
 
 _KEPT = ("steps", "truncation", "episode_done", "episode_metrics", "AutoResetWrapper_preserve_info")
 """Entries of `info` that Playground's and Brax's wrappers carry across a full reset."""
-_SEEDS = "seed should be two uint32 words, the high one first, shape (..., 2), as jax.random.PRNGKey(7) for the seed 7"
+_SEEDS = "seed should be two uint32 words, high word first, shape (..., 2), such as jax.random.PRNGKey(7) for seed 7"
 
 
 class FreshLayouts(NamedTuple):
@@ -33,8 +33,8 @@ class FreshLayouts(NamedTuple):
     Attributes:
         qpos: Joint positions [m, rad] in the order of the MjModel, quaternions wxyz, shape (..., nq).
         mocap_pos: Positions of mocap bodies [m], world frame, shape (..., nmocap, 3).
-        mocap_quat: Their orientations, wxyz, shape (..., nmocap, 4).
-        fallback: True for a layout from the bank of valid ones, shape (...).
+        mocap_quat: Orientations of mocap bodies, wxyz, shape (..., nmocap, 4).
+        fallback: True for a layout from the fallback bank, shape (...).
     """
 
     qpos: Any
@@ -46,10 +46,10 @@ class FreshLayouts(NamedTuple):
 class LayoutFunction:
     """The layouts of a scene as a pure function of seed and episode, for jit, vmap, scan and eval_shape.
 
-    A generator is made for each number of layouts that is asked for at once, while JAX traces the call, and kept.
+    Each batch size has a separate generator, which is made while JAX traces the first call, and kept.
 
     Args:
-        compiled: The scene, on the device on which JAX computes.
+        compiled: The scene, on JAX's device.
         split: "train" or "eval", which share no layouts.
 
     Raises:
@@ -66,14 +66,15 @@ class LayoutFunction:
         """Return the layouts of these seeds and episodes.
 
         Args:
-            seed: Two words of 32 bits for each 64-bit seed, the high one first, shape (..., 2), uint32, as of
-                `jax.random.PRNGKey`; or keys of `jax.random.key`, or with x64 uint64 seeds, shape (...).
+            seed: Two words of 32 bits for each 64-bit seed, the high word first, shape (..., 2), uint32, as
+                `jax.random.PRNGKey` returns them. Keys of `jax.random.key` and, with x64, uint64 seeds have shape
+                (...).
             episode: Episodes from 0 to 2^31 - 2, integers of shape (...).
-            where: Layouts to make, booleans of shape (...); the others are the start pose and cost nothing.
+            where: Layouts to make, booleans of shape (...). The other rows are the start pose, without a search.
 
         Raises:
-            ArgumentError: Seeds of another type or shape, or shapes that do not fit each other.
-            ArgumentTypeError: Seeds or episodes that are no integers, or a `where` that is not boolean.
+            ArgumentError: The seeds have another type or shape, or the shapes do not broadcast.
+            ArgumentTypeError: Seeds or episodes are not integers, or `where` is not boolean.
             SceneMismatchError: The scene is on another device than JAX.
         """
         words, where = _words(seed), _array(where, "where should be booleans", jnp.bool_)
@@ -103,10 +104,10 @@ class LayoutFunction:
 class LayoutAutoResetWrapper:
     """Starts every episode of a batch of environments of MuJoCo Playground in a fresh layout.
 
-    It stands in for Playground's BraxAutoResetWrapper, which starts all episodes of a world in the same state. The
-    objects and the robot of the scene get the poses of a layout and come to rest, with the controls that hold them.
-    Everything else of a world that is done is as the environment's own reset made it: once, at the beginning, or with
-    `full_reset` anew. Layouts take one call a step, which makes those of the worlds that are done.
+    The wrapper replaces Playground's BraxAutoResetWrapper, which starts all episodes of a world in the same state. The
+    objects and the robot of the scene get the poses of a layout, at rest, with the controls that hold them. The rest of
+    a finished world returns to its state after the first reset, or with `full_reset` to the state after another reset.
+    Each step makes the layouts of all finished worlds in one call.
 
     `info` has the entries of BraxAutoResetWrapper. `info["layout"]` has `seed` (two uint32 words), `episode` and
     `fallback` (the layout comes from the fallback bank) of each world, and `compiled.layout_id(seed, episode, split)`
@@ -114,18 +115,18 @@ class LayoutAutoResetWrapper:
 
     Args:
         env: The batch, as BraxAutoResetWrapper takes it: a VmapWrapper, and an EpisodeWrapper around it.
-        compiled: A scene with `model: env.mj_model`, on the device on which JAX computes.
+        compiled: A scene with `model: env.mj_model`, on JAX's device.
         split: "train" or "eval", which share no layouts.
-        full_reset: Call the reset of the environments in every step and take `info` (targets, for instance) and the
-            rest of the state from there, as BraxAutoResetWrapper does with this word.
-        observe: Function of a world's (data, info) that returns its observation; None is the method `_get_obs`.
-        update: Function of a world's (mjx.Model, mjx.Data) that computes what observations need of a new state; None is
-            `mjx.forward`, and `mjx.kinematics` is quicker where no sensors are observed.
+        full_reset: Reset the environments in every step, and take `info` (for example targets) and the rest of the
+            state of finished worlds from this reset, as BraxAutoResetWrapper does with this argument.
+        observe: Function of a world's (data, info) that returns its observation. None takes the method `_get_obs`.
+        update: Function of a world's (mjx.Model, mjx.Data) that updates the derived quantities for observations. None
+            is `mjx.forward`. Without observed sensors, `mjx.kinematics` is faster.
 
     Raises:
         ArgumentTypeError: The environment has no `mj_model`.
         SceneMismatchError: The scene was not made from the model of the environment.
-        ArgumentError: `_get_obs` takes other arguments, so that `observe` is needed.
+        ArgumentError: `observe` is missing, and `_get_obs` takes other arguments.
     """
 
     def __init__(
@@ -147,18 +148,18 @@ class LayoutAutoResetWrapper:
             inspect.signature(observe or env.unwrapped._get_obs).bind("data", "info")
         except (AttributeError, TypeError):
             raise ArgumentError(
-                "LayoutAutoResetWrapper: observe should be a function of (data, info). It may be left out only if the "
-                f"environment has a method _get_obs(data, info), which {type(env.unwrapped).__name__} lacks."
+                "LayoutAutoResetWrapper: observe should be a function of (data, info), because "
+                f"{type(env.unwrapped).__name__} has no method _get_obs(data, info)."
             ) from None
         self._observe, self._place = observe, _placing(compiled)
 
     def __getattr__(self, name: str) -> Any:
-        if name in ("env", "__setstate__"):  # of an object that is being copied or unpickled
+        if name in ("env", "__setstate__"):  # copying and unpickling look these up before `env` exists
             raise AttributeError(name)
         return getattr(self.env, name)
 
     def reset(self, rng: Any) -> Any:
-        """Reset all worlds with one key each, every world to the first layout of its seed."""
+        """Reset all worlds with one key each. Every world gets the first layout of its seed."""
         rng, key, seed = jnp.moveaxis(jax.vmap(lambda one: jax.random.split(one, 3))(rng), 1, 0)
         state, worlds = self.env.reset(key), rng.shape[:1]
         episode = jnp.zeros(worlds, jnp.int32)
@@ -166,7 +167,7 @@ class LayoutAutoResetWrapper:
         found, wanted = (jax.tree.map(lambda array: f"{array.dtype}{array.shape}", each) for each in (obs, state.obs))
         if found != wanted:
             raise ArgumentError(
-                f"LayoutAutoResetWrapper: observe should return what the reset does, {wanted}, got {found}."
+                f"LayoutAutoResetWrapper: observe should return the form of env.reset, {wanted}, got {found}."
             )
         info = {"rng": rng, "done_count": jnp.zeros(worlds, int)} | ({} if self.full_reset else {"first_data": data})
         state.info.update({f"AutoResetWrapper_{name}": value for name, value in info.items()})
@@ -174,7 +175,7 @@ class LayoutAutoResetWrapper:
         return state.replace(data=data, obs=obs)
 
     def step(self, state: Any, action: Any) -> Any:
-        """Step all worlds, and give those that are done the next layouts of their seeds."""
+        """Step all worlds, and give finished worlds the next layouts of their seeds."""
         if "steps" in state.info:
             state.info.update(steps=jnp.where(state.done, jnp.zeros_like(state.info["steps"]), state.info["steps"]))
         state = self.env.step(state.replace(done=jnp.zeros_like(state.done)), action)
@@ -195,7 +196,7 @@ class LayoutAutoResetWrapper:
         return state.replace(data=data, obs=_where(done, obs, state.obs), info=info)
 
     def _start(self, data: Any, info: dict[str, Any], seed: Any, episode: Any, where: Any) -> tuple[Any, Any, Any]:
-        """Return data with the layouts of the masked worlds, their observations, and which came from the bank."""
+        """Return data with the layouts of the masked worlds, their observations, and flags of fallback layouts."""
         fresh = self.layouts.qpos(seed, episode, where)
         unwrapped, randomized = self.env.unwrapped, getattr(self.env, "_mjx_model_v", None)
 
@@ -211,7 +212,7 @@ def wrap_for_brax_training(compiled: CompiledScene, **words: Any) -> Callable[..
     """Return a `wrap_env_fn` for Brax's trainers: Playground's `wrap_for_brax_training` with `LayoutAutoResetWrapper`.
 
     Args:
-        compiled: As of `LayoutAutoResetWrapper`.
+        compiled: The scene, as in `LayoutAutoResetWrapper`.
         **words: Other arguments of `LayoutAutoResetWrapper`.
     """
     check_type(compiled, CompiledScene, "wrap_for_brax_training: compiled")
@@ -264,7 +265,7 @@ def _check_device(compiled: CompiledScene) -> None:
 
 
 def _vmappable(layouts: LayoutFunction) -> Any:
-    """Return the call with a rule for `vmap`: one call for all members of the batch, at any depth."""
+    """Return the call with a rule for `vmap` that makes one call for all members of the batch, at any depth."""
     call = jax.custom_batching.custom_vmap(layouts._call)
 
     @call.def_vmap
@@ -276,7 +277,7 @@ def _vmappable(layouts: LayoutFunction) -> Any:
 
 
 def _callable(requested: RequestedLayouts) -> Any:
-    """Return `requested.launch` as a function of JAX, which compiled functions may call as long as they live."""
+    """Return `requested.launch` as a function of JAX, which keeps `requested` alive for compiled functions."""
 
     def launch(
         seed: wp.array2d[wp.uint32],
@@ -293,7 +294,7 @@ def _callable(requested: RequestedLayouts) -> Any:
 
 
 def _array(value: Any, wanted: str, kind: Any) -> Any:
-    """Return an argument as an array of JAX, whose type is of that kind."""
+    """Return an argument as a JAX array with a type of this kind."""
     with suppress(TypeError, ValueError, OverflowError):
         if jnp.issubdtype((array := jnp.asarray(value)).dtype, kind):
             return array

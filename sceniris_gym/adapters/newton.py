@@ -33,7 +33,7 @@ _CURE = (
 
 @wp.func
 def _mujoco_pose(pos: wp.vec3, quat: wp.quat) -> wp.transform:
-    """Return a pose of MuJoCo, whose quaternion is wxyz, as a transform, whose quaternion is xyzw."""
+    """Return a MuJoCo pose, with a quaternion in wxyz order, as a Warp transform, which has xyzw order."""
     return wp.transform(pos, wp.quat(quat[1], quat[2], quat[3], quat[0]))
 
 
@@ -93,40 +93,41 @@ def _write_joints(
         motion = wp.transform_inverse(x_p[joint]) * pose * x_c[joint]
         for k in range(7):
             joint_q[first + k] = motion[k]
-    else:  # a fixed root stands where its parent frame is
+    else:  # a fixed root has no coordinates, so its pose is set by the frame of its joint
         x_p[joint] = pose * x_c[joint]
 
 
 class NewtonRandomizer(StaysHere):
     """Resets chosen worlds of a `newton.solvers.SolverMuJoCo` to fresh layouts, at rest.
 
-    Newton owns the state: every step of the solver writes `State.joint_q` into MuJoCo's data. So a layout is written
-    there, in Newton's convention: poses of joints between their anchors, and quaternions as xyzw. `joint_qd` becomes 0,
-    body poses and velocities follow (`newton.eval_fk`), and `solver.reset` clears warm starts, forces, activations and
-    controls. Joints that the scene does not draw go back to their start. Roots that Newton fixes to the world may be
-    placed, too: their poses are those of `Model.joint_X_p`. All other worlds keep their bits.
+    Newton owns the state: every step of the solver copies `State.joint_q` into MuJoCo's data. A reset therefore writes
+    layouts to `State.joint_q` in Newton's convention, as poses of joints between their anchors, with xyzw quaternions.
+    It sets `joint_qd` to 0, updates body poses and velocities (`newton.eval_fk`), and clears warm starts, forces,
+    activations and controls (`solver.reset`). Joints that the scene does not draw return to their start. Roots that
+    Newton fixes to the world can also be placed, through `Model.joint_X_p`. All other worlds keep their bits.
 
-    Nothing waits for the device, so a reset with a mask on the device can be captured in a graph with the steps.
+    A reset with a mask on the device does not wait for it, so you can capture the reset in a graph with the steps.
 
     Args:
         compiled: A scene with `model: solver.mj_model`, on the device of the model.
         model: The newton.Model.
         solver: The newton.solvers.SolverMuJoCo that steps it.
-        *states: Every newton.State that the loop steps; a reset writes all of them.
-        seed: Seed of world 0, world i has seed + i; or one seed per world. Not used with a layout_source.
+        *states: Every newton.State that the loop steps. A reset writes all of them.
+        seed: Seed of world 0 (world i has seed + i), or one seed per world. Not used with a layout_source.
         split: "train" or "eval", which share no layouts. Not used with a layout_source.
-        layout_source: Another source of layouts, such as StoredLayouts.
-        prefetch: Make the next layout of every world ahead, beside the steps that follow; None does so on a GPU. See
-            ResetRandomizer. Not with a layout_source.
+        layout_source: A LayoutSource, a LayoutTable or LayoutDataset whose rows are served, or a function
+            `(compiled, nworld)` that returns a LayoutSource. None makes a LayoutGenerator.
+        prefetch: Make the next layout of every world during the steps before its reset, as in ResetRandomizer. None
+            prefetches on a GPU. Not with a layout_source.
 
     Attributes:
-        pipeline: Makes and prefetches the layouts; a LayoutPipeline.
+        pipeline: The LayoutPipeline that makes and prefetches the layouts.
         layouts: The latest layout of each world.
 
     Raises:
-        ArgumentError: The solver runs on MuJoCo C, or has all worlds of the model in one; or the solver or a state is
-            another model's.
-        SceneMismatchError: The scene is not that of the model, worlds differ, or joints start elsewhere.
+        ArgumentError: The solver runs on MuJoCo C, or treats all worlds as one. The solver or a state belongs to
+            another model.
+        SceneMismatchError: The scene was made from another model, worlds differ, or joints have another start.
         NotSupportedError: The scene has words of `start` or `randomize`.
     """
 
@@ -157,7 +158,7 @@ class NewtonRandomizer(StaysHere):
                 f"for each of the {nworld} worlds of the model, as newton.ModelBuilder.replicate makes them."
             )
         if any(state.joint_q.shape != model.joint_q.shape for state in states):
-            raise ArgumentError("NewtonRandomizer: states should be those of the model: model.state().")
+            raise ArgumentError("NewtonRandomizer: states should be states of the model, from model.state().")
         self.compiled, self.model, self.solver, self.states = compiled, model, solver, states
         where, given = "NewtonRandomizer", {"layout_source": layout_source, "prefetch": prefetch}
         self.pipeline, _ = make_pipeline(compiled, nworld, where, seed=seed, split=split, **given)
@@ -165,7 +166,7 @@ class NewtonRandomizer(StaysHere):
         check_model(compiled, solver.mj_model, where, _CURE)
         check_fit(compiled, solver.mjw_model, data, self.layouts, where=where, cure=_CURE)
         with wp.ScopedDevice(model.device):
-            self._world_mask = wp.zeros(nworld + 1, dtype=wp.bool)  # Newton has a global world, which is the last one
+            self._world_mask = wp.zeros(nworld + 1, dtype=wp.bool)  # the last entry is Newton's global world
             self._mask = self._world_mask[:nworld]
             self._joint_mask = wp.zeros(model.joint_count, dtype=wp.bool)
             self._qposadr = wp.array(solver.mj_q_start.numpy()[: model.joint_count // nworld], dtype=int)
@@ -174,12 +175,12 @@ class NewtonRandomizer(StaysHere):
 
     @launching
     def reset(self, worlds: Any = None, *, seed: Any = None, layouts: Any = None) -> None:
-        """Give worlds their next layouts, or chosen ones.
+        """Give worlds their next layouts, or chosen layouts.
 
         Args:
-            worlds: None for all worlds; booleans, shape (nworld,); ids of worlds; or a slice.
-            seed: See `ResetRandomizer.reset`.
-            layouts: See `ResetRandomizer.reset`.
+            worlds: None for all worlds, booleans of shape (nworld,), ids of worlds, or a slice.
+            seed: As in `ResetRandomizer.reset`.
+            layouts: As in `ResetRandomizer.reset`.
 
         Raises:
             ArgumentTypeError, ArgumentError, SceneMismatchError: As `ResetRandomizer.reset`.
@@ -207,7 +208,7 @@ class NewtonRandomizer(StaysHere):
         )
 
     def _mocap_of_joints(self) -> np.ndarray:
-        """Return the placed mocap body that each joint of a world is the root of; -1 for others."""
+        """Return the placed mocap body whose root is each joint of a world, or -1."""
         found, roots = np.full(self._qposadr.shape[0], -1), self.solver.mjc_mocap_to_newton_jnt
         placed = self.compiled.mjm.body_mocapid[list(self.compiled.scene.owners)]
         for mocap in placed[placed >= 0]:

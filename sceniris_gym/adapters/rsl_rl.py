@@ -23,7 +23,7 @@ except ImportError as error:
 
 
 def as_tensordict(observation: Mapping[str, Any]) -> TensorDict:
-    """Return observations of SceneVectorEnv as rsl-rl takes them, each camera as a group of channels first."""
+    """Return observations of SceneVectorEnv in rsl-rl's form, with a channels-first group for each camera."""
     images = {camera: as_channels(pictures) for camera, pictures in observation.get(GROUP, {}).items()}
     groups = {name: part for name, part in observation.items() if name != GROUP} | images
     first = next(iter(groups.values()))
@@ -31,28 +31,27 @@ def as_tensordict(observation: Mapping[str, Any]) -> TensorDict:
 
 
 class RslRlVecEnvWrapper(VecEnv):
-    """A SceneVectorEnv as a VecEnv of rsl-rl 5. Nothing is copied to the host, and nothing waits for the device.
+    """A SceneVectorEnv as a VecEnv of rsl-rl 5, without copies to the host or waits for the device.
 
-    Each camera is a group of its own name, with its pictures as channels (`as_channels` in vector/images.py), which
-    rsl-rl's CNNModel takes.
+    The observation groups keep their names, so a runner's `obs_groups` is {"actor": ["policy"], "critic": ["critic"]}.
+    Each camera is a group with the camera's name, and has its pictures as channels (`as_channels` in vector/images.py)
+    for rsl-rl's CNNModel. Returned observations are never written to again, because rsl-rl keeps references to them
+    until after the next step.
 
-    The observation groups keep their names; a runner's `obs_groups` is {"actor": ["policy"], "critic": ["critic"]}.
-    Returned observations are never written to again, since rsl-rl keeps references to them until after the next step.
-
-    `extras` of a step has `time_outs` (truncated and not terminated), `success` of the step, and `log` (also the
-    attribute of this name), scalars on the device. `Episode/<term>` (sum over an episode), `Episode/success` (at its
-    last step), `Episode/broken` (its state was no longer finite) and `Episode/length` (control steps) are means over
-    the episodes that finished in the step; if none did, they keep their values, which are 0 at first.
+    `extras` of a step has `time_outs` (truncated and not terminated), `success` of the step, and `log`, also an
+    attribute, with scalars on the device. `Episode/<term>` (sum over an episode), `Episode/success` (at its last step),
+    `Episode/broken` (its state was not finite) and `Episode/length` (control steps) are means over the episodes that
+    finished in the step. In steps without a finished episode they keep their values, which are 0 at first.
     `Reset/valid_share`, `Reset/fallback_share` and `Reset/attempts` are means over the present layouts of the worlds,
-    and `Reset/reject_<cause>` is the share of that cause in all candidates rejected so far. Stored layouts have no
-    attempts and no rejections: these are 0.
+    and `Reset/reject_<cause>` is the fraction of this cause in all candidates rejected so far. For stored layouts,
+    attempts and rejections are 0.
 
     Args:
         env: A SceneVectorEnv with autoreset SAME_STEP, output "torch", copy=True, and max_episode_steps.
-        seed: Seed of the first reset; None draws one.
+        seed: Seed of the first reset. None draws a seed.
 
     Raises:
-        ArgumentError: The environment is another one, or has other settings.
+        ArgumentError: `env` is not a SceneVectorEnv, or has other settings.
     """
 
     def __init__(self, env: VectorEnv, seed: int | None = None) -> None:
@@ -67,7 +66,7 @@ class RslRlVecEnvWrapper(VecEnv):
             )
         if env.max_episode_steps is None:
             raise ArgumentError(
-                "RslRlVecEnvWrapper: env should have max_episode_steps, since rsl-rl asks for the longest episode."
+                "RslRlVecEnvWrapper: env should have max_episode_steps, because rsl-rl uses the longest episode."
             )
         assert env.single_action_space.shape is not None
         self.env, self.device, self.num_envs = env, env.device, env.num_envs
@@ -80,7 +79,7 @@ class RslRlVecEnvWrapper(VecEnv):
 
     @property
     def episode_length_buf(self) -> Tensor:  # type: ignore[override]
-        """Control steps since the reset of each world, shape (num_envs,); assigned values are copied into it."""
+        """Control steps since the reset of each world, shape (num_envs,). Assignment copies values into this tensor."""
         return self.env.state.elapsed
 
     @episode_length_buf.setter
@@ -95,7 +94,7 @@ class RslRlVecEnvWrapper(VecEnv):
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[TensorDict, dict[str, Any]]:
-        """Reset worlds as SceneVectorEnv.reset does; rsl-rl's runners never call this."""
+        """Reset worlds as SceneVectorEnv.reset does. The runners of rsl-rl never call this method."""
         observation, info = self.env.reset(seed=seed, options=options)
         self._observation = as_tensordict(observation)
         return self._observation, info
@@ -105,7 +104,7 @@ class RslRlVecEnvWrapper(VecEnv):
         return self._observation
 
     def step(self, actions: Tensor) -> tuple[TensorDict, Tensor, Tensor, dict[str, Any]]:
-        """Take one control step; return observations, rewards, dones (long), each (num_envs, ...), and extras."""
+        """Take one control step and return observations, rewards, dones (long), each (num_envs, ...), and extras."""
         observation, reward, terminated, truncated, info = self.env.step(actions)
         self._observation = as_tensordict(observation)
         done = terminated | truncated
@@ -125,7 +124,7 @@ class RslRlVecEnvWrapper(VecEnv):
         return {f"Episode/{name}": mean.float() for name, mean in zip(statistics.names[1:], self._means, strict=True)}
 
     def _resets(self) -> dict[str, Tensor]:
-        """Return statistics of the present layouts of the worlds, and of rejections so far."""
+        """Return statistics of the present layouts, and of all rejections so far."""
         layouts = self.env.randomizer.layouts
         counts = layouts.rejections.sum(dim=0).float()
         shares = counts / counts.sum().clamp(min=1.0)

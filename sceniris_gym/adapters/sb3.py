@@ -29,26 +29,26 @@ except ImportError as error:
 class Sb3VecEnvWrapper(VecEnv):
     """A SceneVectorEnv as a VecEnv of Stable-Baselines3: numpy arrays, a list of infos, one part of the observation.
 
-    A step copies observations, rewards and flags of all worlds to the host. Infos are empty except for the worlds that
-    finished, which have `terminal_observation`, `TimeLimit.truncated`, `is_success` (of the last step), `broken` (the
-    state was no longer finite), `episode` (`r`, `l` and `t` as in Monitor, from the environment's own rewards), and
-    `layout`, which names the episode's layout by `seed`, `episode`, `fallback` and so on. These infos are
-    gathered on the device first, so that only those of finished worlds are copied. `reset_infos` has those of the
-    present layout of each world.
+    A step copies observations, rewards and flags of all worlds to the host. Only finished worlds have infos:
+    `terminal_observation`, `TimeLimit.truncated`, `is_success` (of the last step), `broken` (the state was not finite),
+    `episode` (`r`, `l` and `t` as in Monitor, from the environment's unscaled rewards), and `layout`, the episode's
+    `info["layout"]` (`seed`, `episode`, `fallback` and others). A gather on the device precedes the copy, so only the
+    rows of finished worlds are copied. `reset_infos` has the present layout of each world.
 
-    All worlds share one environment. `get_attr` and `env_method` ask it, or else its task, once, and repeat the answer
-    for every index. But for params, `set_attr` works only for all worlds together, and so do the options of
-    SceneVectorEnv.reset. `env_is_wrapped` is true only for Monitor, whose infos the environment provides itself.
+    All worlds share one environment. `get_attr` and `env_method` read an attribute once, from the environment or its
+    task, and repeat the result for every index. `set_attr` sets params in any worlds, and other attributes only in all
+    worlds together. The options of SceneVectorEnv.reset also apply to all worlds together. `env_is_wrapped` is true
+    only for Monitor, because the environment provides Monitor's infos.
 
     Args:
         env: A SceneVectorEnv with autoreset SAME_STEP, output "torch" and copy=True.
-        group: The part of the observation for the agent: a group, or a picture as "wrist/rgb" (for "CnnPolicy"). A
-            sequence of several names makes a dict of them (for "MultiInputPolicy"). Pictures need an environment with
-            `ImageConfig.final`, as agents see the last observation of an episode.
+        group: The part of the observation for the agent: a group, or a picture such as "wrist/rgb" (for "CnnPolicy").
+            A sequence of names selects a dict of parts (for "MultiInputPolicy"). Pictures need an environment with
+            `ImageConfig.final`, because agents see the last observation of an episode.
 
     Raises:
-        ArgumentTypeError: Not a SceneVectorEnv.
-        ArgumentError: A SceneVectorEnv with other settings.
+        ArgumentTypeError: `env` is not a SceneVectorEnv.
+        ArgumentError: `env` has other settings.
         UnknownNameError: There is no such group or picture.
     """
 
@@ -74,7 +74,7 @@ class Sb3VecEnvWrapper(VecEnv):
         self._began = time.time()
 
     def reset(self) -> VecEnvObs:
-        """Reset with the seeds and options that were set since the last reset; return observations of all worlds."""
+        """Reset with the seeds and options set since the last reset, and return observations of all worlds."""
         seeds = None if all(seed is None for seed in self._seeds) else self._seeds
         options = self._options[0]
         observation, info = self.env.reset(seed=seeds, options=options)
@@ -87,11 +87,11 @@ class Sb3VecEnvWrapper(VecEnv):
         return self.seen(observation)
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Keep the actions for step_wait."""
+        """Store the actions for step_wait."""
         self._actions = actions
 
     def step_wait(self) -> VecEnvStepReturn:
-        """Take the step; return observations, rewards (float32), dones (bool), and an info for each world."""
+        """Take the step and return observations, rewards (float32), dones (bool), and an info for each world."""
         observation, reward, terminated, truncated, info = self.env.step(self._actions)
         rewards, flags = to_host(reward), to_host(torch.stack([terminated, truncated]))
         dones = flags[0] | flags[1]
@@ -104,12 +104,13 @@ class Sb3VecEnvWrapper(VecEnv):
         return self.seen(observation), rewards, dones, infos
 
     def seen(self, observation: dict[str, Any], worlds: Tensor | None = None) -> Any:
-        """Return the agent's part of an observation of the environment, on the host: an array, or a dict of arrays.
+        """Return the agent's part of an observation of the environment, on the host, as an array or a dict of arrays.
 
         Args:
             observation: Observation of all worlds, as the environment returns it.
-            worlds: Numbers of some worlds, for an observation without NaNs: a world that diverged has them in its last
-                observation, and NaN * 0 would spoil a replay buffer's targets. None is all worlds, as they are.
+            worlds: Ids of worlds to select, with 0 in place of NaN and infinity. The last observation of a diverged
+                world may have NaNs, and NaN * 0 would spoil a replay buffer's targets. None selects all worlds, with
+                unchanged values.
         """
         parts = _parts(observation)
 
@@ -119,10 +120,10 @@ class Sb3VecEnvWrapper(VecEnv):
         return part(self.group) if isinstance(self.group, str) else {name: part(name) for name in self.group}
 
     def set_options(self, options: list[dict] | dict | None = None) -> None:
-        """Keep options for the next reset, the same for all worlds.
+        """Store options for the next reset, the same for all worlds.
 
         Raises:
-            ArgumentError: A list with options for single worlds.
+            ArgumentError: The options are a list with options for single worlds.
         """
         if isinstance(options, list):
             if any(options):
@@ -137,22 +138,22 @@ class Sb3VecEnvWrapper(VecEnv):
         self.env.close()
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
-        """Return an attribute of the environment, or else of its task, once for every index.
+        """Return an attribute of the environment or its task, repeated for every index.
 
         Raises:
-            AttributeError: Neither has it.
-            IndexError: There is no such world; -1 is the last one.
+            AttributeError: The environment and its task lack the attribute.
+            IndexError: An index is out of range. Negative indices count from the last world.
         """
         return [getattr(self._owner(attr_name), attr_name)] * len(self._chosen(indices))
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
-        """Set a param of some worlds, or an attribute of the environment, or else of its task, for all of them.
+        """Set a param (a name with a dot) in some worlds, or an attribute of the environment or its task in all worlds.
 
         Raises:
-            AttributeError: Neither has it.
-            UnknownNameError: An attribute of the environment that is not to be set.
-            ArgumentError: Not all of the worlds.
-            IndexError: There is no such world.
+            AttributeError: The environment and its task lack the attribute.
+            UnknownNameError: The environment's attribute is not in SETTABLE.
+            ArgumentError: An attribute is set with indices of some worlds.
+            IndexError: An index is out of range.
         """
         if "." in attr_name:
             self.env.set_param(attr_name, value, np.isin(np.arange(self.num_envs), self._chosen(indices)))
@@ -166,7 +167,7 @@ class Sb3VecEnvWrapper(VecEnv):
             setattr(owner, attr_name, value)
 
     def env_method(self, method_name: str, *method_args, indices: VecEnvIndices = None, **method_kwargs) -> list[Any]:
-        """Call a method of the environment, or else of its task, once, and return its result for every index."""
+        """Call a method of the environment or its task once, and return its result for every index."""
         count = len(self._chosen(indices))
         return [getattr(self._owner(method_name), method_name)(*method_args, **method_kwargs)] * count
 
@@ -183,7 +184,7 @@ class Sb3VecEnvWrapper(VecEnv):
         return frames
 
     def _fill(self, infos: list[dict[str, Any]], worlds: np.ndarray, flags: np.ndarray, info: dict[str, Any]) -> None:
-        """Write the infos of the worlds that finished, and start their next episodes."""
+        """Write the infos of the finished worlds, and restart their returns and lengths."""
         rows = torch.as_tensor(worlds, device=self.env.device)
         last = self.seen(info["final_obs"], rows)
         success, broken = (to_host(info["final_info"][name][rows]) for name in ("success", "broken"))
@@ -209,7 +210,7 @@ class Sb3VecEnvWrapper(VecEnv):
         for owner in (self.env, self.env.task):
             if hasattr(owner, name):
                 return owner
-        raise AttributeError(f"neither {type(self.env).__name__} nor {type(self.env.task).__name__} has '{name}'")
+        raise AttributeError(f"{type(self.env).__name__} and {type(self.env.task).__name__} have no attribute '{name}'")
 
     def _chosen(self, indices: VecEnvIndices) -> list[int]:
         worlds = range(self.num_envs)
@@ -223,12 +224,12 @@ def _parts(groups: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def to_host(tensor: Tensor) -> np.ndarray:
-    """Return a tensor as a numpy array; all data leaves the device here."""
+    """Return a tensor as a numpy array. All copies from the device go through this function."""
     return tensor.cpu().numpy()
 
 
 def _rows(columns: dict[str, Any], worlds: Sequence[int] | np.ndarray) -> list[dict[str, Any]]:
-    """Turn columns, and dicts of them, into one dict of plain numbers for each of these worlds."""
+    """Return a dict of plain numbers for each of these worlds, from columns and dicts of columns."""
     lists = {
         name: _rows(values, worlds) if isinstance(values, dict) else to_host(values[torch.as_tensor(worlds)]).tolist()
         for name, values in columns.items()

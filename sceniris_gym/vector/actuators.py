@@ -1,4 +1,4 @@
-"""Actuators of joints: `PositionActuators` are targets of an arm's joints, `Fingers` open and close its hand."""
+"""Actuators of joints: `PositionActuators` set targets of an arm's joints, `Fingers` describe the hand's actuators."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from sceniris_gym.sim.rest import CTRL_HOLDS, affine_law, rest_map
 from sceniris_gym.sim.versions import actuator_controls, actuator_outputs
 from sceniris_gym.vector.readings import as_columns
 
-# Fingers that move by less [m] across the approach axis neither open nor close.
+# Smallest motion [m] across the approach axis that opens or closes a finger.
 _STILL = 1e-4
-# Lengths of actuators that differ by less [m or rad] are equal but for rounding.
+# Smallest difference [m or rad] between lengths of an actuator that is more than rounding.
 _SAME = 1e-9
 
 
@@ -35,13 +35,13 @@ class PositionActuators:
         mjm: The model.
         joints: Ids of the joints.
         device: Torch device.
-        where: Begins errors.
+        where: The beginning of errors.
 
     Attributes:
-        lower, upper: Limits of the targets [rad or m], those of the controls and of the joints, shape (njoint,).
+        lower, upper: Limits of the targets [rad or m], within the limits of controls and joints, shape (njoint,).
 
     Raises:
-        ArmError: A joint that has no position actuator of its own, or several.
+        ArmError: A joint does not have exactly one position actuator that drives only this joint.
     """
 
     def __init__(self, mjm: mujoco.MjModel, joints: Sequence[int], device: torch.device, where: str) -> None:
@@ -80,9 +80,9 @@ class PositionActuators:
     def full_leads(self, speed: np.ndarray) -> np.ndarray:
         """Return how far joints lag behind their targets at full force and speed [rad or m], shape (njoint,).
 
-        The joint's damping d alone then balances the full torque T, so the speed is v = T / d. With the gear g from
-        joint to actuator, the actuator's own law T / g = kp g lead - kv g v gives lead = T / (kp g^2) + kv v / kp. The
-        lead is infinite where nothing limits the force.
+        At full speed, the joint's damping d balances the full torque T, so the speed is v = T / d. With the gear g from
+        joint to actuator, the actuator's law T / g = kp g lead - kv g v gives lead = T / (kp g^2) + kv v / kp. The
+        lead is infinite for a joint and an actuator without a force limit.
 
         Args:
             speed: The full speed of joints without damping [rad/s or m/s], shape (njoint,).
@@ -101,7 +101,7 @@ class PositionActuators:
 
 
 def _check_number(mjm: mujoco.MjModel, joint: int, found: Sequence[int], where: str) -> None:
-    """Check that one position actuator of those that were found moves a joint."""
+    """Check that exactly one position actuator was found for a joint."""
     if len(found) == 1:
         return
     name = mjm.joint(joint).name
@@ -111,7 +111,7 @@ def _check_number(mjm: mujoco.MjModel, joint: int, found: Sequence[int], where: 
     else:
         add = "Add" if name else "Name it, and add"
         has = f"has none. {add} <position joint='{name or '...'}' kp='...' ctrlrange='...'/>."
-    raise ArmError(f"{where}: {joint_label(mjm, joint)} should have one position actuator of its own, but {has}")
+    raise ArmError(f"{where}: {joint_label(mjm, joint)} should have one separate position actuator, but {has}")
 
 
 @dataclass(frozen=True)
@@ -119,11 +119,11 @@ class Fingers:
     """The fingers of a hand that actuators move by joints, by tendons of any kind, or by equalities of joints.
 
     Attributes:
-        joints: Ids of the joints that carry a finger as a whole: none of them carries another one.
+        joints: Ids of the joints that carry a whole finger. A joint that another finger joint carries is left out.
         closed_qpos: Positions of these joints when the hand is closed [m or rad], shape (njoint,).
-        width: Sideways motion of each finger per unit of its joint [m/m or m/rad], shape (njoint,): the mean between
-            closed and open, at the geom that is nearest to the TCP; negative if the finger closes as its joint grows.
-            None for linkages, whose fingers move as a `connect` or a `weld` makes them.
+        width: Sideways motion of each finger per unit of its joint [m/m or m/rad], shape (njoint,). It is the mean
+            between closed and open, at the geom nearest to the TCP, and negative if a growing joint closes the finger.
+            None for linkages, where a `connect` or a `weld` moves the fingers.
         controls: Columns of the actuators in `ctrl`, ascending.
         closed: Controls that close the hand, shape (ncontrol,).
         opened: Controls that open it, shape (ncontrol,).
@@ -138,12 +138,12 @@ class Fingers:
 
     @classmethod
     def find(cls, scene: SceneModel, tcp: int, arm: Sequence[int]) -> Fingers | None:
-        """Find the fingers that the last joint of an arm carries; return None if no actuator opens and closes any.
+        """Find the fingers that the last joint of an arm carries. Return None if no actuator opens and closes a finger.
 
         A hand opens as its fingers move away from the approach axis, which is the z axis of the TCP.
 
         Args:
-            scene: The scene. All joints but those of the fingers are in its start pose.
+            scene: The scene. The joints outside the fingers are in the scene's start pose.
             tcp: Id of the site that is the tool centre point.
             arm: Ids of the arm's joints, from base to tip.
         """
@@ -202,9 +202,10 @@ def _seen(mjm: mujoco.MjModel, data: mujoco.MjData, tcp: int, qpos: np.ndarray) 
 
 
 def _ends(mjm: mujoco.MjModel, actuator: int, short: float, long: float) -> tuple[float, float]:
-    """Return the controls by which an actuator closes and opens a hand, given its lengths there; nan if there are none.
+    """Return the controls with which an actuator closes and opens a hand, or nan for an actuator without a fixed gain.
 
-    Those of a position actuator hold these lengths; those of any other actuator are the ends of its control range.
+    The controls of a position actuator hold the lengths `short` (closed) and `long` (open). The controls of other
+    actuators are the ends of the control range, which are infinite without a range.
     """
     control = actuator_controls(mjm)[0][actuator]
     low, high = mjm.actuator_ctrlrange[control] if mjm.actuator_ctrllimited[control] else (-np.inf, np.inf)

@@ -1,4 +1,4 @@
-"""Arguments of an environment as users pass them, checked once: tasks, scenes, sizes, seeds, reset masks, actions."""
+"""Checks and conversions of the arguments of an environment: tasks, scenes, sizes, seeds, reset masks, actions."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.vector.ranks import Rank
 from sceniris_gym.vector.task import Task
 
-RESET_MASK = "reset_mask"  # the option of Gymnasium's own vector environments
+RESET_MASK = "reset_mask"  # the name in Gymnasium's vector environments
 LAYOUTS, STATE, PARAMS = "layouts", "state", "params"
 RESET_OPTIONS = (RESET_MASK, LAYOUTS, STATE, PARAMS)
 
 
 def as_task(task: Task | type[Task] | str) -> Task:
-    """Return a Task that is given as itself, as its class, or as "module:Class".
+    """Return a Task, given as an instance, a class, or "module:Class".
 
     Raises:
-        ArgumentError: Not the form of the text, or it cannot be imported.
-        ArgumentTypeError: Anything else.
+        ArgumentError: The text has another form, or cannot be imported.
+        ArgumentTypeError: The value has another type.
     """
     if isinstance(task, str):
         module, _, name = task.partition(":")
@@ -48,11 +48,13 @@ def as_task(task: Task | type[Task] | str) -> Task:
 
 
 def as_compiled_scene(scene: Any, overrides: Mapping[str, Any] | None, device: str | None) -> CompiledScene:
-    """Return a CompiledScene as it is, or compile what SceneConfig.load takes; device None is cuda:0 if there is one.
+    """Compile any scene that SceneConfig.load takes, or return a CompiledScene unchanged.
+
+    Device None is cuda:0, or cpu without a GPU.
 
     Raises:
-        ArgumentError: A CompiledScene with overrides, or with another device than its own.
-        ScenirisError: See compile_scene.
+        ArgumentError: Overrides or another device are given for a CompiledScene.
+        ScenirisError: As in compile_scene.
     """
     if isinstance(scene, CompiledScene):
         if overrides or (device is not None and device_name(device) != scene.device):
@@ -65,10 +67,10 @@ def as_compiled_scene(scene: Any, overrides: Mapping[str, Any] | None, device: s
 
 
 def as_autoreset_mode(value: Any) -> AutoresetMode:
-    """Return one of Gymnasium's modes, given as itself or as its value.
+    """Return an autoreset mode of Gymnasium, given as a member or as its value.
 
     Raises:
-        ArgumentError: Neither.
+        ArgumentError: The value is not a mode.
     """
     try:
         return AutoresetMode(value)
@@ -78,10 +80,10 @@ def as_autoreset_mode(value: Any) -> AutoresetMode:
 
 
 def as_groups(value: str | Sequence[str] | None) -> tuple[str, ...] | None:
-    """Return names of observation groups, given as a sequence or as a single name; None is all groups.
+    """Return names of observation groups, given as a sequence or as a single name. None selects all groups.
 
     Raises:
-        ArgumentError: An empty sequence, or anything but names.
+        ArgumentError: The sequence is empty, or an entry is not a name.
     """
     if value is None:
         return None
@@ -97,18 +99,18 @@ def as_groups(value: str | Sequence[str] | None) -> tuple[str, ...] | None:
 def as_reset_seeds(
     seed: Any, num_envs: int, rank: Rank, *, first: bool, mask: np.ndarray | None = None
 ) -> ChosenLayouts | None:
-    """Return the first layouts of seeds, for the worlds that get one; None if no world is reseeded.
+    """Return the first layouts of seeds, for the worlds with a seed, or None without any seed.
 
     Args:
-        seed: None, an integer (world i gets seed + i), or num_envs entries that are integers or None; or an entry for
-            each masked world in order.
+        seed: None, an integer (world i gets seed + i), or num_envs entries that are integers or None. With a mask, the
+            sequence may also have an entry for each masked world in order.
         num_envs: Number of worlds.
-        rank: The process; an integer seed is moved on to the seeds that this process has for itself.
+        rank: The process, which shifts an integer seed into its separate range of seeds.
         first: Draw a seed for each None in a sequence, as the first reset does.
-        mask: The worlds that are reset, shape (num_envs,), bool; None is all worlds.
+        mask: The worlds to reset, shape (num_envs,), bool, or None for all worlds.
 
     Raises:
-        ArgumentError: Any other seed.
+        ArgumentError: The seed has another form or range.
     """
     if seed is None:
         return None
@@ -126,12 +128,12 @@ def as_reset_seeds(
 
 
 def as_reset_mask(options: Mapping[str, Any] | None, num_envs: int) -> np.ndarray | None:
-    """Return a copy of `options["reset_mask"]` on the host, shape (num_envs,), bool; None for all worlds.
+    """Return a copy of `options["reset_mask"]` on the host, shape (num_envs,), bool, or None for all worlds.
 
     Raises:
-        ArgumentTypeError: The options are no mapping. Not an array of booleans.
-        UnknownNameError: An option that `reset` does not know.
-        ArgumentError: Wrong shape, or false everywhere.
+        ArgumentTypeError: The options are not a mapping. The mask is not an array of booleans.
+        UnknownNameError: The options have an unknown name.
+        ArgumentError: The mask has the wrong shape, or is false everywhere.
     """
     if not isinstance(options, Mapping | None):
         raise ArgumentTypeError(f"reset: options should be {{'{RESET_MASK}': mask}} or None, got {short(options)}.")
@@ -147,12 +149,13 @@ def as_reset_mask(options: Mapping[str, Any] | None, num_envs: int) -> np.ndarra
 
 
 def as_action(actions: Any, space: Space, device: torch.device) -> Tensor:
-    """Return the actions of all worlds on the device, detached and clipped to [-1, 1]; NaN becomes 0.
+    """Return the actions of all worlds on the device, detached and clipped to [-1, 1], with 0 for NaN.
 
-    A NaN in the controls would stay there until the world's next reset, and a gradient for ever.
+    A NaN would stay in the controls until the world's next reset. A gradient graph would stay attached to the tensors
+    of the task.
 
     Raises:
-        ArgumentError: Wrong shape, or not real numbers.
+        ArgumentError: The actions have the wrong shape, or are not real numbers.
     """
     try:
         given = torch.as_tensor(actions, device=device).detach()
@@ -168,7 +171,7 @@ def as_action(actions: Any, space: Space, device: torch.device) -> Tensor:
 
 
 def fresh_seeds(count: int) -> np.ndarray:
-    """Draw seeds from the operating system, shape (count,), uint64: 62 bits, so that seed + i is a positive int64."""
+    """Draw seeds from the operating system, shape (count,), uint64. 62 bits keep seed + i a positive int64."""
     return np.random.SeedSequence().generate_state(count, np.uint64) >> np.uint64(2)
 
 

@@ -1,4 +1,4 @@
-"""`ArmController`: a robot of the scene, driven by its joints or by its tool, and its gripper."""
+"""`ArmController`: moves a robot's arm by joints or by tool, and its gripper."""
 
 from __future__ import annotations
 
@@ -31,46 +31,46 @@ TURN_LEAD = 0.3
 """Largest lead of the target yaw over the tool's yaw [rad]."""
 
 TURN_LIMIT = 1.7
-"""Largest target yaw to either side by default [rad]; a gripper that has made half a turn is the same again."""
+"""Default limit of the target yaw [rad] to either side. A gripper looks the same after a rotation by pi."""
 
 DAMPING = 1e-3
-"""Damping of the inverse kinematics [m^2]: its root is 3 cm/rad, a tenth of what a joint moves the tool by."""
+"""Damping of the inverse kinematics [m^2]. Its root, 3 cm/rad, is about a tenth of a joint's lever on the tool."""
 
 POSTURE_GAIN = 0.1
-"""Share of the way back to the home pose that the joints go in a step, within the motions that leave the tool still."""
+"""Fraction of the way back to the home pose that the joints move in a step, within the null space of the tool."""
 
 
 class ArmController:
     """Controller of a robot of the scene, in all worlds of a State at once and without host synchronisation.
 
     The arm is the chain of hinges and slides from the robot's root body to its tool centre point (`tcp` in the scene,
-    by default the site 'tcp'). Each joint needs a position actuator of its own, which may act through a tendon and with
-    any gear. The gripper, if there is one, is the limited joints beyond the arm's last joint that actuators open and
-    close, directly, through tendons or through equalities of joints. Names inside the robot do not matter.
+    by default the site 'tcp'). Each joint needs a separate position actuator, which may act through a tendon and with
+    any gear. The gripper consists of the limited joints beyond the arm's last joint that actuators open and close,
+    directly, through tendons or through equalities of joints. Names inside the robot do not matter.
 
     Args:
         s: The worlds.
-        name: The robot, by its name in `robots`. The only robot of a scene goes by the name of its asset or of its root
-            body, such as 'panda', and may be left out.
+        name: The robot's name in `robots`. A single robot has the name of its asset or root body, such as 'panda', and
+            is the default.
 
     Attributes:
         name: The robot's name.
         joints: Number of joints of the arm.
-        joint_ids: Their ids in the model, from base to tip, as `State.qpos` and `State.put_joints` take them:
+        joint_ids: Ids of these joints in the model, from base to tip, for `State.qpos` and `State.put_joints`:
             `s.put_joints(arm.joint_ids, s.pregrasp_qpos("can"), mask)`.
         has_gripper: Whether `grip` and `width` can be used.
-        lead: Largest lead of a joint's target over the joint [rad or m], shape (joints,): enough for its actuator to
-            reach full force and speed. With a larger lead, a target would only take longer to come back. It is infinite
-            if nothing limits the force.
+        lead: Largest lead of a joint's target over the joint [rad or m], shape (joints,), enough for its actuator to
+            reach full force and speed. With a larger lead, a target would only take longer to come back. The lead is
+            infinite without a force limit.
         tool_target: Target of the tool for `move_tool`: x, y, z [m] and yaw [rad] in the base frame, shape
-            (num_envs, 4). In a scene with several robots, x, y and z are in the world frame, and the yaw counts from
-            that of the robot's base.
+            (num_envs, 4). In a scene with several robots, x, y and z are in the world frame, and the yaw is relative to
+            the yaw of the robot's base.
 
     Raises:
         UnknownNameError: The scene has no such robot.
         ArgumentError: No name is given, and the scene has several robots.
-        ArmError: The scene has no robot, or this one has `in_scene: false`. The robot has no tool centre point, no
-            joint before it, a joint that is neither hinge nor slide, or one without a position actuator of its own.
+        ArmError: The scene has no robot, or the robot has `in_scene: false`. The robot has no tool centre point, or no
+            joint before it. A joint is not a hinge or a slide, or has no separate position actuator.
     """
 
     def __init__(self, s: State, name: str | None = None) -> None:
@@ -101,11 +101,11 @@ class ArmController:
             self._width = None if self._fingers.width is None else tensor(self._fingers.width)
 
     def targets(self, s: State) -> Tensor:
-        """Return the targets of the joints [rad or m], shape (num_envs, joints); set them by `set_targets`."""
+        """Return the targets of the joints [rad or m], shape (num_envs, joints)."""
         return self._actuators.targets(s.ctrl)
 
     def set_targets(self, s: State, targets: Tensor) -> None:
-        """Set the targets of the joints [rad or m], shape (num_envs, joints), clamped to the limits of both."""
+        """Set the targets of the joints [rad or m], shape (num_envs, joints), within joint and control limits."""
         self._actuators.set_targets(s.ctrl, targets)
 
     def qpos(self, s: State) -> Tensor:
@@ -123,8 +123,8 @@ class ArmController:
     def width(self, s: State) -> Tensor:
         """Return the opening of the gripper [m], 0 when it is closed, shape (num_envs,).
 
-        It is the sum of the distances by which the fingers have moved aside: exact for fingers on slides, proportional
-        to the angle for fingers on hinges.
+        The opening is the sum of the sideways motions of all fingers. It is exact for fingers on slides, and
+        proportional to the angle for fingers on hinges.
 
         Raises:
             ArmError: The robot has no gripper, or its fingers hang on linkages that a `connect` or a `weld` closes.
@@ -132,8 +132,8 @@ class ArmController:
         fingers = self._gripper()
         if self._width is None:
             raise ArmError(
-                f"{self._where}: the robot's fingers hang on linkages, so their joints do not tell its opening. Take "
-                "the distance between two of its bodies or sites, by State.poses or State.site."
+                f"{self._where}: the robot's fingers hang on linkages, so their joints do not give the opening. Use "
+                "the distance between two bodies or sites of the hand, from State.poses or State.site."
             )
         return ((s.qpos(fingers.joints) - self._closed_qpos) * self._width).sum(dim=1)
 
@@ -149,24 +149,24 @@ class ArmController:
         self.set_targets(s, moved.clamp(qpos - self.lead, qpos + self.lead))
 
     def start(self, s: State, mask: Tensor) -> None:
-        """Set the tool's target to the tool's pose in the masked worlds; call it after their reset."""
+        """Set the tool's target to the tool's pose in the masked worlds, after their reset."""
         self.tool_target.copy_(torch.where(mask[:, None], self._tool_now(s), self.tool_target))
 
     def move_tool(
         self, s: State, action: Tensor, lowest: float = 0.0, turns: tuple[float, float] = (-TURN_LIMIT, TURN_LIMIT)
     ) -> None:
-        """Move the tool, which points down, along the axes of the base frame, and turn it about the vertical.
+        """Move the tool, which points down, along the axes of the base frame, and rotate it about the vertical.
 
         The target changes by `action` times TOOL_STEP and TURN_STEP, and leads the tool by at most TOOL_LEAD and
         TURN_LEAD. Joint targets follow by damped least squares, dq = J^T (J J^T + lambda I)^-1 e (Wampler 1986), plus
-        the part of a step towards the home pose that does not move the tool. In a scene with several robots, the axes
-        are those of the world.
+        the null-space part of a step towards the home pose, which does not move the tool. A scene with several robots
+        uses the world's axes.
 
         Args:
             s: The worlds.
             action: Changes of x, y, z and yaw in [-1, 1], shape (num_envs, 4).
             lowest: Lower limit of the target's z [m].
-            turns: Limits of the target's yaw [rad], within half a turn to either side.
+            turns: Limits of the target's yaw [rad], within [-pi, pi].
         """
         now = self._tool_now(s)
         target = (self.tool_target + self._step * action).clamp(now - self._lead, now + self._lead)
@@ -175,7 +175,7 @@ class ArmController:
         self.tool_target.copy_(target)
         yaw = target[:, 3] if self._base is None else target[:, 3] + self._facing(s)
         half, zero = 0.5 * yaw, torch.zeros_like(yaw)
-        # half a turn about x, then the yaw: the tool's z axis points down
+        # a rotation by pi about x, then the yaw: the tool's z axis points down
         wanted = torch.stack([zero, half.cos(), half.sin(), zero], dim=1)
         turn = rotations.multiply(wanted, rotations.conjugate(self.tool(s)[:, 3:]))
         turn = 2.0 * turn[:, 1:] * torch.where(turn[:, :1] < 0.0, -1.0, 1.0)
@@ -187,7 +187,7 @@ class ArmController:
         qpos = self.qpos(s)
         posture = POSTURE_GAIN * (self._home - qpos)
         moved = posture + (inverse @ (error[:, :, None] - jacobian @ posture[:, :, None]))[:, :, 0]
-        # all joints slow down together, so that the tool keeps its direction
+        # a common factor for all joints keeps the direction of the tool's motion
         moved = moved / (moved / self.lead).abs().amax(dim=1, keepdim=True).clamp(min=1.0)
         self.set_targets(s, qpos + moved)
 
@@ -198,7 +198,7 @@ class ArmController:
     def grip(self, s: State, action: Tensor) -> None:
         """Set the gripper's target from -1 (closed) to 1 (open), shape (num_envs,).
 
-        An actuator of the gripper that is no position actuator is set between the ends of its control range instead.
+        For other actuators than position actuators, -1 and 1 are the ends of the control range.
 
         Raises:
             ArmError: The robot has no gripper.
@@ -209,8 +209,8 @@ class ArmController:
     def _gripper(self) -> Fingers:
         if self._fingers is None:
             raise ArmError(
-                f"{self._where}: the robot has no gripper: nothing beyond its last joint opens and closes by an "
-                "actuator. Give a limited joint of the hand a position actuator, or another one with a 'ctrlrange'."
+                f"{self._where}: the robot has no gripper: no actuator opens and closes a joint beyond the arm's last "
+                "joint. Give a limited joint of the hand a position actuator, or another actuator with a 'ctrlrange'."
             )
         return self._fingers
 
@@ -229,15 +229,15 @@ class ArmController:
 
 
 def _find_robot(scene: SceneModel, name: str | None, where: str) -> str:
-    """Return the robot that a user names, or the only one, as `SceneConfig.all_robots` names it."""
+    """Return the key in `SceneConfig.all_robots` of the robot that a user names, or of the only robot."""
     robots = scene.config.all_robots
     if not robots:
         raise ArmError(
-            f"{where}: the scene has no robot. Name one in the scene: 'robot: {{asset: panda}}', or, for an arm of the "
-            "scene's own 'model', 'robot: {in_model: BODY, tcp: SITE}'."
+            f"{where}: the scene has no robot. Name a robot in the scene: 'robot: {{asset: panda}}', or "
+            "'robot: {in_model: BODY, tcp: SITE}' for an arm of the scene's 'model'."
         )
     if name is None and len(robots) > 1:
-        raise ArgumentError(f"{where}: should be given the name of one of the scene's robots: {', '.join(robots)}.")
+        raise ArgumentError(f"{where}: name should be one of the scene's robots: {', '.join(robots)}.")
     found = {robot.name: key for key, robot in robots.items()} | {key: key for key in robots}
     key = next(iter(robots)) if name is None else found.get(name)
     if key is None:
@@ -245,7 +245,7 @@ def _find_robot(scene: SceneModel, name: str | None, where: str) -> str:
         raise UnknownNameError("robot", str(name), where, written)
     if key in scene.apart:
         raise ArmError(
-            f"{where}: {robots[key].section} has 'in_scene: false', so there is nothing to drive. Take these words out."
+            f"{where}: {robots[key].section} has 'in_scene: false', so the robot has no joints to drive. Remove it."
         )
     return key
 

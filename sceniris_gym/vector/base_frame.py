@@ -1,4 +1,4 @@
-"""`BaseFrame`: the frame of the robot's base; `DrawnBaseFrame`: that of a base which layouts move."""
+"""`BaseFrame`, the frame of a fixed robot base, and `DrawnBaseFrame`, the frame of a base that layouts move."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 class BaseFrame:
-    """The frame of the robot's base; the world frame in a scene without a robot or with several.
+    """The frame of the robot's base, or the world frame in a scene without a robot or with several robots.
 
-    A change of frame is linear in position and quaternion, and so is a constant rotation relative to the body. So a
-    pose takes one product with a 7 x 7 matrix, and a pair of vectors one with a 6 x 6 matrix. The matrices are computed
-    once.
+    A change of frame is linear in position and quaternion, and so is a constant rotation relative to the body. The
+    matrices are computed once: a pose takes one product with a 7 x 7 matrix, and a pair of vectors one product with a
+    6 x 6 matrix.
 
     Args:
         mjm: The model.
-        body: Id of the base, which does not move; 0 for the world frame.
+        body: Id of the base, which does not move, or 0 for the world frame.
         device: Torch device.
     """
 
@@ -39,7 +39,7 @@ class BaseFrame:
         self.body = self.seen(UPRIGHT)
 
     def seen(self, quat: np.ndarray) -> Tensor:
-        """Return the matrix for `pose` of a frame turned by `quat` (wxyz) relative to its body, shape (7, 7)."""
+        """Return the matrix for `pose` of a frame rotated by `quat` (wxyz) relative to its body, shape (7, 7)."""
         columns = [product(product(self._to_base, unit), quat) for unit in np.eye(4)]
         return torch.block_diag(self._tensor(self._turn), self._tensor(np.stack(columns, axis=1)))
 
@@ -49,7 +49,7 @@ class BaseFrame:
         Args:
             position: Positions in the world frame [m], shape (..., 3).
             quat: Orientations of the bodies in the world frame (wxyz), shape (..., 4).
-            seen: A result of `seen`; None is the frame of the body itself.
+            seen: A result of `seen`, or None for the frame of the body.
         """
         return transform(self.body if seen is None else seen, torch.cat([position, quat], dim=-1)) + self._offset
 
@@ -66,11 +66,11 @@ class BaseFrame:
 
 
 class DrawnBaseFrame(BaseFrame):
-    """The frame of a base that stands elsewhere in every world.
+    """The frame of a base with another pose in each world.
 
     Args:
-        position: Position of the base in every world [m], shape (num_envs, 3), in the memory of the simulation.
-        quat: Its orientation (wxyz), shape (num_envs, 4).
+        position: Positions of the base [m], shape (num_envs, 3), as a view of the simulation's state.
+        quat: Orientations of the base (wxyz), shape (num_envs, 4), also a view.
     """
 
     def __init__(self, position: Tensor, quat: Tensor) -> None:
@@ -78,22 +78,22 @@ class DrawnBaseFrame(BaseFrame):
         self.body = self.seen(UPRIGHT)
 
     def seen(self, quat: np.ndarray) -> Tensor:
-        """Return what `pose` takes for a frame turned by `quat` (wxyz) relative to its body, shape (4,)."""
+        """Return the argument of `pose` for a frame rotated by `quat` (wxyz) relative to its body, shape (4,)."""
         return self._tensor(quat)
 
     def pose(self, position: Tensor, quat: Tensor, seen: Tensor | None = None) -> Tensor:
-        """Return poses in the base frame; see `BaseFrame`. The first axis is that of the worlds."""
+        """Return poses in the base frame, as `BaseFrame.pose` does. The first axis is the world index."""
         at, back = self._over(self._at, position), conjugate(self._over(self._turned, quat))
         turned = multiply(multiply(back, quat), self.body if seen is None else seen)
         return torch.cat([rotate(back, position - at), turned], dim=-1)
 
     def to_world(self, pose: Tensor) -> Tensor:
-        """Return poses of bodies in the world frame; see `BaseFrame`."""
+        """Return poses of bodies in the world frame, as `BaseFrame.to_world` does."""
         at, turned = self._over(self._at, pose), self._over(self._turned, pose)
         return torch.cat([at + rotate(turned, pose[..., :3]), multiply(turned, pose[..., 3:])], dim=-1)
 
     def vectors(self, first: Tensor, second: Tensor) -> Tensor:
-        """Return two vectors of the world frame in the base frame; see `BaseFrame`."""
+        """Return two vectors of the world frame in the base frame, as `BaseFrame.vectors` does."""
         back = conjugate(self._over(self._turned, first))
         return torch.cat([rotate(back, first), rotate(back, second)], dim=-1)
 
@@ -108,8 +108,8 @@ def base_frame(scene: SceneModel, device: torch.device, xpos: Tensor, xquat: Ten
     Args:
         scene: The scene.
         device: Torch device.
-        xpos: Positions of all bodies [m] in the memory of the simulation, shape (num_envs, nbody, 3).
-        xquat: Their orientations (wxyz), shape (num_envs, nbody, 4).
+        xpos: Positions of all bodies [m], shape (num_envs, nbody, 3), as a view of the simulation's state.
+        xquat: Orientations of all bodies (wxyz), shape (num_envs, nbody, 4), also a view.
     """
     robots = list(scene.config.all_robots)
     if len(robots) != 1:

@@ -1,4 +1,4 @@
-"""`Bounds`: boxes around bodies, and their lowest corners; `ContactSensor`: pairs of bodies that touch."""
+"""`Bounds` returns the lowest corners of boxes around bodies, and `ContactSensor` the pairs of bodies that touch."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from sceniris_gym.vector.variants import Boxes
 class Bounds:
     """The smallest box around each of several bodies, along the axes of the body's frame.
 
-    It contains the colliding geoms of the body itself, of the variant that a world has, not those of its children.
-    Boxes are computed once, on the host; `lowest` does not synchronise with it.
+    A box contains the body's colliding geoms, in the present variant, but not the geoms of its children. The boxes are
+    computed once, on the host. `lowest` does not synchronise with the host.
 
     Args:
         s: The worlds.
@@ -37,8 +37,9 @@ class Bounds:
     def lowest(self, poses: Tensor) -> Tensor:
         """Return the height of the lowest corner of each box [m], shape (num_envs, len(names)).
 
-        This is z + r . c - |r| . h, with r the third row of the body's rotation matrix, c the box's centre and h its
-        half extents. It is never above the body's lowest point, and is that point's height if the box is level.
+        The height is z + r . c - |r| . h, with r the third row of the body's rotation matrix, c the box's centre and h
+        its half extents. The corner is never above the body's lowest point, and has the same height if the box is
+        level.
 
         Args:
             poses: Poses of the same names from `State.poses`, shape (num_envs, len(names), 7).
@@ -52,12 +53,13 @@ class Bounds:
 class ContactSensor:
     """Finds the pairs of bodies of two lists that touch, in all worlds and without host synchronisation.
 
-    The contacts are those that the last physics step of a control step resolved, so they cost nothing extra. They are
-    one physics step old, unless the task needs "contacts". After a reset nothing touches until the next step.
+    The last physics step of a control step has already found these contacts, so the sensor adds no collision detection.
+    The contacts are one physics step old, unless the task needs "contacts". After a reset, the sensor returns no
+    touching pair until the next step.
 
     Args:
         s: The worlds.
-        primary: Names of bodies. Only the geoms of a body itself count, not those of its children.
+        primary: Names of bodies. The geoms of a body count, but not the geoms of its children.
         secondary: Names of other bodies, by the same rule.
 
     Raises:
@@ -82,13 +84,13 @@ class ContactSensor:
             first, second = self._first[a], self._second[b]
             counts = (self._index < self._number) & (first >= 0) & (second >= 0)
             place = (self._world.long() * firsts + first) * seconds + second
-            # contacts that do not count go to an extra place at the end
+            # all other contacts set an extra entry at the end: selecting contacts would synchronise with the host
             touched.index_fill_(0, torch.where(counts, place, size), True)
         return touched[:size].view(self._shape) & (s.elapsed > 0)[:, None, None]
 
 
 def _places(s: State, names: Sequence[str]) -> Tensor:
-    """Return for each geom the index of its body in `names`, or -1; shape (ngeom,)."""
+    """Return the index in `names` of each geom's body, or -1, shape (ngeom,)."""
     mjm = s.mjm
     places = torch.full((mjm.ngeom,), -1, dtype=torch.long)
     for place, name in enumerate(names):

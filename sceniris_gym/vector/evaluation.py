@@ -22,12 +22,12 @@ class EpisodeResult:
     """Result of one episode.
 
     Attributes:
-        id: Its layout id, as `sceniris-gym replay` takes it.
+        id: Layout id of the episode, for `sceniris-gym replay`.
         success: The last step was a success.
         success_once: Any step was a success.
         total_reward: Sum of the rewards.
         length: Number of control steps.
-        fallback: The layout came from the bank of valid ones, since none was found for its seed.
+        fallback: The search for the seed failed, so the layout came from the fallback bank.
     """
 
     id: str
@@ -43,24 +43,24 @@ class EpisodeResult:
 def evaluate(
     policy: Callable[[Any], Any], envs: VectorEnv, layouts: Iterable[str] | Mapping[str, Any] | int | None = None
 ) -> list[EpisodeResult]:
-    """Run an episode from each of the layouts, as many at a time as there are worlds.
+    """Run one episode from each layout, in batches of `num_envs` worlds.
 
-    Only the rounding of rewards depends on `num_envs`, as long as the policy treats each world by itself.
+    If the policy treats each world independently, only the rounding of rewards depends on `num_envs`.
 
     Args:
         policy: Takes observations of all worlds as `envs` returns them, and returns actions.
-        envs: A SceneVectorEnv with max_episode_steps, or wrappers around one that pass on `info`. Its episodes are left
-            unfinished; reset it before further use.
-        layouts: Layout ids of the scene and split of `envs`, or one; `info["layout"]`, with a row for each world; or a
-            number n for episode 0 of the seeds 0 to n - 1. None is `num_envs`.
+        envs: A SceneVectorEnv with max_episode_steps, or wrappers around it that pass on `info`. The last episodes may
+            be unfinished, so reset `envs` before further use.
+        layouts: A layout id or several, of the scene and split of `envs`. Alternatively `info["layout"]`, which has a
+            row for each world, or a number n for episode 0 of the seeds 0 to n - 1. None is `num_envs`.
 
     Returns:
         A result for each layout, in the same order.
 
     Raises:
-        ArgumentError: Not such an environment, or one without max_episode_steps. A negative number of layouts. A
-            malformed id.
-        SceneMismatchError: An id of another scene or split.
+        ArgumentError: `envs` is another environment, or lacks max_episode_steps. The number of layouts is negative. An
+            id is malformed.
+        SceneMismatchError: An id is of another scene or split.
     """
     inner = envs.unwrapped if isinstance(envs, VectorEnv) else None
     if not isinstance(inner, SceneVectorEnv):
@@ -83,7 +83,7 @@ def evaluate(
     results = []
     for first in range(0, len(wanted), number):
         batch = wanted[first : first + number]
-        padded = batch + [batch[-1]] * (number - len(batch))
+        padded = batch + [batch[-1]] * (number - len(batch))  # every world needs a layout
         results += _run(policy, envs, inner, padded)[: len(batch)]
     return results
 

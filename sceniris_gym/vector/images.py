@@ -23,7 +23,7 @@ Pictures = dict[str, dict[str, Tensor]]
 
 
 class Images:
-    """The latest pictures of all worlds. The images of a world depend on its episode alone, not on other worlds.
+    """The latest pictures of all worlds. The pictures of a world depend only on its episode, not on other worlds.
 
     Args:
         batch: The worlds.
@@ -32,7 +32,7 @@ class Images:
         graph: Capture the launches into a graph and replay it.
 
     Attributes:
-        names: Names of the values of segmentation: "" for the surroundings, then objects and robots.
+        names: Names by value of a segmentation image: "" for the surroundings, then objects and robots.
 
     Raises:
         UnknownNameError: The scene has no such camera.
@@ -73,15 +73,15 @@ class Images:
         )
 
     def due(self, elapsed: Tensor) -> Tensor:
-        """Return the worlds to take pictures of so many control steps after their resets, shape (num_envs,), bool."""
+        """Return the worlds whose next picture is due, by the control steps since their reset, (num_envs,), bool."""
         return elapsed % self._every == 0
 
     def take(self, mask: Tensor, copy: bool) -> Pictures:
-        """Take pictures of the masked worlds, and return those of all worlds, or copies of them.
+        """Take pictures of the masked worlds, and return the latest pictures of all worlds.
 
         Args:
-            mask: Which worlds, shape (num_envs,), bool; the pictures of the others stay as they are.
-            copy: Return tensors that are never written to again.
+            mask: Which worlds, shape (num_envs,), bool. Other worlds keep their latest pictures.
+            copy: Return copies, which are never written to again.
         """
         for cameras, its_mask in zip(self._cameras, self._masks, strict=True):
             its_mask.copy_(mask)
@@ -100,8 +100,8 @@ def picture_names(images: Mapping[str, Any]) -> dict[str, Any]:
 def as_channels(pictures: Mapping[str, Tensor]) -> Tensor:
     """Return the pictures of a camera as one tensor for a convolution, (num_envs, channels, height, width) float32.
 
-    Colours become 0 to 1; distances [m] and numbers of objects stay as they are. Channels follow each other in the
-    order of the pictures.
+    Colours are scaled to [0, 1]. Distances [m] and segmentation values do not change. The channels have the order of
+    the pictures.
     """
     parts = [image / 255.0 if kind == "rgb" else image.float() for kind, image in pictures.items()]
     return torch.cat(parts, dim=3).permute(0, 3, 1, 2)

@@ -1,4 +1,4 @@
-"""`LiberoGoal`: the goal of a problem file of LIBERO, evaluated in all worlds."""
+"""`LiberoGoal`: the goal of a LIBERO problem file, evaluated in all worlds."""
 
 from __future__ import annotations
 
@@ -17,31 +17,30 @@ from sceniris_gym.vector.names import SCALAR, find_body, find_element
 from sceniris_gym.vector.state import State
 
 _WHERE = "LiberoGoal"
-_BESIDE = 0.03  # greatest distance of the origins of two things, one on the other [m]
-_ABOVE = 0.1  # greatest height over a site at which a thing is on it [m]
-_BELOW = 0.005  # depth below the top of a site at which it still is [m]
-_UNDER = 0.01  # depth below the bottom of a site at which a thing is still in it [m]
+_BESIDE = 0.03  # greatest horizontal distance of the origins of an object and its support [m]
+_ABOVE = 0.1  # greatest height above a site for an object on it [m]
+_BELOW = 0.005  # greatest depth below the top of a site for an object on it [m]
+_UNDER = 0.01  # greatest depth below the bottom of a site for an object in it [m]
 
 
 class LiberoGoal:
     """Evaluates the predicates of a goal as LIBERO does, by torch operations without host synchronisation.
 
-    - `On(a, b)`: b's origin is not above a's, both touch, and their origins are less than 3 cm apart seen from above.
-    - `On(a, REGION)`: a's origin is within the site's rectangle and up to 10 cm above it; a touches the thing that has
-      the site, unless that is the work surface.
-    - `In(a, REGION)`: a's origin is inside of the box around the site, which reaches 1 cm lower.
-    - `Open` and `Turnon`: a joint is beyond the near end of the range that the same word draws at the start. `Close`
+    - `On(a, b)`: a and b touch, b's origin is not above a's origin, and their horizontal distance is less than 3 cm.
+    - `On(a, REGION)`: a's origin is within the site's rectangle, from 5 mm below its top to 10 cm above. Also, a
+      touches the object with the site, unless that object is the work surface.
+    - `In(a, REGION)`: a's origin is in the box around the site, extended by 1 cm downwards.
+    - `Open` and `Turnon`: any joint is beyond the near end of the range that the same word draws at the start. `Close`
       and `Turnoff`: all joints are.
 
-    Origins are those of LIBERO's models. Contacts are those of the last physics step, as in `ContactSensor`.
+    Origins come from LIBERO's models, and contacts from the last physics step, as in `ContactSensor`.
 
     Args:
-        s: The worlds of a scene that `read_bddl` made, or of one that `sceniris-gym init` wrote.
+        s: The worlds, with a scene from `read_bddl` or `sceniris-gym init`.
         problem: The problem file, from `read_bddl(...).problem` or `read_problem`.
 
     Raises:
-        UnknownNameError: The scene lacks a thing or a site of the goal, or a predicate is about a thing that it does
-            not apply to.
+        UnknownNameError: The scene lacks an object or a site of the goal, or a predicate does not apply to its object.
     """
 
     def __init__(self, s: State, problem: Problem) -> None:
@@ -81,7 +80,7 @@ class LiberoGoal:
         touch = None if region.boxes else self._touch(s, name, region.target)
 
         def test(s: State) -> Tensor:
-            # LIBERO turns by the site's matrix, not by its inverse
+            # as LIBERO does: the site's rotation matrix, not its inverse
             away = self._xpos[:, own] - self._site_pos[:, site]
             away = (self._site_mat[:, site] @ away[:, :, None]).squeeze(2)
             height = away[:, 2] - size[2]
@@ -123,7 +122,7 @@ class LiberoGoal:
         return site, torch.tensor(s.mjm.site_size[site], dtype=torch.float32, device=s.device)
 
     def _touch(self, s: State, name: str, other: str) -> Callable[[State], Tensor]:
-        """Return the test of any part of one thing against any part of another one."""
+        """Return a test for contact between any parts of two objects."""
         parts = [[s.mjm.body(b).name for b in subtree(s.mjm, find_body(s.scene, n, _WHERE))] for n in (name, other)]
         touch = ContactSensor(s, *(list(filter(None, names)) for names in parts))
         return lambda s: touch(s).any(dim=2).any(dim=1)

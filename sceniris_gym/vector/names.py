@@ -11,7 +11,7 @@ from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.support import subtree
 
 Joints = str | tuple[int, ...]
-"""An object, a robot or one joint by its name, or joints by their numbers in the model."""
+"""An object, a robot or one joint by its name, or joints by their ids in the model."""
 
 FREE = int(mujoco.mjtJoint.mjJNT_FREE)
 SLIDE = int(mujoco.mjtJoint.mjJNT_SLIDE)
@@ -19,14 +19,14 @@ SCALAR = (SLIDE, int(mujoco.mjtJoint.mjJNT_HINGE))
 
 
 def unknown(scene: SceneModel, kind: str, name: str, where: str, valid: Iterable[str]) -> UnknownNameError:
-    """Return the error for a name that a scene does not have; `where` names the caller."""
+    """Return the error for a name that a scene does not have, with the caller `where`."""
     return UnknownNameError(kind, name, f"scene '{scene.config.name}': {where}", valid)
 
 
 def find_body(scene: SceneModel, name: str, where: str) -> int:
     """Return the id of a body, by the scene's name of an object or a robot, or by its name in the model.
 
-    `where` names the caller in an error.
+    The lookups of this module take the caller as `where`, for errors.
 
     Raises:
         UnknownNameError: The scene has no such body.
@@ -45,7 +45,7 @@ def _body(scene: SceneModel, name: str) -> int:
 
 
 def find_element(scene: SceneModel, kind: str, name: str, where: str) -> int:
-    """Return the id of a 'site' or an 'actuator' by its name in the model; see `find_body`."""
+    """Return the id of a 'site' or an 'actuator' by its name in the model, or raise as `find_body` does."""
     mjm = scene.mjm
     number = mujoco.mj_name2id(mjm, getattr(mujoco.mjtObj, f"mjOBJ_{kind.upper()}"), name)
     if number < 0:
@@ -55,7 +55,7 @@ def find_element(scene: SceneModel, kind: str, name: str, where: str) -> int:
 
 
 def find_free_dof(scene: SceneModel, body: int, where: str) -> int:
-    """Return the address of the first of the six velocities of a free object; see `find_body`."""
+    """Return the address of the first of the six velocities of a free object, or raise as `find_body` does."""
     mjm = scene.mjm
     joint = int(mjm.body_jntadr[body])
     if joint < 0 or mjm.jnt_type[joint] != FREE:
@@ -65,7 +65,11 @@ def find_free_dof(scene: SceneModel, body: int, where: str) -> int:
 
 
 def find_joints(scene: SceneModel, name: Joints, where: str) -> list[int]:
-    """Return the ids of a joint, or of the hinges and slides inside an object, a robot or a body; see `find_body`."""
+    """Return the ids of a joint, or of all hinges and slides inside an object, a robot or a body.
+
+    Raises:
+        UnknownNameError: The scene has no such name, or its body has no hinges and slides.
+    """
     if not isinstance(name, str):
         return list(name)
     mjm = scene.mjm

@@ -1,4 +1,4 @@
-"""`Observer`: the observations of a task as flat groups, their spaces, noise of sensors, and pictures."""
+"""`Observer`: the observations of a task as flat groups, with their spaces, sensor noise and pictures."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from sceniris_gym.vector.state import State
 from sceniris_gym.vector.task import Observation, Task, check_observation
 
 RANDOMIZED = "randomized"
-"""The name of drawn physics and looks in the group `critic`."""
+"""Name of the randomized physics and looks in the group `critic`."""
 Names = dict[str, list[tuple[str, tuple[int, ...]]]]
-"""Group -> (name, shape in one world) of its tensors, in the order in which they are concatenated."""
+"""Group -> (name, shape in one world) of its tensors, in the order of their concatenation."""
 
 
 def chosen(observation: Observation, groups: tuple[str, ...] | None) -> Observation:
-    """Return the named groups of an observation, in that order; None is all.
+    """Return the named groups of an observation in this order, or all groups if `groups` is None.
 
     Raises:
-        UnknownNameError: There is no such group.
+        UnknownNameError: The observation has no such group.
     """
     if groups is None:
         return observation
@@ -38,7 +38,7 @@ def flatten(observation: Observation, out: dict[str, Tensor] | None = None) -> d
 
     Args:
         observation: An observation of a task.
-        out: Tensors to write to; None makes new ones.
+        out: Tensors to write to, or None to allocate new tensors.
     """
     return {
         group: torch.cat(
@@ -67,22 +67,22 @@ class Observer:
     """Observes the worlds of a task.
 
     Args:
-        task: The task, which knows its state already.
+        task: The task, after `bind`.
         state: The worlds.
-        images: Their pictures, None for none.
+        images: Pictures of the worlds, or None.
         action_size: Length of an action.
-        groups: The groups to observe; None is all.
-        sensing: Noise, delay and dropout; None for none.
+        groups: The groups to observe, or None for all groups.
+        sensing: Noise, delay and dropout, or None.
         copy: Return new tensors every time, rather than one of two buffers and the latest pictures.
 
     Attributes:
-        sensors: What `sensing` makes of observations and actions; None for nothing.
+        sensors: Applies `sensing` to observations and actions, or None.
         names: Names and shapes of the parts of each flat group, in order.
         space: Space of one world's observations.
 
     Raises:
-        TaskError: The task observes the wrong thing.
-        UnknownNameError: It observes no such group.
+        TaskError: The task's observation has a wrong type or shape.
+        UnknownNameError: The task's observation has no such group.
     """
 
     def __init__(
@@ -116,14 +116,14 @@ class Observer:
         return flatten(observation, None if self._kept is None else self._kept[buffer])
 
     def pictures(self, mask: Tensor | None = None, *, copy: bool = False) -> dict[str, Any]:
-        """Return the group `images` after pictures of the masked worlds, by default of those that are due."""
+        """Take pictures of the masked worlds, by default of all worlds that are due, and return the group `images`."""
         if self._images is None:
             return {}
         due = self._images.due(self._state.elapsed) if mask is None else mask
         return {GROUP: self._images.take(due, copy or self._copy)}
 
     def _of_task(self) -> Observation:
-        """Return what the task observes, with the numbers that the scene has drawn in the group `critic`."""
+        """Return the task's observation, with the numbers that the scene has drawn added to the group `critic`."""
         observation, draws = self._task.observe(self._state), self._state.scene.draws
         if not draws or "critic" not in observation:
             return observation

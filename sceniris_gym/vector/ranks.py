@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import warp as wp
 
 SEEDS = 1 << 40
-"""Number of seeds that each process has for itself."""
+"""Number of seeds in the separate range of each process."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Rank:
 
     @classmethod
     def current(cls) -> Rank:
-        """Return the rank of this process by torchrun's RANK, LOCAL_RANK and WORLD_SIZE; without them it is alone."""
+        """Return the rank of this process from torchrun's RANK, LOCAL_RANK and WORLD_SIZE, by default the only rank."""
         names = ("RANK", "LOCAL_RANK", "WORLD_SIZE")
         if any(not os.environ.get(name, "").isdecimal() for name in names):
             return cls()
@@ -36,7 +36,7 @@ class Rank:
 
     @property
     def device(self) -> str | None:
-        """The GPU of this process, or None for the usual default, if it is alone or there is no GPU for each."""
+        """The GPU of this process. None for the usual default, with a single process or without a GPU for this rank."""
         return f"cuda:{self.local}" if self.size > 1 and self.local < wp.get_cuda_device_count() else None
 
     def own_seed(self, seed: int) -> int:

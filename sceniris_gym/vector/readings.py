@@ -1,4 +1,4 @@
-"""`Readings`: what a task reads of the worlds, as torch tensors by name, in the robot's base frame."""
+"""`Readings`: the worlds as a task reads them, in torch tensors by name and in the robot's base frame."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from sceniris_gym.vector.variants import Boxes, TargetGrasps, VariantView
 
 
 class Readings(RefusesOldNames):
-    """The worlds as a task reads them; see `State`, which also writes to them."""
+    """The worlds as a task reads them. `State` adds the methods that write to them."""
 
     def __init__(self, batch: Batch, layouts: Layouts, split: str = "train", variants: Tensor | None = None) -> None:
         self.num_envs, self.scene, self.mjm = batch.nworld, batch.scene, batch.scene.mjm
@@ -50,7 +50,7 @@ class Readings(RefusesOldNames):
 
     @property
     def finite(self) -> Tensor:
-        """Worlds whose positions, velocities, activations and controls are all finite, shape (num_envs,), bool."""
+        """Worlds with finite positions, velocities, activations and controls, shape (num_envs,), bool."""
         return finite_rows((self._qpos, self._qvel, self._act, self.ctrl))
 
     def pose(self, name: str) -> Tensor:
@@ -69,19 +69,19 @@ class Readings(RefusesOldNames):
 
         present = self._layouts.present
         columns = self._once(find, "present", *names)
-        if self.variants.names:  # of which one variant is always there
+        if self.variants.names:  # an extra column of ones: some variant of such an object is always present
             present = torch.cat([present, torch.ones_like(present[:, :1])], dim=1)
         return present[:, columns] > 0
 
     def variant(self, name: str, *, one_hot: bool = False) -> Tensor:
-        """Return which variant of an object is present, numbered as in the scene file.
+        """Return the present variant of an object, numbered as in the scene file.
 
         Args:
             name: An object with variants.
-            one_hot: Return a 1 in the column of that variant and 0 in the others, instead of its number.
+            one_hot: Return a 1 in the column of that variant and 0 in the other columns, instead of its number.
 
         Returns:
-            Shape (num_envs,), int64; with `one_hot` shape (num_envs, number of variants), float32.
+            Shape (num_envs,), int64, or with `one_hot` shape (num_envs, number of variants), float32.
 
         Raises:
             UnknownNameError: The scene has no such object with variants.
@@ -96,11 +96,11 @@ class Readings(RefusesOldNames):
     def extent(self, name: str) -> Tensor:
         """Return the edges [m] of the smallest box around a body, along the axes of its frame, shape (num_envs, 3).
 
-        It contains the colliding geoms of the body itself, of the variant that is present.
+        The box contains the body's colliding geoms, in the present variant, but not the geoms of its children.
 
         Raises:
             UnknownNameError: The scene has no such body.
-            NotSupportedError: It has no geom that collides.
+            NotSupportedError: The body has no geom that collides.
         """
         where = f"scene '{self.scene.config.name}': State.extent"
         boxes = self._once(
@@ -110,7 +110,7 @@ class Readings(RefusesOldNames):
         return (upper - lower).reshape(-1, 3).expand(self.num_envs, 3)
 
     def poses(self, names: Sequence[str]) -> Tensor:
-        """Return the poses of several bodies at once, shape (num_envs, len(names), 7); see `pose`."""
+        """Return the poses of several bodies, each as in `pose`, shape (num_envs, len(names), 7)."""
         bodies = self._once(
             lambda: self._index([find_body(self.scene, n, "State.poses") for n in names]), "poses", *names
         )
@@ -131,7 +131,7 @@ class Readings(RefusesOldNames):
         return self.velocities((name,))[:, 0]
 
     def velocities(self, names: Sequence[str]) -> Tensor:
-        """Return the velocities of several free objects at once, shape (num_envs, len(names), 6); see `velocity`."""
+        """Return the velocities of several free objects, each as in `velocity`, shape (num_envs, len(names), 6)."""
 
         def find() -> tuple[Tensor, Tensor]:
             bodies = [find_body(self.scene, name, "State.velocity") for name in names]
@@ -147,7 +147,7 @@ class Readings(RefusesOldNames):
     def qpos(self, name: Joints) -> Tensor:
         """Return positions [m or rad] of the hinges and slides inside an object or a robot, or of one joint.
 
-        Shape (num_envs, number of joints), in the order of the model, or in that of the numbers in a tuple.
+        Shape (num_envs, number of joints), in the order of the model. A tuple of joint ids sets its own order.
         """
         return self._qpos[:, self._span("qpos", name)]
 
@@ -156,33 +156,33 @@ class Readings(RefusesOldNames):
         return self._qvel[:, self._span("qvel", name)]
 
     def grasp(self, name: str) -> Tensor:
-        """Return the TCP pose of the grasp that an object's layout was accepted for, shape (num_envs, 7).
+        """Return the TCP pose of the grasp that makes an object's layout reachable, shape (num_envs, 7).
 
-        Position [m] and orientation (wxyz), +z the approach and +y the closing axis. It moves with the object; NaN
-        where the object is absent, or the variant that is present need not be reachable.
+        Position [m] and orientation (wxyz), with the approach along +z and the closing axis along +y. The pose moves
+        with the object. It is NaN if the object is absent, or if its present variant does not have to be reachable.
         """
         return self._target(name, "grasp").pose(self._base, self._xpos, self._xquat)
 
     def grasp_qpos(self, name: str) -> Tensor:
-        """Return the arm's joints [rad or m] in that grasp, for the object's start pose, shape (num_envs, joints).
+        """Return the arm's joints [rad or m] in the pose `grasp`, at the object's start pose, shape (num_envs, joints).
 
-        NaN where `grasp` is, and for objects whose reachability only the arm's map decided.
+        NaN where `grasp` is NaN, and for objects whose reachability is decided by the arm's map only.
         """
         return self._target(name, "grasp_qpos").joints("grasp_qpos")
 
     def pregrasp_qpos(self, name: str) -> Tensor:
-        """Return the arm's joints [rad or m] at the pre-grasp, 8 cm back along the approach, as `grasp_qpos` does.
+        """Return the arm's joints [rad or m] at the pre-grasp, 8 cm back along the approach, shape (num_envs, joints).
 
-        NaN also for tiers below `clear`.
+        NaN where `grasp_qpos` is NaN, and for objects with a tier of `reachable` below `clear`.
         """
         return self._target(name, "pregrasp_qpos").joints("pregrasp_qpos")
 
     def jacobian(self, site: str, name: Joints) -> Tensor:
         """Return the Jacobian of a site, shape (num_envs, 6, number of joints), linear above angular.
 
-        This times qvel is the site's linear [m/s] and angular [rad/s] velocity in the robot's base frame. The column of
-        a hinge is (a x (p - o), a) for its axis a, its anchor o and the site's position p. The column of a slide is
-        (a, 0), that of a joint that does not carry the site 0.
+        The Jacobian times qvel is the site's linear [m/s] and angular [rad/s] velocity in the robot's base frame. The
+        column of a hinge is (a x (p - o), a) for its axis a, its anchor o and the site's position p. The column of a
+        slide is (a, 0). Joints that do not carry the site have columns of zeros.
 
         Args:
             site: The site.
@@ -206,7 +206,7 @@ class Readings(RefusesOldNames):
         return self._once(lambda: TargetGrasps(self._layouts, self.variants, name, where), "grasps", name)
 
     def _once(self, make: Callable[[], Any], *key: Hashable) -> Any:
-        """Return what `make` returned when it was first called for this key."""
+        """Return the result of `make`, which is called only once for each key."""
         if key not in self._kept:
             self._kept[key] = make()
         return self._kept[key]
@@ -222,9 +222,9 @@ class Readings(RefusesOldNames):
         return self._once(find, array, name)
 
     def _jacobian_columns(self, site: int, name: Joints) -> tuple[Tensor, Tensor | None]:
-        """Return the joints of a Jacobian, and flags of those that carry the site: of hinges, then of slides.
+        """Return the joints of a Jacobian, and flags: hinges that carry the site, then slides that carry it.
 
-        The flags are 0 or 1, shape (2, number of joints, 1), and None if all joints are hinges that carry the site.
+        The flags are 0 or 1, shape (2, number of joints, 1), or None if all joints are hinges that carry the site.
         """
         mjm, joints = self.mjm, find_joints(self.scene, name, "State.jacobian")
         body = int(mjm.site_bodyid[site])
@@ -236,7 +236,7 @@ class Readings(RefusesOldNames):
 
 
 def as_columns(numbers: list[int], device: torch.device) -> slice | Tensor:
-    """Return columns as a slice where they follow each other, so that indexing gives a view."""
+    """Return columns as a slice if they are consecutive, so that indexing gives a view."""
     first = numbers[0]
     if numbers == list(range(first, first + len(numbers))):
         return slice(first, first + len(numbers))

@@ -17,22 +17,22 @@ from sceniris_gym.sim.batch import Batch
 from sceniris_gym.vector.settings import RenderConfig, as_size
 
 RENDER_MODES = ["rgb_array", "human"]
-"""Values of `render_mode` besides None."""
+"""Values of `render_mode`, in addition to None."""
 PAGES = "sceniris_gym.pages"
-"""Entry points of installed packages that open the page of mode "human"; the viewer registers its own."""
+"""Entry points of installed packages that open the page of mode "human". The viewer registers such an entry point."""
 _LOOKS = Looks(shadows=True)
 
 
 class Rendering:
-    """Takes pictures of the first worlds of a batch, or shows them on a page; camera and page are made when needed.
+    """Takes pictures of the first worlds of a batch, or shows them on a page. Creates camera and page on first use.
 
     Args:
         mode: "rgb_array", "human" or None.
         num_envs: Number of worlds.
-        config: What they show.
+        config: Size, camera and number of worlds of the pictures.
 
     Raises:
-        ArgumentError: Another mode.
+        ArgumentError: `mode` has another value.
     """
 
     def __init__(self, mode: str | None, num_envs: int, config: RenderConfig) -> None:
@@ -55,7 +55,7 @@ class Rendering:
         return tuple(self._camera.images[self.camera]["rgb"].numpy())
 
     def show(self, batch: Batch, layouts: Layouts, seconds: float) -> None:
-        """Bring the page up to date in mode "human", so many seconds after the last call. Waits for the device.
+        """Update the page in mode "human", `seconds` after the last call in simulated time. Waits for the device.
 
         Raises:
             MissingExtraError: No installed package opens such a page.

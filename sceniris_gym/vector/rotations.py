@@ -1,4 +1,4 @@
-"""Quaternions in MuJoCo's order (w, x, y, z), in few batched torch operations, each of which is a launch on a GPU."""
+"""Quaternions in MuJoCo's order (w, x, y, z), in few batched torch operations, because each is a launch on a GPU."""
 
 import functools
 
@@ -16,7 +16,7 @@ def conjugate(quat: Tensor) -> Tensor:
 
 
 def multiply(left: Tensor, right: Tensor) -> Tensor:
-    """Return the rotation `right` followed by `left`; wxyz, shapes (..., 4) that broadcast."""
+    """Return the rotation `right` followed by `left`, wxyz, shapes (..., 4) that broadcast."""
     partner, sign = _product(right.device)
     return transform(sign * right[..., partner], left)
 
@@ -34,14 +34,14 @@ def rotate(quat: Tensor, vector: Tensor) -> Tensor:
 def transform(matrix: Tensor, vector: Tensor) -> Tensor:
     """Return matrix times vector, shapes (..., n, m) and (..., m) that broadcast.
 
-    It sums products in full precision, since users may have enabled TF32 for matrix products.
+    This sums products in full precision, because users may have enabled TF32 for matrix products.
     """
     return (matrix * vector.unsqueeze(-2)).sum(dim=-1)
 
 
 @functools.cache
 def _product(device: torch.device) -> tuple[Tensor, Tensor]:
-    # tensors made under inference mode could not take part in gradients
+    # tensors that are made under inference mode cannot take part in gradients
     with torch.inference_mode(False):
         return torch.tensor(PARTNER, device=device), torch.tensor(SIGN, dtype=torch.float32, device=device)
 
@@ -55,8 +55,8 @@ def yaw(quat: Tensor) -> Tensor:
 def axes(quat: Tensor) -> Tensor:
     """Return the x axis and the z axis of rotated frames, shape (..., 6).
 
-    They are a continuous function of the rotation, unlike quaternions, two of which are the same rotation (Zhou et al.,
-    "On the Continuity of Rotation Representations in Neural Networks", 2019).
+    The axes are a continuous function of the rotation, unlike quaternions, where q and -q are the same rotation (Zhou
+    et al., "On the Continuity of Rotation Representations in Neural Networks", 2019).
     """
     w, x, y, z = quat.unbind(dim=-1)
     first = (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y))

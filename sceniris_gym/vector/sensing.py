@@ -16,32 +16,32 @@ from sceniris_gym.errors import ArgumentError, ArgumentTypeError, check_names
 from sceniris_gym.vector.state import State
 
 NOISE, DELAY, DROPOUT = (2**STREAM_BITS - i for i in (1, 2, 3))
-"""Streams of random numbers: the last ones of those that a task has for itself."""
+"""The last three of the random streams that tasks may use."""
 
 POLICY = "policy"
-"""The observation group with noise, delay and dropout; others, such as `critic`, are exact."""
+"""The observation group with noise, delay and dropout. Other groups, such as `critic`, are exact."""
 
 
 @dataclass(frozen=True)
 class Sensing:
-    """Noise, delay and dropout of the group `policy`, and delay of actions: functions of seed, episode and step alone.
+    """Noise, delay and dropout of the group `policy`, and delay of actions. They depend only on seed, episode and step.
 
     Attributes:
-        noise: Standard deviation of Gaussian noise, by the name of an observation, in its unit. In a table, which has
-            shape (rows, columns), a row of zeros stays so: the slot of an absent object.
+        noise: Standard deviation of Gaussian noise, by the name of an observation, in its unit. An observation of shape
+            (rows, columns) is a table: its rows of zeros, the slots of absent objects, stay zero.
         delay: Least and greatest delay [control steps], drawn uniformly for each episode. The first observation is
             repeated until the delay has passed.
-        dropout: Probability in each step that an observation repeats the previous one, for each name independently.
-        late: Names of the observations that are delayed and dropped; None is all.
-        encoder_bias: Greatest offset, by the name of an observation, in its unit; drawn uniformly for each episode and
-            each of its numbers.
+        dropout: Probability in each step that an observation repeats its previous value, for each name independently.
+        late: Names of the observations that are delayed and dropped. None selects all observations.
+        encoder_bias: Greatest offset, by the name of an observation, in its unit. The offset of each number is drawn
+            uniformly for each episode.
         action_delay: Least and greatest delay of actions [control steps], drawn uniformly for each episode. The first
             action is repeated until the delay has passed.
 
     Raises:
-        ArgumentError: A standard deviation or delay below 0, or a probability outside of [0, 1).
-        ArgumentTypeError: Noise that is no mapping of numbers, a delay that is no pair, a dropout that is no number, or
-            `late` that is no tuple of names.
+        ArgumentError: A standard deviation or a delay is below 0, or a probability is outside of [0, 1).
+        ArgumentTypeError: `noise` or `encoder_bias` is not a mapping of numbers. A delay is not a pair. `dropout` is
+            not a number. `late` is not a tuple of names.
     """
 
     noise: Mapping[str, float] = field(default_factory=dict)
@@ -77,7 +77,7 @@ def _is_number(value: Any) -> bool:
 
 
 def _there(values: Tensor) -> Tensor:
-    """Return a mask of the values that take noise: all but rows of zeros in a table, which are empty slots."""
+    """Return a mask of the values to add noise to: all values except rows of zeros in a table (empty slots)."""
     if values.ndim < 3:
         return torch.ones_like(values, dtype=torch.bool)
     return (values != 0.0).any(dim=-1, keepdim=True).expand_as(values)
@@ -86,7 +86,7 @@ def _there(values: Tensor) -> Tensor:
 class Sensors:
     """Applies a Sensing to the observations of all worlds, without host synchronisation.
 
-    A second call in the same step returns the same, so worlds that a reset leaves alone keep their observations.
+    A second call in the same step returns the same values, so worlds outside a reset mask keep their observations.
 
     Args:
         s: The worlds.
@@ -95,7 +95,7 @@ class Sensors:
         action_size: Length of an action.
 
     Raises:
-        UnknownNameError: There is no group `policy`, or no such observation in it.
+        UnknownNameError: The group `policy` does not exist, or has no observation of a given name.
     """
 
     def __init__(
@@ -144,7 +144,7 @@ class Sensors:
         if not self.sensing.noise:
             return exact
         there = torch.cat([_there(values).reshape(len(values), -1) for values in seen.values()], dim=1)
-        # Box and Muller: 1 - u is never 0
+        # Box-Muller transform, with log(1 - u) because u may be 0 but not 1
         u, v = s.uniform(2 * exact.shape[1], stream=NOISE).chunk(2, dim=1)
         noise = (-2.0 * torch.log1p(-u)).sqrt() * (2.0 * torch.pi * v).cos()
         return exact + self._deviation * noise * there
@@ -167,9 +167,9 @@ class Sensors:
         return self._kept(self._shown, s, shown, 0)
 
     def _kept(self, ring: Tensor, s: State, now: Tensor, delay: Tensor | int) -> Tensor:
-        """Keep what is `now` in a ring of the latest steps, and return that of `delay` steps ago.
+        """Store the values `now` in a ring buffer of the latest steps, and return the values of `delay` steps ago.
 
-        The first of an episode fills the ring.
+        The first values of an episode fill the whole ring.
         """
         elapsed, size = s.elapsed.long(), ring.shape[1]
         ring.copy_(torch.where((elapsed == 0)[:, None, None], now[:, None], ring))

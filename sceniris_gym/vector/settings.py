@@ -22,7 +22,7 @@ class SimConfig:
     """Settings that change the speed and memory of an environment, not its episodes.
 
     Attributes:
-        nconmax: Contacts per world. None leaves room for a busy scene; see `make_worlds`.
+        nconmax: Contacts per world. None leaves room for a busy scene, as in `make_worlds`.
         njmax: Constraint rows per world. None leaves room for a busy scene.
         nvmax: Maximum number of awake degrees of freedom of a world, if the task's `options` let bodies sleep. None is
             the number of the scene.
@@ -71,9 +71,10 @@ class ImageConfig:
     Attributes:
         cameras: Images by camera: {"overview": {"size": (width, height), "data": kinds}}, with kinds out of "rgb" (the
             default), "depth" and "segmentation".
-        every: Control steps between two images of a world, counted from its reset, which always takes one. The steps
-            between observe the last image.
-        final: Also take images of the last state of each episode, for `final_obs`, which has none otherwise.
+        every: Control steps between two images of a world, counted from its reset, which always takes an image. Steps
+            in between observe the latest image.
+        final: Also take images of the last state of each episode, for `final_obs`. Without it, `final_obs` has no
+            images.
 
     Raises:
         ArgumentError: `every` is not a positive integer.
@@ -88,11 +89,11 @@ class ImageConfig:
 
 
 def as_settings(default: _Settings, given: Any, where: str) -> _Settings:
-    """Return the settings of a user. Fields that are at their defaults come from the settings of the task.
+    """Return the user's settings. Fields at their defaults come from the settings of the task.
 
     Args:
         default: The settings of the task.
-        given: The settings of the user: of the same class, a mapping of its fields, or None.
+        given: The user's settings: an instance of the same class, a mapping of its fields, or None.
         where: Name of the argument in error messages.
     """
     cls = type(default)
@@ -102,9 +103,9 @@ def as_settings(default: _Settings, given: Any, where: str) -> _Settings:
 
 
 def as_image_config(default: ImageConfig | None, given: Any) -> ImageConfig | None:
-    """Return the images of a user: an ImageConfig, a mapping of its fields, or its `cameras`.
+    """Return the user's images: an ImageConfig, a mapping of its fields, or its `cameras`.
 
-    None has the images of the task, and an empty mapping has none. Raises the errors of `as_shots`.
+    None selects the images of the task, and an empty mapping selects no images. Raises the errors of `as_shots`.
     """
     if given is None or given == {}:
         return default if given is None else None
@@ -119,10 +120,10 @@ def as_shots(images: Any) -> dict[str, tuple[Shot, Looks]]:
     """Return the pictures to take by the names of cameras: {"wrist": {"size": (84, 84), "data": ("rgb", "depth")}}.
 
     Raises:
-        ArgumentError: Not of that form, or a camera without a size or a kind of picture. A size that is no integer, or
-            out of range.
-        ArgumentTypeError: `shadows` or `thin` is no boolean.
-        UnknownNameError: A word or a kind that does not exist.
+        ArgumentError: The images have another form. A camera has no size or no kind of picture. A size is not an
+            integer, or out of range.
+        ArgumentTypeError: `shadows` or `thin` is not a boolean.
+        UnknownNameError: A word or a kind does not exist.
     """
     if not isinstance(images, Mapping) or not images or not all(isinstance(v, Mapping) for v in images.values()):
         form = "{'camera': {'size': (width, height), 'data': ('rgb',)}}"
@@ -149,7 +150,7 @@ def as_size(value: Any, name: str) -> tuple[int, int]:
     """Return width and height.
 
     Raises:
-        ArgumentError: Not two numbers. One that is no integer, or out of range.
+        ArgumentError: The value is not a pair. A number is not an integer, or out of range.
     """
     try:
         width, height = value

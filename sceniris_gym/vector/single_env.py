@@ -35,9 +35,9 @@ class SceneEnv(Fixed, gymnasium.Env):
         self._np_random, self._np_random_seed = self.envs.np_random, self.envs.np_random_seed
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Give the world a fresh layout: episode 0 of `seed`, or the next episode if it is None.
+        """Give the world a fresh layout: episode 0 of `seed`, or the next episode if `seed` is None.
 
-        options={"layouts": id} gives it the layout with this id.
+        options={"layouts": id} selects the layout with this id.
         """
         observation, info = self.envs.reset(seed=seed, options=options)
         if seed is not None:
@@ -45,11 +45,11 @@ class SceneEnv(Fixed, gymnasium.Env):
         return _first(observation), _first(info)
 
     def set_param(self, name: str, value: Any) -> None:
-        """Change a part of the scene file from the next layout on; see `SceneVectorEnv.set_param`."""
+        """Change a part of the scene file from the next layout on, as `SceneVectorEnv.set_param` does."""
         self.envs.set_param(name, value)
 
     def set_wrapper_attr(self, name: str, value: Any, *, force: bool = True) -> bool:
-        """Set a param, or else an attribute, as `set_attr` of Gymnasium's vector environments does in each world."""
+        """Set a param (a name with a dot) or an attribute. Gymnasium's SyncVectorEnv.set_attr calls this method."""
         if "." not in name:
             return super().set_wrapper_attr(name, value, force=force)
         self.set_param(name, value)
@@ -61,12 +61,12 @@ class SceneEnv(Fixed, gymnasium.Env):
         return _first(observation), float(reward[0]), bool(terminated[0]), bool(truncated[0]), _first(info)
 
     def render(self) -> np.ndarray | None:
-        """Return a picture, (height, width, 3) uint8; None without a render mode, or with "human"."""
+        """Return a picture, (height, width, 3) uint8, or None unless the render mode is "rgb_array"."""
         frames = self.envs.render()
         return None if frames is None else frames[0]
 
     def close(self) -> None:
-        """Close the environment; a second call does nothing."""
+        """Close the environment. A second call has no effect."""
         self.envs.close()
 
 

@@ -1,4 +1,4 @@
-"""`Snapshot`: the state of worlds in the middle of their episodes, kept to go on from there again."""
+"""`Snapshot`: the state of worlds in the middle of their episodes, stored to continue from there again."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ from sceniris_gym.vector.variants import VariantView
 _OF_DATA = (*ResetRandomizer.STATE_FIELDS, *fields_of_data("tree_awake"))
 _FINITE = ("data.", "layout.qpos", "layout.mocap")
 _WERE_FINITE = "finite"
-"""The name of what a snapshot tells of its own floats: which rows of each, sorted by name, were finite."""
+"""Name of a snapshot's flags of finite rows, with a column for each float tensor, sorted by name."""
 _INDICES = {f"layout.{name}": name for name in (*INTEGERS, "attempts", "next_episode")} | {
     "data.tree_asleep": "tree_asleep",
     "elapsed": "elapsed",
 }
 _FOREIGN = ("torch", "warp", "mujoco", "mujoco_warp", "numpy", "gymnasium")
-"""Packages whose objects hold no memory of a task."""
+"""Packages whose objects are no memory of a task."""
 
 
 @dataclass(frozen=True)
@@ -40,10 +40,9 @@ class Snapshot:
 
     Attributes:
         source: Hash of the scene, split and params of the layouts.
-        worlds: The world that each row is of, shape (nrow,), int64.
-        rows: What has a row for each world, by name: the state in mujoco_warp's Data, the layout, which one follows,
-            the steps since its reset, the memory of the task, and which of these were finite, each of shape (nrow,
-            ...).
+        worlds: World of each row, shape (nrow,), int64.
+        rows: Tensors of shape (nrow, ...) by name: the state in mujoco_warp's Data, the layout, the choice of the next
+            layout, the steps since the reset, the memory of the task, and flags of the finite rows.
     """
 
     source: tuple[str, ...]
@@ -71,14 +70,14 @@ def _are_finite(rows: Mapping[str, Tensor]) -> Tensor:
 
 
 def versions(live: Mapping[str, Tensor]) -> dict[str, tuple[Tensor, int]]:
-    """Return all tensors as they are now, for `written`."""
+    """Return all tensors with the versions that torch counts at each write, for `written`."""
     return {name: (tensor, tensor._version) for name, tensor in live.items()}
 
 
 def written(live: Mapping[str, Tensor], made: Mapping[str, tuple[Tensor, int]]) -> dict[str, Tensor]:
     """Return the tensors that were written to or replaced since they were `made`.
 
-    The others, such as indices and tables, belong to no episode, even where they have as many rows as there are worlds.
+    Other tensors with a row for each world, such as indices and tables, do not belong to an episode.
     """
     kept = [name for name, (tensor, version) in made.items() if live.get(name) is tensor and tensor._version == version]
     return {name: tensor for name, tensor in live.items() if name not in kept}
@@ -89,13 +88,13 @@ def _is_plain(tensor: Tensor) -> bool:
 
 
 def check_snapshot(snapshot: Any, source: tuple[str, ...], live: Mapping[str, Tensor], layouts: Layouts) -> None:
-    """Refuse what cannot be written into the worlds.
+    """Check that a snapshot can be written into the worlds.
 
     Raises:
-        ArgumentTypeError: No Snapshot.
-        SceneMismatchError: A snapshot of another scene, split or task, of worlds with other params, or with numbers
-            that no world can have.
-        ArgumentError: Numbers that a param cannot have.
+        ArgumentTypeError: The value is not a Snapshot.
+        SceneMismatchError: The snapshot is of another scene, split or task, or of worlds with other params. It has
+            non-finite values, or indices out of range.
+        ArgumentError: A param cannot have its value.
     """
     check_type(snapshot, Snapshot, "options['state']")
     check_type(snapshot.rows, Mapping, "options['state'].rows")
@@ -111,7 +110,7 @@ def check_snapshot(snapshot: Any, source: tuple[str, ...], live: Mapping[str, Te
             f"options['state'] should be a snapshot of this scene, split, task and params, got {got}. Take one "
             "of this environment."
         )
-    # a task may remember infinity, and NaN may stand for nothing, as where an arm has no grasp
+    # infinities in the memory of a task are legitimate, and so are the NaNs of a layout without a grasp
     state = {name: rows for name, rows in snapshot.rows.items() if name.startswith(_FINITE)}
     if not (torch.equal(_are_finite(snapshot.rows), rows[_WERE_FINITE]) and _are_finite(state).all()):
         raise SceneMismatchError("options['state'] should have finite numbers, got NaN or inf. Drop the broken worlds.")
@@ -122,10 +121,11 @@ def check_snapshot(snapshot: Any, source: tuple[str, ...], live: Mapping[str, Te
 
 
 def put(snapshot: Snapshot, live: Mapping[str, Tensor], mask: Tensor | None) -> Tensor:
-    """Write a snapshot back, into its own worlds or, in order, into those of a mask, and return the mask of them.
+    """Write a snapshot into its own worlds, or in order into the worlds of a mask. Return a mask of these worlds.
 
     Raises:
-        ArgumentError: As many rows as the mask has worlds are needed; or a world that does not exist, or twice.
+        ArgumentError: The number of rows differs from the number of masked worlds. A world does not exist, or occurs
+            twice.
     """
     num_envs, device = live["elapsed"].shape[0], live["elapsed"].device
     worlds = snapshot.worlds.to(device) if mask is None else mask.nonzero().flatten()
@@ -149,13 +149,13 @@ def live_tensors(
 
     Args:
         state: The worlds.
-        layouts: Their layouts.
-        memory: What else may have such tensors, by name.
-        following: The columns of the layouts that follow: `NEXT`, unless a sampler chooses them.
+        layouts: The layouts of the worlds.
+        memory: Other objects that may have such tensors, by name.
+        following: Columns that choose the next layouts: `NEXT`, or empty if a sampler chooses them.
     """
     arrays = {f"data.{name}": getattr(state.data, name) for name in _OF_DATA}
     arrays |= {f"layout.{name}": getattr(layouts.view, name) for name in (*columns(), *following)}
-    # not the tensors of `layouts`: Warp writes to them, and `written` drops those that torch has not written to
+    # new tensors, not the tensors of `layouts`: `written` would drop them, because Warp writes to them and not torch
     tensors = {name: wp.to_torch(array)[: state.num_envs] for name, array in arrays.items() if array.size}
     tensors |= {f"model.{name}": tensor for name, tensor in state.model_rows.items()}
     # torch cannot index uint64

@@ -1,4 +1,4 @@
-"""`Outcome`: the results of a control step; `EpisodeStatistics`: sums over finished episodes, read on request."""
+"""`Outcome`, the results of a control step, and `EpisodeStatistics`, sums over finished episodes, read on request."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import torch
 from torch import Tensor
 
 COUNTS = ("episodes", "length", "success", "broken")
-"""Names of the sums besides the reward terms."""
+"""Names of the sums that precede the reward terms."""
 
 
 def finite_rows(tensors: Iterable[Tensor]) -> Tensor:
-    """Return the rows in which all numbers of all tensors, each of shape (nrow, n), are finite: (nrow,), bool."""
-    # a sum is finite if its terms are, and a finite number minus itself is 0
+    """Return whether each row is finite in all tensors, which have shape (nrow, n) each: (nrow,), bool."""
+    # one sum replaces a test of every number, because x - x is 0 only if x is finite
     total = torch.stack([tensor.sum(dim=1) for tensor in tensors]).sum(dim=0)
     return total - total == 0.0
 
@@ -24,8 +24,8 @@ class Outcome(NamedTuple):
 
     Attributes:
         terms: Names of the reward terms.
-        gained: Their values, shape (nterm, num_envs), float32.
-        success: Worlds in which the goal is reached, shape (num_envs,), bool.
+        gained: Values of the reward terms, shape (nterm, num_envs), float32.
+        success: Worlds with the goal reached, shape (num_envs,), bool.
         broken: Worlds with numbers that are not finite, shape (num_envs,), bool.
         terminated: Worlds whose episode is terminated, shape (num_envs,), bool.
         truncated: Worlds whose episode is truncated, shape (num_envs,), bool.
@@ -44,28 +44,28 @@ class Outcome(NamedTuple):
         return self.terminated | self.truncated
 
     def breaking(self, mask: Tensor) -> Outcome:
-        """Return an outcome in which the masked worlds are broken, too: terminated, with reward 0."""
+        """Return an outcome in which the masked worlds are also broken: terminated, with reward 0."""
         gained = torch.where(mask, 0.0, self.gained)
         return self._replace(gained=gained, broken=self.broken | mask, terminated=self.terminated | mask)
 
     def without(self, mask: Tensor) -> Outcome:
-        """Return an outcome in which nothing counts for the masked worlds."""
+        """Return an outcome without the masked worlds: reward 0, and all flags false."""
         flags = (flag & ~mask for flag in self[2:])
         return Outcome(self.terms, torch.where(mask, 0.0, self.gained), *flags)
 
     def info(self) -> dict[str, Any]:
-        """Return what `info` has of it."""
+        """Return the entries of `info` for this step."""
         terms = dict(zip(self.terms, self.gained, strict=True))
         return {"success": self.success, "broken": self.broken, "reward_terms": terms}
 
 
 class EpisodeStatistics:
-    """Sums over the episodes that finished since the last `clear`; `read` clears them by default.
+    """Sums over the episodes that finished since the last `clear`. By default, `read` clears the sums.
 
-    An episode finishes when it is terminated or truncated; one that a reset cuts short does not count. With autoreset
-    disabled, the steps of a world after the end of its episode do not count either.
+    An episode finishes when it is terminated or truncated. Episodes that a reset interrupts do not count. With
+    autoreset disabled, the steps of a world after the end of its episode do not count either.
 
-    A step adds to the sums of each world in a few small operations on the device. Only `read` waits for the device.
+    Each step updates the sums of all worlds in a few small operations on the device. Only `read` waits for the device.
 
     Args:
         num_envs: Number of worlds.
@@ -73,13 +73,13 @@ class EpisodeStatistics:
 
     Attributes:
         names: Names of the sums: "episodes", "length" [control steps], "success" (at the last step), "broken"
-            (ended since its numbers were no longer finite), and the reward terms, which are known after the first step.
+            (ended because a number was not finite), and the reward terms, which are known after the first step.
         finished: Worlds whose episode finished in the last step, shape (num_envs,), bool.
     """
 
     def __init__(self, num_envs: int, device: torch.device) -> None:
         self.names: tuple[str, ...] = COUNTS
-        # doubles, as the sums may grow for a long time before they are read
+        # doubles, because the sums may grow for a long time before they are read
         self._sums = torch.zeros(len(COUNTS), num_envs, dtype=torch.float64, device=device)
         self._running, self._latest = self._sums[:0], self._sums.clone()
         self._ended = torch.zeros(num_envs, dtype=torch.bool, device=device)
@@ -94,12 +94,12 @@ class EpisodeStatistics:
         """Add a step of all worlds.
 
         Args:
-            outcome: Its results, with the same reward terms in every step.
+            outcome: Results of the step, with the same reward terms in every step.
             elapsed: Steps of the episode, shape (num_envs,).
         """
         if self.names == COUNTS:
             self.names = (*COUNTS, *outcome.terms)
-            with torch.inference_mode(False):  # tensors made under inference mode could not be written to outside of it
+            with torch.inference_mode(False):  # outside it, torch refuses writes to tensors that were made inside it
                 self._running = self._sums.new_zeros(len(outcome.terms), self._sums.shape[1])
                 self._sums = torch.cat([self._sums, self._running])
         self._running.add_(outcome.gained)
@@ -115,7 +115,7 @@ class EpisodeStatistics:
         return self._sums.sum(dim=1)
 
     def latest(self) -> Tensor:
-        """Return the same sums over the episodes that finished in the last step; `clear` does not change them."""
+        """Return the same sums over the episodes that finished in the last step, unaffected by `clear`."""
         return self._latest.sum(dim=1)
 
     def read(self, clear: bool = True) -> dict[str, Any]:
@@ -125,9 +125,9 @@ class EpisodeStatistics:
             clear: Set the sums to 0, so that the next call covers later episodes only.
 
         Returns:
-            `episodes` (their number), `return`, `length` [control steps], `success` (share of the episodes whose last
-            step was a success) and `reward_terms` (sum over an episode, by name); NaN if no episode finished. `broken`
-            is the number of episodes that ended since their numbers were no longer finite.
+            `return`, `length` [control steps], `success` (fraction of the episodes whose last step was a success) and
+            `reward_terms` (sum over an episode, by name), all NaN if no episode finished. `episodes` is the number of
+            episodes, and `broken` the number of episodes that ended because a number was not finite.
         """
         sums = self.sums().tolist()
         if clear:
@@ -145,5 +145,5 @@ class EpisodeStatistics:
         }
 
     def clear(self) -> None:
-        """Set the sums to 0; episodes that are under way count in full when they finish."""
+        """Set the sums to 0. Running episodes later count in full, with the steps before this call."""
         self._sums.zero_()

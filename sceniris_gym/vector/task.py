@@ -1,4 +1,4 @@
-"""`Task`: a scene with observations, rewards and ends of episodes; and checks of its first results."""
+"""`Task`: a scene with observations, rewards and ends of episodes. Functions check the first results of a task."""
 
 from __future__ import annotations
 
@@ -16,40 +16,41 @@ from sceniris_gym.vector.state import State
 from sceniris_gym.vector.statistics import COUNTS
 
 Observation = dict[str, dict[str, Tensor]]
-"""{group: {name: tensor of shape (num_envs, ...)}}; groups are `policy` and `critic`."""
+"""{group: {name: tensor of shape (num_envs, ...)}} with the groups `policy` and `critic`."""
 TAKEN = (*COUNTS, "return")
-"""Names that reward terms cannot have, as statistics and logs use them."""
+"""Names that reward terms cannot have, because statistics and logs use them."""
 
 
 def regrouped(observation: Observation, policy: Sequence[str], more: Sequence[str]) -> Observation:
-    """Return the critic's tensors named in `policy` as the group `policy`, and these and `more` as `critic`."""
+    """Split the group `critic`: `policy` names the tensors of both groups, `more` the tensors of `critic` only."""
     seen = observation["critic"]
     shown = {name: seen[name] for name in policy}
     return {"policy": shown, "critic": shown | {name: seen[name] for name in more}}
 
 
 FRICTION_PYRAMIDS: dict[str, Any] = {"cone": mujoco.mjtCone.mjCONE_PYRAMIDAL, "impratio": 1.0}
-"""Options for tasks that grip nothing: a step takes half the time, but objects slip slowly in a long grip."""
+"""Options for tasks without a grip: a step takes half the time, but objects slip slowly in a long grip."""
 
 
 class Task:
     """Base class of tasks. All methods work on all worlds at once, in torch operations without host synchronisation.
 
-    A task reads the worlds through a State, with poses in the robot's base frame. It may have tensors of its own: make
-    them in `bind`, write to them in place, and reset those of masked worlds in `on_reset`.
+    A task reads the worlds through a State, with poses in the robot's base frame. To keep tensors of a task between
+    steps, make them in `bind`, write to them in place, and reset the rows of masked worlds in `on_reset`.
 
     Attributes:
         scene: The name of a shipped scene, or the path of a scene file.
         needs: Quantities that the task reads and kinematics does not update, out of "velocity", "contacts", "sensors"
-            (values of sensors) and "dynamics" (all that a forward pass computes).
+            (values of sensors) and "dynamics" (all results of a forward pass).
         substeps: Physics steps in a control step.
-        action_size: Length of an action; None is the number of controls of the scene.
-        model_fields: Fields of the physics model that get a row for each world, to write to in `on_reset`; see
+        action_size: Length of an action. None takes the number of controls of the scene.
+        model_fields: Fields of the physics model with a row for each world, to write to in `on_reset` through
             `State.model_field`.
-        options: Fields of MjOption that differ from the scene's in the physics of this task. Layouts do not depend on
-            them.
-        images: Camera images that environments of this task observe; None observes none.
-        sim_config: SimConfig of environments in the task's own scene: the contacts and constraint rows that it needs.
+        options: Fields of MjOption to change from the scene's values in the physics of this task. Layouts do not depend
+            on them.
+        images: Camera images that environments of this task observe, or None.
+        sim_config: SimConfig of environments in the task's scene, with the contacts and constraint rows that the scene
+            needs. An environment with another scene ignores it.
     """
 
     scene: str = ""
@@ -62,7 +63,7 @@ class Task:
     sim_config: SimConfig = SimConfig()
 
     def bind(self, s: State) -> None:
-        """Prepare for the worlds of `s`; called once, before anything else."""
+        """Prepare for the worlds of `s`. Called once, before the other methods."""
 
     def observe(self, s: State) -> Observation:
         """Return the observations: {group: {name: tensor of shape (num_envs, ...)}}.
@@ -72,22 +73,25 @@ class Task:
         raise NotImplementedError
 
     def reward(self, s: State, action: Tensor) -> dict[str, Tensor]:
-        """Return the reward terms of the last step, each of shape (num_envs,); the reward is their sum.
+        """Return the reward terms of the last step, each of shape (num_envs,). The reward is their sum.
 
-        A term may have any name but those of statistics: episodes, length, return, success and broken.
+        The names of statistics are reserved: episodes, length, return, success and broken.
         """
         raise NotImplementedError
 
     def success(self, s: State) -> Tensor:
-        """Return the worlds in which the goal is reached, shape (num_envs,), bool."""
+        """Return whether each world has reached the goal, shape (num_envs,), bool."""
         raise NotImplementedError
 
     def terminated(self, s: State) -> Tensor:
-        """Return the worlds in which the episode terminates, shape (num_envs,), bool; by default none."""
+        """Return whether each world's episode terminates, shape (num_envs,), bool. The default is all false."""
         return torch.zeros(s.num_envs, dtype=torch.bool, device=s.device)
 
     def apply(self, s: State, action: Tensor) -> None:
-        """Write controls for an action in [-1, 1], shape (num_envs, action_size); by default scaled to their ranges."""
+        """Write the controls for an action in [-1, 1], shape (num_envs, action_size).
+
+        The default scales the action to the control ranges.
+        """
         lower, upper = s.control_range.unbind(dim=1)
         s.ctrl.copy_(lower + (action + 1.0) * 0.5 * (upper - lower))
 
@@ -99,7 +103,7 @@ def check_observation(task: Task, observation: Any, num_envs: int) -> None:
     """Check that an observation is {group: {name: tensor of shape (num_envs, ...)}}.
 
     Raises:
-        TaskError: It is not; the message names the task and what it returned.
+        TaskError: It has another form. The message names the task and the returned type.
     """
     form = f"{{group: {{name: tensor of shape ({num_envs}, ...)}}}}, where an actor sees the group 'policy'"
     _check(task, "observe", observation, form, depth=2, fits=lambda t: t.shape[:1] == (num_envs,))
@@ -108,10 +112,10 @@ def check_observation(task: Task, observation: Any, num_envs: int) -> None:
 def check_outcome(task: Task, reward: Any, success: Any, terminated: Any, num_envs: int) -> None:
     """Check that a reward is {name: tensor of shape (num_envs,)} and that flags have shape (num_envs,), bool.
 
-    No reward term may have the name of a statistic.
+    Reward terms must not have names of statistics.
 
     Raises:
-        TaskError: Something is wrong; the message names the task, the method and what it returned.
+        TaskError: One of them has another form. The message names the task, the method and the returned type.
     """
     form = f"{{name: tensor of shape ({num_envs},)}}"
     _check(task, "reward", reward, form, depth=1, fits=lambda t: t.shape == (num_envs,))
@@ -131,7 +135,7 @@ def _check(task: Task, method: str, value: Any, form: str, depth: int, fits: Cal
 
 
 def _first_wrong(value: Any, depth: int, fits: Callable[[Tensor], bool]) -> str | None:
-    """Describe the first part that is not a mapping down to `depth`, or not a tensor that fits there; else None."""
+    """Describe the first part that is not a mapping down to `depth`, or not a fitting tensor there. None if all fit."""
     if depth == 0:
         return None if isinstance(value, Tensor) and fits(value) else _described(value)
     if not isinstance(value, Mapping) or not value:

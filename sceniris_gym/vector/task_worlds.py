@@ -20,7 +20,7 @@ from sceniris_gym.vector.task import Task, check_outcome
 
 
 class TaskWorlds:
-    """The worlds of a task: methods launch on the device and do not wait for it.
+    """The worlds of a task. Its methods launch on the device and do not wait for it.
 
     Args:
         task: The task.
@@ -39,7 +39,7 @@ class TaskWorlds:
         self._task, self._is_checked = task, False
 
     def bind(self) -> None:
-        """Give the task its state, and the model the fields that it asks for."""
+        """Give the task its state, and the model the fields that the task writes to."""
         for name in self._task.model_fields:
             self.batch.fields.ask(name, where="Task.model_fields")
         self._task.bind(self.state)
@@ -47,7 +47,7 @@ class TaskWorlds:
         self.batch.update()
 
     def reset(self, mask: Tensor) -> None:
-        """Reset the worlds of a mask on the device, to which the task may write."""
+        """Reset the masked worlds. The mask is on the device, and the task may overwrite it in `on_reset`."""
         self.randomizer.launch_reset(wp.from_torch(mask, dtype=wp.bool))
         self.state.elapsed.masked_fill_(mask, 0)
         self.statistics.start(mask)
@@ -56,7 +56,7 @@ class TaskWorlds:
             self.randomizer.refresh()
 
     def judge(self, action: Tensor, most: int | None) -> Outcome:
-        """Return the results of a step that was taken by `action`, in episodes of at most so many steps."""
+        """Return the results of the step that `action` took, in episodes of at most `most` steps."""
         s, task = self.state, self._task
         terms, success, terminated = task.reward(s, action), task.success(s), task.terminated(s)
         if not self._is_checked:
@@ -64,12 +64,12 @@ class TaskWorlds:
             self._is_checked = True
         gained = torch.stack(list(terms.values())).float()
         truncated = torch.zeros_like(success) if most is None else s.elapsed >= most
-        # the task may write to its success in a reset
+        # a copy, because the task may overwrite its success tensor in a reset
         outcome = Outcome(tuple(terms), gained, success.clone(), torch.zeros_like(success), terminated, truncated)
         return outcome.breaking(~(s.finite & finite_rows([gained.T])))
 
     def count(self, outcome: Outcome) -> None:
-        """Add a step to the statistics, and tell what chooses layouts how episodes ended."""
+        """Add a step to the statistics, and pass the results of finished episodes to the curriculum."""
         self.statistics.add(outcome, self.state.elapsed)
         if (pipeline := self.randomizer.pipeline).hears:
             pipeline.launch_finish(wp.from_torch(outcome.success.float()), wp.from_torch(self.statistics.finished))
@@ -80,7 +80,7 @@ class TaskWorlds:
         return self.randomizer.compiled.hash, self.randomizer.split, *self.randomizer.layouts.params.names
 
     def live(self, **memory: Any) -> dict[str, Tensor]:
-        """Return all tensors that a snapshot has rows of, with those of a memory besides the task's."""
+        """Return all tensors whose rows a snapshot may copy, including the tensors of an additional `memory`."""
         rows, redrawer = self.randomizer.pipeline.rows, self.randomizer.redrawer
         chosen = {name: wp.to_torch(array) for name, array in (rows or {}).items()}
         redraws = wp.to_torch(redrawer.number), wp.to_torch(redrawer.status)
@@ -88,10 +88,10 @@ class TaskWorlds:
         return live_tensors(self.state, self.randomizer.layouts, memory, NEXT if rows is None else ())
 
     def restore(self, snapshot: Any, live: Mapping[str, Tensor], mask: Tensor | None) -> Tensor:
-        """Write a snapshot into its own worlds, or into those of a mask, and return the mask of them; see `put`."""
+        """Write a snapshot into its own worlds, or into the worlds of a mask, as `put` does. Return their mask."""
         check_snapshot(snapshot, self.source, live, self.randomizer.layouts)
         due = put(snapshot, live, mask)
-        if self.randomizer.compiled.config.variants:  # which brings the model of the variants as it was made
+        if self.randomizer.compiled.config.variants:  # writing the variants resets model fields, so `put` runs again
             self.randomizer._launch_variants(wp.from_torch(due, dtype=wp.bool))
             put(snapshot, live, mask)
         self.batch.update()
@@ -99,7 +99,7 @@ class TaskWorlds:
         return due
 
     def layout_info(self) -> dict[str, dict[str, Any]]:
-        """Return `info["layout"]`: the present layouts, in a form that resets take as `layouts`."""
+        """Return `info["layout"]`: the present layouts, in the form of the reset option `layouts`."""
         s, sampler = self.state, self.randomizer.levels
         layout: dict[str, Any] = {
             "seed": s.seed.clone(),

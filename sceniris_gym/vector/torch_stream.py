@@ -10,11 +10,11 @@ import warp as wp
 
 
 def on_torch_stream(device: wp.Device) -> AbstractContextManager:
-    """Run Warp's launches on a device on torch's current stream, in order with torch's own."""
+    """Run Warp's launches on torch's current stream of a device, in order with torch's launches."""
     if not device.is_cuda:
         return nullcontext()
     stream = torch.cuda.current_stream(wp.device_to_torch(device))
-    # Warp knows a capture by its Stream object, so a caller's capture on this stream needs the same object
+    # Warp finds a capture by its Stream object, so a caller's capture on this stream needs the same object
     if device.stream.cuda_stream == stream.cuda_stream:
         return nullcontext()
     return wp.ScopedStream(_as_warp_stream(stream), sync_enter=False)
@@ -22,5 +22,5 @@ def on_torch_stream(device: wp.Device) -> AbstractContextManager:
 
 @cache
 def _as_warp_stream(stream: torch.cuda.Stream) -> wp.Stream:
-    """Return a stream of torch, which keeps those of its pools for ever, as one of Warp."""
+    """Return a torch stream as a Warp stream, cached because torch never frees the streams of its pools."""
     return wp.stream_from_torch(stream)

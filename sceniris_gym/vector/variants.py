@@ -1,4 +1,4 @@
-"""`VariantView`: the variants that worlds have; `Boxes` and `TargetGrasps`: boxes and grasps of whichever variant."""
+"""`VariantView`: the present variants of all worlds. `Boxes` and `TargetGrasps`: boxes and grasps of these variants."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from sceniris_gym.vector.names import unknown
 
 
 class VariantView:
-    """The variants of objects that worlds have.
+    """The present variants of objects in all worlds.
 
     Args:
         scene: The scene, with all variants.
-        variant: The present variant of each object with variants, shape (num_envs, number of these objects), int32; not
-            used in a scene without variants.
+        variant: The present variant of each object with variants, shape (num_envs, number of these objects), int32.
+            None in a scene without variants.
         device: Torch device.
 
     Attributes:
@@ -35,7 +35,7 @@ class VariantView:
         self._variant = torch.zeros(1, 0, dtype=torch.int32, device=device) if variant is None else variant
 
     def index(self, name: str | None) -> Tensor:
-        """Return the number of the variant of an object that is present, 0 without a name, shape (num_envs,), int64."""
+        """Return the number of an object's present variant, 0 without a name, shape (num_envs,), int64."""
         if name is None:
             return torch.zeros(len(self._variant), dtype=torch.int64, device=self.device)
         return self._variant[:, self.names.index(name)].long()
@@ -44,11 +44,11 @@ class VariantView:
 class Boxes:
     """The smallest box around each of several bodies, along the axes of the body's frame.
 
-    A box contains the colliding geoms of the body itself, not those of its children. Boxes are computed once, on the
+    A box contains the body's colliding geoms, but not the geoms of its children. The boxes are computed once, on the
     host.
 
     Args:
-        view: The variants that worlds have.
+        view: The present variants.
         bodies: Bodies of the simulated scene.
         where: The beginning of errors.
 
@@ -68,7 +68,7 @@ class Boxes:
     def corners(self) -> tuple[Tensor, Tensor]:
         """Return the lower and the upper corners [m], shape (num_envs, number of bodies, 3) each.
 
-        They have no dimension of worlds if no body has variants.
+        If no body has variants, the shapes lack the first dimension, because all worlds have the same boxes.
         """
         boxes = self._table[:, 0]
         if any(self._names):
@@ -79,7 +79,7 @@ class Boxes:
 
 
 def _corners(scene: SceneModel, body: int, where: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return the lower and the upper corner of a body's box in its own frame [m], each of shape (3,)."""
+    """Return the lower and the upper corner of a body's box in the body's frame [m], each of shape (3,)."""
     boxes = [piece.bounds() for piece in extract_pieces(scene.mjm, "physics", {body})]
     if not boxes:
         name = scene.mjm.body(body).name
@@ -89,11 +89,11 @@ def _corners(scene: SceneModel, body: int, where: str) -> tuple[np.ndarray, np.n
 
 
 class TargetGrasps:
-    """The accepted grasps of a reachable object, of whichever variant is present.
+    """The accepted grasps of a reachable object, or of its present variant.
 
     Args:
         layouts: The layouts of the worlds.
-        view: The variants that worlds have.
+        view: The present variants.
         name: The object.
         where: Name of the caller in an error.
 
@@ -115,7 +115,7 @@ class TargetGrasps:
         self._rows = torch.arange(len(layouts.grasp), device=device)
         sets = [targets[i].grasp_set.grasps for i in found]
         grasps = [grasp for one in sets for grasp in one]
-        # at most one variant has a grasp, and each has its own after those of the variants before
+        # at most one variant is present, so one grasp list for all variants and an offset for each will do
         self._first = torch.tensor(np.cumsum([0, *map(len, sets[:-1])]), device=device)
         self._body = torch.tensor(scene.sim_bodies[[grasp.body for grasp in grasps]], device=device)
         self._pos, self._quat = (
@@ -124,14 +124,14 @@ class TargetGrasps:
         )
 
     def pose(self, base: BaseFrame, xpos: Tensor, xquat: Tensor) -> Tensor:
-        """Return the TCP pose of the grasp, shape (num_envs, 7); NaN in worlds without one.
+        """Return the TCP pose of the grasp, shape (num_envs, 7), NaN in worlds without a grasp.
 
         Args:
             base: The frame of the pose.
-            xpos: Positions of all bodies in the world [m], shape (num_envs, nbody, 3).
-            xquat: Their orientations there (wxyz), shape (num_envs, nbody, 4).
+            xpos: Positions of all bodies in the world frame [m], shape (num_envs, nbody, 3).
+            xquat: Orientations of all bodies in the world frame (wxyz), shape (num_envs, nbody, 4).
         """
-        own = self._grasp[:, self._columns]  # the number within the set of each variant, -1 for none
+        own = self._grasp[:, self._columns]  # index in the grasp set of each variant, -1 without a grasp
         chosen = torch.where(own >= 0, own + self._first, -1).amax(dim=1)
         i = chosen.clamp(min=0).long()
         xpos, xquat = xpos[self._rows, self._body[i]], xquat[self._rows, self._body[i]]

@@ -49,71 +49,73 @@ OUTPUTS = ("torch", "numpy")
 class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
     """A vector environment of `num_envs` worlds on one device, each with a fresh layout at every reset.
 
-    Observations are a dict of groups (`policy`, `critic`), each of shape (num_envs, size); `observation_names` lists
-    their parts in order. Put wrappers that take a single array, such as Gymnasium's NormalizeObservation, around
-    FlattenObservation, which joins the groups, or around a wrapper that keeps one of them.
+    Observations are a dict of groups (`policy`, `critic`), each of shape (num_envs, size). `observation_names` lists
+    the parts of each group in order. Wrappers that take a single array, such as Gymnasium's NormalizeObservation, go
+    around FlattenObservation, which joins the groups, or around a wrapper that selects one group.
 
-    With `images` there is a group `images`, too, with a tensor for each camera and kind of picture, of shape (num_envs,
-    height, width, channels): `observation["images"]["overview"]["rgb"]` (3 channels, uint8), `["depth"]` (1 channel,
-    float32: distance along the camera's axis [m], 0 where nothing is) and `["segmentation"]` (1 channel, int32: an
-    index into `images.names`). Pictures are taken after resets, so that none shows the layout before.
+    `images` adds a group `images`, with a tensor of shape (num_envs, height, width, channels) for each camera and kind
+    of picture: `observation["images"]["overview"]["rgb"]` (3 channels, uint8), `["depth"]` (1 channel, float32:
+    distance along the camera's axis [m], 0 for the background) and `["segmentation"]` (1 channel, int32: an index into
+    `images.names`). Pictures are taken after resets, so they never show the previous layout.
 
-    `info["layout"]` has `seed`, `episode` and `fallback` (the layout came from the bank of valid ones) of each world,
-    and `variants` (the number of the present variant, by object) if objects have variants. `info` also has, after a
-    step `success`, `reward_terms` and `broken` (below) of that step. With SAME_STEP it also has `final_obs` and
-    `final_info` for all worlds; only the worlds with `_final_obs` count. `seed` is an int64, as torch lacks
+    `info["layout"]` has `seed`, `episode` and `fallback` (the layout came from the fallback bank) of each world. If
+    objects have variants, it also has `variants`: the number of the present variant, by object. After a step, `info`
+    also has `success`, `reward_terms` and `broken` (below) of that step. With SAME_STEP it has `final_obs` and
+    `final_info` for all worlds, valid only in the worlds with `_final_obs`. `seed` is an int64, because torch lacks
     uint64 arithmetic: seeds from 2^63 on appear as their two's complement, and `int(seed) % 2**64` is the seed.
 
     Under `torchrun` each process takes the GPU of its LOCAL_RANK and adds RANK * 2^40 to integer seeds, so that no two
-    processes get the same layout from `reset(seed=0)`. Lists of seeds are taken as they are.
+    processes get the same layout from `reset(seed=0)`. Lists of seeds are used without this offset.
 
-    `np_random_seed` is the seed with which `reset(seed=...)` gives the same layouts again, from episode 0 on: the last
-    one given, or the one drawn for a first reset without a seed. It is -1, Gymnasium's value for an unknown seed, once
-    worlds were seeded one by one, by a list or with a mask.
+    `reset(seed=np_random_seed)` gives the same layouts again, from episode 0 on. `np_random_seed` is the last seed
+    given, or the seed drawn for a first reset without a seed. It becomes -1, Gymnasium's value for an unknown seed,
+    once a list or a mask has seeded worlds separately.
 
-    `statistics` sums up finished episodes on the device; `statistics.read()` returns their means.
+    `statistics` sums up finished episodes on the device, and `statistics.read()` returns their means.
 
-    `compiled`, `randomizer` and the like cannot be exchanged: captured steps and resets, also in graphs of the
-    caller's, use the arrays of the scene that the environment was made with. Make another environment instead.
+    `compiled`, `randomizer` and similar attributes cannot be replaced, because captured steps and resets, including
+    your own graphs, use the arrays of the original scene. Make another environment instead.
 
-    A world with numbers that are no longer finite is `broken`: positions, velocities, activations, controls, rewards or
-    observations. It is terminated in the same step, with reward 0, and `statistics` counts it. With autoreset DISABLED,
-    a finished world keeps running until it is reset.
+    A world is `broken` if its positions, velocities, activations, controls, rewards or observations are not finite. A
+    broken world terminates in the same step, with reward 0, and `statistics` counts it. With autoreset DISABLED, a
+    finished world keeps running until it is reset.
 
     Args:
         task: A Task, its class, or "module:Class".
         num_envs: Number of worlds.
-        scene: A scene to use instead of the task's: a name, path, mapping, SceneConfig or CompiledScene.
+        scene: The scene to use instead of the task's scene: a name, path, mapping, SceneConfig or CompiledScene.
         overrides: Parts of the scene to change, by dotted keys: {"objects.apple.clearance": 0.01}.
-        device: "cpu" or "cuda:0"; None is cuda:0 if there is one, else cpu, and under torchrun cuda:LOCAL_RANK.
-        split: "train" or "eval", which share no layouts and no random numbers. A layout_source may have its own.
+        device: "cpu" or "cuda:0". None takes cuda:0 (cuda:LOCAL_RANK under torchrun), or cpu without a GPU.
+        split: "train" or "eval", which share no layouts and no random numbers. The split of a layout_source, if it has
+            one, takes precedence.
         layout_source: A LayoutSource, a LayoutTable or LayoutDataset whose rows are served, or a function
             `(compiled, num_envs)` that returns a LayoutSource. None makes a LayoutGenerator.
         curriculum: Chooses the next layout of each world by the outcomes of earlier episodes: a LevelReplay, an ADR,
             or a mapping of the fields of one. `info["layout"]` then has `level`: the layout's index in the level
-            buffer, -1 if it is fresh, and -2 if it comes from the bank.
-        params: Names of parts of the scene file that `set_param` can change, or patterns such as "objects.*.region";
-            see docs/levels.md. Not with a layout_source. `info["layout"]` then has `params`, their values by name.
-        max_episode_steps: Control steps after which an episode is truncated; None is never.
+            buffer, -1 for a fresh layout, and -2 for a layout from the fallback bank.
+        params: Names of parts of the scene file that `set_param` can change, or patterns such as "objects.*.region"
+            (docs/levels.md). Not with a layout_source. `info["layout"]` then has `params`, their values by name.
+        max_episode_steps: Control steps after which an episode is truncated. None sets no limit.
         autoreset_mode: An AutoresetMode, or its value.
-        observation_groups: The groups to observe, such as ("policy",), or the name of a single one; None is all.
+        observation_groups: The groups to observe, such as ("policy",), or the name of a single group. None observes
+            all groups.
         sensing: Noise, delay and dropout of the group `policy`, and delay of actions: a Sensing, a mapping of its
             fields, or None.
         output: "torch" (tensors on `device`) or "numpy".
         images: Camera images to observe: an ImageConfig, a mapping of its fields, or only its `cameras`:
-            {"overview": {"size": (width, height), "data": kinds}}. None, and fields that are left out, take the
-            `images` of the task. An empty mapping observes none.
-        render_mode: "rgb_array", for `render` to take pictures; "human", to show every reset and step on a page in the
-            browser, in real time (extra `viewer`); or None.
+            {"overview": {"size": (width, height), "data": kinds}}. None takes the `images` of the task, which also
+            fill in missing fields. An empty mapping observes no images.
+        render_mode: "rgb_array" makes `render` return pictures. "human" shows every reset and step on a page in the
+            browser, in real time (extra `viewer`). None renders no pictures.
         render_config: Size, camera and number of worlds of these pictures: a RenderConfig, or a mapping of its fields.
         sim_config: Room for contacts, graphs, prefetching and copies: a SimConfig, or a mapping of its fields. Fields
-            that it leaves at their defaults come from the task's own `sim_config`.
+            at their defaults come from the task's `sim_config`.
 
     Raises:
-        ScenirisError: The scene cannot be used; see compile_scene.
-        TaskError: A method of the task returns the wrong thing; raised here, or in the first step.
+        ScenirisError: The scene cannot be used, for the reasons that `compile_scene` lists.
+        TaskError: A method of the task returns a wrong type or shape. Raised here, or in the first step.
         FixedError: Raised on assignment to an attribute that captured graphs already use.
-        ContactBudgetError: There are more contacts than room for them; raised in the first reset.
+        ContactBudgetError: The worlds have more contacts than `nconmax` leaves room for. Raised in the first reset.
     """
 
     _FIXED = (
@@ -124,7 +126,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
     """Attributes that `set_attr` takes."""
     _ARGUMENTS = ("scene", "overrides", "layout_source", "curriculum", "params")
 
-    # tensors made under inference mode could not be written to outside of it
+    # outside inference mode, torch refuses writes to tensors that were made inside it
     @torch.inference_mode(False)
     @launching
     def __init__(
@@ -148,7 +150,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         images: ImageConfig | Mapping[str, Any] | None = None,
         sensing: Sensing | Mapping[str, Any] | None = None,
         output: str = "torch",
-        # how it is shown, and how it runs:
+        # rendering and simulation:
         render_mode: str | None = None,
         render_config: RenderConfig | Mapping[str, Any] | None = None,
         sim_config: SimConfig | Mapping[str, Any] | None = None,
@@ -161,7 +163,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         self.task, self.num_envs = arguments.as_task(task), num_envs
         self.autoreset_mode = arguments.as_autoreset_mode(autoreset_mode)
         self.image_config = seen = as_image_config(self.task.images, images)
-        room = self.task.sim_config if scene is None else SimConfig()  # the task's is for its own scene
+        room = self.task.sim_config if scene is None else SimConfig()  # a task's settings fit only the task's scene
         self.sim_config = sim = as_settings(room, sim_config, "sim_config")
         shown = as_config(RenderConfig, {} if render_config is None else render_config, "render_config")
         self.rendering = Rendering(render_mode, num_envs, shown)
@@ -184,10 +186,10 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         fps = round(1.0 / self.state.dt)
         self.metadata = {"autoreset_mode": self.autoreset_mode, "render_modes": RENDER_MODES, "render_fps": fps}
 
-        wp.synchronize_device(self.batch.device)  # torch works on another stream than the one the arrays were made on
+        wp.synchronize_device(self.batch.device)  # the arrays were made on Warp's stream, and torch uses its own
         with on_torch_stream(self.batch.device):
             worlds.bind()
-            # cameras may differ in fields of the model that the task has asked for
+            # cameras follow bind, which fixes the model fields that differ between worlds
             if seen is not None:
                 self.images = Images(self.batch, as_shots(seen.cameras), seen.every, graph=sim.graph)
             size = self.task.action_size or self.compiled.mjm.nu
@@ -203,7 +205,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
 
     @property
     def max_episode_steps(self) -> int | None:
-        """See the class; it may change at any time."""
+        """Control steps after which an episode is truncated, or None. It may change at any time."""
         return self._most_steps
 
     @max_episode_steps.setter
@@ -214,28 +216,28 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Give worlds fresh layouts, or chosen ones.
+        """Give worlds fresh layouts, chosen layouts, or a stored state.
 
         Args:
-            seed: World i gets seed + i and starts at episode 0; a list of num_envs seeds is taken as it is. With None,
-                also in a list, a world takes its next episode. In the first reset, None takes np_random_seed, and each
-                None in a list draws a seed.
-            options: {"reset_mask": mask} resets, and reseeds, only the masked worlds; the others do not change. The
-                mask is an array of booleans (numpy, torch or Warp), shape (num_envs,), true for at least one world.
-                {"layouts": ids} gives world i the layout with id `ids[i]`, or its next one where that is None; a single
-                id is for all worlds, and `info["layout"]` of any `info` works as well. The world goes on from that
-                episode. {"state": snapshot} goes on where worlds were when `snapshot` was called: each row in its own
-                world, or with a mask in the masked worlds in order. {"params": {name: value}} changes params of the
-                masked worlds first, see `set_param`.
+            seed: World i gets seed + i and starts at episode 0. A list of num_envs seeds gives world i seed[i]. With
+                None, also in a list, a world takes its next episode. In the first reset, None takes np_random_seed, and
+                each None in a list draws a seed.
+            options: {"reset_mask": mask} resets, and reseeds, only the masked worlds. The other worlds do not change.
+                The mask is an array of booleans (numpy, torch or Warp), shape (num_envs,), true for at least one world.
+                {"layouts": ids} gives world i the layout with id `ids[i]`, or its next layout if `ids[i]` is None. A
+                single id is for all worlds, and `info["layout"]` of any `info` also works. The world's later resets
+                continue from that episode. {"state": snapshot} restores worlds to the state at the call of `snapshot`.
+                Each row restores its own world, or with a mask the rows restore the masked worlds in order. {"params":
+                {name: value}} sets params of the masked worlds before their layouts are chosen, as `set_param` does.
 
         Raises:
             ArgumentTypeError: The options are no mapping. The mask is not an array of booleans.
-            ArgumentError: Two of seed, layouts and state, or layouts or rows of a state that are not one per world; or
-                a value that a param cannot have. Seeds that are not integers from 0 to 2^64 - 1, or not one per world.
-                A mask of the wrong shape, or false everywhere.
-            ArgumentError, SceneMismatchError: A malformed layout id, or one of another scene or split; or a state of
-                another scene or task.
-            UnknownNameError: An option other than these, or a param that the worlds do not have.
+            ArgumentError: More than one of seed, layouts and state is given. The seeds, layouts or rows of the state
+                are not one per world. A seed is not an integer from 0 to 2^64 - 1. A param cannot have its value. The
+                mask has the wrong shape, or is false everywhere.
+            ArgumentError, SceneMismatchError: A layout id is malformed, or from another scene or split. The state is
+                from another scene or task.
+            UnknownNameError: An unknown option, or a param that the worlds do not have.
             ResetNeeded: The first reset has a mask or a state.
         """
         launches = self._launching()
@@ -257,10 +259,10 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
                 source.set_params(params, mask)
             if kept is not None:
                 due = self._worlds.restore(kept, written(self._live(), self._made), None if mask is None else due)
-                source.set_params({} if params is None else params, mask)  # a snapshot has params, too
+                source.set_params({} if params is None else params, mask)  # restoring overwrites params
             else:
                 self._reseed(seed, chosen, mask)
-                self._worlds.reset(due.clone())
+                self._worlds.reset(due.clone())  # a copy, because `on_reset` may overwrite its mask
                 self._autoreset.logical_and_(~due)
             if not self._ready:
                 self.batch.check_budget()
@@ -271,24 +273,25 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
 
     @exclusive
     def redraw(self, objects: str | Sequence[str], worlds: Any = None) -> None:
-        """Give objects new places in some worlds, in the middle of their episodes; see `ResetRandomizer.redraw`.
+        """Give objects new places in some worlds, in the middle of their episodes.
 
-        No episode begins, and all else keeps its state, the memory of the task too. From the first call on, `info` has
-        `redraws`, the number of redraws of each world since its reset, and `redraw_failed`: nothing fitted in the
-        latest one, so that its objects stay where they were. Seed, episode, that number and the state before determine
-        the new places; the layout id does not name them.
+        The episodes continue, and the rest of each world keeps its state, including the memory of the task. From the
+        first call on, `info["layout"]` has `redraws`, the number of redraws of each world since its reset, and
+        `redraw_failed`: the latest redraw found no valid places, so its objects stayed where they were. The seed, the
+        episode, the number of redraws and the state before the redraw determine the new places, which the layout id
+        does not record. See `ResetRandomizer.redraw` for the rules.
 
         Args:
-            objects: Names of placed objects, each with all that the scene puts on it.
-            worlds: None for all worlds; booleans, shape (num_envs,), perhaps all false; ids of worlds, shape (k,); or a
-                slice.
+            objects: Names of placed objects, each with all objects that the scene puts on it.
+            worlds: None for all worlds, booleans of shape (num_envs,) that may all be false, ids of worlds of shape
+                (k,), or a slice.
 
         Raises:
             ResetNeeded: There was no reset yet.
             UnknownNameError, ArgumentError, ArgumentTypeError: As ResetRandomizer.redraw.
         """
         with self._launching("redraw"):
-            if isinstance(worlds, Tensor) and worlds.dtype is torch.bool:  # a tenth of the time of a view for Warp
+            if isinstance(worlds, Tensor) and worlds.dtype is torch.bool:  # ten times faster than a Warp view
                 check_mask(worlds, self.num_envs, "worlds")
                 self._redrawn.copy_(worlds)
                 self.randomizer.redrawer.launch(objects, self.randomizer.redrawer.mask)
@@ -299,13 +302,13 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
     def snapshot(self, worlds: Any = None) -> Snapshot:
         """Copy the state of worlds, for `reset(options={"state": snapshot})`.
 
-        It has the physics, the layout and which one follows, the steps since the reset, and the memory of the task:
-        every tensor of the task and its helpers that has `num_envs` rows and that torch has written to. On a CPU an
-        episode goes on to the same bits; on a GPU the state has the same bits, and later steps differ as two runs do.
-        Statistics count a restored episode from there on.
+        A snapshot has the physics, the layout and the choice of the next layout, the steps since the reset, and the
+        memory of the task: every tensor of the task and its helpers that has `num_envs` rows and that torch has
+        written to. On a CPU, a restored episode continues bit for bit. On a GPU, the restored state has the same bits,
+        but later steps differ as two runs do. Statistics count a restored episode from the restore on.
 
         Args:
-            worlds: As in `redraw`. The rows of the snapshot have the order of ids.
+            worlds: As in `redraw`. Ids set the order of the rows.
 
         Raises:
             ResetNeeded: There was no reset yet.
@@ -317,16 +320,16 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
 
     @exclusive
     def set_param(self, name: str, value: Any, worlds: Any = None) -> None:
-        """Change a part of the scene file in some worlds, for their next layouts and all after them.
+        """Change a part of the scene file in some worlds, from their next layouts on.
 
         Args:
-            name: One of the `params` that the environment was made with, such as "groups.clutter.count".
-            value: What the scene file could have in its place, within what it has: [1, 3]. Joint positions are in m or
-                rad. Or such a value for each world, shape (num_envs, ...).
+            name: One of the environment's `params`, such as "groups.clutter.count".
+            value: A value in the form of the scene file, and within the value there: [1, 3]. Joint positions are in m
+                or rad. Alternatively a value for each world, shape (num_envs, ...).
             worlds: As in `redraw`.
 
         Raises:
-            UnknownNameError: The environment was not made with such a param.
+            UnknownNameError: The environment has no such param.
             ArgumentError: A value that the param cannot have.
             ArgumentError, ArgumentTypeError: As in `redraw`.
         """
@@ -335,11 +338,11 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             self.randomizer.pipeline.set_params({name: value}, worlds)
 
     def set_attr(self, name: str, values: Any) -> None:
-        """Set a param, or else an attribute of the environment, as Gymnasium's own vector environments do.
+        """Set a param (a name with a dot) or an attribute of the environment in all worlds.
 
         Raises:
-            UnknownNameError: Neither a param nor one of SETTABLE, to which a subclass may add its own.
-            ArgumentError: What a param cannot have.
+            UnknownNameError: The name is not in `params` or SETTABLE, which a subclass may extend.
+            ArgumentError: A value that the param cannot have.
             FixedError: An attribute that cannot be changed.
         """
         check_type(name, str, "set_attr: name")
@@ -354,7 +357,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         """Return the ids of the present layouts, one per world. Waits for the device.
 
         Args:
-            info: An `info` of `reset` or `step` that names other layouts; `final_info` those of episodes that ended.
+            info: Another `info` of `reset` or `step`, for the ids of its layouts. Its `final_info` has the layouts of
+                the episodes that ended.
         """
         if info is None:
             return self.randomizer.pipeline.ids(self.split)
@@ -366,13 +370,13 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         return self.randomizer.pipeline.ids(self.split, (seed, episode, params))
 
     def _live(self) -> dict[str, Tensor]:
-        """Return all tensors that a snapshot has rows of."""
+        """Return all tensors whose rows a snapshot may copy, by name."""
         return self._worlds.live(sensors=self._observer.sensors, due=self._autoreset)
 
     def _reseed(self, seed: Any, chosen: ChosenLayouts | None, mask: np.ndarray | None) -> None:
-        """Choose the layouts that the next reset of the masked worlds serves; see `reset`."""
+        """Choose the layouts that the next reset of the masked worlds serves, by the arguments of `reset`."""
         if seed is None and not self._ready:
-            # it is -1 after a generator was assigned to np_random
+            # np_random_seed is -1 after a generator was assigned to np_random
             seed = arguments.fresh_seed() if self.np_random_seed == -1 else self.np_random_seed
         own = arguments.as_reset_seeds(seed, self.num_envs, self.rank, first=not self._ready, mask=mask)
         for part in (own, chosen):
@@ -383,14 +387,14 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             if part is not chosen and mask is None and isinstance(seed, int | np.integer):
                 self._np_random, self._np_random_seed = seeding.np_random(int(seed))
             elif given.any():
-                self.np_random = np.random.default_rng(part.seed[given])  # which makes np_random_seed -1
+                self.np_random = np.random.default_rng(part.seed[given])  # the assignment sets np_random_seed to -1
 
     @exclusive
     def step(self, actions: Any) -> tuple[dict[str, Any], Any, Any, Any, dict[str, Any]]:
         """Take one control step in all worlds.
 
         Args:
-            actions: Actions in [-1, 1], clipped to that, shape (num_envs, action size): torch or numpy.
+            actions: Actions, clipped to [-1, 1], shape (num_envs, action size), torch or numpy.
 
         Returns:
             Observations, rewards (num_envs,) float32, terminations and truncations (num_envs,) bool, info.
@@ -414,9 +418,10 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
 
     @exclusive
     def render(self) -> tuple[np.ndarray, ...] | None:
-        """Return pictures of the first `render_envs` worlds, each (height, width, 3) uint8; None without a mode.
+        """Return pictures of the first `render_config.num_envs` worlds, each (height, width, 3) uint8.
 
-        With "human" the page is brought up to date, as after every reset and step, and nothing is returned.
+        Only render_mode "rgb_array" takes pictures. Otherwise the result is None, and "human" updates the page, as
+        every reset and step does.
         """
         with self._launching():
             self.rendering.show(self.batch, self.randomizer.layouts, 0.0)
@@ -431,7 +436,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         outcome, observer = self._worlds.judge(action, self.max_episode_steps), self._observer
         same_step, due = self.autoreset_mode is AutoresetMode.SAME_STEP, torch.zeros_like(self._autoreset)
         if self.autoreset_mode is AutoresetMode.NEXT_STEP:
-            # worlds that ended in the last step are reset by this one, in which nothing counts for them
+            # this step resets the worlds that ended in the last step, and their results of this step do not count
             due = self._autoreset.clone()
             self._worlds.reset(due)
         observation = observer.flat(int(same_step))
@@ -461,7 +466,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         return value.detach().cpu().numpy()
 
     def _launching(self, method: str | None = None) -> AbstractContextManager:
-        """Return a context for launches; refuse a closed environment, and a method that needs a reset before."""
+        """Return a context for launches, after a check that the environment is open and `method` follows a reset."""
         if self.closed:
             raise gymnasium.error.ClosedEnvironmentError("This environment was closed. Make a new one.")
         if method is not None and not self._ready:

@@ -1,4 +1,4 @@
-"""`JointWriter` sets joint positions, held by their actuators; `PoseWriter` the pose of a free body or a mocap body."""
+"""`JointWriter` sets joint positions and the controls that hold them, `PoseWriter` poses of free and mocap bodies."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from sceniris_gym.sim.write import StateWriter, poses_of
 
 
 class JointWriter:
-    """Writer of positions of some hinges and slides, of zero velocities, and of what their actuators hold them by.
+    """Writes positions of some hinges and slides, zero velocities, and the controls and activations that hold them.
 
-    These controls and activations are those that a reset writes; delayed actuators find them in their histories, too.
+    The controls and activations are the same as at a reset, and also fill the histories of delayed actuators.
 
     Args:
         mjm: The model.
@@ -40,14 +40,14 @@ class JointWriter:
         self._poses = poses_of(d)
 
     def write(self, qpos: Tensor, mask: Tensor) -> None:
-        """Set the joints of masked worlds to `qpos`, shape (num_envs, njoint); the other worlds keep theirs."""
+        """Set the joints of masked worlds to `qpos`, shape (num_envs, njoint). Other worlds do not change."""
         self._mask.copy_(mask)
         self._qpos[:, self._columns] = torch.where(mask[:, None], qpos, self._qpos[:, self._columns])
         self._writer.launch(self._poses)
 
 
 class PoseWriter:
-    """Writer of the pose of a free body or a mocap body, which it leaves at rest and awake.
+    """Writes the pose of a free body or a mocap body, at rest and awake.
 
     Args:
         batch: The worlds.
@@ -55,10 +55,10 @@ class PoseWriter:
         device: Torch device.
 
     Attributes:
-        owner: The object whose root body it is; None for a body of the scene's own model that is no object.
+        owner: The object with this root body, or None for a body of the scene's `model` outside the objects.
 
     Raises:
-        ArgumentError: The body is a robot, a fixture or static, or hangs on joints.
+        ArgumentError: The body is a robot, a fixture or a static object, or hangs on joints.
     """
 
     def __init__(self, batch: Batch, body: int, device: torch.device) -> None:
@@ -85,7 +85,7 @@ class PoseWriter:
             self._sleep = wp.to_torch(data.tree_asleep), wp.to_torch(data.tree_awake)
 
     def write(self, pose: Tensor, mask: Tensor) -> None:
-        """Set the pose of the body in the masked worlds, in place; the other worlds keep theirs.
+        """Set the pose of the body in the masked worlds. Other worlds do not change.
 
         Args:
             pose: Position [m] and orientation (wxyz), world frame, shape (nworld, 7).
@@ -102,13 +102,13 @@ class PoseWriter:
 
 
 def _refused(scene: SceneModel, owner: str | None, body: int) -> str | None:
-    """Return why a task cannot set the pose of a body; None if it can."""
+    """Return the reason against setting the pose of a body, or None for a free or mocap body."""
     mjm, joint = scene.mjm, int(scene.mjm.body_jntadr[body])
     if owner in scene.config.all_robots:
-        return "a robot, of which only joints can be set, by State.put_joints"
+        return "a robot (set its joints with State.put_joints)"
     if owner is not None and (kind := scene.config.objects[owner].kind) in ("fixture", "static"):
-        return f"of the kind '{kind}', which stays where the layout has it"
+        return f"of the kind '{kind}', which keeps its pose in the layout"
     free = joint >= 0 and mjm.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE
     if free or mjm.body_mocapid[body] >= 0:
         return None
-    return "neither free nor a mocap body; State.put_joints sets the joints of things"
+    return "not a free or mocap body (set its joints with State.put_joints)"

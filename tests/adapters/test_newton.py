@@ -301,7 +301,7 @@ def test_other_models_are_refused():
     other, _ = room(2)
     with pytest.raises(ArgumentError, match=r"solver should be a SolverMuJoCo of the model"):
         NewtonRandomizer(compiled, model, room()[1], model.state())
-    with pytest.raises(ArgumentError, match=r"states should be those of the model: model\.state\(\)"):
+    with pytest.raises(ArgumentError, match=r"states should be states of the model, from model\.state\(\)"):
         NewtonRandomizer(compiled, model, solver, model.state(), other.state())
     with pytest.raises(SceneMismatchError, match=r"NewtonRandomizer: layout_source makes layouts for 2 worlds"):
         NewtonRandomizer(compiled, model, solver, model.state(), layout_source=LayoutGenerator(compiled, 2))

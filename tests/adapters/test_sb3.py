@@ -174,7 +174,7 @@ def test_attributes_and_methods_are_those_of_the_environment_and_its_task(make):
     assert found.shape == (3,)
     with pytest.raises(ValueError, match="all worlds together"):
         envs.set_attr("max_episode_steps", 9, indices=[0])
-    with pytest.raises(AttributeError, match="neither SceneVectorEnv nor Reach has 'nothing'"):
+    with pytest.raises(AttributeError, match="SceneVectorEnv and Reach have no attribute 'nothing'"):
         envs.set_attr("nothing", 1)
     with pytest.raises(UnknownNameError, match="unknown attribute 'reset'"):
         envs.set_attr("reset", None)

@@ -19,7 +19,7 @@ def check_stated(task: type[Task], envs: SceneVectorEnv, privileged: list[tuple[
     for group in envs.observation_names:
         size = envs.single_observation_space[group].shape[0]  # type: ignore[index]
         assert re.search(rf"[Gg]roups? `{group}`[^.:]*, {size} numbers", task.__doc__) or (
-            not privileged and re.search(rf"groups `policy` and `critic` alike, {size} numbers", task.__doc__)
+            not privileged and re.search(rf"groups `policy` and `critic`, {size} numbers each", task.__doc__)
         )
 
 

@@ -107,7 +107,7 @@ def test_without_a_limit_of_force_or_damping_leads_are_infinite_or_for_the_given
         (
             "j",
             "",
-            "here: joint 'j' should have one position actuator of its own, but has none. Add <position joint='j'",
+            "here: joint 'j' should have one separate position actuator, but has none. Add <position joint='j'",
         ),
         ("j", '<motor joint="j"/><velocity joint="j"/>', "but has none"),
         ("j", '<intvelocity joint="j" actrange="-1 1"/>', "but has none"),
@@ -116,7 +116,7 @@ def test_without_a_limit_of_force_or_damping_leads_are_infinite_or_for_the_given
         (
             "",
             "",
-            "the unnamed joint of body 'arm' should have one position actuator of its own, but has none. Name it, ",
+            "the unnamed joint of body 'arm' should have one separate position actuator, but has none. Name it, ",
         ),
     ],
 )
@@ -226,7 +226,7 @@ def test_the_width_of_a_linkage_is_not_guessed(tmp_path):
     arm = ArmController(s)
     assert arm.has_gripper
     with pytest.raises(
-        ArmError, match=r"robot: the robot's fingers hang on linkages, so .* by State.poses or State.site"
+        ArmError, match=r"robot: the robot's fingers hang on linkages, so .* from State.poses or State.site"
     ):
         arm.width(s)
 

@@ -338,7 +338,7 @@ BETA = next(line.strip() for line in PLAIN.replace("</actuator>", "\n").splitlin
         (
             {BETA: '<motor joint="base:turn about"/>'},
             NAMED,
-            "joint 'base:turn about' should have one position actuator",
+            "joint 'base:turn about' should have one separate position actuator",
         ),
         ({BETA: "", JOINT: '<joint name="spin" type="ball"/>'}, NAMED, "'spin' between them is a ball joint."),
         (
@@ -370,14 +370,14 @@ def test_a_robot_that_is_not_there_is_told_with_those_that_are(pair_file):
         UnknownNameError, match=r"^scene 'scene': ArmController: unknown robot 'panda'. Valid: left, right"
     ):
         ArmController(s, "panda")
-    with pytest.raises(ArgumentError, match="should be given the name of one of the scene's robots: left, right"):
+    with pytest.raises(ArgumentError, match="name should be one of the scene's robots: left, right"):
         ArmController(s)
     s = state_of({"robot": {"asset": "panda"}})
     with pytest.raises(UnknownNameError, match=r"unknown robot 'ur5e'. Valid: panda."):
         ArmController(s, "ur5e")
     s = state_of(SMALL)
-    with pytest.raises(ArmError, match=r"the scene has no robot. Name one .*'robot: \{in_model: BODY, tcp: SITE\}'"):
+    with pytest.raises(ArmError, match=r"the scene has no robot. Name .*'robot: \{in_model: BODY, tcp: SITE\}'"):
         ArmController(s, "arm")
     s = state_of({"robot": {"asset": "panda", "in_scene": False}})
-    with pytest.raises(ArmError, match="robot has 'in_scene: false', so there is nothing to drive"):
+    with pytest.raises(ArmError, match="robot has 'in_scene: false', so the robot has no joints to drive"):
         ArmController(s, "panda")

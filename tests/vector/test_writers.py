@@ -245,13 +245,13 @@ def test_bodies_of_a_model_are_put_by_either_name_and_what_they_carry_rests(tmp_
 @pytest.mark.parametrize(
     ("name", "why"),
     [
-        ("cabinet", "'cabinet' is of the kind 'fixture', which stays where the layout has it. Give"),
-        ("table", "'table' is of the kind 'static', which stays where the layout has it. Give"),
-        ("robot", "'robot' is a robot, of which only joints can be set, by State.put_joints. Give"),
+        ("cabinet", "'cabinet' is of the kind 'fixture', which keeps its pose in the layout. Give"),
+        ("table", "'table' is of the kind 'static', which keeps its pose in the layout. Give"),
+        ("robot", "'robot' is a robot (set its joints with State.put_joints). Give"),
         ("heron", "'robot' is a robot"),
         (
             "cabinet/upper_drawer",
-            "'cabinet/upper_drawer' is neither free nor a mocap body; State.put_joints sets the joints",
+            "'cabinet/upper_drawer' is not a free or mocap body (set its joints with State.put_joints)",
         ),
     ],
 )

@@ -20,20 +20,19 @@ _COMMANDS: Any = import_extra("mjlab.managers.command_manager", "mjlab", "mjlab"
 
 
 class RedrawObjects(_COMMANDS.CommandTerm):
-    """Gives entities new places among everything else as it is, whenever its timer runs out.
+    """Gives entities new places on a timer, with all other entities as obstacles in their current poses.
 
-    The entities are objects of the scene of `PlaceLayouts`, which places them in resets; this command leaves resets
-    alone, and begins its count there. `env.extras["layout"]` then has `redraws`, the number of redraws of each
-    environment since its reset, and `redraw_failed`: the latest one found no places, so that its objects stayed where
-    they were.
+    The entities are objects of the scene of `PlaceLayouts`, which places them at resets. This command only redraws
+    between resets. `env.extras["layout"]` then has `redraws`, the number of redraws of each environment since its
+    reset, and `redraw_failed`: the latest redraw found no valid places, so its objects stayed where they were.
 
     Attributes:
         command: The number of redraws since the reset, shape (num_envs, 1), float32.
 
     Raises:
         ArgumentError: There is no event `PlaceLayouts`, or entities of its scene have variants.
-        UnknownNameError, ArgumentError: Objects that cannot be redrawn, see `chosen_objects`; raised as the first timer
-            runs out.
+        UnknownNameError, ArgumentError: Objects cannot be redrawn, for the reasons that `chosen_objects` lists. Raised
+            when the first timer runs out.
     """
 
     def __init__(self, cfg: RedrawObjectsCfg, env: Any) -> None:
@@ -50,11 +49,11 @@ class RedrawObjects(_COMMANDS.CommandTerm):
 
     @property
     def command(self) -> Tensor:
-        """See the class."""
+        """The number of redraws since the reset, shape (num_envs, 1), float32."""
         return self._number[:, None].float()
 
     def _resample_command(self, env_ids: Tensor) -> None:
-        if not self.command_counter[env_ids].any():  # a reset, in which the event has placed everything
+        if not self.command_counter[env_ids].any():  # a reset, where the event has already placed the objects
             self._number[env_ids] = 0
             return
         due = torch.zeros(self.num_envs, dtype=torch.bool, device=self.device)
@@ -76,9 +75,9 @@ class RedrawObjectsCfg(_COMMANDS.CommandTermCfg):
     """A command that gives entities new places on a timer, for `cfg.commands`.
 
     Attributes:
-        objects: The objects to redraw together, by their names in the scene of `PlaceLayoutsCfg`, each with all that
+        objects: Names of the objects to redraw together, in the scene of `PlaceLayoutsCfg`, each with all objects that
             the scene puts on it.
-        resampling_time_range: Least and greatest time between two redraws, and from a reset to the first [s].
+        resampling_time_range: Least and greatest time [s] between two redraws, and from a reset to the first redraw.
     """
 
     objects: tuple[str, ...]

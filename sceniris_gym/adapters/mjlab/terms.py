@@ -33,7 +33,7 @@ EventTermCfg: Any = import_extra("mjlab.managers.event_manager", "mjlab", "mjlab
 ManagerTermBase: Any = import_extra("mjlab.managers.manager_base", "mjlab", "mjlab").ManagerTermBase
 
 KEYFRAME = "init_state"
-"""Name of the keyframe in which mjlab keeps the initial states of all entities."""
+"""Name of mjlab's keyframe with the initial states of all entities."""
 _CURE = (
     "Layouts are made for the model as mjlab compiles it: events should not change the poses of bodies without joints, "
     "reference positions of joints (qpos0), or sizes, poses and contact bits of geoms."
@@ -41,31 +41,35 @@ _CURE = (
 
 
 class PlaceLayouts(ManagerTermBase):
-    """Gives every environment that is reset a fresh layout at its origin, by the entities' own write functions.
+    """Gives every environment that is reset a fresh layout at its origin, through the entities' write functions.
 
-    The scene is that of `PlaceLayoutsCfg`, on the model that mjlab has compiled. Free entities get a pose and come to
-    rest, entities with a mocap root get a pose, and drawn joints get a position. Entities with variants get those of
-    the layout, in the model and in `env.sim.world_to_variant`. Nothing else is written. A layout is a pure function of
-    scene, split, seed and episode. It does not know of other events, so objects may start inside a robot whose joints
-    another event offsets. List this event after those that write the same entities.
+    The scene of `PlaceLayoutsCfg` is compiled on mjlab's model. At a reset, free entities get a pose at rest, entities
+    with a mocap root get a pose, and drawn joints get a position. Entities with variants get the layout's variants, in
+    the model and in `env.sim.world_to_variant`. Other state does not change. List this event after all events that
+    write the same entities.
 
-    After a reset `env.extras["layout"]` has `seed` and `episode`, int64, `fallback` (the layout came from the bank of
-    valid ones), and `start` if the scene has kinds of starts, each of shape (num_envs,);
-    `extras["log"]` has the share of environments with a layout from the bank. Starts write the joints of the arm and
-    the fingers; the controls of the next step should close them.
+    A layout is a pure function of scene, split, seed and episode. It ignores other events, so objects may start inside
+    a robot whose joints another event offsets.
+
+    After a reset, `env.extras["layout"]` has `seed` and `episode`, int64, `fallback` (the layout came from the fallback
+    bank), and `start` if the scene has kinds of starts, each of shape (num_envs,). `extras["log"]` has the fraction of
+    environments with a layout from the fallback bank. Starts write the joints of the arm and the fingers. The controls
+    of the next step should close the fingers.
 
     Attributes:
         compiled: The compiled scene.
-        layouts: The latest layout of each environment, without its origin.
-        pipeline: Makes and prefetches the layouts; a LayoutPipeline.
+        layouts: The latest layout of each environment, relative to the environment's origin.
+        pipeline: The LayoutPipeline that makes and prefetches the layouts.
         split: The split of the layouts.
 
     Raises:
         SceneKeyError: An object of the scene is not the root of an entity.
-        NotSupportedError: The scene has words of `randomize`, or an object with variants that is no such entity.
-        ScenirisError: The scene cannot be used; see `compile_scene`.
-        SceneMismatchError: Startup events changed the model that layouts depend on; raised in the first reset.
-        ArgumentError: Something placed the objects again, see `keep_layouts`; raised in the first reset.
+        NotSupportedError: The scene has words of `randomize`, or an object with variants that is not an entity with
+            variants.
+        ScenirisError: The scene cannot be used, for the reasons that `compile_scene` lists.
+        SceneMismatchError: Startup events changed the model that layouts depend on. Raised in the first reset.
+        ArgumentError: Another event or a command placed the objects again, which `keep_layouts` prevents. Raised in
+            the first reset.
     """
 
     def __init__(self, cfg: PlaceLayoutsCfg, env: Any) -> None:
@@ -95,7 +99,7 @@ class PlaceLayouts(ManagerTermBase):
             self._fits = True
         mask = torch.zeros(env.num_envs, dtype=torch.bool, device=env.device)
         mask[ids] = True
-        if self._chosen:  # now, as a curriculum may have set params since
+        if self._chosen:  # not in `reseed`: a curriculum may have set params since then
             due = mask.cpu().numpy()
             for chosen in self._chosen:
                 self.pipeline.reseed(layouts=chosen._replace(given=chosen.given & due))
@@ -112,16 +116,16 @@ class PlaceLayouts(ManagerTermBase):
         return self.layouts.ids(self.split)
 
     def reseed(self, *, layouts: Any, env_ids: Any = None) -> None:
-        """Choose the layouts that environments get at their next reset. They go on from there.
+        """Choose the layouts of environments at their next reset. Later resets continue from these layouts.
 
         Args:
-            layouts: A layout id, or one for each environment (None is its next layout), or a mapping
+            layouts: A layout id, a layout id for each environment (None is its next layout), or a mapping
                 {"seed": ..., "episode": ...}.
             env_ids: The environments, in the order of the layouts: ids, a slice, or None for all.
 
         Raises:
-            ArgumentError: Another form or number of layouts.
-            ArgumentError, SceneMismatchError: A malformed id, or one of another scene or split.
+            ArgumentError: The layouts have another form or number.
+            ArgumentError, SceneMismatchError: An id is malformed, or from another scene or split.
         """
         chosen, where = self.pipeline.chosen(layouts, env_ids), np.zeros(self._env.num_envs, bool)
         where[as_world_ids(env_ids, len(where))] = True
@@ -134,23 +138,23 @@ class PlaceLayouts(ManagerTermBase):
         self._chosen = [chosen for chosen in kept if chosen.given.any()]
 
     def set_param(self, name: str, value: Any, env_ids: Any = None) -> None:
-        """Change a part of the scene in some environments, or in all: their next layouts follow.
+        """Change a part of the scene in some environments, or in all, from their next layouts on.
 
         Raises:
-            UnknownNameError, ArgumentError: See `LayoutSource.set_params`.
+            UnknownNameError, ArgumentError: As in `LayoutSource.set_params`.
         """
         self.pipeline.set_params({name: value}, env_ids)
 
     def reset(self, env_ids: Tensor | None) -> None:
-        """Check once that nothing moved the objects after they were placed; mjlab calls this at the end of a reset."""
+        """Check once that the objects stayed where they were placed. mjlab calls this at the end of a reset."""
         if self._placed is None:
             return
         ids, state = self._placed
         self._placed, self._kept = None, True
         if not all(torch.equal(old, new) for old, new in zip(state, self.state(ids), strict=True)):
             raise ArgumentError(
-                f"PlaceLayouts: {', '.join(self._roots)} should stay where the layout has them, but something placed "
-                f"them again in the same reset. {_suspects(self, self._env)}"
+                f"PlaceLayouts: {', '.join(self._roots)} should stay where the layout has them, but were placed again "
+                f"in the same reset. {_suspects(self, self._env)}"
             )
 
     def state(self, env_ids: Tensor) -> list[Tensor]:
@@ -191,15 +195,15 @@ class PlaceLayoutsCfg(EventTermCfg):
     """An event that places entities, for `cfg.events`.
 
     Attributes:
-        scene: The scene: a mapping, a path or a name, without `model`. An object with the name of an entity is that
-            entity; `body` names the root of another one, as in "cube_0/cube". `home` is mjlab's "init_state".
-        seed: Seed of environment 0, environment i has seed + i; None takes that of the environment's cfg, or draws one.
-            Under torchrun and torchrunx, RANK * 2^40 is added.
+        scene: The scene: a mapping, a path or a name, without `model`. An object is the entity with the same name, or
+            the entity with the root `body`, such as "cube_0/cube". `home` is mjlab's "init_state".
+        seed: Seed of environment 0. Environment i has seed + i. None takes the seed of the environment's cfg, or draws
+            a seed. Under torchrun and torchrunx, RANK * 2^40 is added.
         split: "train" or "eval", which share no layouts.
         scene_params: Names of the scene's params that `scene_param_stages` or `PlaceLayouts.set_param` change, or
             patterns.
-        prefetch: Make the next layout of every environment ahead, beside the steps that follow; None does so on a GPU.
-            See ResetRandomizer.
+        prefetch: Make the next layout of every environment during the steps before its reset, as in ResetRandomizer.
+            None prefetches on a GPU.
     """
 
     func: Any = PlaceLayouts
@@ -212,7 +216,7 @@ class PlaceLayoutsCfg(EventTermCfg):
 
 
 def scene_param_stages(env: Any, env_ids: Tensor | slice, param_stages: Sequence[Mapping[str, Any]]) -> None:
-    """Set params of the scene by the number of steps so far, in the environments that are reset.
+    """Set params of the scene by the current number of steps, in the environments that are reset.
 
     This is a term of mjlab's curriculum, and `param_stages` has the form of mjlab's `reward_params`.
 
@@ -220,8 +224,8 @@ def scene_param_stages(env: Any, env_ids: Tensor | slice, param_stages: Sequence
         env: The environment, with an event `PlaceLayouts`.
         env_ids: The environments.
         param_stages: Stages by ascending step, each {"step": step, "params": {name: value}}. The names are among the
-            event's `scene_params`. A value holds until a later stage sets its param again. Before that, a param has the
-            value of the scene.
+            event's `scene_params`. A value holds until a later stage sets its param again. A param that no stage has
+            set yet has the value of the scene.
     """
     term, values = layouts_term(env), {}
     for stage in param_stages:
@@ -233,10 +237,10 @@ def scene_param_stages(env: Any, env_ids: Tensor | slice, param_stages: Sequence
 
 
 class KeepLayouts:
-    """Mixin for commands that place objects when they draw a target: with it, objects stay where layouts put them.
+    """Mixin that keeps objects where layouts put them, for commands that place objects when they draw a target.
 
-    `class Command(KeepLayouts, MultiCubeLiftingCommand)` is such a command; `keep_layouts` makes one from any cfg.
-    Without an event `PlaceLayouts` the command places objects as usual.
+    Write `class Command(KeepLayouts, MultiCubeLiftingCommand)`, or use `keep_layouts` to add the mixin to a cfg.
+    Without an event `PlaceLayouts`, the command places objects as usual.
     """
 
     _env: Any
@@ -259,7 +263,7 @@ def keep_layouts(cfg: Any) -> Any:
 
     def build(self: Any, env: Any) -> Any:
         command = kind.build(self, env)
-        # `build` of a cfg names the class that it makes, so the class can only be changed afterwards
+        # `build` of a cfg hard-codes the command's class, so the class can only be changed afterwards
         command.__class__ = type(type(command).__name__, (KeepLayouts, type(command)), {})
         return command
 
@@ -292,12 +296,12 @@ def _suspects(term: PlaceLayouts, env: Any) -> str:
 
 
 def _as_model(scene: Any, env: Any) -> SceneModel:
-    """Return the scene on the environment's model, in which objects named like entities are these entities.
+    """Return the scene on the environment's model, where an object with the name of an entity is this entity.
 
-    If some of them have variants, each variant is a body of its own there, and the environment's model is simulated.
+    If entities have variants, the scene has a separate body for each variant, and the environment's model is simulated.
 
     Raises:
-        NotSupportedError: An object has variants, and is no entity that has some.
+        NotSupportedError: An object has variants, but is not an entity with variants.
     """
     mjm, entities = env.sim.mj_model, env.scene.entities
     config = SceneConfig.load(scene, {"model": mjm})
@@ -307,8 +311,8 @@ def _as_model(scene: Any, env: Any) -> SceneModel:
     for name, members in config.variants.items():
         if name not in several:
             raise NotSupportedError(
-                f"{config.where}: objects.{name}: has variants, and should be an entity with variants of these names "
-                f"(VariantEntityCfg) to have them in mjlab. {instead_of_variants(name, members)} "
+                f"{config.where}: objects.{name}: has variants, so it should be an mjlab entity with variants of these "
+                f"names (VariantEntityCfg). {instead_of_variants(name, members)} "
                 "In mjlab: cfg.scene.spec_fn = lambda spec: edit_spec(spec, scene)."
             )
     has_key = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_KEY, KEYFRAME) >= 0
@@ -331,7 +335,7 @@ def _roots(compiled: CompiledScene, env: Any) -> dict[str, Any]:
     """Return the entities whose poses are placed, by the names of their objects.
 
     Raises:
-        SceneKeyError: An object that is no entity.
+        SceneKeyError: An object is not an entity.
     """
     config, scene = compiled.scene.sim.config, compiled.scene.sim
     entities = {e.indexing.root_body_id: e for e in env.scene.entities.values() if e.spec.bodies[1:]}
@@ -339,14 +343,14 @@ def _roots(compiled: CompiledScene, env: Any) -> dict[str, Any]:
         if part.is_placed and scene.bodies[name] not in entities:
             body = scene.mjm.body(scene.bodies[name]).name
             raise SceneKeyError(
-                f"{config.where}: objects.{name}: body '{body}' should be the root of an entity, since entities write "
-                f"poses. Entities: {', '.join(env.scene.entities)}."
+                f"{config.where}: objects.{name}: body '{body}' should be the root of an entity, because entities "
+                f"write the poses. Entities: {', '.join(env.scene.entities)}."
             )
     return {name: entities[scene.bodies[name]] for name, part in config.objects.items() if part.is_placed}
 
 
 def _joints(compiled: CompiledScene, env: Any) -> list[tuple[Any, Tensor]]:
-    """Return the entities with joints that are drawn, and the numbers of these joints inside the entity."""
+    """Return the entities with drawn joints, and the indices of these joints in the entity."""
     scene = compiled.scene
     adr = [int(scene.mjm.jnt_qposadr[joint]) for name in scene.bodies for joint in scene.moving_joints(name)]
     if compiled.starts is not None and compiled.reaching is not None:
@@ -362,7 +366,7 @@ def _joints(compiled: CompiledScene, env: Any) -> list[tuple[Any, Tensor]]:
 
 
 def _addresses(env: Any, roots: dict[str, Any], joints: list[tuple[Any, Tensor]]) -> list[tuple[Any, Tensor]]:
-    """Return the simulation's arrays with the state of entities, and the columns of that state in them."""
+    """Return the simulation's arrays with the state of entities, and the columns of this state in the arrays."""
     data, found = env.sim.data, []
     for entity in roots.values():
         if entity.is_fixed_base:

@@ -1,7 +1,7 @@
-"""Entities of mjlab with variants: layouts know a body for each variant, mjlab one for all, of another shape by world.
+"""Entities of mjlab with variants: layouts have a body for each variant, mjlab one body with a shape for each world.
 
-mjlab chooses variants once, when it is built. `VariantRows` writes what it would have written for others, by the same
-function of mjlab, so that a world is simulated as if mjlab had chosen them.
+mjlab chooses variants once, when it builds the simulation. `VariantRows` computes the model fields of other variants
+with the same function of mjlab, so a world is simulated as if mjlab had chosen these variants.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ from sceniris_gym.scene.variants import MESH, check_variants
 _VARIANTS: Any = import_extra("mjlab.entity.variants", "mjlab", "mjlab")
 _FIELDS = ("geom_dataid", "geom_matid", *_VARIANTS.VARIANT_DEPENDENT_FIELDS)
 _DERIVED = ("body_subtreemass", "body_invweight0")
-"""Fields that mjlab works out anew for all bodies when an event has changed some masses."""
+"""Fields that mjlab recomputes for all bodies after an event has changed masses."""
 _CONTACT = ("contype", "conaffinity", "condim", "priority", "solmix", "solref", "solimp", "friction", "margin", "gap")
 _SHAPE = ("size", "pos", "quat", "rbound", "aabb")
 
 
 def model_of_variants(env: Any, entities: Mapping[str, Any], where: str) -> mujoco.MjModel:
-    """Return the model of an environment in which each variant of some entities is a body, 'entity/variant'.
+    """Return the model of an environment with a body 'entity/variant' for each variant of some entities.
 
-    The entities' own bodies stay, without geoms, so that all else in the model has the addresses that it has in mjlab.
+    The original bodies of the entities stay, without geoms, so the rest of the model keeps its addresses in mjlab.
 
     Args:
         env: The environment.
-        entities: Mjlab's `VariantMetadata` of the entities by name.
+        entities: mjlab's `VariantMetadata` of the entities by name.
         where: The beginning of errors.
 
     Raises:
@@ -80,7 +80,7 @@ def _root(env: Any, name: str) -> Any:
 def _touch_as_in_mjlab(
     mjm: mujoco.MjModel, body: int, theirs: mujoco.MjModel, slots: list[int], primitives: list[int]
 ) -> None:
-    """Give the geoms of a variant what mjlab's geoms for its meshes and primitives have the same in all worlds."""
+    """Copy the fields that are the same in all worlds from mjlab's geoms to the geoms of a variant."""
     meshes, others = _geoms(mjm, body)
     for fields, own, sources in ((_CONTACT, meshes, slots), (_CONTACT + _SHAPE, others, primitives)):
         for field in fields:
@@ -88,7 +88,7 @@ def _touch_as_in_mjlab(
 
 
 def _geoms(mjm: mujoco.MjModel, body: int) -> tuple[list[int], list[int]]:
-    """Return the meshes of a body, those that touch behind the others as mjlab orders them, and its primitives."""
+    """Return the meshes of a body, with colliding meshes last as in mjlab's order, and its primitives."""
     own = np.flatnonzero(mjm.geom_bodyid == body).tolist()
     meshes = [geom for geom in own if mjm.geom_type[geom] == MESH]
     meshes.sort(key=lambda geom: bool(mjm.geom_contype[geom] | mjm.geom_conaffinity[geom]))
@@ -96,11 +96,11 @@ def _geoms(mjm: mujoco.MjModel, body: int) -> tuple[list[int], list[int]]:
 
 
 class VariantRows:
-    """Writes the variants that layouts have into the model of mjlab, and the defaults that its `dr` starts from.
+    """Writes the variants of layouts into mjlab's model and into the default values that mjlab's `dr` uses.
 
     Args:
-        compiled: The scene; if no object has variants, nothing is written.
-        env: The environment, whose entities the objects are.
+        compiled: The scene. Without variants, the methods have no effect.
+        env: The environment with the entities.
     """
 
     def __init__(self, compiled: CompiledScene, env: Any) -> None:
@@ -124,23 +124,23 @@ class VariantRows:
             self._entities.append((name, table, *tensors))
 
     def check(self) -> None:
-        """Check that worlds have the variants that mjlab has chosen as it made them.
+        """Check that the model fields of the variants have mjlab's original values.
 
         Raises:
-            SceneMismatchError: A startup event has changed one.
+            SceneMismatchError: A startup event has changed a field.
         """
         for name, table, _, _ in self._entities:
             for field, (own, rows) in table.items():
                 held, made = getattr(self._sim.model, field)[:, own], rows[self._sim.world_to_variant[name]]
                 if field not in _DERIVED and not torch.equal(held, made):
                     raise SceneMismatchError(
-                        f"PlaceLayouts: startup events should leave model.{field} of the entity '{name}' alone: it has "
-                        "variants, and resets write that of the next one. List such events after PlaceLayouts, in mode "
-                        "'reset'."
+                        f"PlaceLayouts: startup events should not change model.{field} of the entity '{name}', because "
+                        "resets overwrite this field with values of the next variant. List such events after "
+                        "PlaceLayouts, in mode 'reset'."
                     )
 
     def write(self, layouts: Layouts, env_ids: Tensor) -> None:
-        """Write the variants of the environments `env_ids`; the others keep every bit."""
+        """Write the variants of the environments `env_ids`. Other environments keep every bit."""
         if not self._entities:
             return
         present = layouts.present[env_ids]

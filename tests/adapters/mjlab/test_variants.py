@@ -207,7 +207,7 @@ def test_masses_that_events_draw_are_those_of_the_variant():
     env.close()
     cfg.events["mass"] = EventTermCfg(func=dr.body_mass, mode="startup", params=params)
     env = ManagerBasedRlEnv(cfg, "cpu")
-    with pytest.raises(SceneMismatchError, match=r"leave model\.body_mass of the entity 'thing' alone"):
+    with pytest.raises(SceneMismatchError, match=r"not change model\.body_mass of the entity 'thing'"):
         env.reset()
     env.close()
 
