@@ -163,8 +163,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         self.task, self.num_envs = arguments.as_task(task), num_envs
         self.autoreset_mode = arguments.as_autoreset_mode(autoreset_mode)
         self.image_config = seen = as_image_config(self.task.images, images)
-        room = self.task.sim_config if scene is None else SimConfig()  # a task's settings fit only the task's scene
-        self.sim_config = sim = as_settings(room, sim_config, "sim_config")
+        sim = as_settings(SimConfig(), sim_config, "sim_config")
         shown = as_config(RenderConfig, {} if render_config is None else render_config, "render_config")
         self.rendering = Rendering(render_mode, num_envs, shown)
         self.output, self.render_mode = output, render_mode
@@ -173,6 +172,9 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         device = self.rank.device if device is None and not isinstance(scene, CompiledScene) else device
         self.lock = ObjectLock(type(self).__name__)
         self.compiled = arguments.as_compiled_scene(self.task.scene if scene is None else scene, overrides, device)
+        if self.compiled.config.name == Path(self.task.scene).stem:  # room for contacts fits no other scene
+            sim = as_settings(self.task.sim_config, sim, "sim_config")
+        self.sim_config = sim
         self.rank.tell(self.compiled.device)
         physics: dict[str, Any] = {name: getattr(sim, name) for name in ("nconmax", "njmax", "nvmax", "graph")}
         physics |= {name: getattr(self.task, name) for name in ("needs", "substeps", "options")}
