@@ -111,9 +111,10 @@ def test_a_loop_continues_with_the_same_bits(compiled: CompiledScene, words: dic
     assert first[1]["redraw_count"].tolist() == [2, 1, 0, 0]
 
 
-def test_another_randomizer_continues_from_a_snapshot(compiled: CompiledScene):
-    """Also as its first call; the snapshot is a copy that later steps do not change."""
-    first, second = _made(compiled, seed=7), _made(compiled, seed=90)
+@pytest.mark.parametrize("prefetch", [False, True])
+def test_another_randomizer_continues_from_a_snapshot(compiled: CompiledScene, prefetch: bool):
+    """Also as its first call, with layouts prefetched for other seeds. Later steps do not change the snapshot."""
+    first, second = _made(compiled, seed=7), _made(compiled, seed=90, prefetch=prefetch)
     first.reset()
     _step(first)
     kept = first.snapshot()
