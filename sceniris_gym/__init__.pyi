@@ -22,6 +22,7 @@ from .scene.build import build_model as build_model
 from .scene.layout_table import LayoutTable as LayoutTable
 from .scene.model import SceneModel as SceneModel
 from .sim.randomizer import ResetRandomizer as ResetRandomizer
+from .sim.snapshot import Snapshot as Snapshot
 from .sim.worlds import make_worlds as make_worlds
 from .vector.arm_controller import ArmController as ArmController
 from .vector.bodies import Bounds as Bounds
@@ -33,7 +34,6 @@ from .vector.sensing import Sensing as Sensing
 from .vector.settings import ImageConfig as ImageConfig
 from .vector.settings import RenderConfig as RenderConfig
 from .vector.settings import SimConfig as SimConfig
-from .vector.snapshot import Snapshot as Snapshot
 from .vector.state import State as State
 from .vector.statistics import EpisodeStatistics as EpisodeStatistics
 from .vector.task import Task as Task

@@ -192,6 +192,7 @@ def check_numbers(compiled: CompiledScene, numbers: Mapping[str, np.ndarray], wh
     kinds |= dict.fromkeys(("episode", "draw_episode", "next_episode"), (-1, MOST_EPISODES - 1))
     kinds |= dict.fromkeys(("elapsed", "draw_stream", "attempts"), (0, _MOST)) | {"status": (0, max(LayoutStatus))}
     kinds |= {"tree_asleep": (-_MOST - 1, compiled.sim_mjm.ntree - 1)}
+    kinds |= {"variant": (0, np.array([len(members) - 1 for members in compiled.config.variants.values()], int))}
     for name, (least, most) in kinds.items():
         values = numbers.get(name, np.zeros(0))
         wrong = np.argwhere(~((values >= least) & (values <= most)) if values.size else [])

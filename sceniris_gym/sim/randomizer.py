@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import mujoco
 import mujoco_warp as mjw
+import numpy as np
 import warp as wp
 
 from sceniris_gym.device.fixed import Fixed, StaysHere
@@ -16,8 +17,9 @@ from sceniris_gym.device.random import named_stream
 from sceniris_gym.device.sequence import LaunchSequence, launching
 from sceniris_gym.device.tensors import TensorView
 from sceniris_gym.errors import check_names, check_type
+from sceniris_gym.layout.columns import NEXT, columns
 from sceniris_gym.layout.layouts import Layouts
-from sceniris_gym.layout.masks import as_rows, as_shape, as_worlds, fill_mask, mask_of_rows
+from sceniris_gym.layout.masks import as_rows, as_shape, as_world_ids, as_worlds, fill_mask, mask_of_rows
 from sceniris_gym.levels.curriculum import ADR, LevelReplay
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import LayoutTable
@@ -30,9 +32,12 @@ from sceniris_gym.sim.origins import as_origins, warn_of_origins
 from sceniris_gym.sim.redrawing import Redrawer
 from sceniris_gym.sim.reset_writer import ResetWriter, Simulation
 from sceniris_gym.sim.sources import SourceLike, make_pipeline, stored_rows
-from sceniris_gym.sim.variants import VariantWriter
+from sceniris_gym.sim.variants import VariantReader, VariantWriter
 from sceniris_gym.sim.versions import fields_of_data
 from sceniris_gym.sim.write import poses_of
+
+if TYPE_CHECKING:
+    from sceniris_gym.sim.snapshot import Snapshot
 
 _SCOPES = ("world", "scene")
 
@@ -341,11 +346,86 @@ class ResetRandomizer(Fixed, StaysHere):
             mask_of_rows(on_device, nrow, self._mask)
             self._writer.launch(stored, on_device)
 
-    def _launch_variants(self, mask: wp.array) -> None:
-        """Give the masked worlds the variants of their present layouts, without a reset."""
-        if self._writer.variants is not None:
-            fill_mask(mask, self._mask)
-            self._writer.variants.launch(poses_of(self.layouts.view), self._mask, self.layouts.view.present)
+    @launching
+    def snapshot(self, worlds: Any = None) -> Snapshot:
+        """Copy the state of worlds, for `restore`.
+
+        A snapshot contains the physics state, the layout with its variants, the seed, episode and params of the next
+        layout, the redraw count, and the model fields with a row for each world. On a CPU, the worlds continue from a
+        snapshot with the same bits. On a GPU, the state has the same bits, and later steps differ by rounding.
+
+        Args:
+            worlds: As in `reset`. The rows of the snapshot have the order of ids.
+
+        Raises:
+            ArgumentTypeError, ArgumentError: As in `reset`.
+        """
+        from sceniris_gym.sim.snapshot import on_warp_stream, take
+
+        with on_warp_stream(self.device):
+            return take(self._source, self._live, as_world_ids(worlds, self.data.nworld))
+
+    @launching
+    def restore(self, snapshot: Snapshot, worlds: Any = None) -> None:
+        """Continue from a snapshot. The other worlds keep their state bitwise, as in `reset`.
+
+        Waits for the device, so it cannot be captured in a graph. `data.contact` lists no contacts of the restored
+        worlds until the next step, unless `needs` has "contacts". With a curriculum, first restore `levels.state()` of
+        the same step.
+
+        Args:
+            snapshot: A snapshot by this or another randomizer with the same scene, split, params and model fields, and
+                like this one with a curriculum or without. Its positions are absolute, so they include `origins`.
+            worlds: As in `reset`, a world for each row, in the order of ids. None writes each row into its own world.
+
+        Raises:
+            ArgumentTypeError: The value is not a Snapshot.
+            SceneMismatchError: The snapshot does not fit, or it has non-finite values or indices out of range.
+            ArgumentError: The number of rows differs from the number of worlds. A world does not exist, or occurs
+                twice. A param cannot have its value.
+            ArgumentTypeError, ArgumentError: As in `reset`.
+        """
+        from sceniris_gym.sim.snapshot import on_warp_stream
+
+        self.fields.check()
+        chosen = None if worlds is None else as_world_ids(worlds, self.data.nworld)
+        with on_warp_stream(self.device), wp.ScopedDevice(self.device):
+            self._put_back(snapshot, self._live, chosen, "ResetRandomizer.restore: snapshot")
+            self._writer.contacts.launch_drop()  # and with them the NaNs of a broken world's constraint rows
+            self._update()
+
+    def _put_back(self, snapshot: Any, live: Mapping[str, Any], worlds: np.ndarray | None, name: str) -> Any:
+        """Check a snapshot, write it into worlds, and return the mask of these worlds, a torch tensor. See `put`."""
+        from sceniris_gym.sim.snapshot import check_rows, put
+
+        check_rows(snapshot, self._source, live, self.layouts, name)
+        restored = put(snapshot, live, worlds, name)
+        fill_mask(wp.from_torch(restored, dtype=wp.bool), self._mask)
+        if (variants := self._writer.variants) is not None:
+            reader = VariantReader(self.data, variants, self.layouts.view)
+            reader.launch(self._mask)
+            variants.launch(poses_of(reader.state), self._mask, reader.state.present)
+            put(snapshot, live, worlds, name)  # the model has the nominal values of its variants now
+        return restored
+
+    @property
+    def _source(self) -> tuple[str, ...]:
+        """Hash of the scene, split and params of the layouts."""
+        return self.compiled.hash, self.split, *self.layouts.params.names
+
+    @property
+    def _live(self) -> dict[str, Any]:
+        """The torch tensors with a row for each world that snapshots store, by name."""
+        from sceniris_gym.sim.snapshot import live_tensors
+
+        chooser, d = self.pipeline.rows, self.data
+        of_layouts = (*columns(), *(NEXT if chooser is None else ()))
+        rows = {f"data.{name}": getattr(d, name) for name in (*self.STATE_FIELDS, *fields_of_data("tree_awake"))}
+        rows |= {f"layout.{name}": getattr(self.layouts.view, name) for name in of_layouts}
+        rows |= {f"model.{name}": array for name, array in self.fields.rows.items()}
+        rows |= {f"chooser.{name}": array for name, array in (chooser or {}).items()}
+        rows |= {"redraws.0": self.redrawer.number, "redraws.1": self.redrawer.status, "variant": self._writer.variant}
+        return live_tensors(rows, d.nworld)
 
     @launching
     def check_budget(self) -> None:

@@ -171,6 +171,7 @@ class ResetWriter:
         count: A counter of each world that a reset sets to 0, shape (nworld,), int32.
 
     Attributes:
+        contacts: The contacts of all worlds.
         variants: The writer of variants, or None in a scene without variants.
         variant: Number of the present variant of each object, as `VariantWriter.variant`.
     """
@@ -187,7 +188,7 @@ class ResetWriter:
             self.variant = wp.zeros((d.nworld, 0), dtype=int) if self.variants is None else self.variants.variant
         plastic = keyframe_plastic(mjm, scene.keyframe) if whole and scene.keyframe >= 0 else None
         bodies = None if whole else [body for name in scene.bodies for body in scene.subtree(name)]
-        self._contacts = ContactList(d, mask)
+        self.contacts = ContactList(d, mask)
         close_grippers(simulation.rest, compiled)
         words = {"bodies": bodies, "origins": simulation.origins, "plastic": plastic, "count": count}
         self._writer = StateWriter(mjm, d, mask, simulation.rest, **words)
@@ -203,7 +204,7 @@ class ResetWriter:
         if self.variants is not None:
             poses, pose_rows = self.variants.launch(poses, self._mask, layouts.present, rows), None
         self._fields.launch_draw(self._mask, layouts, rows)
-        self._contacts.launch_drop()
+        self.contacts.launch_drop()
         if self._whole:
             # reset_data zeroes the contact count of all worlds when it resets world 0
             wp.copy(self._nacon, d.nacon)

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
 import torch
 import warp as wp
 from torch import Tensor
 
-from sceniris_gym.layout.columns import NEXT
 from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import ResetRandomizer
-from sceniris_gym.vector.snapshot import check_snapshot, live_tensors, put
+from sceniris_gym.vector.snapshot import memory_rows
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.statistics import EpisodeStatistics, Outcome, finite_rows
 from sceniris_gym.vector.task import Task, check_outcome
@@ -74,26 +74,14 @@ class TaskWorlds:
         if (pipeline := self.randomizer.pipeline).hears:
             pipeline.launch_finish(wp.from_torch(outcome.success.float()), wp.from_torch(self.statistics.finished))
 
-    @property
-    def source(self) -> tuple[str, ...]:
-        """Hash of the scene, split and params of the layouts."""
-        return self.randomizer.compiled.hash, self.randomizer.split, *self.randomizer.layouts.params.names
-
     def live(self, **memory: Any) -> dict[str, Tensor]:
         """Return all tensors whose rows a snapshot may copy, including the tensors of an additional `memory`."""
-        rows, redrawer = self.randomizer.pipeline.rows, self.randomizer.redrawer
-        chosen = {name: wp.to_torch(array) for name, array in (rows or {}).items()}
-        redraws = wp.to_torch(redrawer.number), wp.to_torch(redrawer.status)
-        memory = {"task": self._task, "redraws": redraws, "chooser": chosen, **memory}
-        return live_tensors(self.state, self.randomizer.layouts, memory, NEXT if rows is None else ())
+        rows = self.randomizer._live | {"elapsed": self.state.elapsed}
+        return rows | memory_rows({"task": self._task, **memory}, self.batch.nworld)
 
-    def restore(self, snapshot: Any, live: Mapping[str, Tensor], mask: Tensor | None) -> Tensor:
-        """Write a snapshot into its own worlds, or into the worlds of a mask, as `put` does. Return their mask."""
-        check_snapshot(snapshot, self.source, live, self.randomizer.layouts)
-        due = put(snapshot, live, mask)
-        if self.randomizer.compiled.config.variants:  # writing the variants resets model fields, so `put` runs again
-            self.randomizer._launch_variants(wp.from_torch(due, dtype=wp.bool))
-            put(snapshot, live, mask)
+    def restore(self, snapshot: Any, live: Mapping[str, Tensor], worlds: np.ndarray | None) -> Tensor:
+        """Write a snapshot into its own worlds, or into these in order, and return their mask. See `put`."""
+        due = self.randomizer._put_back(snapshot, live, worlds, "options['state']")
         self.batch.update()
         self.statistics.start(due)
         return due

@@ -28,6 +28,7 @@ from sceniris_gym.levels.curriculum import ADR, LevelReplay
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import ResetRandomizer
+from sceniris_gym.sim.snapshot import Snapshot, take
 from sceniris_gym.sim.sources import SourceLike
 from sceniris_gym.vector import arguments
 from sceniris_gym.vector.arguments import LAYOUTS, PARAMS, STATE
@@ -37,7 +38,7 @@ from sceniris_gym.vector.ranks import Rank
 from sceniris_gym.vector.rendering import RENDER_MODES, Rendering
 from sceniris_gym.vector.sensing import Sensing
 from sceniris_gym.vector.settings import ImageConfig, RenderConfig, SimConfig, as_image_config, as_settings, as_shots
-from sceniris_gym.vector.snapshot import Snapshot, take, versions, written
+from sceniris_gym.vector.snapshot import versions, written
 from sceniris_gym.vector.statistics import finite_rows
 from sceniris_gym.vector.task import Task
 from sceniris_gym.vector.task_worlds import TaskWorlds
@@ -260,7 +261,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             if params is not None:
                 source.set_params(params, mask)
             if kept is not None:
-                due = self._worlds.restore(kept, written(self._live(), self._made), None if mask is None else due)
+                worlds = None if mask is None else np.flatnonzero(mask)
+                due = self._worlds.restore(kept, written(self._live(), self._made), worlds)
                 source.set_params({} if params is None else params, mask)  # restoring overwrites params
             else:
                 self._reseed(seed, chosen, mask)
@@ -317,8 +319,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             ArgumentError, ArgumentTypeError: As in `redraw`.
         """
         with self._launching("snapshot"):
-            ids = as_world_ids(worlds, self.num_envs).astype(np.int64)
-            return take(self._worlds.source, self._live(), torch.from_numpy(ids).to(self.device))
+            return take(self.randomizer._source, self._live(), as_world_ids(worlds, self.num_envs))
 
     @exclusive
     def set_param(self, name: str, value: Any, worlds: Any = None) -> None:

@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, SceneMismatchError
-from sceniris_gym.vector.snapshot import Snapshot
+from sceniris_gym.sim.snapshot import Snapshot
 from sceniris_gym.vector.task import SLEEPING
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 from tests.vector.conftest import SCENE, Reach
@@ -187,7 +187,7 @@ def test_wrong_snapshots_are_refused(make_env):
         envs.reset(seed=1, options={"state": kept})
     with pytest.raises(ArgumentTypeError, match="should be a Snapshot"):
         envs.reset(options={"state": {}})
-    with pytest.raises(ArgumentError, match="should have 1 rows, one per masked world, got 2"):
+    with pytest.raises(ArgumentError, match="should have 1 rows, one per chosen world, got 2"):
         envs.reset(options={"state": kept, "reset_mask": np.array([True, False])})
     with pytest.raises(ArgumentError, match=r"different worlds below 2, got \[0, 0\]"):
         envs.reset(options={"state": kept[[0, 0]]})
@@ -279,6 +279,21 @@ def test_one_number_names_one_row_of_a_snapshot(make_env):
     for worlds in (None, kept.worlds.numpy(), torch.tensor(0)):
         with pytest.raises(SceneMismatchError, match=r"of this scene, split, task and params, got "):
             envs.reset(options={"state": replace(kept, worlds=worlds)})
+
+
+def test_the_randomizer_of_an_environment_restores_worlds_without_their_task(make_env):
+    """An environment refuses the snapshot of its randomizer, which lacks the memory of the task."""
+    envs = make_env(2)
+    envs.reset(seed=4)
+    _run(envs, 2)
+    worlds, kept, before = envs.randomizer.snapshot(), envs.snapshot(), state(envs)
+    assert worlds.rows.keys() < kept.rows.keys()
+    for snapshot in (worlds, kept):
+        _run(envs, 1)
+        envs.randomizer.restore(snapshot)
+        assert_equal(state(envs), before)
+    with pytest.raises(SceneMismatchError, match=r"of this scene, split, task and params, got other rows"):
+        envs.reset(options={"state": worlds})
 
 
 class _Records(Reach):
