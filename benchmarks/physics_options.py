@@ -94,7 +94,7 @@ class Variant:
         try:
             for name, value in self.model.items():
                 setattr(option, name, value)
-            envs = make_env(task, base.num_envs, base.compiled, **room)
+            envs = make_env(task, base.num_envs, base.compiled, sim_config=room)
         finally:
             for name, value in before.items():
                 setattr(option, name, value)

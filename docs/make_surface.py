@@ -71,7 +71,7 @@ def definition(module: str, name: str) -> tuple[Definition | None, str]:
 
 
 def members(node: ast.ClassDef, module: str) -> dict[str, ast.FunctionDef | ast.AnnAssign]:
-    """Return the public methods, properties and fields of a class, those that it inherits from the package too."""
+    """Return the public methods, properties and fields of a class, with inherited members from the package."""
     found: dict[str, ast.FunctionDef | ast.AnnAssign] = {}
     for base in reversed(node.bases):
         parent, where = definition(module, ast.unparse(base))
@@ -88,7 +88,7 @@ def members(node: ast.ClassDef, module: str) -> dict[str, ast.FunctionDef | ast.
 
 
 def lines(module: str, name: str) -> Iterator[str]:
-    """Return the signature of a public name, and those of its members."""
+    """Return the signatures of a public name and of its members."""
     full = ".".join(part for part in ("sceniris_gym", module, name) if part)
     node, where = definition(*public(module)[name])
     if isinstance(node, ast.FunctionDef):

@@ -29,17 +29,17 @@ NEEDS: dict[str, tuple[Callable[[mjw.Model, mjw.Data], None], ...]] = {
     "sensors": (mjw.forward,),
     "dynamics": (mjw.forward,),
 }
-"""Quantities that a step or a reset can bring up to date, and the functions that compute them."""
+"""Quantities that a step or a reset can update, and the functions that compute them."""
 
 LINE_SEARCH = 20
 """Limit of line-search iterations, below MuJoCo's default: in a batch one slow world stalls all others."""
 
-# Most contacts and constraint rows of a world: more need gigabytes in a single one.
+# Maximum number of contacts or constraint rows per world. Higher numbers need gigabytes for a single world.
 _MOST_ROWS = 1 << 20
 
 
 def updater(needs: Iterable[str]) -> Callable[[mjw.Model, mjw.Data], None]:
-    """Return a function that brings `needs` (keys of NEEDS) up to date; kinematics always runs.
+    """Return a function that updates `needs` (keys of NEEDS). It always runs kinematics.
 
     Raises:
         UnknownNameError: NEEDS has no such key.
@@ -58,7 +58,7 @@ def updater(needs: Iterable[str]) -> Callable[[mjw.Model, mjw.Data], None]:
 
 
 def with_options(mjm: mujoco.MjModel, options: Mapping[str, Any]) -> mujoco.MjModel:
-    """Return a copy of the model with these fields of MjOption, or the model itself if there are none.
+    """Return a copy of the model with these fields of MjOption, or the model itself if `options` is empty.
 
     Raises:
         UnknownNameError: MjOption has no such field.
@@ -73,35 +73,35 @@ def with_options(mjm: mujoco.MjModel, options: Mapping[str, Any]) -> mujoco.MjMo
 
 
 class Batch(Fixed):
-    """Many worlds of one scene, which are stepped together.
+    """Many worlds of one scene that step together.
 
     Args:
         scene: The scene.
         nworld: Number of worlds.
-        device: Warp device; None is Warp's current one.
-        nconmax: Contacts per world; all worlds share nworld times as many. None takes `default_budget`.
+        device: Warp device, or None for Warp's current device.
+        nconmax: Contacts per world. All worlds share a pool of nworld * nconmax. None takes `default_budget`.
         njmax: Constraint rows per world. None takes `default_budget`.
-        nvmax: Most degrees of freedom of a world that are awake at a time, if bodies sleep; None is all.
-        needs: What to bring up to date after every control step, keys of NEEDS.
+        nvmax: Maximum number of awake degrees of freedom in a world, if bodies sleep. None allows all.
+        needs: Quantities to update after every control step, keys of NEEDS.
         substeps: Physics steps in a control step.
         options: Fields of MjOption that differ from the scene's.
         graph: Capture the control step into a graph and replay it.
 
     Attributes:
-        scene: The scene as it is simulated, in which the variants of an object share a body.
-        full_scene: The scene as it was given, with all variants.
+        scene: The simulated scene. The variants of an object share a body there.
+        full_scene: The scene that the caller passed, with all variants.
         model: mujoco_warp Model.
         data: mujoco_warp Data.
         fields: Model fields that have a row for each world.
-        step: Takes one control step in all worlds: `substeps` physics steps, then an update of what is needed. Without
-            the update, xpos would be one substep older than qpos.
-        update: Brings what is needed up to date in all worlds.
+        step: Takes one control step in all worlds: `substeps` physics steps, then an update of kinematics and `needs`.
+            Without the update, xpos would be one substep older than qpos.
+        update: Updates kinematics and `needs` in all worlds.
 
     Raises:
         UnknownNameError: MjOption has no such field.
-        ArgumentError: A limit that is no integer of at least 1, or too large for so many worlds.
+        ArgumentError: A limit is not a positive integer, or is too large for this number of worlds.
         NotSupportedError: MuJoCo-Warp cannot simulate the model with these options.
-        MemoryLimitError: More worlds than there is memory for.
+        MemoryLimitError: The device has too little memory for this number of worlds.
         FixedError: Raised on assignment to an attribute that captured graphs already use.
     """
 
@@ -132,7 +132,8 @@ class Batch(Fixed):
                 as_count(value, name, most=end)
         nconmax, njmax = nconmax or contacts, njmax or rows
         naconmax = nworld * nconmax
-        # a pair of convex geoms takes 5 kB of scratch: many worlds share room for a quarter, few may need all
+        # A pair of convex geoms takes 5 kB of scratch memory. Many worlds share room for a quarter of their contacts. A
+        # few worlds may need room for all.
         naccdmax = min(naconmax, max(naconmax // 4, 16 * nconmax))
         with wp.ScopedDevice(self.device):
             self.model = put_simulated(mjm, where)
@@ -140,7 +141,7 @@ class Batch(Fixed):
                 widen(self.model, name, nworld)
             if scene.config.model is None:  # a user's own model keeps its options
                 self.model.opt.ls_iterations = LINE_SEARCH
-            # reaching the solver's iteration limits is normal; warnings about it would flood stdout at every step
+            # solvers often reach their iteration limits, and a warning at every step would flood stdout
             silence_iterations(self.model)
             room = {"nconmax": nconmax, "naccdmax": naccdmax, "njmax": njmax} | room_for_dofs(nvmax)
             one = mjw.make_data(mjm, 1, nconmax=nconmax, njmax=njmax)
@@ -154,7 +155,7 @@ class Batch(Fixed):
         self.step = LaunchSequence(self._launch_step, self.device, graph=graph).replay
 
     def check_budget(self) -> None:
-        """Compare contacts and constraint rows with what was allocated; see `sim.budget.check_budget`."""
+        """Check that the contacts and constraint rows fit the allocated memory. See `sim.budget.check_budget`."""
         check_budget(self.model, self.data)
 
     def _launch_step(self) -> None:

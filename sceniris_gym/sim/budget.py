@@ -1,4 +1,4 @@
-"""Contacts and constraint rows per world: how many a scene needs, and whether there is room for them."""
+"""Contacts and constraint rows per world: the numbers that a scene needs, and a check of the allocated room."""
 
 from __future__ import annotations
 
@@ -13,22 +13,23 @@ from sceniris_gym.errors import ContactBudgetError
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.sim.versions import OverflowType
 
-# Geoms of a body tree whose lowest points differ by less than this [m] carry it together.
+# Geoms of a body tree carry it together if their lowest points differ by less than this [m].
 _SAME_HEIGHT = 0.002
 
 
 def default_budget(mjm: mujoco.MjModel, scene: SceneModel | None = None) -> tuple[int, int]:
     """Return contacts and constraint rows per world (nconmax, njmax) that leave room for a busy scene.
 
-    Contacts: 16, and four for every body that can move and collide, and four for every geom that such a body stands on
-    (a plate may have a dozen). On a free object of many geoms each may lie across several of them, and counts half as
-    much again: plates on plates had up to 5.5 contacts for each. Rows: one for every edge of the friction pyramids,
-    every limit and every friction loss, and six for every equality.
+    Contacts: 16, plus four for every body that can move and collide, plus four for every geom that such a body stands
+    on (a plate may have a dozen). If a body stands on a free object, one of its geoms may lie across several geoms of
+    that object, so it counts six: plates on plates had up to 5.5 contacts per geom. Rows: one for every edge of the
+    friction pyramids, every limit and every friction loss, and six for every equality.
 
     Args:
-        mjm: The model that is simulated.
-        scene: Its scene. Objects that may lie on another side count with the side that has most geoms, and objects with
-            variants with the variant that stands on most. Without it all stand as in the pose of the model.
+        mjm: The simulated model.
+        scene: The scene of the model. Objects that may lie on another side count with the side that has most geoms.
+            Objects with variants count with the variant that stands on most geoms. Without a scene, all objects count
+            in the model's pose.
     """
     moving = np.unique(mjm.geom_bodyid[(mjm.geom_contype != 0) | (mjm.geom_conaffinity != 0)])
     moving = [b for b in moving if mjm.body_weldid[b] != 0 or mjm.body_mocapid[b] >= 0]
@@ -48,7 +49,12 @@ def default_budget(mjm: mujoco.MjModel, scene: SceneModel | None = None) -> tupl
 
 
 def _geoms_across(scene: SceneModel, stood_on: np.ndarray) -> int:
-    """Count the geoms that free objects stand on, (nbody,), on other free ones: no more of each than of its support."""
+    """Sum the bottom geoms of free objects on other free objects, each limited by the geoms of the support.
+
+    Args:
+        scene: The scene.
+        stood_on: Geoms that the tree of each root body stands on, shape (nbody,).
+    """
     mjm, objects, found = scene.mjm, scene.config.objects, 0
     collides = (mjm.geom_contype != 0) | (mjm.geom_conaffinity != 0)
     pieces = np.bincount(mjm.body_rootid[mjm.geom_bodyid[collides]], minlength=mjm.nbody)
@@ -62,7 +68,8 @@ def _geoms_across(scene: SceneModel, stood_on: np.ndarray) -> int:
 def _geoms_stood_on(mjm: mujoco.MjModel, turned: Collection[int]) -> np.ndarray:
     """Count the geoms at the bottom of each tree of moving bodies by its root, shape (nbody,).
 
-    The trees are in the pose of the model. The roots `turned` count the most on any side that a geom of theirs faces.
+    The trees are in the model's pose. The trees of `turned` roots may also lie on any side of any of their geoms, and
+    count with the largest number.
     """
     data = mujoco.MjData(mjm)
     mujoco.mj_kinematics(mjm, data)
@@ -83,12 +90,12 @@ def _geoms_stood_on(mjm: mujoco.MjModel, turned: Collection[int]) -> np.ndarray:
 
 
 def check_budget(m: mjw.Model, d: mjw.Data) -> None:
-    """Compare contacts and constraint rows with what was allocated. Waits for the device.
+    """Check that contacts and constraint rows fit the allocated memory. Waits for the device.
 
     Runs kinematics and collision for the current state, and reads the overflow flags of earlier steps.
 
     Raises:
-        ContactBudgetError: There were more than that; the message names the argument to raise and its new value.
+        ContactBudgetError: They did not fit. The message names the argument to raise and its new value.
     """
     with wp.ScopedDevice(d.qpos.device):
         mjw.kinematics(m, d)

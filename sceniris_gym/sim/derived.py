@@ -1,9 +1,9 @@
-"""Fields that follow from others, in worlds whose masses, centres of mass, armatures, gears, cameras or lights differ.
+"""Derived fields of worlds that differ in masses, centres of mass, armatures, gears, cameras or lights.
 
 MuJoCo computes them in `mj_setConst`. Inverse weights are the diagonal of J M^-1 J^T at qpos0, for the Jacobians J of
 bodies (at their centres of mass), joints and tendons, and the norm of M^-1 J^T for actuators. All worlds have the same
-poses at qpos0, so the Jacobians at the origins of bodies are found once, on the host. M couples degrees of freedom of
-one kinematic tree alone.
+poses at qpos0, so the Jacobians at the origins of bodies are computed once, on the host. M couples degrees of freedom
+only within a kinematic tree.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from sceniris_gym.sim.derived_tables import Derived
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _LEAST = wp.constant(1.0e-15)
-"""The smallest value that MuJoCo divides by (mjMINVAL)."""
+"""Smallest divisor in MuJoCo (mjMINVAL)."""
 _SLIDES = wp.constant(2)
-"""Value of `body_simple` for a lone body on slides, which MuJoCo weighs by its mass alone, without armature."""
+"""Value of `body_simple` for a single body on slides. MuJoCo computes its weight from the mass without armature."""
 _LANES = 128
 """Lanes that share a world."""
 
@@ -38,7 +38,7 @@ FOLLOWS = {
     **dict.fromkeys(("cam_pos0", "cam_poscom0", "cam_mat0"), ("cam_pos", "cam_quat", *_CENTERS)),
     **dict.fromkeys(("light_pos0", "light_poscom0", "light_dir0"), ("light_pos", "light_dir", *_CENTERS)),
 }
-"""The fields that each field follows from; those with equal ones have a row for each world together."""
+"""Sources of each derived field. Fields with the same sources have a row for each world together."""
 
 
 @wp.func
@@ -54,7 +54,7 @@ def _arm(w: Derived, worldid: int, bodyid: int) -> wp.vec3:
 
 @wp.func
 def _jacobian(w: Derived, worldid: int, row: int, dofid: int) -> wp.vec3:
-    """Return a row of Jacobians in a world, by a degree of freedom; see `Derived.jacobian`."""
+    """Return the element of a Jacobian row for a degree of freedom, in a world. See `Derived.jacobian`."""
     nbody, nactuator = w.body_end.shape[0], w.actuator_gear.shape[1]
     jac = w.jacobian[row, dofid]
     if row < nbody:
@@ -69,7 +69,7 @@ def _jacobian(w: Derived, worldid: int, row: int, dofid: int) -> wp.vec3:
 
 @wp.func
 def _armature(w: Derived, worldid: int, row: int) -> float:
-    """Return the armature of a tendon, or of an actuator in the units of what it moves."""
+    """Return the armature of a tendon, or of an actuator, reflected to its joint or tendon by the squared gear."""
     nactuator = w.actuator_gear.shape[1]
     actuatorid = row + 2 * nactuator - w.jacobian.shape[0]
     if actuatorid < 0:
@@ -84,7 +84,7 @@ def _mass_matrix(w: Derived, worldid: int, i: int, j: int) -> float:
     """Return an element of M, with i >= j."""
     lower = w.dof_bodyid[i]
     total = float(0.0)
-    for bodyid in range(lower, w.body_end[lower]):  # of those that i moves; j, if it moves none of them, has zeros here
+    for bodyid in range(lower, w.body_end[lower]):  # bodies that i moves, with zeros if j does not
         q = w.body_iquat[worldid % w.body_iquat.shape[0], bodyid]
         inertia = w.body_inertia[worldid % w.body_inertia.shape[0], bodyid]
         rotation = wp.transpose(w.xmat[bodyid] * quat_mat(wp.vec4(q[0], q[1], q[2], q[3])))
@@ -95,7 +95,7 @@ def _mass_matrix(w: Derived, worldid: int, i: int, j: int) -> float:
     if i == j:
         total += w.dof_armature[worldid % w.dof_armature.shape[0], i]
     has_place = lower < w.body_end[w.dof_bodyid[j]] and (i == j or w.body_simple[lower] == 0)
-    if has_place:  # in MuJoCo's sparse M
+    if has_place:  # MuJoCo's sparse M stores this element
         for k in range(w.geared.shape[0]):
             square = wp.dot(w.jacobian[w.geared[k], i], w.jacobian[w.geared[k], j])
             if square != 0.0:
@@ -105,7 +105,7 @@ def _mass_matrix(w: Derived, worldid: int, i: int, j: int) -> float:
 
 @wp.func
 def _eliminate(old: wp.array2d[float], i: int, k: int, pivot: int, step: int) -> float:
-    """Return an element of a block of M after a step of Gauss-Jordan elimination, which needs no row exchanged."""
+    """Return an element of a block of M after a step of Gauss-Jordan elimination, without row exchanges."""
     if i == pivot:
         return wp.where(k == step, 1.0, old[pivot, k]) / old[pivot, step]
     factor = old[i, step] / old[pivot, step]
@@ -145,7 +145,7 @@ def _write_weight(w: Derived, worldid: int, row: int):
 
 @wp.func
 def _subtree(w: Derived, worldid: int, bodyid: int) -> wp.vec4:
-    """Return the centre of mass of a body and all below it, at qpos0, and their mass."""
+    """Return the centre of mass of a body's subtree at qpos0, and the subtree's mass."""
     moment = wp.vec3(0.0)
     total = float(0.0)
     for i in range(bodyid, w.body_end[bodyid]):
@@ -160,7 +160,7 @@ def _subtree(w: Derived, worldid: int, bodyid: int) -> wp.vec4:
 
 @wp.func
 def _from_center(w: Derived, worldid: int, bodyid: int, targetbodyid: int, offset: wp.vec3) -> wp.vec3:
-    """Return a point of a body relative to the centre of mass of a target, else of this body, and all below it."""
+    """Return a point of a body relative to the centre of mass of the target's subtree, or of the body's subtree."""
     subtree = _subtree(w, worldid, wp.where(targetbodyid >= 0, targetbodyid, bodyid))
     return w.xpos[bodyid] + offset - wp.vec3(subtree[0], subtree[1], subtree[2])
 
@@ -196,7 +196,7 @@ def _derive(
         return
     for i in range(lane, w.body_subtreemass.shape[1], wp.block_dim()):
         w.body_subtreemass[worldid, i] = _subtree(w, worldid, i)[3]
-    # those fixed to the world ask for all bodies, as the first lane does
+    # start at the last lane: elements fixed to the world need all bodies, and the first lane already sums them
     for i in range(wp.block_dim() - 1 - lane, w.cam_pos0.shape[1], wp.block_dim()):
         _camera(w, worldid, i)
     for i in range((lane + wp.block_dim() // 2) % wp.block_dim(), w.light_pos0.shape[1], wp.block_dim()):
@@ -212,7 +212,7 @@ def _derive(
             w.inverse[worldid, width & 1, i, at % width] = total
             w.inverse[worldid, width & 1, j, i - w.dof_block[i][0]] = total
     block_sync()
-    for step in range(width):  # of all blocks at once; the last one leaves the inverse in the first half
+    for step in range(width):  # in all blocks at once, and the last step writes into the first half
         old = w.inverse[worldid, (width - step) & 1]
         for at in range(lane, w.dof_block.shape[0] * width, wp.block_dim()):
             i = at // width
@@ -227,12 +227,12 @@ def _derive(
 
 
 def launch_derived(tables: Derived, m: mjw.Model, mask: wp.array, wide: Container[str]) -> None:
-    """Bring fields that follow from others up to date.
+    """Recompute derived fields in the masked worlds.
 
     Args:
         tables: The `derived_tables` of the model.
-        m: The Model; its present arrays are used in place.
-        mask: Which worlds, shape (nworld,), bool.
+        m: The Model. The launch uses its present arrays in place.
+        mask: Selected worlds, shape (nworld,), bool.
         wide: Names of the fields that have a row for each world.
     """
     for name in Derived.vars:

@@ -1,4 +1,4 @@
-"""Constants behind fields that follow from others: poses and Jacobians at qpos0, and the places of M in memory."""
+"""Constants for derived fields: poses and Jacobians at qpos0, and the memory layout of M."""
 
 from __future__ import annotations
 
@@ -15,22 +15,24 @@ from sceniris_gym.sim.versions import actuator_outputs
 
 @wp.struct
 class Derived:
-    """Poses and Jacobians at qpos0 in the world frame, the fields of a Model by their names, and scratch memory.
+    """Poses and Jacobians at qpos0 in the world frame, the fields of a Model by name, and scratch memory.
 
-    Rows of Jacobians are, in this order, linear velocities of the origins of bodies, angular velocities of bodies,
-    degrees of freedom, tendons, and actuators by the first three elements of their gears and by the last three.
+    The rows of Jacobians are, in this order: linear velocities of body origins, angular velocities of bodies, degrees
+    of freedom, tendons, actuators by the first three elements of their gears, and actuators by the last three.
 
     Attributes:
-        body_end: The number behind the last body below a body, shape (nbody,).
-        dof_block: First degree of freedom of the tree that one belongs to, and the number behind the last, shape (nv,).
+        body_end: End of a body's subtree: the number after its last body, shape (nbody,).
+        dof_block: Range of the degrees of freedom in the tree of a degree of freedom: the first and the end, shape
+            (nv,).
         xpos, xmat: Poses of bodies, shape (nbody,).
-        jacobian: Rows of Jacobians, shape (nrow, nv). Those that share their weight by threes have an axis each, and
-            all three of these columns.
-        moved: First degree of freedom of the trees that a row depends on, and the number behind the last, for all but
-            the last rows of actuators.
+        jacobian: Rows of Jacobians, shape (nrow, nv). The three degrees of freedom of a ball joint, or of a free
+            joint's rotation or translation, share a weight, so each of their rows has all three columns, with
+            one axis per column.
+        moved: Range of the degrees of freedom in the trees of a row: the first and the end, for all but the last rows
+            of actuators.
         geared: Rows of tendons and actuators whose armature adds to M.
-        inverse: M and then its inverse, in each row the columns of one kinematic tree, and as much scratch memory
-            behind it, shape (nworld, 2, nv, most degrees of freedom of a tree).
+        inverse: First M and then its inverse, and scratch memory of the same size, shape (nworld, 2, nv, most degrees
+            of freedom of a tree). A row has the columns of its kinematic tree.
     """
 
     # Tables
@@ -82,7 +84,7 @@ def derived_tables(mjm: mujoco.MjModel, nworld: int) -> Derived:
     mujoco.mj_fwdPosition(mjm, data)
     trees = np.stack([mjm.tree_dofadr, mjm.tree_dofadr + mjm.tree_dofnum], axis=1)[mjm.dof_treeid]
     driven = np.isin(mjm.actuator_trntype, (*JOINT_TRANSMISSIONS, int(mujoco.mjtTrn.mjTRN_TENDON)))
-    driven &= np.any(mjm.actuator_armature)  # armatures that are 0 in the whole model stay so
+    driven &= np.any(mjm.actuator_armature)  # a field that is 0 in the whole model cannot vary
     transmissions = np.concatenate([np.ones(mjm.ntendon, bool), driven, driven])
     t = Derived()
     t.body_end = wp.array([subtree(mjm, b)[-1] + 1 for b in range(mjm.nbody)], dtype=int)
@@ -92,12 +94,12 @@ def derived_tables(mjm: mujoco.MjModel, nworld: int) -> Derived:
     t.jacobian = wp.array(rows, dtype=wp.vec3, ndim=2)
     depends = np.any(rows != 0.0, axis=2)
     for first, number in ((0, mjm.nbody), (len(rows) - 2 * len(driven), len(driven))):
-        depends[first : first + number] |= depends[first + number : first + 2 * number]  # by both halves
+        depends[first : first + number] |= depends[first + number : first + 2 * number]  # of both halves
     moved = [(trees[on, 0].min(), trees[on, 1].max()) if on.any() else (0, 0) for on in depends]
     t.moved = wp.array(moved[: len(rows) - len(driven)], dtype=wp.vec2i, ndim=1)
     t.geared = wp.array(2 * mjm.nbody + mjm.nv + np.flatnonzero(transmissions), dtype=int)
     t.inverse = wp.zeros((nworld, 2, mjm.nv, max(mjm.tree_dofnum, default=0)), dtype=float)
-    # MuJoCo has it in all versions, MuJoCo-Warp does not
+    # all MuJoCo versions have this field, but not all MuJoCo-Warp versions
     t.actuator_armature = wp.array(mjm.actuator_armature[None], dtype=float)
     return t
 
@@ -117,7 +119,7 @@ def _jacobians(mjm: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
     for k in range(6):
         geared.actuator_gear[:] = np.eye(6)[k]
         mujoco.mj_fwdPosition(geared, data)
-        for i in range(mjm.nv):  # velocities by one degree of freedom
+        for i in range(mjm.nv):  # unit velocity of one degree of freedom
             data.qvel[:] = np.arange(mjm.nv) == i
             mujoco.mj_fwdVelocity(geared, data)
             tendons[:, i, 0] = data.ten_velocity

@@ -1,4 +1,4 @@
-"""Check that a Model and Data which the caller made belong to a compiled scene."""
+"""Check that a Model and Data of the caller belong to a compiled scene."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ _FIELDS = (
     *("geom_size", "geom_pos", "geom_quat", "mesh_vert"),
 )
 _KINDS = {"jnt": "joint", "qpos0": "joint", "mesh": "vertex"}
-"""Elements that the fields of a prefix belong to, where it is not their name."""
+"""Kinds of elements by prefix of a field, where the two differ."""
 _SIZES_OF = (0, 0, 1, 2, 3, 2, 3, 0)
-"""How many numbers of its size a geom collides with, by its type: planes are endless, and meshes have vertices."""
+"""Number of sizes that affect collisions, by geom type. Planes are infinite, and meshes collide by their vertices."""
 _TOLERANCE = 1.0e-6
-"""Largest difference [m, or of an axis or quaternion] that counts as rounding to single precision."""
+"""Largest difference [m, or of an axis or quaternion] that is treated as rounding to single precision."""
 _CURE_OF_VARIANTS = "Objects have variants, so make Model and Data from it: sceniris_gym.make_worlds(compiled, nworld)."
 _CURE = "Make Model and Data from it: sceniris_gym.make_worlds(compiled, nworld)."
 
@@ -39,14 +39,14 @@ def check_fit(
     where: str = "ResetRandomizer",
     cure: str | None = None,
 ) -> None:
-    """Check that a Model and Data are those of a compiled scene, and that layouts are made for them.
+    """Check that a Model and Data belong to a compiled scene, and that layouts match them.
 
-    The check compares all that layouts depend on: sizes, and the order, types, places and shapes of bodies, joints and
-    geoms, in all worlds if each has values of its own. Masses, frictions, gains and options may differ. A mujoco_warp
-    Model has no names. Pass `mjm`, the MjModel that it came from, so that names are compared, too.
+    The check compares everything that layouts depend on: sizes, and the order, types, places and shapes of bodies,
+    joints and geoms. If a field has a row for each world, the check covers all worlds. Masses, frictions, gains and
+    options may differ. A mujoco_warp Model has no names. Pass its MjModel as `mjm` to also compare names.
 
     Raises:
-        SceneMismatchError: Something differs; the message begins with `where`, names it, and ends with the cure.
+        SceneMismatchError: A value differs. The message begins with `where`, names the value, and ends with the cure.
     """
     try:
         _check_model(compiled, m, mjm)
@@ -58,14 +58,14 @@ def check_fit(
 
 
 def check_model(compiled: CompiledScene, mjm: mujoco.MjModel, where: str, cure: str) -> None:
-    """Check that a MjModel is that of a compiled scene in all that layouts depend on; see `check_fit`.
+    """Check that a MjModel matches a compiled scene in everything that layouts depend on. See `check_fit`.
 
     Raises:
-        SceneMismatchError: As `check_fit`, or objects have variants, whose worlds have a model each.
+        SceneMismatchError: As `check_fit`. Or the scene has variants, so that one model cannot describe all worlds.
     """
     for name, members in compiled.config.variants.items():
         raise SceneMismatchError(
-            f"{where}: objects.{name} has variants, and all worlds should have one model here. Take SceneVectorEnv or "
+            f"{where}: objects.{name} has variants, but all worlds share one model here. Use SceneVectorEnv or "
             f"ResetRandomizer for the scene. {instead_of_variants(name, members)}"
         )
     try:
@@ -75,7 +75,7 @@ def check_model(compiled: CompiledScene, mjm: mujoco.MjModel, where: str, cure: 
 
 
 class _MisfitError(Exception):
-    """A difference, as the middle of a message."""
+    """A difference between models. Its text is the middle of the final message."""
 
 
 def _check_model(compiled: CompiledScene, m: mjw.Model | mujoco.MjModel, mjm: mujoco.MjModel | None) -> None:
@@ -108,9 +108,9 @@ def _check_names(ours: mujoco.MjModel, theirs: mujoco.MjModel) -> None:
 
 
 def _check_field(m: mjw.Model | mujoco.MjModel, mjm: mujoco.MjModel, field: str, shared: list[int]) -> None:
-    """Compare a field, in all worlds if each has values of its own; `qpos0` only as the reference of each joint.
+    """Compare a field, in all worlds if it has a row for each. Of `qpos0`, compare one reference per joint.
 
-    Geoms of the bodies that variants share are left out, as they are those of the variants that worlds have.
+    Bodies shared by variants are not compared by their geoms, which depend on the present variant.
     """
     prefix = field.partition("_")[0]
     kind, wanted, found = _KINDS.get(prefix, prefix), np.asarray(getattr(mjm, field), float), getattr(m, field)
@@ -127,7 +127,7 @@ def _check_field(m: mjw.Model | mujoco.MjModel, mjm: mujoco.MjModel, field: str,
     differs = apart.any(axis=2)
     if field in ("body_pos", "body_quat"):
         differs &= ~_placed_anew(mjm, len(found))
-    if field == "qpos0":  # the reference of a free or ball joint moves nothing
+    if field == "qpos0":  # the reference of a free or ball joint has no effect
         differs &= np.isin(mjm.jnt_type, (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE))
     if kind == "geom":
         differs &= ~np.isin(mjm.geom_bodyid, shared)
@@ -140,7 +140,7 @@ def _check_field(m: mjw.Model | mujoco.MjModel, mjm: mujoco.MjModel, field: str,
 
 
 def _placed_anew(mjm: mujoco.MjModel, nrow: int) -> np.ndarray:
-    """Return the bodies whose pose in the model has no effect: mocap bodies, and free ones if worlds differ."""
+    """Return the bodies whose pose in the model has no effect: mocap bodies, and free bodies if worlds differ."""
     anew = mjm.body_mocapid >= 0
     if nrow > 1:
         anew[mjm.jnt_bodyid[mjm.jnt_type == mujoco.mjtJoint.mjJNT_FREE]] = True
@@ -161,7 +161,7 @@ def _check_layouts(compiled: CompiledScene, m: mjw.Model, d: mjw.Data, layouts: 
     if layouts.nworld != d.nworld:
         raise SceneMismatchError(
             f"{where}: layout_source makes layouts for {layouts.nworld} worlds and should make them for "
-            f"{d.nworld}, as many as data has."
+            f"{d.nworld}, the number of worlds in data."
         )
     device = d.qpos.device
     for what, other in (

@@ -1,4 +1,4 @@
-"""`ModelFields`: fields of a mujoco_warp Model that have a row for each world, and all that follows from them."""
+"""`ModelFields`: fields of a mujoco_warp Model with a row for each world, and the fields derived from them."""
 
 from __future__ import annotations
 
@@ -21,27 +21,27 @@ from sceniris_gym.sim.rest import GAINS, launch_holding, scene_rest
 from sceniris_gym.sim.variants import fields_of_variants
 
 NAMED = "named_by_make_worlds"
-"""Attribute of a Model with the fields that `make_worlds` was asked for."""
+"""Attribute of a Model with the field names passed to `make_worlds`."""
 _BEFORE = "rows_before_draws"
-"""Attribute of a Model with values of its fields from before anything was drawn, by name."""
+"""Attribute of a Model with the values of its fields before any draw, by name."""
 
 
 class ModelFields:
     """Fields of a Model that have a row for each world.
 
     Args:
-        scene: The scene; what it simulates is `scene.sim`.
+        scene: The scene with all variants. The worlds simulate `scene.sim`.
         m: The Model.
         d: Data of the worlds.
-        grow: Give a field with one row for all worlds a row for each when it is asked for. Otherwise it is refused, as
-            others may have captured the Model with its present arrays.
+        grow: Expand a requested field from one shared row to a row for each world. False rejects such fields, because
+            your own code may have captured the Model's present arrays.
 
     Attributes:
         rest: The controls and activations that hold a pose.
-        columns: What the scene randomizes.
-        asked: The fields that somebody asked for, to write to.
-        varied: The values of the present variants for the fields in which variants of objects differ, with a row for
-            each world; empty without variants. Resets write them before anything else is drawn.
+        columns: The draws of the scene's `randomize`.
+        asked: Names of the fields that were requested for writing.
+        varied: Nominal values of the fields in which variants differ, by name, with a row for each world. Empty without
+            variants. Each reset writes the values of the present variants before the scene's draws.
     """
 
     def __init__(self, scene: SceneModel, m: mjw.Model, d: mjw.Data, *, grow: bool) -> None:
@@ -62,31 +62,31 @@ class ModelFields:
             self.ask(name, where="make_worlds")
 
     def ask(self, name: str, of: str | None = None, *, where: str = "model_field") -> wp.array:
-        """Return a field with a row for each world, or the part of it that belongs to a name; all views of one array.
+        """Return a field with a row for each world, or a view of the rows of one element, object or robot.
 
         Args:
-            name: The field, by its name in mujoco_warp's Model.
-            of: An element of the model, or an object or a robot: see `field_rows`. None is all.
-            where: The caller, for errors.
+            name: The field's name in mujoco_warp's Model.
+            of: A model element, an object or a robot, see `field_rows`. None returns the whole field.
+            where: The caller, as the beginning of errors.
 
         Raises:
-            UnknownNameError: No such field, or nothing of that name.
-            ArgumentError: Steps leave the field out; or it is asked for too late.
+            UnknownNameError: There is no such field or name.
+            ArgumentError: Steps leave the field out, or the call comes too late.
             SceneMismatchError: The Model has one row for all worlds.
         """
         check_field(name, self._scene.mjm, where)
         rows = None if of is None else field_rows(self._scene.mjm, self._scene.bodies, name, of, where)
         if name not in self._nominal and self._closed:
             raise ArgumentError(
-                f"{where}: '{name}' is asked for too late, as captured steps have it once for all worlds. Ask for it "
-                "in Task.bind, or before the first reset."
+                f"{where}: '{name}' is requested too late, because captured steps already use one row for all worlds. "
+                "Request it in Task.bind, or before the first reset."
             )
         array = self.wide(name, where)
         self.asked.add(name)
         return array if rows is None else array[:, rows]
 
     def wide(self, name: str, where: str = "model_field") -> wp.array:
-        """Return the array of a field, with a row for each world, as all have that follow from it."""
+        """Give a field and its dependent fields a row for each world, and return the field's array."""
         for each in with_followers(name):
             if each in self._nominal:
                 continue
@@ -108,30 +108,30 @@ class ModelFields:
         return self._known[name]
 
     def _before(self, name: str, *, every: bool = False) -> wp.array:
-        """Return the first row of a field, or every, from before anything was drawn by a randomizer of the Model."""
+        """Return a copy of a field's first row, or of every row, from before any randomizer drew into the Model."""
         array, kept = getattr(owner(self._model, name), name), vars(self._model).setdefault(_BEFORE, {})
         if name not in kept:
             made = kept[name] = wp.clone(array if every else array[:1]) if array.size else array
-            if name == "geom_rgba":  # relative to the colours that are seen; resets write those of variants
+            if name == "geom_rgba":  # draws are relative to visible colours, which may come from materials
                 made.assign(np.repeat(nominal_values(self._scene.mjm, name)[None], made.shape[0], axis=0))
         return kept[name]
 
     def scale(self, name: str, of: str, factor: Any, mask: wp.array, where: str) -> None:
         """Set part of a field to its nominal values times a factor of each world, in the masked worlds.
 
-        As with the word `scale` of a scene file, friction is that of sliding, colours keep their transparency, inertias
-        follow masses, and gains of the bias follow those of actuators.
+        The same components change as with `scale` in a scene file: sliding friction only, and colours without their
+        transparency. Inertias follow masses, and bias gains follow actuator gains.
 
         Args:
-            name: A field that was asked for.
-            of: An element, object or robot: see `field_rows`.
+            name: A field that was requested before.
+            of: A model element, an object or a robot, see `field_rows`.
             factor: Factors, a Warp array or torch tensor on the device or a numpy array, shape (nworld,), float32.
-            mask: Which worlds, shape (nworld,), bool.
-            where: The caller, for errors.
+            mask: Selected worlds, shape (nworld,), bool.
+            where: The caller, as the beginning of errors.
 
         Raises:
-            UnknownNameError, ArgumentError, SceneMismatchError: As in `ask`; or factors or a mask of another shape; or
-                a first call with these names inside of a capture.
+            UnknownNameError, ArgumentError, SceneMismatchError: As in `ask`.
+            ArgumentError: Factors or mask have another shape, or the first call with these names is inside a capture.
         """
         if self.ask(name, of, where=where).dtype in (wp.int32, wp.bool):
             raise ArgumentError(f"{where}: '{name}' has no numbers to scale. Write into model_field('{name}').")
@@ -153,7 +153,7 @@ class ModelFields:
         self._scaled[name, of].launch(mask, given=factor.contiguous().reshape((-1, 1)))
 
     def _columns_of(self, name: str, rows: int | slice) -> WorldColumns:
-        """Return the columns of these rows of a field, and of the fields that follow, times a number of each world."""
+        """Return columns that scale these rows of a field, and of its dependent fields, by a number for each world."""
         word, scaled = _word(name), []
         for field, first, count in ((name, word.first, word.shared or word.width), *word.follow):
             size = element_size(self.wide(field))
@@ -163,18 +163,19 @@ class ModelFields:
         return WorldColumns(self._nworld, arrays, self._nominal, scaled=scaled)
 
     def parameter(self, name: str, where: str) -> wp.array:
-        """Return the numbers that a draw of the scene's `randomize` has taken, shape (nworld, n).
+        """Return the numbers drawn for an entry of the scene's `randomize`, shape (nworld, n).
 
         Raises:
-            UnknownNameError: The scene draws nothing of this name.
+            UnknownNameError: The scene's `randomize` has no entry of this name.
         """
         check_names("parameter", [name], where, self.columns.numbers)
         return self.columns.numbers[name]
 
     def launch_draw(self, mask: wp.array, layouts: LayoutsView, rows: wp.array | None = None) -> None:
-        """Draw what the scene randomizes in the masked worlds; see `WorldColumns.launch`.
+        """Draw the scene's `randomize` in the masked worlds. See `WorldColumns.launch`.
 
-        What follows, but for controls, is found beside the launches up to `launch_wait`.
+        Derived fields are computed on a second stream until `launch_wait`, concurrently with the launches in between.
+        Controls are computed on the current stream.
         """
         if not self._scene.draws:
             return
@@ -186,19 +187,19 @@ class ModelFields:
             self._launch_derived(mask)
 
     def launch_wait(self) -> None:
-        """Let later launches begin when all that follows from draws is found."""
+        """Make later launches wait for the derived fields."""
         if self._beside is not None:
             self._beside.device.stream.wait_stream(self._beside)
 
     @property
     def rows(self) -> dict[str, wp.array]:
-        """The arrays with a row for each world, by name, with drawn numbers, and controls at rest if gains differ."""
+        """Arrays with a row for each world, by name: fields, drawn numbers, and laws of controls if gains differ."""
         found = {name: self._known[name] for name, made in self._nominal.items() if made.size}
         found |= {f"drawn.{name}": array for name, array in self.columns.numbers.items()}
         return found | ({"rest": self.rest.law} if self._has_gains else {})
 
     def launch_follow(self, mask: wp.array) -> None:
-        """Bring what follows up to date in the masked worlds, shape (nworld,), bool."""
+        """Recompute derived fields and controls in the masked worlds, shape (nworld,), bool."""
         self._launch_holding(mask)
         self._launch_derived(mask)
 
@@ -211,7 +212,10 @@ class ModelFields:
             launch_derived(self._derived, self._model, mask, self._nominal)
 
     def close(self) -> None:
-        """Refuse other fields from now on, and new arrays for fields: of a Model of ours all, else those asked for."""
+        """Reject requests of other fields from now on, and let `check` detect replaced arrays.
+
+        Of a Model that may grow, `check` then covers all fields, otherwise only requested fields.
+        """
         if self._closed:
             return
         self._closed = True
@@ -220,10 +224,10 @@ class ModelFields:
                 self._known.setdefault(name, array)
 
     def check(self) -> None:
-        """Check that no array of the Model was replaced.
+        """Check that no array of the Model was replaced, because captured steps would still read the old array.
 
         Raises:
-            FixedError: One was, which captured steps would not see.
+            FixedError: An array was replaced.
         """
         for name, array in self._known.items():
             if getattr(owner(self._model, name), name) is not array:
@@ -231,27 +235,27 @@ class ModelFields:
 
 
 def _word(name: str) -> Word:
-    """Return how a field of objects is scaled: as by the word of a scene file if there is one, else all of it."""
+    """Return how a field of objects is scaled: like its word in a scene file, or as a whole if it has no word."""
     return next((word for word in WORDS["object"].values() if word.field == name), Word(name, 0))
 
 
 def with_followers(name: str) -> list[str]:
-    """Return a field, those that are scaled with it, and those that follow from any of these."""
+    """Return the names of a field, of the fields scaled together with it, and of all fields derived from these."""
     scaled = [name, *(other for other, _, _ in _word(name).follow)]
     return scaled + [output for output, sources in FOLLOWS.items() if not set(sources).isdisjoint(scaled)]
 
 
 def owner(m: mjw.Model, name: str) -> mjw.Model | mjw.Option:
-    """Return the structure that has a field: the Model, or its options."""
+    """Return the structure that holds a field: the Model, or its options."""
     return m.opt if name in OPTIONS else m
 
 
 def widen(m: mjw.Model, name: str, nworld: int) -> wp.array:
-    """Give a field a row for each world, all with the values of its first one, and return its array."""
+    """Give a field a row for each world, with the values of its first row, and return its array."""
     array = getattr(owner(m, name), name)
-    if array.size and array.shape[0] != nworld:  # one of nothing is as good for all worlds
+    if array.size and array.shape[0] != nworld:  # an empty array needs no rows
         with wp.ScopedDevice(array.device):
             array = wp.array(np.repeat(array.numpy()[:1], nworld, axis=0), dtype=array.dtype)
-        array._is_batched = True  # as mujoco_warp marks its own
+        array._is_batched = True  # the mark that mujoco_warp sets on its batched arrays
         setattr(owner(m, name), name, array)
     return array

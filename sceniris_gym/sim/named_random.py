@@ -1,4 +1,4 @@
-"""Uniform random numbers of worlds outside of layouts: of a step for tasks, or drawn by name for an episode."""
+"""Uniform random numbers of worlds outside of layouts: per step for tasks, or per episode by name."""
 
 import warp as wp
 
@@ -47,7 +47,8 @@ def draw_uniform(
     Args:
         seed: Seed of each world, shape (nworld,), uint64.
         episode: Episode of each world, shape (nworld,), int32.
-        trial: Control steps since the reset, shape (nworld,), int32; or one number for all worlds, as of a name.
+        trial: Control steps since the reset, shape (nworld,), int32. Or one number for all worlds, such as a name's
+            hash.
         stream: Philox stream, see task_stream and named_stream.
         low: Lower bound, inclusive.
         high: Upper bound, exclusive.
@@ -60,6 +61,6 @@ def draw_uniform(
 
 
 def draw_named(seed: wp.array, episode: wp.array, split: str, name: str, values_out: wp.array) -> None:
-    """Fill `values_out` with uniform numbers in [0, 1) by name; see `draw_uniform`."""
+    """Fill `values_out` with uniform numbers in [0, 1) by name. See `draw_uniform`."""
     check_type(name, str, "random: name")
     draw_uniform(seed, episode, name_hash(name), named_stream(split), 0.0, 1.0, values_out)

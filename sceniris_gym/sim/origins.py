@@ -1,4 +1,4 @@
-"""Origins of worlds, which are added to the positions that a reset writes: checked once, then on the device."""
+"""Origins of worlds. Resets add them to the positions that they write."""
 
 from __future__ import annotations
 
@@ -44,15 +44,15 @@ def as_origins(origins: Any, nworld: int, device: wp.Device) -> wp.array:
 
 
 def warn_of_origins(scene: SceneModel, origins: np.ndarray, where: str) -> None:
-    """Warn of geoms that are fixed to the world, so that layouts that are moved to an origin do not fit around them.
+    """Warn of geoms that are fixed to the world, because layouts at other origins do not fit around them.
 
-    Those are the geoms that collide and hang on no free and no mocap body. Planes do not count: they are the same
-    everywhere.
+    A geom is fixed to the world if its tree has no free and no mocap body. Only geoms that collide count. Planes do not
+    count, because they look the same from every origin.
 
     Args:
         scene: The scene.
         origins: Origins [m], shape (nworld, 3).
-        where: First words of the warning.
+        where: The beginning of the warning.
     """
     mjm = scene.mjm
     free = mjm.jnt_bodyid[mjm.jnt_type == mujoco.mjtJoint.mjJNT_FREE]
@@ -65,8 +65,8 @@ def warn_of_origins(scene: SceneModel, origins: np.ndarray, where: str) -> None:
     named = [f"'{mjm.geom(g).name}' of '{mjm.body(int(mjm.geom_bodyid[g])).name}'" for g in found[:3]]
     more = f" and {len(found) - len(named)} more" if len(found) > len(named) else ""
     message = (
-        f"{where}: layouts are moved to the origins of their worlds, but what is fixed to the world is not: geoms "
-        f"{', '.join(named)}{more}. Unless these look the same from every origin, layouts do not fit around them. Put "
-        "them on mocap bodies that are moved as well, or set all origins to 0."
+        f"{where}: layouts move to the origins of their worlds, but some geometry stays fixed to the world: geoms "
+        f"{', '.join(named)}{more}. Unless they look the same from every origin, layouts do not fit around them. Put "
+        "them on mocap bodies that move to the origins, too, or set all origins to 0."
     )
     warnings.warn(ModelWarning(message), stacklevel=5)

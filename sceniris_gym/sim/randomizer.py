@@ -38,52 +38,56 @@ _SCOPES = ("world", "scene")
 
 
 class ResetRandomizer(Fixed, StaysHere):
-    """Resets chosen worlds to fresh layouts; the other worlds keep their state bit for bit.
+    """Resets selected worlds to fresh layouts. The state of all other worlds stays bitwise unchanged.
 
-    A reset clears the data of the chosen worlds (`mjw.reset_data`: velocities, warm starts, clocks and NaNs too) and
-    writes positions, mocap poses, activations and controls of their next layouts. Position actuators hold the sampled
-    pose; the other controls are those of the home keyframe. Delayed actuators get these controls as their past, too.
-    Nothing waits for the device, so a reset with a mask on the device can be captured in a graph.
+    A reset clears the data of the selected worlds with `mjw.reset_data`, including velocities, warm starts, clocks and
+    NaNs. It then writes the positions, mocap poses, activations and controls of their next layouts. Position actuators
+    hold the sampled pose. Other controls come from the home keyframe. The history of delayed actuators is filled with
+    the same controls. A reset with a mask on the device does not synchronise with the host, so it can be captured in a
+    graph.
 
-    A reset that Ctrl-C interrupts leaves its worlds half written until they are reset once more. Their next layouts are
-    those of the interrupted reset, unless these had been made already.
+    If Ctrl-C interrupts a reset, reset the same worlds again, because their state is only partly written. The repeated
+    reset serves the same layouts, unless the interrupted reset had already made them.
 
-    The other worlds keep their state (the arrays in STATE_FIELDS) bit for bit, so they go on as if nothing had been
-    reset. Arrays that are computed from the state are brought up to date in all worlds: positions and orientations in
-    space (xpos, geom_xpos, site_xmat, ...), and those of `needs`. In a bare loop of `mjw.step` they are one step older
-    than qpos, so there they change in the other worlds as well.
+    The arrays in `STATE_FIELDS` are the state of a world, so the other worlds continue as if no reset had happened. A
+    reset also updates computed arrays in all worlds: world poses (xpos, geom_xpos, site_xmat, ...) and the quantities
+    in `needs`. In a bare loop of `mjw.step`, computed arrays are one step older than qpos. There, a reset also changes
+    them in the other worlds.
 
-    `data.contact` lists no contacts of the chosen worlds after a reset, and `data.nacon` does not count them; contacts
-    of the other worlds keep their bits, but not always their places in the list. If `needs` has "contacts", the list is
-    made anew for all worlds.
+    After a reset, `data.contact` has no contacts of the selected worlds, and `data.nacon` does not count them. Contacts
+    of the other worlds keep their values, but may move within the list. If `needs` has "contacts", "sensors" or
+    "dynamics", collision detection runs again for all worlds.
 
     Args:
         compiled: The compiled scene, on the device of `data`.
-        model: mujoco_warp Model made from `compiled.mjm`, or one like it in all that layouts depend on: bodies, joints
-            and geoms, their order, types, sizes and places. Masses, frictions, gains and options may differ. If objects
-            have variants, it is the Model of `make_worlds`.
+        model: mujoco_warp Model made from `compiled.sim_mjm`, or from a model with the same bodies, joints and geoms:
+            their order, types, sizes and places determine layouts. Masses, frictions, gains and options may differ. If
+            objects have variants, use the Model of `make_worlds`.
         data: mujoco_warp Data of the worlds. `make_worlds` leaves room for the contacts of most scenes, and
-            `check_budget` checks it.
-        seed: Seed of world 0, world i has seed + i; or one seed per world. Not used with a layout_source.
-        split: "train" or "eval", which share no random numbers. A layout_source may have its own.
-        prefetch: Make the next layout of every world ahead, on a GPU beside the steps that follow, so that a reset only
-            copies it. The layouts are the same; the memory is that of a second generator (88 MB for 4,096 worlds of
-            `mid`, 640 MB of `kitchen_reset`). None prefetches on a GPU, unless a layout_source is given; a wp.Stream is
-            the stream to prefetch on. A graph of your own that captures a reset makes layouts in place.
+            `check_budget` checks the room.
+        seed: Seed of world 0, so that world i has seed + i, or a sequence with one seed per world. Not used with a
+            layout_source.
+        split: Split of the layouts, "train" or "eval". The two splits use different random numbers. The split of a
+            layout_source takes precedence.
+        prefetch: Make the next layout of every world in advance, so that a reset only copies it. On a GPU, prefetching
+            runs concurrently with the following steps. The layouts do not change. Prefetching allocates a second
+            generator (88 MB for 4,096 worlds of `mid`, 640 MB of `kitchen_reset`). None prefetches on a GPU, unless a
+            layout_source is given. Pass a wp.Stream to choose the stream. If your own graph captures a reset, the graph
+            makes layouts in place.
         layout_source: A LayoutSource, a LayoutTable or LayoutDataset whose rows are served, or a function
             `(compiled, nworld)` that returns a LayoutSource. None makes a LayoutGenerator with `seed`, `split` and
             `prefetch`.
-        curriculum: Chooses the next layout of each world by the outcomes of earlier episodes: a LevelReplay, an ADR,
-            or a mapping of the fields of one. None goes from episode to episode of one seed.
-        params: Names of the params that worlds have, or patterns; see `LayoutSource.set_params`. Not with a
-            layout_source.
-        scope: "world" resets whole worlds. "scene" writes only the scene's objects and its robot, with their velocities
-            and the controls that hold them. Clocks and the rest of a world stay as they are.
-        origins: Origins of the worlds [m], shape (nworld, 3), added to all positions that are written, as layouts are
-            relative to them. A Warp array or a torch tensor on the device is read anew at every reset. What is fixed to
-            the world is not moved; a ModelWarning names it.
-        needs: What else to bring up to date after a reset, out of "velocity", "contacts", "sensors" and "dynamics".
-        mjm: The MjModel that `model` was made from. A mujoco_warp Model has no names; with it names are checked, too.
+        curriculum: Chooses the next layout of each world by the outcomes of earlier episodes: a LevelReplay, an ADR, or
+            a mapping of the fields of either. With None, each world plays the episodes of its seed in order.
+        params: Names or patterns of the params of the worlds, see `LayoutSource.set_params`. Not with a layout_source.
+        scope: "world" resets whole worlds. "scene" writes only the scene's objects and robots, their velocities, and
+            the controls that hold them. Clocks and everything else in the world stay unchanged.
+        origins: Origins of the worlds [m], shape (nworld, 3). Layouts are relative to the origins, so a reset adds them
+            to all positions that it writes. Each reset reads the present values of a Warp array or torch tensor on the
+            device. Geoms fixed to the world do not move, and a ModelWarning names them.
+        needs: Quantities that a reset updates in addition to world poses: "velocity", "contacts", "sensors" or
+            "dynamics".
+        mjm: The MjModel behind `model`, to also compare names, which a mujoco_warp Model does not keep.
         graph: Capture the reset into a graph and replay it.
 
     Attributes:
@@ -91,21 +95,21 @@ class ResetRandomizer(Fixed, StaysHere):
             `ids` and `rejection_counts`.
         layouts: The latest layouts, one row per world.
         levels: The LevelSampler of the curriculum, or None.
-        split: The split of the layouts: that of the layout_source if it has one.
+        split: The split of the layouts.
         fields: Model fields that have a row for each world.
         redraw_count: Redraws of each world since its reset, shape (nworld,), int32.
-        redraw_status: `LayoutStatus` of each world's latest redraw, VALID or KEPT; NONE before the first; (nworld,),
-            int32.
-        redrawer: The launches of `redraw`; see `Redrawer`.
-        variants: The variant that each world has of each object with variants, numbered as in the scene file, objects
-            in the order of `SceneConfig.variants`; shape (nworld, number of these objects), int32.
+        redraw_status: `LayoutStatus` of each world's latest redraw, VALID or KEPT, or NONE before the first redraw,
+            shape (nworld,), int32.
+        redrawer: The launches of `redraw`, a `Redrawer`.
+        variants: Number of the present variant of each object with variants, as listed in the scene file, shape
+            (nworld, number of objects with variants), int32. Columns follow `SceneConfig.variants`.
 
     Raises:
-        ArgumentTypeError: `compiled`, `model`, `data`, `layout_source` or `prefetch` is of another type.
-        SceneMismatchError: Model, data or layout_source have another scene, device or number of worlds.
+        ArgumentTypeError: `compiled`, `model`, `data`, `layout_source` or `prefetch` has another type.
+        SceneMismatchError: Model, data or layout_source belong to another scene, device or number of worlds.
         ArgumentError: Both `layout_source` and `prefetch` or `params`, or a stream of another device.
-        ArgumentTypeError, ArgumentError: `origins` are no floats, or not one for each world.
-        UnknownNameError: `scope` is neither "world" nor "scene".
+        ArgumentTypeError, ArgumentError: `origins` has no floats, or another shape.
+        UnknownNameError: `scope` is not "world" or "scene".
         FixedError: Raised on assignment to an attribute that captured graphs already use.
     """
 
@@ -113,9 +117,9 @@ class ResetRandomizer(Fixed, StaysHere):
         *("time", "qpos", "qvel", "act", "history", "plastic", "ctrl", "mocap_pos", "mocap_quat", "eq_active"),
         *("qacc_warmstart", "qfrc_applied", "xfrc_applied", "userdata", "tree_asleep"),
     )
-    """Arrays of Data that keep their bits in worlds that are not reset: the state that determines all others.
+    """Arrays of Data that a reset keeps bitwise in all other worlds. They determine all computed arrays.
 
-    With a need of "sensors" or "dynamics", `history` also gets the present values of delayed sensors, as in a step.
+    If `needs` has "sensors" or "dynamics", `history` also receives the present values of delayed sensors, as in a step.
     """
     _FIXED = ("compiled", "model", "data", "device", "pipeline", "layouts", "levels", "split", "fields", "redrawer")
     _ARGUMENTS = ("layout_source", "params", "seed", "prefetch", "scope", "origins", "mjm", "needs", "graph")
@@ -123,7 +127,7 @@ class ResetRandomizer(Fixed, StaysHere):
 
     @classmethod
     def of_batch(cls, batch: Batch, compiled: CompiledScene, **arguments: Any) -> ResetRandomizer:
-        """Return a randomizer of a Batch. Both share the fields of the Model, which may still grow."""
+        """Return a randomizer for a Batch. Both share one `ModelFields`, which may still give fields more rows."""
         made = cls.__new__(cls)
         made._shared = batch.fields
         made.__init__(compiled, batch.model, batch.data, **arguments)
@@ -147,11 +151,11 @@ class ResetRandomizer(Fixed, StaysHere):
         layout_source: SourceLike | None = None,
         curriculum: LevelReplay | ADR | Mapping[str, Any] | None = None,
         params: str | Sequence[str] = (),
-        # what a reset writes:
+        # content of a reset:
         scope: Literal["world", "scene"] = "world",
         origins: Any = None,
         needs: Iterable[str] = (),
-        # how:
+        # checks and launches:
         mjm: mujoco.MjModel | None = None,
         graph: bool = True,
     ) -> None:
@@ -189,18 +193,20 @@ class ResetRandomizer(Fixed, StaysHere):
 
     @launching
     def reset(self, worlds: Any = None, *, seed: Any = None, layouts: Any = None) -> None:
-        """Give worlds their next layouts, or chosen ones.
+        """Reset worlds to their next layouts, or to layouts that you choose.
 
         Args:
-            worlds: None for all worlds; booleans, shape (nworld,), perhaps all false; ids of worlds, shape (k,), in any
-                order; or a slice. Booleans and ids may be a sequence, or an array of numpy, torch or Warp.
-            seed: World i gets seed + i, from episode 0 on; or a seed for each chosen world in order, or for each world.
-            layouts: A layout id, or one for each world (None is its next layout), or a mapping {"seed":
-                ..., "episode": ...}. The worlds go on from there. See `LayoutSource.reseed`.
+            worlds: The worlds to reset, all if None: a mask of booleans, shape (nworld,), which may be all false, or
+                ids of worlds, shape (k,), in any order, or a slice. Masks and ids may be sequences, or numpy, torch or
+                Warp arrays.
+            seed: World i gets seed + i and starts at episode 0. Or a seed for each chosen world in order, or for each
+                world.
+            layouts: A layout id, a sequence of ids (None keeps a world's next layout), or a mapping {"seed": ...,
+                "episode": ...}. Later episodes continue from there. See `LayoutSource.reseed`.
 
         Raises:
-            ArgumentTypeError: Neither booleans nor integers.
-            ArgumentError: Wrong shape, a world that does not exist, or integers that look like a mask.
+            ArgumentTypeError: `worlds` has values other than booleans and integers.
+            ArgumentError: `worlds` has a wrong shape, a world that does not exist, or integers that look like a mask.
             ArgumentError, SceneMismatchError, UnknownNameError: See `LayoutSource.reseed`.
         """
         self.fields.check()
@@ -209,10 +215,10 @@ class ResetRandomizer(Fixed, StaysHere):
         self.launch_reset(as_worlds(worlds, self.data.nworld, self.device, self._mask))
 
     def launch_reset(self, mask: wp.array | None) -> None:
-        """Reset the masked worlds: `reset` without its checks.
+        """Reset the masked worlds. The same as `reset`, without its checks.
 
         Args:
-            mask: Which worlds, on the device, shape (nworld,), bool; all if None. It may be overwritten afterwards.
+            mask: Selected worlds, on the device, shape (nworld,), bool, or None for all. The call copies the mask.
         """
         self.fields.close()
         fill_mask(mask, self._mask)
@@ -221,74 +227,81 @@ class ResetRandomizer(Fixed, StaysHere):
 
     @launching
     def redraw(self, objects: str | Sequence[str], worlds: Any = None) -> None:
-        """Give objects new places in some worlds, in the middle of their episodes.
+        """Move objects to new, valid places in some worlds, in the middle of their episodes.
 
-        All else stays bit for bit as it is in `data`: it is an obstacle, an anchor of relations, and a support if it is
-        level. The objects come to rest; joints of theirs that the scene does not draw go home. The result is a pure
-        function of scene, split, seed, episode, number of the redraw since the reset (`redraw_count`) and state.
-        Where nothing fits, the world keeps its state, `redraw_status` is `LayoutStatus.KEPT`, and `redrawer.kept`
-        counts it. Positions and orientations in space of the objects are brought up to date; those of all bodies only
-        along with `needs`. `data.contact` is that of the last step, unless `needs` has "contacts".
+        Everything else in `data` stays bitwise unchanged and acts as an obstacle, a relation anchor, or a support if it
+        is level. The named objects start at rest. Their joints return to the home pose unless the scene draws
+        them. The result is a pure function of scene, split, seed, episode, state, and number of the redraw since the
+        reset (`redraw_count`).
 
-        Seeds, episodes and presence are those of `layouts`, also in worlds that `write` has reset.
+        If no place is found, the world keeps its state, `redraw_status` is `LayoutStatus.KEPT`, and `redrawer.kept`
+        counts the failure.
 
-        The first call for some objects prepares their search. Later ones launch on the device alone, so they can be
-        captured in a graph.
+        Without `needs`, a redraw updates only the world poses of the named objects, and `data.contact` still lists the
+        contacts of the last step. With `needs`, it updates the world poses of all bodies and the needed quantities.
+
+        Seeds, episodes and presence come from `layouts`, even in worlds that `write` has reset.
+
+        The first call for a set of objects prepares their search on the host. Later calls only launch kernels, so they
+        can be captured in a graph.
 
         Args:
-            objects: Names of placed objects, each with all that the scene puts on it.
+            objects: Names of placed objects. Also name the objects that the scene puts on them.
             worlds: As in `reset`.
 
         Raises:
-            UnknownNameError: Not an object that the scene places.
-            ArgumentError: No objects, or one that carries another; or a first call inside of a capture.
+            UnknownNameError: The scene does not place an object of this name.
+            ArgumentError: `objects` is empty, or lacks an object that stands on a named object or shares its heap. Or
+                the first call for these objects is inside a capture.
             ArgumentTypeError, ArgumentError: As in `reset`.
         """
         self.redrawer.launch(objects, as_worlds(worlds, self.data.nworld, self.device, self.redrawer.mask))
 
     def model_field(self, name: str, of: str | None = None) -> Any:
-        """Return a field of the Model with a row for each world as a torch tensor, to write to after a reset.
+        """Return a field of the Model as a torch tensor with a row for each world, to write to after a reset.
 
-        Make the Model with a row for each world, by `make_worlds(compiled, nworld, fields=name)`. Call `refresh` after
-        writing to it. A field that `make_worlds` has made for the scene's draws is asked for before the first reset.
+        Make the Model with `make_worlds(compiled, nworld, fields=name)`, so that the field has a row for each world.
+        Call `refresh` after writing. Fields named in `make_worlds` can be requested at any time, and other fields only
+        before the first reset.
 
         Args:
-            name: The field, by its name in mujoco_warp's Model: "body_mass", "geom_friction", "gravity".
-            of: An element of the model, or an object or a robot, of which a field of bodies has the row of the root
-                body, and other fields those of all geoms, joints or actuators inside.
+            name: The field's name in mujoco_warp's Model, such as "body_mass", "geom_friction" or "gravity".
+            of: A model element, an object or a robot. For an object or a robot, body fields refer to its root body, and
+                other fields to all of its geoms, joints or actuators.
 
         Returns:
-            A view that steps read, shape (nworld, number of elements, ...); (nworld, ...) for `of` a single element.
+            A view that steps read, shape (nworld, number of elements, ...), or (nworld, ...) if `of` selects a single
+            element.
 
         Raises:
-            UnknownNameError: There is no such field or element, or layouts depend on it.
-            ArgumentError: It is asked for after the first reset, or the model has none of what it scales.
+            UnknownNameError: There is no such field or element, or layouts depend on the field.
+            ArgumentError: The call comes too late, steps leave the field out, or the rows of `of` are not consecutive.
             SceneMismatchError: The Model has one row for all worlds.
         """
         return wp.to_torch(self.fields.ask(name, of, where="ResetRandomizer.model_field"))
 
     @launching
     def scale_field(self, name: str, of: str, factor: Any) -> None:
-        """Scale part of a field in the worlds of the latest reset; call `refresh` after the last one.
+        """Scale part of a field in the worlds of the latest reset. Call `refresh` after the last change.
 
-        Other components and the fields that follow are those of the word `scale` in a scene file: inertias follow
-        masses.
+        The same components and dependent fields change as with `scale` in a scene file. Inertias follow masses, for
+        example.
 
         Args:
-            name: A field that `make_worlds` or `model_field` was asked for.
-            of: An element of the model, or an object or a robot.
+            name: A field that was named in `make_worlds` or `model_field`.
+            of: A model element, an object or a robot.
             factor: Factors of the model's values, a torch, numpy or Warp array, shape (nworld,), float32.
 
         Raises:
-            UnknownNameError, ArgumentError, SceneMismatchError: As in `model_field`; or factors of another shape, or a
-                first call with these names inside of a capture.
+            UnknownNameError, ArgumentError, SceneMismatchError: As in `model_field`.
+            ArgumentError: The factors have another shape, or the first call with these names is inside a capture.
         """
         self.fields.scale(name, of, factor, self._mask, "ResetRandomizer.scale_field")
 
     def random(self, name: str, shape: int | Sequence[int] = ()) -> Any:
         """Draw uniform numbers in [0, 1) by name, as a torch tensor, shape (nworld, *shape), float32.
 
-        They depend only on the seed and the episode of a world's layout, the split, and the name.
+        The numbers depend only on the seed and episode of the world's layout, the split, and the name.
         """
         view, nworld, shape = self.layouts.view, self.data.nworld, as_shape(shape, "random: shape")
         values = wp.empty((nworld, math.prod(shape)), dtype=float, device=self.device)
@@ -297,10 +310,10 @@ class ResetRandomizer(Fixed, StaysHere):
 
     @launching
     def refresh(self) -> None:
-        """Bring up to date what follows from model fields that were written to, in the worlds of the latest reset.
+        """Recompute the quantities derived from modified model fields, in the worlds of the latest reset.
 
-        These are inverse weights, masses of subtrees, poses of cameras and lights, controls that hold the pose, and
-        `needs`.
+        Derived quantities are inverse weights, subtree masses, poses of cameras and lights, and controls that hold the
+        pose. A refresh also updates world poses and `needs`, in all worlds.
 
         Raises:
             FixedError: An array of a field was replaced instead of written to.
@@ -310,15 +323,15 @@ class ResetRandomizer(Fixed, StaysHere):
 
     @launching
     def write(self, layouts: Layouts | LayoutTable, rows: Any) -> None:
-        """Reset worlds to stored layouts, with their physics and looks. `self.layouts` does not change.
+        """Reset worlds to stored layouts, with their physics and appearance. `self.layouts` does not change.
 
         Args:
             layouts: Layouts of this scene, on the device or on the host.
-            rows: Row of `layouts` for each world, -1 for worlds that stay as they are, shape (nworld,).
+            rows: Row of `layouts` for each world, or -1 to leave a world unchanged, shape (nworld,).
 
         Raises:
-            SceneMismatchError: The layouts are of another scene, or were drawn with other params.
-            UnknownNameError, ArgumentError: The scene has no such params, or not such numbers of them.
+            SceneMismatchError: The layouts belong to another scene, or were drawn with other params.
+            UnknownNameError, ArgumentError: The scene does not have these params, or not these values of them.
             ArgumentError, ArgumentTypeError: The rows are not integers, have the wrong shape or do not exist.
         """
         stored = stored_rows(layouts, self.layouts, str(self.device))
@@ -336,12 +349,13 @@ class ResetRandomizer(Fixed, StaysHere):
 
     @launching
     def check_budget(self) -> None:
-        """Check that `data` has room for the contacts of the current state, and had it since the last resets.
+        """Check that `data` has room for all contacts, now and in the steps since the last resets.
 
-        mujoco_warp drops contacts that do not fit. Waits for the device, so call it after the first reset, or rarely.
+        mujoco_warp drops contacts that do not fit. The check waits for the device, so call it after the first reset or
+        at long intervals.
 
         Raises:
-            ContactBudgetError: The room was too small; the message names the argument of `mjw.make_data` to raise and
+            ContactBudgetError: The room was too small. The message names the argument of `mjw.make_data` to raise and
                 its new value.
         """
         check_budget(self.model, self.data)

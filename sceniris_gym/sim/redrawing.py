@@ -1,4 +1,4 @@
-"""`Redrawer`: new places for some objects in the middle of episodes, written into the simulation's Data."""
+"""`Redrawer`: moves objects to new places in the middle of episodes, in the simulation's Data."""
 
 from __future__ import annotations
 
@@ -30,58 +30,58 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 def _wake(mask: wp.array[wp.bool], trees: wp.array[int], tree_awake_out: wp.array2d[int]):
     worldid, i = wp.tid()
     if mask[worldid]:
-        tree_awake_out[worldid, trees[i]] = 1  # the next step wakes what sleeps together with it
+        tree_awake_out[worldid, trees[i]] = 1  # the next step also wakes the trees that sleep together with this tree
 
 
 class Redrawer:
-    """Redraws objects in the masked worlds of a Data, everything else of which keeps its bits.
+    """Redraws objects in the masked worlds of a Data. All other state stays bitwise unchanged.
 
     Args:
         simulation: The worlds.
-        layouts: The layouts that the worlds were reset to.
-        alone: Bring the poses of the redrawn bodies up to date, and not all that is computed from the state.
+        layouts: The latest layouts of the worlds.
+        alone: Update only the poses of the redrawn bodies. False updates all arrays computed from the state.
         graph: Capture the launches into a graph and replay it.
 
     Attributes:
-        mask: The worlds of the latest redraw, shape (nworld,), bool; `launch` takes it as it is.
+        mask: The worlds of the latest redraw, shape (nworld,), bool. Passing it to `launch` avoids a copy.
         number: Redraws of each world since its reset, shape (nworld,), int32.
-        status: The `LayoutStatus` of the latest redraw of each world, VALID or KEPT; NONE before the first; (nworld,),
-            int32.
-        kept: Running count of the redraws in which nothing fitted, shape (1,), int32.
-        prepared: The launches of each set of objects that was redrawn, by their names as they were given.
+        status: `LayoutStatus` of each world's latest redraw, VALID or KEPT, or NONE before the first redraw, shape
+            (nworld,), int32.
+        kept: Running count of redraws that found no place, shape (1,), int32.
+        prepared: Launches by the tuple of object names that the caller passed.
     """
 
     def __init__(self, simulation: Simulation, layouts: Layouts, *, alone: bool = False, graph: bool) -> None:
         self._simulation, self._layouts, self._alone, self._graph = simulation, layouts, alone, graph
-        self._where = f"{simulation.compiled.config.where}: redraw"  # attributes of a config take 10 us
+        self._where = f"{simulation.compiled.config.where}: redraw"  # reading a config attribute takes 10 us
         self.prepared: dict[tuple[str, ...], LaunchSequence] = {}
         nworld, self._device = simulation.data.nworld, simulation.data.qpos.device
         self.mask = wp.zeros(nworld, dtype=wp.bool, device=self._device)
         self.number, self.status, self.kept = self._counts = RedrawCounts.zeros(nworld, self._device)
 
     def launch(self, objects: str | Sequence[str], mask: wp.array | None) -> None:
-        """Redraw objects in the masked worlds; the first call for some objects prepares their search.
+        """Redraw objects in the masked worlds. The first call for a set of objects prepares their search.
 
         Args:
-            objects: A name, or several.
-            mask: Which worlds, on the device, shape (nworld,), bool; all if None.
+            objects: One name or several.
+            mask: Selected worlds, on the device, shape (nworld,), bool. None selects all.
 
         Raises:
-            ArgumentTypeError, UnknownNameError: See `chosen_objects`.
-            ArgumentError: See there; or a first call inside of a capture.
+            ArgumentTypeError, UnknownNameError: As `chosen_objects`.
+            ArgumentError: As `chosen_objects`, or the first call for these objects is inside a capture.
         """
         key = as_names(objects, f"{self._where}: objects")
         if key not in self.prepared:
             names = chosen_objects(self._simulation.compiled, key, self._where)
             if self._device.is_capturing:
-                cure = "call it once with these objects before the capture, as it compiles."
+                cure = "call it once with these objects before the capture, because the first call compiles."
                 raise ArgumentError(f"{self._where}: {cure}")
             self.prepared[key] = self._prepare(names)
         fill_mask(mask, self.mask)
         self.prepared[key].replay()
 
     def _prepare(self, names: tuple[str, ...]) -> LaunchSequence:
-        """Return the launches that redraw objects, write them and count."""
+        """Return the launches that redraw objects, write their poses and count the redraw."""
         simulation, device = self._simulation, self._device
         compiled, d, variants = simulation.compiled, simulation.data, simulation.variants
         masses, mjm = (simulation.model.body_mass, simulation.model.body_ipos), compiled.sim_mjm
@@ -114,9 +114,9 @@ class Redrawer:
 
 
 def _views_of(m: mjw.Model, d: mjw.Data, bodies: np.ndarray) -> tuple[mjw.Model, mjw.Data]:
-    """Return views of a Model and its Data by which `mjw.kinematics` poses these bodies, their geoms and their sites.
+    """Return views of a Model and its Data that limit `mjw.kinematics` to some bodies, with their geoms and sites.
 
-    Geoms and sites between those of the bodies are among them.
+    A view has consecutive geoms and sites, so it can also include some of other bodies.
     """
     part, data, device = copy.copy(m), copy.copy(d), d.qpos.device
     branches = np.split(m.body_branches.numpy(), m.body_branch_start.numpy()[1:-1])

@@ -1,4 +1,4 @@
-"""`ResetWriter`: writes rows of layouts into the masked worlds, draws their physics, and removes their contacts."""
+"""`ResetWriter`: writes layouts into the masked worlds, draws their physics, and removes old contacts."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ LANES = 32
 
 @wp.struct
 class Words:
-    """The memory of a field of contacts: the address of the first one, and the 32-bit words of each."""
+    """Memory of a contact field: the address of the first contact's value, and the 32-bit words per contact."""
 
     address: wp.uint64
     width: int
@@ -47,7 +47,7 @@ def _list_movers(kept: wp.array[int], rank: wp.array[int], mover_out: wp.array[i
     conid = wp.tid()
     room = rank.shape[0]
     total = rank[room - 1]
-    # a count above the room says that contacts were lost; it stays if there was nothing to drop
+    # a count above the room means that contacts were lost, so it stays unless this drop makes room
     if conid == 0 and total < wp.min(nacon_out[0], room):
         nacon_out[0] = total
     if conid >= total and kept[conid] != 0:
@@ -67,7 +67,7 @@ def _fill_holes(
     conid = wp.tid()
     if conid >= rank[rank.shape[0] - 1] or kept[conid] != 0:
         return
-    source = mover[conid - rank[conid]]  # as many holes lie before this one
+    source = mover[conid - rank[conid]]  # `conid - rank` is the number of earlier holes
     for i in range(fields.shape[0]):
         words = wp.array(ptr=fields[i].address, shape=(wp.max(source, conid) + 1, fields[i].width), dtype=int)
         for k in range(fields[i].width):
@@ -94,21 +94,23 @@ def _clear_rows(mask: wp.array[wp.bool], j_out: wp.array3d[float], d_out: wp.arr
 
 
 class ContactList:
-    """The contacts of all worlds, from which those of the masked worlds can be dropped.
+    """Drops the contacts of the masked worlds from the contact list of all worlds.
 
-    `mjw.reset_data` overwrites contacts of reset worlds where they are listed, so they still count, as contacts between
-    geoms (0, 0) of world 0. `launch_drop` removes them from the list instead: the last contacts of other worlds move
-    into the free places, and `nacon` counts those that are left. The contacts that stay keep their bits, but not always
-    their order, and constraint rows (`efc.id`) follow those that move. The same input gives the same list.
+    `mjw.reset_data` overwrites the contacts of reset worlds in place. They remain in the list and count as contacts
+    between geoms (0, 0) of world 0. `launch_drop` removes them instead: it moves the last contacts of other worlds into
+    the free places, and sets `nacon` to the number of remaining contacts. Remaining contacts keep their values, but
+    not always their order. Constraint rows (`efc.id`) follow the contacts that move. The same input gives the same
+    list.
 
-    `mjw.reset_data` also leaves constraint rows as they are. The solver reads rows by tiles of 16, those behind the
-    last constraint too, so NaNs of a broken world would come back with the first constraint after its reset.
+    `mjw.reset_data` does not clear constraint rows. The solver reads rows in tiles of 16, including rows beyond the
+    last constraint. NaNs of a broken world would therefore return with the first constraint after its reset, so
+    `launch_drop` also clears these rows.
 
-    Nothing waits for the device, so it can be captured in a graph.
+    Launches do not wait for the device, so they can be captured in a graph.
 
     Args:
-        d: The data; its arrays are used in place. Three integers per contact are allocated.
-        mask: The worlds whose contacts are dropped, shape (nworld,), bool; read at every launch.
+        d: The Data. Launches use its arrays in place. The constructor allocates three integers per contact.
+        mask: Worlds to drop contacts of, shape (nworld,), bool. Every launch reads it.
     """
 
     def __init__(self, d: mjw.Data, mask: wp.array) -> None:
@@ -120,7 +122,7 @@ class ContactList:
         self._words = wp.array(np.array(words, Words.numpy_dtype()), dtype=Words, device=device)
 
     def launch_drop(self) -> None:
-        """Drop the contacts of the masked worlds, and zero the Jacobian and the mass of their constraint rows."""
+        """Drop the contacts of the masked worlds, and zero the Jacobian and `D` of their constraint rows."""
         d, mask, room = self._d, self._mask, self._rank.shape[0]
         with wp.ScopedDevice(d.nacon.device):
             wp.launch(_clear_rows, (d.nworld, LANES), inputs=[mask], outputs=[d.efc.J, d.efc.D])
@@ -135,17 +137,17 @@ class ContactList:
 
 @dataclass(frozen=True)
 class Simulation:
-    """The worlds of a scene, and what belongs to all that is written into them.
+    """The simulated worlds of a scene, and all parts that write into them.
 
     Attributes:
         compiled: The scene.
-        model: Its model.
-        data: Data of the worlds; its arrays are used in place.
+        model: The Model of the worlds.
+        data: Data of the worlds. Launches use its arrays in place.
         split: The split of the layouts.
         rest: Controls and activations at rest.
-        refresh: Launches that follow, and bring up to date what is computed from the state.
-        origins: Origins of the worlds [m], shape (nworld,), vec3; None adds nothing.
-        variants: The writer of variants, None in a scene without.
+        refresh: Updates the arrays computed from the state, after each write.
+        origins: Origins of the worlds [m], shape (nworld,), vec3, or None for the world frame.
+        variants: The writer of variants, or None in a scene without variants.
     """
 
     compiled: CompiledScene
@@ -159,18 +161,18 @@ class Simulation:
 
 
 class ResetWriter:
-    """Writer of all that a reset changes in the masked worlds.
+    """Writes all changes of a reset into the masked worlds.
 
     Args:
         simulation: The worlds.
-        fields: The fields of the model that have a row for each world.
-        mask: The worlds to write into, shape (nworld,), bool; read at every launch.
-        whole: Reset worlds as a whole, rather than the objects and robots of the scene alone.
-        count: A count of each world that begins at 0 again, shape (nworld,), int32.
+        fields: The fields of the Model that have a row for each world.
+        mask: Worlds to write into, shape (nworld,), bool. Every launch reads it.
+        whole: Reset whole worlds. False resets only the objects and robots of the scene.
+        count: A counter of each world that a reset sets to 0, shape (nworld,), int32.
 
     Attributes:
-        variants: The writer of variants, None in a scene without.
-        variant: The variant of each object that is present, as `VariantWriter.variant`.
+        variants: The writer of variants, or None in a scene without variants.
+        variant: Number of the present variant of each object, as `VariantWriter.variant`.
     """
 
     def __init__(
@@ -194,8 +196,8 @@ class ResetWriter:
         """Write layouts into the masked worlds.
 
         Args:
-            layouts: The layouts, with their params; without these they have those of the scene file.
-            rows: Row of `layouts` for every masked world, shape (nworld,), int32; None gives world i row i.
+            layouts: The layouts. Without `param`, draws use the ranges of the scene file.
+            rows: Row of `layouts` for each masked world, shape (nworld,), int32. None gives world i row i.
         """
         m, d, poses, pose_rows = self._simulation.model, self._simulation.data, poses_of(layouts), rows
         if self.variants is not None:

@@ -1,6 +1,6 @@
 """Controls and activations that hold a pose: `RestMap`, which a reset evaluates on the device.
 
-At a start that holds something, the controls of its gripper ask the fingers to close.
+If a start holds an object, the gripper's controls close the fingers.
 """
 
 import mujoco
@@ -18,7 +18,7 @@ from sceniris_gym.sim.versions import actuator_controls, actuator_outputs
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 GAINS = ("actuator_gainprm", "actuator_biasprm", "actuator_gear")
-"""Fields of a Model that controls at rest follow from."""
+"""Fields of a Model that determine controls at rest."""
 # as integers: `numpy.int32(0) in (enum member,)` is false although both are equal
 CTRL_HOLDS = tuple(
     int(d) for d in (mujoco.mjtDyn.mjDYN_NONE, mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT)
@@ -31,20 +31,21 @@ SCALAR_JOINTS = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HIN
 class RestMap:
     """Controls and activations at rest, each an affine function of qpos: `law[0] + law[1] * sum(arm * qpos[qposadr])`.
 
-    Element e has the terms `rowadr[e]` to `rowadr[e + 1]`; the nu controls come first, then the na activations.
+    The elements are the nu controls, followed by the na activations. Element e has the terms from `rowadr[e]` up to,
+    but not including, `rowadr[e + 1]`.
 
     Attributes:
         rowadr: First term of an element, shape (nu + na + 1,).
         qposadr: Address in qpos of a term.
-        arm: Factor of a term in the actuator's length, over its gear.
-        law: Constant part of an element and its factor of the terms, shape (1, nu + na), or (nworld, nu + na) if gains
-            differ; the home value and 0 if it holds no pose and has no terms.
+        arm: Factor of a term in the actuator's length, divided by its gear.
+        law: Constant part of an element, and the factor of its terms, shape (1, nu + na), or (nworld, nu + na) if gains
+            differ between worlds. An element without terms has its home value and 0.
         lower: Lower limit, shape (nu + na,).
         upper: Upper limit, shape (nu + na,).
-        actuator: The actuator that holds a pose by this element, shape (nu + na,); -1 if none does.
+        actuator: The actuator that holds a pose through this element, shape (nu + na,), or -1.
         sampleadr: Addresses in `history` of the past controls of delayed actuators.
-        sampled: The control of each.
-        closing: The arm that holds something, of each kind of start, -1 for none; empty in scenes without.
+        sampled: Number of the control at each of these addresses.
+        closing: For each kind of start, the arm that holds an object, or -1. Empty in scenes without such starts.
         closed: Positions of each arm's closed fingers in qpos, nan elsewhere, shape (narm, nq).
     """
 
@@ -63,7 +64,7 @@ class RestMap:
 
 @wp.func
 def rest_value(rest: RestMap, worldid: int, elemid: int, qpos: wp.array[float]) -> float:
-    """Return the control or activation `elemid` at rest at the joint positions `qpos` (nq,) of a world."""
+    """Return the control or activation `elemid` of a world that holds the joint positions `qpos`, shape (nq,)."""
     law = rest.law[worldid % rest.law.shape[0], elemid]
     length = float(0.0)
     for term in range(rest.rowadr[elemid], rest.rowadr[elemid + 1]):
@@ -73,19 +74,19 @@ def rest_value(rest: RestMap, worldid: int, elemid: int, qpos: wp.array[float]) 
 
 @wp.func
 def control_at_start(rest: RestMap, worldid: int, elemid: int, kind: int, qpos: wp.array[float]) -> float:
-    """Return the control or activation `elemid` of a world with a kind of start, -1 for none."""
+    """Return the control or activation `elemid` of a world with this kind of start, or -1 without starts."""
     arm = int(-1)
     if kind >= 0 and kind < rest.closing.shape[0]:
         arm = rest.closing[kind]
     term = rest.rowadr[elemid]
     if arm >= 0 and term < rest.rowadr[elemid + 1]:
-        if not wp.isnan(rest.closed[arm, rest.qposadr[term]]):  # it holds fingers, and fingers alone
+        if not wp.isnan(rest.closed[arm, rest.qposadr[term]]):  # it drives only fingers
             return rest_value(rest, worldid, elemid, rest.closed[arm])
     return rest_value(rest, worldid, elemid, qpos)
 
 
 def affine_law(rest: RestMap, nq: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the constant parts of all elements in the first world, shape (n,), and their factors of qpos, (n, nq)."""
+    """Return the constant parts of all elements in the first world, (n,), and their factors of qpos, (n, nq)."""
     constants, slopes = rest.law.numpy()[0].T
     rows, factors = np.repeat(np.arange(len(slopes)), np.diff(rest.rowadr.numpy())), np.zeros((len(slopes), nq))
     np.add.at(factors, (rows, rest.qposadr.numpy()), slopes[rows] * rest.arm.numpy())
@@ -93,7 +94,7 @@ def affine_law(rest: RestMap, nq: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def scene_rest(scene: SceneModel, device: wp.Device) -> RestMap:
-    """Return the controls and activations that hold a pose of a scene; home where they hold none."""
+    """Return the controls and activations that hold a pose. All others have their home values."""
     mjm, key = scene.mjm, scene.keyframe
     return rest_map(mjm, scene.home_ctrl, mjm.key_act[key] if key >= 0 else np.zeros(mjm.na), device)
 
@@ -105,8 +106,8 @@ def rest_map(
 
     A position actuator (a fixed gain and an affine bias that pulls against its length) holds the pose when its input
     is `-(bias0 + bias1 * length) / gain`, with `length = gear * qpos` of its joint, or `gear * sum(coef * qpos)`
-    of its fixed tendon. Its input is the control, or the activation behind a filter or an integrator. All
-    other actuators, those over spatial tendons included, take their home values.
+    of its fixed tendon. Its input is the control, or the activation behind a filter or an integrator. All other
+    actuators, including actuators of spatial tendons, take their home values.
 
     Args:
         mjm: The model.
@@ -152,7 +153,7 @@ def rest_map(
 
 
 def _length_terms(mjm: mujoco.MjModel, actuator: int) -> list[tuple[int, float]] | None:
-    """Return (qpos address, factor) pairs that sum to an actuator's length over its gear, or None if it is no sum."""
+    """Return (qpos address, factor) pairs that sum to an actuator's length over its gear, or None if not a sum."""
     trntype, target = int(mjm.actuator_trntype[actuator]), int(mjm.actuator_trnid[actuator, 0])
     if trntype in JOINT_TRANSMISSIONS:
         joints, arms = np.array([target]), np.ones(1)
@@ -168,9 +169,9 @@ def _length_terms(mjm: mujoco.MjModel, actuator: int) -> list[tuple[int, float]]
 
 
 def history_samples(mjm: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
-    """Return where delayed actuators keep their past controls: addresses in `history`, and the control of each.
+    """Return the addresses in `history` of the past controls of delayed actuators, and the control at each address.
 
-    An actuator with n samples of m controls has there, one after the other: two numbers, n times, and n x m controls.
+    The part of an actuator with n samples of m controls has two numbers, then n times, then n x m controls.
 
     Returns:
         Two arrays of shape (n,), int32.
@@ -185,10 +186,10 @@ def history_samples(mjm: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
 
 
 def close_grippers(rest: RestMap, compiled: CompiledScene) -> None:
-    """Let controls close the grippers of a scene at starts that hold something.
+    """Make controls close the gripper at starts that hold an object.
 
     Raises:
-        NotSupportedError: No position actuator closes a gripper that a start closes on something.
+        NotSupportedError: A start closes a gripper that has no position actuator.
     """
     full, sim, starts = compiled.mjm, compiled.sim_mjm, compiled.starts
     if compiled.reaching is None or starts is None:
@@ -211,7 +212,7 @@ def close_grippers(rest: RestMap, compiled: CompiledScene) -> None:
 
 @wp.func
 def _follow(values: wp.array[float], at: int, before: float, now: float):
-    """Replace a control that held the pose, but for rounding."""
+    """Replace a control that held the pose up to rounding."""
     if wp.abs(values[at] - before) <= 1.0e-6 * wp.max(1.0, wp.abs(before)):
         values[at] = now
 
@@ -246,7 +247,7 @@ def _hold_anew(
         return
     law_out[worldid, element] = wp.vec2(-bias0 / gain, -bias1 / gain * gear)
     now = rest_value(rest, worldid, element, qpos[worldid])
-    # controls that hold the present pose follow; those that somebody else has set stay
+    # update controls that hold the present pose, and keep controls that a task has set
     nu = ctrl_out.shape[1]
     if element < nu:
         _follow(ctrl_out[worldid], element, before, now)
@@ -258,13 +259,13 @@ def _hold_anew(
 
 
 def launch_holding(rest: RestMap, m: mjw.Model, d: mjw.Data, mask: wp.array) -> None:
-    """Find the controls and activations that hold a pose; those that hold the present one are set anew.
+    """Recompute the laws of controls and activations from gains, and the controls that hold the present pose.
 
     Args:
         rest: The controls at rest, with a row for each world.
-        m: The Model; its present arrays are used in place.
+        m: The Model. The launch uses its present arrays in place.
         d: Data of the worlds.
-        mask: Which worlds, shape (nworld,), bool.
+        mask: Selected worlds, shape (nworld,), bool.
     """
     gains = [m.actuator_gainprm.view(wp.float32), m.actuator_biasprm.view(wp.float32), m.actuator_gear]
     outputs = [d.ctrl, d.act, getattr(d, "history", None), rest.law]

@@ -1,4 +1,4 @@
-"""Layouts that a randomizer writes: the pipeline that resets take them from, and stored ones, checked."""
+"""Layouts for a randomizer: the pipeline that supplies resets, and checked stored layouts."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import LayoutTable
 
 SourceLike = LayoutSource | LayoutTable | Callable[[CompiledScene, int], LayoutSource]
-"""What `layout_source` takes: a source, stored rows, or a function of (compiled, num_envs), as a LayoutDataset is."""
+"""Types of `layout_source`: a source, stored rows, or a function (compiled, num_envs), such as a LayoutDataset."""
 
 
 def make_pipeline(
@@ -40,17 +40,17 @@ def make_pipeline(
     params: str | Sequence[str] = (),
     graph: bool = True,
 ) -> tuple[LayoutPipeline, LevelSampler | None]:
-    """Return the layouts that worlds are reset to, and their sampler of levels if they have a curriculum.
+    """Return the layout pipeline of some worlds, and its LevelSampler if there is a curriculum.
 
     Args:
         compiled: The scene.
         nworld: Number of worlds.
-        where: Name of the class that holds the pipeline, with which errors begin.
-        layout_source: Makes the layouts, or has them. None makes a LayoutGenerator. See ResetRandomizer, which explains
-            the others, too.
-        seed: Seeds of a generator.
-        split: Its split.
-        prefetch: Make its layouts ahead.
+        where: Name of the class that holds the pipeline, as the beginning of errors.
+        layout_source: Makes or stores the layouts. None makes a LayoutGenerator. ResetRandomizer explains this argument
+            and the following ones.
+        seed: Seeds of the generator.
+        split: Split of the generator.
+        prefetch: Prefetch the generator's layouts.
         curriculum: Chooses the layouts.
         params: Params of the worlds.
         graph: Capture the launches into graphs.
@@ -68,12 +68,12 @@ def make_pipeline(
         if not isinstance(prefetch, bool | wp.Stream):
             raise ArgumentTypeError(
                 f"{where}: prefetch should be a boolean, a wp.Stream or None, got {type(prefetch)}. "
-                "wp.stream_from_torch(stream) turns a stream of torch's into a wp.Stream."
+                "wp.stream_from_torch(stream) converts a torch stream into a wp.Stream."
             )
     elif prefetch or params:
         raise ArgumentError(
-            f"{where}: prefetch and params are for layouts that it generates itself. Give either them or a "
-            "layout_source, which may be a LayoutPipeline that prefetches."
+            f"{where}: prefetch and params only apply without a layout_source. Give either them or a layout_source, "
+            "which may be a LayoutPipeline that prefetches."
         )
     layout_source = as_layout_source(layout_source, compiled, nworld, f"{where}: layout_source")
     if replay is not None and layout_source.chooser is not None:
@@ -85,10 +85,10 @@ def make_pipeline(
 
 
 def as_layout_source(given: Any, compiled: CompiledScene, nworld: int, where: str) -> LayoutSource:
-    """Return a LayoutSource for these worlds: as given, over the rows of a LayoutTable, or made by a function.
+    """Return a LayoutSource for these worlds: `given` itself, the rows of a LayoutTable, or a function's result.
 
     Raises:
-        ArgumentTypeError: None of these, or a function that returns another type.
+        ArgumentTypeError: `given` has another type, or is a function that returns another type.
     """
     if isinstance(given, LayoutSource):
         return given
@@ -107,18 +107,18 @@ def as_layout_source(given: Any, compiled: CompiledScene, nworld: int, where: st
 
 
 def stored_rows(layouts: Layouts | LayoutTable, own: Layouts, device: str) -> LayoutsView:
-    """Return layouts that are stored anywhere, with the parts that a reset writes.
+    """Return the parts of stored layouts that a reset writes, on a device.
 
     Args:
-        layouts: The layouts.
-        own: Layouts of the worlds that they are written into.
+        layouts: The layouts, in any memory.
+        own: Layouts of the worlds to write into.
         device: The device of the result.
 
     Raises:
-        ArgumentTypeError: They are no layouts.
-        SceneMismatchError: They are of another scene, or have rows that no layout of it has. Or their physics or looks
-            were drawn with params that the worlds do not have.
-        UnknownNameError, ArgumentError: They have params, or numbers of them, that the scene does not have.
+        ArgumentTypeError: `layouts` has another type.
+        SceneMismatchError: The layouts belong to another scene, or have impossible rows. Or their physics or appearance
+            was drawn with params that the worlds do not have.
+        UnknownNameError, ArgumentError: The layouts have params, or values of params, that the scene does not have.
     """
     if not isinstance(layouts, Layouts | LayoutTable):
         raise ArgumentTypeError(f"layouts should be Layouts or a LayoutTable, got {type(layouts)}.")

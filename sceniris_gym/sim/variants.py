@@ -1,4 +1,4 @@
-"""Variants of objects: layouts have a body for each, simulated worlds one body, which becomes the variant there."""
+"""Variants of objects: layouts have a body for each variant, and simulated worlds have one body per object."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ from sceniris_gym.sim.write import Poses, poses_of
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _LANES = 512
-"""Lanes that read or write a world: each waits for memory once a word."""
+"""Lanes that read or write a world. Many, because each waits for memory at every word."""
 _BODY = ("mass", "inertia", "ipos", "iquat", "invweight0", "subtreemass", "gravcomp")
 _DOF = ("invweight0", "armature", "damping", "dampingpoly", "frictionloss")
 _GEOM = (
     *("dataid", "matid", "solmix", "solref", "solimp", "size", "aabb", "rbound", "pos", "quat", "friction"),
     *("margin", "gap", "surfacevel", "adhesion", "rgba"),
 )
-# Values of a geom that a variant has no use for; without a mesh and with this margin [m] it meets nothing.
+# Values of a geom that a variant does not use. Without a mesh and with this margin [m], it cannot collide.
 _UNUSED = {"dataid": -1, "matid": -1, "margin": -1.0e6, "rgba": 0.0}
-_FAR = 1.0e6  # coordinates of absent variants [m], beyond the origin of any world
+_FAR = 1.0e6  # coordinates of absent variants [m], beyond the origins of all worlds
 
 
 def fields_of_variants() -> tuple[str, ...]:
-    """Return the fields of a mujoco_warp Model in which variants differ, as far as this version has them."""
+    """Return the names of fields in which variants differ and which this version of mujoco_warp has."""
     named = (("body", _BODY), ("dof", _DOF), ("geom", _GEOM))
     known = mjw.Model.__dataclass_fields__
     return tuple(name for kind, fields in named for field in fields if (name := f"{kind}_{field}") in known)
@@ -45,27 +45,30 @@ def fields_of_variants() -> tuple[str, ...]:
 
 @wp.struct
 class Places:
-    """Places of layouts, with the variant that each belongs to: its object and its number there, (-1, -1) for none."""
+    """Variants and simulated addresses of the slots, joint positions and mocap bodies of layouts.
 
-    slot_kind: wp.array[wp.vec2i]  # variants of slots
-    qpos_kind: wp.array[wp.vec2i]  # and of joint positions
-    mocap_kind: wp.array[wp.vec2i]  # and of mocap bodies
+    A kind is (object, number of its variant), or (-1, -1) if no variant owns the place.
+    """
+
+    slot_kind: wp.array[wp.vec2i]
+    qpos_kind: wp.array[wp.vec2i]
+    mocap_kind: wp.array[wp.vec2i]
     qpos_adr: wp.array[int]  # addresses of joint positions in the simulation
     mocap_adr: wp.array[int]  # numbers of mocap bodies in the simulation
 
 
 @wp.struct
 class Word:
-    """A word of 32 bits of the model."""
+    """A word of 32 bits in an array of the Model."""
 
-    owner: int  # the object with variants that it follows
+    owner: int  # the object with variants that determines the word
     array: int
-    offset: int  # place in a row of the array
+    offset: int  # index in a row of the array
 
 
 @wp.func
 def _is_absent(kind: wp.vec2i, variant: wp.array[int]) -> bool:
-    """Return whether something belongs to a variant that is not there."""
+    """Return whether a kind is an absent variant."""
     if kind[0] < 0:
         return False
     return variant[kind[0]] != kind[1]
@@ -74,7 +77,7 @@ def _is_absent(kind: wp.vec2i, variant: wp.array[int]) -> bool:
 @wp.kernel
 def _write_variants(
     places: Places,
-    # Words of the model, and what they are in each variant:
+    # Words of the model, and their values in each variant:
     table: wp.array2d[int],
     words: wp.array[Word],
     arrays: wp.array[Array],
@@ -123,19 +126,19 @@ def _write_variants(
 
 
 class VariantWriter:
-    """Writes the variants that layouts have into the masked worlds: fields of the model, and poses for the StateWriter.
+    """Writes the variants of layouts into the masked worlds: fields of the Model, and poses for the StateWriter.
 
     Args:
-        scene: A scene in which objects have variants.
-        m: Model of the scene as it is simulated, with a row for each world where variants differ: see
-            `make_worlds`.
+        scene: A scene with variants.
+        m: Model of the simulated scene. Fields in which variants differ have a row for each world, see `make_worlds`.
         nworld: Number of worlds.
-        varied: `ModelFields.varied`: copies of these fields, to which the same is written, with the colours seen.
+        varied: `ModelFields.varied`, nominal copies of these fields. They receive the same values, except that colours
+            are the visible colours.
 
     Attributes:
-        places: Places of layouts and their variants.
-        variant: The variant of each object that is present, numbered as in the scene file, objects in the order of
-            `SceneConfig.variants`; shape (nworld, number of objects with variants), int32.
+        places: Variants and simulated addresses of the places of layouts.
+        variant: Number of the present variant of each object, as listed in the scene file, shape (nworld, number of
+            objects with variants), int32. Columns follow `SceneConfig.variants`.
 
     Raises:
         SceneMismatchError: The Model has one row for all worlds.
@@ -156,7 +159,7 @@ class VariantWriter:
             self._poses = Poses()
             self._poses.qpos = wp.zeros((nworld, sim.nq), dtype=float)
             self._poses.mocap_pos, self._poses.mocap_quat = (wp.zeros(mocap, dtype=each) for each in (wp.vec3, wp.quat))
-            # kernels have their addresses alone
+            # kernels only have addresses, so this reference keeps the memory alive
             self._fields = [*(getattr(m, name) for name in fields_of_variants()), *varied.values()]
             self.places, self._words = _places(scene), _words(scene, self._fields)
             self._masses = [wp.array(bodies, dtype=int), np.delete(sim.body_mass, bodies).sum()]
@@ -165,13 +168,13 @@ class VariantWriter:
     def launch(
         self, poses: Poses, mask: wp.array, present: wp.array | None = None, rows: wp.array | None = None
     ) -> Poses:
-        """Write the variants of layouts into the masked worlds, and return the poses of all worlds as simulated.
+        """Write the variants of layouts into the masked worlds, and return the poses of the simulated model.
 
         Args:
             poses: Poses of the scene with all variants.
-            mask: Which worlds, shape (nworld,), bool.
-            present: Which objects are present, shape (nrow, nslot), int32; None if worlds keep their variants.
-            rows: Row of `poses` for every masked world, shape (nworld,), int32; None gives world i row i.
+            mask: Selected worlds, shape (nworld,), bool.
+            present: 1 for present objects, shape (nrow, nslot), int32. None keeps the variants of the worlds.
+            rows: Row of `poses` for each masked world, shape (nworld,), int32. None gives world i row i.
         """
         inputs = [self.places, *self._words, *self._masses, mask, rows, present, poses]
         words = {"outputs": [self.variant, self._poses, self._subtreemass], "block_dim": _LANES}
@@ -180,7 +183,7 @@ class VariantWriter:
 
 
 def _places(scene: SceneModel) -> Places:
-    """Return the places of a scene, on the current device."""
+    """Return the `Places` of a scene, on the current device."""
     full, sim, kind = scene.mjm, scene.sim.mjm, np.full((scene.mjm.nbody, 2), -1)
     for i, members in enumerate(scene.config.variants.values()):
         kind[[scene.bodies[member] for member in members]] = [(i, number) for number in range(len(members))]
@@ -197,14 +200,17 @@ def _places(scene: SceneModel) -> Places:
 
 
 def _words(scene: SceneModel, arrays: Sequence[wp.array]) -> list[wp.array]:
-    """Return a table of words, shape (most variants, nword), the words, and `arrays`: fields, then copies of these."""
+    """Return a table of values, shape (most variants, nword), the words, and the memory of `arrays`.
+
+    The arrays are fields of the Model, followed by their nominal copies.
+    """
     names, words, columns = fields_of_variants(), [], []
     for k, (name, members) in enumerate(scene.config.variants.items()):
         bodies = [scene.bodies[member] for member in members]
         for is_copy in (False, True):
             for field, i, values, held in _rows(scene, name, bodies, seen=is_copy):
                 number = names.index(field) + is_copy * len(names)
-                # nobody else writes to copies, so they keep what is the same in all variants, but for colours of draws
+                # only this writer changes the copies, so words that are equal in all variants stay valid there
                 differs = (values != held).any(axis=0) | (not is_copy or field == "geom_rgba")
                 first = i * arrays[number].strides[1] // 4
                 words += [(k, number, first + word) for word in np.flatnonzero(differs).tolist()]
@@ -218,10 +224,10 @@ def _words(scene: SceneModel, arrays: Sequence[wp.array]) -> list[wp.array]:
 
 
 def _rows(scene: SceneModel, name: str, bodies: list[int], *, seen: bool) -> list[tuple[str, int, Any, Any]]:
-    """Return the values of an object's variants: field, element of the simulated model, words (nvariant, width).
+    """Return the values of an object's variants, field by field.
 
-    The words that the simulated model begins with follow, shape (width,). If the values are to be `seen`, colours are
-    those of materials where these show.
+    Each entry has the field, the element of the simulated model, the words of the variants, shape (nvariant, width),
+    and the initial words of the simulated model, shape (width,). If `seen`, colours include the colours of materials.
     """
     full, sim, body = scene.mjm, scene.sim.mjm, scene.sim.bodies[name]
     geoms = np.full((len(bodies), sim.body_geomnum[body]), -1)
@@ -236,7 +242,7 @@ def _rows(scene: SceneModel, name: str, bodies: list[int], *, seen: bool) -> lis
         theirs, ours = getattr(full, field), getattr(sim, field)
         theirs = nominal_values(full, field) if seen and field == "geom_rgba" else theirs
         words = np.int32 if theirs.dtype.kind == "i" else np.float32
-        # where nothing moves there are no degrees of freedom
+        # not -1 as the width: in a scene without degrees of freedom, their fields have no rows
         theirs, ours = (values.reshape(len(values), values[:1].size).astype(words) for values in (theirs, ours))
         first, sources = elements[kind]
         for i, source in enumerate(sources.T, int(first)):
@@ -277,15 +283,15 @@ def _read_worlds(
 
 
 class VariantReader:
-    """Reads simulated worlds as rows of layouts, in which absent variants are far away.
+    """Reads simulated worlds as rows of layouts, and places absent variants far away.
 
     Args:
-        d: Data of the worlds; its arrays are used in place.
-        variants: The writer of the variants that worlds have.
-        layouts: The layouts that worlds were reset to, which say who else is present.
+        d: Data of the worlds. Launches use its arrays in place.
+        variants: The writer of the variants in these worlds.
+        layouts: The latest layouts of the worlds. They determine the presence of objects without variants.
 
     Attributes:
-        state: The worlds: `layouts` with arrays of its own for `present`, `qpos`, `mocap_pos` and `mocap_quat`.
+        state: The worlds as `layouts`, with separate arrays for `present`, `qpos`, `mocap_pos` and `mocap_quat`.
     """
 
     def __init__(self, d: mjw.Data, variants: VariantWriter, layouts: LayoutsView) -> None:
@@ -295,6 +301,6 @@ class VariantReader:
             setattr(self.state, name, wp.zeros_like(getattr(layouts, name)))
 
     def launch(self, mask: wp.array) -> None:
-        """Read the masked worlds, shape (nworld,), bool."""
+        """Read the masked worlds into `state`. The mask has shape (nworld,), bool."""
         words = {"inputs": [*self._inputs, mask], "outputs": [self.state], "block_dim": _LANES}
         wp.launch_tiled(_read_worlds, dim=[self._nworld], **words, device=self._device)

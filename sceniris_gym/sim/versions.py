@@ -1,4 +1,4 @@
-"""Names that differ between the supported versions of MuJoCo and MuJoCo-Warp, 3.11 to 4; only this file knows them."""
+"""Differences between the supported versions of MuJoCo and MuJoCo-Warp, 3.11 to 4. All of them belong here."""
 
 from __future__ import annotations
 
@@ -14,39 +14,39 @@ import numpy as np
 
 _WITH_OVERFLOWS = mjw if hasattr(mjw, "OverflowType") else importlib.import_module("mujoco_warp._src.types")
 OverflowType: Any = _WITH_OVERFLOWS.OverflowType
-"""Bits of `Data.overflow`; 3.11 does not export it, and has no bits for limits of iterations."""
+"""Bits of `Data.overflow`. 3.11 does not export the type, and has no bits for iteration limits."""
 
 _SLEEPS = "nvmax" in inspect.signature(mjw.make_data).parameters
 
 SLEEPING: dict[str, Any] = {"enableflags": int(mujoco.mjtEnableBit.mjENBL_SLEEP)} if _SLEEPS else {}
-"""Options that let bodies at rest sleep, so that steps take less time; none before 4.0, where batches cannot."""
+"""Options that let bodies at rest sleep, so that steps take less time. Empty before 4.0, where batches cannot sleep."""
 
 
 def sleeps(m: mjw.Model) -> bool:
-    """Tell whether bodies of a batch can sleep."""
+    """Return whether bodies of a batch can sleep."""
     return bool(SLEEPING) and bool(m.opt.enableflags & SLEEPING["enableflags"])
 
 
 def room_for_dofs(nvmax: int | None) -> dict[str, int]:
-    """Return the argument of make_data for the degrees of freedom of a world that may be awake; none before 4.0."""
+    """Return the argument of make_data that limits the awake degrees of freedom of a world. Empty before 4.0."""
     return {} if nvmax is None or not _SLEEPS else {"nvmax": nvmax}
 
 
 def silence_iterations(m: mjw.Model) -> None:
-    """Turn off warnings about the solver's limits of iterations; there are none before 4.0."""
+    """Turn off warnings about the solver's iteration limits, which exist since 4.0."""
     iterations = [getattr(OverflowType, name, 0) for name in ("ITERATIONS", "LS_ITERATIONS")]
     if any(iterations):
         m.opt.warn_overflow &= ~int(iterations[0] | iterations[1])
 
 
 def fields_of_data(*names: str) -> tuple[str, ...]:
-    """Return the names that are fields of this version's Data, in their order."""
+    """Return the `names` that are fields of this version's Data, in the given order."""
     found = {field.name for field in dataclasses.fields(mjw.Data)}
     return tuple(name for name in names if name in found)
 
 
 def actuator_controls(mjm: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
-    """Return the address of each actuator's first control, and their number: one of each before 4.0."""
+    """Return the address of each actuator's first control, and its number of controls, which is 1 before 4.0."""
     nactuator = len(mjm.actuator_trntype)
     return (
         getattr(mjm, "actuator_ctrladr", np.arange(nactuator)),
@@ -55,19 +55,19 @@ def actuator_controls(mjm: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
 
 
 def actuator_outputs(mjm: mujoco.MjModel) -> np.ndarray:
-    """Return the address of each actuator's first output: one of each before 4.0."""
+    """Return the address of each actuator's first output. Before 4.0, each actuator has one output."""
     return getattr(mjm, "actuator_outadr", np.arange(len(mjm.actuator_trntype)))
 
 
 def keyframe_plastic(mjm: mujoco.MjModel, key: int) -> np.ndarray:
-    """Return the plastic references of springs in a keyframe; none before 4.0."""
+    """Return the plastic references of springs in a keyframe, or an empty array before 4.0."""
     return mjm.key_plastic[key] if hasattr(mjm, "key_plastic") else np.empty(0)
 
 
 def render_context(mjm: mujoco.MjModel, nworld: int, cameras: Sequence[str], **options: Any) -> Any:
-    """Return mujoco_warp's context for pictures of some cameras, by their names; lists are in the model's order.
+    """Return mujoco_warp's context for rendering the named cameras. Its lists follow the order of the model.
 
-    Before 4.0 there is no `samples_per_pixel`, so that edges in pictures are rough.
+    Versions before 4.0 have no `samples_per_pixel`, so edges in their pictures are not smooth.
     """
     known = inspect.signature(mjw.create_render_context).parameters
     options = {name: value for name, value in options.items() if name in known}

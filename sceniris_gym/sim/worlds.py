@@ -1,4 +1,4 @@
-"""`make_worlds`: Model and Data of many worlds, for a loop of your own."""
+"""`make_worlds`: Model and Data of many worlds, for your own loop."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ def make_worlds(
 ) -> tuple[mjw.Model, mjw.Data]:
     """Return Model and Data of `compiled.sim_mjm`, on the device of the scene.
 
-    Fields of the Model have a row for each world if `fields` names them, if the scene randomizes them, if variants of
-    objects differ in them, or if they follow from any of these.
+    A field of the Model has a row for each world if `fields` names it, if the scene randomizes it, if variants differ
+    in it, or if it is derived from such a field.
 
     Args:
         compiled: The compiled scene.
         nworld: Number of worlds.
-        fields: Names of fields to write to by world, such as "body_mass"; see `ResetRandomizer.model_field`.
+        fields: Names of fields to write to by world, such as "body_mass". See `ResetRandomizer.model_field`.
         nconmax: Contacts per world. None leaves room for a busy scene. Objects with `orientation: stable`, and objects
-            that fall, count with the side that has most geoms, and variants with the variant that has most.
+            that fall, count with the side that has most geoms. Variants count with the variant that has most.
         njmax: Constraint rows per world. None leaves room for a busy scene.
 
     Raises:

@@ -1,4 +1,4 @@
-"""`StateWriter`: writes layouts into the simulation's Data by mask, the whole of a world or chosen bodies."""
+"""`StateWriter`: writes layouts into masked worlds of the simulation, as whole worlds or only for chosen bodies."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Poses:
     Attributes:
         qpos: Joint positions [m, rad], quaternions wxyz, shape (nrow, nq).
         mocap_pos: Positions of mocap bodies [m], world frame, shape (nrow, nmocap).
-        mocap_quat: Their orientations, wxyz inside `wp.quat`, shape (nrow, nmocap).
+        mocap_quat: Orientations of mocap bodies, wxyz inside `wp.quat`, shape (nrow, nmocap).
     """
 
     qpos: wp.array2d[float]
@@ -33,7 +33,7 @@ class Poses:
 
 
 def poses_of(rows: LayoutsView | mjw.Data) -> Poses:
-    """Return the poses of layouts or of worlds, in the same memory."""
+    """Return the poses of layouts or of worlds, sharing their memory."""
     poses = Poses()
     poses.qpos, poses.mocap_pos, poses.mocap_quat = rows.qpos, rows.mocap_pos, rows.mocap_quat
     return poses
@@ -43,10 +43,10 @@ class Addresses(NamedTuple):
     """Addresses of the poses of bodies.
 
     Attributes:
-        qposadr: Their positions in `qpos`.
-        dofadr: Their velocities in `qvel`.
-        mocapid: Their mocap bodies.
-        elements: The controls, and after all of these the activations, that hold one of these positions.
+        qposadr: Addresses of their positions in `qpos`.
+        dofadr: Addresses of their velocities in `qvel`.
+        mocapid: Numbers of their mocap bodies.
+        elements: Elements of `RestMap` that hold one of these positions: controls, followed by activations.
     """
 
     qposadr: np.ndarray
@@ -58,7 +58,7 @@ class Addresses(NamedTuple):
 def addresses_of(
     mjm: mujoco.MjModel, bodies: Sequence[int], rest: RestMap, joints: Sequence[int] | None = None
 ) -> Addresses:
-    """Return where the poses of these bodies, or positions of these joints, are kept, each array in ascending order."""
+    """Return the addresses of the poses of bodies, or of the positions of `joints`, each array in ascending order."""
     chosen = np.isin(np.arange(mjm.nbody), bodies)
     ids = np.flatnonzero(chosen[mjm.jnt_bodyid]) if joints is None else np.array(joints, int)
     joint_of_qpos = np.repeat(np.arange(mjm.njnt), np.diff([*mjm.jnt_qposadr, mjm.nq]))
@@ -71,7 +71,7 @@ def addresses_of(
 
 @wp.kernel
 def _write_state(
-    # Lists of what is written:
+    # Lists of addresses to write:
     qposadr: wp.array[int],
     axis: wp.array[int],
     dofadr: wp.array[int],
@@ -127,7 +127,7 @@ def _write_state(
         if origins:
             mocap_pos_out[worldid, mocapid[i]] += origins[worldid]
         mocap_quat_out[worldid, mocapid[i]] = poses.mocap_quat[row, mocapid[i]]
-    # from the layout, not from qpos_out or ctrl_out: other threads of this launch are writing those
+    # read the layout, not qpos_out or ctrl_out, because other threads of this launch write these arrays
     if i < elemid.shape[0]:
         element, nu = elemid[i], ctrl_out.shape[1]
         if element < nu:
@@ -143,21 +143,21 @@ def _write_state(
 class StateWriter:
     """Writes poses into the masked worlds, with the controls and activations that hold them.
 
-    Delayed actuators get these controls as their past, too. Of whole worlds, which `mjw.reset_data` has cleared before,
-    all positions, controls and activations are written. Chosen joints, or all those of chosen bodies, are written
-    and come to rest, with the actuators that hold one of them; everything else stays as it is.
+    The history of delayed actuators is filled with the same controls. For whole worlds, which `mjw.reset_data` has
+    cleared before, the writer sets all positions, controls and activations. For chosen bodies or joints, it sets their
+    positions, zeroes their velocities, and sets the actuators that hold them. All other state stays unchanged.
 
     Args:
         mjm: The model.
-        d: Data of the worlds; its arrays are used in place.
-        mask: The worlds to write into, shape (nworld,), bool; read at every launch.
+        d: Data of the worlds. Launches use its arrays in place.
+        mask: Worlds to write into, shape (nworld,), bool. Every launch reads it.
         rest: Controls and activations at rest.
-        bodies: Ids of the bodies to write; None writes whole worlds, or `joints`.
+        bodies: Ids of the bodies to write. None writes whole worlds, or `joints`.
         joints: Ids of the joints to write, instead of bodies.
-        origins: Origins of the worlds [m], shape (nworld,), vec3, added to the positions of free bodies and mocap
-            bodies; read at every launch. None adds nothing.
+        origins: Origins of the worlds [m], shape (nworld,), vec3, or None. Every launch reads them and adds them to the
+            positions of free bodies and mocap bodies.
         plastic: Plastic references of springs at home, shape (nplastic,), for whole worlds.
-        count: A count of each world that begins at 0 again, shape (nworld,), int32.
+        count: A counter of each world that a launch sets to 0, shape (nworld,), int32.
     """
 
     def __init__(
@@ -210,9 +210,10 @@ class StateWriter:
 
         Args:
             poses: The poses to write.
-            rows: Row of `poses` for every masked world, shape (nworld,), int32; None gives world i row i.
-            start: Kind of start of each row of layouts, shape (nrow,), int32; None closes no fingers.
-            start_rows: The same as `rows` for `start`.
+            rows: Row of `poses` for each masked world, shape (nworld,), int32. None gives world i row i.
+            start: Kind of start of each row of layouts, shape (nrow,), int32. None leaves grippers at the pose's
+                positions.
+            start_rows: Row of `start` for each masked world, as `rows`.
         """
         inputs, device = [*self._inputs, start, start_rows, rows, poses], self._outputs[0].device
         wp.launch(_write_state, self._dim, inputs=inputs, outputs=self._outputs, device=device)

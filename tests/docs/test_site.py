@@ -143,7 +143,7 @@ def told() -> Iterator[str]:
 
 
 def test_every_public_name_has_an_entry(pages: dict[Path, Html]):
-    """Names of the package, errors, adapters, and others that a page or an example imports. Tasks have pages of their own."""
+    """Names of the package, errors, adapters, and others that a page or an example imports. Tasks have other pages."""
     entries = set().union(*(html.ids for path, html in pages.items() if "api" in path.parts))
     entries |= {f"sceniris_gym.{name}" for name in errors_of_the_package()}  # `sceniris_gym` has two of them as well
     public = {f"sceniris_gym.{name}" for name in sceniris_gym.__all__}

@@ -27,7 +27,7 @@ from tests.versions import since_4
 ENV_ID = "sceniris_gym/ClutterExtract-v0"
 module = importlib.import_module("sceniris_gym.envs.clutter_extract")
 ClutterExtract = module.ClutterExtract
-SIZES: dict[str, Any] = {"nconmax": 128, "njmax": 384, "nvmax": 81}
+SIZES: dict[str, Any] = {"sim_config": {"nconmax": 128, "njmax": 384, "nvmax": 81}}
 
 
 @pytest.fixture(scope="module")

@@ -130,7 +130,7 @@ def test_late_requests_and_replaced_arrays_are_errors(make, small_scene):
     randomizer.reset()
     assert randomizer.model_field("body_mass").shape == (NWORLD, small_scene.mjm.nbody)
     assert randomizer.model_field("geom_friction").shape[0] == NWORLD  # named to make_worlds
-    with pytest.raises(ArgumentError, match="asked for too late"):
+    with pytest.raises(ArgumentError, match="requested too late"):
         randomizer.model_field("dof_damping")
     for each in (randomizer, make("body_mass")):  # also before the first reset
         each.model.body_mass = wp.clone(each.model.body_mass)

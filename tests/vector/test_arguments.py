@@ -384,5 +384,6 @@ def test_calls_with_anything_end_in_errors_of_the_package(make_env):
 )
 def test_environments_refuse_wrong_arguments_by_name(make_env, words: dict[str, Any], error: Any):
     """Rather than by an error of MuJoCo-Warp, Warp or Python."""
-    with pytest.raises(error, match=next(iter(words))):
+    name = next(iter(words.get("sim_config", words)))
+    with pytest.raises(error, match=name):
         make_env(2, **words)

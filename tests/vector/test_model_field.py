@@ -122,7 +122,7 @@ def test_what_has_no_effect_is_an_error(make):
     envs = make(2)
     envs.reset(seed=0)
     assert envs.state.model_field("body_mass").shape == (2, envs.compiled.mjm.nbody)
-    with pytest.raises(ArgumentError, match=r"State.model_field: 'dof_armature' is asked for too late.*Task.bind"):
+    with pytest.raises(ArgumentError, match=r"State.model_field: 'dof_armature' is requested too late.*Task.bind"):
         envs.state.model_field("dof_armature")
     with pytest.raises(UnknownNameError, match="unknown model field 'body_pos'"):
         envs.state.model_field("body_pos")

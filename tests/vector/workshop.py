@@ -170,9 +170,9 @@ def state_of(scene: dict[str, Any] | SceneModel, num_envs: int = 2) -> State:
     numbers = {name: wp.zeros(num_envs, dtype=wp.int32, device="cpu") for name in ("episode", "status", "start")}
     param = wp.zeros((num_envs, 0), dtype=float, device="cpu")
     seeds, present = wp.zeros(num_envs, dtype=wp.uint64, device="cpu"), np.ones((num_envs, len(model.config.objects)))
-    layouts: Any = SimpleNamespace(
-        seed=seeds, reaching=None, present=wp.array(present.astype(np.int32)), param=param, **numbers
-    )
+    arrays = {"seed": seeds, "present": wp.array(present.astype(np.int32), device="cpu"), "param": param, **numbers}
+    tensors = {name: wp.to_torch(array) for name, array in arrays.items()}
+    layouts: Any = SimpleNamespace(reaching=None, view=SimpleNamespace(**arrays), **tensors)
     return State(batch, layouts)
 
 

@@ -225,7 +225,7 @@ def test_what_is_not_sound_is_replaced_by_a_valid_layout(compiled: CompiledScene
 
 def test_a_scene_without_a_sound_layout_is_refused(compiled: CompiledScene):
     """By the cause."""
-    with pytest.raises(InfeasibleSceneError, match=r"mostly because of unsound.*look for such numbers"):
+    with pytest.raises(InfeasibleSceneError, match=r"mostly because of unsound.*Look for such numbers"):
         _with_bank(_with(compiled, *BROKEN["a turn of nan"]))
 
 

@@ -142,7 +142,7 @@ def test_an_arm_without_a_map_is_told_how_to_build_one(folder: Path, cube: str):
     [
         ({"tilt": 0.1}, {}, "first joint"),
         ({"offset": 0.02}, {}, "TCP is 20 mm off"),
-        ({}, {"turn_error": 0.2}, "a map does not know"),
+        ({}, {"turn_error": 0.2}, "which maps ignore"),
         (
             {},
             {"false_accepts": 0.0051},
