@@ -44,7 +44,7 @@ class Outcome(NamedTuple):
         return self.terminated | self.truncated
 
     def breaking(self, mask: Tensor) -> Outcome:
-        """Return an outcome in which the masked worlds are also broken: terminated, with reward 0."""
+        """Return an outcome with the masked worlds broken: terminated, with reward 0."""
         gained = torch.where(mask, 0.0, self.gained)
         return self._replace(gained=gained, broken=self.broken | mask, terminated=self.terminated | mask)
 

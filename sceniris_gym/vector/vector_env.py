@@ -234,10 +234,10 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
                 {name: value}} sets params of the masked worlds before their layouts are chosen, as `set_param` does.
 
         Raises:
-            ArgumentTypeError: The options are no mapping. The mask is not an array of booleans.
-            ArgumentError: More than one of seed, layouts and state is given. The seeds, layouts or rows of the state
-                are not one per world. A seed is not an integer from 0 to 2^64 - 1. A param cannot have its value. The
-                mask has the wrong shape, or is false everywhere.
+            ArgumentTypeError: The options are not a mapping. The mask is not an array of booleans.
+            ArgumentError: More than one of seed, layouts and state is given. The number of seeds, layouts or rows of
+                the state differs from the number of worlds. A seed is not an integer from 0 to 2^64 - 1. A param cannot
+                have its value. The mask has the wrong shape, or is false everywhere.
             ArgumentError, SceneMismatchError: A layout id is malformed, or from another scene or split. The state is
                 from another scene or task.
             UnknownNameError: An unknown option, or a param that the worlds do not have.
@@ -307,8 +307,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         """Copy the state of worlds, for `reset(options={"state": snapshot})`.
 
         A snapshot has the physics, the layout and the choice of the next layout, the steps since the reset, and the
-        memory of the task: every tensor of the task and its helpers that has `num_envs` rows and that torch has
-        written to. On a CPU, a restored episode continues bit for bit. On a GPU, the restored state has the same bits,
+        memory of the task. The memory is every tensor of the task and its helpers with `num_envs` rows that torch has
+        modified. On a CPU, a restored episode continues bit for bit. On a GPU, the restored state has the same bits,
         but later steps differ as two runs do. Statistics count a restored episode from the restore on.
 
         Args:
