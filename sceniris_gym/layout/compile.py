@@ -59,7 +59,11 @@ _KEY, _WARNINGS = "key", "warnings"
 
 @launching
 def compile_scene(
-    scene: str | Path | Mapping | SceneConfig | SceneModel, device: str | None = None, *, cache: bool = True
+    scene: str | Path | Mapping | SceneConfig | SceneModel,
+    device: str | None = None,
+    *,
+    overrides: Mapping[str, Any] | None = None,
+    cache: bool = True,
 ) -> CompiledScene:
     """Compile a scene for a device, prove that it has valid layouts, and fill its bank with them.
 
@@ -68,6 +72,7 @@ def compile_scene(
     Args:
         scene: A shipped scene's name, a path, a mapping, a SceneConfig, or a SceneModel.
         device: Warp's name of the device. None takes "cuda:0" if available, otherwise "cpu".
+        overrides: Parts of the scene to replace, by dotted keys: {"objects.apple.clearance": 0.01}.
         cache: Store the result on disk and reuse it, which only saves time. See `scene_cache.cache_folder`.
 
     Raises:
@@ -78,7 +83,7 @@ def compile_scene(
     """
     start_warp()
     name = device_name(device)
-    model = scene if isinstance(scene, SceneModel) else build_model(SceneConfig.load(scene))
+    model = build_model(scene, overrides)
     if not cache:
         return _compiled(model, name)
     key = scene_key(model, name)
