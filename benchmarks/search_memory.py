@@ -39,7 +39,7 @@ def main() -> None:
     parser.add_argument("worlds", type=int)
     words = parser.parse_args()
     compiled = upload_scene(build_model(words.scene), "cpu")
-    layouts = Layouts.create(compiled, words.worlds, rejected=0, rows=GPU_SIZE.rows)
+    layouts = Layouts.create(compiled, words.worlds, rows=GPU_SIZE.rows)
     search = create_search(compiled, words.worlds, GPU_SIZE)
     parts = [("layouts", LayoutsView, layouts.view), ("search", Search, search)]
     if (regions := create_regions(compiled, search.cause.shape[0])) is not None:

@@ -7,14 +7,12 @@ import copyreg
 import json
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import warp as wp
 
 from sceniris_gym.config.fields import short
-from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.config.scene_words import AUTO
 from sceniris_gym.device.kernel_log import start_warp
 from sceniris_gym.device.random import SPLITS
@@ -32,7 +30,7 @@ from sceniris_gym.program.device_bank import Bank
 from sceniris_gym.program.device_reach import Starts
 from sceniris_gym.program.notices import from_words, noting, to_words, warn
 from sceniris_gym.progress import tell
-from sceniris_gym.scene.build import build_model
+from sceniris_gym.scene.build import SceneLike, build_model
 from sceniris_gym.scene.model import SceneModel
 
 # The probe makes layouts until the bank is full, in at most `_ROUNDS` rounds. The second split gets up to
@@ -59,11 +57,7 @@ _KEY, _WARNINGS = "key", "warnings"
 
 @launching
 def compile_scene(
-    scene: str | Path | Mapping | SceneConfig | SceneModel,
-    device: str | None = None,
-    *,
-    overrides: Mapping[str, Any] | None = None,
-    cache: bool = True,
+    scene: SceneLike, device: str | None = None, *, overrides: Mapping[str, Any] | None = None, cache: bool = True
 ) -> CompiledScene:
     """Compile a scene for a device, prove that it has valid layouts, and fill its bank with them.
 

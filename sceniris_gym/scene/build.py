@@ -31,11 +31,11 @@ from sceniris_gym.scene.variants import SharedBodies, check_variants, without_br
 
 _Home = tuple[np.ndarray, np.ndarray]
 """The start pose, shape (nq,), and its controls, shape (nu,)."""
+SceneLike = str | Path | Mapping | SceneConfig | SceneModel
+"""A shipped scene's name, a path, a mapping, a SceneConfig, or a SceneModel."""
 
 
-def build_model(
-    scene: str | Path | Mapping | SceneConfig | SceneModel, overrides: Mapping[str, Any] | None = None
-) -> SceneModel:
+def build_model(scene: SceneLike, overrides: Mapping[str, Any] | None = None) -> SceneModel:
     """Compose the model of a scene and compile it.
 
     The root body of an object has the object's name, and all elements inside are `name/...`. The prefix inside `robot`
