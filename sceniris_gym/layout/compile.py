@@ -81,8 +81,7 @@ def compile_scene(
     if not cache:
         return _compiled(model, name)
     key = scene_key(model, name)
-    kept = _from_cache(key, model, name)
-    if kept is not None:
+    if kept := _from_cache(key, model, name):
         return kept
     with noting() as warned:
         compiled = _compiled(model, name)

@@ -99,8 +99,7 @@ class LayoutGenerator(Fixed, LayoutSource):
         self.compiled, self.size = compiled, size
         self.split: str = split
         self.layouts = Layouts.create(compiled, nworld, rows=size.rows, params=params, split=split)
-        kinds = () if compiled.starts is None else compiled.config.start
-        draws_joints = any(kind.joints for kind in kinds)
+        draws_joints = compiled.starts is not None and any(kind.joints for kind in compiled.config.start)
         at_marker = np.zeros((1, 0)) if compiled.starts is None else compiled.starts.marker.numpy() >= 0
         self._at_markers = int(np.flatnonzero(at_marker.any(axis=0)).max(initial=-1)) + 1
         by_world = ("draw_range",) if draws_joints else ()
@@ -238,10 +237,7 @@ class LayoutGenerator(Fixed, LayoutSource):
             ArgumentError: The generator records rejected candidates.
         """
         if self.layouts.view.rejected_object.shape[0] > 0:
-            raise ArgumentError(
-                "LayoutGenerator: cannot prefetch and record rejected candidates, since the record would lack the "
-                "prefetched layouts. Use a LayoutGenerator without a record, or do not prefetch."
-            )
+            raise ArgumentError("LayoutGenerator: a record of rejected candidates would lack prefetched layouts.")
         names = self.layouts.params.names
         return LayoutGenerator(self.compiled, self.nworld, split=self.split, size=self.size, params=names)
 
@@ -309,10 +305,8 @@ class LayoutGenerator(Fixed, LayoutSource):
         """
         counts = self.layouts.view.rejections.numpy()
         unused = {Cause.NONE, *(REACH_CAUSES if self.compiled.reaching is None else ())}
-        if not counts[:, Cause.UNSOUND].any():
-            unused.add(Cause.UNSOUND)
-        if self.compiled.statics is None:
-            unused.add(Cause.FALLS)
+        unused |= set() if counts[:, Cause.UNSOUND].any() else {Cause.UNSOUND}
+        unused |= {Cause.FALLS} if self.compiled.statics is None else set()
         causes = [c for c in Cause if c not in unused]
         return {
             name: {c.name.lower(): int(counts[i, c]) for c in causes} for i, name in enumerate(self.compiled.placed)

@@ -57,10 +57,7 @@ def as_compiled_scene(scene: Any, overrides: Mapping[str, Any] | None, device: s
     """
     if isinstance(scene, CompiledScene):
         if overrides or (device is not None and device_name(device) != scene.device):
-            raise ArgumentError(
-                "scene should be a scene file, mapping or SceneConfig to use overrides or another device: "
-                "a CompiledScene cannot be changed."
-            )
+            raise ArgumentError("overrides and device should be None for a CompiledScene, which cannot be changed.")
         return scene
     return compile_scene(scene, device, overrides=overrides)
 

@@ -149,8 +149,8 @@ class LayoutDeck:
         """Return the generator of all worlds, or with `record` the recording generator of the first world."""
         if (split, record) not in self._generators:
             recorder = partial(LayoutGenerator._recording, rejected=MOST_RECORDED, every_cause=True)
-            make, num = (recorder, 1) if record else (LayoutGenerator, self.num)
-            self._generators[split, record] = make(self.compiled, num, split=split)
+            make = recorder if record else LayoutGenerator
+            self._generators[split, record] = make(self.compiled, 1 if record else self.num, split=split)
         return self._generators[split, record]
 
     def _count(self, generator: LayoutGenerator, table: LayoutTable) -> None:
