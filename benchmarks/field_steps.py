@@ -21,7 +21,6 @@ import numpy as np
 import warp as wp
 
 from benchmarks.fields import DRAWS
-from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.model_fields import owner
@@ -127,7 +126,7 @@ def main() -> None:
     parser.add_argument("--device", default=None)
     words = parser.parse_args()
     wp.config.quiet = True
-    compiled = compile_scene(SceneConfig.load({"base": "tabletop_lift", **DRAWS}), words.device)
+    compiled = compile_scene({"base": "tabletop_lift", **DRAWS}, words.device)
     batch = Batch(compiled.scene, words.num_envs, compiled.device)
     ResetRandomizer.of_batch(batch, compiled, prefetch=False).reset()
     state = {name: wp.clone(getattr(batch.data, name)) for name in ResetRandomizer.STATE_FIELDS}

@@ -23,7 +23,6 @@ import numpy as np
 import warp as wp
 
 from benchmarks.timing import spread
-from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.scene.draws import drawn_fields
@@ -86,10 +85,10 @@ def main() -> None:
     words = parser.parse_args()
     wp.config.quiet = True
     n, worlds, starts = words.num_envs, {}, {}
-    fields = drawn_fields(build_model(SceneConfig.load({"base": "tabletop_lift", **DRAWS})).draws)
+    fields = drawn_fields(build_model({"base": "tabletop_lift", **DRAWS}).draws)
     for name in words.ways:
         draws = DRAWS if name == "drawn" else {}
-        compiled = compile_scene(SceneConfig.load({"base": "tabletop_lift", **draws}), words.device)
+        compiled = compile_scene({"base": "tabletop_lift", **draws}, words.device)
         batch = Batch(compiled.scene, n, compiled.device, substeps=4)
         for field in fields if name == "rows" else ():
             batch.fields.wide(field)

@@ -21,7 +21,6 @@ import warp as wp
 
 from benchmarks.replays import episodes, replayed
 from benchmarks.timing import spread
-from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import ResetRandomizer
@@ -46,7 +45,7 @@ def main() -> None:
     words = parser.parse_args()
     wp.config.quiet = True
     overlay = {"robot": _ARM} if words.arm else {}
-    compiled = compile_scene(SceneConfig.load({"base": words.scene, **overlay}), words.device)
+    compiled = compile_scene({"base": words.scene, **overlay}, words.device)
     n = words.num_envs
     table = episodes(compiled, list(range(0, n * _BANK, _BANK)), _BANK)
     device = wp.get_device(compiled.device)

@@ -11,7 +11,6 @@ from typing import Any
 
 import warp as wp
 
-from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.layout.layouts import Layouts, LayoutsView
 from sceniris_gym.layout.wave.search import GPU_SIZE, Search, create_search
 from sceniris_gym.layout.wave.sides import Regions, create_regions
@@ -39,8 +38,8 @@ def main() -> None:
     parser.add_argument("scene")
     parser.add_argument("worlds", type=int)
     words = parser.parse_args()
-    compiled = upload_scene(build_model(SceneConfig.load(words.scene)), "cpu")
-    layouts = Layouts.create(compiled, words.worlds, rejected=0, rows=GPU_SIZE.rows)
+    compiled = upload_scene(build_model(words.scene), "cpu")
+    layouts = Layouts.create(compiled, words.worlds, rows=GPU_SIZE.rows)
     search = create_search(compiled, words.worlds, GPU_SIZE)
     parts = [("layouts", LayoutsView, layouts.view), ("search", Search, search)]
     if (regions := create_regions(compiled, search.cause.shape[0])) is not None:

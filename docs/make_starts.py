@@ -12,7 +12,7 @@ import numpy as np
 from ruamel.yaml import YAML
 
 from docs.make_worlds import grid, worlds_of
-from sceniris_gym import SceneConfig, compile_scene
+from sceniris_gym import compile_scene
 from sceniris_gym.layout.tables import make_table
 
 PAGE = Path(__file__).parent / "starts.md"
@@ -24,7 +24,7 @@ def main() -> None:
     """Draw the picture."""
     found = re.search(r"^```yaml.*?\n(.*?)^```", PAGE.read_text(), re.MULTILINE | re.DOTALL)
     assert found is not None
-    compiled = compile_scene(SceneConfig.load(YAML(typ="safe").load(found[1])), "cpu")
+    compiled = compile_scene(YAML(typ="safe").load(found[1]), "cpu")
     kinds = make_table(compiled, _WORLDS, 0).start
     # Held objects are visible in these worlds.
     chosen = [int(np.flatnonzero(kinds == number)[-2]) for number in range(len(compiled.config.start))]

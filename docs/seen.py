@@ -68,7 +68,7 @@ class View:
 
     def __init__(self, config: SceneConfig, nworld: int) -> None:
         self.config = config
-        self.compiled = compile_scene(SceneConfig.load(config, {"bank": 16}), "cpu")
+        self.compiled = compile_scene(config, "cpu", overrides={"bank": 16})
         generator = LayoutGenerator(self.compiled, nworld)
         generator.generate()
         layouts = generator.layouts

@@ -51,7 +51,7 @@ def rejected_candidates(
         The layouts with the rejected objects at their candidate poses, and the names of these objects. Fewer than n for
         a scene with hardly any rejections.
     """
-    generator = LayoutGenerator(compiled, _WORLDS, seed=seed, split=split, rejected=n)
+    generator = LayoutGenerator._recording(compiled, _WORLDS, n, seed=seed, split=split)
     for _ in range(_EPISODES):
         generator.generate()
         if generator.layouts.view.rejected_count.numpy()[0] >= n:

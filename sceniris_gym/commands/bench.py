@@ -17,7 +17,6 @@ import warp as wp
 from sceniris_gym.audit.collisions import Tree
 from sceniris_gym.audit.geometry import solids_of
 from sceniris_gym.commands.narrowing import narrow
-from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.device.sequence import LaunchSequence
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
@@ -54,7 +53,7 @@ def bench(
         picture: PNG to write, of the places that `reachable` permits, or None.
     """
     start = time.perf_counter()
-    compiled = compile_scene(SceneConfig.load(scene, overrides), device, cache=False)
+    compiled = compile_scene(scene, device, overrides=overrides, cache=False)
     generator = LayoutGenerator(compiled, num_envs, seed=seed)
     generator.generate()
     wp.synchronize_device(compiled.device)

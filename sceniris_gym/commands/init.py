@@ -41,7 +41,7 @@ def init(model: Path, device: str | None = None) -> FirstScene:
     scene = first_scene(model)
     _try(scene, build_model)
     if scene.robot is not None and not scene.robot.why:
-        built = build_model(SceneConfig.load(scene.words()))
+        built = build_model(scene.words())
         scene.robot.notes += (reach_note(built.mjm, scene.robot.words["in_model"], built.tcps[ROBOT]),)
     _try(scene, lambda config: compile_scene(config, device))
     return scene
@@ -79,7 +79,7 @@ def write_task(task: LiberoTask, out: Path, device: str | None = None) -> dict[s
     Raises:
         ScenirisError: The scene cannot be made, or a file cannot be written.
     """
-    compile_scene(SceneConfig.load(task.scene, {"bank": _BANK}), device)
+    compile_scene(task.scene, device, overrides={"bank": _BANK})
     folder, problem = out.with_name(f"{out.stem}_model"), task.problem
     goal = [str(predicate) for predicate in problem.goal]
     packed = io.BytesIO()

@@ -18,7 +18,6 @@ import mujoco
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.geometry.rotations import matrix, pose_matrix
 from sceniris_gym.grasping.grasps import comes_from_below
 from sceniris_gym.layout.compile import compile_scene
@@ -101,7 +100,7 @@ def narrowing(compiled: CompiledScene, layouts: int, seed: int, made: LayoutGene
     if compiled.reaching is not None:
         names = compiled.reaching.names
         changes = {"start": [], **{f"objects.{name}.reachable": False for name in names}}
-        plain = compile_scene(SceneConfig.load(compiled.config, changes), compiled.device)
+        plain = compile_scene(compiled.config, compiled.device, overrides=changes)
         free, passed = _made(plain, layouts, seed).table(), _staged(compiled, table, counts)
         before = {name: _positions(compiled, free, name) for name in names}
         kept = {name: passed[name] * _on_map(compiled, plain, free, name) for name in names}

@@ -49,7 +49,7 @@ def read_arm(name: str, changes: Mapping[str, Any] | None = None) -> tuple[mujoc
     if SHIPPED_NAME.fullmatch(name) and name not in (assets := shipped("assets", ".xml")):
         arms = [asset for asset, path in assets.items() if f'<site name="{TCP}"' in path.read_text()]
         check_names("arm", [name], "reach", arms)
-    scene = build_model(SceneConfig.load({"robot": {"asset": name}}, changes))
+    scene = build_model({"robot": {"asset": name}}, changes)
     return scene.mjm, robot_arm(scene)
 
 

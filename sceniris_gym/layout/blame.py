@@ -9,7 +9,6 @@ from itertools import product
 
 import mujoco
 import numpy as np
-import warp as wp
 
 from sceniris_gym.collide.leaves import SKIN
 from sceniris_gym.errors import InfeasibleSceneError
@@ -111,11 +110,10 @@ class Blame:
 def recording(generator: LayoutGenerator) -> LayoutGenerator:
     """Make a generator record the first candidates that collide, before its first launch, and return it.
 
-    Unlike with the generator's argument `rejected`, restarts still run in parallel. The record may therefore have
+    Unlike in `LayoutGenerator._recording`, restarts still run in parallel. The record may therefore have
     candidates of restarts that were not needed.
     """
-    with wp.ScopedDevice(generator.compiled.device):
-        allocate_record(generator.layouts.view, _RECORDED * generator.nworld)
+    allocate_record(generator.layouts.view, _RECORDED * generator.nworld)
     return generator
 
 

@@ -7,14 +7,12 @@ import copyreg
 import json
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import warp as wp
 
 from sceniris_gym.config.fields import short
-from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.config.scene_words import AUTO
 from sceniris_gym.device.kernel_log import start_warp
 from sceniris_gym.device.random import SPLITS
@@ -32,7 +30,7 @@ from sceniris_gym.program.device_bank import Bank
 from sceniris_gym.program.device_reach import Starts
 from sceniris_gym.program.notices import from_words, noting, to_words, warn
 from sceniris_gym.progress import tell
-from sceniris_gym.scene.build import build_model
+from sceniris_gym.scene.build import SceneLike, build_model
 from sceniris_gym.scene.model import SceneModel
 
 # The probe makes layouts until the bank is full, in at most `_ROUNDS` rounds. The second split gets up to
@@ -59,7 +57,7 @@ _KEY, _WARNINGS = "key", "warnings"
 
 @launching
 def compile_scene(
-    scene: str | Path | Mapping | SceneConfig | SceneModel, device: str | None = None, *, cache: bool = True
+    scene: SceneLike, device: str | None = None, *, overrides: Mapping[str, Any] | None = None, cache: bool = True
 ) -> CompiledScene:
     """Compile a scene for a device, prove that it has valid layouts, and fill its bank with them.
 
@@ -68,6 +66,7 @@ def compile_scene(
     Args:
         scene: A shipped scene's name, a path, a mapping, a SceneConfig, or a SceneModel.
         device: Warp's name of the device. None takes "cuda:0" if available, otherwise "cpu".
+        overrides: Parts of the scene to replace, by dotted keys: {"objects.apple.clearance": 0.01}.
         cache: Store the result on disk and reuse it, which only saves time. See `scene_cache.cache_folder`.
 
     Raises:
@@ -78,12 +77,11 @@ def compile_scene(
     """
     start_warp()
     name = device_name(device)
-    model = scene if isinstance(scene, SceneModel) else build_model(SceneConfig.load(scene))
+    model = build_model(scene, overrides)
     if not cache:
         return _compiled(model, name)
     key = scene_key(model, name)
-    kept = _from_cache(key, model, name)
-    if kept is not None:
+    if kept := _from_cache(key, model, name):
         return kept
     with noting() as warned:
         compiled = _compiled(model, name)

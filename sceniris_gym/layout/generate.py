@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -14,7 +15,7 @@ from sceniris_gym.device.fixed import Fixed
 from sceniris_gym.device.random import SPLITS
 from sceniris_gym.device.sequence import launching, repeat_launches
 from sceniris_gym.errors import ArgumentError, SceneMismatchError, check_type
-from sceniris_gym.layout.layouts import Layouts, column_of
+from sceniris_gym.layout.layouts import Layouts, allocate_record, column_of
 from sceniris_gym.layout.loading import load_kernels
 from sceniris_gym.layout.masks import as_count, fill_mask
 from sceniris_gym.layout.reaching.stage import ReachStage
@@ -60,11 +61,8 @@ class LayoutGenerator(Fixed, LayoutSource):
         nworld: Number of worlds.
         seed: Seed of world 0, where world i gets seed + i. Or one 64-bit seed per world.
         split: "train" or "eval". The splits share no random numbers and have separate banks.
-        size: Capacities, which affect only the speed, not the layouts. None takes defaults for the device.
-        rejected: Length of a record of the first candidates that collided, for audits.
-        every_cause: Also record candidates that were rejected at a pose for other causes than collisions.
         params: Names of params, or patterns such as "objects.*.joints.*". See `set_params`.
-        masses: `body_mass` and `body_ipos` of the Model to simulate. None draws masses from the scene file.
+        size: Capacities, which affect only the speed, not the layouts. None takes defaults for the device.
 
     Raises:
         UnknownNameError: An unknown param.
@@ -75,7 +73,8 @@ class LayoutGenerator(Fixed, LayoutSource):
     """
 
     _FIXED = ("compiled", "split", "size", "layouts")
-    _ARGUMENTS = ("nworld", "seed", "rejected", "params")
+    _ARGUMENTS = ("nworld", "seed", "params")
+    _masses: tuple[wp.array, wp.array] | None = None
 
     @launching
     def __init__(
@@ -85,35 +84,26 @@ class LayoutGenerator(Fixed, LayoutSource):
         *,
         seed: int | Sequence[int] | np.ndarray = 0,
         split: str = "train",
-        size: SearchSize | None = None,
-        rejected: int = 0,
-        every_cause: bool = False,
         params: str | Sequence[str] = (),
-        masses: tuple[wp.array, wp.array] | None = None,
+        size: SearchSize | None = None,
     ) -> None:
         check_type(compiled, CompiledScene, "LayoutGenerator: compiled")
         if not isinstance(split, str) or split not in SPLITS:
             raise ArgumentError(f"LayoutGenerator: unknown split {short(split)}. Valid: {', '.join(USER_SPLITS)}.")
         nworld = as_count(nworld, "LayoutGenerator: nworld")
-        rejected = as_count(rejected, "LayoutGenerator: rejected", 0)
         if size is None:
             size = default_size(compiled.device)
             if compiled.pieces > _MOST_PIECES:
                 size = replace(size, rows=size.rows // 8)
-        if rejected > 0:
-            size = replace(size, rows=0)  # parallel restarts would record candidates of restarts that are not needed
         _check_memory(compiled, nworld, size)
         self.compiled, self.size = compiled, size
         self.split: str = split
-        self.layouts = Layouts.create(
-            compiled, nworld, rejected=rejected, every_cause=every_cause, rows=size.rows, params=params, split=split
-        )
-        kinds = () if compiled.starts is None else compiled.config.start
-        draws_joints = any(kind.joints for kind in kinds)
+        self.layouts = Layouts.create(compiled, nworld, rows=size.rows, params=params, split=split)
+        draws_joints = compiled.starts is not None and any(kind.joints for kind in compiled.config.start)
         at_marker = np.zeros((1, 0)) if compiled.starts is None else compiled.starts.marker.numpy() >= 0
         self._at_markers = int(np.flatnonzero(at_marker.any(axis=0)).max(initial=-1)) + 1
         by_world = ("draw_range",) if draws_joints else ()
-        self._columns, program, statics = search_columns(compiled, nworld, self.layouts.params, by_world, masses)
+        self._columns, program, statics = search_columns(compiled, nworld, self.layouts.params, by_world, self._masses)
         self._usual_range = wp.clone(program.draw_range) if draws_joints else None
         self._boxes = self.layouts.params.boxes(compiled)
         search, reaching = create_search(compiled, nworld, size), compiled.reaching
@@ -123,7 +113,7 @@ class LayoutGenerator(Fixed, LayoutSource):
             compiled,
             program,
             statics,
-            0 if rejected or self._boxes is not None else count_ahead(compiled, size),
+            0 if self._boxes is not None else count_ahead(compiled, size),
             reaches,
             SPLITS[split],
             size,
@@ -141,6 +131,27 @@ class LayoutGenerator(Fixed, LayoutSource):
         if self._stage is not None:
             self._stage.launch_pose_hands()
         self.reseed(seed=seed)
+
+    @classmethod
+    def _recording(
+        cls, compiled: CompiledScene, nworld: int, rejected: int, *, every_cause: bool = False, **options: Any
+    ) -> LayoutGenerator:
+        """Return a generator that records rejected candidates, for audits.
+
+        Args:
+            compiled: The scene.
+            nworld: Number of worlds.
+            rejected: Length of a record of the first candidates that collided.
+            every_cause: Also record candidates that were rejected at a pose for other causes than collisions.
+            options: Other arguments of the class.
+        """
+        # without parallel restarts and objects drawn ahead, whose candidates are not all needed
+        size = replace(options.pop("size", None) or default_size(compiled.device), rows=0)
+        generator = cls(compiled, nworld, size=size, **options)
+        generator._work = replace(generator._work, ahead=0)
+        generator.layouts.view.record_all = int(every_cause)
+        allocate_record(generator.layouts.view, as_count(rejected, "LayoutGenerator: rejected", 0))
+        return generator
 
     @property
     def nworld(self) -> int:
@@ -226,10 +237,7 @@ class LayoutGenerator(Fixed, LayoutSource):
             ArgumentError: The generator records rejected candidates.
         """
         if self.layouts.view.rejected_object.shape[0] > 0:
-            raise ArgumentError(
-                "LayoutGenerator: cannot prefetch and record rejected candidates, since the record would lack the "
-                "prefetched layouts. Make the generator with rejected=0, or use it without prefetching."
-            )
+            raise ArgumentError("LayoutGenerator: a record of rejected candidates would lack prefetched layouts.")
         names = self.layouts.params.names
         return LayoutGenerator(self.compiled, self.nworld, split=self.split, size=self.size, params=names)
 
@@ -297,14 +305,20 @@ class LayoutGenerator(Fixed, LayoutSource):
         """
         counts = self.layouts.view.rejections.numpy()
         unused = {Cause.NONE, *(REACH_CAUSES if self.compiled.reaching is None else ())}
-        if not counts[:, Cause.UNSOUND].any():
-            unused.add(Cause.UNSOUND)
-        if self.compiled.statics is None:
-            unused.add(Cause.FALLS)
+        unused |= set() if counts[:, Cause.UNSOUND].any() else {Cause.UNSOUND}
+        unused |= {Cause.FALLS} if self.compiled.statics is None else set()
         causes = [c for c in Cause if c not in unused]
         return {
             name: {c.name.lower(): int(counts[i, c]) for c in causes} for i, name in enumerate(self.compiled.placed)
         }
+
+
+class _PartGenerator(LayoutGenerator):
+    """Generator of some objects, with `body_mass` and `body_ipos` of a Model, or None to draw masses."""
+
+    def __init__(self, *given: Any, masses: tuple[wp.array, wp.array] | None, **options: Any) -> None:
+        self._masses = masses
+        super().__init__(*given, **options)
 
 
 def make_redraw(
@@ -316,11 +330,14 @@ def make_redraw(
     adds: bool = False,
     masses: tuple[wp.array, wp.array] | None = None,
 ) -> Redraw:
-    """Return a `Redraw` of objects, as from `chosen_objects`. For the other arguments see `LayoutGenerator`."""
+    """Return a `Redraw` of objects, as from `chosen_objects`.
+
+    `masses` are `body_mass` and `body_ipos` of the Model to simulate. None draws masses from the scene file.
+    """
     size = default_size(compiled.device)
     # no rows for parallel restarts: each of them would need a copy of the state
     size = replace(size, rows=0, candidates=min(size.candidates, _MOST_REDRAWN))
-    generator = LayoutGenerator(part_of(compiled, objects), nworld, split=split, size=size, masses=masses)
+    generator = _PartGenerator(part_of(compiled, objects), nworld, split=split, size=size, masses=masses)
     return Redraw(compiled, objects, split, generator.layouts, generator._work, generator.launch_make, adds=adds)
 
 

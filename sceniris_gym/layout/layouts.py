@@ -185,12 +185,13 @@ def copy_layout(source: Any, row: int, layouts: LayoutsView, worldid: int, i: in
 
 
 def allocate_record(view: LayoutsView, length: int) -> None:
-    """Allocate a record of up to `length` rejected candidates on Warp's current device."""
+    """Allocate a record of up to `length` rejected candidates."""
     zeros, nmocap = partial(allocate, LayoutsView, view), view.mocap_pos.shape[1]
-    zeros(1, "rejected_count")
-    zeros(length, "rejected_cause rejected_object")
-    zeros((length, view.qpos.shape[1]), "rejected_qpos")
-    zeros((length, nmocap), "rejected_mocap_pos rejected_mocap_quat")
+    with wp.ScopedDevice(view.qpos.device):
+        zeros(1, "rejected_count")
+        zeros(length, "rejected_cause rejected_object")
+        zeros((length, view.qpos.shape[1]), "rejected_qpos")
+        zeros((length, nmocap), "rejected_mocap_pos rejected_mocap_quat")
 
 
 def layout_width(view: LayoutsView) -> int:
@@ -308,16 +309,13 @@ class Layouts(StaysHere):
         compiled: CompiledScene,
         nworld: int,
         *,
-        rejected: int = 0,
-        every_cause: bool = False,
         rows: int = 0,
         params: Sequence[str] = (),
         split: str = "train",
     ) -> "Layouts":
-        """Allocate `nworld` layouts, and a record of the first `rejected` candidates that collided.
+        """Allocate `nworld` layouts, without a record of rejected candidates.
 
-        With `every_cause`, the record also has candidates that were rejected at a pose for other causes. In `view`,
-        `rows` more layouts follow the layouts of worlds, for restarts in parallel. `params` are names, see
+        In `view`, `rows` more layouts follow the layouts of worlds, for restarts in parallel. `params` are names, see
         `ParamTable`. Physics and looks of new layouts use the random streams of `split`.
         """
         device, mjm = compiled.device, compiled.mjm
@@ -347,8 +345,8 @@ class Layouts(StaysHere):
                     full, dtype = (nworld if 0 in shape else nrow, *shape), LayoutsView.vars[name].type.dtype
                     setattr(view, name, wp.full(full, COLUMNS[name].blank, dtype=dtype))
             view.present.fill_(1)
-            view.record_all, view.stream = int(every_cause), named_stream(split)
-            allocate_record(view, rejected)
+            view.stream = named_stream(split)
+            allocate_record(view, 0)
         return cls(compiled, view, mocap_pose, table)
 
     def ids(self, split: str, keys: LayoutKeys | None = None) -> list[str]:

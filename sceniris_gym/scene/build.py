@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -12,7 +15,7 @@ from sceniris_gym.config.fields import FLOOR, reading
 from sceniris_gym.config.robot import RobotConfig
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.config.validation import check_variant_has_asset
-from sceniris_gym.errors import MeshError, SceneFileError, SceneKeyError, ScenirisError, UnknownNameError, check_type
+from sceniris_gym.errors import ArgumentError, MeshError, SceneFileError, SceneKeyError, ScenirisError, UnknownNameError
 from sceniris_gym.geometry.framing import camera_axes
 from sceniris_gym.geometry.rotations import quaternion
 from sceniris_gym.progress import tell
@@ -28,9 +31,11 @@ from sceniris_gym.scene.variants import SharedBodies, check_variants, without_br
 
 _Home = tuple[np.ndarray, np.ndarray]
 """The start pose, shape (nq,), and its controls, shape (nu,)."""
+SceneLike = str | Path | Mapping | SceneConfig | SceneModel
+"""A shipped scene's name, a path, a mapping, a SceneConfig, or a SceneModel."""
 
 
-def build_model(config: SceneConfig, simulated: SceneConfig | None = None) -> SceneModel:
+def build_model(scene: SceneLike, overrides: Mapping[str, Any] | None = None) -> SceneModel:
     """Compose the model of a scene and compile it.
 
     The root body of an object has the object's name, and all elements inside are `name/...`. The prefix inside `robot`
@@ -40,26 +45,26 @@ def build_model(config: SceneConfig, simulated: SceneConfig | None = None) -> Sc
     folder that cannot be variants of an object are left out, with a ModelWarning that names them.
 
     Args:
-        config: The scene.
-        simulated: The simulated scene, if it is a separate MjModel of the user with one body for all variants of an
-            object. The variants are then bodies of the MjModel of `config`, by their names.
+        scene: A shipped scene's name, a path, a mapping, a SceneConfig, or a SceneModel, which is returned.
+        overrides: Parts of the scene to replace, by dotted keys: {"objects.apple.clearance": 0.01}.
 
     Raises:
-        ArgumentTypeError: `config` is not a SceneConfig. `SceneConfig.load` makes one.
+        ArgumentError: A SceneModel with overrides.
         SceneFileError: A file is missing, or MuJoCo cannot read or compile it.
         UnknownNameError: An asset, body, joint or keyframe does not exist.
         SceneKeyError: An object cannot be of its kind. Joint values are outside the joint's limits. A joint that
             follows another by an equality is drawn, or follows two joints. Joints follow each other in a cycle. The
             scene would add parts to a MjModel, or change bodies of a model in memory.
     """
-    check_type(config, SceneConfig, "build_model: config")
-    for name in config.owners if simulated is None else ():
+    if isinstance(scene, SceneModel):
+        if overrides:
+            raise ArgumentError("overrides should be None for a SceneModel, which is built already.")
+        return scene
+    config = SceneConfig.load(scene, overrides)
+    for name in config.owners:
         check_variant_has_asset(config, name, config.where)
     if isinstance(config.model, mujoco.MjModel):
-        scene = _taken(config, config.model)
-        if simulated is None:
-            return scene
-        return replace(scene, shared=replace(build_model(simulated), hash=scene.hash, apart=scene.apart))
+        return _taken(config, config.model)
     try:
         return _with_shared_bodies(config)
     except ScenirisError:
@@ -67,6 +72,18 @@ def build_model(config: SceneConfig, simulated: SceneConfig | None = None) -> Sc
         if sound is config:
             raise
     return _with_shared_bodies(sound)
+
+
+def build_variants(config: SceneConfig, simulated: SceneConfig) -> SceneModel:
+    """Return a scene of two MjModels of the user.
+
+    Args:
+        config: The scene with all variants. They are bodies of its MjModel, by their names.
+        simulated: The simulated scene, whose MjModel has one body for all variants of an object.
+    """
+    assert isinstance(config.model, mujoco.MjModel)
+    scene = _taken(config, config.model)
+    return replace(scene, shared=replace(build_model(simulated), hash=scene.hash, apart=scene.apart))
 
 
 def _with_shared_bodies(config: SceneConfig) -> SceneModel:

@@ -13,7 +13,6 @@ from gymnasium.vector import AutoresetMode
 from torch import Tensor
 
 from sceniris_gym.config.fields import short
-from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, check_names
 from sceniris_gym.layout.chosen import ChosenLayouts, entries_of_worlds
 from sceniris_gym.layout.compile import compile_scene, device_name
@@ -48,7 +47,7 @@ def as_task(task: Task | type[Task] | str) -> Task:
 
 
 def as_compiled_scene(scene: Any, overrides: Mapping[str, Any] | None, device: str | None) -> CompiledScene:
-    """Compile any scene that SceneConfig.load takes, or return a CompiledScene unchanged.
+    """Compile a scene in any other form, or return a CompiledScene unchanged.
 
     Device None is cuda:0, or cpu without a GPU.
 
@@ -58,12 +57,9 @@ def as_compiled_scene(scene: Any, overrides: Mapping[str, Any] | None, device: s
     """
     if isinstance(scene, CompiledScene):
         if overrides or (device is not None and device_name(device) != scene.device):
-            raise ArgumentError(
-                "scene should be a scene file, mapping or SceneConfig to use overrides or another device: "
-                "a CompiledScene cannot be changed."
-            )
+            raise ArgumentError("overrides and device should be None for a CompiledScene, which cannot be changed.")
         return scene
-    return compile_scene(SceneConfig.load(scene, overrides or {}), device)
+    return compile_scene(scene, device, overrides=overrides)
 
 
 def as_autoreset_mode(value: Any) -> AutoresetMode:

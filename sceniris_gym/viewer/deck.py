@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import mujoco
 import numpy as np
@@ -148,8 +148,9 @@ class LayoutDeck:
     def _generator(self, split: str, record: bool = False) -> LayoutGenerator:
         """Return the generator of all worlds, or with `record` the recording generator of the first world."""
         if (split, record) not in self._generators:
-            num, words = (1, {"rejected": MOST_RECORDED, "every_cause": True}) if record else (self.num, {})
-            self._generators[split, record] = LayoutGenerator(self.compiled, num, split=split, **words)
+            recorder = partial(LayoutGenerator._recording, rejected=MOST_RECORDED, every_cause=True)
+            make = recorder if record else LayoutGenerator
+            self._generators[split, record] = make(self.compiled, 1 if record else self.num, split=split)
         return self._generators[split, record]
 
     def _count(self, generator: LayoutGenerator, table: LayoutTable) -> None:

@@ -65,7 +65,7 @@ def test_round_primitives_are_exact_as_they_are_seen(tmp_path: Path, wall: str, 
     b |= {"region": near, "orientation": "any", "clearance": 0.001}
     scene = {"geometry": "visual", "attempts": 40, "restarts": 0, "objects": {"a": a, "b": b}}
     compiled = compile_on_cpu(scene, bank=1)
-    generator = LayoutGenerator(compiled, 500, rejected=20_000)
+    generator = LayoutGenerator._recording(compiled, 500, rejected=20_000)
     generator.generate()
     view = generator.layouts.view
     count = int(view.rejected_count.numpy()[0])
@@ -131,7 +131,7 @@ def test_what_is_refused_beside_a_long_wall_is_in_its_way(tmp_path: Path):
     over = {"region": {"box": [[-19, -0.1, 0.3], [19, 0.1, 0.3002]]}, "orientation": "any", "clearance": 0.0}
     objects = {"wall": {"asset": wall, "kind": "static", "clearance": 0.0}, "block": {"asset": block, **over}}
     compiled = compile_on_cpu({"objects": objects, "attempts": 1, "restarts": 0}, bank=1)
-    generator = LayoutGenerator(compiled, 20000, rejected=5000)
+    generator = LayoutGenerator._recording(compiled, 20000, rejected=5000)
     generator.generate()
     view, mjm = generator.layouts.view, compiled.mjm
     count, data = int(view.rejected_count.numpy()[0]), mujoco.MjData(compiled.mjm)

@@ -268,8 +268,8 @@ def test_a_generator_that_nobody_can_stand_in_for_is_refused():
         Ahead(Own(compiled, 4))
     with pytest.raises(ArgumentTypeError, match="maker should be a LayoutSource, got"):
         Ahead(compiled)  # type: ignore[arg-type]
-    with pytest.raises(ArgumentError, match="Make the generator with rejected=0"):
-        Ahead(LayoutGenerator(compiled, 4, rejected=8))
+    with pytest.raises(ArgumentError, match="would lack prefetched layouts"):
+        Ahead(LayoutGenerator._recording(compiled, 4, rejected=8))
     with pytest.raises(ArgumentTypeError, match="stream should be a Stream, got"):
         Ahead(LayoutGenerator(compiled, 4), 0)  # type: ignore[arg-type]
     elsewhere = Mock(spec=wp.Stream, device="cuda:1")

@@ -17,7 +17,7 @@ SIZE, CLEARANCE = 0.1, 0.001
 def test_a_rejected_candidate_hits_what_it_is_too_near_to(tmp_path: Path):
     """Crates along the axes: those placed before that are within the clearance, the worst first, and no others."""
     compiled = full_tray(tmp_path)
-    generator = LayoutGenerator(compiled, 100, seed=1, rejected=200)
+    generator = LayoutGenerator._recording(compiled, 100, seed=1, rejected=200)
     generator.generate()
     view, mjm, data = generator.layouts.view, compiled.mjm, mujoco.MjData(compiled.mjm)
     count, blame = int(view.rejected_count.numpy()[0]), Blame(compiled)

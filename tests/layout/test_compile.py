@@ -15,6 +15,7 @@ import warp as wp
 
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import (
+    ArgumentError,
     FallbackWarning,
     InfeasibleSceneError,
     MeshError,
@@ -83,6 +84,16 @@ def test_every_way_to_name_a_scene_gives_the_same_world(tmp_path: Path):
         assert compiled.object_names == compiled.placed == ("cabinet", "apple", "banana")
         assert compiled.device == "cpu"
         assert (bank_rows(compiled, "train"), bank_rows(compiled, "eval")) == (slice(0, 64), slice(64, 128))
+
+
+def test_overrides_change_parts_of_a_scene():
+    """As `SceneConfig.load` does. A SceneModel is refused, because it is built already."""
+    changes = {"bank": 3, "objects.apple.clearance": 0.01}
+    compiled = compile_scene("mid", "cpu", overrides=changes, cache=False)
+    assert compiled.config.bank == 3
+    assert compiled.hash == build_model("mid", changes).hash
+    with pytest.raises(ArgumentError, match="overrides should be None for a SceneModel"):
+        compile_scene(build_model("mid"), "cpu", overrides=changes)
 
 
 def test_a_world_is_frozen():

@@ -267,7 +267,7 @@ def test_each_world_accounts_for_its_attempts(hard: CompiledScene, mid: Compiled
 
 def test_the_record_of_rejected_candidates_is_bounded_and_changes_no_layout(mid: CompiledScene):
     """Room for ten: the count runs on, the rows do not, and the layouts are those without a record."""
-    generator = LayoutGenerator(mid, 200, seed=6, rejected=10)
+    generator = LayoutGenerator._recording(mid, 200, seed=6, rejected=10)
     generator.generate()
     collisions = generator.layouts.rejections.numpy()[:, Cause.COLLISION].sum()
     assert generator.layouts.view.rejected_count.numpy()[0] == collisions > 10
@@ -341,8 +341,9 @@ def test_a_mask_on_another_device_is_copied():
 def test_what_is_no_argument_is_refused_in_our_words(mid: CompiledScene, words: dict[str, Any], says: str):
     """Whatever its type; each is a ValueError, too."""
     given = {"compiled": mid, "nworld": 4, **words}
+    make = LayoutGenerator._recording if "rejected" in words else LayoutGenerator
     with pytest.raises(ScenirisError, match=says) as found:
-        LayoutGenerator(given.pop("compiled"), given.pop("nworld"), **given)
+        make(given.pop("compiled"), given.pop("nworld"), **given)
     assert isinstance(found.value, ValueError)
 
 

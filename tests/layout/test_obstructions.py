@@ -92,7 +92,7 @@ def test_a_record_changes_no_layout_and_has_what_the_exact_one_has(compiled: Com
     """Restarts are tried at once all the same: of a generator that has room for them it holds candidates of more."""
     size = replace(default_size("cpu"), rows=64)
     made = recording(LayoutGenerator(compiled, NWORLD, seed=3, size=size))
-    exact = LayoutGenerator(compiled, NWORLD, seed=3, rejected=8 * NWORLD)
+    exact = LayoutGenerator._recording(compiled, NWORLD, seed=3, rejected=8 * NWORLD)
     plain = LayoutGenerator(compiled, NWORLD, seed=3)
     for each in (made, exact, plain):
         each.generate()

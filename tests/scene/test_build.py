@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import ArgumentTypeError, SceneKeyError, UnknownNameError
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, SceneKeyError, UnknownNameError
 from sceniris_gym.scene.build import build_model
 from tests.scene.assets import build, names
 
@@ -101,11 +101,20 @@ def test_all_shipped_scenes_build():
         assert sorted(scene.joints("cabinet")) == ["lower", "upper"]
 
 
-def test_what_is_no_scene_config_is_refused():
-    """The name of a scene too, which SceneConfig.load reads."""
-    for wrong in (None, "mid"):
-        with pytest.raises(ArgumentTypeError, match="build_model: config should be a SceneConfig, got"):
-            build_model(wrong)  # type: ignore[arg-type]
+def test_a_scene_is_given_in_any_form(tmp_path: Path):
+    """A name, a path, a mapping, a SceneConfig or a SceneModel; the first four with overrides."""
+    path = tmp_path / "small.yaml"
+    path.write_text("base: mid")
+    config = SceneConfig.load("mid")
+    model = build_model(config)
+    assert build_model(model) is model
+    for scene in ("mid", path, {"base": "mid"}, config):
+        assert build_model(scene).hash == model.hash
+        assert build_model(scene, {"objects.apple.clearance": 0.01}).hash != model.hash
+    with pytest.raises(ArgumentError, match="overrides should be None for a SceneModel"):
+        build_model(model, {"objects.apple.clearance": 0.01})
+    with pytest.raises(ArgumentTypeError):
+        build_model(None)  # type: ignore[arg-type]
 
 
 def model_with(cameras: dict[str, Any], **more: Any) -> Any:

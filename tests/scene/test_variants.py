@@ -13,7 +13,7 @@ import trimesh
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ModelWarning, SceneFileError, SceneKeyError, UnknownNameError
 from sceniris_gym.scene import assemble
-from sceniris_gym.scene.build import build_model
+from sceniris_gym.scene.build import build_model, build_variants
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.variants import geom_classes
 from tests.config.scenes import TABLE
@@ -156,7 +156,7 @@ def test_bodies_of_a_model_are_variants_where_another_model_is_simulated():
     simulated = SceneConfig.load(words)
     words = {"model": on_a_table("thing/cube", "thing/brick").compile()}
     words["objects"] = {"thing": {"variants": {"cube": {}, "brick": {}}, "on": "table"}}
-    assert {"thing/cube", "thing/brick"} <= set(build_model(SceneConfig.load(words), simulated).bodies)
+    assert {"thing/cube", "thing/brick"} <= set(build_variants(SceneConfig.load(words), simulated).bodies)
 
 
 def scene(folder: Path, files: dict[str, str]) -> SceneConfig:

@@ -76,7 +76,7 @@ def try_scene(
             compiled = compile_scene(words, device, cache=False)
         except ScenirisError as error:
             return Outcome(name, scene.features, f"{type(error).__name__}: {error}".replace(folder, "FOLDER"))
-        generator = LayoutGenerator(compiled, layouts, seed=seed, rejected=_RECORDED, every_cause=True)
+        generator = LayoutGenerator._recording(compiled, layouts, seed=seed, rejected=_RECORDED, every_cause=True)
         generator.generate()
     made, judge = generator.table(), StackJudge(compiled.mjm)
     moved = {}

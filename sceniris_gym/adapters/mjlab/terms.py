@@ -21,7 +21,7 @@ from sceniris_gym.layout.layouts import Layouts, LayoutStatus
 from sceniris_gym.layout.masks import as_world_ids
 from sceniris_gym.program.compiled import CompiledScene, refuse_draws
 from sceniris_gym.scene.adopt import instead_of_variants
-from sceniris_gym.scene.build import build_model
+from sceniris_gym.scene.build import build_model, build_variants
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.sim.fit import check_fit
 from sceniris_gym.sim.origins import warn_of_origins
@@ -328,7 +328,7 @@ def _as_model(scene: Any, env: Any) -> SceneModel:
         if name not in config.variants:
             words[f"objects.{name}.variants"] = {variant: {} for variant in info.variant_names}
     full = model_of_variants(env, several, config.where)
-    return build_model(SceneConfig.load(config, {**words, "model": full}), simulated)
+    return build_variants(SceneConfig.load(config, {**words, "model": full}), simulated)
 
 
 def _roots(compiled: CompiledScene, env: Any) -> dict[str, Any]:

@@ -52,7 +52,7 @@ def _compile_pairs(pairs: list[tuple[dict, dict, float]], geometry: str, clearan
 
 def _judged(compiled: CompiledScene, npair: int, nworld: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """FCL's distances [m] of all accepted and of all rejected candidates, of the second of each pair to the first."""
-    generator = LayoutGenerator(compiled, nworld, seed=seed, rejected=50 * nworld)
+    generator = LayoutGenerator._recording(compiled, nworld, seed=seed, rejected=50 * nworld)
     generator.generate()
     solids = Solids(compiled.mjm, compiled.config.geometry)
     sides = [[solids.geoms(f"{side}_{i}") for side in ("first", "second")] for i in range(npair)]
@@ -118,7 +118,7 @@ def test_what_stands_before_a_drawer_is_judged_by_its_opening_and_not_by_its_def
     }
     compiled = compile_on_cpu(scene)
     rows = make(compiled, 200)
-    upper = LayoutGenerator(compiled, 200, rejected=200)
+    upper = LayoutGenerator._recording(compiled, 200, rejected=200)
     upper.generate()
     rejected = upper.layouts.view.rejected_qpos.numpy()[: int(upper.layouts.view.rejected_count.numpy()[0])]
     adr = compiled.mjm.joint("cabinet/upper").qposadr[0]
@@ -132,7 +132,7 @@ def test_an_arm_is_an_obstacle_in_its_drawn_state():
     robot = {"asset": "panda", "joints": {"*": {"noise": 0.2}}}
     objects = {"can": {"asset": "can", "region": {"box": [[0.2, -0.15, 0.4], [0.65, 0.15, 0.75]]}, "clearance": 0.002}}
     compiled = compile_on_cpu({"robot": robot, "objects": objects, "attempts": 30, "restarts": 0})
-    generator = LayoutGenerator(compiled, 150, seed=6, rejected=1000)
+    generator = LayoutGenerator._recording(compiled, 150, seed=6, rejected=1000)
     generator.generate()
     view, solids = generator.layouts.view, Solids(compiled.mjm, "physics")
     arm, can = solids.geoms("panda"), solids.geoms("can")

@@ -129,7 +129,7 @@ def test_a_record_of_candidates_is_that_of_one_restart_at_a_time(compiled: Compi
     """Whatever was drawn at once: what collided is recorded, and what later restarts drew in vain is not."""
     found = []
     for size in (None, SIZES["64-512-100-3"]):
-        generator = LayoutGenerator(compiled, N, seed=21, size=size, rejected=50_000)
+        generator = LayoutGenerator._recording(compiled, N, seed=21, size=size, rejected=50_000)
         generator.generate()
         view = generator.layouts.view
         count = int(view.rejected_count.numpy()[0])
