@@ -167,7 +167,8 @@ class LayoutAutoResetWrapper:
         found, wanted = (jax.tree.map(lambda array: f"{array.dtype}{array.shape}", each) for each in (obs, state.obs))
         if found != wanted:
             raise ArgumentError(
-                f"LayoutAutoResetWrapper: observe should return the form of env.reset, {wanted}, got {found}."
+                f"LayoutAutoResetWrapper: observe should return arrays with the names, dtypes and shapes of "
+                f"the observation of env.reset, {wanted}, got {found}."
             )
         info = {"rng": rng, "done_count": jnp.zeros(worlds, int)} | ({} if self.full_reset else {"first_data": data})
         state.info.update({f"AutoResetWrapper_{name}": value for name, value in info.items()})

@@ -131,7 +131,7 @@ class NewtonRandomizer(StaysHere):
         NotSupportedError: The scene has words of `start` or `randomize`.
     """
 
-    _SEND = "the CompiledScene, and make a new one there"
+    _SEND = "its CompiledScene to the other process, and construct a new object there"
 
     @launching
     def __init__(

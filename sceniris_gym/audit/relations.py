@@ -173,7 +173,17 @@ def _rectangles(outline: Outline) -> np.ndarray:
 
 
 def _off_hull(point: np.ndarray, anchors: np.ndarray, there: np.ndarray, width: np.ndarray) -> np.ndarray:
-    """Return the distance [m] of points (nrow, 2) from the hull, strip or square of anchors (nrow, n, 2)."""
+    """Return the distance [m] of points from the region of `between`, shape (nrow,).
+
+    The region is the hull of the present anchors. If this hull is thin, it is a strip along the anchors. If the anchors
+    lie at one place, it is a square.
+
+    Args:
+        point: The points [m], shape (nrow, 2).
+        anchors: Pivots of the anchors [m], shape (nrow, n, 2).
+        there: Whether each anchor is present, shape (nrow, n).
+        width: Width of the strip, and side of the square [m], shape (nrow,).
+    """
     first = anchors[np.arange(len(there)), there.argmax(1)]
     anchors = np.where(there[..., None], anchors, first[:, None])  # absent anchors do not count
     hull = shapely.convex_hull(shapely.multipoints(anchors))

@@ -58,7 +58,7 @@ def with_tags(files: Iterable[Path], tags: Any) -> list[Path]:
             raise wrong(f"should be tags of the folder's assets, which {has}", tag, known)
     found = [path for path, own in tags_of.items() if own.issuperset(tags)]
     if not found:
-        raise wrong("should be tags that at least one of the folder's assets has together")
+        raise wrong("should be tags that occur together in at least one of the folder's assets")
     return found
 
 

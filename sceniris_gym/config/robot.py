@@ -121,7 +121,11 @@ class RobotConfig(Section):
 
     @property
     def name(self) -> str:
-        """The name of the root body: from the model or `robots`, or 'panda' for 'panda' and 'my/panda.xml'."""
+        """The name of the root body: `in_model` for a robot of the model, otherwise the robot's key in `robots`.
+
+        The single `robot` of a scene has no key. Its name is the asset's file name without its ending: 'panda' for both
+        'panda' and 'my/panda.xml'.
+        """
         if self.asset is None:
             return str(self.in_model)
         return Path(self.asset).stem if self._called is None else self._called
@@ -203,5 +207,5 @@ class StartConfig(Section):
             raise wrong("should have 'lift' or 'robot_joints', not both")
         for words in (*self.robot_joints.values(), *self.joints.values()):
             if words.choice is not None:
-                raise wrong("should draw joints by 'fraction', 'range', 'value' or 'noise'")
+                raise wrong("should have no 'choice' for a joint: draw it by 'fraction', 'range', 'value' or 'noise'")
         return self

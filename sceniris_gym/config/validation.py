@@ -278,10 +278,16 @@ def _check_target(scene: SceneWords, start: StartConfig, name: str, where: str) 
     if not scene.objects[name].reachable:
         raise SceneKeyError(f"{where}.of: '{name}' should be 'reachable', because an arm starts there.")
     if start.is_held and scene.objects[name].kind != "free":
-        raise SceneKeyError(f"{where}: '{name}' is not a free object, so it cannot be held in the air.")
+        raise SceneKeyError(
+            f"{where}: '{name}' is not a free object, so it cannot be held in the air. Make its kind 'free', or leave "
+            "out 'lift' and 'robot_joints'."
+        )
     for other, words in scene.objects.items():
         if start.is_held and words.support is not None and words.support.parent.split("/")[0] == name:
-            raise SceneKeyError(f"{where}: '{other}' stands on '{name}', and a held object cannot support others.")
+            raise SceneKeyError(
+                f"{where}: '{other}' stands on '{name}', and a held object cannot support others. Put '{other}' on "
+                "another support, or leave out 'lift' and 'robot_joints'."
+            )
 
 
 def _check_place(scene: SceneWords, name: str, marker: str, where: str) -> None:

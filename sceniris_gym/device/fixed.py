@@ -26,7 +26,7 @@ class StaysHere(RefusesOldNames):
         _SEND: The object to send instead, worded for the error message.
     """
 
-    _SEND = "its CompiledScene, which is compiled again where it arrives, or the scene's name, and make it there"
+    _SEND = "its CompiledScene or the scene's name to the other process, and construct a new object there"
 
     def __reduce__(self) -> NoReturn:
         """Reject pickling and copying.

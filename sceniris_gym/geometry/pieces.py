@@ -70,7 +70,7 @@ class Piece:
         size: MuJoCo's sizes [m] of a primitive, shape (3,).
         vertices: Vertices [m] of a hull in the piece's frame, shape (n, 3), empty for primitives.
         mesh: Its closed surface in the body's frame, None for a plane. Round primitives are tessellated. With
-            `geometry: physics`, the mesh only serves for flat faces, outlines and covers.
+            `geometry: physics`, the mesh only serves to find flat faces, outlines, and obstacles above a point.
         contact_class: Its class in `ContactRules`.
     """
 

@@ -211,17 +211,30 @@ class HomeShape:
         return found
 
     def _rocks_back(self, rotation: np.ndarray, sides: int, step: float) -> bool:
-        """Return whether gravity rights the pose if the height only has to rise over each span of the rocking angle.
+        """Return whether gravity rights a pose on a bottom of many small faces, after tilts of up to `STABLE_TILT`.
 
-        Heights are compared up to one rocking angle beyond `STABLE_TILT`, so that a ripple there does not count.
+        On such a bottom, the height of the centre of mass ripples as the object tilts. It therefore has to rise over
+        each span of the angle `ROCKING`, not over each step. The tilts end one span beyond `STABLE_TILT`, so that a
+        ripple at the end does not count either.
+
+        Args:
+            rotation: The pose, shape (3, 3).
+            sides: Number of directions of the tilts.
+            step: Angle between two tilts [degrees].
         """
         tilts = np.arange(0.0, STABLE_TILT + ROCKING + 0.5 * step, step)
         return self._comes_back(rotation, sides, tilts, round(ROCKING / step))
 
     def _comes_back(self, rotation: np.ndarray, sides: int, degrees: np.ndarray, span: int = 1) -> bool:
-        """Return whether gravity rights the pose (3, 3) after all of these tilts, in `sides` directions.
+        """Return whether gravity rights a pose after all of the given tilts.
 
-        It does if the height of the centre of mass above the lowest point rises over each `span` of tilts.
+        It does if the height of the centre of mass above the lowest point rises over each span of tilts.
+
+        Args:
+            rotation: The pose, shape (3, 3).
+            sides: Number of directions of the tilts.
+            degrees: The tilts, in ascending order.
+            span: Number of steps between the two tilts of a span.
         """
         if len(degrees) > 2 * span + 2 and not self._comes_back(rotation, sides, degrees[-span - 1 :], span):
             return False  # the largest tilts are tested first, because they reject most faces

@@ -99,7 +99,10 @@ def rectangle(low: Sequence[float] | np.ndarray, high: Sequence[float] | np.ndar
 
 
 def points_in_space(points: Points) -> list[SupportSurface]:
-    """Return points in space as surfaces, one for each height. The outlines are boxes seen from above."""
+    """Return points in space as surfaces, one for each height.
+
+    The outline of a surface is the rectangle around its points, with a margin of 1 cm.
+    """
     found = []
     for z in dict.fromkeys(z for *_, z in points):
         seen = MultiPoint([point[:2] for point in points if point[2] == z])

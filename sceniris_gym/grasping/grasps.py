@@ -70,7 +70,7 @@ class GraspSet:
 
     Attributes:
         grasps: The grasps, in the order of trials.
-        spans: (first, number) for each stable pose of the object.
+        spans: For each stable pose of the object, the index of its first grasp in `grasps` and its number of grasps.
     """
 
     grasps: tuple[Grasp, ...]
@@ -105,7 +105,7 @@ class Graspable:
     ) -> GraspSet:
         """Return the grasps that fit the gripper, from the asset's sites or generated from its geometry.
 
-        A stable pose without a suitable grasp has an empty span, and is never accepted.
+        A stable pose without a suitable grasp has 0 grasps in `GraspSet.spans`, so no layout accepts it.
 
         Args:
             poses: Stable poses of the object.

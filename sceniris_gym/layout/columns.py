@@ -9,11 +9,14 @@ from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import COLUMNS
 
 NEXT = ("next_seed", "next_episode", "next_param")
-"""Columns of `LayoutsView` that select a world's next layout."""
+"""Columns of `LayoutsView` with the seed, episode and params of each world's next layout."""
 
 
 def columns(*parts: str) -> tuple[str, ...]:
-    """Return the names of the columns of these parts, or by default of all columns of `Layouts`."""
+    """Return the names of the columns that belong to these parts, see `Column.part`.
+
+    Without arguments, return all columns that `Layouts` has, which are all except the part "table".
+    """
     return tuple(name for name, c in COLUMNS.items() if (c.part in parts if parts else c.part != "table"))
 
 

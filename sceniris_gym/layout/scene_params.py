@@ -173,7 +173,11 @@ def _regions(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:
         if part is None or not part.is_placed:
             continue
         if cuts[i] > 0 or heaps[i] >= 0 or (part.region is not None and part.region.points is not None):
-            yield name, "it is drawn from points, from a heap, or from a region cut by relations or a leaning support."
+            yield (
+                name,
+                "it is drawn from points or a heap, or is cut in each layout: by relations, by a leaning support, or by "
+                "a 'ratio_on_support' together with 'orientation: any' or drawn joints.",
+            )
         elif part.support is None:
             ends = ("obj_box_lower", "obj_box_upper")
             box = np.concatenate([getattr(program, end).numpy()[0, i] for end in ends])

@@ -90,7 +90,7 @@ class RequestedLayouts(StaysHere):
         ScenirisError: As in `LayoutGenerator`.
     """
 
-    _SEND = "the CompiledScene, and make new ones there"
+    _SEND = "its CompiledScene to the other process, and construct a new object there"
 
     @launching
     def __init__(self, compiled: CompiledScene, nworld: int, split: str = "train") -> None:

@@ -143,7 +143,7 @@ def _bounds(params: ParamTable, arrays: Mapping[str, wp.array]) -> list[tuple]:
                 form, other = "flag", column + len(param.default) - 1
             elif param.form == "clearance":
                 least = arrays[name][:1].numpy().flat[offset]
-                # a pair of objects with two clearances takes the greater: their columns are `number` and `other`
+                # a pair of objects that both have a clearance keeps the greater of the two, in `column` and `other`
                 _, _, _, column, *_ = found.get((name, offset), (0, 0, 0, column))
             number = names.index(name)
             found[name, offset] = number, offset, FORMS.index(form), column, other, number, offset, least

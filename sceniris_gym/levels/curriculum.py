@@ -70,7 +70,8 @@ class LevelReplay:
         temperature: See `prioritization`.
         staleness_coef: Fraction of the weight that depends on the time since a level was last chosen, in refreshes.
         alpha: Weight of the newest episode in a success rate, which begins at 0.5.
-        refresh_interval: Number of resets between two refreshes of the weights.
+        refresh_interval: Number of calls of `reset` between two refreshes of the weights, each for any number of
+            worlds. An environment makes one such call in each step.
         adr: Moves the intervals of fresh levels, an ADR or a mapping of its fields.
 
     Raises:

@@ -37,8 +37,8 @@ class LevelSampler(Chooser, StaysHere):
     Choices are a pure function of the worlds' seeds and of all outcomes, except for a race on a GPU: if several worlds
     finish the same level in one step, only one outcome may count.
 
-    Weights are refreshed every `LevelReplay.refresh_interval` resets, but not during a capture. Choices use the weights
-    of the latest refresh.
+    Weights are refreshed after every `LevelReplay.refresh_interval` calls of `reset`, each for any number of worlds.
+    During a capture, they are not. Choices use the weights of the latest refresh.
 
     Args:
         replay: The settings.
@@ -101,7 +101,8 @@ class LevelSampler(Chooser, StaysHere):
         """Insert levels, replacing levels with lower scores, and refresh the weights.
 
         Args:
-            layouts: See `update`. All layouts count as new to the buffer, and their number is not limited.
+            layouts: See `update`. All count as new to the buffer, whatever their `level`, except layouts from the bank
+                (-2), which do not count. There may be more layouts than worlds.
             scores: See `update`.
 
         Raises:
@@ -213,7 +214,7 @@ class LevelSampler(Chooser, StaysHere):
         return made
 
     def after_reset(self) -> None:
-        """Refresh the weights every `refresh_interval` resets."""
+        """Count a call of `reset`, and refresh the weights after every `refresh_interval` calls."""
         self._since += 1
         if self._since >= self.replay.refresh_interval and not self._device.is_capturing:
             self._since = 0

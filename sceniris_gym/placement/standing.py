@@ -1,7 +1,7 @@
 """`stands`: test whether all free objects below a candidate still stand, by statics on MuJoCo's soft contacts.
 
-The load of a level is the object of this level and everything on it, each as a rigid body. The *patch* of a level is
-the hull of the part of its foot on the support. A load stands if its centre of mass is inside the patch by a margin.
+The *load* of an object in a stack is this object and everything on it, each as a rigid body. The *patch* of an object
+is the hull of the part of its foot on its support. A load stands if its centre of mass is inside the patch by a margin.
 
 Contacts give way, with each corner of the patch as a spring. A load sinks by d. If its centre is e away from the centre
 of the patch, it leans by d K^-1 e. Here K is the mean of the outer products of the patch's corners around their mean.
@@ -47,22 +47,22 @@ _MOVE = wp.constant(MOST_MOVE)
 
 @wp.struct
 class Level:
-    """An object and its load, on its patch.
+    """An object of a stack with its load, on its patch.
 
     Lengths are in metres, in the world's axes around the pivot of the candidate. `load` is the weight [kg] and centre
-    of the object and everything on it. `own` is the same without the level above and its load.
+    of the object and everything on it. `own` is the same without the next object above and its load.
     """
 
-    foot: float  # height
+    foot: float  # height of the foot
     own: wp.vec4
     load: wp.vec4
-    middle: wp.vec2
+    middle: wp.vec2  # mean of the patch's corners
     softness: wp.mat22  # lean [rad] per metre between the load's centre and `middle`
-    margin: float
+    margin: float  # distance of the load's centre from the edge where contacts hold it, negative outside
     inner: float  # radius of the patch around `middle`
-    sink: float
-    gap: float
-    lean: wp.vec2
+    sink: float  # depth of its contacts
+    gap: float  # height of its fall until its support carries it
+    lean: wp.vec2  # [rad]
     law: LawVector
     center: wp.vec2  # of the rectangle around a curved foot
     axis: wp.vec2  # first axis of the rectangle
@@ -168,7 +168,12 @@ def find_patch(
 
 @wp.func
 def measure(level: Level, patch: wp.array[wp.vec2]) -> Level:
-    """Return a level with the middle and softness of its patch, and the margin of its load."""
+    """Return an object of a stack with its fields `middle`, `softness`, `margin` and `inner` set.
+
+    Args:
+        level: The object, with its `load`, `law` and `sink`.
+        patch: The corners of its patch [m], as `find_patch` writes them.
+    """
     at = wp.vec2(level.load[1], level.load[2])
     middle = wp.vec2(0.0)
     for i in range(DIRECTIONS):
@@ -211,7 +216,12 @@ def _leans(level: Level, off: wp.vec2) -> wp.vec2:
 
 @wp.func
 def loads_stand(levels: wp.array[Level], num: int) -> bool:
-    """Return True if the loads of all levels stay on their patches as contacts give way. The lowest level is last."""
+    """Return True if all loads of a stack stay on their patches as contacts give way.
+
+    Args:
+        levels: The objects of the stack from the candidate down. The lowest object is last.
+        num: Number of objects.
+    """
     moved = wp.zeros(shape=(wp.static(MAX_LEVELS),), dtype=wp.vec2)
     shift = wp.zeros(shape=(wp.static(MAX_LEVELS),), dtype=wp.vec2)
     for _ in range(_PASSES):
@@ -235,7 +245,7 @@ def loads_stand(levels: wp.array[Level], num: int) -> bool:
     fall = float(0.0)
     drop = float(0.0)
     roll = float(0.0)
-    below = wp.vec2(0.0)  # the lean of the carrier of a level
+    below = wp.vec2(0.0)  # the lean of the object's carrier
     for k in range(num):
         j = num - 1 - k
         level = levels[j]

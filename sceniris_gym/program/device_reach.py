@@ -125,6 +125,9 @@ def is_drawn(interval: wp.vec2) -> bool:
 
 @wp.func
 def reaches(starts: Starts, kind: int, column: int) -> bool:
-    """Return True if the arm starts at a reach target in its placed pose, or straight above it."""
+    """Return True if a kind of start puts the arm at the reach target `column`.
+
+    The target is in its placed pose, or straight above it (`PREGRASP`, `STANDING` or `LIFTED`).
+    """
     pose = starts.pose[kind]
     return starts.target[kind, column] and pose != StartPose.HOME and pose != StartPose.HELD

@@ -64,7 +64,10 @@ class Plan:
 
     @cached_property
     def solids(self) -> list[tuple[Piece, np.ndarray, np.ndarray]]:
-        """All pieces except planes, with their lower and upper corners [m] at home along the world's axes, (3,)."""
+        """All pieces except planes, each with the box around it in the home pose.
+
+        The box is along the world's axes, as its lower and its upper corner [m], shape (3,) each.
+        """
         found = []
         for p in (p for p in self.pieces if p.type != PieceType.PLANE):
             low, high = p.extents(self.scene.home.xmat[p.body].reshape(3, 3))

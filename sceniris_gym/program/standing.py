@@ -92,12 +92,14 @@ With these laws, 19,168 worlds of 1,000 random scenes all moved by less than 1 c
 
 
 class Roll(NamedTuple):
-    """The rectangle around a curved foot, seen from above around the pivot at heading 0. It determines the roll.
+    """The rectangle around a curved foot, from which the roll of the object is computed.
+
+    It is seen from above, relative to the object's pivot at heading 0.
 
     Attributes:
         center: Its centre [m], shape (2,).
-        axis: Its first axis, shape (2,).
-        reach: Half of its sides along the axis and across it [m], shape (2,).
+        axis: Unit vector along its first side, shape (2,).
+        reach: Half of its length along `axis`, and half of its length across `axis` [m], shape (2,).
     """
 
     center: np.ndarray = np.zeros(2)
@@ -138,11 +140,11 @@ class Foot:
 
 @dataclass(frozen=True)
 class Stance:
-    """The feet, contacts and levels of an object that has to stand.
+    """The feet and contacts of an object that has to stand, and the stack below it.
 
     Attributes:
-        levels: The object, the free object that carries it, and so on down to a free object on a support that cannot
-            move, as numbers in `Plan.objects`.
+        levels: The stack as numbers in `Plan.objects`: the object, the free object that carries it, and so on down to
+            a free object on a support that cannot move.
         feet: Its foot in each of its stable poses, empty if it does not collide with its support.
         load: Greatest simultaneous weight [kg] of the object and everything on it.
         depth: Greatest depth of its sink into the support [m].
@@ -364,7 +366,14 @@ def _foot(
 
 
 def _rolling(shape: HomeShape, pose: StablePose, lean: float, steady: float) -> tuple[list[np.ndarray], Law, Roll]:
-    """Return the curved foot of an object that rights itself after a lean [rad], its law, and its rectangle."""
+    """Return the curved foot of an object that rights itself after a lean, its law, and the rectangle around it.
+
+    Args:
+        shape: The pieces that the support carries.
+        pose: The stable pose.
+        lean: The lean [rad]. A greater lean gives a larger foot.
+        steady: `Law.steady`.
+    """
     rotation = matrix(pose.quat)
     corners = curved_foot(lambda up: shape.lowest(up @ rotation) - up @ rotation @ pose.pivot, lean)
     box = shapely.get_coordinates(MultiPoint(corners).minimum_rotated_rectangle)[:3]
@@ -376,7 +385,13 @@ def _rolling(shape: HomeShape, pose: StablePose, lean: float, steady: float) -> 
 
 
 def _spare(roll: Roll, law: Law, ends: np.ndarray) -> np.ndarray:
-    """Return the permitted roll of an object minus its roll [m], with its centre of mass at each of `ends`, (n, 3)."""
+    """Return by how much [m] the roll of an object is below the permitted roll, negative beyond it, shape (n,).
+
+    Args:
+        roll: The rectangle around its curved foot.
+        law: The law of this foot.
+        ends: Positions of its centre of mass relative to the pivot [m], one per drawn state of its joints, (n, 3).
+    """
     tan, axes = law.tip / RISE, np.array([roll.axis, [-roll.axis[1], roll.axis[0]]])
     height = ends[:, 2:]
     rise = roll.reach - tan * height
@@ -386,7 +401,15 @@ def _spare(roll: Roll, law: Law, ends: np.ndarray) -> np.ndarray:
 
 
 def _cannot_leave(o: PlacedObject, feet: list[Foot], walls: list[Piece]) -> bool:
-    """Return whether the whole foot is on its support in any heading, because its region or walls ensure it."""
+    """Return whether the whole foot of an object is on its support in any heading.
+
+    Either its region keeps the foot away from the edges of the surface, or walls stand all around the surface.
+
+    Args:
+        o: The object.
+        feet: Its foot in each of its stable poses.
+        walls: The pieces of the support that may be walls.
+    """
     for surfaces, own in zip(o.surfaces, feet, strict=True):
         reach = np.linalg.norm(np.concatenate(own.parts), axis=1).max()
         parts = shapely.union_all([MultiPoint(part).convex_hull for part in own.parts])
@@ -400,7 +423,7 @@ def _cannot_leave(o: PlacedObject, feet: list[Foot], walls: list[Piece]) -> bool
 
 
 def _is_walled(surface: SupportSurface, height: float, walls: list[Piece]) -> bool:
-    """Return whether walls stand all around a surface up to a height [m] above it."""
+    """Return whether pieces of `walls` stand all around a surface, up to a height [m] above it."""
     ends = surface.height + _NEAR, surface.height + max(height, _NEAR)
     meshes = [p.mesh for p in walls if p.mesh is not None and p.mesh.is_convex]
     low, high = ([section(mesh, z) for mesh in meshes] for z in ends)

@@ -83,7 +83,17 @@ def measure_false_accepts(reach_map: ReachMap, device: str) -> float | None:
 
 
 def _accepted(reach_map: ReachMap, number: int, members: tuple[int, ...], device: str) -> Iterator[np.ndarray]:
-    """Yield accepted poses of a set, as position and wxyz quaternion, until at least POSES are found."""
+    """Yield accepted poses of a set, until at least `POSES` are found or `_ROUNDS` rounds of draws are over.
+
+    Args:
+        reach_map: The map.
+        number: Index of the set, which selects its random numbers.
+        members: Components of the wxyz quaternion that are drawn. The other components are 0.
+        device: Warp's name of the device.
+
+    Yields:
+        The accepted poses of one round, as position [m] and wxyz quaternion, shape (n, 7).
+    """
     draws = np.random.default_rng([reach_map.seed, number])
     half, found = abs(reach_map.u_low), 0
     low = np.array([*(reach_map.arm.axis_xy - half), reach_map.z_low])

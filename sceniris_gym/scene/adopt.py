@@ -171,7 +171,9 @@ def _unknown(name: str, bodies: list[str], where: str) -> UnknownNameError:
 def _check_kind(name: str, parent: str, joints: list[int], kind: str, where: str) -> None:
     free = int(assemble.FREE)
     if parent != "world":
-        raise SceneKeyError(f"{where}: body '{name}' should be a child of the world, not of '{parent}'.")
+        raise SceneKeyError(
+            f"{where}: body '{name}' should be a child of the world, not of '{parent}'. Move it in the model."
+        )
     if kind == "free" and joints != [free]:
         has = ", ".join(_JOINTS[joint] for joint in joints) or "no joint"
         instead = f"in place of its {len(joints)} joints ({has})" if joints else "in it"
@@ -182,4 +184,7 @@ def _check_kind(name: str, parent: str, joints: list[int], kind: str, where: str
     if kind == "static" and free in joints:
         raise SceneKeyError(f"{where}: body '{name}' has a freejoint; its kind should be 'free'.")
     if kind in _MOCAP and joints:
-        raise SceneKeyError(f"{where}: body '{name}' should have no joint of its own to be a '{kind}'.")
+        raise SceneKeyError(
+            f"{where}: body '{name}' should have no joint of its own to be a '{kind}'. Remove the joint, or move "
+            "it to a child body."
+        )

@@ -65,7 +65,7 @@ def attach_object(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: s
     where, name = f"{where}: objects.{name}", name.removeprefix(f"{owner}/")
     child = _load_asset(config.asset, f"{where}.asset")
     if owner and child.flexes:
-        raise NotSupportedError(f"{where}: is soft, and a variant should be a rigid body.")
+        raise NotSupportedError(f"{where}: is soft, and a variant should be a rigid body. Leave it out.")
     if config.scale != 1.0:
         scale_asset(child, config.scale, f"{where}.scale")
     home = _take_home(child, name, keyframe=None, where=f"{where}.asset")
@@ -100,7 +100,7 @@ def attach_variants(
         if lost := [kind for kind, count in wanted.items() if bodies and len(getattr(spec, kind)) < count]:
             raise NotSupportedError(
                 f"{where}: objects.{owner}: variants have {' and '.join(lost)} of joints that are dropped, and "
-                "should be rigid bodies to share one body. Make them objects, in a group."
+                "should be rigid bodies to share one body. Make them separate objects in a group instead."
             )
     return homes
 

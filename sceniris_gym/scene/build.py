@@ -220,7 +220,10 @@ def _assemble(config: SceneConfig, shared: SharedBodies | None = None) -> tuple[
             if not config.has_model_in_memory:  # `check_bodies` checks a model in memory after compilation
                 adopt_body(spec, name, part, f"{config.where}: objects.{name}")
         elif spec.body(name) is not None:
-            raise SceneKeyError(f"{config.where}: objects.{name}: the model has a body of this name already.")
+            raise SceneKeyError(
+                f"{config.where}: objects.{name}: the model has a body of this name already. Leave out the 'asset' to "
+                "use that body, or give the object another name."
+            )
         elif name not in owners:
             homes.append(assemble.attach_object(spec, name, part, config.where))
         elif name == (members := config.variants[owner := owners[name]])[-1]:

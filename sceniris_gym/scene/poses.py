@@ -42,7 +42,9 @@ def pose_address(scene: SceneModel, name: str, where: str) -> PoseAddress:
     if mjm.body_mocapid[body] >= 0:
         return PoseAddress("mocap", int(mjm.body_mocapid[body]))
     if not is_static(mjm)[body]:
-        raise NotSupportedError(f"{where}: '{name}' hangs on joints, and layouts hold their positions, not its pose.")
+        raise NotSupportedError(
+            f"{where}: '{name}' hangs on joints, and layouts hold their positions, not its pose. Use its joints."
+        )
     return PoseAddress("body", body)
 
 

@@ -112,7 +112,9 @@ def _prepare(scene: SceneModel, heap: HeapConfig, where: str) -> _Drop:
     walls = [b for b in subtree(mjm, body) if b in container]
     geoms = np.flatnonzero(np.isin(mjm.geom_bodyid, walls) & ~outside & (mjm.geom_contype + mjm.geom_conaffinity > 0))
     if not len(geoms):
-        raise SceneKeyError(f"{where}.fill: '{heap.fill}' has no geoms that collide, so nothing can lie in it.")
+        raise SceneKeyError(
+            f"{where}.fill: '{heap.fill}' has no geoms that collide, so nothing can lie in it. Add some."
+        )
     root = mjm.body_rootid[mjm.geom_bodyid]
     away = np.linalg.norm(scene.home.geom_xpos - scene.home.xpos[root], axis=1) + mjm.geom_rbound
     sizes = np.array([away[root == thing].max(initial=0.01) for thing in things])

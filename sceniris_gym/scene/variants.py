@@ -70,10 +70,13 @@ def places_of_geoms(mjm: mujoco.MjModel, bodies: list[int]) -> tuple[list[tuple[
 
 
 class SharedBodies:
-    """The shared bodies of variants, for the second assembly of a scene.
+    """The shared bodies of variants.
+
+    A scene with variants is assembled twice: first with a body for each variant, then with one shared body for all
+    variants of an object.
 
     Args:
-        full: The scene with all variants, compiled.
+        full: The first assembly, compiled.
         variants: Object -> names of its variants, which are bodies.
         where: The beginning of errors.
 
@@ -150,7 +153,7 @@ class SharedBodies:
         if not bit:
             raise SceneKeyError(
                 f"{self._where}: objects with variants need a contact bit, but the geoms of the model use all "
-                f"{_CONTACT_BITS} in their conaffinity. Leave one out."
+                f"{_CONTACT_BITS} in their conaffinity. Clear one of these bits in all geoms."
             )
         body = spec.worldbody.add_body(name=_HULLS)
         for mesh in unnamed:
@@ -173,9 +176,15 @@ def check_variants(
         SceneKeyError: The simulation adds a body of a name that is taken.
         NotSupportedError: A variant has joints or several bodies, or an element of the model refers to it.
     """
-    for name in (*variants, _HULLS):
+    if mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_BODY, _HULLS) >= 0:
+        raise SceneKeyError(
+            f"{where}: model: body '{_HULLS}' should have another name: objects with variants reserve this one."
+        )
+    for name in variants:
         if mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_BODY, name) >= 0:
-            raise SceneKeyError(f"{where}: objects.{name}: the model has a body of this name already.")
+            raise SceneKeyError(
+                f"{where}: objects.{name}: the model has a body of this name already. Give the object another name."
+            )
     named = [
         (kind, str(getattr(element, field, "") or ""))
         for kind, fields in _REFERENCES.items()
@@ -184,7 +193,7 @@ def check_variants(
     ]
     for name in owners_of(variants):
         at, body = f"{where}: objects.{name}", mjm.body(name).id
-        cure = "should be one rigid body to share its place with other variants. Make it an object, in a group"
+        cure = "should be one rigid body to be a variant. Make it a separate object in a group instead"
         if len(subtree(mjm, body)) > 1:
             raise NotSupportedError(f"{at}: has several bodies, and {cure}.")
         geoms = _geoms(mjm, body)

@@ -116,7 +116,8 @@ class Redrawer:
 def _views_of(m: mjw.Model, d: mjw.Data, bodies: np.ndarray) -> tuple[mjw.Model, mjw.Data]:
     """Return views of a Model and its Data that limit `mjw.kinematics` to some bodies, with their geoms and sites.
 
-    A view has consecutive geoms and sites, so it can also include some of other bodies.
+    The geoms and sites of a view are consecutive. If their ids have gaps, the view also includes the geoms and sites of
+    other bodies in these gaps.
     """
     part, data, device = copy.copy(m), copy.copy(d), d.qpos.device
     branches = np.split(m.body_branches.numpy(), m.body_branch_start.numpy()[1:-1])

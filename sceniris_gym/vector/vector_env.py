@@ -309,7 +309,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         A snapshot has the physics, the layout and the choice of the next layout, the steps since the reset, and the
         memory of the task. The memory is every tensor of the task and its helpers with `num_envs` rows that torch has
         modified. On a CPU, a restored episode continues bit for bit. On a GPU, the restored state has the same bits,
-        but later steps differ as two runs do. Statistics count a restored episode from the restore on.
+        but later steps differ by rounding, as between any two runs. Statistics count a restored episode from the
+        restore on.
 
         Args:
             worlds: As in `redraw`. Ids set the order of the rows.

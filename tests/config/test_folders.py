@@ -55,7 +55,7 @@ def test_tags_that_choose_nothing_are_refused(tmp_path: Path):
     pattern = folder_of(tmp_path, a=["red"], b=["graspable"])
     for tags, message in (
         (["graspible"], r"objects\.target\.tags: .*have graspable, red. Did you mean 'graspable'"),
-        (["red", "graspable"], "at least one of the folder's assets has together"),
+        (["red", "graspable"], "occur together in at least one of the folder's assets"),
         ([], "a list of tags"),
         (3, "a list of tags"),
     ):

@@ -210,7 +210,14 @@ class Places:
     def _on_site(self, name: str, region: Region, word: str, where: str) -> dict[str, Any]:
         """Return the words of an object on or in a site.
 
-        As in LIBERO, positions lie in a rectangle of half the site's size, less the object's radius on each side.
+        As in LIBERO, positions lie in a rectangle around the site's centre. Its sides are half as long as the site's,
+        less the object's radius at each end.
+
+        Args:
+            name: The object.
+            region: The region of the problem, which names the site.
+            word: The predicate, `On` or `In`.
+            where: The beginning of errors.
         """
         site = self._site(region, where)
         radius = self._spec.site(f"{name}/horizontal_radius_site")

@@ -162,7 +162,16 @@ def _vector_area(vertices: np.ndarray, edges: np.ndarray) -> np.ndarray:
 def _capped(
     mesh: trimesh.Trimesh, loops: list[np.ndarray], rgba: tuple[float, ...]
 ) -> tuple[trimesh.Trimesh, tuple[Surface, ...]]:
-    """Close each hole with triangles around its middle. Return the mesh, and a surface with the visible triangles."""
+    """Close each hole with triangles around its middle.
+
+    Args:
+        mesh: The mesh.
+        loops: For each hole, the edges around it as pairs of vertices, shape (n, 2).
+        rgba: Colour of the new triangles.
+
+    Returns:
+        The closed mesh, and a surface of the new triangles that have area (empty if none has).
+    """
     middles = np.array([mesh.vertices[np.unique(edges)].mean(axis=0) for edges in loops])
     faces = np.concatenate(
         [

@@ -309,5 +309,8 @@ def _accept(
 
 
 def launch_accept_grasps(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
-    """Keep candidates that passed. Other rows continue with their next starts, or fail if there are no more."""
+    """Keep the first candidate of each row that passed.
+
+    Rows without one continue with their next starts, or fail if there are no more.
+    """
     work.launch_lanes(_accept, [reach], work.layouts, work.search, reach_search)

@@ -92,7 +92,11 @@ def _draw_from_heap(program: Program, layouts: LayoutsView, search: Search, c: i
 # Inlined, because a call on a CPU would copy the structs, which takes half as long as a draw.
 @wp.func(inline=True)
 def draw_candidate(program: Program, split: wp.uint32, layouts: LayoutsView, search: Search, c: int):
-    """Draw a candidate's joints, orientation and point, and pose it, unless `points.py` draws the point."""
+    """Draw a candidate's joints, orientation and point, and pose the candidate.
+
+    If the region differs between worlds, this function draws only the joints and the orientation. `points.py` then
+    draws the point and poses the candidate.
+    """
     row = search.row[c]
     obj = search.obj[c]
     trial = trial_of(program, search, c)

@@ -56,7 +56,7 @@ class PointCounter:
 
 @wp.func
 def _point_counter(program: Program, split: wp.uint32, layouts: LayoutsView, search: Search, c: int) -> PointCounter:
-    """Return the counter of a candidate's point."""
+    """Return the seed, episode, stream and trial that determine the random numbers of a candidate's point."""
     world = search.row_world[search.row[c]]
     stream = stream_of(program, split, search.obj[c])
     return PointCounter(

@@ -152,7 +152,10 @@ def queue_row(program: Program, search: Search, row: int, ahead: int, busy: int)
 
 @wp.func
 def flip_failed(best: int) -> int:
-    """Return the code (below 0) of a restart whose start is not clear, or the restart for such a code."""
+    """Convert between a restart (0 or above) whose start is not clear, and its code in `Search.best` (below 0).
+
+    Each is -1 minus the other, so the same function converts both ways.
+    """
     return -1 - best
 
 

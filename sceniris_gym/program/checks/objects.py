@@ -34,7 +34,7 @@ def check_supports(plan: Plan) -> None:
         word, parent, region = o.config.support.word, o.config.support.parent, o.config.region
         where, up = f"{config.where}: {config.key(o.name)}.{word}", plan.scene.home.xmat[o.support.body][8]
         if o.support.is_floor and word == "inside":
-            raise SceneKeyError(f"{where}: nothing covers the floor. Write 'on: floor'.")
+            raise SceneKeyError(f"{where}: nothing covers the floor, so it has no inside. Write 'on: floor'.")
         if up < COS_MAX_TILT:
             lean = np.degrees(np.arccos(np.clip(up, -1.0, 1.0)))
             raise NotSupportedError(

@@ -61,7 +61,7 @@ def check_memory(what: str, needed: int, device: str, cure: str) -> None:
     """Check that a large allocation fits into free memory.
 
     Args:
-        what: The allocation, after the place in the user's words that requires it.
+        what: The allocation and the place that requires it, which begin the error: 'a.yaml: the pairs of 12 colliders'.
         needed: Its least number of bytes.
         device: Warp's name of the device.
         cure: The remedy.

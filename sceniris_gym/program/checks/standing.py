@@ -61,13 +61,14 @@ def check_standing(plan: Plan) -> None:
         _check_gravity(plan.scene, o, where)
         if not stance.feet:
             raise SceneKeyError(
-                f"{where}: '{o.name}' falls through '{o.config.support.parent}', as no geom of it collides with that. "
-                f"Give both matching contact bits (contype, conaffinity), remove an <exclude>, {_ANYWAY}."
+                f"{where}: '{o.name}' falls through '{o.config.support.parent}', as no geom of it collides with "
+                f"'{o.config.support.parent}'. Give both matching contact bits (contype, conaffinity), remove an "
+                f"<exclude>, {_ANYWAY}."
             )
         if stance.is_belt:
             raise SceneKeyError(
-                f"{where}: '{o.name}' does not stay on '{o.config.support.parent}', as a 'surfacevel' of a geom there "
-                f"carries it away. Set 'surfacevel' to 0, {_ANYWAY}."
+                f"{where}: '{o.name}' does not stay on '{o.config.support.parent}': a geom of one of them has a "
+                f"'surfacevel', which moves the object like a belt. Set 'surfacevel' to 0, {_ANYWAY}."
             )
         if (len(stance.levels) > 1 or stance.tilt) and stance.friction < _FRICTION:
             raise SceneKeyError(
@@ -82,7 +83,8 @@ def check_standing(plan: Plan) -> None:
         if round(abs(gap := max((f.drop for f in stance.feet), key=abs)), 6) > _DROP:
             raise SceneKeyError(
                 f"{where}: '{o.name}' meets its support {1e3 * abs(gap):.3g} mm {'below' if gap > 0 else 'above'} its "
-                f"place, which should be at most {1e3 * _DROP:g} mm. Let visible and colliding geoms end at one height."
+                f"place, which should be at most {1e3 * _DROP:g} mm. Let the visible and the colliding geoms of "
+                f"'{o.name}' have the same lowest height, and the geoms of its support the same top height."
             )
         check_weight(plan.scene, o.bodies, where)
         best = max(stance.feet, key=lambda f: f.most)
@@ -124,11 +126,11 @@ def _check_gravity(scene: SceneModel, o: PlacedObject, where: str) -> None:
         drawn = "may be drawn as" if (scene.least.opt.gravity != scene.most.opt.gravity).any() else "is"
         wind = f" with a wind that pushes '{o.name}' by up to {push:.3g} N for each kg" if push else ""
         raise SceneKeyError(
-            f"{where}: gravity {drawn} {pull.round(6).tolist()}{wind}, and should point down the z axis to {_TILT:g} "
-            f"degree for standing objects. Correct it, {_ANYWAY}."
+            f"{where}: gravity {drawn} {pull.round(6).tolist()}{wind}, and should point within {_TILT:g} degree "
+            f"of straight down (-z) for standing objects. Correct it, {_ANYWAY}."
         )
     if mjm.opt.disableflags & (bits.mjDSBL_CONTACT | bits.mjDSBL_CONSTRAINT):
-        raise SceneKeyError(f"{where}: a flag of the model switches contacts off. Remove it, {_ANYWAY}.")
+        raise SceneKeyError(f"{where}: a flag of the model switches contacts off. Remove this <flag>, {_ANYWAY}.")
 
 
 def _check_joints(plan: Plan, mjm: mujoco.MjModel, o: PlacedObject, load: float, where: str) -> None:
@@ -164,9 +166,10 @@ def _check_joints(plan: Plan, mjm: mujoco.MjModel, o: PlacedObject, load: float,
             names = " and ".join(f"'{mjm.joint(j).name}'" for j in joints)
             by = f"joint {names}. Hold it by its frictionloss, stiffness, limits or actuator"
             if is_loose:
-                by = f"free body '{mjm.body(root).name}'. Also place this body"
+                by = f"the free body '{mjm.body(root).name}'. Also place this body"
             raise SceneKeyError(
-                f"{where}: its support gives way by {1e3 * fall:.3g} mm under {load:.3g} kg, by {by}, {_ANYWAY}."
+                f"{where}: its support gives way by {1e3 * fall:.3g} mm under {load:.3g} kg, because of {by}, "
+                f"{_ANYWAY}."
             )
 
 
@@ -198,8 +201,8 @@ def _check_own_joints(plan: Plan, mjm: mujoco.MjModel, o: PlacedObject, stance: 
     for state, i in itertools.product(states, range(len(o.stable_poses))):
         if (far := moves(loose, state, i)) > _STILL >= moves(firm, state, i):
             raise SceneKeyError(
-                f"{where}: '{o.name}' moves by {1e3 * far:.3g} mm, as {[mjm.joint(j).name for j in inner]} give way. "
-                f"Hold them by frictionloss, stiffness or actuators, make it a robot with 'in_model', {_ANYWAY}."
+                f"{where}: '{o.name}' moves by {1e3 * far:.3g} mm, as its joints {[mjm.joint(j).name for j in inner]} "
+                f"give way. Hold them by frictionloss, stiffness or actuators, make it a robot with 'in_model', {_ANYWAY}."
             )
 
 

@@ -144,7 +144,7 @@ def _site(plan: Plan, name: str, word: str, where: str) -> tuple[np.ndarray, flo
     while body != root:
         if scene.mjm.body_jntnum[body]:
             raise SceneKeyError(
-                f"{where}: '{word}' is on '{scene.mjm.body(body).name}', which joints move. Name a site that is fixed "
+                f"{where}: site '{word}' is on '{scene.mjm.body(body).name}', which joints move. Name a site fixed "
                 f"to the root of '{name}'."
             )
         body = int(scene.mjm.body_parentid[body])
@@ -155,8 +155,8 @@ def _site(plan: Plan, name: str, word: str, where: str) -> tuple[np.ndarray, flo
     x = mat @ back @ plan.scene.home.site_xmat[sites[word]].reshape(3, 3)[:, 0]
     if np.linalg.norm(x[:2]) < _UPRIGHT:
         raise SceneKeyError(
-            f"{where}: the x axis of '{word}' is vertical, so it gives no heading. Point it out of '{name}', "
-            "towards the object that is joined to it."
+            f"{where}: the x axis of site '{word}' is vertical, so it gives no heading. Rotate the site by its "
+            f"'euler' or 'quat' until its x axis points out of '{name}', towards the joined object."
         )
     return (mat @ (pos - pivot))[:2], math.atan2(x[1], x[0])
 

@@ -46,7 +46,7 @@ REFUSED: dict[str, tuple[dict[str, Any], type[ScenirisError], str]] = {
     "inside the floor": (
         {"inside": "floor"},
         SceneKeyError,
-        r"crate\.inside: nothing covers the floor\. Write 'on: floor'",
+        r"crate\.inside: nothing covers the floor, so it has no inside\. Write 'on: floor'",
     ),
 }
 RING = {"near": "rack", "distance": {"equal": 2.0, "tolerance": 1e-4}}

@@ -256,7 +256,7 @@ WRONG: dict[str, tuple[dict, dict, type[ScenirisError], str]] = {
         r"beside\.of_site: unknown site of 'a' 'bottom'\..* Valid: front",
     ),
     "one on a lid": ({"site": "knob", "of_site": "front"}, {}, SceneKeyError, "on 'b/lid', which joints move"),
-    "one that points up": ({"site": "up", "of_site": "front"}, {}, SceneKeyError, "the x axis of 'up' is vertical"),
+    "one that points up": ({"site": "up", "of_site": "front"}, {}, SceneKeyError, "x axis of site 'up' is vertical"),
     "of what may lie": (
         {"site": "front", "of_site": "front"}, {"orientation": "any"}, SceneKeyError, "'a' has the orientation 'any'",
     ),
