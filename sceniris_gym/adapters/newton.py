@@ -229,6 +229,6 @@ class NewtonRandomizer(StaysHere):
             if adr[joint % len(adr)] not in free and np.abs(start[q] - wanted[q]).max(initial=0.0) > _TOLERANCE:
                 raise SceneMismatchError(
                     f"NewtonRandomizer: joint '{m.joint_label[joint]}' starts at {start[q].round(4).tolist()} in "
-                    f"model.joint_q and at {wanted[q].round(4).tolist()} in the scene, which would not keep layouts "
-                    "clear of it. Hold it there in the scene: `robot: {in_model: base, joints: {name: {value: ...}}}`."
+                    f"model.joint_q and at {wanted[q].round(4).tolist()} in the scene, so layouts would not keep "
+                    "clear of it. Set its position there: `robot: {in_model: base, joints: {name: {value: ...}}}`."
                 )

@@ -113,7 +113,7 @@ def _prepare(scene: SceneModel, heap: HeapConfig, where: str) -> _Drop:
     geoms = np.flatnonzero(np.isin(mjm.geom_bodyid, walls) & ~outside & (mjm.geom_contype + mjm.geom_conaffinity > 0))
     if not len(geoms):
         raise SceneKeyError(
-            f"{where}.fill: '{heap.fill}' has no geoms that collide, so nothing can lie in it. Add some."
+            f"{where}.fill: '{heap.fill}' has no geoms that collide, so nothing can lie in it. Add geoms that collide."
         )
     root = mjm.body_rootid[mjm.geom_bodyid]
     away = np.linalg.norm(scene.home.geom_xpos - scene.home.xpos[root], axis=1) + mjm.geom_rbound

@@ -173,8 +173,9 @@ class State(Readings):
     def randomized(self, name: str) -> Tensor:
         """Return the numbers that `randomize` of the scene has drawn for this episode, shape (num_envs, n).
 
-        These are factors for `scale`, terms for `add`, and values for `abs` and `choice`. The group `critic` also has
-        them, under the name "randomized".
+        These are factors for `scale`, terms for `add`, and values for `abs` and `choice`. For a `choice` among values
+        of several numbers each, such as colours, it is the index in the list, shape (num_envs, 1). The group `critic`
+        also has all of these numbers, under the name "randomized".
 
         Args:
             name: The name of the draw: "can.mass", "robot.gains", "gravity", "lights.lamp.diffuse".

@@ -245,10 +245,11 @@ def test_what_cannot_share_a_body_is_refused(tmp_path):
     with pytest.raises(SceneKeyError, match="need a contact bit"):
         build_model(SceneConfig.load(own))
     taken = words({"asset": ["can", "mug"]}, {"asset": "tin"})
-    for name in ("target", "hulls_of_variants"):
+    refused = {"target": r"objects\.target: the model has a body of this name", "hulls_of_variants": "reserve this one"}
+    for name, says in refused.items():
         text = f'<mujoco><worldbody><body name="{name}"/></worldbody></mujoco>'
         (tmp_path / "model.xml").write_text(text)
-        with pytest.raises(SceneKeyError, match=rf"objects\.{name}: the model has a body of this name"):
+        with pytest.raises(SceneKeyError, match=says):
             build_model(SceneConfig.load({**taken, "model": str(tmp_path / "model.xml")}))
 
 

@@ -202,7 +202,8 @@ def _check_own_joints(plan: Plan, mjm: mujoco.MjModel, o: PlacedObject, stance: 
         if (far := moves(loose, state, i)) > _STILL >= moves(firm, state, i):
             raise SceneKeyError(
                 f"{where}: '{o.name}' moves by {1e3 * far:.3g} mm, as its joints {[mjm.joint(j).name for j in inner]} "
-                f"give way. Hold them by frictionloss, stiffness or actuators, make it a robot with 'in_model', {_ANYWAY}."
+                f"give way. Hold them by frictionloss, stiffness or actuators, make it a robot with 'in_model', "
+                f"{_ANYWAY}."
             )
 
 

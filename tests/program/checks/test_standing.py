@@ -205,9 +205,7 @@ def test_edges_on_a_cylinder_are_refused():
 @pytest.mark.skipif(not hasattr(mujoco.MjModel, "geom_surfacevel"), reason="this MuJoCo has no belts")
 def test_a_belt_is_no_support():
     """Of the thing or below it, unless that is meant to be carried away."""
-    with pytest.raises(
-        SceneKeyError, match=r"'crate' does not stay on 'bench': a geom of one of them has"
-    ):
+    with pytest.raises(SceneKeyError, match=r"'crate' does not stay on 'bench': a geom of one of them has"):
         made(geom=BELT)
     made(geom=BELT, words={"stands": False})
 
