@@ -101,7 +101,15 @@ def device_mesh(corners: np.ndarray, device: str) -> wp.Mesh:
 
 
 def _of_faces(key: tuple[int, int, int], nodes: int, faces: int, solid: dict[int, Piece], device: str) -> Collider:
-    """Return the collider of a body's visible pieces, by their numbers, after `nodes` and `faces` of other bodies."""
+    """Return the collider of a body's visible pieces.
+
+    Args:
+        key: The first fields of `Collider`: body, class and plane.
+        nodes: Number of tree nodes of the colliders before it.
+        faces: Number of faces of the colliders before it.
+        solid: The pieces, by their numbers among all pieces.
+        device: Warp's name of the device that holds the mesh.
+    """
     meshes = [p.mesh for p in solid.values() if p.mesh is not None]
     all_faces = np.concatenate([m.triangles for m in meshes])
     all_faces = all_faces[~flat_faces(all_faces)]
@@ -127,7 +135,15 @@ def _of_faces(key: tuple[int, int, int], nodes: int, faces: int, solid: dict[int
 def _collider(
     key: tuple[int, int, int], nodes: int, lower: np.ndarray, upper: np.ndarray, leaves: np.ndarray
 ) -> Collider:
-    """Return the collider of a body, class and plane, from the boxes [m], shape (n, 3), and numbers of its leaves."""
+    """Return a collider, with the tree over its leaves.
+
+    Args:
+        key: The first fields of `Collider`: body, class and plane.
+        nodes: Number of tree nodes of the colliders before it.
+        lower: Lower corners of the leaves' boxes [m], shape (n, 3).
+        upper: Upper corners [m], shape (n, 3).
+        leaves: Numbers of the leaves, which are pieces or faces, shape (n,).
+    """
     center, half, child = build_tree(lower - _GROW, upper + _GROW)
     number = leaves[np.where(child < 0, ~child, 0)]
     return Collider(*key, nodes, center, half, np.where(child < 0, ~number, child + nodes))

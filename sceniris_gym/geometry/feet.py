@@ -81,12 +81,12 @@ def curved_foot(lowest: Callable[[np.ndarray], np.ndarray], angle: float) -> np.
 
 
 def _touching(points: np.ndarray, lean: float) -> np.ndarray:
-    """Return the number of the lowest point for leans by an angle [rad] in all directions, shape (MAX_FOOT,)."""
+    """Return the index of the lowest of `points` (n, 3) after a lean [rad] in each direction, shape (MAX_FOOT,)."""
     return (points[:, 2:] * np.cos(lean) - points[:, :2] @ (np.sin(lean) * around(MAX_FOOT)).T).argmin(axis=0)
 
 
 def _corners(points: np.ndarray, lean: float) -> np.ndarray:
-    """Return the corners of the foot of one piece."""
+    """Return the corners of the foot of a piece, shape (n, 2): its points (n, 3) that are lowest after a lean [rad]."""
     found = points[_touching(points, lean), :2]
     kept = found[(found != np.roll(found, 1, axis=0)).any(axis=1)]
     return kept if len(kept) else found[:1]

@@ -179,7 +179,15 @@ def _check_flexes(mjm: mujoco.MjModel, geometry: str, bodies: set[int] | None, w
 
 
 def _piece(mjm: mujoco.MjModel, geom: int, geometry: str, contact_class: int, place: str = "") -> Piece:
-    """Return a geom as a piece. Errors begin with `place`."""
+    """Return a geom as a piece.
+
+    Args:
+        mjm: The model.
+        geom: Id of the geom.
+        geometry: The scene's `geometry`, "physics" or "visual".
+        contact_class: The geom's class in `ContactRules`.
+        place: The beginning of errors.
+    """
     kind = mujoco.mjtGeom(int(mjm.geom_type[geom]))
     if kind not in _TYPES:
         raise NotSupportedError(

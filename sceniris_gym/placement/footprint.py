@@ -77,7 +77,10 @@ def _inward(program: Program, edge: int, winding: int) -> wp.vec3:
 
 @wp.func
 def _lies_inside(program: Program, edge: int, winding: int, at: wp.vec3, radius: float) -> bool:
-    """Test whether a sphere, in the outline's frame, lies well inside an edge of a convex outline."""
+    """Test whether a sphere lies well inside an edge of a convex outline.
+
+    `at` is the sphere's centre in the outline's frame [m], and `winding` is as in `_inward`.
+    """
     a = program.edge_a[edge]
     inward = _inward(program, edge, winding)
     return wp.dot(inward, at) - inward[0] * a[0] - inward[1] * a[1] > radius + _ROUNDING
@@ -85,7 +88,10 @@ def _lies_inside(program: Program, edge: int, winding: int, at: wp.vec3, radius:
 
 @wp.func
 def _extends_beyond(program: Program, piece: int, edge: int, winding: int, rel: Pose) -> bool:
-    """Test whether a piece with pose `rel` in the outline's frame extends beyond an edge of a convex outline."""
+    """Test whether a piece with pose `rel` in the outline's frame extends beyond an edge of a convex outline.
+
+    `winding` is as in `_inward`.
+    """
     a = program.edge_a[edge]
     inward = _inward(program, edge, winding)
     least = least_extent(program.vert, piece_shape(program, piece), rel, inward)

@@ -68,13 +68,29 @@ def load_placed(place: wp.array[wp.vec4], bounds: wp.array[wp.vec4], slot: int) 
 
 @wp.func
 def _strip(apex: wp.vec2, along: wp.vec2, low: float, high: float, half: float, reach: float) -> ResolvedRelation:
-    """Return the strip from `low` to `high` along `along` from `apex`, by `half` to both sides [m], as a region."""
+    """Return a strip as the region of a relation, seen from above.
+
+    Args:
+        apex: Origin of the strip [m].
+        along: Unit vector along the strip.
+        low: Beginning of the strip, along `along` from `apex` [m].
+        high: Its end [m].
+        half: Half of its width [m].
+        reach: Radius of a circle around `apex` that encloses the strip [m].
+    """
     return ResolvedRelation(True, 0, apex, 0.0, 0.0, along, low, high, half, reach)
 
 
 @wp.func
 def _between(width: float, points: wp.array[wp.vec2], num: int, hull: wp.array[wp.vec2]) -> ResolvedRelation:
-    """Resolve `between`: the hull of the anchors, a strip if they lie on a line, or a square if they coincide."""
+    """Resolve `between`: the hull of the anchors, a strip if they lie on a line, or a square if they coincide.
+
+    Args:
+        width: Width of the strip, and side of the square [m].
+        points: Pivots of the present anchors [m].
+        num: Number of these anchors.
+        hull: Out: the corners of the hull [m].
+    """
     a = int(0)
     b = int(0)
     longest = float(0.0)
@@ -103,7 +119,17 @@ def _between(width: float, points: wp.array[wp.vec2], num: int, hull: wp.array[w
 
 @wp.func
 def _beside(program: Program, rel: int, own: Placed, anchor: Placed, axis: float) -> ResolvedRelation:
-    """Resolve `beside`: the pivots whose bounds are `gap` apart, with the narrower bounds within the wider span."""
+    """Resolve `beside` by bounds: the line of pivots for which the bounds of the two objects are the gap apart.
+
+    Across this direction, the narrower bounds stay within the span of the wider bounds.
+
+    Args:
+        program: The scene.
+        rel: Number of the relation.
+        own: The placed object.
+        anchor: The object beside which it is placed.
+        axis: Heading from the anchor to the object [rad].
+    """
     side = turned(wp.vec2(1.0, 0.0), axis)
     along = wp.vec2(-side[1], side[0])
     offset = bounds_extent(anchor, side)[1] + program.rel_gap[rel] - bounds_extent(own, side)[0]
@@ -204,7 +230,10 @@ def side_num(s: ResolvedRelation) -> int:
 
 @wp.func
 def _slice_sides(program: Program, rel: int, s: ResolvedRelation, sides: wp.array[HalfPlane], first: int):
-    """Write the four half-planes around each slice of a sector: two rays, a chord and a tangent."""
+    """Write the four half-planes around each slice of a sector `s` to `sides`, starting at index `first`.
+
+    They are two rays, a chord of the inner circle and a tangent of the outer circle.
+    """
     pieces = program.rel_piecenum[rel]
     slice = 2.0 * s.half_angle / float(pieces)
     inner = s.low * unit_circle(0.5 * slice)[0]

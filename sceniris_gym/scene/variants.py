@@ -178,7 +178,8 @@ def check_variants(
     """
     if mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_BODY, _HULLS) >= 0:
         raise SceneKeyError(
-            f"{where}: model: body '{_HULLS}' should have another name: objects with variants reserve this one."
+            f"{where}: model: '{_HULLS}': the model has a body of this name already, which is reserved for scenes with "
+            "variants. Rename this body in the model."
         )
     for name in variants:
         if mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_BODY, name) >= 0:

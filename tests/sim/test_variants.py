@@ -245,7 +245,10 @@ def test_what_cannot_share_a_body_is_refused(tmp_path):
     with pytest.raises(SceneKeyError, match="need a contact bit"):
         build_model(SceneConfig.load(own))
     taken = words({"asset": ["can", "mug"]}, {"asset": "tin"})
-    refused = {"target": r"objects\.target: the model has a body of this name", "hulls_of_variants": "reserve this one"}
+    refused = {
+        "target": r"objects\.target: the model has a body of this name",
+        "hulls_of_variants": "is reserved for scenes with",
+    }
     for name, says in refused.items():
         text = f'<mujoco><worldbody><body name="{name}"/></worldbody></mujoco>'
         (tmp_path / "model.xml").write_text(text)

@@ -81,7 +81,14 @@ def stand_in(kind: Kind) -> mujoco.MjSpec:
 
 
 def _add_walls(body: mujoco.MjsBody, at: np.ndarray, half: np.ndarray, opening: str) -> None:
-    """Add a solid box, or five walls within the same bounds and an opening."""
+    """Add a solid box to a body, or five walls within the same bounds.
+
+    Args:
+        body: The body.
+        at: Centre of the box [m].
+        half: Half of its sides [m].
+        opening: The side without a wall, such as "+z". Empty for a solid box.
+    """
     for i, side in enumerate(_SIDES if opening else ("",)):
         pos, size = at.copy(), half.copy()
         if side:

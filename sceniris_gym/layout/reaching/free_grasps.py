@@ -88,7 +88,11 @@ def _is_near(
     adr: int,
     num: int,
 ) -> bool:
-    """Return True if spheres around the boxes of the hand and of a candidate meet at a grasp."""
+    """Return True if spheres around the boxes of the hand and of a candidate meet at a grasp.
+
+    `early` is the index of the grasp in `Reach.early_grasp`. The broad-phase pairs to test are the `num` entries from
+    address `adr` on.
+    """
     row = search.row[c]
     grasped = reach.grasp_body[reach.early_grasp[early]]
     at = layouts.body_pos[row, grasped]

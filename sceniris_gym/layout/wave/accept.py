@@ -164,7 +164,8 @@ def _advance(
 ):
     """Queue a row for the next trial of its object or for its next object, and finish a row with all objects placed.
 
-    The row ends without a layout if the trials run out, or if an earlier restart of its world has finished.
+    The row ends without a layout if the trials run out, or if an earlier restart of its world has finished. `trial` is
+    the object's next trial or _PLACED. `staged` is as in `finish_row`, and `busy` as in `queue_row`.
     """
     following = int(trial)
     if trial == _PLACED:

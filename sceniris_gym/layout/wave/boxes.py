@@ -22,7 +22,10 @@ _DRAW = wp.constant(1 << 15)
 
 @wp.func
 def _clipped(program: Program, tri: int, box: wp.array[float], first: int, polygon: wp.array[wp.vec2]) -> int:
-    """Clip a triangle to a box (low x, low y, high x, high y from `first` on). Return the number of corners."""
+    """Clip a triangle to a box, write the result to `polygon`, and return its number of corners.
+
+    The box is low x, low y, high x and high y [m], in four elements of `box` from index `first` on.
+    """
     num = set_triangle(polygon, program.tri_a[tri], program.tri_b[tri], program.tri_c[tri])
     for k in range(4):
         corner = wp.vec2(box[first + 2 * (k // 2)], box[first + 1 + 2 * (k // 2)])
@@ -36,9 +39,10 @@ def _clipped(program: Program, tri: int, box: wp.array[float], first: int, polyg
 def _choose_triangle(
     program: Program, stable: int, box: wp.array[float], first: int, polygon: wp.array[wp.vec2], u: float
 ) -> int:
-    """Choose a triangle of a region with a probability proportional to its area inside a box.
+    """Choose a triangle of a stable pose's region with a probability proportional to its area inside a box.
 
-    The first pass adds up the areas, and the second pass finds the triangle. Return -1 if they do not overlap.
+    Return -1 if no triangle overlaps the box. The box is as in `_clipped`, and `u` is a uniform number. The first pass
+    adds up the areas, and the second pass finds the triangle.
     """
     left = float(0.0)
     chosen = int(-1)
@@ -56,7 +60,7 @@ def _choose_triangle(
 
 @wp.func
 def _is_narrowed(layouts: LayoutsView, worldid: int, first: int) -> bool:
-    """Return True if the box of a world differs from the scene file."""
+    """Return True if the box of a world, the param values from index `first` on, differs from the scene file."""
     narrowed = bool(False)
     for k in range(first, first + 4):
         if layouts.next_param[worldid, k] != layouts.default_param[k]:

@@ -15,7 +15,10 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 @wp.func
 def _find_grasp(reach: Reach, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, part: int, parts: int):
-    """Find the first grasp of a candidate that the map accepts. If the base is placed later, test only the approach."""
+    """Find the first grasp of a candidate that the map accepts. If the base is placed later, test only the approach.
+
+    Lane `part` of `parts` tests its part of the grasps.
+    """
     column = reach.obj_reach[obj]
     late = reach.reach_late[column]
     base = pose_of(layouts.body_pos[row, reach.base_body], layouts.body_quat[row, reach.base_body])
@@ -48,7 +51,10 @@ def _find_grasps_from_base(reach: Reach, layouts: LayoutsView, search: Search, c
 
 @wp.func
 def _test_map(reach: Reach, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, part: int, parts: int):
-    """Test the grasps of a reach target, or all grasps that a base has to reach. A single lane tests a base."""
+    """Test the grasps of a reach target, or all grasps that a base has to reach.
+
+    Lane `part` of `parts` tests its part of a target's grasps. A single lane tests a base.
+    """
     column = reach.obj_reach[obj]
     if column >= 0:
         if reach.reach_arm[column] == reach.number:
@@ -61,7 +67,7 @@ def _test_map(reach: Reach, layouts: LayoutsView, search: Search, c: int, row: i
 def _test_cover(
     program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, part: int, parts: int
 ):
-    """Mark a candidate as covered if an obstacle is above its point."""
+    """Mark a candidate as covered if an obstacle is above its point. Lane `part` of `parts` tests its part of them."""
     for i in range(part, program.obj_overheadnum[obj], parts):
         entry = program.overhead_list[program.obj_overheadadr[obj] + i]
         if search.covered[c] == 0:
@@ -73,7 +79,10 @@ def _test_cover(
 def _test_footprint(
     program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, part: int, parts: int
 ):
-    """Mark a candidate as overhanging if part of its footprint lies off its support."""
+    """Mark a candidate as overhanging if part of its footprint lies off its support.
+
+    Lane `part` of `parts` tests its part of the edges.
+    """
     surface = search.surface[c]
     ground = program.obj_ground[obj]
     frame = pose_of(layouts.body_pos[row, ground], layouts.body_quat[row, ground])

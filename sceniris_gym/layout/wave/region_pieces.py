@@ -80,7 +80,10 @@ def _depth(h: HalfPlane, t: Triangle) -> wp.vec2:
 
 @wp.func
 def _is_surely_empty(program: Program, regions: Regions, c: int, obj: int, combination: int, t: Triangle) -> bool:
-    """Return True if a triangle lies outside of a half-plane of a combination. A cheap test that drops most pieces."""
+    """Return True if a triangle lies outside of a half-plane of a combination. A cheap test that drops most pieces.
+
+    A combination is the number of a choice of one convex piece of each relation.
+    """
     rest = int(combination)
     for i in range(program.obj_relnum[obj]):
         rel = program.obj_reladr[obj] + i
@@ -101,7 +104,7 @@ def _is_surely_empty(program: Program, regions: Regions, c: int, obj: int, combi
 def cut_triangle(
     program: Program, regions: Regions, c: int, obj: int, combination: int, t: Triangle, polygon: wp.array[wp.vec2]
 ) -> int:
-    """Clip a triangle to a combination. Write `polygon`, and return the number of its corners."""
+    """Clip a triangle to a combination of pieces of relations. Write `polygon`, and return its number of corners."""
     num = set_triangle(polygon, t.a, t.b, t.c)
     rest = int(combination)
     for i in range(program.obj_relnum[obj]):

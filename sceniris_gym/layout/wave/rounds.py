@@ -25,7 +25,13 @@ _LEFT_BY_STAGE = wp.constant(0.01)
 
 @wp.func
 def _restarts_wanted(worlds: float, left: float, rate: float) -> int:
-    """Return the number of restarts after which `left` of the worlds are expected to be pending."""
+    """Return the number of restarts per world after which few worlds are expected to be pending.
+
+    Args:
+        worlds: Number of pending worlds now.
+        left: Number of pending worlds to expect afterwards.
+        rate: Probability that a restart fails.
+    """
     return int(wp.ceil(log_of(worlds / left) / -log_of(rate)))
 
 

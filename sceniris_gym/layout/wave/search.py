@@ -125,7 +125,7 @@ def queue_row(program: Program, search: Search, row: int, ahead: int, busy: int)
 
     The row gets more candidates if few rows are left, or if its object usually needs many trials. Before them come the
     candidates of the `ahead` objects drawn ahead, one per object. If one of these objects does not fit, it becomes the
-    row's next object.
+    row's next object. `busy` is the number of candidates that keeps the device busy.
     """
     search.queue[1 - search.source[0], wp.atomic_add(search.rows_left, 0, 1)] = row
     obj = search.row_object[row]

@@ -61,7 +61,10 @@ _KIND, _ONLY, _FURTHEST = wp.constant(1 << 24), wp.constant(1 << 12), wp.constan
 
 @wp.func
 def _difference(program: Program, bank: Bank, layouts: LayoutsView, worldid: int, row: int, most: int) -> int:
-    """Return the distance of a bank entry from the draw of a world, at most `most`."""
+    """Return the distance of a bank entry from the draw of a world, at most `most`.
+
+    The distance counts the members of groups that are present in only one of the two, and a different kind of start.
+    """
     found = wp.where(bank.start[row] == layouts.start[worldid], 0, _KIND)
     for g in range(program.ngroup):
         group = program.group[worldid, g]

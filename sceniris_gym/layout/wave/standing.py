@@ -35,7 +35,7 @@ def _stands_alone(program: Program, statics: Statics, layouts: LayoutsView, sear
 
 @wp.func
 def _stands(program: Program, statics: Statics, layouts: LayoutsView, search: Search, c: int, row: int) -> bool:
-    """Return True if a candidate stands, and all levels below still stand with its load."""
+    """Return True if a candidate stands, and all objects of the stack below still stand with its load."""
     levels = wp.zeros(shape=(wp.static(MAX_LEVELS),), dtype=Level)
     patch = wp.zeros(shape=(wp.static(DIRECTIONS),), dtype=wp.vec2)
     adr = statics.obj_leveladr[search.obj[c]]
@@ -54,7 +54,7 @@ def _stands(program: Program, statics: Statics, layouts: LayoutsView, search: Se
             own = weigh(program, statics, obj, worldid, search.body_pos[c], search.body_quat[c], origin)
         else:
             surface = search.row_surface[row, obj]
-            if surface < 0:  # this level is held, so it carries all levels above
+            if surface < 0:  # this object is held, so it carries all objects above
                 return loads_stand(levels, j)
             stable = search.row_stable[row, obj]
             place = layouts.place[row, program.obj_slot[obj]]
