@@ -173,7 +173,7 @@ def _check_flexes(mjm: mujoco.MjModel, geometry: str, bodies: set[int] | None, w
         cure = "turn its collisions off (contype=0, conaffinity=0)" if collides else "make it invisible (rgba alpha=0)"
         name = mujoco.mj_id2name(mjm, mujoco.mjtObj.mjOBJ_FLEX, flex)
         raise NotSupportedError(
-            f"{place}flex '{name or flex}': what is soft cannot be an obstacle. Use rigid bodies of primitives "
+            f"{place}flex '{name or flex}': a soft body cannot be an obstacle. Use rigid bodies of primitives "
             f"or meshes, or {cure}."
         )
 

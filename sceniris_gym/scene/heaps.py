@@ -134,7 +134,7 @@ def rigid_thing(scene: SceneModel, name: str, where: str) -> list[int]:
     bodies = scene.subtree(name)
     if scene.config.objects[name].kind != "free" or scene.mjm.body_jntnum[bodies[1:]].any():
         raise NotSupportedError(
-            f"{where}.of: '{name}' should be 'free' and have no joints inside: heaps are of rigid things."
+            f"{where}.of: '{name}' should be 'free' and have no joints inside: heaps are of rigid objects."
         )
     return bodies
 

@@ -38,8 +38,8 @@ def check_supports(plan: Plan) -> None:
         if up < COS_MAX_TILT:
             lean = np.degrees(np.arccos(np.clip(up, -1.0, 1.0)))
             raise NotSupportedError(
-                f"{where}: the z axis of '{parent}' leans by {lean:.3g} degrees at home, and things are placed on "
-                "level surfaces only. Give the support a body whose z axis points up."
+                f"{where}: the z axis of '{parent}' leans by {lean:.3g} degrees at home, and supports should be level. "
+                "Give the support a body whose z axis points up."
             )
         is_endless = any(s.is_endless for surfaces in o.surfaces for s in surfaces)
         if is_endless and (region is None or region.fraction is not None):

@@ -45,7 +45,7 @@ def check_distances(plan: Plan) -> None:
         where = f"{config.where}: {config.key(o.name)}"
         _check_region(plan, o, placed)
         if o.name in placed and any(p.type == PieceType.PLANE and p.body in o.bodies for p in plan.pieces):
-            raise NotSupportedError(f"{where}: a plane is endless and cannot be part of what is placed. Use a box.")
+            raise NotSupportedError(f"{where}: a plane is endless and cannot be part of a placed object. Use a box.")
         for p, *ends in (solid for solid in plan.solids if o.name in placed and solid[0].body in o.bodies):
             # measured from the object's frame, because the object is placed elsewhere than at home
             reach = float(np.abs(np.subtract(ends, plan.scene.home.xpos[o.bodies[0]])).max())
