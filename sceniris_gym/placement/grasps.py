@@ -42,7 +42,10 @@ def approaches(reach: Reach, column: int, grasp: int, body_quat: wp.array[wp.vec
 def first_accepted(
     reach: Reach, column: int, stable: int, base: Pose, body_pos: wp.array[wp.vec3], body_quat: wp.array[wp.vec4]
 ) -> int:
-    """Return the first grasp of a stable pose that passes the map, counted from the target's first grasp, or -1."""
+    """Return the first grasp of a stable pose that passes the map, counted from the target's first grasp, or -1.
+
+    `column` is the number of the reach target, and `base` is the pose of the arm's base.
+    """
     adr = reach.stable_graspadr[stable]
     for grasp in range(adr, adr + reach.stable_graspnum[stable]):
         if passes_map(reach, column, grasp, base, body_pos, body_quat):
@@ -54,7 +57,10 @@ def first_accepted(
 def passes_map(
     reach: Reach, column: int, grasp: int, base: Pose, body_pos: wp.array[wp.vec3], body_quat: wp.array[wp.vec4]
 ) -> bool:
-    """Test whether a grasp does not approach from below, and the arm's map, if it has one, accepts it."""
+    """Return True if a grasp does not approach from below, and the arm's map accepts it.
+
+    An arm without a map accepts all grasps. The arguments are as in `first_accepted`.
+    """
     through = approaches(reach, column, grasp, body_quat)
     if reach.mapped and through:
         tcp = grasp_pose(reach, grasp, base, body_pos, body_quat)

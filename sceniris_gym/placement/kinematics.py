@@ -94,7 +94,10 @@ def pose_bodies(
     body_pos: wp.array[wp.vec3],
     body_quat: wp.array[wp.vec4],
 ):
-    """Pose an object's bodies, parents before children, from number `first` of its list (1 if its root is posed)."""
+    """Pose an object's bodies, parents before children.
+
+    `first` is the index of the first body to pose in the object's list: 0, or 1 if its root already has its pose.
+    """
     adr = program.obj_bodyadr[obj]
     for i in range(first, program.obj_bodynum[obj]):
         pose_body(program, program.body_list[adr + i], qpos, body_pos, body_quat)

@@ -57,7 +57,10 @@ def _any_quat(u: wp.vec4) -> wp.vec4:
 
 @wp.func
 def draw_stable(program: Program, obj: int, u: wp.vec4, w: wp.vec4) -> StableDraw:
-    """Draw an orientation from two draws of uniform numbers. Only the first number of `u` is used."""
+    """Draw an orientation of an object from uniform numbers.
+
+    The first number of `u` gives the yaw. `w` gives the stable pose by its last number, or any rotation by all numbers.
+    """
     stable = program.obj_stableadr[obj]
     last = stable + program.obj_stablenum[obj] - 1
     # the last pose is not compared, because rounding may leave its cumulative probability below the uniform number
@@ -102,7 +105,10 @@ def _extents(
     body_pos: wp.array[wp.vec3],
     body_quat: wp.array[wp.vec4],
 ) -> wp.vec4:
-    """Return the extents of a posed object along two axes [m]: low x, low y, high x, high y."""
+    """Return the extents of a posed object along two unit vectors `x` and `y` of the world [m].
+
+    They are low x, low y, high x, high y.
+    """
     low_x = _least(program, obj, x, body_pos, body_quat)
     low_y = _least(program, obj, y, body_pos, body_quat)
     high_x = -_least(program, obj, -x, body_pos, body_quat)

@@ -136,7 +136,10 @@ def area(p: wp.array[wp.vec2], num: int) -> float:
 
 @wp.func
 def draw_in_polygon(p: wp.array[wp.vec2], num: int, pick: float, u: float, v: float) -> wp.vec2:
-    """Return a uniform point. Uniform numbers choose a triangle of the fan (`pick`) and a point in it (`u`, `v`)."""
+    """Return a uniform point of a polygon with `num` corners `p`.
+
+    The uniform number `pick` chooses a triangle of the fan around the first corner, and `u` and `v` a point in it.
+    """
     left = 2.0 * pick * area(p, num)
     chosen = num - 1
     for i in range(2, num):

@@ -48,7 +48,10 @@ def _tcp_axes(
 
 
 def tcp_axes(arm: SerialArm, joints: np.ndarray, device: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return TCP positions [m] and unit approach axes at joints (N, njoint), base frame, both (N, 3)."""
+    """Return the TCP's position [m] and unit approach axis at each of `joints` (N, njoint), shape (N, 3) each.
+
+    Both are in the frame of the arm's base.
+    """
     with wp.ScopedDevice(device):
         pos, approach = wp.zeros(len(joints), dtype=wp.vec3), wp.zeros(len(joints), dtype=wp.vec3)
         q = wp.array(as_vec8(joints), dtype=vec8)

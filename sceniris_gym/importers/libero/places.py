@@ -58,7 +58,7 @@ def load_thing(name: str, kind: Kind, assets: Path, where: str) -> mujoco.MjSpec
 
 
 def stand_in(kind: Kind) -> mujoco.MjSpec:
-    """Build boxes of the class's size that stand in for its model."""
+    """Return a model of boxes that stands in for LIBERO's model of a class, with the size of the class."""
     spec = mujoco.MjSpec()
     spec.compiler.degree = False
     inner = spec.worldbody.add_body().add_body(name=INNER)

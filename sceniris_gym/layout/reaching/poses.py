@@ -60,7 +60,7 @@ def pose_hand(
     body_pos: wp.array[wp.vec3],
     body_quat: wp.array[wp.vec4],
 ):
-    """Pose the hand at a grasp of a posed target, or `back` [m] along the approach axis."""
+    """Pose the hand at a grasp of a posed target, moved back by `back` [m] along the approach axis."""
     take_joints(program, reach.hand_body, from_qpos, qpos)
     open_gripper(reach, grasp, qpos)
     pos, quat = tcp_of(reach, grasp, target_pos, target_quat)

@@ -114,7 +114,7 @@ def queue_row(reach_search: ReachSearch, row: int):
 
 @wp.func
 def queue_target(reach_search: ReachSearch, row: int, column: int, total: int):
-    """Queue a row for a reach target, with its number of candidates."""
+    """Queue a row for the reach target `column`, which has `total` candidates."""
     reach_search.column[row] = column
     reach_search.number[row] = 0
     reach_search.total[row] = total

@@ -80,7 +80,7 @@ def _grip_pose(reach: Reach, starts: Starts, layouts: LayoutsView, row: int, gra
 
 @wp.func
 def _drawn_grasp(reach: Reach, starts: Starts, kind: int, stable: int, u: float) -> int:
-    """Draw a grasp of a stable pose, uniformly among the grasps that the kind of start can use."""
+    """Draw a grasp of a stable pose by a uniform number `u`, among the grasps that the kind of start can use."""
     adr = reach.stable_graspadr[stable]
     num = int(0)
     for grasp in range(adr, adr + reach.stable_graspnum[stable]):
@@ -97,7 +97,7 @@ def _drawn_grasp(reach: Reach, starts: Starts, kind: int, stable: int, u: float)
 
 @wp.func
 def _uniform(layouts: LayoutsView, search: Search, split: wp.uint32, row: int, trial: int, number: int) -> float:
-    """Return a uniform random number of a row's trial."""
+    """Return uniform random number `number` of a row's trial."""
     worldid = search.row_world[row]
     seed, episode = layouts.pending_seed[worldid], layouts.pending_episode[worldid]
     named = 1 + search.row_restart[row] * wp.static(TRIALS) + trial

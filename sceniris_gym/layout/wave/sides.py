@@ -68,7 +68,10 @@ def support_pose(program: Program, layouts: LayoutsView, row: int, obj: int) -> 
 
 @wp.func
 def _resolve(program: Program, layouts: LayoutsView, search: Search, regions: Regions, c: int, i: int, frame: Pose):
-    """Resolve relation `i` of a candidate's object in its row, and write the half-planes of its convex pieces."""
+    """Resolve relation `i` of a candidate's object in its row, and write the half-planes of its convex pieces.
+
+    `frame` is the pose of the body that supports the object.
+    """
     row = search.row[c]
     rel = program.obj_reladr[search.obj[c]] + i
     hull = wp.zeros(shape=(MAX_ANCHORS,), dtype=wp.vec2)
