@@ -143,8 +143,8 @@ def generate(
     for file in (MANIFEST, SCENE):
         checked_target(out / file)
     compiled = compiled_scene(scene, changes, device or part.device)
-    words = {"chunk": chunk, "shard": part, "resume": resume, "formats": formats}
-    figures = tool.generate(compiled, layouts, out, seed=seed, split=split, **words)
+    kwargs = {"chunk": chunk, "shard": part, "resume": resume, "formats": formats}
+    figures = tool.generate(compiled, layouts, out, seed=seed, split=split, **kwargs)
     return answer(figures, json, tool.report)
 
 
@@ -376,8 +376,8 @@ def view(
             print(f"Port {port} is in use, so the page is at port {server.get_port()}.", file=sys.stderr, flush=True)
         stack.enter_context(_stdout_to_stderr())
         if scene is None:
-            words = {"num": num_envs, "split": split, "device": device, "changes": overrides, "trust": trust}
-            command.view_env(server, str(env), policy, ids, **words)
+            kwargs = {"num": num_envs, "split": split, "device": device, "changes": overrides, "trust": trust}
+            command.view_env(server, str(env), policy, ids, **kwargs)
         else:
             command.view_scene(
                 server, scene, overrides, split=split or "train", seed=seed, episode=episode, num=num_envs
@@ -532,8 +532,8 @@ def evaluate(
         checked_target(file)
     from sceniris_gym.commands import evaluate as tool
 
-    words = {"failed": failed, "min_success": min_success, "task": task, "trust": trust}
-    found = tool.evaluate(run, layouts, device, out, **words)
+    kwargs = {"failed": failed, "min_success": min_success, "task": task, "trust": trust}
+    found = tool.evaluate(run, layouts, device, out, **kwargs)
     return answer(found, json, tool.report)
 
 

@@ -65,9 +65,9 @@ def evaluate(
         each = found["valid"]["each"]
         ids = [name for name, success in zip(each["id"], each["success"], strict=True) if not success]
         write_text(failed, "".join(f"{name}\n" for name in ids))
-        words = f"--policy {quote(str(run / MODEL))} --layout {quote(str(failed))}"
+        options = f"--policy {quote(str(run / MODEL))} --layout {quote(str(failed))}"
         env = task if ":" in task else spec_of(task).id
-        more["view"] = f"sceniris-gym view --env {env} {words}" if ids else None
+        more["view"] = f"sceniris-gym view --env {env} {options}" if ids else None
     return more | without_layouts(found)
 
 

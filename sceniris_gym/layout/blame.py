@@ -49,18 +49,18 @@ class Hit:
 
     Attributes:
         geoms: Ids of the geoms. The first geom belongs to the placed object.
-        words: Names of the geoms and their bodies.
+        names: Names of the geoms and their bodies.
         distance: Distance of the geoms [m], negative if they overlap.
         margin: The least allowed distance [m], negative for geoms that overlap at home and may do so as deeply.
     """
 
     geoms: tuple[int, int]
-    words: str
+    names: str
     distance: float
     margin: float
 
     def __str__(self) -> str:
-        return f"{self.words} ({_gap(self.distance, self.margin)})"
+        return f"{self.names} ({_gap(self.distance, self.margin)})"
 
 
 class Blame:
@@ -90,8 +90,8 @@ class Blame:
         for geoms, margin in self._margins[number].items():
             distance = self._distance(data, depths, geoms, margin)
             if distance is not None:
-                words = " and ".join(_name(self._mjm, geom) for geom in geoms)
-                found.append(Hit(geoms, words, distance, margin))
+                names = " and ".join(_name(self._mjm, geom) for geom in geoms)
+                found.append(Hit(geoms, names, distance, margin))
         return sorted(found, key=lambda hit: hit.distance - hit.margin)
 
     def _distance(self, data: mujoco.MjData, depths: HomeTouch, geoms: tuple[int, int], margin: float) -> float | None:
@@ -147,7 +147,7 @@ def obstructions(generator: LayoutGenerator, name: str | None = None) -> dict[st
             most = max(hits.values(), key=len)
             gap = _gap(float(np.mean([hit.distance for hit in most])), most[0].margin, " on average")
             share = f"{len(most) / len(rows):.0%} of them"
-            found[generator.compiled.placed[number]] = f"{most[0].words} ({gap}; {share})"
+            found[generator.compiled.placed[number]] = f"{most[0].names} ({gap}; {share})"
     return found
 
 

@@ -148,8 +148,8 @@ class LayoutDeck:
     def _generator(self, split: str, record: bool = False) -> LayoutGenerator:
         """Return the generator of all worlds, or with `record` the recording generator of the first world."""
         if (split, record) not in self._generators:
-            num, words = (1, {"rejected": MOST_RECORDED, "every_cause": True}) if record else (self.num, {})
-            self._generators[split, record] = LayoutGenerator(self.compiled, num, split=split, **words)
+            num, kwargs = (1, {"rejected": MOST_RECORDED, "every_cause": True}) if record else (self.num, {})
+            self._generators[split, record] = LayoutGenerator(self.compiled, num, split=split, **kwargs)
         return self._generators[split, record]
 
     def _count(self, generator: LayoutGenerator, table: LayoutTable) -> None:

@@ -47,7 +47,7 @@ def test_the_pair_that_is_most_in_the_way_is_told_with_its_share(compiled: Compi
     def hits_of(row: int, number: int) -> dict[str, float]:
         rejected.states.put(data, row)
         mujoco.mj_kinematics(compiled.mjm, data)
-        return {hit.words: hit.distance for hit in blame.hits(data, number)}
+        return {hit.names: hit.distance for hit in blame.hits(data, number)}
 
     assert set(found) == set(compiled.placed)
     assert "of body 'a' and geom" in found["a"]

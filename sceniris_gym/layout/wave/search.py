@@ -296,8 +296,8 @@ class Workspace:
 
     def launch(self, kernel: wp.Kernel, dim: Any, inputs: Sequence, *outputs: Any) -> None:
         """Launch a kernel whose lanes work independently."""
-        words = {"block_dim": self.size.block_dim, "device": self.compiled.device}
-        wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, **words)
+        kwargs = {"block_dim": self.size.block_dim, "device": self.compiled.device}
+        wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, **kwargs)
 
     def launch_lanes(self, kernel: wp.Kernel, inputs: Sequence, *outputs: Any) -> None:
         """Launch a kernel whose lanes step through a queue. Its first argument is the number of lanes."""
@@ -308,8 +308,8 @@ class Workspace:
 
         The default is `size.blocks`.
         """
-        blocks, words = blocks or self.size.blocks, {"block_dim": self.size.block_dim, "device": self.compiled.device}
-        wp.launch_tiled(kernel, dim=[blocks], inputs=[blocks, *inputs], outputs=outputs, **words)
+        blocks, kwargs = blocks or self.size.blocks, {"block_dim": self.size.block_dim, "device": self.compiled.device}
+        wp.launch_tiled(kernel, dim=[blocks], inputs=[blocks, *inputs], outputs=outputs, **kwargs)
 
 
 def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Search:
