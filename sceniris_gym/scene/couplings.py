@@ -61,9 +61,9 @@ class Coupling:
 
 def extremes(polynomial: np.poly1d, low: float, high: float) -> tuple[float, float]:
     """Return the minimum and the maximum of a polynomial in the interval [low, high]."""
-    turns = np.roots(np.polyder(polynomial).coeffs)
-    turns = turns.real[np.abs(turns.imag) < _SAME]
-    values = polynomial(np.array([low, high, *turns[(turns > low) & (turns < high)]]))
+    extrema = np.roots(np.polyder(polynomial).coeffs)
+    extrema = extrema.real[np.abs(extrema.imag) < _SAME]
+    values = polynomial(np.array([low, high, *extrema[(extrema > low) & (extrema < high)]]))
     return float(values.min()), float(values.max())
 
 

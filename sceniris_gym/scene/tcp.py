@@ -113,5 +113,5 @@ def _closing_turn(
         return 0.0
     _, sizes, axes = np.linalg.svd(np.array(moves), full_matrices=False)
     axis = axes[0] if len(sizes) < 2 or sizes[0] > _ONE_AXIS * sizes[1] else max(moves, key=np.linalg.norm)
-    turn = math.remainder(math.atan2(axis[1], axis[0]) - 0.5 * math.pi, math.pi)
-    return turn if abs(turn) > _STRAIGHT else 0.0
+    angle = math.remainder(math.atan2(axis[1], axis[0]) - 0.5 * math.pi, math.pi)
+    return angle if abs(angle) > _STRAIGHT else 0.0

@@ -162,8 +162,8 @@ def _turn_to(along: np.ndarray) -> dict[str, float]:
     x, y, z = along
     roll = math.degrees(math.asin(np.clip(-y, -1.0, 1.0)))
     pitch = math.degrees(math.atan2(x, z)) if abs(y) <= 1.0 - 1e-9 else 0.0
-    turns = {"roll": round(roll, 2), "pitch": round(pitch, 2)}
-    return {word: turn for word, turn in turns.items() if turn}
+    angles = {"roll": round(roll, 2), "pitch": round(pitch, 2)}
+    return {word: angle for word, angle in angles.items() if angle}
 
 
 @dataclass(frozen=True)

@@ -48,10 +48,10 @@ class HomeTouch:
     def __init__(self, mjm: mujoco.MjModel, home: mujoco.MjData) -> None:
         self._mjm, self._home, self._moved = mjm, home, mujoco.MjData(mjm)
         self._moved.geom_xmat[:] = home.geom_xmat
-        turn = 2.399963 * np.arange(_SPREAD)  # the golden angle spreads directions evenly over a sphere
+        angles = 2.399963 * np.arange(_SPREAD)  # the golden angle spreads directions evenly over a sphere
         height = 1.0 - (2.0 * np.arange(_SPREAD) + 1.0) / _SPREAD
         ring = np.sqrt(1.0 - height**2)
-        self._spread = np.stack([ring * np.cos(turn), ring * np.sin(turn), height], axis=1)
+        self._spread = np.stack([ring * np.cos(angles), ring * np.sin(angles), height], axis=1)
 
     def between(self, a: Piece, b: Piece, near: float) -> Touch | None:
         """Return the distance of two pieces, or None if it is at least `near` [m]. A plane has to be piece b."""

@@ -89,7 +89,7 @@ def _joint_ranges(objects: list[PlacedObject]) -> dict[str, np.ndarray]:
 def _orientations(plan: Plan, joints: dict[str, JoinedSites]) -> dict[str, np.ndarray]:
     """Return the draws of orientations, and their stable poses. Steps that only draw joints keep their orientation."""
     drawn = [o.config.drawn_orientation for o in plan.objects]
-    yaws = [(joints[o.name].turn,) * 2 if o.name in joints else d.yaw for o, d in zip(plan.objects, drawn, strict=True)]
+    yaws = [(joints[o.name].yaw,) * 2 if o.name in joints else d.yaw for o, d in zip(plan.objects, drawn, strict=True)]
     poses, fields = addressed("obj_stable", (o.stable_poses for o in plan.objects))
     shares = [s for o in plan.objects for s in np.cumsum([v.probability for v in o.stable_poses])]
     return {

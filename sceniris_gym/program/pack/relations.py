@@ -106,13 +106,13 @@ class JoinedSites:
         at: Position of the joint from the pivot of the other object [m], shape (2,): the position of its site, moved by
             the gap along the x axis of the site.
         own: Position of the joined object's site from its pivot [m], shape (2,).
-        turn: The heading of the joined object minus the heading of the other object [rad].
+        yaw: The heading of the joined object minus the heading of the other object [rad].
     """
 
     to: str
     at: np.ndarray
     own: np.ndarray
-    turn: float
+    yaw: float
 
 
 def joined_sites(plan: Plan, name: str, relation: Joined, where: str) -> JoinedSites:
@@ -132,8 +132,8 @@ def joined_sites(plan: Plan, name: str, relation: Joined, where: str) -> JoinedS
     its, its_yaw = _site(plan, words.of, words.of_site, f"{where}.beside.of_site")
     own, own_yaw = _site(plan, name, words.site, f"{where}.beside.site")
     at = its + (relation.gap or 0.0) * np.array([math.cos(its_yaw), math.sin(its_yaw)])
-    turn = math.remainder(its_yaw + math.radians(words.angle) - own_yaw, 2.0 * math.pi)
-    return JoinedSites(words.of, at, own, turn)
+    yaw = math.remainder(its_yaw + math.radians(words.angle) - own_yaw, 2.0 * math.pi)
+    return JoinedSites(words.of, at, own, yaw)
 
 
 def _site(plan: Plan, name: str, word: str, where: str) -> tuple[np.ndarray, float]:
@@ -201,7 +201,7 @@ def pack_regions(objects: list[PlacedObject]) -> dict[str, np.ndarray]:
         "tri_cdf": np.concatenate([*(s / s[-1] for s in sums if len(s)), np.zeros(0)]),
         "surface_height": np.array([s.height for s in surfaces]),
         **fields,
-        "surface_winding": np.array([_convex_turn(supports.edges(s.outline)) for s in surfaces], int),
+        "surface_winding": np.array([_winding(supports.edges(s.outline)) for s in surfaces], int),
         "edge_a": side[:, 0],
         "edge_b": side[:, 1],
     }
@@ -217,14 +217,14 @@ def surfaces_of_regions(objects: list[PlacedObject]) -> list[SupportSurface]:
     return [surface for mine in _regions(objects).values() for surface in mine]
 
 
-def _convex_turn(edges: np.ndarray) -> int:
+def _winding(edges: np.ndarray) -> int:
     """Return 1 for the edges of a convex counter-clockwise ring, -1 for a clockwise ring, and 0 for all others."""
     sides = edges[:, 1] - edges[:, 0]
     after = np.roll(sides, -1, axis=0)
-    turns = np.arctan2(sides[:, 0] * after[:, 1] - sides[:, 1] * after[:, 0], (sides * after).sum(axis=1))
-    sign = 1 if turns.sum() > 0.0 else -1
+    angles = np.arctan2(sides[:, 0] * after[:, 1] - sides[:, 1] * after[:, 0], (sides * after).sum(axis=1))
+    sign = 1 if angles.sum() > 0.0 else -1
     is_ring = np.array_equal(edges[:, 1], np.roll(edges[:, 0], -1, axis=0))
-    is_convex = is_ring and (sign * turns >= 0.0).all() and abs(turns.sum()) < 2.0 * np.pi + 1e-6
+    is_convex = is_ring and (sign * angles >= 0.0).all() and abs(angles.sum()) < 2.0 * np.pi + 1e-6
     return sign if is_convex else 0
 
 
