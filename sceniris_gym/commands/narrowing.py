@@ -107,7 +107,7 @@ def narrowing(compiled: CompiledScene, layouts: int, seed: int, made: LayoutGene
         kept = {name: passed[name] * _on_map(compiled, plain, free, name) for name in names}
     after = {name: _positions(compiled, table, name) for name in names}
     still = [compiled.slots.index(name) for name in compiled.config.all_robots if name not in compiled.config.parts]
-    bases, floor = compiled.plan.place[still][:, [0, 1, 3]], compiled.config.floor
+    bases, floor = compiled.plan.pivot_pose[still][:, [0, 1, 3]], compiled.config.floor
     corners = _corners([*before.values(), *after.values(), bases[:, :2]], None if floor is None else floor.size)
     return Narrowing(before, after, kept, counts, bases, *corners)
 

@@ -214,9 +214,9 @@ class Places:
         """
         site = self._site(region, where)
         radius = self._spec.site(f"{name}/horizontal_radius_site")
-        turned = np.abs(matrix(np.asarray(site.quat)) @ site.size)
+        rotated = np.abs(matrix(np.asarray(site.quat)) @ site.size)
         away = radius.pos[0] if radius is not None else _RADIUS
-        half = np.abs(0.5 * turned[:2] - away)
+        half = np.abs(0.5 * rotated[:2] - away)
         corners = site.pos[:2] + np.array([-half, half])
         return {word.lower(): site.parent.name, **self._within(name, self._relative(name, region.target), corners)}
 

@@ -13,7 +13,7 @@ from sceniris_gym.geometry import supports
 from sceniris_gym.geometry.ragged import addressed, columns, ranges
 from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.geometry.supports import SupportSurface
-from sceniris_gym.program.device import FRAME_SUPPORT, FRAME_WORLD
+from sceniris_gym.program.device import FRAME_SUPPORT, FRAME_WORLD, OWN_WIDTH
 from sceniris_gym.program.placed_object import PlacedObject
 from sceniris_gym.program.plan import Plan
 
@@ -33,9 +33,9 @@ def pack_relations(plan: Plan, joints: dict[str, JoinedSites]) -> dict[str, np.n
     sites = [[*joints[o.name].at, *joints[o.name].own] if isinstance(r, Joined) else [0.0] * 4 for o, r in owned]
     relations, of_objects = addressed("obj_rel", (o.config.relations for o in plan.objects))
     sides = [sum(map(_sides, o.config.relations[:i])) for o in plan.objects for i in range(len(o.config.relations))]
-    slots = {name: slot for slot, name in enumerate(plan.places)}
-    anchors, of_relations = addressed("rel_anchor", ([slots[a] for a in r.anchors] for r in relations))
-    frames = {"support": FRAME_SUPPORT, "world": FRAME_WORLD, **slots}
+    numbers = {name: column for column, name in enumerate(plan.columns)}
+    anchors, of_relations = addressed("rel_anchor", ([numbers[a] for a in r.anchors] for r in relations))
+    frames = {"support": FRAME_SUPPORT, "world": FRAME_WORLD, **numbers}
     return {
         **of_objects,
         **of_relations,
@@ -46,7 +46,7 @@ def pack_relations(plan: Plan, joints: dict[str, JoinedSites]) -> dict[str, np.n
         **columns("rel", relations, type=1, half_angle=1, low=1),
         "rel_high": np.array([min(r.high, _NO_LIMIT) for r in relations], float),
         "rel_bounds": np.array([r.by_bounds for r in relations], int),
-        "rel_width": np.array([r.width or -1.0 if isinstance(r, Between) else -1.0 for r in relations], float),
+        "rel_width": np.array([(isinstance(r, Between) and r.width) or OWN_WIDTH for r in relations], float),
         "rel_gap": np.array([r.gap if isinstance(r, Beside) else 0.0 for r in relations], float),
         "rel_sites": np.reshape(sites, (-1, 4)),
         "rel_sideadr": np.array(sides, int),
@@ -173,10 +173,10 @@ def _upright(placed: PlacedObject, where: str) -> tuple[np.ndarray, np.ndarray]:
 
 def _at_home(plan: Plan, name: str) -> tuple[np.ndarray, np.ndarray]:
     """Return the orientation at heading 0 and the pivot of an object that keeps its pose in the model."""
-    root, place = plan.scene.bodies[name], plan.place[plan.slots.index(name)]
+    root, pivot_pose = plan.scene.bodies[name], plan.pivot_pose[plan.slots.index(name)]
     mat = plan.scene.home.xmat[root].reshape(3, 3)
-    level = matrix(np.array([math.cos(0.5 * place[3]), 0.0, 0.0, -math.sin(0.5 * place[3])])) @ mat
-    return level, mat.T @ (place[:3] - plan.scene.home.xpos[root])
+    level = matrix(np.array([math.cos(0.5 * pivot_pose[3]), 0.0, 0.0, -math.sin(0.5 * pivot_pose[3])])) @ mat
+    return level, mat.T @ (pivot_pose[:3] - plan.scene.home.xpos[root])
 
 
 def pack_regions(objects: list[PlacedObject]) -> dict[str, np.ndarray]:
