@@ -6,8 +6,6 @@ may touch the object, and it may touch only the object. The hand is everything t
 robot that touch each other at home may be as deep as at home.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """The `evaluate` command: evaluates a trained policy on unseen layouts."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from shlex import quote

@@ -7,8 +7,6 @@ arm's map accepts a grasp of the object. For the tiers `ik` and `clear`, it is m
 layouts that passed the tier.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

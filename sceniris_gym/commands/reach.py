@@ -1,7 +1,5 @@
 """The `reach` command: builds an arm's reachability map, judges poses, and draws the arm's reach."""
 
-from __future__ import annotations
-
 import time
 import warnings
 from collections.abc import Mapping

@@ -4,8 +4,6 @@
 words of both levels, and a group `target` with one member present. All other modules only see objects and groups.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager

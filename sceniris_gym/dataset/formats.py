@@ -3,8 +3,6 @@
 The bytes of a file depend only on the rows of the part, so every process writes the same bytes.
 """
 
-from __future__ import annotations
-
 import io
 from collections.abc import Callable, Sequence
 from typing import Any

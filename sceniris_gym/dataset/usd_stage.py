@@ -5,8 +5,6 @@ Stages are z up, in metres. Every body is an Xform below its parent's Xform, and
 needs usd-core, which `formats.check_formats` checks for.
 """
 
-from __future__ import annotations
-
 import tempfile
 from pathlib import Path
 from typing import Any

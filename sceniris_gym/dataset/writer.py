@@ -5,8 +5,6 @@ process that writes the last part writes `dataset.json` and removes `.progress`.
 two processes write the same file, they write the same bytes.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 import json

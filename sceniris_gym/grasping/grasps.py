@@ -7,8 +7,6 @@ its possible poses: from above with 8 yaws, the same tilted by 15, 30 and 45 deg
 taller than wide. Grasps that need a wider opening than the gripper's are dropped.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase

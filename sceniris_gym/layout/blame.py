@@ -1,7 +1,5 @@
 """Explain rejected candidates by their colliding geoms, and make the error for a scene without a valid layout."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

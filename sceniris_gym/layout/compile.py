@@ -1,7 +1,5 @@
 """`compile_scene`: the only way from host to device. Unsupported scenes fail here, with the reason."""
 
-from __future__ import annotations
-
 import contextlib
 import copyreg
 import json

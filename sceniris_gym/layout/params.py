@@ -4,8 +4,6 @@ A param can only narrow the scene file: a count, an interval, a region. All guar
 scene therefore stay valid.
 """
 
-from __future__ import annotations
-
 import fnmatch
 from collections.abc import Mapping, Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """`Param`, and the params of a scene: the parts of its file that can be narrowed at run time."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ A number is a bound narrowed by params, a draw, or a nominal value times a given
 in a layout.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

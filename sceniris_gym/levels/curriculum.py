@@ -1,7 +1,5 @@
 """`LevelReplay` and `ADR`: settings of a curriculum."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """Update the buffer from counted outcomes: weights of levels, vacant slots, and ends of ADR intervals."""
 
-from __future__ import annotations
-
 import numpy as np
 import warp as wp
 from warp.utils import array_scan

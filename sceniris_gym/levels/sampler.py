@@ -1,7 +1,5 @@
 """`LevelSampler`: chooses the next layout of each world from a buffer of levels."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

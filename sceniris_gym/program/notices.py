@@ -1,7 +1,5 @@
 """Warnings about a scene. They are issued at the caller's line, and stored to repeat them for a cached scene."""
 
-from __future__ import annotations
-
 import os
 import sys
 import warnings

@@ -3,8 +3,6 @@
 A surface is a level face of a support, cropped to the region of an object.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import mujoco

@@ -3,8 +3,6 @@
 The result is plain NumPy. `pack/` flattens it into the fields of `device.Program`.
 """
 
-from __future__ import annotations
-
 import graphlib
 import heapq
 from dataclasses import dataclass, replace

@@ -4,8 +4,6 @@ Two kinds of lattice are labelled in the same way: the grid over (z, u, tilt, v)
 radius). Inverse kinematics runs on the device in large batches. All other work is NumPy on the host.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace

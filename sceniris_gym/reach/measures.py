@@ -1,7 +1,5 @@
 """Steps of a map's build: TCP axes at many joint positions, witnesses, and the fraction of false accepts."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Assembly of assets into one MuJoCo specification. An object's root body is `name`, its elements are `name/...`."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`build_model`: the model of a scene, composed of assets, the user's own model, or both."""
 
-from __future__ import annotations
-
 import copy
 from dataclasses import replace
 

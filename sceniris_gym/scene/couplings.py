@@ -4,8 +4,6 @@ An equality requires `y - y0 = a0 + a1 (x - x0) + ... + a4 (x - x0)^4`. Here y a
 second joint, and y0 and x0 are their positions in `qpos0`. Without a second joint, the first is held at `y0 + a0`.
 """
 
-from __future__ import annotations
-
 import copy
 import graphlib
 from collections.abc import Iterable, Sequence

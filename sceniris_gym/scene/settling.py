@@ -1,7 +1,5 @@
 """Heaps, settled by MuJoCo C: objects fall into a container until they lie still inside."""
 
-from __future__ import annotations
-
 import copy
 from dataclasses import dataclass
 

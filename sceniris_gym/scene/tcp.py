@@ -1,7 +1,5 @@
 """The tool centre point of a robot: a site of its model, or a site added by the scene's `tcp`."""
 
-from __future__ import annotations
-
 import math
 
 import mujoco

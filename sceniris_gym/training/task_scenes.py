@@ -1,7 +1,5 @@
 """Tasks of this package and your tasks by name, with their scenes and environments."""
 
-from __future__ import annotations
-
 import os
 import sys
 from importlib import import_module

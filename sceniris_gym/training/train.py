@@ -10,8 +10,6 @@ starts its next episode with the same number of elapsed steps. Runs that resume 
 data, but not the data of an uninterrupted run.
 """
 
-from __future__ import annotations
-
 import inspect
 import json
 import math

@@ -1,7 +1,5 @@
 """The page of an environment: a policy plays chosen layouts in turn."""
 
-from __future__ import annotations
-
 import sys
 import time
 import traceback

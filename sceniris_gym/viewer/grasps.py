@@ -1,7 +1,5 @@
 """The layer of grasps: the grasps that qualified a layout, and the arm in these grasps."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import mujoco

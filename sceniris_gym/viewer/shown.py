@@ -1,7 +1,5 @@
 """One world in the state of its layout, for the layers, and in motion, for the player."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

@@ -1,7 +1,5 @@
 """Sketches of layers: surfaces, lines, arrows, axes and labels, as arrays, and drawn on the page."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any
 

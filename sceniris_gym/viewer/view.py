@@ -1,7 +1,5 @@
 """The page of one scene: its state, and the actions of its controls."""
 
-from __future__ import annotations
-
 import sys
 import time
 import traceback

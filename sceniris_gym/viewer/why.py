@@ -1,7 +1,5 @@
 """Rejected candidates: drawn in red at their place, with the cause in words."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import mujoco

@@ -6,8 +6,6 @@ heading of 180 degrees - a. The initial states that LIBERO ships show the same h
 measured on LIBERO's models.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 

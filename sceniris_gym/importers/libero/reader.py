@@ -1,7 +1,5 @@
 """Reads LIBERO's problem files as scenes of this package: `read_bddl`."""
 
-from __future__ import annotations
-
 import math
 import warnings
 from collections.abc import Mapping

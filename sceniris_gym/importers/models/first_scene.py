@@ -1,7 +1,5 @@
 """Writes a first scene file for a model: its robot, its free bodies on their supports, and a list of all supports."""
 
-from __future__ import annotations
-
 import json
 import re
 import textwrap

@@ -1,7 +1,5 @@
 """Finds antipodal grasps: two fingers close on faces with opposite normals."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Imports an object: reads, scales, repairs, cuts it into convex parts, simulates how it rests, and writes an asset."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

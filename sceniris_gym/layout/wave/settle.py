@@ -6,8 +6,6 @@ training may have seen. Every served layout is finite and within the scene's bou
 the host reject all known causes of other layouts, and `is_sound` guards against unknown causes.
 """
 
-from __future__ import annotations
-
 import warp as wp
 
 from sceniris_gym.device.blocks import block_any

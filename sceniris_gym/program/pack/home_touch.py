@@ -1,7 +1,5 @@
 """Distances between geoms at home, and the shortest separating direction of geoms that overlap there."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import mujoco

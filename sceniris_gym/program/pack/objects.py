@@ -1,7 +1,5 @@
 """The objects of a plan as fields of `device.Program`, and its reach targets as fields of `device_reach.Reach`."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Mapping
 
