@@ -5,8 +5,6 @@ exponentials (R. W. Brockett, "Robotic manipulators and the product of exponenti
 axes that MuJoCo C computes at `qpos0`.
 """
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation

@@ -1,7 +1,5 @@
 """Checks of relations and orientations with shapely and angles in double precision, and counts of violations."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import singledispatch

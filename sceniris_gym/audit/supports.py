@@ -1,7 +1,5 @@
 """Level surfaces of bodies, and points inside them, by shapely."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

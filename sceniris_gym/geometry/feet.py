@@ -1,7 +1,5 @@
 """Feet: the part of an object's underside that carries it, seen from above."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

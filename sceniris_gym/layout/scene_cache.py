@@ -7,8 +7,6 @@ processes never see a partial file. Unreadable and unwritable files are ignored.
 user or that others may write, because their numbers become indices in kernels without further checks.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import json

@@ -1,7 +1,5 @@
 """The layer of regions: the parts of supports that an object's pivot may occupy, in the state of one world."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from functools import singledispatch

@@ -1,7 +1,5 @@
 """Places LIBERO's objects and fixtures: models or stand-in boxes, supports, regions, orientations and joints."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Finds the arms of a model with their tool centre points, and its supports with their names in a scene."""
 
-from __future__ import annotations
-
 import copy
 import math
 from collections.abc import Iterable, Mapping, Sequence

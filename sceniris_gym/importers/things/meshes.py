@@ -1,7 +1,5 @@
 """Reads mesh files (OBJ, STL, PLY, OFF, GLB, glTF, and DAE with pycollada) and URDF files."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path

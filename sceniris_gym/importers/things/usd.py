@@ -1,7 +1,5 @@
 """Reads the meshes and materials of a USD stage. Importing this module requires usd-core."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Iterator
 from pathlib import Path
