@@ -89,8 +89,7 @@ def demo(out: Annotated[Path, OUT] = Path("demo/layouts.png"), device: Device = 
     """
     from sceniris_gym.commands import demo as tool
 
-    figures = tool.demo(checked_target(out), device)
-    return answer(figures, json, tool.report)
+    return answer(tool.demo(checked_target(out), device), json, tool.report)
 
 
 @_command
@@ -212,8 +211,7 @@ def bench(
     from sceniris_gym.commands import bench as tool
 
     overrides = read_changes(changes) | ({} if geometry is None else {"geometry": geometry})
-    measured = tool.bench(scene, num_envs, device, seed, overrides, picture)
-    return answer(measured, json)
+    return answer(tool.bench(scene, num_envs, device, seed, overrides, picture), json)
 
 
 @_command
@@ -455,8 +453,7 @@ def init(
         from sceniris_gym.importers.libero.reader import read_bddl
 
         task = read_bddl(model, assets=assets, widen=widen, clutter=clutter)
-        written = tool.write_task(task, target, device)
-        return answer(written, json)
+        return answer(tool.write_task(task, target, device), json)
     if (assets, widen, clutter) != (None, 1.0, 0):
         raise NotSupportedError("init: --assets, --widen and --clutter belong to a problem file of LIBERO (.bddl).")
     scene = tool.init(model, device)
@@ -464,8 +461,7 @@ def init(
         write_text(target, tool.text(scene, target))
     elif not json:
         return Answer(tool.text(scene, None).rstrip())
-    found = tool.summary(scene, target)
-    return answer(found, json, tool.report)
+    return answer(tool.summary(scene, target), json, tool.report)
 
 
 @_command
@@ -489,8 +485,7 @@ def settle(
     check_seed(seed)
     from sceniris_gym.commands import settle as tool
 
-    found = tool.settle(scene_config(scene, changes), heap, rows, out, seed)
-    return answer(found, json, tool.report)
+    return answer(tool.settle(scene_config(scene, changes), heap, rows, out, seed), json, tool.report)
 
 
 @_command
@@ -501,8 +496,7 @@ def train(options: Annotated[Options, tyro.conf.arg(name="")], json: Json = Fals
     checked_target(options.out / CONFIG)
     from sceniris_gym.commands import train as tool
 
-    found = tool.train(options, quiet=json)
-    return answer(found, json, tool.report)
+    return answer(tool.train(options, quiet=json), json, tool.report)
 
 
 @_command
