@@ -135,10 +135,10 @@ def picture(found: Narrowing, title: str) -> Image.Image:
     lines = 1 + max((line for _, _, line in places), default=0)
     sheet = Image.new("RGB", (wide, height + (1 + lines) * _STRIP + _GAP), _PAPER)
     draw = ImageDraw.Draw(sheet)
-    for i, (title, positions) in enumerate(panels.items()):
+    for i, (caption, positions) in enumerate(panels.items()):
         left, top = _GAP + i * (width + _GAP), _STRIP
         draw.rectangle((left, top, left + width, top + height), fill=(246, 247, 249), outline=_PALE)
-        draw.text((left + 2, 4), title, _INK, font)
+        draw.text((left + 2, 4), caption, _INK, font)
         origin = np.array([left - scale * found.lower[0], top + height + scale * found.lower[1]])
         for k, name in enumerate(positions):
             for x, y in positions[name]:
