@@ -1,13 +1,11 @@
 """The contents of a data set: its rows, its parts, and `dataset.json`, which is written after all parts."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import mujoco
 import numpy as np
@@ -58,7 +56,7 @@ class DatasetPlan:
     row: np.dtype
 
     @classmethod
-    def of(cls, compiled: CompiledScene, n: int, seed: int, split: str, formats: tuple[str, ...] = ()) -> DatasetPlan:
+    def of(cls, compiled: CompiledScene, n: int, seed: int, split: str, formats: tuple[str, ...] = ()) -> Self:
         """Return the plan of `n` layouts of a scene. Row i is episode 0 of seed + i.
 
         Args:

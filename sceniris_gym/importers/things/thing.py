@@ -1,12 +1,10 @@
 """An imported object as a tree of links with surfaces and solids, read from any format and written as MJCF."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 from xml.etree import ElementTree
 
 import mujoco
@@ -39,7 +37,7 @@ class Surface:
     texture: Image | None = None
     uv: np.ndarray | None = None
 
-    def moved(self, rotation: np.ndarray, shift: np.ndarray | float = 0.0) -> Surface:
+    def moved(self, rotation: np.ndarray, shift: np.ndarray | float = 0.0) -> Self:
         """Return the surface with its vertices multiplied by a matrix, shape (3, 3), then shifted."""
         # A matrix that mirrors turns the faces inside out, so their vertex order is reversed.
         faces = self.faces[:, ::-1] if np.linalg.det(rotation) < 0.0 else self.faces
@@ -106,7 +104,7 @@ class Link:
         """Source surfaces of the collision geometry."""
         return self.solids or self.surfaces
 
-    def moved(self, rotation: np.ndarray, shift: np.ndarray | float = 0.0) -> Link:
+    def moved(self, rotation: np.ndarray, shift: np.ndarray | float = 0.0) -> Self:
         """Return the link with all of its surfaces moved in the link's frame."""
         surfaces, solids = (tuple(s.moved(rotation, shift) for s in kind) for kind in (self.surfaces, self.solids))
         return replace(self, surfaces=surfaces, solids=solids)
@@ -144,11 +142,11 @@ class Thing:
         """Return the edge lengths of the bounding box, shape (3,)."""
         return np.ptp(points, axis=0) if len(points := self.points()) else np.zeros(3)
 
-    def scaled(self, factor: float) -> Thing:
+    def scaled(self, factor: float) -> Self:
         """Return the object in another unit of length. Masses do not change."""
         return replace(self, links=tuple(_scaled(link, factor) for link in self.links))
 
-    def moved(self, rotation: np.ndarray, shift: np.ndarray) -> Thing:
+    def moved(self, rotation: np.ndarray, shift: np.ndarray) -> Self:
         """Return the object rotated by `rotation` (3, 3), then shifted by `shift` (3,), in the root's frame.
 
         The root link's frame stays at the origin, so the surfaces, inertia and child links of the root are moved.
