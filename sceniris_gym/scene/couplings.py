@@ -95,7 +95,7 @@ def joint_couplings(mjm: mujoco.MjModel, where: str) -> tuple[Coupling, ...]:
     return tuple(_in_order(mjm, found, where))
 
 
-def turned_round(mjm: mujoco.MjModel, couplings: Iterable[Coupling], drawn: Iterable[int]) -> tuple[Coupling, ...]:
+def reversed_for(mjm: mujoco.MjModel, couplings: Iterable[Coupling], drawn: Iterable[int]) -> tuple[Coupling, ...]:
     """Return the couplings, reversed if a drawn joint would follow a joint that is not drawn.
 
     Only linear couplings are reversed, as they can be inverted: x = x0 + (y - y0 - a0) / a1.

@@ -15,7 +15,7 @@ from sceniris_gym.geometry.pieces import extract_pieces
 from sceniris_gym.geometry.resting_poses import HomeShape
 from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.geometry.supports import level_surfaces
-from sceniris_gym.importers.libero.kinds import FIXTURES, OBJECTS, TURN, WORKSPACES, Box, Kind, Workspace, moving
+from sceniris_gym.importers.libero.kinds import FIXTURES, OBJECTS, ROTATION, WORKSPACES, Box, Kind, Workspace, moving
 from sceniris_gym.importers.libero.problem import Predicate, Problem, Region
 from sceniris_gym.scene.assemble import compile_spec
 from sceniris_gym.scene.model_files import load_model
@@ -51,7 +51,7 @@ def load_thing(name: str, kind: Kind, assets: Path, where: str) -> mujoco.MjSpec
         geom.group = geom.group or _HIDDEN
     spec.compiler.inertiagrouprange = [_HIDDEN, _HIDDEN]  # as in robosuite, collision geoms carry the mass
     inner = spec.body(INNER)
-    inner.pos, inner.quat = np.zeros(3), TURN[kind.up]
+    inner.pos, inner.quat = np.zeros(3), ROTATION[kind.up]
     return spec
 
 

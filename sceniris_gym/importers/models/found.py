@@ -72,7 +72,7 @@ class FoundArm:
         site = next((s for word in _TCP_WORDS for s in own if word in self.mjm.site(s).name.lower()), None)
         if site is not None:
             along = self._along(data, data.site_xmat[site].reshape(3, 3))
-            return TcpConfig.model_validate({"site": self.mjm.site(site).name, **_turn_to(along)})
+            return TcpConfig.model_validate({"site": self.mjm.site(site).name, **_rotation_to(along)})
         body = self.hand if self.fingers else self.palm[-1]
         mat, pos = data.xmat[body].reshape(3, 3), data.xpos[body]
         along, offset = self._along(data, mat), [0.0, 0.0, 0.0]
@@ -82,7 +82,7 @@ class FoundArm:
             tip = middle + along * (((points - middle) @ along).max() - _TIP)
             offset = [round(float(v), 4) + 0.0 for v in tip]
         name = self.mjm.body(body).name
-        return TcpConfig.model_validate({"body": name, "offset": offset, **_turn_to(along)})
+        return TcpConfig.model_validate({"body": name, "offset": offset, **_rotation_to(along)})
 
     def _along(self, data: mujoco.MjData, mat: np.ndarray) -> np.ndarray:
         """Return the approach axis in a frame of the hand. It snaps to an axis of this frame if one is near."""
@@ -153,7 +153,7 @@ def _points(mjm: mujoco.MjModel, data: mujoco.MjData, bodies: tuple[int, ...]) -
     return np.concatenate(found)
 
 
-def _turn_to(along: np.ndarray) -> dict[str, float]:
+def _rotation_to(along: np.ndarray) -> dict[str, float]:
     """Return the roll and pitch [degrees] that rotate the z axis to a direction. Zero angles are omitted."""
     if math.degrees(math.acos(np.clip(along[2], -1.0, 1.0))) < _CLOSE:
         return {}

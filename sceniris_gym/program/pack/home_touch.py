@@ -114,5 +114,5 @@ class HomeTouch:
 
     def _greatest(self, piece: Piece, directions: np.ndarray) -> np.ndarray:
         """Return the greatest extent [m] of a piece along directions of the world, shape (n, 3)."""
-        turned = self._home.xmat[piece.body].reshape(3, 3)
-        return piece.extents(directions @ turned)[1] + directions @ self._home.xpos[piece.body]
+        rotation = self._home.xmat[piece.body].reshape(3, 3)
+        return piece.extents(directions @ rotation)[1] + directions @ self._home.xpos[piece.body]
