@@ -1,7 +1,5 @@
 """The command line: `sceniris-gym COMMAND`. Results go to stdout, messages to stderr."""
 
-from __future__ import annotations
-
 import functools
 import os
 import sys

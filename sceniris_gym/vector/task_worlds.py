@@ -1,7 +1,5 @@
 """`TaskWorlds`: the worlds of a task, with their physics, layouts and episodes."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 
