@@ -30,7 +30,7 @@ import tyro
 from scipy.spatial.transform import Rotation
 
 from sceniris_gym.errors import ModelWarning, ScenirisError
-from sceniris_gym.importers.libero.kinds import OBJECTS, TURN, WORKSPACES
+from sceniris_gym.importers.libero.kinds import OBJECTS, ROTATION, WORKSPACES
 from sceniris_gym.importers.libero.reader import LiberoTask, read_bddl
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
@@ -221,7 +221,7 @@ def stored_states(task: LiberoTask, mjm: mujoco.MjModel, file: Path) -> LayoutTa
     qpos = np.tile(mjm.qpos0, (len(states), 1))
     for number, name in enumerate(name for names in by_class.values() for name in names):
         pose = states[:, 10 + 7 * number : 17 + 7 * number]
-        turn = Rotation.from_quat(TURN[OBJECTS[task.problem.objects[name]].up], scalar_first=True)
+        turn = Rotation.from_quat(ROTATION[OBJECTS[task.problem.objects[name]].up], scalar_first=True)
         upright = Rotation.from_quat(pose[:, 3:], scalar_first=True) * turn.inv()
         adr = int(mjm.jnt_qposadr[mjm.body(name).jntadr[0]])
         qpos[:, adr : adr + 7] = np.hstack([pose[:, :3], upright.as_quat(scalar_first=True)])

@@ -45,10 +45,9 @@ def public(module: str) -> dict[str, tuple[str, str]]:
         return {name: (module, name) for name in names if not name.startswith("_")}
     found = {}
     for node in tree_of(path.with_suffix(".pyi") if module in LAZY else path).body:
-        if isinstance(node, ast.ImportFrom):
+        if isinstance(node, ast.ImportFrom) and node.module:  # other than `errors` and other whole modules
             source = absolute(node, module)
             found |= {alias.asname or alias.name: (source, alias.name) for alias in node.names}
-    found.pop("errors", None)
     return found
 
 

@@ -1,6 +1,7 @@
 """The public names. Each is imported from its module on first use."""
 
 from . import errors as errors
+from . import training as training
 from .config.scene import SceneConfig as SceneConfig
 from .dataset.reader import LayoutDataset as LayoutDataset
 from .errors import ScenirisError as ScenirisError

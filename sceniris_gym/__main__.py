@@ -1,7 +1,5 @@
 """The program `sceniris-gym`. Signals end it at once, even during its imports."""
 
-from __future__ import annotations
-
 from sceniris_gym.stopping import end_at_signals
 
 

@@ -1,7 +1,5 @@
 """The command line: `sceniris-gym COMMAND`. Results go to stdout, messages to stderr."""
 
-from __future__ import annotations
-
 import functools
 import os
 import sys
@@ -89,8 +87,7 @@ def demo(out: Annotated[Path, OUT] = Path("demo/layouts.png"), device: Device = 
     """
     from sceniris_gym.commands import demo as tool
 
-    figures = tool.demo(checked_target(out), device)
-    return answer(figures, json, tool.report)
+    return answer(tool.demo(checked_target(out), device), json, tool.report)
 
 
 @_command
@@ -143,8 +140,8 @@ def generate(
     for file in (MANIFEST, SCENE):
         checked_target(out / file)
     compiled = compiled_scene(scene, changes, device or part.device)
-    words = {"chunk": chunk, "shard": part, "resume": resume, "formats": formats}
-    figures = tool.generate(compiled, layouts, out, seed=seed, split=split, **words)
+    kwargs = {"chunk": chunk, "shard": part, "resume": resume, "formats": formats}
+    figures = tool.generate(compiled, layouts, out, seed=seed, split=split, **kwargs)
     return answer(figures, json, tool.report)
 
 
@@ -212,8 +209,7 @@ def bench(
     from sceniris_gym.commands import bench as tool
 
     overrides = read_changes(changes) | ({} if geometry is None else {"geometry": geometry})
-    measured = tool.bench(scene, num_envs, device, seed, overrides, picture)
-    return answer(measured, json)
+    return answer(tool.bench(scene, num_envs, device, seed, overrides, picture), json)
 
 
 @_command
@@ -376,8 +372,8 @@ def view(
             print(f"Port {port} is in use, so the page is at port {server.get_port()}.", file=sys.stderr, flush=True)
         stack.enter_context(_stdout_to_stderr())
         if scene is None:
-            words = {"num": num_envs, "split": split, "device": device, "changes": overrides, "trust": trust}
-            command.view_env(server, str(env), policy, ids, **words)
+            kwargs = {"num": num_envs, "split": split, "device": device, "changes": overrides, "trust": trust}
+            command.view_env(server, str(env), policy, ids, **kwargs)
         else:
             command.view_scene(
                 server, scene, overrides, split=split or "train", seed=seed, episode=episode, num=num_envs
@@ -455,8 +451,7 @@ def init(
         from sceniris_gym.importers.libero.reader import read_bddl
 
         task = read_bddl(model, assets=assets, widen=widen, clutter=clutter)
-        written = tool.write_task(task, target, device)
-        return answer(written, json)
+        return answer(tool.write_task(task, target, device), json)
     if (assets, widen, clutter) != (None, 1.0, 0):
         raise NotSupportedError("init: --assets, --widen and --clutter belong to a problem file of LIBERO (.bddl).")
     scene = tool.init(model, device)
@@ -464,8 +459,7 @@ def init(
         write_text(target, tool.text(scene, target))
     elif not json:
         return Answer(tool.text(scene, None).rstrip())
-    found = tool.summary(scene, target)
-    return answer(found, json, tool.report)
+    return answer(tool.summary(scene, target), json, tool.report)
 
 
 @_command
@@ -489,8 +483,7 @@ def settle(
     check_seed(seed)
     from sceniris_gym.commands import settle as tool
 
-    found = tool.settle(scene_config(scene, changes), heap, rows, out, seed)
-    return answer(found, json, tool.report)
+    return answer(tool.settle(scene_config(scene, changes), heap, rows, out, seed), json, tool.report)
 
 
 @_command
@@ -501,8 +494,7 @@ def train(options: Annotated[Options, tyro.conf.arg(name="")], json: Json = Fals
     checked_target(options.out / CONFIG)
     from sceniris_gym.commands import train as tool
 
-    found = tool.train(options, quiet=json)
-    return answer(found, json, tool.report)
+    return answer(tool.train(options, quiet=json), json, tool.report)
 
 
 @_command
@@ -532,8 +524,8 @@ def evaluate(
         checked_target(file)
     from sceniris_gym.commands import evaluate as tool
 
-    words = {"failed": failed, "min_success": min_success, "task": task, "trust": trust}
-    found = tool.evaluate(run, layouts, device, out, **words)
+    kwargs = {"failed": failed, "min_success": min_success, "task": task, "trust": trust}
+    found = tool.evaluate(run, layouts, device, out, **kwargs)
     return answer(found, json, tool.report)
 
 

@@ -1,7 +1,5 @@
 """All errors and warnings for users. Each message names the place, the mistake and the fix."""
 
-from __future__ import annotations
-
 import difflib
 import functools
 import importlib

@@ -1,7 +1,5 @@
 """Atomic file writes, checks before long work that a file can be written, JSON, and safe reads of untrusted files."""
 
-from __future__ import annotations
-
 import errno
 import json
 import math

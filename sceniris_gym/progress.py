@@ -1,7 +1,5 @@
 """Progress of long work: code reports it by `tell`, `listening` receives it, and `shown` draws a bar on a terminal."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

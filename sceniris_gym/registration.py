@@ -1,7 +1,5 @@
 """Registration of the environments with Gymnasium. Entry points are strings, so no large library is imported."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium

@@ -4,8 +4,6 @@ The signals do not raise an exception, because libraries catch it during their i
 into C returns. Instead a thread receives the signal, ends child processes, removes temporary files, and exits.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import signal

@@ -16,7 +16,6 @@ import pytest
 import torch
 
 import sceniris_gym
-import sceniris_gym.training
 from sceniris_gym import (
     LayoutGenerator,
     LevelReplay,

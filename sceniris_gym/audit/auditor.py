@@ -6,8 +6,6 @@ clearances, and fixtures against each other and the static scene. With `geometry
 rendered meshes, and the report lists contacts of the colliding shapes as allowed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 

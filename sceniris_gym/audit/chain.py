@@ -5,8 +5,6 @@ exponentials (R. W. Brockett, "Robotic manipulators and the product of exponenti
 axes that MuJoCo C computes at `qpos0`.
 """
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -116,8 +114,8 @@ class Chain:
 
     def _placed(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return TCP poses (N, 4, 4) at joints (N, n), and their Jacobians [m, rad] (N, 6, n), in the base frame."""
-        turn = q - self._ref
-        sine, versine = np.where(self._slide, turn, np.sin(turn)), 1.0 - np.cos(turn)
+        change = q - self._ref
+        sine, versine = np.where(self._slide, change, np.sin(change)), 1.0 - np.cos(change)
         motion = np.eye(4) + sine[..., None, None] * self._twist + versine[..., None, None] * self._twist @ self._twist
         at, moved = np.tile(np.eye(4), (len(q), 1, 1)), np.zeros((*q.shape, 4, 4))
         for i, twist in enumerate(self._twist):
@@ -129,11 +127,11 @@ class Chain:
 
     def _within(self, q: np.ndarray) -> np.ndarray:
         """Return joints clamped to limits, hinges without limits wrapped to [-pi, pi]."""
-        turns = np.where(np.isfinite(self.lower) | self._slide, 0.0, np.round(q / (2.0 * np.pi)))
-        return np.clip(q - 2.0 * np.pi * turns, self.lower, self.upper)
+        laps = np.where(np.isfinite(self.lower) | self._slide, 0.0, np.round(q / (2.0 * np.pi)))
+        return np.clip(q - 2.0 * np.pi * laps, self.lower, self.upper)
 
 
 def _difference(at: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     """Return the translation [m] and rotation vector [rad] from poses `at` to `wanted`, base frame, shape (N, 6)."""
-    turn = Rotation.from_matrix(wanted[:, :3, :3] @ at[:, :3, :3].transpose(0, 2, 1))
-    return np.hstack([wanted[:, :3, 3] - at[:, :3, 3], turn.as_rotvec()])
+    rotation = Rotation.from_matrix(wanted[:, :3, :3] @ at[:, :3, :3].transpose(0, 2, 1))
+    return np.hstack([wanted[:, :3, 3] - at[:, :3, 3], rotation.as_rotvec()])

@@ -1,7 +1,5 @@
 """Pairs of solids that must be apart, and their distances: missed collisions, and false alarms among candidates."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 

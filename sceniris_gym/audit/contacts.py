@@ -8,8 +8,6 @@ are allowed:
   robot, doors of a cabinet, a robot and its desk.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from copy import copy
 from dataclasses import dataclass, replace

@@ -10,8 +10,6 @@ Errors of FCL's algorithms, measured against Minkowski differences in double pre
 BVHs are hollow: a solid entirely inside another solid touches no triangle, so containment needs the winding number.
 """
 
-from __future__ import annotations
-
 import fcl
 import numpy as np
 

@@ -3,8 +3,6 @@
 The audit shares no code with the generator. It takes solids and poses from a `mujoco.MjModel`, in double precision.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum

@@ -1,7 +1,5 @@
 """Tests in MuJoCo C: free objects of a layout should stay in place, and equalities should hold."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager

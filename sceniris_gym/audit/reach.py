@@ -6,8 +6,6 @@ may touch the object, and it may touch only the object. The hand is everything t
 robot that touch each other at home may be as deep as at home.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass
@@ -148,8 +146,8 @@ class ReachAudit:
         names = {s: self.mjm.site(s).name.rsplit("/", 1)[-1] for s in sites}
         own = {s: name for s, name in names.items() if name.startswith("grasp_")}
         chosen = [s for s, name in own.items() if any(fnmatchcase(n, claim.pattern or "*") for n in (name, name[6:]))]
-        turned = pose @ np.diag([-1.0, -1.0, 1.0, 1.0])
-        return not own or any(self._meets(s, pose) or self._meets(s, turned) for s in chosen)
+        swapped = pose @ np.diag([-1.0, -1.0, 1.0, 1.0])
+        return not own or any(self._meets(s, pose) or self._meets(s, swapped) for s in chosen)
 
     def _wrong_joints(self, claim: Claim, qpos: np.ndarray, pose: np.ndarray, *, grasping: bool = True) -> str | None:
         mjm, data = self.mjm, self.data

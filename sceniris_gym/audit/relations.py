@@ -1,7 +1,5 @@
 """Checks of relations and orientations with shapely and angles in double precision, and counts of violations."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import singledispatch
@@ -145,9 +143,9 @@ def _off_site(relation: Joined, name: str, scene: JudgedScene, seen: Seen) -> di
 
 def _heading(relation: Relation, name: str, scene: JudgedScene, seen: Seen) -> np.ndarray:
     """Return the heading [rad] of a relation in the world, shape (nrow,)."""
-    turned = {"support": seen.support_heading[name], "world": np.zeros(len(seen.support_heading[name]))}
+    headings = {"support": seen.support_heading[name], "world": np.zeros(len(seen.support_heading[name]))}
     frame = relation.reference_frame
-    heading = turned[frame] if frame in turned else seen.outlines[frame].heading
+    heading = headings[frame] if frame in headings else seen.outlines[frame].heading
     return heading + relation.heading(scene.config.all_robots)
 
 

@@ -1,7 +1,5 @@
 """The scene that the audit judges: owners, carriers, solids, start pose, and outlines of objects from above."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import NamedTuple

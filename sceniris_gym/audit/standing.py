@@ -1,7 +1,5 @@
 """Check the place of every placed object: on its support, in its region, in its heap, under a roof."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path

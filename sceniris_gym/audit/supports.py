@@ -1,7 +1,5 @@
 """Level surfaces of bodies, and points inside them, by shapely."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,8 +33,8 @@ def surface_of(solid: Solid) -> tuple[np.ndarray, np.ndarray]:
     """Return vertices and outward triangles of a solid. The hull of surface points approximates a curved solid."""
     if solid.form is Form.POLYHEDRON:
         return solid.vertices, solid.faces
-    turn = np.linspace(0, 2 * np.pi, _SEGMENTS, endpoint=False)
-    ring = np.stack([np.cos(turn), np.sin(turn), np.zeros_like(turn)], 1)
+    angles = np.linspace(0, 2 * np.pi, _SEGMENTS, endpoint=False)
+    ring = np.stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)], 1)
     if solid.form is Form.CYLINDER:
         rim = ring * solid.size[0]
         return convex_hull(np.concatenate([rim + [0, 0, z] for z in (-solid.size[1], solid.size[1])]))

@@ -1,7 +1,5 @@
 """Results of commands: text for stdout, and a verdict."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any

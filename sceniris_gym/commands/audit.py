@@ -1,7 +1,5 @@
 """The `audit` command: makes or loads layouts and rejected candidates of a scene, and judges them."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """The `bench` command: measures how fast layouts are made and worlds are reset."""
 
-from __future__ import annotations
-
 import resource
 import statistics
 import time

@@ -1,7 +1,5 @@
 """The `check` command: reports whether a scene has valid layouts, and rejected candidates by object and cause."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Mapping
 from pathlib import Path

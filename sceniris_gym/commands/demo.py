@@ -1,7 +1,5 @@
 """The `demo` command: resets 64 worlds of a scene three times, reports figures, and draws 16 of the worlds."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Mapping
 from pathlib import Path

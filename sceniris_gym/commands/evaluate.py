@@ -1,7 +1,5 @@
 """The `evaluate` command: evaluates a trained policy on unseen layouts."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from shlex import quote
@@ -65,9 +63,9 @@ def evaluate(
         each = found["valid"]["each"]
         ids = [name for name, success in zip(each["id"], each["success"], strict=True) if not success]
         write_text(failed, "".join(f"{name}\n" for name in ids))
-        words = f"--policy {quote(str(run / MODEL))} --layout {quote(str(failed))}"
+        options = f"--policy {quote(str(run / MODEL))} --layout {quote(str(failed))}"
         env = task if ":" in task else spec_of(task).id
-        more["view"] = f"sceniris-gym view --env {env} {words}" if ids else None
+        more["view"] = f"sceniris-gym view --env {env} {options}" if ids else None
     return more | without_layouts(found)
 
 

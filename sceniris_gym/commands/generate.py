@@ -1,7 +1,5 @@
 """The `generate` command: writes a data set of layouts with their model."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any

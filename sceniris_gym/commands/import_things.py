@@ -1,7 +1,5 @@
 """The `import` command: turns a mesh file, or a folder of mesh files, into assets with pictures."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 from typing import Any

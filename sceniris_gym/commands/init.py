@@ -1,7 +1,5 @@
 """The `init` command: writes a first scene file for a model or a LIBERO problem file, once layouts are found."""
 
-from __future__ import annotations
-
 import io
 import os
 import re

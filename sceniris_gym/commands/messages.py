@@ -1,7 +1,5 @@
 """Messages of commands on stderr: each warning once, and readable errors of the operating system."""
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Callable

@@ -7,8 +7,6 @@ arm's map accepts a grasp of the object. For the tiers `ik` and `clear`, it is m
 layouts that passed the tier.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -106,7 +104,7 @@ def narrowing(compiled: CompiledScene, layouts: int, seed: int, made: LayoutGene
         kept = {name: passed[name] * _on_map(compiled, plain, free, name) for name in names}
     after = {name: _positions(compiled, table, name) for name in names}
     still = [compiled.slots.index(name) for name in compiled.config.all_robots if name not in compiled.config.parts]
-    bases, floor = compiled.plan.place[still][:, [0, 1, 3]], compiled.config.floor
+    bases, floor = compiled.plan.pivot_pose[still][:, [0, 1, 3]], compiled.config.floor
     corners = _corners([*before.values(), *after.values(), bases[:, :2]], None if floor is None else floor.size)
     return Narrowing(before, after, kept, counts, bases, *corners)
 
@@ -136,10 +134,10 @@ def picture(found: Narrowing, title: str) -> Image.Image:
     lines = 1 + max((line for _, _, line in places), default=0)
     sheet = Image.new("RGB", (wide, height + (1 + lines) * _STRIP + _GAP), _PAPER)
     draw = ImageDraw.Draw(sheet)
-    for i, (words, positions) in enumerate(panels.items()):
+    for i, (caption, positions) in enumerate(panels.items()):
         left, top = _GAP + i * (width + _GAP), _STRIP
         draw.rectangle((left, top, left + width, top + height), fill=(246, 247, 249), outline=_PALE)
-        draw.text((left + 2, 4), words, _INK, font)
+        draw.text((left + 2, 4), caption, _INK, font)
         origin = np.array([left - scale * found.lower[0], top + height + scale * found.lower[1]])
         for k, name in enumerate(positions):
             for x, y in positions[name]:

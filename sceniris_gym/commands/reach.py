@@ -1,7 +1,5 @@
 """The `reach` command: builds an arm's reachability map, judges poses, and draws the arm's reach."""
 
-from __future__ import annotations
-
 import time
 import warnings
 from collections.abc import Mapping
@@ -236,10 +234,10 @@ def read_poses(path: Path) -> np.ndarray:
     if poses.ndim != 3 or poses.shape[1:] != (4, 4) or poses.dtype.kind not in "fiu":
         raise ArgumentError(f"--poses {path}: holds {poses.dtype} of shape {poses.shape}. It {form}.")
     poses = poses.astype(np.float64)
-    turns = poses[:, :3, :3]
+    rotations = poses[:, :3, :3]
     with np.errstate(invalid="ignore"):  # NaN compares as false
-        rigid = np.abs(turns @ turns.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2)) < 1e-3
-        rigid &= (np.linalg.det(turns) > 0.0) & (np.abs(poses[:, 3] - [0, 0, 0, 1]).max(axis=1) < 1e-6)
+        rigid = np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2)) < 1e-3
+        rigid &= (np.linalg.det(rotations) > 0.0) & (np.abs(poses[:, 3] - [0, 0, 0, 1]).max(axis=1) < 1e-6)
     rigid &= np.isfinite(poses[:, :3, 3]).all(axis=1)
     if not rigid.all():
         raise ArgumentError(f"--poses {path}: pose {np.argmin(rigid)} is not a rigid transform. It {form}.")

@@ -1,7 +1,5 @@
 """The `replay` command: makes layouts again from their ids `scenehash:split:seed:episode`."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The `settle` command: settles rows of a scene's heap in MuJoCo C."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The `train` command: trains a policy for a task with rsl-rl's PPO, and evaluates it."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Mapping
 from typing import Any

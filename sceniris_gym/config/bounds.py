@@ -3,8 +3,6 @@
 Positions end where single precision gets coarse. The other bounds are far above any sensible value.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 MOST_FAR = 100.0

@@ -1,7 +1,5 @@
 """Types of values in a scene file (numbers, intervals, points, names), with errors in the words of the file."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress

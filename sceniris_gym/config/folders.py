@@ -1,7 +1,5 @@
 """Folders whose files are the variants of an object, and the tags in their manifests that select files."""
 
-from __future__ import annotations
-
 import json
 import warnings
 from collections.abc import Iterable

@@ -1,9 +1,7 @@
 """Objects that belong together: `groups` with some members present, `heaps` in containers, and `stacks`."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, Strict, model_validator
 
@@ -66,7 +64,7 @@ class GroupConfig(Section):
         return self.count[0] == len(self.of)
 
     @model_validator(mode="after")
-    def _can_be_drawn(self) -> GroupConfig:
+    def _can_be_drawn(self) -> Self:
         low, high = self.count
         if not low <= high <= len(self.of):
             raise wrong(f"should have a 'count' k or [low, high] with 0 <= low <= high <= {len(self.of)} (all members)")

@@ -1,7 +1,5 @@
 """Finding, reading and merging scene files before validation, and paths as users write them."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from contextlib import suppress

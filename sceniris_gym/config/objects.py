@@ -4,12 +4,10 @@ Lengths are in metres. Angles are in degrees in files, except for joint position
 `ObjectConfig.drawn_orientation` and the attributes of relations are in radians.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 from pydantic import ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
@@ -174,7 +172,7 @@ class ObjectConfig(Section):
         return {**data, "reachable": words.get("tier", True), **named}
 
     @model_validator(mode="after")
-    def _agrees_with_itself(self) -> ObjectConfig:
+    def _agrees_with_itself(self) -> Self:
         if self.asset is not None and self.body is not None:
             raise wrong("should have an 'asset', or be a 'body' of the model, not both")
         if self.asset is None and self.scale != 1.0:

@@ -1,10 +1,8 @@
 """Orientation of an object: `Orientation` as written in a scene, and `DrawnOrientation`, its distribution."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, model_validator
 
@@ -85,7 +83,7 @@ class Orientation(Section):
         return _WORDS[data]
 
     @model_validator(mode="after")
-    def _exactly_one(self) -> Orientation:
+    def _exactly_one(self) -> Self:
         given = self.given(ORIENTATION_FORMS)
         if len(given) != 1 and given != ["yaw", "face_to"]:
             forms, has = ", ".join(ORIENTATION_FORMS), " and ".join(given) or "none"

@@ -1,10 +1,8 @@
 """Draws of physics and looks at every reset: `DrawConfig`, and the words of objects, lights, cameras and scenes."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from math import inf
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, Strict, model_validator
 
@@ -137,7 +135,7 @@ class DrawConfig(Section):
         return self.scale or self.add or self.abs or ((), ())
 
     @model_validator(mode="after")
-    def _can_be_drawn(self) -> DrawConfig:
+    def _can_be_drawn(self) -> Self:
         low, high = self.ends
         if len(low) != len(high):
             raise wrong("should have the same number of values in low and high")

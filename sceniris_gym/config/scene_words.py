@@ -1,9 +1,7 @@
 """The words of a whole scene and the names in it: `SceneWords`. Cameras: `CameraConfig`."""
 
-from __future__ import annotations
-
 from functools import cached_property
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import BeforeValidator, Field, Strict, field_validator, model_validator
@@ -67,7 +65,7 @@ class CameraConfig(Section):
         return np.array([0.0, 0.0, 1.0] if np.abs(self.backward[:2]).max() > 1e-6 else [1.0, 0.0, 0.0])
 
     @model_validator(mode="after")
-    def _looks_somewhere(self) -> CameraConfig:
+    def _looks_somewhere(self) -> Self:
         if np.linalg.norm(self.backward) < 1e-6:
             raise wrong("should have a 'look_at' that differs from its 'pos'")
         if np.linalg.norm(np.cross(self.upward, self.backward)) < 1e-6 * np.linalg.norm(self.backward):

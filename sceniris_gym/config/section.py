@@ -1,10 +1,8 @@
 """`Section`, the base class of all parts of a scene: frozen, with errors in the words of the scene file."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from contextlib import nullcontext
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler, ValidationError, model_validator
 from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError
@@ -60,7 +58,7 @@ class Section(BaseModel):
         return [key for key in keys if getattr(self, key) is not None]
 
     @model_validator(mode="after")
-    def _has_one_of(self) -> Section:
+    def _has_one_of(self) -> Self:
         if self.one_of:
             check_one_of(self.given(self.one_of), self.one_of)
         return self

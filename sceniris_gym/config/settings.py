@@ -1,7 +1,5 @@
 """`as_config`: settings that a user passes as a dataclass or as a mapping of its fields."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import MISSING, fields
 from typing import Any, TypeVar

@@ -1,7 +1,5 @@
 """Untrusted NumPy files: reading does not execute code, and allocates memory only for the file's contents."""
 
-from __future__ import annotations
-
 import math
 import zipfile
 import zlib

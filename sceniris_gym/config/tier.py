@@ -1,9 +1,7 @@
 """Tiers of reachability: levels of verification that an arm reaches an object."""
 
-from __future__ import annotations
-
 from enum import IntEnum
-from typing import Literal
+from typing import Literal, Self
 
 TierWord = Literal["map", "map_strict", "ik", "clear"]
 """The tiers as words of scene files and commands, from fastest to most thorough."""
@@ -31,7 +29,7 @@ class Tier(IntEnum):
     """In grasp and pre-grasp, the arm does not collide with the layout. In the grasp, the hand may touch the object."""
 
     @classmethod
-    def of(cls, word: str) -> Tier:
+    def of(cls, word: str) -> Self:
         """Return the tier of a word of `TIERS`."""
         return cls[word.upper()]
 

@@ -1,7 +1,5 @@
 """Checks of names in a scene: all references exist, are suitable, and can be placed first."""
 
-from __future__ import annotations
-
 import graphlib
 from collections.abc import Container, Iterable
 

@@ -4,8 +4,6 @@
 words of both levels, and a group `target` with one member present. All other modules only see objects and groups.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -183,10 +181,10 @@ def _named(at: tuple[str, ...], variants: Any) -> Mapping[str, Mapping]:
     if not isinstance(variants, Mapping):
         _refuse((*at, VARIANTS), "should be a mapping of names to settings", variants)
     for name, words in variants.items():
-        place = (*at, VARIANTS, str(name))
+        loc = (*at, VARIANTS, str(name))
         if not isinstance(words, Mapping):
-            _refuse(place, "should be a mapping of keys to values", words)
-        with _at(place, name):
+            _refuse(loc, "should be a mapping of keys to values", words)
+        with _at(loc, name):
             object_name(str(name))
     return variants
 
@@ -204,16 +202,16 @@ def _scaled(at: tuple[str, ...], variants: Mapping[str, Mapping], shared: dict) 
         del shared["scale"]
     found: dict[str, Mapping] = {}
     for name, words in variants.items():
-        place = (*at, VARIANTS, name, "scale") if "scale" in words else (*at, "scale")
+        loc = (*at, VARIANTS, name, "scale") if "scale" in words else (*at, "scale")
         named, scales = {name: words}, listed(words.get("scale", common))
         if isinstance(scales, list | tuple):
             if not scales or any(isinstance(scale, bool) or not isinstance(scale, int | float) for scale in scales):
-                _refuse(place, "should be a number or a list of numbers", scales)
+                _refuse(loc, "should be a number or a list of numbers", scales)
             if not all(BOUNDS["scale"].holds(scale) for scale in scales):
-                _refuse(place, BOUNDS["scale"].advice, scales)
+                _refuse(loc, BOUNDS["scale"].advice, scales)
             named = {f"{name}-{100 * scale:g}".replace(".", "_"): {**words, "scale": scale} for scale in scales}
             if len(named) < len(scales):
-                _refuse(place, "should have each scale once: each is a variant, scaled along all axes", scales)
+                _refuse(loc, "should have each scale once: each is a variant, scaled along all axes", scales)
         twice = next((new for new in named if new in found), None)
         if twice is not None:
             _refuse((*at, VARIANTS), "should be the name of one variant only", twice)
@@ -233,17 +231,17 @@ def _held_out(at: tuple[str, ...], share: Any, members: Collection[str]) -> dict
 
 
 @contextmanager
-def _at(place: tuple[str, ...], value: Any) -> Iterator[None]:
+def _at(loc: tuple[str, ...], value: Any) -> Iterator[None]:
     """Add a place in the scene to errors about a value."""
     try:
         yield
     except PydanticCustomError as error:
-        raise _located(place, error, value) from None
+        raise _located(loc, error, value) from None
 
 
-def _refuse(place: tuple[str, ...], advice: str, value: Any) -> NoReturn:
-    raise _located(place, wrong(advice), value)
+def _refuse(loc: tuple[str, ...], advice: str, value: Any) -> NoReturn:
+    raise _located(loc, wrong(advice), value)
 
 
-def _located(place: tuple[str, ...], error: PydanticCustomError, value: Any) -> ValidationError:
-    return ValidationError.from_exception_data("SceneConfig", [InitErrorDetails(type=error, loc=place, input=value)])
+def _located(loc: tuple[str, ...], error: PydanticCustomError, value: Any) -> ValidationError:
+    return ValidationError.from_exception_data("SceneConfig", [InitErrorDetails(type=error, loc=loc, input=value)])

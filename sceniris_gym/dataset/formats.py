@@ -3,8 +3,6 @@
 The bytes of a file depend only on the rows of the part, so every process writes the same bytes.
 """
 
-from __future__ import annotations
-
 import io
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -21,14 +19,14 @@ Encoder = Callable[[CompiledScene, np.ndarray], bytes]
 """Takes a compiled scene and the rows of a part, and returns the bytes of a file."""
 
 
-def parse_formats(words: str) -> tuple[str, ...]:
+def parse_formats(text: str) -> tuple[str, ...]:
     """Read names of formats, separated by commas, and return them in alphabetical order.
 
     Raises:
         UnknownNameError: A format is unknown.
         MissingExtraError: A format needs a library that is not installed.
     """
-    names = [word.strip() for word in words.split(",")]
+    names = [word.strip() for word in text.split(",")]
     check_names("format", names, "generate: --format", FORMATS)
     check_formats(names)
     return tuple(sorted(set(names)))

@@ -1,13 +1,11 @@
 """The contents of a data set: its rows, its parts, and `dataset.json`, which is written after all parts."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import mujoco
 import numpy as np
@@ -50,15 +48,15 @@ class DatasetPlan:
     """The plan of a data set, equal in all processes that write parts of it.
 
     Attributes:
-        words: The plan as JSON values: the fields of `dataset.json` except files and parts.
+        fields: The plan as JSON values: the fields of `dataset.json` except files and parts.
         row: Type of a row: a record with an aligned field per column.
     """
 
-    words: dict[str, Any]
+    fields: dict[str, Any]
     row: np.dtype
 
     @classmethod
-    def of(cls, compiled: CompiledScene, n: int, seed: int, split: str, formats: tuple[str, ...] = ()) -> DatasetPlan:
+    def of(cls, compiled: CompiledScene, n: int, seed: int, split: str, formats: tuple[str, ...] = ()) -> Self:
         """Return the plan of `n` layouts of a scene. Row i is episode 0 of seed + i.
 
         Args:
@@ -69,7 +67,7 @@ class DatasetPlan:
             formats: Formats of parts in addition to `.npy`, in alphabetical order.
         """
         forms = _columns(compiled)
-        words = {
+        fields = {
             "format": FORMAT,
             "scene": compiled.config.name,
             "hash": compiled.hash,
@@ -83,17 +81,17 @@ class DatasetPlan:
             "formats": list(formats),
             "versions": {"sceniris_gym": sceniris_gym.__version__, "mujoco": mujoco.__version__},
         }
-        return cls(words, row_of(words["columns"]))
+        return cls(fields, row_of(fields["columns"]))
 
     @property
     def layouts(self) -> int:
         """Number of rows."""
-        return self.words["layouts"]
+        return self.fields["layouts"]
 
     @property
     def files(self) -> tuple[str, ...]:
         """Files of the scene, which belong to all parts."""
-        return (SCENE, SCENE_USD) if "usd" in self.words["formats"] else (SCENE,)
+        return (SCENE, SCENE_USD) if "usd" in self.fields["formats"] else (SCENE,)
 
     @property
     def parts(self) -> int:
@@ -166,9 +164,9 @@ def checked(path: Path, told: Any, fields: dict[str, type]) -> dict[str, Any]:
     """
     for name, kind in fields.items():
         value = told.get(name) if isinstance(told, dict) else None
-        pattern, words = _RIGHT.get(name, ("", f"of type {kind.__name__}"))
+        pattern, advice = _RIGHT.get(name, ("", f"of type {kind.__name__}"))
         if type(value) is not kind or (pattern and not re.fullmatch(pattern, str(value), re.ASCII)):
-            raise DatasetError(f"{path}: '{name}' should be {words}, got {value!s:.80}.")
+            raise DatasetError(f"{path}: '{name}' should be {advice}, got {value!s:.80}.")
     for name, digest in told["files"].items():
         if not _FILE.fullmatch(name) or not isinstance(digest, str):
             raise DatasetError(f"{path}: 'files' should map names of files in its folder to sums, got {name!r:.80}.")

@@ -1,7 +1,5 @@
 """`LayoutDataset`: a data set of layouts for torch's data loaders, and its verification."""
 
-from __future__ import annotations
-
 import operator
 from collections.abc import Iterable, Sequence
 from dataclasses import replace

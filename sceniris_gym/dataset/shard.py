@@ -28,16 +28,16 @@ class Shard:
         return Rank.current().device if self.size > 1 else None
 
     @classmethod
-    def parse(cls, words: str) -> Shard:
+    def parse(cls, text: str) -> Shard:
         """Read `R/K`, process R of K.
 
         Raises:
             ArgumentError: The text has another form.
         """
-        found = re.fullmatch(r"([0-9]{1,9})/([0-9]{1,9})", words)
+        found = re.fullmatch(r"([0-9]{1,9})/([0-9]{1,9})", text)
         shard = None if found is None else cls(int(found[1]), int(found[2]))
         if shard is None or shard.number >= shard.size:
-            raise ArgumentError(f"--shard {words:.40}: should be R/K with R below K, such as 0/8 for the first of 8.")
+            raise ArgumentError(f"--shard {text:.40}: should be R/K with R below K, such as 0/8 for the first of 8.")
         return shard
 
     @classmethod

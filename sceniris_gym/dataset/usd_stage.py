@@ -5,8 +5,6 @@ Stages are z up, in metres. Every body is an Xform below its parent's Xform, and
 needs usd-core, which `formats.check_formats` checks for.
 """
 
-from __future__ import annotations
-
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -46,8 +44,7 @@ def scene_bytes(compiled: CompiledScene) -> bytes:
         kind = mujoco.mjtGeom(int(mjm.geom_type[geom])).name.removeprefix("mjGEOM_").lower()
         body = int(mjm.geom_bodyid[geom])
         name = _local(mjm, body, mjm.geom(geom).name) or f"{kind}_{geom}"
-        path = _free_path(f"{paths[body]}/", name, taken)
-        _define_geom(stage, mjm, geom, path)
+        _define_geom(stage, mjm, geom, _free_path(f"{paths[body]}/", name, taken))
     return _exported(layer)
 
 

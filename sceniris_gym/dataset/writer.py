@@ -5,8 +5,6 @@ process that writes the last part writes `dataset.json` and removes `.progress`.
 two processes write the same file, they write the same bytes.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 import json
@@ -64,7 +62,7 @@ class DatasetWriter:
         self.compiled, self.plan, self.folder, self.shard = compiled, plan, folder, shard
         self._progress = folder / PROGRESS
         self._manifest: dict[str, Any] | None = None
-        check_formats(plan.words["formats"])
+        check_formats(plan.fields["formats"])
         begun = self._progress / MANIFEST
         for path in (folder / MANIFEST, begun):
             if path.exists():
@@ -72,7 +70,7 @@ class DatasetWriter:
         if (folder / MANIFEST).exists():
             self._manifest = read_manifest(folder)
         else:  # later processes compare their plan with this file
-            write_text(begun, json.dumps(plan.words, indent=1) + "\n")
+            write_text(begun, json.dumps(plan.fields, indent=1) + "\n")
 
     def _compare(self, path: Path, resume: bool) -> None:
         """Compare the plan with an existing data set in the folder."""
@@ -89,7 +87,7 @@ class DatasetWriter:
         former = self.compiled.scene.former_hash
         if isinstance(held, dict) and former is not None and held.get("hash") == former:
             raise DatasetError(f"{path}: the data set here {self.compiled.scene.mismatch(former, '')}")
-        for name, value in self.plan.words.items():
+        for name, value in self.plan.fields.items():
             before = held.get(name) if isinstance(held, dict) else held
             if before != value:
                 raise DatasetError(
@@ -113,7 +111,7 @@ class DatasetWriter:
             rows = plan.rows(part)
             if self._record(part) is None:
                 nworld = min(chunk, plan.layouts, PART_ROWS)
-                generator = generator or LayoutGenerator(self.compiled, nworld, split=plan.words["split"])
+                generator = generator or LayoutGenerator(self.compiled, nworld, split=plan.fields["split"])
                 self._write_part(part, _made(generator, plan, rows, done, total))
             done += len(rows)
             tell("layouts", done, total)
@@ -137,7 +135,7 @@ class DatasetWriter:
         if self._manifest is not None:
             record = self._manifest["parts"][part]
         size = len(_header(self.plan.row, rows)) + rows * self.plan.row.itemsize
-        others = (self.folder / part_name(part, FORMATS[name][0]) for name in self.plan.words["formats"])
+        others = (self.folder / part_name(part, FORMATS[name][0]) for name in self.plan.fields["formats"])
         there = path.is_file() and path.stat().st_size == size and all(other.is_file() for other in others)
         return record if there and record is not None and record["rows"] == rows else None
 
@@ -151,14 +149,14 @@ class DatasetWriter:
         with replacing(self.folder / SCENE) as path, path.open("wb") as file:
             write_zip(spec, file)
             _sync(file)
-        if "usd" in self.plan.words["formats"]:
+        if "usd" in self.plan.fields["formats"]:
             from sceniris_gym.dataset import usd_stage
 
             _write(self.folder / SCENE_USD, usd_stage.scene_bytes(self.compiled))
 
     def _write_part(self, part: int, rows: np.ndarray) -> None:
         files = {}
-        for word in self.plan.words["formats"]:
+        for word in self.plan.fields["formats"]:
             suffix, encode = FORMATS[word]
             name = part_name(part, suffix)
             files[name] = _write(self.folder / name, encode(self.compiled, rows))
@@ -187,7 +185,7 @@ class DatasetWriter:
                 return
             sums = {name: checksum(self.folder / name) for name in self.plan.files}
             told = {"scene_sha256": sums.pop(SCENE), "files": sums, "parts": records}
-            write_text(path, json.dumps(self.plan.words | told, indent=1) + "\n")
+            write_text(path, json.dumps(self.plan.fields | told, indent=1) + "\n")
         self._manifest = read_manifest(self.folder)
         shutil.rmtree(self._progress, ignore_errors=True)
         for left in self.folder.glob(".*.tmp"):  # left by killed processes, on this machine or another
@@ -198,7 +196,7 @@ class DatasetWriter:
 def _made(generator: LayoutGenerator, plan: DatasetPlan, rows: range, done: int, total: int) -> np.ndarray:
     """Make rows of a data set and return records, shape (len(rows),). Progress counts from `done` to `total`."""
     made = np.zeros(len(rows), plan.row)
-    start, seeds = 0, as_seeds((plan.words["seed"] + rows.start) % (1 << 64), len(rows))
+    start, seeds = 0, as_seeds((plan.fields["seed"] + rows.start) % (1 << 64), len(rows))
     for table in make_tables(generator, seeds):
         for name in made.dtype.names or ():
             made[name][start : start + len(table)] = getattr(table, name)

@@ -1,7 +1,5 @@
 """The message printed before kernels are compiled. It replaces Warp's line for each module."""
 
-from __future__ import annotations
-
 import sys
 
 import warp as wp

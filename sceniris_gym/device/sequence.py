@@ -3,8 +3,6 @@
 One thread launches at a time, because Warp's device, stream and capture belong to the process.
 """
 
-from __future__ import annotations
-
 import functools
 import threading
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """`TensorView`: attributes that are read as torch tensors, in the memory of Warp arrays."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

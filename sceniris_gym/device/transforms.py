@@ -3,8 +3,6 @@
 Warp's `wp.quat` is (x, y, z, w). Device code here does not compute with it, so the two orders are never mixed up.
 """
 
-from __future__ import annotations
-
 import warp as wp
 
 from sceniris_gym.device.angles import angle_of, unit_circle

@@ -1,7 +1,5 @@
 """Colliders: the pieces of each body under one tree of boxes, as arrays and device meshes, and their inner boxes."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field, replace
 

@@ -1,7 +1,5 @@
 """MuJoCo's contact rules: the pairs of geoms that collide, and the distance at which their contact acts."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import mujoco

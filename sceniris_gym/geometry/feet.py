@@ -1,7 +1,5 @@
 """Feet: the part of an object's underside that carries it, seen from above."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
@@ -18,7 +16,7 @@ _FLAT = 2.0e-4
 _MOVE = 3.0e-3
 # Number of directions of a curved foot, angles [rad] of the successively finer searches for its narrowest direction,
 # and the foot's least reach [m].
-_SIDES, _TURNS, _POINT = 360, np.radians([180.0, 1.0, 0.01, 1.0e-4, 1.0e-6]), 1.0e-7
+_SIDES, _SPANS, _POINT = 360, np.radians([180.0, 1.0, 0.01, 1.0e-4, 1.0e-6]), 1.0e-7
 # A foot is curved if its area at a fifth of the lean is less than this fraction of its area at the whole lean.
 _SHARE = 0.5
 
@@ -67,8 +65,8 @@ def curved_foot(lowest: Callable[[np.ndarray], np.ndarray], angle: float) -> np.
         return -lowest(np.column_stack([*level, upward])) / np.sin(angle)
 
     narrow = 0.0  # the narrowest direction, which has to be exact because a roller rolls along it
-    for turn in _TURNS:
-        tries = narrow + turn * np.linspace(-1.0, 1.0, _SIDES + 1)
+    for span in _SPANS:
+        tries = narrow + span * np.linspace(-1.0, 1.0, _SIDES + 1)
         narrow = tries[(reach(tries) + reach(tries + np.pi)).argmin()]
     angles = narrow + 2.0 * np.pi * np.arange(_SIDES) / _SIDES
     sides, far = np.column_stack([np.cos(angles), np.sin(angles)]), reach(angles)

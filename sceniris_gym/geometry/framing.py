@@ -1,7 +1,5 @@
 """Placement of a camera that just sees some points, and upright boxes around geoms."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

@@ -153,8 +153,8 @@ def extract_pieces(
         visible = mjm.geom_group[geom] in _VISIBLE_GROUPS and mjm.geom_rgba[geom][3] > 0.0
         plane = mjm.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE
         if rules.collides(geom) if geometry == "physics" or plane else visible:
-            place = (where or {}).get(int(mjm.geom_bodyid[geom]))
-            pieces.append(_piece(mjm, geom, geometry, int(rules.classes[geom]), f"{place}: " if place else ""))
+            named = (where or {}).get(int(mjm.geom_bodyid[geom]))
+            pieces.append(_piece(mjm, geom, geometry, int(rules.classes[geom]), f"{named}: " if named else ""))
     return pieces
 
 
@@ -169,16 +169,16 @@ def _check_flexes(mjm: mujoco.MjModel, geometry: str, bodies: set[int] | None, w
         visible = mjm.flex_group[flex] in _VISIBLE_GROUPS and mjm.flex_rgba[flex][3] > 0.0
         if (bodies is not None and not bodies & own) or not (collides or (geometry == "visual" and visible)):
             continue
-        place = next((f"{where[body]}: " for body in sorted(own) if body in where), "")
+        prefix = next((f"{where[body]}: " for body in sorted(own) if body in where), "")
         cure = "turn its collisions off (contype=0, conaffinity=0)" if collides else "make it invisible (rgba alpha=0)"
         name = mujoco.mj_id2name(mjm, mujoco.mjtObj.mjOBJ_FLEX, flex)
         raise NotSupportedError(
-            f"{place}flex '{name or flex}': a soft body cannot be an obstacle. Use rigid bodies of primitives "
+            f"{prefix}flex '{name or flex}': a soft body cannot be an obstacle. Use rigid bodies of primitives "
             f"or meshes, or {cure}."
         )
 
 
-def _piece(mjm: mujoco.MjModel, geom: int, geometry: str, contact_class: int, place: str = "") -> Piece:
+def _piece(mjm: mujoco.MjModel, geom: int, geometry: str, contact_class: int, prefix: str = "") -> Piece:
     """Return a geom as a piece.
 
     Args:
@@ -186,19 +186,19 @@ def _piece(mjm: mujoco.MjModel, geom: int, geometry: str, contact_class: int, pl
         geom: Id of the geom.
         geometry: The scene's `geometry`, "physics" or "visual".
         contact_class: The geom's class in `ContactRules`.
-        place: The beginning of errors.
+        prefix: The beginning of errors.
     """
     kind = mujoco.mjtGeom(int(mjm.geom_type[geom]))
     if kind not in _TYPES:
         raise NotSupportedError(
-            f"{place}geom '{geom_name(mjm, geom)}': a {kind.name[len('mjGEOM_') :].lower()} cannot be an obstacle. "
+            f"{prefix}geom '{geom_name(mjm, geom)}': a {kind.name[len('mjGEOM_') :].lower()} cannot be an obstacle. "
             "Use primitives or meshes, or turn its collisions off (contype=0, conaffinity=0)."
         )
     pos, quat = mjm.geom_pos[geom].copy(), mjm.geom_quat[geom].copy()
     vertices = np.zeros((0, 3))
     mesh = None
     if kind == mujoco.mjtGeom.mjGEOM_MESH:
-        data, what = int(mjm.geom_dataid[geom]), f"{place}mesh of geom '{geom_name(mjm, geom)}'"
+        data, what = int(mjm.geom_dataid[geom]), f"{prefix}mesh of geom '{geom_name(mjm, geom)}'"
         mesh = _surface(mjm, data, what) if geometry == "visual" else None
         vertices = hull_vertices(mjm, data, what)
         middle = vertices.mean(axis=0)

@@ -1,7 +1,5 @@
 """Ragged lists as flat arrays, addressed by the start and length of each list as in MuJoCo, and attributes of rows."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 
 import numpy as np

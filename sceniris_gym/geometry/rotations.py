@@ -1,7 +1,5 @@
 """Unit quaternions (wxyz) and poses as matrices, computed by MuJoCo."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

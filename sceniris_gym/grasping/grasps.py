@@ -7,8 +7,6 @@ its possible poses: from above with 8 yaws, the same tilted by 15, 30 and 45 deg
 taller than wide. Grasps that need a wider opening than the gripper's are dropped.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
@@ -101,7 +99,7 @@ class Graspable:
         self.center = self._to_root(0, home.subtree_com[self.root][None])[0]
 
     def grasp_set(
-        self, poses: list[StablePose], any_turn: bool, gripper: Gripper, pattern: str | None = None
+        self, poses: list[StablePose], any_rotation: bool, gripper: Gripper, pattern: str | None = None
     ) -> GraspSet:
         """Return the grasps that fit the gripper, from the asset's sites or generated from its geometry.
 
@@ -109,7 +107,7 @@ class Graspable:
 
         Args:
             poses: Stable poses of the object.
-            any_turn: Whether the object may have any orientation, with any side up.
+            any_rotation: Whether the object may have any orientation, with any side up.
             gripper: The gripper.
             pattern: A glob for the names of grasps, with or without the prefix 'grasp_' of sites. If None, all match.
 
@@ -118,7 +116,7 @@ class Graspable:
             GraspError: No grasp fits the gripper.
         """
         own = self._sites(gripper)
-        groups = [own] if own else [self._made(pose, any_turn, gripper) for pose in poses]
+        groups = [own] if own else [self._made(pose, any_rotation, gripper) for pose in poses]
         if pattern is not None:
             groups = self._named(groups, pattern)
         kept = [[g for g in group if g.opening <= gripper.opening] for group in groups]
@@ -156,15 +154,15 @@ class Graspable:
             if body not in self.bodies or not name.startswith(PREFIX):
                 continue
             pos = self._to_root(body, mjm.site_pos[i][None])[0]
-            axes = self._turn(body) @ matrix(mjm.site_quat[i])
+            axes = self._mat(body) @ matrix(mjm.site_quat[i])
             between = section(self.triangles, pos, axes, gripper)
             opening = 0.0 if between is None else 2.0 * max(abs(between[0]), abs(between[1]))
             found.append(Grasp(name, body, mjm.site_pos[i].copy(), mjm.site_quat[i].copy(), opening))
         rotation = np.array([0.0, 0.0, 0.0, 1.0])
         return found + [replace(g, name=f"{g.name}{_ROLLED}", quat=product(g.quat, rotation)) for g in found]
 
-    def _made(self, pose: StablePose, any_turn: bool, gripper: Gripper) -> list[Grasp]:
-        if any_turn:
+    def _made(self, pose: StablePose, any_rotation: bool, gripper: Gripper) -> list[Grasp]:
+        if any_rotation:
             ups = [matrix(np.array(up) / np.linalg.norm(up)) for up in _UPS]
             return [g for up in ups for g in self._from_above(up, (0.0,), gripper)]
         rotation = matrix(pose.quat)
@@ -209,13 +207,13 @@ class Graspable:
             return None
         return pos + axes[:, 1] * 0.5 * (between[0] + between[1]), between[1] - between[0]
 
-    def _turn(self, body: int) -> np.ndarray:
+    def _mat(self, body: int) -> np.ndarray:
         """Return the rotation matrix (3, 3) from a body's frame to the root's frame."""
         return self._home.xmat[self.root].reshape(3, 3).T @ self._home.xmat[body].reshape(3, 3)
 
     def _to_root(self, body: int, points: np.ndarray) -> np.ndarray:
         """Transform points (n, 3) from a body's frame (0: the world frame) to the root's frame."""
-        return points @ self._turn(body).T + self._turn(0) @ (self._home.xpos[body] - self._home.xpos[self.root])
+        return points @ self._mat(body).T + self._mat(0) @ (self._home.xpos[body] - self._home.xpos[self.root])
 
 
 def matches(name: str, pattern: str) -> bool:

@@ -4,8 +4,6 @@ Both fingers close at the same time, so they would push an off-centre object sid
 collision geometry, even if `geometry` places the object by another shape, because collision geometry holds the object.
 """
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Sequence
 from dataclasses import dataclass

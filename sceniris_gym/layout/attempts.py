@@ -1,7 +1,5 @@
 """`attempts: auto`: find the number of candidates per object before a layout restarts, by trial."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Explain rejected candidates by their colliding geoms, and make the error for a scene without a valid layout."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -48,18 +46,18 @@ class Hit:
 
     Attributes:
         geoms: Ids of the geoms. The first geom belongs to the placed object.
-        words: Names of the geoms and their bodies.
+        names: Names of the geoms and their bodies.
         distance: Distance of the geoms [m], negative if they overlap.
         margin: The least allowed distance [m], negative for geoms that overlap at home and may do so as deeply.
     """
 
     geoms: tuple[int, int]
-    words: str
+    names: str
     distance: float
     margin: float
 
     def __str__(self) -> str:
-        return f"{self.words} ({_gap(self.distance, self.margin)})"
+        return f"{self.names} ({_gap(self.distance, self.margin)})"
 
 
 class Blame:
@@ -89,8 +87,8 @@ class Blame:
         for geoms, margin in self._margins[number].items():
             distance = self._distance(data, depths, geoms, margin)
             if distance is not None:
-                words = " and ".join(_name(self._mjm, geom) for geom in geoms)
-                found.append(Hit(geoms, words, distance, margin))
+                names = " and ".join(_name(self._mjm, geom) for geom in geoms)
+                found.append(Hit(geoms, names, distance, margin))
         return sorted(found, key=lambda hit: hit.distance - hit.margin)
 
     def _distance(self, data: mujoco.MjData, depths: HomeTouch, geoms: tuple[int, int], margin: float) -> float | None:
@@ -145,7 +143,7 @@ def obstructions(generator: LayoutGenerator, name: str | None = None) -> dict[st
             most = max(hits.values(), key=len)
             gap = _gap(float(np.mean([hit.distance for hit in most])), most[0].margin, " on average")
             share = f"{len(most) / len(rows):.0%} of them"
-            found[generator.compiled.placed[number]] = f"{most[0].words} ({gap}; {share})"
+            found[generator.compiled.placed[number]] = f"{most[0].names} ({gap}; {share})"
     return found
 
 

@@ -1,7 +1,5 @@
 """Layouts and seeds that a user chose for some worlds, checked once on the host and expanded to one row per world."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 

@@ -3,8 +3,6 @@
 The fields of `LayoutTable` are the only list: hand-written copies of a list miss the next new column.
 """
 
-from __future__ import annotations
-
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import COLUMNS
 

@@ -1,7 +1,5 @@
 """`compile_scene`: the only way from host to device. Unsupported scenes fail here, with the reason."""
 
-from __future__ import annotations
-
 import contextlib
 import copyreg
 import json
@@ -28,7 +26,7 @@ from sceniris_gym.program.compiled import CompiledScene, upload_scene
 from sceniris_gym.program.device import Cause, Program, copied, fill_struct
 from sceniris_gym.program.device_bank import Bank
 from sceniris_gym.program.device_reach import Starts
-from sceniris_gym.program.notices import from_words, noting, to_words, warn
+from sceniris_gym.program.notices import from_record, noting, to_record, warn
 from sceniris_gym.progress import tell
 from sceniris_gym.scene.build import SceneLike, build_model
 from sceniris_gym.scene.model import SceneModel
@@ -85,8 +83,8 @@ def compile_scene(
         return kept
     with noting() as warned:
         compiled = _compiled(model, name)
-    words = json.dumps([to_words(warning) for warning in warned])
-    store_arrays(key, {**to_arrays(compiled), _KEY: np.array(key), _WARNINGS: np.array(words)})
+    records = json.dumps([to_record(warning) for warning in warned])
+    store_arrays(key, {**to_arrays(compiled), _KEY: np.array(key), _WARNINGS: np.array(records)})
     return compiled
 
 
@@ -121,7 +119,7 @@ def _from_cache(key: str, model: SceneModel, device: str) -> CompiledScene | Non
     with contextlib.suppress(*UNREADABLE):
         if arrays is not None and str(arrays[_KEY]) == key:
             compiled = from_arrays(model, device, arrays)
-            for warning in [from_words(words) for words in json.loads(str(arrays[_WARNINGS]))]:
+            for warning in [from_record(record) for record in json.loads(str(arrays[_WARNINGS]))]:
                 warn(warning)
             return compiled
     return None

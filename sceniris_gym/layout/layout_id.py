@@ -1,10 +1,8 @@
 """`LayoutId`: a text that identifies a layout and suffices to reproduce it."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 from urllib.parse import unquote
 
 from sceniris_gym.config.fields import short
@@ -27,7 +25,7 @@ class LayoutId:
     params: str = ""
 
     @classmethod
-    def parse(cls, text: str) -> LayoutId:
+    def parse(cls, text: str) -> Self:
         """Read `scenehash:split:seed:episode`, and `:params` if some differ from the scene file.
 
         Raises:
@@ -46,7 +44,7 @@ class LayoutId:
         return cls(found[1], found[2], int(found[3]), int(found[4]), found[5] or "")
 
     @classmethod
-    def of_scene(cls, text: Any, scene: SceneModel, cure: str, split: str | None = None) -> LayoutId:
+    def of_scene(cls, text: Any, scene: SceneModel, cure: str, split: str | None = None) -> Self:
         """Read an id, and check its scene and optionally its split. A LayoutId is not parsed again.
 
         Raises:

@@ -23,6 +23,8 @@ from sceniris_gym.scene.poses import joint_address, pose_address
 
 LayoutKeys = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Seeds and episodes of layouts, shape (n,), and the numbers of their params, shape (n, nvalue)."""
+ADVANCE = wp.constant(-1)
+"""The `next_episode` of a world whose next layout is the next episode of its seed."""
 
 
 class LayoutStatus(IntEnum):
@@ -67,7 +69,7 @@ class LayoutsView:
     first_pass_valid: wp.array[int]
     # Next: the layout that a reseed or a chooser selected
     next_seed: wp.array[wp.uint64]
-    next_episode: wp.array[int]  # -1 for the next episode of the same seed
+    next_episode: wp.array[int]  # or ADVANCE
     # Pending: the layout in the making, with `next_param`
     pending_seed: wp.array[wp.uint64]
     pending_episode: wp.array[int]
@@ -78,8 +80,8 @@ class LayoutsView:
     rejections: wp.array2d[wp.int64]  # more than 32 bits in long runs
     row_rejections: wp.array3d[int]  # rejected candidates of the row, by object and cause
     stable: wp.array2d[int]
-    # Places
-    place: wp.array2d[wp.vec4]
+    # Pivots
+    pivot_pose: wp.array2d[wp.vec4]
     bounds: wp.array2d[wp.vec4]
     # Bodies
     body_pos: wp.array2d[wp.vec3]
@@ -123,7 +125,7 @@ def next_key(layouts: LayoutsView, worldid: int):
     """Return seed and episode of a world's next layout: the selected layout, or by default the next episode."""
     seed = layouts.seed[worldid]
     episode = (layouts.episode[worldid] + 1) % MOST_EPISODES
-    if layouts.next_episode[worldid] >= 0:
+    if layouts.next_episode[worldid] != ADVANCE:
         seed = layouts.next_seed[worldid]
         episode = layouts.next_episode[worldid]
     return seed, episode
@@ -156,7 +158,7 @@ def close_episode(made: LayoutsView, layouts: LayoutsView, worldid: int):
     copy_draws(made, worldid, layouts, worldid)
     layouts.seed[worldid] = made.pending_seed[worldid]
     layouts.episode[worldid] = made.pending_episode[worldid]
-    layouts.next_episode[worldid] = -1
+    layouts.next_episode[worldid] = ADVANCE
 
 
 @wp.func
@@ -328,7 +330,7 @@ class Layouts(StaysHere):
         program, table = compiled.program, ParamTable(compiled, params)
         own = np.tile(table.default, (nworld, 1))
         view = view_of(nworld, device, {"param": own, "next_param": own, "default_param": table.default})
-        stands = {"place": program.home_place.numpy(), "bounds": program.home_bounds.numpy()}
+        stands = {"pivot_pose": program.home_pivot_pose.numpy(), "bounds": program.home_bounds.numpy()}
         repeat(LayoutsView, view, nrow, {**compiled.home_state, **stands}, device)
         zeros = partial(allocate, LayoutsView, view)
         with wp.ScopedDevice(device):

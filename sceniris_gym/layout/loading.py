@@ -1,7 +1,5 @@
 """Compile the kernels of a generator in parallel before the first launch, because one by one they take longer."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

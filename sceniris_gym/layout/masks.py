@@ -1,7 +1,5 @@
 """Masks, world ids and row indices as users pass them: checked once, then moved to the device."""
 
-from __future__ import annotations
-
 import math
 import operator
 from collections.abc import Sequence

@@ -4,8 +4,6 @@ A param can only narrow the scene file: a count, an interval, a region. All guar
 scene therefore stay valid.
 """
 
-from __future__ import annotations
-
 import fnmatch
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -138,7 +136,7 @@ class ParamTable:
         The result is None if the table has no region on a support.
         """
         flat = {
-            name: self.first[name] for name, param in self.params.items() if param.form == "box" and not param.places
+            name: self.first[name] for name, param in self.params.items() if param.form == "box" and not param.copies
         }
         first = [flat.get(f"{compiled.config.key(name)}.region", -1) for name in compiled.placed]
         return wp.array(first, dtype=int, device=compiled.device) if max(first, default=-1) >= 0 else None

@@ -1,7 +1,5 @@
 """`LayoutPipeline`: a maker of layouts with optional prefetching and level choice."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

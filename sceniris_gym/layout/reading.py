@@ -1,7 +1,5 @@
 """Layouts of the device as a LayoutTable on the host, with the poses of their grasps."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

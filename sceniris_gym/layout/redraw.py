@@ -91,25 +91,25 @@ def _stable_of(program: Program, obj: int, quat: wp.vec4) -> int:
 
 @wp.func
 def _place_anchor(program: Program, layouts: LayoutsView, row: int, obj: int):
-    """Write place and bounds of an anchor in its current pose. Its pivot belongs to the nearest stable pose."""
+    """Write pivot pose and bounds of an anchor in its current pose. Its pivot belongs to the nearest stable pose."""
     root = program.obj_body[obj]
     quat = layouts.body_quat[row, root]
-    place = layouts.place[row, program.obj_place[obj]]
+    pivot_pose = layouts.pivot_pose[row, program.obj_column[obj]]
     if program.obj_stablenum[obj] > 0:
         stable = _stable_of(program, obj, quat)
         at = layouts.body_pos[row, root] + quat_mat(quat) * program.stable_pivot[stable]
-        place = wp.vec4(at[0], at[1], at[2], heading_of(quat))
+        pivot_pose = wp.vec4(at[0], at[1], at[2], heading_of(quat))
     bounds = wp.vec4(0.0)
     if program.obj_piecenum[obj] > 0:
-        bounds = bounds_of(program, obj, place, layouts.body_pos[row], layouts.body_quat[row])
+        bounds = bounds_of(program, obj, pivot_pose, layouts.body_pos[row], layouts.body_quat[row])
     if program.obj_orientation[obj] == OrientationType.ANY:
         x = 0.5 * (bounds[0] + bounds[2])
         y = 0.5 * (bounds[1] + bounds[3])
-        to = unit_circle(place[3])
-        place += wp.vec4(x * to[0] - y * to[1], x * to[1] + y * to[0], 0.0, 0.0)
+        to = unit_circle(pivot_pose[3])
+        pivot_pose += wp.vec4(x * to[0] - y * to[1], x * to[1] + y * to[0], 0.0, 0.0)
         bounds -= wp.vec4(x, y, x, y)
-    layouts.place[row, program.obj_place[obj]] = place
-    layouts.bounds[row, program.obj_place[obj]] = bounds
+    layouts.pivot_pose[row, program.obj_column[obj]] = pivot_pose
+    layouts.bounds[row, program.obj_column[obj]] = bounds
 
 
 @wp.kernel
@@ -128,7 +128,7 @@ def _read_state(
     origins: wp.array[wp.vec3],
     # Layouts in: seed, episode, draws*, state*, present
     state: LayoutsView,
-    # Layouts out: draws*, pending*, bounds; both: state*, present, place, bodies*
+    # Layouts out: draws*, pending*, bounds; both: state*, present, pivot_pose, bodies*
     layouts: LayoutsView,
 ):
     worldid = wp.tid()
@@ -167,7 +167,7 @@ def _read_state(
 def _find_carriers(
     program: Program,
     mask: wp.array[bool],
-    # Layouts in: place, bodies*
+    # Layouts in: pivot_pose, bodies*
     layouts: LayoutsView,
     # Search out: placed*
     search: Search,
@@ -178,8 +178,8 @@ def _find_carriers(
         return
     stable = _stable_of(program, obj, layouts.body_quat[worldid, program.obj_body[obj]])
     search.row_stable[worldid, obj] = stable
-    place = layouts.place[worldid, program.obj_place[obj]]
-    at = wp.vec3(place[0], place[1], place[2]) - layouts.body_pos[worldid, ground]
+    pivot_pose = layouts.pivot_pose[worldid, program.obj_column[obj]]
+    at = wp.vec3(pivot_pose[0], pivot_pose[1], pivot_pose[2]) - layouts.body_pos[worldid, ground]
     height = wp.dot(at, quat_mat(layouts.body_quat[worldid, ground]) * wp.vec3(0.0, 0.0, 1.0))
     nearest = float(_LIFTED)
     search.row_surface[worldid, obj] = -1

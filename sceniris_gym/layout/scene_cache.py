@@ -7,8 +7,6 @@ processes never see a partial file. Unreadable and unwritable files are ignored.
 user or that others may write, because their numbers become indices in kernels without further checks.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import json
@@ -56,14 +54,14 @@ def to_arrays(compiled: CompiledScene) -> dict[str, np.ndarray]:
             arrays |= {f"{part}.{name}": value for name, value in _fields(declared, instance).items()}
     for i, mesh in enumerate(compiled.meshes):
         arrays[f"mesh.{i}"] = mesh.points.numpy()
-    words: dict[str, Any] = {name: getattr(compiled, name) for name in _COUNTS}
+    values: dict[str, Any] = {name: getattr(compiled, name) for name in _COUNTS}
     if compiled.reaching is not None:
         for one in compiled.reaching.arms:
             arrays |= {f"reach.{one.robot}.{name}": value for name, value in _fields(Reach, one.view).items()}
         grippers = {one.robot: one.gripper for one in compiled.reaching.arms}
-        words["grippers"] = _GRIPPERS.dump_python(grippers, mode="json")
-        words["targets"] = _TARGETS.dump_python(compiled.reaching.targets, mode="json")
-    return arrays | {"words": np.array(json.dumps(words))}
+        values["grippers"] = _GRIPPERS.dump_python(grippers, mode="json")
+        values["targets"] = _TARGETS.dump_python(compiled.reaching.targets, mode="json")
+    return arrays | {"values": np.array(json.dumps(values))}
 
 
 def from_arrays(scene: SceneModel, device: str, arrays: Mapping[str, np.ndarray]) -> CompiledScene:
@@ -77,7 +75,7 @@ def from_arrays(scene: SceneModel, device: str, arrays: Mapping[str, np.ndarray]
     Raises:
         KeyError, TypeError, ValueError, RuntimeError: An array is missing or has another type.
     """
-    words = json.loads(str(arrays["words"]))
+    values = json.loads(str(arrays["values"]))
     parts: dict[str, Any] = dict.fromkeys(_STRUCTS)
     for part, declared in _STRUCTS.items():
         if any(name.startswith(f"{part}.") for name in arrays):
@@ -88,27 +86,27 @@ def from_arrays(scene: SceneModel, device: str, arrays: Mapping[str, np.ndarray]
     ids = np.zeros(len(arrays[f"program.{_MESHES}"]), np.uint64)
     ids[with_mesh] = [mesh.id for mesh in meshes]
     fill_struct(Program, parts["program"], {_MESHES: ids}, device)
-    kept: dict[str, Any] = {name: arrays[name] for name in _HOME} | {name: words[name] for name in _COUNTS}
+    kept: dict[str, Any] = {name: arrays[name] for name in _HOME} | {name: values[name] for name in _COUNTS}
     return CompiledScene(
         scene=scene,
         device=device,
-        reaching=_reaching(scene, device, arrays, words) if "targets" in words else None,
+        reaching=_reaching(scene, device, arrays, values) if "targets" in values else None,
         **parts,
         meshes=meshes,
         **kept,
     )
 
 
-def _reaching(scene: SceneModel, device: str, arrays: Mapping[str, np.ndarray], words: dict) -> Reaching:
+def _reaching(scene: SceneModel, device: str, arrays: Mapping[str, np.ndarray], values: dict) -> Reaching:
     """Rebuild the arms and reach targets."""
     arms = []
-    for name, gripper in _GRIPPERS.validate_python(words["grippers"]).items():
+    for name, gripper in _GRIPPERS.validate_python(values["grippers"]).items():
         arm = robot_arm(scene, name)
         reach_map = load_map(arm, scene.config.all_robots[name], scene.config.where)
         arms.append(ReachingArm(name, arm, gripper, reach_map))
         set_map_and_arm(arms[-1], device)
         _fill(Reach, arms[-1].view, arrays, f"reach.{name}.", device)
-    return Reaching(tuple(arms), _TARGETS.validate_python(words["targets"]))
+    return Reaching(tuple(arms), _TARGETS.validate_python(values["targets"]))
 
 
 def _fields(declared: Any, instance: Any) -> dict[str, np.ndarray]:

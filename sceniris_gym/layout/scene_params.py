@@ -1,7 +1,5 @@
 """`Param`, and the params of a scene: the parts of its file that can be narrowed at run time."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -34,7 +32,7 @@ class Param:
         form: "interval" [low, high], "count" (an interval of integers), "box" (its low and its high corner), "weights",
             or "clearance" (a least distance).
         least: The number of weights that should be above 0.
-        places: Copies of the numbers in arrays: name of the array, element in its row, index of the number.
+        copies: Copies of the numbers in arrays: name of the array, element in its row, index of the number.
         written: The ends in the scene file, if they may reach beyond `default`: over the edge of a support or the limit
             of a joint. Otherwise empty.
     """
@@ -43,7 +41,7 @@ class Param:
     default: np.ndarray
     form: str = "interval"
     least: int = 0
-    places: tuple[tuple[str, int, int], ...] = ()
+    copies: tuple[tuple[str, int, int], ...] = ()
     written: tuple[float, ...] = ()
 
     def _limits(self, numbers: np.ndarray) -> np.ndarray:
@@ -114,8 +112,8 @@ def _joints(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:
             if choices[k] > 0:
                 yield name, "it is a 'choice' of positions. Give a 'range' in the scene file."
             else:
-                places = (("draw_range", 2 * k, 0), ("draw_range", 2 * k + 1, 1))
-                yield name, Param(name, ranges[k], places=places, written=written)
+                copies = (("draw_range", 2 * k, 0), ("draw_range", 2 * k + 1, 1))
+                yield name, Param(name, ranges[k], copies=copies, written=written)
 
 
 def _groups(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:
@@ -124,18 +122,18 @@ def _groups(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:
         key = f"objects.{group}" if group in compiled.config.variants else f"groups.{group}"
         if key.startswith("groups"):
             name = f"{key}.count"
-            places = (("group", 4 * g + 2, 0), ("group", 4 * g + 3, 1))
-            yield name, Param(name, np.array(words.count, np.float32), "count", places=places)
+            copies = (("group", 4 * g + 2, 0), ("group", 4 * g + 3, 1))
+            yield name, Param(name, np.array(words.count, np.float32), "count", copies=copies)
         adr = int(compiled.program.group.numpy()[0, g, 0])
         weights = np.array([words.weights.get(member, 1.0) for member in words.of], np.float32)
         both = range(2 * len(words.of))  # for each member, the weights in both splits
-        places = tuple(("group_weight", 2 * adr + i, i // 2) for i in both)
+        copies = tuple(("group_weight", 2 * adr + i, i // 2) for i in both)
         if words.is_uniform:
-            places += (("group_uniform", g, 0),)
+            copies += (("group_uniform", g, 0),)
         if words.splits:
             yield f"{key}.weights", "its members have 'splits', and each split has separate weights."
         else:
-            yield f"{key}.weights", Param(f"{key}.weights", weights, "weights", words.count[1], places)
+            yield f"{key}.weights", Param(f"{key}.weights", weights, "weights", words.count[1], copies)
 
 
 def _starts(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:
@@ -155,8 +153,8 @@ def _distances(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:
         for r, relation in enumerate(() if part is None else part.relations[: number[i]]):
             name, k = f"{compiled.config.key(owner)}.relations.{r}.distance", first[i] + r
             if isinstance(relation, Sector) and np.isfinite(relation.high):
-                places = (("rel_low", k, 0), ("rel_high", k, 1))
-                yield name, Param(name, np.array([low[k], high[k]], np.float32), places=places)
+                copies = (("rel_low", k, 0), ("rel_high", k, 1))
+                yield name, Param(name, np.array([low[k], high[k]], np.float32), copies=copies)
             else:
                 yield name, "its relation has no greatest distance. Give 'max' or 'equal' in the scene file."
 
@@ -181,7 +179,7 @@ def _regions(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:
         elif part.support is None:
             ends = ("obj_box_lower", "obj_box_upper")
             box = np.concatenate([getattr(program, end).numpy()[0, i] for end in ends])
-            yield name, Param(name, box, "box", places=tuple((ends[k // 3], 3 * i + k % 3, k) for k in range(6)))
+            yield name, Param(name, box, "box", copies=tuple((ends[k // 3], 3 * i + k % 3, k) for k in range(6)))
         else:
             own = range(first[i], first[i] + number[i])
             xy = np.concatenate([triangles[:, triadr[v] : triadr[v] + trinum[v]].reshape(-1, 2) for v in own])
@@ -215,14 +213,14 @@ def _clearances(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:
     program, config, owners = compiled.program, compiled.config, compiled.scene.owners
     bodies, kinds = program.pair_bodies.numpy().tolist(), program.obj_kind.numpy()
     first, number = program.obj_pairadr.numpy(), program.obj_pairnum.numpy()
-    places: dict[str, list[tuple[str, int, int]]] = {owner: [] for owner in (*config.objects, *config.all_robots)}
+    copies: dict[str, list[tuple[str, int, int]]] = {owner: [] for owner in (*config.objects, *config.all_robots)}
     for i, owner in enumerate(compiled.placed):
         for pair in range(first[i], first[i] + number[i]):
             a, b, own, _ = bodies[pair]
             if kinds[i] != ObjectKind.STATIC and own in (OWN_A, OWN_B):  # not two parts of the same object
                 for other in {owner, owners.get(b if own == OWN_A else a, owner)}:
-                    places[other].append(("pair_margin", pair, 0))
+                    copies[other].append(("pair_margin", pair, 0))
     for owner, part in (*config.objects.items(), *config.all_robots.items()):
         name, least = f"{config.key(owner)}.clearance", np.array([part.clearance], np.float32)
-        known = Param(name, least, "clearance", places=tuple(places[owner]))
-        yield name, known if known.places else "no placed object is tested against it."
+        known = Param(name, least, "clearance", copies=tuple(copies[owner]))
+        yield name, known if known.copies else "no placed object is tested against it."

@@ -3,8 +3,6 @@
 A key is the seed and episode of a layout. It is opened before the layout is made, and closed when the layout is served.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

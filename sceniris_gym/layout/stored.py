@@ -117,8 +117,7 @@ class StoredLayouts(LayoutSource):
         """Return the split and keys of the rows that worlds with these keys get."""
         seed, episode, _ = keys
         rank = seed.astype(np.uint64) + episode.astype(np.uint64) * np.uint64(self._stride)
-        row = (rank % np.uint64(len(self._table))).astype(np.int64)
-        table = self._table[row]
+        table = self._table[(rank % np.uint64(len(self._table))).astype(np.int64)]
         return table.split, (table.seed, np.where(episode < 0, -1, table.episode), table.param)
 
 

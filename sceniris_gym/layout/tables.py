@@ -1,7 +1,5 @@
 """Layouts of a LayoutGenerator as a LayoutTable on the host, in any number, or by seed on the device."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

@@ -136,7 +136,7 @@ def _bounds(params: ParamTable, arrays: Mapping[str, wp.array]) -> list[tuple]:
     found: dict[tuple[str, int], tuple] = {}
     names = [*arrays]
     for key, param in params.params.items():
-        for name, offset, k in (place for place in param.places if place[0] in arrays):
+        for name, offset, k in (copy for copy in param.copies if copy[0] in arrays):
             column = other = params.first[key] + k
             form, least = "bound", -np.inf
             if arrays[name].dtype is wp.bool:
@@ -210,7 +210,7 @@ def search_columns(
     """
     program, statics, nominal, arrays = copied(Program, compiled.program), compiled.statics, {}, {}
     draws, scaled, given = (), (), None
-    for name in dict.fromkeys([*by_world, *(name for param in params.params.values() for name, _, _ in param.places)]):
+    for name in dict.fromkeys([*by_world, *(name for param in params.params.values() for name, _, _ in param.copies)]):
         shared = getattr(program, name)
         rows = np.repeat(shared.numpy(), nworld, axis=0)
         arrays[name] = wp.array(rows, dtype=shared.dtype, ndim=2, device=shared.device)

@@ -4,8 +4,6 @@ A number is a bound narrowed by params, a draw, or a nominal value times a given
 in a layout.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -18,6 +16,7 @@ from sceniris_gym.device.random import BANK_BIT, uniforms
 from sceniris_gym.device.transforms import axis_angle_quat, mul_quat
 from sceniris_gym.layout.layouts import LayoutsView, next_key
 from sceniris_gym.layout.masks import row_of
+from sceniris_gym.program.device import SHARED
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -44,7 +43,7 @@ class Array:
         address: Address of the first element.
         stride: Bytes from one row to the next.
         nominal: Address of the model's values, 0 without them.
-        nominal_stride: Bytes from one row of the model's values to the next, 0 if all worlds share one row.
+        nominal_stride: Bytes from one row of the model's values to the next, SHARED if all worlds share one row.
         kind: The kind of its numbers, as an index into `_KINDS`.
     """
 
@@ -276,4 +275,4 @@ def memory_of(array: wp.array, nominal: wp.array | None = None) -> tuple[int, in
     kind = _KINDS.index(array[:1].numpy().dtype.kind)
     if nominal is None:
         return array.ptr, array.strides[0], 0, 0, kind
-    return array.ptr, array.strides[0], nominal.ptr, nominal.strides[0] if nominal.shape[0] > 1 else 0, kind
+    return array.ptr, array.strides[0], nominal.ptr, nominal.strides[0] if nominal.shape[0] > 1 else SHARED, kind

@@ -7,8 +7,8 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.device.random import philox, uniform
-from sceniris_gym.layout.layouts import LayoutStatus, LayoutsView
-from sceniris_gym.levels.curriculum import SCORES, LevelReplay
+from sceniris_gym.layout.layouts import ADVANCE, LayoutStatus, LayoutsView
+from sceniris_gym.levels.curriculum import FRESH, SCORES, LevelReplay
 from sceniris_gym.program.compiled import MOST_EPISODES
 from sceniris_gym.program.device import allocate
 
@@ -18,6 +18,12 @@ _LEARNABILITY, _CUSTOM = (wp.constant(SCORES.index(name)) for name in ("learnabi
 _MOST_FLOAT = wp.constant(float(np.finfo(np.float32).max))
 BINS = wp.constant(512)
 """Bins of scores."""
+EMPTY = wp.constant(-1)
+"""The age of a slot without a level."""
+NO_SLOT = wp.constant(-1)
+"""Fills the list of vacant slots."""
+NO_END = wp.constant(-1)
+"""The boundary of a level that is not at an end of an ADR interval."""
 _SHARE = 4  # most levels per world that can be inserted between two refreshes
 _LOWEST = 4  # one in four places can change its level between two refreshes
 
@@ -30,7 +36,7 @@ class Buffer:
     seed: wp.array[wp.uint64]
     episode: wp.array[int]
     value: wp.array[float]  # success rate, or the custom score
-    age: wp.array[int]  # refreshes since the level was last chosen, -1 for an empty place
+    age: wp.array[int]  # refreshes since the level was last chosen, EMPTY without a level
     param: wp.array2d[float]  # param values
     cumulative: wp.array[int]  # sum of the weights up to this level
     # of each bin of scores, from the highest bin down:
@@ -41,17 +47,17 @@ class Buffer:
     # of all levels:
     total_weight: wp.array[wp.int64]  # in units of 2^-32
     total_age: wp.array[wp.int64]
-    vacant: wp.array[int]  # places that are empty or have the lowest scores, -1 beyond them
+    vacant: wp.array[int]  # slots that are empty or have the lowest scores, then NO_SLOT
     # of each world:
     base: wp.array[wp.uint64]  # seed of fresh levels
     decision: wp.array[int]
-    level: wp.array[int]  # index of the current level, -1 for a fresh level
+    level: wp.array[int]  # index of the current level, or FRESH
     next_level: wp.array[int]
     next_seed: wp.array[wp.uint64]
     next_episode: wp.array[int]
     base_param: wp.array2d[float]  # params of fresh levels
     next_param: wp.array2d[float]
-    boundary: wp.array[int]  # index of the interval end of the current level, otherwise -1
+    boundary: wp.array[int]  # index of the interval end of the current level, or NO_END
     next_boundary: wp.array[int]
     inserted: wp.array[int]
     # of each end of the ADR intervals:
@@ -119,13 +125,13 @@ def _choose(
             return
     buffer.level[worldid] = buffer.next_level[worldid]
     buffer.boundary[worldid] = buffer.next_boundary[worldid]
-    buffer.next_boundary[worldid] = -1
+    buffer.next_boundary[worldid] = NO_END
     counter = wp.vec4ui(wp.uint32(buffer.decision[worldid]), stream, wp.uint32(0), wp.uint32(0))
     words = philox(buffer.base[worldid], counter)
     buffer.decision[worldid] = buffer.decision[worldid] + 1
     total = buffer.cumulative[buffer.cumulative.shape[0] - 1]
     if total == 0 or uniform(words[0]) >= replay_prob:
-        buffer.next_level[worldid] = -1
+        buffer.next_level[worldid] = FRESH
         buffer.next_seed[worldid] = (wp.uint64(words[2]) << wp.uint64(32)) | wp.uint64(words[3])
         buffer.next_episode[worldid] = 0
         u = uniform(words[1])
@@ -166,8 +172,8 @@ def _forget(
     if mask:
         if not mask[worldid]:
             return
-    buffer.next_level[worldid] = -1
-    buffer.next_boundary[worldid] = -1
+    buffer.next_level[worldid] = FRESH
+    buffer.next_boundary[worldid] = NO_END
     if seeds:
         buffer.base[worldid] = seeds[worldid]
         buffer.decision[worldid] = 0
@@ -254,32 +260,32 @@ def _update(
             wp.atomic_add(buffer.successes, end, int(outcome[row]))
         if buffer.score == _CUSTOM:
             return
-    place = level[row]
-    if place < -1 or episode[row] < 0 or episode[row] >= MOST_EPISODES:
+    slot = level[row]
+    if slot < FRESH or episode[row] < 0 or episode[row] >= MOST_EPISODES:
         return
-    if place >= 0 and place < buffer.seed.shape[0]:
-        if buffer.seed[place] == seed[row] and buffer.episode[place] == episode[row]:
-            buffer.value[place] = _moved(buffer, buffer.value[place], outcome[row])
+    if slot >= 0 and slot < buffer.seed.shape[0]:
+        if buffer.seed[slot] == seed[row] and buffer.episode[slot] == episode[row]:
+            buffer.value[slot] = _moved(buffer, buffer.value[slot], outcome[row])
             return
-    # A fresh level, or a level that was replaced meanwhile. It takes the next of the places reserved for this row, so
-    # that rows never compete for a place.
+    # A fresh level, or a level that was replaced meanwhile. It takes the next of the slots reserved for this row, so
+    # that rows never compete for a slot.
     nrow = buffer.inserted.shape[0]
     number = row % nrow + buffer.inserted[row % nrow] * nrow
     if number >= buffer.vacant.shape[0]:
         return
-    place = buffer.vacant[number]
-    if place < 0:
+    slot = buffer.vacant[number]
+    if slot == NO_SLOT:
         return
     buffer.inserted[row % nrow] = buffer.inserted[row % nrow] + 1
     value = _moved(buffer, 0.5, outcome[row])
-    if buffer.age[place] >= 0 and score_of(buffer, value) < score_of(buffer, buffer.value[place]):
+    if buffer.age[slot] != EMPTY and score_of(buffer, value) < score_of(buffer, buffer.value[slot]):
         return
-    buffer.value[place] = value
-    buffer.seed[place] = seed[row]
-    buffer.episode[place] = episode[row]
-    buffer.age[place] = 0
+    buffer.value[slot] = value
+    buffer.seed[slot] = seed[row]
+    buffer.episode[slot] = episode[row]
+    buffer.age[slot] = 0
     for k in range(buffer.param.shape[1]):
-        buffer.param[place, k] = param[row, k]
+        buffer.param[slot, k] = param[row, k]
 
 
 def launch_update(buffer: Buffer, episodes: Episodes) -> None:
@@ -300,8 +306,10 @@ def create_buffer(replay: LevelReplay, layouts: LayoutsView) -> Buffer:
         zeros(nworld, "decision level next_level inserted boundary next_boundary")
         zeros(0, "column other present least most delta band episodes successes")
         buffer.vacant = wp.array(np.arange(vacant), dtype=int)
-    for array in (buffer.age, buffer.level, buffer.next_level, buffer.boundary, buffer.next_boundary):
-        array.fill_(-1)
+    buffer.age.fill_(EMPTY)
+    for level, boundary in ((buffer.level, buffer.boundary), (buffer.next_level, buffer.next_boundary)):
+        level.fill_(FRESH)
+        boundary.fill_(NO_END)
     buffer.next_seed, buffer.next_episode, buffer.next_param = (
         layouts.next_seed,
         layouts.next_episode,
@@ -321,10 +329,10 @@ def bounds_of(buffer: Buffer) -> dict[str, tuple[Any, Any]]:
     return {
         **dict.fromkeys(arrays_of(buffer), (0, np.inf)),
         **dict.fromkeys(("value", "param", "base_param", "next_param"), (-_MOST_FLOAT, _MOST_FLOAT)),
-        **dict.fromkeys(("vacant", "level", "next_level"), (-1, buffer.age.shape[0] - 1)),
-        **dict.fromkeys(("boundary", "next_boundary"), (-1, buffer.column.shape[0] - 1)),
-        **dict.fromkeys(("episode", "next_episode"), (-1, MOST_EPISODES - 1)),
-        "age": (-1, np.inf),
+        **dict.fromkeys(("vacant", "level", "next_level"), (FRESH, buffer.age.shape[0] - 1)),
+        **dict.fromkeys(("boundary", "next_boundary"), (NO_END, buffer.column.shape[0] - 1)),
+        **dict.fromkeys(("episode", "next_episode"), (ADVANCE, MOST_EPISODES - 1)),
+        "age": (EMPTY, np.inf),
         **{name: (values, values) for name, values in of_words.items()},
         **{"present": (of_words["least"], of_words["most"]), "inserted": (0, buffer.vacant.shape[0])},
     }

@@ -1,7 +1,5 @@
 """`LevelReplay` and `ADR`: settings of a curriculum."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -13,6 +11,10 @@ from sceniris_gym.layout.masks import as_count
 
 SCORES = ("learnability", "failure", "custom")
 PRIORITIZATIONS = ("rank", "proportional", "uniform")
+FRESH = -1
+"""The level of a world whose layout does not come from the buffer."""
+FROM_BANK = -2
+"""The level of a world whose layout comes from the bank. It does not count."""
 _MOST = 1 << 24
 
 

@@ -1,6 +1,4 @@
-"""Update the buffer from counted outcomes: weights of levels, vacant places, and ends of ADR intervals."""
-
-from __future__ import annotations
+"""Update the buffer from counted outcomes: weights of levels, vacant slots, and ends of ADR intervals."""
 
 import numpy as np
 import warp as wp
@@ -8,7 +6,7 @@ from warp.utils import array_scan
 
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.params import ParamTable
-from sceniris_gym.levels.buffer import BINS, Buffer, score_of
+from sceniris_gym.levels.buffer import BINS, NO_SLOT, Buffer, score_of
 from sceniris_gym.levels.curriculum import ADR, LevelReplay
 from sceniris_gym.program.device import fill_struct
 
@@ -22,7 +20,7 @@ _BINS_OF_OCTAVE = wp.constant(16.0)
 
 @wp.func
 def _bin(buffer: Buffer, i: int) -> int:
-    """Return the bin of a level by its score, with sixteen bins per power of two. An empty place has BINS."""
+    """Return the bin of a level by its score, with sixteen bins per power of two. An empty slot has BINS."""
     if buffer.age[i] < 0:
         return BINS
     octave = wp.log2(wp.max(score_of(buffer, buffer.value[i]), 1.0e-30))
@@ -31,7 +29,7 @@ def _bin(buffer: Buffer, i: int) -> int:
 
 @wp.func
 def _is_vacant(buffer: Buffer, b: int) -> bool:
-    """Return True if the levels of a bin may be replaced: empty places first, then the lowest scores."""
+    """Return True if the levels of a bin may be replaced: empty slots first, then the lowest scores."""
     filled, room = buffer.better[BINS - 1], buffer.vacant.shape[0]
     if filled < buffer.age.shape[0]:
         return b == BINS
@@ -102,11 +100,11 @@ def _fill(
 
 
 def launch_refresh(buffer: Buffer, replay: LevelReplay) -> None:
-    """Update the weights of all levels, and list the places of the lowest scores."""
+    """Update the weights of all levels, and list the slots of the lowest scores."""
     capacity, device = replay.capacity, buffer.base.device
     for array in (buffer.count, buffer.ages, buffer.total_weight, buffer.total_age, buffer.inserted):
         array.zero_()
-    buffer.vacant.fill_(-1)
+    buffer.vacant.fill_(NO_SLOT)
     wp.launch(_count, capacity, outputs=[buffer], device=device)
     array_scan(buffer.count, buffer.better)
     power = 1.0 / replay.temperature

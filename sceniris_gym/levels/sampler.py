@@ -1,7 +1,5 @@
 """`LevelSampler`: chooses the next layout of each world from a buffer of levels."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 
@@ -20,7 +18,7 @@ from sceniris_gym.layout.masks import as_count, as_numbers, as_worlds
 from sceniris_gym.layout.params import launch_set
 from sceniris_gym.layout.pipeline import Chooser
 from sceniris_gym.levels.buffer import Episodes, bounds_of, create_buffer, launch_choose, launch_forget, launch_update
-from sceniris_gym.levels.curriculum import LevelReplay
+from sceniris_gym.levels.curriculum import FRESH, FROM_BANK, LevelReplay
 from sceniris_gym.levels.refresh import launch_move, launch_refresh, set_ranges
 from sceniris_gym.program.compiled import USER_SPLITS
 
@@ -165,17 +163,17 @@ class LevelSampler(Chooser, StaysHere):
             raise ArgumentError(f"{where}: layouts should have the keys 'seed' and 'episode', got {short([*given])}.")
         columns = given.get("level"), given["seed"], given["episode"], scores
         found: list[Any] = [each if getattr(each, "is_cuda", False) else as_numbers(each) for each in columns]
-        found[0] = found[0] if "level" in given else np.full(np.shape(found[1]), -1)
+        found[0] = found[0] if "level" in given else np.full(np.shape(found[1]), FRESH)
         shapes = [tuple(np.shape(values)) for values in found]
         if len({*shapes}) != 1 or len(shapes[0]) != 1:
             raise ArgumentError(f"{where}: layouts and scores should have one length, shape (n,), got shapes {shapes}.")
-        found[0] = found[0].clip(-2, -1) if are_new else found[0]
+        found[0] = found[0].clip(FROM_BANK, FRESH) if are_new else found[0]
         arrays = [*map(self._column, found, (wp.int32, wp.uint64, wp.int32, wp.float32))]
         rows = self.layouts.params.rows(given.get("params", {}), shapes[0][0])
         mask = self._mask_of(worlds, len(rows), where)
         if are_new:
             launch_refresh(self._buffer, self.replay)
-        most = min(self.layouts.nworld, self._buffer.vacant.shape[0])  # each row of a launch has separate places
+        most = min(self.layouts.nworld, self._buffer.vacant.shape[0])  # each row of a launch has separate slots
         for first in range(0, len(rows), most):
             part = slice(first, min(first + most, len(rows)))
             param = wp.array(rows[part], dtype=float, ndim=2, device=self._device)

@@ -1,7 +1,5 @@
 """`Cameras`: pictures of a batch from mujoco_warp's ray caster, on the device, without a window or OpenGL."""
 
-from __future__ import annotations
-
 import copy
 import math
 from collections.abc import Collection, Mapping

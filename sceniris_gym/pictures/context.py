@@ -1,7 +1,5 @@
 """mujoco_warp's context for pictures: the cameras, the geoms, meshes with fewer faces, and the order of rays."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass

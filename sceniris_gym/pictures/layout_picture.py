@@ -4,8 +4,6 @@ The poses of geoms, cameras and lights come from MuJoCo C, so that only the ray 
 This takes 8 s once on one CPU core.
 """
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Pictures of a reachability map: a side view and a top view, for all approach directions and for one from above."""
 
-from __future__ import annotations
-
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 

@@ -140,17 +140,17 @@ def _upward(point: wp.vec3) -> Pose:
 @wp.func
 def _crosses_box(half: wp.vec3, rel: Pose) -> bool:
     """Test whether the segment of `_upward` crosses a box with pose `rel` in the segment's frame, slab by slab."""
-    start = -(wp.transpose(rel.rot) * rel.pos)
+    origin = -(wp.transpose(rel.rot) * rel.pos)
     low = float(-0.5 * _OVERHEAD_REACH)
     high = float(0.5 * _OVERHEAD_REACH)
     for i in range(3):
         along = rel.rot[0, i]
         if wp.abs(along) < 1.0e-9:
-            if wp.abs(start[i]) > half[i]:
+            if wp.abs(origin[i]) > half[i]:
                 return False
         else:
-            a = (-half[i] - start[i]) / along
-            b = (half[i] - start[i]) / along
+            a = (-half[i] - origin[i]) / along
+            b = (half[i] - origin[i]) / along
             low = wp.max(low, wp.min(a, b))
             high = wp.min(high, wp.max(a, b))
     return low <= high
@@ -186,9 +186,9 @@ def _is_under_faces(
     body = program.collider_body[collider]
     frame = pose_of(body_pos[body], body_quat[body])
     back = wp.transpose(frame.rot)
-    start = back * (point + wp.vec3(0.0, 0.0, _OVERHEAD_START) - frame.pos)
+    origin = back * (point + wp.vec3(0.0, 0.0, _OVERHEAD_START) - frame.pos)
     return wp.mesh_query_ray(
-        program.collider_mesh[collider], start, back * wp.vec3(0.0, 0.0, 1.0), _OVERHEAD_REACH
+        program.collider_mesh[collider], origin, back * wp.vec3(0.0, 0.0, 1.0), _OVERHEAD_REACH
     ).result
 
 

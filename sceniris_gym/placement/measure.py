@@ -13,7 +13,7 @@ from sceniris_gym.collide.leaves import lowest
 from sceniris_gym.device.angles import angle_of, unit_circle
 from sceniris_gym.device.transforms import mul_quat, quat_mat, quat_z
 from sceniris_gym.placement.kinematics import pose_bodies
-from sceniris_gym.placement.placed import turned
+from sceniris_gym.placement.placed import rotated
 from sceniris_gym.program.device import Measure, OrientationType, Program
 
 # An x axis points straight up or down if its shadow is shorter than this, as in `scene/poses.py`.
@@ -78,7 +78,7 @@ def draw_stable(program: Program, obj: int, u: wp.vec4, w: wp.vec4) -> StableDra
 @wp.func
 def facing(at: wp.vec2, target: wp.vec2) -> float:
     """Return the heading [rad] that points an object's front (-y) from `at` to `target`."""
-    d = turned(target - at, 0.5 * wp.static(math.pi))
+    d = rotated(target - at, 0.5 * wp.static(math.pi))
     return angle_of(d[0], d[1])
 
 
@@ -148,18 +148,18 @@ def measure(
 def bounds_of(
     program: Program,
     obj: int,
-    place: wp.vec4,
+    pivot_pose: wp.vec4,
     body_pos: wp.array[wp.vec3],
     body_quat: wp.array[wp.vec4],
 ) -> wp.vec4:
     """Return the bounds (low x, low y, high x, high y) [m] of a posed object around its pivot, in its heading.
 
-    `place` is (x, y, z, heading) of the pivot.
+    `pivot_pose` is (x, y, z, heading) of the pivot.
     """
-    to = unit_circle(place[3])
+    to = unit_circle(pivot_pose[3])
     ahead = wp.vec3(to[0], to[1], 0.0)
     across = wp.vec3(-ahead[1], ahead[0], 0.0)
-    pivot = wp.vec3(place[0], place[1], 0.0)
+    pivot = wp.vec3(pivot_pose[0], pivot_pose[1], 0.0)
     x = wp.dot(pivot, ahead)
     y = wp.dot(pivot, across)
     return _extents(program, obj, ahead, across, body_pos, body_quat) - wp.vec4(x, y, x, y)

@@ -21,10 +21,10 @@ from sceniris_gym.placement.placed import (
     bounds_radius,
     is_there,
     placed,
-    turned,
+    rotated,
 )
 from sceniris_gym.placement.polygons import HalfPlane, convex_hull, cross2
-from sceniris_gym.program.device import FRAME_SUPPORT, FRAME_WORLD, Program
+from sceniris_gym.program.device import FRAME_SUPPORT, FRAME_WORLD, OWN_WIDTH, Program
 
 _PI = wp.constant(math.pi)
 _NO_LIMIT = wp.constant(1.0e29)
@@ -33,6 +33,8 @@ _NO_LIMIT = wp.constant(1.0e29)
 _THIN = wp.constant(1.0e-3)
 # `beside` describes a line, or a point for joined sites. Both are drawn as strips of this half width [m], a fifth of
 # the error that counts as a violation.
+INACTIVE = wp.constant(-1)
+"""The number of half-planes of a relation without enough present anchors."""
 _LINE = wp.constant(2.0e-5)
 # The direction from an anchor to a point within this distance [m] is only rounding.
 _NO_DIRECTION = wp.constant(1.0e-5)
@@ -61,9 +63,9 @@ class ResolvedRelation:
 
 
 @wp.func
-def load_placed(place: wp.array[wp.vec4], bounds: wp.array[wp.vec4], slot: int) -> Placed:
+def load_placed(pivot_pose: wp.array[wp.vec4], bounds: wp.array[wp.vec4], column: int) -> Placed:
     """Return the object in a slot, from its (x, y, z, heading) and its bounds (low x, low y, high x, high y)."""
-    return placed(wp.vec2(place[slot][0], place[slot][1]), place[slot][3], bounds[slot])
+    return placed(wp.vec2(pivot_pose[column][0], pivot_pose[column][1]), pivot_pose[column][3], bounds[column])
 
 
 @wp.func
@@ -130,7 +132,7 @@ def _beside(program: Program, rel: int, own: Placed, anchor: Placed, axis: float
         anchor: The object beside which it is placed.
         axis: Heading from the anchor to the object [rad].
     """
-    side = turned(wp.vec2(1.0, 0.0), axis)
+    side = rotated(wp.vec2(1.0, 0.0), axis)
     along = wp.vec2(-side[1], side[0])
     offset = bounds_extent(anchor, side)[1] + program.rel_gap[rel] - bounds_extent(own, side)[0]
     wide = bounds_extent(anchor, along)
@@ -156,7 +158,7 @@ def resolve(
     rel: int,
     own: Placed,
     support_heading: float,
-    place: wp.array[wp.vec4],
+    pivot_pose: wp.array[wp.vec4],
     bounds: wp.array[wp.vec4],
     present: wp.array[int],
     hull: wp.array[wp.vec2],
@@ -170,13 +172,13 @@ def resolve(
     points = wp.zeros(shape=(MAX_ANCHORS,), dtype=wp.vec2)
     num = int(0)
     for i in range(program.rel_anchornum[rel]):
-        slot = program.rel_anchor[adr + i]
-        if is_there(present, slot):
-            points[num] = wp.vec2(place[slot][0], place[slot][1])
+        column = program.rel_anchor[adr + i]
+        if is_there(present, column):
+            points[num] = wp.vec2(pivot_pose[column][0], pivot_pose[column][1])
             num += 1
     if program.rel_type[rel] == RelationType.BETWEEN:
         width = program.rel_width[rel]
-        if width < 0.0:
+        if width == OWN_WIDTH:
             size = own.high - own.low
             width = wp.min(size[0], size[1])
         return _between(width, points, num, hull)
@@ -189,11 +191,11 @@ def resolve(
     if frame == FRAME_SUPPORT:
         axis += support_heading
     elif frame != FRAME_WORLD:
-        axis += place[frame][3]
+        axis += pivot_pose[frame][3]
         s.active = s.active and is_there(present, frame)
     if not s.active:
         return s
-    anchor = load_placed(place, bounds, program.rel_anchor[adr])
+    anchor = load_placed(pivot_pose, bounds, program.rel_anchor[adr])
     if program.rel_type[rel] == RelationType.JOINED:
         return _joined(program, rel, own, anchor)
     if program.rel_type[rel] != RelationType.SECTOR:
@@ -220,9 +222,9 @@ def depends_on_heading(program: Program, rel: int) -> bool:
 
 @wp.func
 def side_num(s: ResolvedRelation) -> int:
-    """Return the number of half-planes around one piece of a relation, -1 if it is not active."""
+    """Return the number of half-planes around one piece of a relation, or INACTIVE."""
     if not s.active:
-        return -1
+        return INACTIVE
     if s.hullnum > 0:
         return s.hullnum
     return 4
@@ -240,13 +242,13 @@ def _slice_sides(program: Program, rel: int, s: ResolvedRelation, sides: wp.arra
     everything = HalfPlane(wp.vec2(0.0), s.apex, 0.0)
     for piece in range(pieces):
         adr = first + 4 * piece
-        start = s.axis - s.half_angle + slice * float(piece)
+        edge = s.axis - s.half_angle + slice * float(piece)
         for k in range(4):
             sides[adr + k] = everything
         if s.half_angle < _PI or pieces > 1:
-            sides[adr] = HalfPlane(turned(wp.vec2(0.0, -1.0), start), s.apex, 0.0)
-            sides[adr + 1] = HalfPlane(turned(wp.vec2(0.0, 1.0), start + slice), s.apex, 0.0)
-        middle = turned(wp.vec2(1.0, 0.0), start + 0.5 * slice)
+            sides[adr] = HalfPlane(rotated(wp.vec2(0.0, -1.0), edge), s.apex, 0.0)
+            sides[adr + 1] = HalfPlane(rotated(wp.vec2(0.0, 1.0), edge + slice), s.apex, 0.0)
+        middle = rotated(wp.vec2(1.0, 0.0), edge + 0.5 * slice)
         if s.low > 0.0:
             sides[adr + 2] = HalfPlane(-middle, s.apex, -inner)
         if s.high < _NO_LIMIT:
@@ -287,7 +289,7 @@ def relation_holds(
     rel: int,
     s: ResolvedRelation,
     own: Placed,
-    place: wp.array[wp.vec4],
+    pivot_pose: wp.array[wp.vec4],
     bounds: wp.array[wp.vec4],
 ) -> bool:
     """Test whether a relation holds exactly for the object at `own`, whose pivot is already in one of its pieces."""
@@ -296,12 +298,12 @@ def relation_holds(
     v = own.at - s.apex
     distance = wp.length(v)
     if program.rel_bounds[rel]:
-        distance = bounds_distance(own, load_placed(place, bounds, program.rel_anchor[program.rel_anchoradr[rel]]))
+        distance = bounds_distance(own, load_placed(pivot_pose, bounds, program.rel_anchor[program.rel_anchoradr[rel]]))
     if distance < program.rel_low[worldid, rel] or distance > program.rel_high[worldid, rel]:
         return False
     if s.half_angle >= _PI:
         return True
     if wp.length(v) <= _NO_DIRECTION:
         return False
-    axis = turned(wp.vec2(1.0, 0.0), s.axis)
+    axis = rotated(wp.vec2(1.0, 0.0), s.axis)
     return wp.abs(angle_of(wp.dot(axis, v), cross2(axis, v))) <= s.half_angle

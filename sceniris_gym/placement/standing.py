@@ -41,6 +41,8 @@ _SLIVER = wp.constant(0.5)
 _ALL = wp.constant(0.99)
 # The largest quadrilateral of corners of a circle leaves out 0.29 of its radius.
 _LOST = wp.constant(0.35)
+# The extent of a patch in each direction before its first corner.
+_NO_CORNER = wp.constant(-1.0e30)
 # Greatest move [m] of the uppermost object until it is at rest.
 _MOVE = wp.constant(MOST_MOVE)
 
@@ -137,7 +139,7 @@ def find_patch(
     best = wp.zeros(shape=(wp.static(DIRECTIONS),), dtype=float)
     points = wp.zeros(shape=(wp.static(_MOST_CORNERS),), dtype=wp.vec2)
     for i in range(DIRECTIONS):
-        best[i] = -1.0e30
+        best[i] = _NO_CORNER
     x = unit_circle(heading)
     parts = statics.surface_partnum[surface]
     feet = statics.stable_footnum[stable]
@@ -163,7 +165,7 @@ def find_patch(
                     if far > best[d]:
                         best[d] = far
                         patch[d] = points[k]
-    return best[0] > -1.0e30
+    return best[0] > _NO_CORNER
 
 
 @wp.func

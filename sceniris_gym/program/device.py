@@ -2,8 +2,9 @@
 
 Lengths are in metres, angles in radians, quaternions wxyz. Poses are relative to the parent frame. A range of a list
 `x` or `x_*` is a pair (`xadr`, `xnum`) as in MuJoCo. *Slots* number the objects in the order of the scene file, then
-the robots. After all slots, arrays of places have a column for each object with variants, because one of its variants
-is always present. A *collider* is tested as a whole: the pieces of one body below one tree of boxes, or one plane.
+the robots. After all slots, arrays of pivot poses and bounds have a column for each object with variants, because one
+of its variants is always present. A *collider* is tested as a whole: the pieces of one body below one tree of boxes, or
+one plane.
 """
 
 from collections.abc import Mapping
@@ -71,9 +72,12 @@ class Measure(IntEnum):
     WHOLE = 2
 
 
-# Values of `rel_frame` that are not slots: the heading of the support, or the world's axes.
 FRAME_SUPPORT = -1
+"""Value of `rel_frame` for the heading of the support."""
 FRAME_WORLD = -2
+"""Value of `rel_frame` for the world's axes."""
+OWN_WIDTH = -1.0
+"""Value of `rel_width` for the shorter edge of the placed object's bounds."""
 
 
 vec7 = wp.types.vector(length=7, dtype=float)
@@ -122,7 +126,7 @@ class Program:
     obj_upright: wp.array[float]  # cosine of the greatest lean of its support
     obj_kind: wp.array[int]  # an ObjectKind
     obj_slot: wp.array[int]
-    obj_place: wp.array[int]  # column of its place and bounds: its slot, or the column that all its variants share
+    obj_column: wp.array[int]  # of its pivot pose and bounds: its slot, or the column that all its variants share
     obj_body: wp.array[int]  # the root
     obj_adr: wp.array[int]  # of its qpos (free), or its mocap body (fixture, marker)
     obj_bodyadr: wp.array[int]
@@ -183,7 +187,7 @@ class Program:
     rel_low: wp.array2d[float]  # by world
     rel_high: wp.array2d[float]  # by world
     rel_bounds: wp.array[bool]  # distances are between bounds, otherwise between pivots
-    rel_width: wp.array[float]  # if negative, the shorter edge of the placed object's bounds
+    rel_width: wp.array[float]  # or OWN_WIDTH
     rel_gap: wp.array[float]
     rel_sites: wp.array[wp.vec4]  # xy from the pivots, at heading 0: the anchor's site and the gap, the object's site
     rel_piecenum: wp.array[int]
@@ -260,7 +264,7 @@ class Program:
 
     # The start pose of a world before its draws.
     home_qpos: wp.array[float]
-    home_place: wp.array[wp.vec4]  # of each slot and of each object with variants: x, y, z of the pivot, heading
+    home_pivot_pose: wp.array[wp.vec4]  # of each slot and of each object with variants: x, y, z of the pivot, heading
     home_bounds: wp.array[wp.vec4]
 
     # Soundness of a finished layout: greatest |qpos|, greatest sum of |coordinates| of a mocap body, and the addresses
@@ -274,7 +278,9 @@ WORLD_FIELDS = (
     *("draw_range", "rel_low", "rel_high", "group", "group_uniform", "group_weight"),
     *("obj_box_lower", "obj_box_upper", "pair_margin"),
 )
-"""Fields of `Program` that may differ between worlds. A single row for all worlds has stride 0."""
+"""Fields of `Program` that may differ between worlds. A single row for all worlds has the stride SHARED."""
+SHARED = 0
+"""The stride [bytes] between rows of an array whose single row serves all worlds."""
 
 
 def fill_struct(declared: Any, instance: Any, arrays: Mapping[str, np.ndarray], device: str) -> None:
@@ -284,8 +290,8 @@ def fill_struct(declared: Any, instance: Any, arrays: Mapping[str, np.ndarray], 
         shared = declared is Program and name in WORLD_FIELDS
         values = np.ascontiguousarray(values[None] if shared else values)
         array = wp.array(values, dtype=field.dtype, ndim=field.ndim, device=device)
-        if shared and array.size:  # stride 0 makes the same memory serve as the row of every world
-            strides, owner = (0, array.strides[1]), array
+        if shared and array.size:
+            strides, owner = (SHARED, array.strides[1]), array
             array = wp.array(ptr=array.ptr, dtype=array.dtype, shape=array.shape, strides=strides, device=device)
             array._ref = owner
         setattr(instance, name, array)

@@ -12,8 +12,10 @@ import warp as wp
 from sceniris_gym.reach.lookup import MapView
 from sceniris_gym.reach.solve import ArmView
 
-UNASKED, BASE = -1, -2
-"""Values of `obj_reach` for objects that are not reach targets. An arm's base is tested for the targets of the arm."""
+UNASKED = -1
+"""Value of `obj_reach` for objects that are not reach targets."""
+BASE = -2
+"""Value of `obj_reach` for an arm's base that is placed after a target. It is tested for the targets of the arm."""
 
 
 @wp.struct

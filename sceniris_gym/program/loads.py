@@ -1,7 +1,5 @@
 """Loads for the worst draws: the depth of contacts, and the angle of gravity and wind from the vertical."""
 
-from __future__ import annotations
-
 import copy
 from itertools import product
 from typing import NamedTuple

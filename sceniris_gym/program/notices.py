@@ -1,7 +1,5 @@
 """Warnings about a scene. They are issued at the caller's line, and stored to repeat them for a cached scene."""
 
-from __future__ import annotations
-
 import os
 import sys
 import warnings
@@ -38,19 +36,19 @@ def noting() -> Iterator[list[UserWarning]]:
         _noted.reset(token)
 
 
-def to_words(warning: UserWarning) -> list:
+def to_record(warning: UserWarning) -> list:
     """Return a warning as JSON values: the name of its class, and the arguments of its constructor."""
     _, arguments = warning.__reduce__()[:2]
     return [type(warning).__name__, list(arguments)]
 
 
-def from_words(words: list) -> UserWarning:
-    """Return the warning for words of `to_words`.
+def from_record(record: list) -> UserWarning:
+    """Return the warning for a record of `to_record`.
 
     Raises:
-        ValueError: The words do not name a warning of this package.
+        ValueError: The record does not name a warning of this package.
     """
-    name, arguments = words
+    name, arguments = record
     kind = getattr(errors, name, None)
     if not (isinstance(kind, type) and issubclass(kind, UserWarning)):
         raise ValueError(f"'{name}' is not a warning of this package")

@@ -1,7 +1,5 @@
 """The program that places some objects of a scene among all its other bodies, at the current poses of these."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

@@ -3,8 +3,6 @@
 A surface is a level face of a support, cropped to the region of an object.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import mujoco
@@ -192,8 +190,8 @@ def may_lean(scene: SceneModel, support: Support) -> bool:
     while chain[-1] not in (0, scene.bodies[support.owner]):
         chain.append(int(mjm.body_parentid[chain[-1]]))
     joints = list(scene.moving_joints(support.owner))
-    turns = np.isin(mjm.jnt_bodyid[joints], chain) & (mjm.jnt_type[joints] == mujoco.mjtJoint.mjJNT_HINGE)
-    return bool((turns & (np.abs(mjm.jnt_axis[joints, 2]) < COS_MAX_TILT)).any())
+    tilts = np.isin(mjm.jnt_bodyid[joints], chain) & (mjm.jnt_type[joints] == mujoco.mjtJoint.mjJNT_HINGE)
+    return bool((tilts & (np.abs(mjm.jnt_axis[joints, 2]) < COS_MAX_TILT)).any())
 
 
 def _level_surfaces(support: Support, pieces: list[Piece], *, open_above: bool) -> list[SupportSurface]:

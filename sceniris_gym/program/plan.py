@@ -3,8 +3,6 @@
 The result is plain NumPy. `pack/` flattens it into the fields of `device.Program`.
 """
 
-from __future__ import annotations
-
 import graphlib
 import heapq
 from dataclasses import dataclass, replace
@@ -38,18 +36,18 @@ class Plan:
         objects: Its objects in placement order.
         pieces: All obstacles, sorted by body, planes before solid pieces.
         slots: Names as groups number them: all objects in the order of the scene file, then the robots.
-        places: Names as relations number them: the slots, then the objects with variants.
-        place: The pivot [m] (a robot's is its base) and heading [rad] of each place at home, shape (nplace, 4).
-        bounds: Bounds [m] of each place around its pivot in its heading: low x, low y, high x, high y, shape
-            (nplace, 4).
+        columns: Names as relations number them: the slots, then the objects with variants.
+        pivot_pose: The pivot [m] (a robot's is its base) and heading [rad] of each column at home, shape (ncolumn, 4).
+        bounds: Bounds [m] of each column around its pivot in its heading: low x, low y, high x, high y, shape
+            (ncolumn, 4).
     """
 
     scene: SceneModel
     objects: list[PlacedObject]
     pieces: list[Piece]
     slots: tuple[str, ...]
-    places: tuple[str, ...]
-    place: np.ndarray
+    columns: tuple[str, ...]
+    pivot_pose: np.ndarray
     bounds: np.ndarray
 
     @cached_property
@@ -126,8 +124,8 @@ def build_plan(scene: SceneModel) -> Plan:
     slots = slot_names(scene.config)
     variants = scene.config.variants
     standing = [_standing(scene, name, pieces) for name in (*slots, *(of[0] for of in variants.values()))]
-    place, bounds = (np.reshape([stands[i] for stands in standing], (-1, 4)) for i in range(2))
-    return Plan(scene, objects, pieces, slots, (*slots, *variants), place, bounds)
+    pivot_pose, bounds = (np.reshape([stands[i] for stands in standing], (-1, 4)) for i in range(2))
+    return Plan(scene, objects, pieces, slots, (*slots, *variants), pivot_pose, bounds)
 
 
 def _standing(scene: SceneModel, name: str, pieces: list[Piece]) -> tuple[np.ndarray, np.ndarray]:

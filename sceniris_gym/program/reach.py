@@ -1,7 +1,5 @@
 """The reach targets of a scene on the host: arms with targets, their maps, tiers and grasps."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """Stable poses of an object in simulation, with its weight, contact margins and drawn joints."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import chain, product
 

@@ -1,7 +1,5 @@
 """Stances of free objects: their feet, the springs of MuJoCo's contacts below them, and their loads."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from itertools import chain
 from typing import NamedTuple

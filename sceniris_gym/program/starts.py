@@ -1,7 +1,5 @@
 """The kinds of starts of a scene: their grasps, grips, joints and markers, by their numbers in the plan."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from itertools import product

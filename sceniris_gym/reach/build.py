@@ -4,8 +4,6 @@ Two kinds of lattice are labelled in the same way: the grid over (z, u, tilt, v)
 radius). Inverse kinematics runs on the device in large batches. All other work is NumPy on the host.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -131,7 +129,7 @@ class LabelledGrid:
         """Solve corners again from solutions of better neighbours, until no label changes or the passes run out."""
         shape = self.lattice.shape
         changed = self.level > 0
-        for turn in range(_PASSES):
+        for number in range(_PASSES):
             beside = np.zeros(shape, bool)
             for axis in range(len(shape)):
                 level, risen, marked = (np.moveaxis(a.reshape(shape), axis, 0) for a in (self.level, changed, beside))
@@ -139,7 +137,7 @@ class LabelledGrid:
                 marked[:-1] |= risen[1:] & (level[1:] > level[:-1])
             front = np.flatnonzero(beside)
             changed = np.zeros(len(self.level), bool)
-            for corner in self._batches(front, f"neighbours, pass {turn + 1}"):
+            for corner in self._batches(front, f"neighbours, pass {number + 1}"):
                 warm = self._joints_of(self.lattice.neighbours(corner))
                 found = self._labeller.label(self.lattice.coords(corner), warm, first=STARTS, count=_NEAR_STARTS)
                 changed[self._raise(corner, *found)] = True

@@ -1,7 +1,5 @@
 """Saves the progress of a long build to a file, so that the build can be stopped and resumed."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Mapping

@@ -104,8 +104,8 @@ class ReachMap:
     @property
     def nbytes(self) -> tuple[int, int]:
         """Size in memory [bytes] of the map and of its witnesses."""
-        words = self.rows.nbytes + self.codes.nbytes + self.poles.size // 2
-        return words, self.wit_cells.nbytes + 16 * len(self.wit_joints)
+        size = self.rows.nbytes + self.codes.nbytes + self.poles.size // 2
+        return size, self.wit_cells.nbytes + 16 * len(self.wit_joints)
 
     def save(self, path: Path) -> None:
         """Write a compressed file. To replace an existing map, write to a temporary path and rename it."""
@@ -218,19 +218,19 @@ def map_file(asset: str) -> Path | None:
     return path if path.is_file() else None
 
 
-def why_not_map(arm: SerialArm, reach_map: ReachMap | None, asset: str, words: str = "") -> str | None:
+def why_not_map(arm: SerialArm, reach_map: ReachMap | None, asset: str, options: str = "") -> str | None:
     """Return why an arm should use inverse kinematics and not this map, or None if it should use the map.
 
     Args:
         arm: The arm.
         reach_map: Its map, or None.
         asset: Name of an asset, or path of an MJCF or URDF file.
-        words: Options for `build_command`.
+        options: Options for `build_command`.
     """
     if arm.no_map is not None:
         return arm.no_map
     if reach_map is None:
-        return f"it has no map yet; build one with {build_command(asset, words)}"
+        return f"it has no map yet; build one with {build_command(asset, options)}"
     if reach_map.limited:
         return (
             "its reach depends on the rotations of base and wrist, which maps ignore: its map is wrong about "
@@ -250,15 +250,15 @@ def default_tier(arm: SerialArm, reach_map: ReachMap | None) -> Tier:
     return Tier.MAP if why_not_map(arm, reach_map, arm.name) is None else Tier.IK
 
 
-def build_command(asset: str, words: str = "", out: str | Path | None = None) -> str:
+def build_command(asset: str, options: str = "", out: str | Path | None = None) -> str:
     """Return the command that builds the map of an arm.
 
     Args:
         asset: Name of an asset, or path of an MJCF or URDF file.
-        words: Additional options for the arm, such as its TCP.
+        options: Additional options for the arm, such as its TCP.
         out: Path of the map. By default, `map_path` of the asset.
     """
-    return " ".join(filter(None, [f"sceniris-gym reach {asset}", words, f"--build -o {out or map_path(asset)}"]))
+    return " ".join(filter(None, [f"sceniris-gym reach {asset}", options, f"--build -o {out or map_path(asset)}"]))
 
 
 def _faults(told: dict[str, Any], njoint: int) -> Iterator[str]:

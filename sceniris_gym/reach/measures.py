@@ -1,7 +1,5 @@
 """Steps of a map's build: TCP axes at many joint positions, witnesses, and the fraction of false accepts."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np
@@ -132,8 +130,7 @@ def gather_witnesses(shape: tuple[int, ...], level: np.ndarray, joints: np.ndarr
     sizes = np.array([meters, meters, radians, meters])
     corner = np.flatnonzero(level)
     index = np.stack(np.unravel_index(corner, shape), axis=1) // sizes
-    numbers = -(-np.array(shape) // sizes)
-    nz, nu, ntilt, nv = numbers
+    nz, nu, ntilt, nv = -(-np.array(shape) // sizes)
     cell = ((index[:, 0] * ntilt + index[:, 2]) * nu + index[:, 1]) * nv + index[:, 3]
     # Best labels first within each cell: their joints work for the most rotations.
     order = np.lexsort((corner, -level[corner].astype(int), cell))

@@ -4,8 +4,6 @@ A model from a file is changed where the scene requires it. A model in memory be
 changes it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Assembly of assets into one MuJoCo specification. An object's root body is `name`, its elements are `name/...`."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -112,7 +110,7 @@ def attach_robot(spec: mujoco.MjSpec, config: RobotConfig, where: str) -> Home:
     named = "keyframe" in config.model_fields_set
     child = _load_asset(config.asset, where)
     home = _take_home(child, config.name, config.keyframe if named else None, where)
-    frame = spec.worldbody.add_frame(pos=config.base, quat=_turn(config))
+    frame = spec.worldbody.add_frame(pos=config.base, quat=_rotation(config))
     if config.placing is None:
         attach(spec, child, config.name, frame, where)
         return home
@@ -214,10 +212,10 @@ def _take_home(child: mujoco.MjSpec, name: str, keyframe: str | None, where: str
 def attach_frame(spec: mujoco.MjSpec, config: RobotConfig) -> None:
     """Attach an empty body at the base of a robot that is not in the scene."""
     mocap = config.placing is not None
-    spec.worldbody.add_body(name=config.name, pos=config.base, quat=_turn(config), mocap=mocap)
+    spec.worldbody.add_body(name=config.name, pos=config.base, quat=_rotation(config), mocap=mocap)
 
 
-def _turn(config: RobotConfig) -> np.ndarray:
+def _rotation(config: RobotConfig) -> np.ndarray:
     return of_angles(np.radians([config.roll, config.pitch, config.yaw]))
 
 

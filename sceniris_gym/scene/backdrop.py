@@ -1,7 +1,5 @@
 """Solver options, the floor, lights, and the camera of a scene."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

@@ -1,7 +1,5 @@
 """`build_model`: the model of a scene, composed of assets, the user's own model, or both."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Mapping
 from dataclasses import replace
@@ -21,7 +19,7 @@ from sceniris_gym.geometry.rotations import quaternion
 from sceniris_gym.progress import tell
 from sceniris_gym.scene import assemble, backdrop, number_check, parking, tcp
 from sceniris_gym.scene.adopt import HOME, adopt_body, check_additions, check_bodies
-from sceniris_gym.scene.couplings import follow, joint_couplings, turned_round
+from sceniris_gym.scene.couplings import follow, joint_couplings, reversed_for
 from sceniris_gym.scene.draws import field_draws, simple_bodies
 from sceniris_gym.scene.identity import scene_hash
 from sceniris_gym.scene.model import SceneModel
@@ -158,7 +156,7 @@ def _scene(
     key, draws = _keyframe(mjm, config), field_draws(config, mjm, bodies)
     couplings = joint_couplings(mjm, config.where)
     scene = SceneModel(config, spec, mjm, bodies, key, *home, identity, tcps, couplings, apart, former, draws)
-    scene = replace(scene, couplings=turned_round(mjm, couplings, scene.named_joints()))
+    scene = replace(scene, couplings=reversed_for(mjm, couplings, scene.named_joints()))
     for name, part in config.parts.items():
         if part.support is not None:
             scene.support(part.support.parent, f"{config.where}: {config.key(name)}.{part.support.word}")
@@ -281,8 +279,8 @@ def add_cameras(spec: mujoco.MjSpec, config: SceneConfig) -> None:
         if carrier is None:
             bodies = [body.name for body in spec.bodies if body.name != "world"]
             raise UnknownNameError("body", str(camera.body), f"{where}.body", filter(None, bodies))
-        turned = quaternion(camera_axes(camera.backward, camera.upward))
-        carrier.add_camera(name=name, pos=camera.pos, quat=turned, fovy=camera.fovy)
+        quat = quaternion(camera_axes(camera.backward, camera.upward))
+        carrier.add_camera(name=name, pos=camera.pos, quat=quat, fovy=camera.fovy)
 
 
 def _name_in_model(config: SceneConfig, name: str) -> str:

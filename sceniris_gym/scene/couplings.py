@@ -4,8 +4,6 @@ An equality requires `y - y0 = a0 + a1 (x - x0) + ... + a4 (x - x0)^4`. Here y a
 second joint, and y0 and x0 are their positions in `qpos0`. Without a second joint, the first is held at `y0 + a0`.
 """
 
-from __future__ import annotations
-
 import copy
 import graphlib
 from collections.abc import Iterable, Sequence
@@ -61,9 +59,9 @@ class Coupling:
 
 def extremes(polynomial: np.poly1d, low: float, high: float) -> tuple[float, float]:
     """Return the minimum and the maximum of a polynomial in the interval [low, high]."""
-    turns = np.roots(np.polyder(polynomial).coeffs)
-    turns = turns.real[np.abs(turns.imag) < _SAME]
-    values = polynomial(np.array([low, high, *turns[(turns > low) & (turns < high)]]))
+    extrema = np.roots(np.polyder(polynomial).coeffs)
+    extrema = extrema.real[np.abs(extrema.imag) < _SAME]
+    values = polynomial(np.array([low, high, *extrema[(extrema > low) & (extrema < high)]]))
     return float(values.min()), float(values.max())
 
 
@@ -97,7 +95,7 @@ def joint_couplings(mjm: mujoco.MjModel, where: str) -> tuple[Coupling, ...]:
     return tuple(_in_order(mjm, found, where))
 
 
-def turned_round(mjm: mujoco.MjModel, couplings: Iterable[Coupling], drawn: Iterable[int]) -> tuple[Coupling, ...]:
+def reversed_for(mjm: mujoco.MjModel, couplings: Iterable[Coupling], drawn: Iterable[int]) -> tuple[Coupling, ...]:
     """Return the couplings, reversed if a drawn joint would follow a joint that is not drawn.
 
     Only linear couplings are reversed, as they can be inverted: x = x0 + (y - y0 - a0) / a1.

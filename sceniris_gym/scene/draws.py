@@ -1,7 +1,5 @@
 """Draws of a scene's physics and looks, resolved to single values of model fields: `FieldDraw`."""
 
-from __future__ import annotations
-
 import copy
 import fnmatch
 from collections.abc import Iterator, Mapping

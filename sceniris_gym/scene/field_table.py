@@ -1,7 +1,5 @@
 """Model fields with values per world: their names, and the rows of each element, object or robot."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 
 import mujoco

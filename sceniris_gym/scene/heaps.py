@@ -1,7 +1,5 @@
 """Settled heaps: the rows of a file, the hash of the settled shapes, and the poses of objects."""
 
-from __future__ import annotations
-
 import hashlib
 from dataclasses import dataclass, replace
 from pathlib import Path

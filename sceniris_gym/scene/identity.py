@@ -4,8 +4,6 @@ A model from files is identified by the contents of the files, so its hash is th
 model in memory is identified by its compiled arrays, which differ in their last digits between versions.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Callable, Iterator
 from pathlib import Path

@@ -4,8 +4,6 @@ So the scene can be moved, and written as a zip file that unpacks into one folde
 (`<model>` and `<attach>`), with files in their own folders. A URDF may name its meshes by package.
 """
 
-from __future__ import annotations
-
 import io
 import math
 import re

@@ -1,7 +1,5 @@
 """A check for numbers in a model that MuJoCo accepts, but that no simulation can use."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

@@ -1,7 +1,5 @@
 """The overview camera of a scene, which sees all places of objects past the robots, and the geoms in pictures."""
 
-from __future__ import annotations
-
 import copy
 
 import mujoco

@@ -5,8 +5,6 @@ long as each absent object has its own place on the lattice, and other objects s
 `program/checks/places.py` ensures both.
 """
 
-from __future__ import annotations
-
 import math
 
 import mujoco

@@ -1,7 +1,5 @@
 """Addresses of poses in layouts, by names of the scene, and poses of a body in many layouts, by MuJoCo's kinematics."""
 
-from __future__ import annotations
-
 from typing import Literal, NamedTuple
 
 import mujoco

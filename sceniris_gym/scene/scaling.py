@@ -1,7 +1,5 @@
 """Scaling of a rigid asset: geometry by a factor, masses by its third power, moments of inertia by its fifth power."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

@@ -1,7 +1,5 @@
 """Heaps, settled by MuJoCo C: objects fall into a container until they lie still inside."""
 
-from __future__ import annotations
-
 import copy
 from dataclasses import dataclass
 
@@ -136,8 +134,7 @@ def _dropped(drop: _Drop, rng: np.random.Generator) -> mujoco.MjData | None:
         rotation = rng.normal(size=4)
         data.qpos[adr + 3 : adr + 7] = rotation / np.linalg.norm(rotation)
         height += size
-    steps = int(_FALL / mjm.opt.timestep)
-    for step in range(steps):
+    for step in range(int(_FALL / mjm.opt.timestep)):
         drop.step(data)
         if step % 50 == 0 and _lost(drop, data):
             return None

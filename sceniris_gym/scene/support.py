@@ -1,7 +1,5 @@
 """Supports of objects: the floor, a part of another object, or a static geom or body of the scene's model."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The tool centre point of a robot: a site of its model, or a site added by the scene's `tcp`."""
 
-from __future__ import annotations
-
 import math
 
 import mujoco
@@ -49,7 +47,7 @@ def tcp_site(spec: mujoco.MjSpec | None, mjm: mujoco.MjModel, qpos: np.ndarray, 
     pos = pos + matrix(quat) @ np.array(words.offset)
     quat = product(quat, of_angles(np.radians(words.turns)))
     if words.yaw is None:
-        half = 0.5 * _closing_turn(mjm, qpos, root, body, pos, quat)
+        half = 0.5 * _closing_angle(mjm, qpos, root, body, pos, quat)
         quat = product(quat, np.array([math.cos(half), 0.0, 0.0, math.sin(half)]))
     if site is not None and np.allclose(pos, mjm.site_pos[site]) and np.allclose(quat, mjm.site_quat[site]):
         return mjm.site(site).name
@@ -82,7 +80,7 @@ def _found(mjm: mujoco.MjModel, root: int, words: TcpConfig, prefix: str, where:
     raise UnknownNameError(f"{kind} of the robot", str(words.site or words.body), where, valid)
 
 
-def _closing_turn(
+def _closing_angle(
     mjm: mujoco.MjModel, qpos: np.ndarray, root: int, body: int, pos: np.ndarray, quat: np.ndarray
 ) -> float:
     """Return the rotation [rad] of a body's frame about its z axis that aligns its y axis with the closing fingers.
@@ -113,5 +111,5 @@ def _closing_turn(
         return 0.0
     _, sizes, axes = np.linalg.svd(np.array(moves), full_matrices=False)
     axis = axes[0] if len(sizes) < 2 or sizes[0] > _ONE_AXIS * sizes[1] else max(moves, key=np.linalg.norm)
-    turn = math.remainder(math.atan2(axis[1], axis[0]) - 0.5 * math.pi, math.pi)
-    return turn if abs(turn) > _STRAIGHT else 0.0
+    angle = math.remainder(math.atan2(axis[1], axis[0]) - 0.5 * math.pi, math.pi)
+    return angle if abs(angle) > _STRAIGHT else 0.0

@@ -6,8 +6,6 @@ its geoms have a row per world, and `sim/variants.py` writes the present variant
 cannot be variants are left out, with a warning.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Mapping
 from itertools import chain

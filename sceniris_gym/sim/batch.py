@@ -1,7 +1,5 @@
 """`Batch`: many worlds in one mujoco_warp Model and Data, with their contact budget and control step."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial

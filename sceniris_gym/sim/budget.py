@@ -1,7 +1,5 @@
 """Contacts and constraint rows per world: the numbers that a scene needs, and a check of the allocated room."""
 
-from __future__ import annotations
-
 from collections.abc import Collection
 
 import mujoco

@@ -6,8 +6,6 @@ poses at qpos0, so the Jacobians at the origins of bodies are computed once, on 
 only within a kinematic tree.
 """
 
-from __future__ import annotations
-
 from collections.abc import Container
 
 import mujoco_warp as mjw

@@ -1,7 +1,5 @@
 """Constants for derived fields: poses and Jacobians at qpos0, and the memory layout of M."""
 
-from __future__ import annotations
-
 import copy
 
 import mujoco

@@ -1,7 +1,5 @@
 """Check that a Model and Data of the caller belong to a compiled scene."""
 
-from __future__ import annotations
-
 import mujoco
 import mujoco_warp as mjw
 import numpy as np

@@ -1,7 +1,5 @@
 """`ModelFields`: fields of a mujoco_warp Model with a row for each world, and the fields derived from them."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import mujoco_warp as mjw

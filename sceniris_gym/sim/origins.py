@@ -1,7 +1,5 @@
 """Origins of worlds. Resets add them to the positions that they write."""
 
-from __future__ import annotations
-
 import warnings
 from typing import Any
 

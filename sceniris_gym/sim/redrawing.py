@@ -1,7 +1,5 @@
 """`Redrawer`: moves objects to new places in the middle of episodes, in the simulation's Data."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Sequence
 from functools import partial

@@ -1,7 +1,5 @@
 """`ResetWriter`: writes layouts into the masked worlds, draws their physics, and removes old contacts."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Layouts for a randomizer: the pipeline that supplies resets, and checked stored layouts."""
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any

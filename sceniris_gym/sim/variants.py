@@ -1,7 +1,5 @@
 """Variants of objects: layouts have a body for each variant, and simulated worlds have one body per object."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Differences between the supported versions of MuJoCo and MuJoCo-Warp, 3.11 to 4. All of them belong here."""
 
-from __future__ import annotations
-
 import dataclasses
 import importlib
 import inspect

@@ -1,7 +1,5 @@
 """`make_worlds`: Model and Data of many worlds, for your own loop."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import mujoco_warp as mjw

@@ -4,8 +4,6 @@ The deterministic policy runs the first episodes of valid layouts of the split "
 uniformly without checks. An episode counts as a success if the task succeeds at its last step.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -4,8 +4,6 @@ The random choices of a task, such as the object to lift, stay fresh in every ep
 layout, all objects are chosen over time.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

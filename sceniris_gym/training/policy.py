@@ -1,7 +1,5 @@
 """`load_policy`: the policy of a training, to act, to evaluate or to export."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The files in the folder of a run, most of them read without torch, and the hash of the sources of a run."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math

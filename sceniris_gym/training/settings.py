@@ -1,7 +1,5 @@
 """The options of a run, and the PPO settings of each shipped task."""
 
-from __future__ import annotations
-
 from ast import literal_eval
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields

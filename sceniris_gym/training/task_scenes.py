@@ -1,7 +1,5 @@
 """Tasks of this package and your tasks by name, with their scenes and environments."""
 
-from __future__ import annotations
-
 import os
 import sys
 from importlib import import_module
@@ -61,8 +59,8 @@ def spec_of(task: str) -> EnvSpec:
 
 def scene_of(task: str, *, reachable: bool) -> SceneConfig:
     """Return the scene of a task. Without `reachable`, it also has no kinds of `start` with a target."""
-    words = spec_of(task).kwargs
-    scene = SceneConfig.load(words.get("scene") or as_task(words["task"]).scene, words.get("overrides"))
+    kwargs = spec_of(task).kwargs
+    scene = SceneConfig.load(kwargs.get("scene") or as_task(kwargs["task"]).scene, kwargs.get("overrides"))
     if reachable:
         return scene
     changes = {f"objects.{name}.reachable": False for name, part in scene.objects.items() if part.reachable}

@@ -10,8 +10,6 @@ starts its next episode with the same number of elapsed steps. Runs that resume 
 data, but not the data of an uninterrupted run.
 """
 
-from __future__ import annotations
-
 import inspect
 import json
 import math
@@ -76,8 +74,9 @@ class Run:
             source = layout_sources.bank(layout_sources.valid_rows(compiled, options.bank, seed))
         elif options.uniform:
             source = layout_sources.uniform()
-        words = {"layout_source": source, "curriculum": LevelReplay(options.curriculum) if options.curriculum else None}
-        self.env = RslRlVecEnvWrapper(make_env(options.task, options.num_envs, compiled, **words), seed)
+        replay = LevelReplay(options.curriculum) if options.curriculum else None
+        envs = make_env(options.task, options.num_envs, compiled, layout_source=source, curriculum=replay)
+        self.env = RslRlVecEnvWrapper(envs, seed)
         self._judged = (options.judged or options.task).removeprefix(NAMESPACE)
         self.judges = judges_of(self._judged, options.layouts, options.device)
         self._warm_up()

@@ -1,7 +1,5 @@
 """Checks and conversions of the arguments of an environment: tasks, scenes, sizes, seeds, reset masks, actions."""
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Mapping, Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """`ArmController`: moves a robot's arm by joints or by tool, and its gripper."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import torch

@@ -1,7 +1,5 @@
 """`BaseFrame`, the frame of a fixed robot base, and `DrawnBaseFrame`, the frame of a base that layouts move."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import torch

@@ -1,7 +1,5 @@
 """`Bounds` returns the lowest corners of boxes around bodies, and `ContactSensor` the pairs of bodies that touch."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import torch

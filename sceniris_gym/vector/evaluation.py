@@ -1,7 +1,5 @@
 """`evaluate`: results of a policy on layouts of your choice, episode by episode."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """`Images`: the observation group `images`, pictures of all worlds by cameras of the scene."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

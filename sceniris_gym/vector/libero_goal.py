@@ -1,7 +1,5 @@
 """`LiberoGoal`: the goal of a LIBERO problem file, evaluated in all worlds."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import torch

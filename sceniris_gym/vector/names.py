@@ -1,7 +1,5 @@
 """Names that tasks give to bodies, joints, sites and actuators, looked up in the model of a scene."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import mujoco

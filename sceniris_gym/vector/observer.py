@@ -1,7 +1,5 @@
 """`Observer`: the observations of a task as flat groups, with their spaces, sensor noise and pictures."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`Readings`: the worlds as a task reads them, in torch tensors by name and in the robot's base frame."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Hashable, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """`Rendering`: pictures of an environment, or a page in the browser that shows it."""
 
-from __future__ import annotations
-
 from importlib.metadata import entry_points
 from typing import Any
 

@@ -1,7 +1,5 @@
 """`Sensing`: noise, delay and dropout of a policy's observations, drawn from the seeds of the layouts."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from numbers import Real

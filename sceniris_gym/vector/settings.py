@@ -1,7 +1,5 @@
 """`SimConfig`, `RenderConfig` and `ImageConfig`: groups of settings of an environment, also given as mappings."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, TypeVar

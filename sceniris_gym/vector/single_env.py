@@ -1,7 +1,5 @@
 """`SceneEnv`: one world of a task as a Gymnasium environment, for `gymnasium.make`."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium

@@ -1,7 +1,5 @@
 """`State`: a task's access to the worlds by name, for reading and writing."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

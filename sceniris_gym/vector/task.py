@@ -1,7 +1,5 @@
 """`Task`: a scene with observations, rewards and ends of episodes. Functions check the first results of a task."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """`TaskWorlds`: the worlds of a task, with their physics, layouts and episodes."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 
@@ -11,6 +9,7 @@ import warp as wp
 from torch import Tensor
 
 from sceniris_gym.layout.layouts import LayoutStatus
+from sceniris_gym.levels.curriculum import FROM_BANK
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import ResetRandomizer
 from sceniris_gym.vector.snapshot import memory_rows
@@ -104,5 +103,5 @@ class TaskWorlds:
             layout["redraws"] = self.randomizer.redraw_count.clone()
             layout["redraw_failed"] = self.randomizer.redraw_status == LayoutStatus.KEPT
         if sampler is not None:
-            layout["level"] = torch.where(layout["fallback"], -2, sampler.level)
+            layout["level"] = torch.where(layout["fallback"], FROM_BANK, sampler.level)
         return {"layout": layout}

@@ -1,7 +1,5 @@
 """Launches of Warp on the stream of torch."""
 
-from __future__ import annotations
-
 from contextlib import AbstractContextManager, nullcontext
 from functools import cache
 

@@ -1,7 +1,5 @@
 """`VariantView`: the present variants of all worlds. `Boxes` and `TargetGrasps`: boxes and grasps of these variants."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`SceneVectorEnv`: many worlds of one task, each with a fresh layout at every reset."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path

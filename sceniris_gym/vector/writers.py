@@ -1,7 +1,5 @@
 """`JointWriter` sets joint positions and the controls that hold them, `PoseWriter` poses of free and mocap bodies."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import mujoco

@@ -75,9 +75,9 @@ def view_env(
         said.content = f"**{env}** is being compiled ({what}: {done} of {total}). {_KERNELS}"
 
     shown = LayoutId.parse(ids[0]).split if ids and split is None else split or "train"
-    words = {"split": shown, "device": device, "overrides": dict(changes), "autoreset_mode": "Disabled"}
+    kwargs = {"split": shown, "device": device, "overrides": dict(changes), "autoreset_mode": "Disabled"}
     with listening(tell):
-        envs: Any = gymnasium.make_vec(spec, num_envs=num, **words).unwrapped
+        envs: Any = gymnasium.make_vec(spec, num_envs=num, **kwargs).unwrapped
     plays = None if policy is None else load_policy(policy, envs.device, trust=trust)
     said.remove()
     view = EnvView(server, envs, plays, ids)

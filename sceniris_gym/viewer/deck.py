@@ -88,7 +88,7 @@ class LayoutDeck:
     def stands(self, split: str) -> tuple[np.ndarray, np.ndarray]:
         """Return the `ShownWorld.stands` of the first world, from the latest `make`."""
         view = self._generator(split).layouts.view
-        return view.place.numpy()[0].copy(), view.bounds.numpy()[0].copy()
+        return view.pivot_pose.numpy()[0].copy(), view.bounds.numpy()[0].copy()
 
     def count_ahead(self) -> None:
         """Make layouts only for the table of rejections, with seeds far from users' seeds."""

@@ -1,7 +1,5 @@
 """The page of an environment: a policy plays chosen layouts in turn."""
 
-from __future__ import annotations
-
 import sys
 import time
 import traceback
@@ -131,10 +129,10 @@ class EnvView:
 
     def _tell(self) -> None:
         done, num = int(self._ended.sum()), self.envs.num_envs
-        words = "running" if not self._ended[0] else "ended, success" if self._success[0] else "ended, no success"
+        state = "running" if not self._ended[0] else "ended, success" if self._success[0] else "ended, no success"
         wrong = f"\n\n**{self._wrong}**" if self._wrong else ""
         self._status.content = (
-            f"**{type(self.envs.task).__name__}**, step {self._step}: first world {words}. "
+            f"**{type(self.envs.task).__name__}**, step {self._step}: first world {state}. "
             f"{done} of {num} episodes ended, {int((self._success & self._ended).sum())} with success."
             f"{f' Layout {self.first % len(self.ids) + 1} of the {len(self.ids)} chosen.' if self.ids else ''}"
             f"{'' if self._stepped else _FIRST}{wrong}"

@@ -1,7 +1,5 @@
 """The layer of grasps: the grasps that qualified a layout, and the arm in these grasps."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import mujoco
@@ -32,7 +30,7 @@ def sketch_grasps(world: ShownWorld, only: str | None = None) -> Sketch:
         sketch.axes.append((pos, quat))
         sketch.arrows.append((np.stack([before, pos]), BLUE))
         name = target.grasp_set.grasps[world.table.grasp[0, k]].name
-        sketch.words.append((f"{target.name}: grasp '{name}'", before))
+        sketch.labels.append((f"{target.name}: grasp '{name}'", before))
     return sketch
 
 

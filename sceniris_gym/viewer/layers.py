@@ -82,7 +82,7 @@ def sketch_relations(world: ShownWorld, only: str | None = None) -> Sketch:
             sketch.surfaces.append((points, np.arange(len(points)).reshape(-1, 3), colour, 0.3))
             tip = _above(world, name)
             sketch.arrows += [(np.stack([_tail(world, anchor, tip), tip]), colour) for anchor in anchors]
-            sketch.words.append((f"{name}: {relation.summary}", tip + [0.0, 0.0, _LINE * (i + 1)]))
+            sketch.labels.append((f"{name}: {relation.summary}", tip + [0.0, 0.0, _LINE * (i + 1)]))
     return sketch
 
 
@@ -116,8 +116,8 @@ def sketch_clearances(world: ShownWorld, only: str | None = None) -> Sketch:
         drawn.add((name, nearest.other))
         asked = max(clearances.get(part, 0.0) for part in (name, nearest.other))
         sketch.lines.append((nearest.ends, GREEN if nearest.distance >= asked - _ROUNDING else RED))
-        words = f"{name} to {nearest.other}: {1e3 * nearest.distance:.0f} mm, at least {1e3 * asked:g}"
-        sketch.words.append((words, nearest.ends.mean(axis=0) + [0.0, 0.0, _ABOVE]))
+        text = f"{name} to {nearest.other}: {1e3 * nearest.distance:.0f} mm, at least {1e3 * asked:g}"
+        sketch.labels.append((text, nearest.ends.mean(axis=0) + [0.0, 0.0, _ABOVE]))
     return sketch
 
 
@@ -181,7 +181,7 @@ def sketch_names(world: ShownWorld, only: str | None = None) -> Sketch:
             low, high = world.box(name)
             middle = (low + high) / 2.0
             middle[2] = high[2] + 0.01
-            sketch.words.append((name, middle))
+            sketch.labels.append((name, middle))
     return sketch
 
 

@@ -1,7 +1,5 @@
 """The controls of the page of a scene."""
 
-from __future__ import annotations
-
 import html
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Live plots of rewards, success and observations of the first world."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Policies by name: a checkpoint of rsl-rl, a model of Stable-Baselines3, or a user's function."""
 
-from __future__ import annotations
-
 import importlib
 import os
 import pickle

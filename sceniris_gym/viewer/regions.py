@@ -1,7 +1,5 @@
 """The layer of regions: the parts of supports that an object's pivot may occupy, in the state of one world."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from functools import singledispatch
@@ -50,7 +48,7 @@ def sketch_regions(world: ShownWorld, only: str | None = None) -> Sketch:
                 sketch.outline(np.c_[ring, np.full(len(ring), height + _LIFT)], GREY)
             if left.is_empty:
                 at = outline.representative_point()
-                sketch.words.append((f"no region for {name}", np.array([at.x, at.y, height])))
+                sketch.labels.append((f"no region for {name}", np.array([at.x, at.y, height])))
             else:
                 found.setdefault((left.normalize().wkb, height), ([], left))[0].append(name)
     # With many regions, each is lower and more transparent, so that the stack looks like a few.
@@ -59,11 +57,11 @@ def sketch_regions(world: ShownWorld, only: str | None = None) -> Sketch:
         triangles = triangulate(left)
         points = np.c_[triangles.reshape(-1, 2), np.full(3 * len(triangles), height + (i + 1) * lift)]
         sketch.surfaces.append((points, np.arange(len(points)).reshape(-1, 3), PALETTE[i % len(PALETTE)], opacity))
-    sketch.words += _words([(names, left, height) for (_, height), (names, left) in found.items()])
+    sketch.labels += _labels([(names, left, height) for (_, height), (names, left) in found.items()])
     return sketch
 
 
-def _words(regions: list[tuple[list[str], MultiPolygon, float]]) -> list[tuple[str, np.ndarray]]:
+def _labels(regions: list[tuple[list[str], MultiPolygon, float]]) -> list[tuple[str, np.ndarray]]:
     """Return the labels of regions. Nearly equal regions share a label, and crowded labels move to the edges."""
     shared: list[tuple[list[str], MultiPolygon, float]] = []
     for names, left, height in regions:
@@ -73,15 +71,15 @@ def _words(regions: list[tuple[list[str], MultiPolygon, float]]) -> list[tuple[s
                 break
         else:
             shared.append((list(names), left, height))
-    words: list[tuple[str, np.ndarray]] = []
+    labels: list[tuple[str, np.ndarray]] = []
     for i, (names, left, height) in enumerate(shared):
         at = left.representative_point()
-        if any(math.dist((at.x, at.y), other[:2]) < _CROWDED for _, other in words):
+        if any(math.dist((at.x, at.y), other[:2]) < _CROWDED for _, other in labels):
             edge = max(shapely.get_parts(left), key=lambda part: part.area).exterior
             at = edge.interpolate((i + 0.5) / len(shared), normalized=True)
         more = f" and {len(names) - _MOST_NAMED} more" if len(names) > _MOST_NAMED else ""
-        words.append((f"{', '.join(names[:_MOST_NAMED])}{more} here", np.array([at.x, at.y, height])))
-    return words
+        labels.append((f"{', '.join(names[:_MOST_NAMED])}{more} here", np.array([at.x, at.y, height])))
+    return labels
 
 
 def regions_left(world: ShownWorld, name: str) -> list[tuple[MultiPolygon, MultiPolygon, float]]:

@@ -1,7 +1,5 @@
 """The scene on the page: compiled from a file, and again after a change of the file or its assets."""
 
-from __future__ import annotations
-
 import contextlib
 import re
 import warnings

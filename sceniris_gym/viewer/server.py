@@ -119,12 +119,12 @@ def _refusing(host: str, origins: Sequence[str]) -> Iterator[None]:
 
     serve = server.serve
 
-    def guarded(*args: Any, process_request: Callable[..., Any], **words: Any) -> Any:
+    def guarded(*args: Any, process_request: Callable[..., Any], **kwargs: Any) -> Any:
         def answer(connection: Any, request: Any) -> Any:
             why = refusal(request.headers, host, origins)
             return process_request(connection, request) if why is None else connection.respond(403, why)
 
-        return serve(*args, process_request=answer, **words)
+        return serve(*args, process_request=answer, **kwargs)
 
     server.serve = guarded  # type: ignore[assignment, misc]
     try:

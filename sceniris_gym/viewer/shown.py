@@ -1,7 +1,5 @@
 """One world in the state of its layout, for the layers, and in motion, for the player."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -27,7 +25,7 @@ class ShownWorld:
         compiled: The scene.
         table: The layout, one row.
         unplaced: Objects without a place yet, which are not drawn.
-        stands: Pivots [m] with headings [rad], and bounds, of all `Plan.places` from the generator, shape (nplace, 4)
+        stands: Pivots [m] with headings [rad], and bounds, of all `Plan.columns` from the generator, shape (ncolumn, 4)
             each. None for a state that the generator does not have. Then they are computed from the state.
     """
 
@@ -65,14 +63,14 @@ class ShownWorld:
         return self.is_present(name) and self.own(name) not in self.unplaced
 
     def standing(self, name: str) -> tuple[np.ndarray, np.ndarray]:
-        """Return pivot [m] with heading [rad], and bounds, of an object for relations, as in `Plan.place`."""
+        """Return pivot [m] with heading [rad], and bounds, of an object for relations, as in `Plan.pivot_pose`."""
         plan, name = self.compiled.plan, self.own(name)
-        slot = plan.places.index(self.compiled.config.owners.get(name, name))
+        column = plan.columns.index(self.compiled.config.owners.get(name, name))
         if self.stands is not None:
-            return self.stands[0][slot], self.stands[1][slot]
+            return self.stands[0][column], self.stands[1][column]
         poses = self.placed(name).stable_poses if name in self.compiled.placed else []
         if not poses:
-            return plan.place[slot], plan.bounds[slot]
+            return plan.pivot_pose[column], plan.bounds[column]
         root = self.compiled.scene.bodies[name]
         mat = self.data.xmat[root].reshape(3, 3)
         rotations = [mat @ matrix(pose.quat).T for pose in poses]

@@ -1,6 +1,4 @@
-"""Sketches of layers: surfaces, lines, arrows, axes and words, as arrays, and drawn on the page."""
-
-from __future__ import annotations
+"""Sketches of layers: surfaces, lines, arrows, axes and labels, as arrays, and drawn on the page."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -33,14 +31,14 @@ class Sketch:
         lines: Ends of a line, (2, 3), and its colour.
         arrows: Tail and tip of an arrow, (2, 3), and its colour.
         axes: Position (3,) and orientation (wxyz) of a frame.
-        words: Texts and their positions (3,).
+        labels: Texts and their positions (3,).
     """
 
     surfaces: list[tuple[np.ndarray, np.ndarray, Colour, float]] = field(default_factory=list)
     lines: list[tuple[np.ndarray, Colour]] = field(default_factory=list)
     arrows: list[tuple[np.ndarray, Colour]] = field(default_factory=list)
     axes: list[tuple[np.ndarray, np.ndarray]] = field(default_factory=list)
-    words: list[tuple[str, np.ndarray]] = field(default_factory=list)
+    labels: list[tuple[str, np.ndarray]] = field(default_factory=list)
 
     def outline(self, ring: np.ndarray, colour: Colour) -> None:
         """Add the edges of a closed ring of points, shape (n, 3)."""
@@ -81,9 +79,9 @@ class Sketch:
                 sizes: Any = {"shaft_radius": shaft, "head_radius": 3.0 * shaft, "head_length": 7.0 * shaft}
                 scene.add_arrows(f"/{name}/arrow{i}", ends[None], _linear(colour), **sizes)
             if self.axes:
-                positions, turns = (np.stack(values).astype(np.float32) for values in zip(*self.axes, strict=True))
-                scene.add_batched_axes(f"/{name}/axes", turns, positions, axes_length=0.05, axes_radius=0.002)
-            for i, (text, at) in enumerate(self.words):
+                positions, rotations = (np.stack(values).astype(np.float32) for values in zip(*self.axes, strict=True))
+                scene.add_batched_axes(f"/{name}/axes", rotations, positions, axes_length=0.05, axes_radius=0.002)
+            for i, (text, at) in enumerate(self.labels):
                 scene.add_label(f"/{name}/word{i}", text, position=at, anchor="bottom-center", font_screen_scale=0.9)
 
 

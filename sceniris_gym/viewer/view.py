@@ -1,7 +1,5 @@
 """The page of one scene: its state, and the actions of its controls."""
 
-from __future__ import annotations
-
 import sys
 import time
 import traceback
@@ -296,8 +294,8 @@ class SceneView:
         self.server.scene.add_frame(f"/{_SLICE}", show_axes=False, position=self._worlds.origins[0])
         for i, piece in enumerate(self._slices):
             (at, rotation), size = piece.pose(world.data, self._height), 2.0 * piece.span
-            words = {"position": at, "wxyz": rotation, "cast_shadow": False, "receive_shadow": False, "format": "png"}
-            self.server.scene.add_image(f"/{_SLICE}/{i}", piece.picture(world.data, self._height), size, size, **words)
+            kwargs = {"position": at, "wxyz": rotation, "cast_shadow": False, "receive_shadow": False, "format": "png"}
+            self.server.scene.add_image(f"/{_SLICE}/{i}", piece.picture(world.data, self._height), size, size, **kwargs)
 
     def _show_player(self) -> None:
         if self._player is None:

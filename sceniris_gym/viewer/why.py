@@ -1,7 +1,5 @@
 """Rejected candidates: drawn in red at their place, with the cause in words."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import mujoco
@@ -16,7 +14,7 @@ from sceniris_gym.viewer.sketch import GREY, ORANGE, RED, Colour, Sketch
 from sceniris_gym.viewer.worlds import SEEN_GROUPS, body_mesh
 
 _MOST_HITS = 3
-_ABOVE = 0.15  # m from a candidate to its words
+_ABOVE = 0.15  # m from a candidate to its label
 _MOST_BEFORE = 20  # greatest number of surfaces along a ray
 _BEYOND = 1e-4  # m behind a surface, where the next ray starts
 CAUSES = {
@@ -81,7 +79,7 @@ def sketch_candidate(
     middle = (low + high) / 2.0
     top = np.array([*middle[:2], high[2] + _ABOVE])
     sketch.lines.append((np.stack([middle, top]), RED))
-    sketch.words.append((f"{candidate.name}: {candidate.cause}", top))
+    sketch.labels.append((f"{candidate.name}: {candidate.cause}", top))
     return sketch
 
 

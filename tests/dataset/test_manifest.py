@@ -28,12 +28,12 @@ def test_a_plan_names_the_rows_and_their_columns(crane: CompiledScene):
     plain, reaching = (DatasetPlan.of(scene, 70_000, 5, "train") for scene in (compile_on_cpu("mid"), crane))
     assert "grasp" not in (plain.row.names or ())
     assert {"grasp", "grasp_pose", "grasp_qpos", "pregrasp_qpos"} <= set(reaching.row.names or ())
-    assert (plain.words["object_names"], reaching.words["reachable_names"]) == (
+    assert (plain.fields["object_names"], reaching.fields["reachable_names"]) == (
         ["cabinet", "apple", "banana"],
         ["thing"],
     )
     for plan in (plain, reaching):
-        assert plan.row == row_of(json.loads(json.dumps(plan.words["columns"])))
+        assert plan.row == row_of(json.loads(json.dumps(plan.fields["columns"])))
         for kind, offset, *_ in (plan.row.fields or {}).values():
             assert offset % kind.base.alignment == 0
         rows = np.zeros(2, plan.row)

@@ -30,7 +30,7 @@ def test_a_rejected_candidate_hits_what_it_is_too_near_to(tmp_path: Path):
         apart = np.where(gaps.max(axis=1) > 0, np.linalg.norm(np.maximum(gaps, 0.0), axis=1), gaps.max(axis=1))
         expected = sorted((float(apart[i]), i) for i in range(number) if apart[i] < CLEARANCE)
         hits = blame.hits(data, int(number))
-        assert [hit.words.count("geom") for hit in hits] == [2] * len(expected) != []
+        assert [hit.names.count("geom") for hit in hits] == [2] * len(expected) != []
         bodies = [[mjm.body(int(mjm.geom_bodyid[g])).name for g in hit.geoms] for hit in hits]
         assert bodies == [[f"crate_{number}", f"crate_{i}"] for _, i in expected]
         for hit, (gap, _) in zip(hits, expected, strict=True):

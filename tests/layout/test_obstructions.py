@@ -47,7 +47,7 @@ def test_the_pair_that_is_most_in_the_way_is_told_with_its_share(compiled: Compi
     def hits_of(row: int, number: int) -> dict[str, float]:
         rejected.states.put(data, row)
         mujoco.mj_kinematics(compiled.mjm, data)
-        return {hit.words: hit.distance for hit in blame.hits(data, number)}
+        return {hit.names: hit.distance for hit in blame.hits(data, number)}
 
     assert set(found) == set(compiled.placed)
     assert "of body 'a' and geom" in found["a"]
@@ -60,7 +60,7 @@ def test_the_pair_that_is_most_in_the_way_is_told_with_its_share(compiled: Compi
         most = max(sum(pair in distances for distances in hits) for pair in {p for each in hits for p in each})
         assert len(told) == most
         assert f" ({-1e3 * np.mean(told):.3g} mm deep on average, " in found[name]
-        assert found[name].endswith(f" mm apart is asked for; {most / len(rows):.0%} of them)")
+        assert found[name].endswith(f" mm apart is required; {most / len(rows):.0%} of them)")
 
 
 def test_pairs_are_listed_once_and_no_layout_is_made_again(generator: LayoutGenerator, monkeypatch: pytest.MonkeyPatch):

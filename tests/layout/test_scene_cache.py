@@ -317,7 +317,7 @@ def test_a_tool_without_fingers_comes_back():
     assert [values.size for values in again.arms[0].gripper.poses(np.linspace(0.0, 1.0, 3))] == [0, 0]
 
 
-@pytest.mark.parametrize("name", ["words", "program.vert", "program.nobject", "home_qpos"])
+@pytest.mark.parametrize("name", ["values", "program.vert", "program.nobject", "home_qpos"])
 def test_what_is_missing_is_an_error(name: str):
     """No field is left at what Warp would put there."""
     compiled = _uploaded("mid")

@@ -8,7 +8,7 @@ import warnings
 import pytest
 
 from sceniris_gym.errors import FallbackWarning, ModelWarning
-from sceniris_gym.program.notices import from_words, noting, to_words, warn
+from sceniris_gym.program.notices import from_record, noting, to_record, warn
 
 HELD = FallbackWarning("here: it is full.", 0.25, "apple", "collision", (3, 64))
 
@@ -28,7 +28,7 @@ def test_a_warning_is_issued_at_its_level_and_noted():
 @pytest.mark.parametrize("warning", [ModelWarning("odd"), HELD])
 def test_a_warning_is_made_again_from_json(warning: UserWarning):
     """Its class, its words and what it says beside them."""
-    again = from_words(json.loads(json.dumps(to_words(warning))))
+    again = from_record(json.loads(json.dumps(to_record(warning))))
     assert type(again) is type(warning)
     assert str(again) == str(warning)
     assert again.__dict__.keys() == warning.__dict__.keys()
@@ -38,4 +38,4 @@ def test_a_warning_is_made_again_from_json(warning: UserWarning):
 def test_nothing_but_warnings_is_made(name: str):
     """A name in a file leads to no other class or function."""
     with pytest.raises(ValueError, match="is not a warning"):
-        from_words([name, ["true"]])
+        from_record([name, ["true"]])

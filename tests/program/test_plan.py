@@ -40,7 +40,7 @@ def test_what_has_neither_support_nor_region_starts_where_the_model_has_it(folde
     }
     plan = build_plan(scene_of(objects))
     assert [o.name for o in plan.objects] == ["apple"]
-    np.testing.assert_allclose(plan.place[:3], [[0.3, 0, 0.3, 0], [0.3, 0, 0.3, 0], [0, 0, 0, 0]], atol=1e-9)
+    np.testing.assert_allclose(plan.pivot_pose[:3], [[0.3, 0, 0.3, 0], [0.3, 0, 0.3, 0], [0, 0, 0, 0]], atol=1e-9)
     assert len(plan.pieces) > 3
 
 

@@ -11,7 +11,7 @@ import pytest
 from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.program.plan import build_plan
 from sceniris_gym.scene.build import build_model
-from sceniris_gym.scene.couplings import coupling_arrays, driven_by, follow, free_range, joint_couplings, turned_round
+from sceniris_gym.scene.couplings import coupling_arrays, driven_by, follow, free_range, joint_couplings, reversed_for
 from sceniris_gym.scene.model import SceneModel
 from tests.layout.scenes import write_mjcf
 from tests.program.scenes import pack, scene_of
@@ -101,23 +101,23 @@ def test_what_mujoco_does_not_enforce_is_nobody_s_business(disabled: str):
     assert joint_couplings(model(ties, "" if off else disabled), "here") == ()
 
 
-def test_a_straight_coupling_is_turned_round_for_what_is_drawn_by_name():
+def test_a_straight_coupling_is_reversed_for_what_is_drawn_by_name():
     """Up to the driver of all, which the others still follow; one that bends, or whose driver is drawn, is not."""
     ties = '<joint joint1="b" joint2="a" polycoef=".1 -.5"/><joint joint1="c" joint2="b" polycoef=".2 2"/>'
     ties += '<joint joint1="d" joint2="a" polycoef="0 1 .1"/>'
     mjm, data = model(ties), mujoco.MjData(model(ties))
     given, ids = joint_couplings(mjm, "here"), [mjm.joint(n).id for n in "abcd"]
-    turned = turned_round(mjm, given, [ids[2]])
-    assert [(c.follower, c.driver) for c in turned] == [(ids[1], ids[2]), (ids[0], ids[1]), (ids[3], ids[0])]
-    assert turned[1].limits == (-2.0, 2.0)
+    found = reversed_for(mjm, given, [ids[2]])
+    assert [(c.follower, c.driver) for c in found] == [(ids[1], ids[2]), (ids[0], ids[1]), (ids[3], ids[0])]
+    assert found[1].limits == (-2.0, 2.0)
     for value in (-0.4, 0.0, 0.7):
         data.qpos[2] = value
-        follow(turned, data.qpos)
+        follow(found, data.qpos)
         mujoco.mj_fwdPosition(mjm, data)
         np.testing.assert_allclose(data.efc_pos[:3], 0.0, atol=1e-12)
         assert data.qpos[2] == value
-    assert turned_round(mjm, given, [ids[3]]) == given
-    assert turned_round(mjm, given, [ids[2], ids[0]]) == given
+    assert reversed_for(mjm, given, [ids[3]]) == given
+    assert reversed_for(mjm, given, [ids[2], ids[0]]) == given
 
 
 def test_cycles_and_joints_that_are_tied_twice_are_refused():

@@ -24,12 +24,12 @@ from tests.viewer.worlds_on_show import compiled_scene, world_of
 def test_names_stand_above_their_objects():
     """All objects, or one."""
     world = world_of("mid")
-    words = dict(sketch_names(world).words)
+    words = dict(sketch_names(world).labels)
     assert set(words) == {"cabinet", "apple", "banana"}
     apple = world.data.xpos[world.compiled.scene.bodies["apple"]]
     assert np.linalg.norm(words["apple"][:2] - apple[:2]) < 0.05
     assert words["apple"][2] > apple[2]
-    assert [name for name, _ in sketch_names(world, "apple").words] == ["apple"]
+    assert [name for name, _ in sketch_names(world, "apple").labels] == ["apple"]
 
 
 def test_every_layer_has_a_hint():
@@ -43,7 +43,7 @@ def test_clearances_are_kept_in_layouts():
         sketch = sketch_clearances(world_of("tabletop_lift", seed))
         assert sketch.lines
         assert {colour for _, colour in sketch.lines} == {GREEN}
-        for (ends, _), (text, _) in zip(sketch.lines, sketch.words, strict=True):
+        for (ends, _), (text, _) in zip(sketch.lines, sketch.labels, strict=True):
             assert text.endswith(f"{1e3 * np.linalg.norm(ends[1] - ends[0]):.0f} mm, at least 50")
 
 
@@ -54,7 +54,7 @@ def test_what_things_carry_is_not_too_near(scene: str):
     """A banana in a drawer touches it, and a lemon its chest: neither is red, from neither side."""
     for seed in range(2):
         sketch = sketch_clearances(world_of(scene, seed))
-        assert [text for (text, _), (_, colour) in zip(sketch.words, sketch.lines, strict=True) if colour == RED] == []
+        assert [text for (text, _), (_, colour) in zip(sketch.labels, sketch.lines, strict=True) if colour == RED] == []
 
 
 def test_the_larger_clearance_is_asked_for():
@@ -62,7 +62,7 @@ def test_the_larger_clearance_is_asked_for():
     floor, pear = {"size": [0.4, 0.4]}, {"asset": "pear", "on": "floor", "clearance": 0.03}
     world = world_of({"floor": floor, "objects": {"apple": {"asset": "apple", "on": "floor"}, "pear": pear}})
     for name in ("apple", "pear"):
-        assert sketch_clearances(world, name).words[0][0].endswith("at least 30")
+        assert sketch_clearances(world, name).labels[0][0].endswith("at least 30")
 
 
 def test_what_is_too_near_is_red():
@@ -86,7 +86,7 @@ def test_a_pair_is_drawn_once():
     world = world_of({"floor": {"size": [0.3, 0.3]}, "objects": objects})
     sketch = sketch_clearances(world)
     assert len(sketch.lines) == 1
-    assert sketch.words[0][0].startswith("apple to pear: ")
+    assert sketch.labels[0][0].startswith("apple to pear: ")
 
 
 def test_what_is_nearest_is_named_as_in_a_scene_file():

@@ -107,7 +107,7 @@ def test_objects_of_one_region_share_its_words():
     """Five things on one table: one surface, whose words name them all."""
     sketch = sketch_regions(world_of("tabletop_lift"))
     assert len(sketch.surfaces) == 1
-    assert [text for text, _ in sketch.words] == ["tin, orange, can, lemon, block here"]
+    assert [text for text, _ in sketch.labels] == ["tin, orange, can, lemon, block here"]
     assert sketch.lines
 
 
@@ -115,8 +115,8 @@ def test_many_regions_that_are_nearly_the_same_share_their_words():
     """Twenty things on one table, each a little farther from its edge than another."""
     sketch = sketch_regions(world_of("clutter"))
     assert len(sketch.surfaces) > 10
-    assert len(sketch.words) <= 3
-    assert " more here" in sketch.words[0][0]
+    assert len(sketch.labels) <= 3
+    assert " more here" in sketch.labels[0][0]
 
 
 def test_where_nothing_is_left_it_says_so():
@@ -133,7 +133,7 @@ def test_where_nothing_is_left_it_says_so():
     world.placed("apple").__dict__["config"] = far
     sketch = sketch_regions(world, "apple")
     assert sketch.surfaces == []
-    assert [text for text, _ in sketch.words] == ["no region for apple"]
+    assert [text for text, _ in sketch.labels] == ["no region for apple"]
 
 
 @pytest.mark.parametrize("near", [{}, {"relations": [{"near": "post", "distance": {"max": 0.5}}]}], ids=["all", "near"])

@@ -20,7 +20,7 @@ def test_what_is_drawn_is_on_the_page_until_it_is_erased():
     sketch.outline(triangle, BLUE)
     sketch.arrows.append((triangle[:2], BLUE))
     sketch.axes.append((np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])))
-    sketch.words.append(("here", np.zeros(3)))
+    sketch.labels.append(("here", np.zeros(3)))
     assert len(sketch.lines) == 3
     with page() as server:
         names = ["surface0", "lines", "arrow0", "axes", "word0"]

@@ -48,7 +48,7 @@ def test_a_candidate_is_red_and_later_objects_are_not_there(deck: LayoutDeck):
         assert np.all(middle < high + 0.01)
         later = set(deck.compiled.placed[candidate.number + 1 :])
         assert world.unplaced == later
-        assert [text for text, _ in sketch.words] == [f"{candidate.name}: {candidate.cause}"]
+        assert [text for text, _ in sketch.labels] == [f"{candidate.name}: {candidate.cause}"]
 
 
 def test_what_hides_a_candidate_is_found_and_drawn_as_glass():

@@ -6,8 +6,6 @@ heading of 180 degrees - a. The initial states that LIBERO ships show the same h
 measured on LIBERO's models.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -174,7 +172,7 @@ OBJECTS = {
     "white_yellow_mug": Kind((0.139, 0.106, 0.103), _MUG),
 }
 """Free objects, by class."""
-TURN = {"z": (1.0, 0.0, 0.0, 0.0), "y": (0.5**0.5, 0.5**0.5, 0.0, 0.0)}
+ROTATION = {"z": (1.0, 0.0, 0.0, 0.0), "y": (0.5**0.5, 0.5**0.5, 0.0, 0.0)}
 """Rotation (wxyz) that points an axis of a model up."""
 
 

@@ -1,7 +1,5 @@
 """Places LIBERO's objects and fixtures: models or stand-in boxes, supports, regions, orientations and joints."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from pathlib import Path
@@ -17,7 +15,7 @@ from sceniris_gym.geometry.pieces import extract_pieces
 from sceniris_gym.geometry.resting_poses import HomeShape
 from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.geometry.supports import level_surfaces
-from sceniris_gym.importers.libero.kinds import FIXTURES, OBJECTS, TURN, WORKSPACES, Box, Kind, Workspace, moving
+from sceniris_gym.importers.libero.kinds import FIXTURES, OBJECTS, ROTATION, WORKSPACES, Box, Kind, Workspace, moving
 from sceniris_gym.importers.libero.problem import Predicate, Problem, Region
 from sceniris_gym.scene.assemble import compile_spec
 from sceniris_gym.scene.model_files import load_model
@@ -53,7 +51,7 @@ def load_thing(name: str, kind: Kind, assets: Path, where: str) -> mujoco.MjSpec
         geom.group = geom.group or _HIDDEN
     spec.compiler.inertiagrouprange = [_HIDDEN, _HIDDEN]  # as in robosuite, collision geoms carry the mass
     inner = spec.body(INNER)
-    inner.pos, inner.quat = np.zeros(3), TURN[kind.up]
+    inner.pos, inner.quat = np.zeros(3), ROTATION[kind.up]
     return spec
 
 
@@ -228,9 +226,9 @@ class Places:
         """
         site = self._site(region, where)
         radius = self._spec.site(f"{name}/horizontal_radius_site")
-        turned = np.abs(matrix(np.asarray(site.quat)) @ site.size)
+        rotated = np.abs(matrix(np.asarray(site.quat)) @ site.size)
         away = radius.pos[0] if radius is not None else _RADIUS
-        half = np.abs(0.5 * turned[:2] - away)
+        half = np.abs(0.5 * rotated[:2] - away)
         corners = site.pos[:2] + np.array([-half, half])
         return {word.lower(): site.parent.name, **self._within(name, self._relative(name, region.target), corners)}
 

@@ -1,7 +1,5 @@
 """Parses BDDL problem files into regions, objects, fixtures and predicates, each with its line in the file."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterator, Mapping

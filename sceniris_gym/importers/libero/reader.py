@@ -1,7 +1,5 @@
 """Reads LIBERO's problem files as scenes of this package: `read_bddl`."""
 
-from __future__ import annotations
-
 import math
 import warnings
 from collections.abc import Mapping
@@ -86,8 +84,7 @@ def read_bddl(
     problem = replace(problem, objects={**problem.objects, **added})
     surface, space = _workspace(problem)
     spec = _model(problem, surface, space, None if assets is None else user_path(assets, Path(), "read_bddl: assets"))
-    objects = Places(problem, surface, space, spec, widen).words(list(added))
-    words: dict[str, Any] = {"objects": objects}
+    words: dict[str, Any] = {"objects": Places(problem, surface, space, spec, widen).words(list(added))}
     if surface == FLOOR:
         words["floor"] = {"size": np.subtract(space.high, space.low).tolist()}
     if added:

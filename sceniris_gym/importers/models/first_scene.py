@@ -1,7 +1,5 @@
 """Writes a first scene file for a model: its robot, its free bodies on their supports, and a list of all supports."""
 
-from __future__ import annotations
-
 import json
 import re
 import textwrap
@@ -236,9 +234,9 @@ class _Bodies:
 
     def _tilted(self, body: int) -> tuple[str, ...]:
         """Return a note if the start pose tilts a body against `qpos0`, because layouts place it as in `qpos0`."""
-        turn = self.data.xmat[body].reshape(3, 3)[2] @ matrix(self.mjm.body_quat[body])[2]
+        upright = self.data.xmat[body].reshape(3, 3)[2] @ matrix(self.mjm.body_quat[body])[2]
         note = "The start pose tilts it, but layouts place it upright as in `qpos0`. To change that, see `orientation`."
-        return (note,) if turn < np.cos(np.radians(5.0)) else ()
+        return (note,) if upright < np.cos(np.radians(5.0)) else ()
 
     def _is_driven(self, bodies: list[int]) -> bool:
         joints = np.flatnonzero(np.isin(self.mjm.jnt_bodyid, bodies))

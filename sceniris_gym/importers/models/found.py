@@ -1,7 +1,5 @@
 """Finds the arms of a model with their tool centre points, and its supports with their names in a scene."""
 
-from __future__ import annotations
-
 import copy
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -74,7 +72,7 @@ class FoundArm:
         site = next((s for word in _TCP_WORDS for s in own if word in self.mjm.site(s).name.lower()), None)
         if site is not None:
             along = self._along(data, data.site_xmat[site].reshape(3, 3))
-            return TcpConfig.model_validate({"site": self.mjm.site(site).name, **_turn_to(along)})
+            return TcpConfig.model_validate({"site": self.mjm.site(site).name, **_rotation_to(along)})
         body = self.hand if self.fingers else self.palm[-1]
         mat, pos = data.xmat[body].reshape(3, 3), data.xpos[body]
         along, offset = self._along(data, mat), [0.0, 0.0, 0.0]
@@ -84,7 +82,7 @@ class FoundArm:
             tip = middle + along * (((points - middle) @ along).max() - _TIP)
             offset = [round(float(v), 4) + 0.0 for v in tip]
         name = self.mjm.body(body).name
-        return TcpConfig.model_validate({"body": name, "offset": offset, **_turn_to(along)})
+        return TcpConfig.model_validate({"body": name, "offset": offset, **_rotation_to(along)})
 
     def _along(self, data: mujoco.MjData, mat: np.ndarray) -> np.ndarray:
         """Return the approach axis in a frame of the hand. It snaps to an axis of this frame if one is near."""
@@ -155,15 +153,15 @@ def _points(mjm: mujoco.MjModel, data: mujoco.MjData, bodies: tuple[int, ...]) -
     return np.concatenate(found)
 
 
-def _turn_to(along: np.ndarray) -> dict[str, float]:
+def _rotation_to(along: np.ndarray) -> dict[str, float]:
     """Return the roll and pitch [degrees] that rotate the z axis to a direction. Zero angles are omitted."""
     if math.degrees(math.acos(np.clip(along[2], -1.0, 1.0))) < _CLOSE:
         return {}
     x, y, z = along
     roll = math.degrees(math.asin(np.clip(-y, -1.0, 1.0)))
     pitch = math.degrees(math.atan2(x, z)) if abs(y) <= 1.0 - 1e-9 else 0.0
-    turns = {"roll": round(roll, 2), "pitch": round(pitch, 2)}
-    return {word: turn for word, turn in turns.items() if turn}
+    angles = {"roll": round(roll, 2), "pitch": round(pitch, 2)}
+    return {word: angle for word, angle in angles.items() if angle}
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,6 @@ parts is not an error if the ball cannot enter it: parts could close the gap by 
 Surface points inside such a gap are measured like all others.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

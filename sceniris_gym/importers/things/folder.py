@@ -1,7 +1,5 @@
 """Imports all files of a folder in parallel. A failure or crash of one import does not stop the others."""
 
-from __future__ import annotations
-
 import json
 import multiprocessing
 import os

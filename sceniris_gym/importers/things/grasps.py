@@ -1,7 +1,5 @@
 """Finds antipodal grasps: two fingers close on faces with opposite normals."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -105,13 +103,13 @@ def _spread(found: list[GraspSite], size: float) -> list[GraspSite]:
     if not found:
         return []
     features = np.array([np.concatenate([g.pos / size, matrix(g.quat).ravel() * 0.5]) for g in found])
-    turned = np.array([np.concatenate([g.pos / size, (matrix(g.quat) * [-1, -1, 1]).ravel() * 0.5]) for g in found])
+    swapped = np.array([np.concatenate([g.pos / size, (matrix(g.quat) * [-1, -1, 1]).ravel() * 0.5]) for g in found])
     chosen = [int(np.argmin([matrix(g.quat)[2, 2] for g in found]))]  # the one closest to straight down
     away = np.full(len(found), np.inf)
     while len(chosen) < min(MOST, len(found)):
         last = chosen[-1]
         away = np.minimum(away, np.linalg.norm(features - features[last], axis=1))
-        away = np.minimum(away, np.linalg.norm(turned - features[last], axis=1))  # swapped fingers: same grasp
+        away = np.minimum(away, np.linalg.norm(swapped - features[last], axis=1))  # swapped fingers: same grasp
         if away.max() < 0.05:
             break
         chosen.append(int(np.argmax(away)))

@@ -1,7 +1,5 @@
 """Imports an object: reads, scales, repairs, cuts it into convex parts, simulates how it rests, and writes an asset."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os
@@ -189,13 +187,13 @@ def import_thing(source: Path, out: Path, options: Options | None = None, ask: A
         write_asset(asset, [], draft)
         rests = resting_poses(draft)
         up, up_how = find_up(thing, options.up, lambda axis: stands(rests, np.eye(3)["xyz".index(axis)]))
-        turn = UPRIGHT[up]
+        rotation = UPRIGHT[up]
         bare = tuple(replace(link, surfaces=link.touched, solids=()) for link in thing.links)
-        points = replace(thing, links=bare).points() @ turn.T
+        points = replace(thing, links=bare).points() @ rotation.T
         low, high = points.min(axis=0), points.max(axis=0)
         shift = np.array([*(-0.5 * (low + high)[:2]), -low[2]])
-        asset = asset.moved(turn, shift)
-        grasps = _grasps(thing.moved(turn, shift).links[0], asset.links[0])
+        asset = asset.moved(rotation, shift)
+        grasps = _grasps(thing.moved(rotation, shift).links[0], asset.links[0])
         shutil.rmtree(draft.parent / draft.stem)
         files = write_asset(asset, grasps, draft)
         rests = resting_poses(draft)

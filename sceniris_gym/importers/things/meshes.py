@@ -1,7 +1,5 @@
 """Reads mesh files (OBJ, STL, PLY, OFF, GLB, glTF, and DAE with pycollada) and URDF files."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -229,8 +227,8 @@ def _inertia(element: ElementTree.Element | None) -> Inertia | None:
     if element is None or mass is None or inertia is None:
         return None
     pos, quat = _origin(element)
-    turn = matrix(quat)
-    full = turn @ np.reshape([float(inertia.get(name, 0.0)) for name in _MOMENTS], (3, 3)) @ turn.T
+    rotation = matrix(quat)
+    full = rotation @ np.reshape([float(inertia.get(name, 0.0)) for name in _MOMENTS], (3, 3)) @ rotation.T
     value = float(mass.get("value", 0.0))
     least, middle, most = np.linalg.eigvalsh(full)
     if value <= 0.0 or least <= LEAST_MOMENT or least + middle < most:
@@ -241,8 +239,8 @@ def _inertia(element: ElementTree.Element | None) -> Inertia | None:
 def _origin(element: ElementTree.Element) -> tuple[np.ndarray, np.ndarray]:
     """Return the pose of an element: position and orientation (wxyz)."""
     origin = element.find("origin")
-    words = {} if origin is None else origin.attrib
-    return _floats(words.get("xyz"), (0, 0, 0)), of_angles(_floats(words.get("rpy"), (0, 0, 0)))
+    attributes = {} if origin is None else origin.attrib
+    return _floats(attributes.get("xyz"), (0, 0, 0)), of_angles(_floats(attributes.get("rpy"), (0, 0, 0)))
 
 
 def _floats(text: str | None, default: tuple[float, ...]) -> np.ndarray:

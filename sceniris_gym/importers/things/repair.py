@@ -1,7 +1,5 @@
 """Repairs the surfaces of a link into one closed mesh, and reports each repair."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

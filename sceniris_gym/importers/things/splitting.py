@@ -134,10 +134,10 @@ def small_hull(points: np.ndarray, allowed: float = np.inf) -> trimesh.Trimesh:
     hull = convex_hull(points)
     if len(hull.vertices) <= _MOST_VERTICES:
         return hull
-    turn = np.pi * (1.0 + np.sqrt(5.0)) * np.arange(_EVEN)
+    angles = np.pi * (1.0 + np.sqrt(5.0)) * np.arange(_EVEN)
     height = 1.0 - 2.0 * (np.arange(_EVEN) + 0.5) / _EVEN
     level = np.sqrt(1.0 - height**2)
-    directions = np.stack([level * np.cos(turn), level * np.sin(turn), height], axis=1)
+    directions = np.stack([level * np.cos(angles), level * np.sin(angles), height], axis=1)
     directions = np.concatenate([directions, np.eye(3), -np.eye(3)])
     farthest = np.unique(np.argmax(hull.vertices @ directions.T, axis=0))
     heights = (hull.vertices * hull.vertex_normals).sum(axis=1)

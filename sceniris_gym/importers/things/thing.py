@@ -1,12 +1,10 @@
 """An imported object as a tree of links with surfaces and solids, read from any format and written as MJCF."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 from xml.etree import ElementTree
 
 import mujoco
@@ -39,11 +37,11 @@ class Surface:
     texture: Image | None = None
     uv: np.ndarray | None = None
 
-    def moved(self, turn: np.ndarray, shift: np.ndarray | float = 0.0) -> Surface:
+    def moved(self, rotation: np.ndarray, shift: np.ndarray | float = 0.0) -> Self:
         """Return the surface with its vertices multiplied by a matrix, shape (3, 3), then shifted."""
         # A matrix that mirrors turns the faces inside out, so their vertex order is reversed.
-        faces = self.faces[:, ::-1] if np.linalg.det(turn) < 0.0 else self.faces
-        return replace(self, vertices=self.vertices @ turn.T + shift, faces=faces)
+        faces = self.faces[:, ::-1] if np.linalg.det(rotation) < 0.0 else self.faces
+        return replace(self, vertices=self.vertices @ rotation.T + shift, faces=faces)
 
 
 @dataclass(frozen=True)
@@ -106,9 +104,9 @@ class Link:
         """Source surfaces of the collision geometry."""
         return self.solids or self.surfaces
 
-    def moved(self, turn: np.ndarray, shift: np.ndarray | float = 0.0) -> Link:
+    def moved(self, rotation: np.ndarray, shift: np.ndarray | float = 0.0) -> Self:
         """Return the link with all of its surfaces moved in the link's frame."""
-        surfaces, solids = (tuple(s.moved(turn, shift) for s in kind) for kind in (self.surfaces, self.solids))
+        surfaces, solids = (tuple(s.moved(rotation, shift) for s in kind) for kind in (self.surfaces, self.solids))
         return replace(self, surfaces=surfaces, solids=solids)
 
 
@@ -135,33 +133,33 @@ class Thing:
         frames: dict[str | None, tuple[np.ndarray, np.ndarray]] = {None: (np.eye(3), np.zeros(3))}
         found = [np.zeros((0, 3))]
         for link in self.links:
-            turn, at = frames[link.parent]
-            frames[link.name] = turn, at = turn @ matrix(link.quat), at + turn @ link.pos
-            found += [at + surface.vertices @ turn.T for surface in (*link.surfaces, *link.solids)]
+            rotation, at = frames[link.parent]
+            frames[link.name] = rotation, at = rotation @ matrix(link.quat), at + rotation @ link.pos
+            found += [at + surface.vertices @ rotation.T for surface in (*link.surfaces, *link.solids)]
         return np.concatenate(found)
 
     def extents(self) -> np.ndarray:
         """Return the edge lengths of the bounding box, shape (3,)."""
         return np.ptp(points, axis=0) if len(points := self.points()) else np.zeros(3)
 
-    def scaled(self, factor: float) -> Thing:
+    def scaled(self, factor: float) -> Self:
         """Return the object in another unit of length. Masses do not change."""
         return replace(self, links=tuple(_scaled(link, factor) for link in self.links))
 
-    def moved(self, turn: np.ndarray, shift: np.ndarray) -> Thing:
-        """Return the object rotated by `turn` (3, 3), then shifted by `shift` (3,), in the root's frame.
+    def moved(self, rotation: np.ndarray, shift: np.ndarray) -> Self:
+        """Return the object rotated by `rotation` (3, 3), then shifted by `shift` (3,), in the root's frame.
 
         The root link's frame stays at the origin, so the surfaces, inertia and child links of the root are moved.
         """
         root, *rest = self.links
         inertia = root.inertia
         if inertia is not None:
-            inertia = Inertia(inertia.mass, turn @ inertia.center + shift, turn @ inertia.matrix @ turn.T)
-        moved = replace(root.moved(turn, shift), inertia=inertia)
+            inertia = Inertia(inertia.mass, rotation @ inertia.center + shift, rotation @ inertia.matrix @ rotation.T)
+        moved = replace(root.moved(rotation, shift), inertia=inertia)
         children = [
             link
             if link.parent != root.name
-            else replace(link, pos=turn @ link.pos + shift, quat=quaternion(turn @ matrix(link.quat)))
+            else replace(link, pos=rotation @ link.pos + shift, quat=quaternion(rotation @ matrix(link.quat)))
             for link in rest
         ]
         return replace(self, links=(moved, *children))

@@ -3,8 +3,6 @@
 The manifest records the source.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 

@@ -1,7 +1,5 @@
 """Reads the meshes and materials of a USD stage. Importing this module requires usd-core."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Iterator
 from pathlib import Path
@@ -105,9 +103,9 @@ def _primitive(prim: Any, time: Any) -> Any:
     made = make(radius=value("radius"), height=value("height"))
     if prim.IsA(UsdGeom.Cone):
         made.apply_translation([0.0, 0.0, -0.5 * value("height")])
-    turn = {"X": [[0, 0, 1], [1, 0, 0], [0, 1, 0]], "Y": [[0, 1, 0], [0, 0, 1], [1, 0, 0]]}.get(value("axis"))
-    if turn is not None:
-        made.vertices = made.vertices @ np.array(turn, float).T
+    rotation = {"X": [[0, 0, 1], [1, 0, 0], [0, 1, 0]], "Y": [[0, 1, 0], [0, 0, 1], [1, 0, 0]]}.get(value("axis"))
+    if rotation is not None:
+        made.vertices = made.vertices @ np.array(rotation, float).T
     return made
 
 

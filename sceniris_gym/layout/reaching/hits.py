@@ -37,7 +37,7 @@ def _test(
     last: int,
     # Layouts in: bodies*
     layouts: LayoutsView,
-    # ReachSearch in: column, tier, candidates, row, start, body_pos, body_quat; both: failed
+    # ReachSearch in: column, tier, candidates, row, ik_start, body_pos, body_quat; both: failed
     reach_search: ReachSearch,
 ):
     block, lane = wp.tid()
@@ -74,7 +74,7 @@ def _test_containment(
     last: int,
     # Layouts in: bodies*
     layouts: LayoutsView,
-    # ReachSearch in: column, tier, candidates, row, start, body_pos, body_quat; both: failed
+    # ReachSearch in: column, tier, candidates, row, ik_start, body_pos, body_quat; both: failed
     reach_search: ReachSearch,
 ):
     block, lane = wp.tid()

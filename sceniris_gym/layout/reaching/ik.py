@@ -82,7 +82,7 @@ def _choose_starts(
     layouts: LayoutsView,
     # Search in: restarts*
     search: Search,
-    # ReachSearch in: column, tier, first, candidates, row, grasp, start; out: grasp_qpos; both: failed
+    # ReachSearch in: column, tier, first, candidates, row, grasp, ik_start; out: grasp_qpos; both: failed
     reach_search: ReachSearch,
 ):
     for c in range(wp.tid(), candidate_num(reach_search), lanes):
@@ -95,7 +95,7 @@ def _choose_starts(
         row = reach_search.row[c]
         column = reach_search.column[row]
         grasp = reach_search.grasp[c]
-        start = reach_search.start[c]
+        start = reach_search.ik_start[c]
         q = vec8()
         if start == 0:
             for i in range(MAX_JOINTS):
@@ -121,7 +121,7 @@ def _solve(
     step: int,
     # Layouts in: bodies*
     layouts: LayoutsView,
-    # ReachSearch in: column, tier, candidates, row, grasp, start; out: pregrasp_qpos; both: failed, grasp_qpos
+    # ReachSearch in: column, tier, candidates, row, grasp, ik_start; out: pregrasp_qpos; both: failed, grasp_qpos
     reach_search: ReachSearch,
 ):
     for c in range(wp.tid(), candidate_num(reach_search), lanes):

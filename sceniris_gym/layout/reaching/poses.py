@@ -128,8 +128,8 @@ def _pose(
     at_once: int,
     # Layouts in: qpos, bodies*
     layouts: LayoutsView,
-    # ReachSearch in: column, tried, tier, first, rows, candidates, row, grasp, start, grasp_qpos, pregrasp_qpos; both:
-    #   failed, qpos, body_pos, body_quat
+    # ReachSearch in: column, tried, tier, first, rows, candidates, row, grasp, ik_start, grasp_qpos, pregrasp_qpos;
+    #   both: failed, qpos, body_pos, body_quat
     reach_search: ReachSearch,
 ):
     for c in range(wp.tid(), candidate_num(reach_search), lanes):

@@ -78,7 +78,7 @@ class ReachSearch:
     # Candidates
     row: wp.array[int]
     grasp: wp.array[int]
-    start: wp.array[int]
+    ik_start: wp.array[int]
     failed: wp.array[int]  # the failed step, PASSED if all steps passed, or DEFERRED if the candidate is tried again
     grasp_qpos: wp.array[vec8]  # the arm's joints: first the start, then the solution for the grasp
     pregrasp_qpos: wp.array[vec8]
@@ -126,7 +126,7 @@ def queue_target(reach_search: ReachSearch, row: int, column: int, total: int):
 @wp.func
 def first_start(reach_search: ReachSearch, c: int) -> int:
     """Return the candidate with a grasp's first start, or -1 if an earlier wave had it. Its result holds for all."""
-    found = c - reach_search.start[c]
+    found = c - reach_search.ik_start[c]
     if found < reach_search.first[reach_search.row[c]]:
         return -1
     return found
@@ -137,7 +137,7 @@ def takes_step(reach_search: ReachSearch, c: int, step: int) -> bool:
     """Return True if a candidate has passed all steps before a step, and takes this step itself."""
     if reach_search.failed[c] < step:
         return False
-    if step < ReachStep.IK_AT_GRASP and reach_search.start[c] != 0:
+    if step < ReachStep.IK_AT_GRASP and reach_search.ik_start[c] != 0:
         return False
     if step == ReachStep.MAP or step == ReachStep.IK_AT_GRASP or step == ReachStep.SELF_AT_GRASP:
         return True
@@ -156,7 +156,7 @@ def create_reach_search(compiled: CompiledScene, nrow: int, size: SearchSize, ea
         zeros((2, nrow), "queue")
         zeros((nrow, len(reaching.targets)), "tier")
         zeros(1, "rows_left source rows candidates")
-        zeros(ncand, "row grasp start failed grasp_qpos pregrasp_qpos")
+        zeros(ncand, "row grasp ik_start failed grasp_qpos pregrasp_qpos")
         zeros((ncand, mjm.nq), "qpos")
         zeros((ncand, mjm.nbody), "body_pos body_quat")
         zeros((early, mjm.nq), "hand_qpos")

@@ -4,8 +4,6 @@ The stage follows placing. If a target has no such joints, the world continues w
 the bank after its last restart. The stage does not plan a path from the start pose.
 """
 
-from __future__ import annotations
-
 from functools import partial
 
 from sceniris_gym.config.tier import Tier

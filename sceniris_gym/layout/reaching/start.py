@@ -200,8 +200,8 @@ def _accept(
     layouts: LayoutsView,
     # Search in: row_world; both: best
     search: Search,
-    # ReachSearch in: column, total, tier, first, trials, source, rows, grasp, start, failed, grasp_qpos, pregrasp_qpos,
-    #   qpos, body_pos, body_quat; out: candidates; both: number, tried, furthest, queue, rows_left
+    # ReachSearch in: column, total, tier, first, trials, source, rows, grasp, ik_start, failed, grasp_qpos,
+    #   pregrasp_qpos, qpos, body_pos, body_quat; out: candidates; both: number, tried, furthest, queue, rows_left
     reach_search: ReachSearch,
 ):
     if wp.tid() == 0:

@@ -161,7 +161,7 @@ def _open_candidates(
     busy: int,
     # Layouts in: grasp
     layouts: LayoutsView,
-    # ReachSearch in: column, number, total, tried, queue, rows_left, source; out: first, trials, row, grasp, start,
+    # ReachSearch in: column, number, total, tried, queue, rows_left, source; out: first, trials, row, grasp, ik_start,
     #   failed; both: candidates
     reach_search: ReachSearch,
 ):
@@ -184,7 +184,7 @@ def _open_candidates(
             start = number + t
             reach_search.row[first + t] = row
             reach_search.grasp[first + t] = _first_grasp(reach, layouts, row, column) + start // wp.static(STARTS)
-            reach_search.start[first + t] = start % wp.static(STARTS)
+            reach_search.ik_start[first + t] = start % wp.static(STARTS)
             reach_search.failed[first + t] = ReachStep.PASSED
 
 
@@ -197,7 +197,7 @@ def _look_up(
     layouts: LayoutsView,
     # Search in: row_world
     search: Search,
-    # ReachSearch in: column, tier, candidates, row, grasp, start; out: rows; both: rows_left, source, failed
+    # ReachSearch in: column, tier, candidates, row, grasp, ik_start; out: rows; both: rows_left, source, failed
     reach_search: ReachSearch,
 ):
     if wp.tid() == 0:
@@ -253,7 +253,7 @@ def first_passed(reach_search: ReachSearch, row: int) -> int:
             return c
         after = reach_search.number[row] + c + 1 - reach_search.first[row]
         if failed < ReachStep.IK_AT_GRASP:  # all starts of this grasp fail
-            after += wp.static(STARTS) - 1 - reach_search.start[c]
+            after += wp.static(STARTS) - 1 - reach_search.ik_start[c]
         else:
             reach_search.tried[row] += 1
     reach_search.number[row] = after
@@ -283,7 +283,7 @@ def _accept(
     layouts: LayoutsView,
     # Search in: ticket, restarts*, row_free, restarts_at_once; both: best, waiting
     search: Search,
-    # ReachSearch in: tier, first, trials, source, rows, grasp, start, failed, grasp_qpos, pregrasp_qpos; out: arm,
+    # ReachSearch in: tier, first, trials, source, rows, grasp, ik_start, failed, grasp_qpos, pregrasp_qpos; out: arm,
     #   candidates; both: column, number, total, tried, furthest, queue, rows_left
     reach_search: ReachSearch,
 ):

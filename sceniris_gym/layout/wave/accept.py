@@ -61,12 +61,12 @@ def place(
         layouts.body_quat[row, body] = search.body_quat[c, body]
     if lane > 0:
         return
-    slot = program.obj_place[obj]
+    column = program.obj_column[obj]
     if program.obj_kind[obj] != ObjectKind.STATIC:
-        layouts.place[row, slot] = search.place[c]
-        layouts.bounds[row, slot] = search.bounds[c]
+        layouts.pivot_pose[row, column] = search.pivot_pose[c]
+        layouts.bounds[row, column] = search.bounds[c]
     elif program.obj_measured[obj] != 0:
-        layouts.bounds[row, slot] = search.bounds[c]
+        layouts.bounds[row, column] = search.bounds[c]
     if search.row_surface.shape[1] > 0:
         search.row_surface[row, obj] = search.surface[c]
         search.row_stable[row, obj] = search.stable_draw[c].stable
@@ -185,10 +185,10 @@ def _accept(
     reach: Reach,
     staged: bool,
     busy: int,
-    # Layouts in: present, record_all; out: grasp, stable, places*, record*; both: state*, row_rejections, bodies*,
+    # Layouts in: present, record_all; out: grasp, stable, pivots*, record*; both: state*, row_rejections, bodies*,
     #   rejected_count
     layouts: LayoutsView,
-    # Search in: restarts*, source, rows, rows_before, cause, stable_draw, surface, grasp, free, places*, poses*; out:
+    # Search in: restarts*, source, rows, rows_before, cause, stable_draw, surface, grasp, free, pivots*, poses*; out:
     #   waiting, row_free, placed*, trials*; both: best, row_object, row_trial, row_attempts, queue, shares*, rows_left,
     #   opened
     search: Search,

@@ -42,10 +42,10 @@ def _draw_ahead(
     program: Program,
     reach: Reach,
     split: wp.uint32,
-    # Layouts in: present, pending*; out: state*, grasp, stable, bounds; both: place, bodies*
+    # Layouts in: present, pending*; out: state*, grasp, stable, bounds; both: pivot_pose, bodies*
     layouts: LayoutsView,
     # Search in: restarts*, queue, row_first, row_ahead, rows_left, source, trials*, free; out: row_free, placed*,
-    #   overflowed, flags*; both: cause, stable_draw, heading, point, surface, grasp, places*, poses*
+    #   overflowed, flags*; both: cause, stable_draw, heading, point, surface, grasp, pivots*, poses*
     search: Search,
 ):
     for i in range(wp.tid(), search.rows_left[0], lanes):

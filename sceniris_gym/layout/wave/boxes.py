@@ -74,9 +74,9 @@ def _draw_in_boxes(
     program: Program,
     split: wp.uint32,
     columns: wp.array[int],
-    # Layouts in: present, pending*, next_param, default_param, place, bodies*
+    # Layouts in: present, pending*, next_param, default_param, pivot_pose, bodies*
     layouts: LayoutsView,
-    # Search in: restarts*, candidates, trials*, stable_draw, heading, qpos; out: surface, grasp, places*, flags*; both:
+    # Search in: restarts*, candidates, trials*, stable_draw, heading, qpos; out: surface, grasp, pivots*, flags*; both:
     #   cause, point, body_pos, body_quat
     search: Search,
 ):

@@ -26,8 +26,8 @@ def _draw_static(program: Program, layouts: LayoutsView, search: Search, c: int,
     """Pose a static object at its place in the model, with its joints drawn."""
     pose_bodies(program, obj, 0, search.qpos[c], search.body_pos[c], search.body_quat[c])
     if program.obj_measured[obj] == Measure.WHOLE:
-        place = layouts.place[row, program.obj_place[obj]]
-        search.bounds[c] = bounds_of(program, obj, place, search.body_pos[c], search.body_quat[c])
+        pivot_pose = layouts.pivot_pose[row, program.obj_column[obj]]
+        search.bounds[c] = bounds_of(program, obj, pivot_pose, search.body_pos[c], search.body_quat[c])
 
 
 @wp.func
@@ -44,7 +44,7 @@ def _draw_point(program: Program, layouts: LayoutsView, search: Search, c: int, 
         is_joined = is_there(layouts.present[row], beside)
     search.heading[c] = drawn.yaw
     if is_joined:
-        search.heading[c] = drawn.yaw + layouts.place[row, beside][3]
+        search.heading[c] = drawn.yaw + layouts.pivot_pose[row, beside][3]
     if ground < 0:
         return
     frame = pose_of(layouts.body_pos[row, ground], layouts.body_quat[row, ground])
@@ -148,13 +148,13 @@ def _draw(
     lanes: int,
     program: Program,
     split: wp.uint32,
-    # Layouts in: present, pending*, place, bodies*
+    # Layouts in: present, pending*, pivot_pose, bodies*
     layouts: LayoutsView,
     # Out, if there are regions that differ between worlds:
     cuts: wp.array[int],
     regions: wp.array[int],
     # Search in: restarts*, row_first, opened, trials*; out: rows_before, candidates, narrow_pairs, hands,
-    #   any_overflowed, surface, grasp, overflowed, places*, flags*; both: rows_left, source, rows, cause, stable_draw,
+    #   any_overflowed, surface, grasp, overflowed, pivots*, flags*; both: rows_left, source, rows, cause, stable_draw,
     #   heading, point, poses*
     search: Search,
 ):

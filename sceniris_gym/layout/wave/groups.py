@@ -104,8 +104,8 @@ def _park_absent(program: Program, layouts: LayoutsView, row: int, obj: int):
     layouts.body_pos[row, root] = pos
     layouts.body_quat[row, root] = quat
     pose_bodies(program, obj, 1, qpos, layouts.body_pos[row], layouts.body_quat[row])
-    if program.obj_place[obj] == slot:  # an absent variant does not overwrite the place of the present variant
-        layouts.place[row, slot] = wp.vec4(pivot[0], pivot[1], pivot[2], 0.0)
+    if program.obj_column[obj] == slot:  # an absent variant does not overwrite the place of the present variant
+        layouts.pivot_pose[row, slot] = wp.vec4(pivot[0], pivot[1], pivot[2], 0.0)
         layouts.bounds[row, slot] = program.stable_bounds[stable]
     write_root(program, obj, pos, quat, qpos, layouts.mocap_pos[row], layouts.mocap_quat[row])
 

@@ -162,7 +162,7 @@ def _point_holds(
     for i in range(program.obj_relnum[obj]):
         resolved = regions.relations[regions.holder[c], i]
         rel = program.obj_reladr[obj] + i
-        if not relation_holds(program, worldid, rel, resolved, own, layouts.place[row], layouts.bounds[row]):
+        if not relation_holds(program, worldid, rel, resolved, own, layouts.pivot_pose[row], layouts.bounds[row]):
             return False
     return program.obj_erosion[obj] <= 0.0 or _clears_outline(program, obj, tri, frame, own)
 
@@ -237,9 +237,9 @@ def _draw_points(
     blocks: int,
     program: Program,
     split: wp.uint32,
-    # Layouts in: present, pending*, places*, bodies*
+    # Layouts in: present, pending*, pivots*, bodies*
     layouts: LayoutsView,
-    # Search in: restarts*, trials*, stable_draw, heading, qpos; out: cause, surface, grasp, places*, flags*; both:
+    # Search in: restarts*, trials*, stable_draw, heading, qpos; out: cause, surface, grasp, pivots*, flags*; both:
     #   point, body_pos, body_quat
     search: Search,
     # Regions in: cuts, relations, sides, side_num, pieces, piece, piece_area, cut, holder

@@ -22,8 +22,8 @@ def heading_at(
     """Return the heading [rad] of a candidate at a point: the drawn heading, or the direction to a faced object."""
     target = program.obj_target[obj]
     if program.obj_orientation[obj] == OrientationType.FACE_TO and is_there(layouts.present[row], target):
-        place = layouts.place[row, target]
-        return search.stable_draw[c].yaw + facing(at, wp.vec2(place[0], place[1]))
+        pivot_pose = layouts.pivot_pose[row, target]
+        return search.stable_draw[c].yaw + facing(at, wp.vec2(pivot_pose[0], pivot_pose[1]))
     return search.heading[c]
 
 
@@ -45,7 +45,7 @@ def pose_candidate(program: Program, layouts: LayoutsView, search: Search, c: in
     search.body_pos[c, root] = pivot - quat_mat(quat) * drawn.pivot
     search.body_quat[c, root] = quat
     pose_bodies(program, obj, 1, search.qpos[c], search.body_pos[c], search.body_quat[c])
-    search.place[c] = wp.vec4(pivot[0], pivot[1], pivot[2], heading)
+    search.pivot_pose[c] = wp.vec4(pivot[0], pivot[1], pivot[2], heading)
     search.bounds[c] = drawn.bounds
     search.grasp[c] = NO_GRASP
     search.covered[c] = 0

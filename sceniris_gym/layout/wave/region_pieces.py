@@ -13,6 +13,7 @@ from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.wave.search import Search, Workspace, lanes_for_each
 from sceniris_gym.layout.wave.sides import Regions, support_pose
 from sceniris_gym.placement.polygons import HalfPlane, area, clip, set_triangle
+from sceniris_gym.placement.relations import INACTIVE
 from sceniris_gym.program.device import Program
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -91,7 +92,7 @@ def _is_surely_empty(program: Program, regions: Regions, c: int, obj: int, combi
         rest = rest // program.rel_piecenum[rel]
         sides = regions.side_num[c, i]
         # an inactive relation has one piece, the whole plane
-        if sides < 0 and piece > 0:
+        if sides == INACTIVE and piece > 0:
             return True
         adr = program.rel_sideadr[rel] + piece * sides
         for k in range(adr, adr + sides):

@@ -130,7 +130,7 @@ def _open_rows(
     staged: bool,
     ahead: int,
     busy: int,
-    # Layouts out: mocap_pos, mocap_quat, grasp, row_rejections, places*; both: qpos, choices*, bodies*
+    # Layouts out: mocap_pos, mocap_quat, grasp, row_rejections, pivots*; both: qpos, choices*, bodies*
     layouts: LayoutsView,
     # Search in: pending, restart, ticket, restarts_at_once, source, rows, rows_before; out: waiting, row_attempts,
     #   queue, shares*, trials*; both: best, restarts*, row_object, row_trial, rows_left, opened

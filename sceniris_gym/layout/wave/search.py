@@ -84,8 +84,8 @@ class Search:
     free: wp.array2d[bool]  # whether the candidate leaves each grasp in `early_grasp` free
     hand: wp.array[int]  # (candidate, grasp) that are near each other, as indices into `free`
     overflowed: wp.array[int]  # 1: a stack or queue of the collision test overflowed, so one lane repeats the test
-    # Places of candidates
-    place: wp.array[wp.vec4]
+    # Pivots of candidates
+    pivot_pose: wp.array[wp.vec4]
     bounds: wp.array[wp.vec4]
     # Flags of the prefilter
     covered: wp.array[int]  # 1: an obstacle is above the candidate's point
@@ -299,8 +299,8 @@ class Workspace:
 
     def launch(self, kernel: wp.Kernel, dim: Any, inputs: Sequence, *outputs: Any) -> None:
         """Launch a kernel whose lanes work independently."""
-        words = {"block_dim": self.size.block_dim, "device": self.compiled.device}
-        wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, **words)
+        kwargs = {"block_dim": self.size.block_dim, "device": self.compiled.device}
+        wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, **kwargs)
 
     def launch_lanes(self, kernel: wp.Kernel, inputs: Sequence, *outputs: Any) -> None:
         """Launch a kernel whose lanes step through a queue. Its first argument is the number of lanes."""
@@ -311,8 +311,8 @@ class Workspace:
 
         The default is `size.blocks`.
         """
-        blocks, words = blocks or self.size.blocks, {"block_dim": self.size.block_dim, "device": self.compiled.device}
-        wp.launch_tiled(kernel, dim=[blocks], inputs=[blocks, *inputs], outputs=outputs, **words)
+        blocks, kwargs = blocks or self.size.blocks, {"block_dim": self.size.block_dim, "device": self.compiled.device}
+        wp.launch_tiled(kernel, dim=[blocks], inputs=[blocks, *inputs], outputs=outputs, **kwargs)
 
 
 def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Search:
@@ -333,7 +333,7 @@ def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Sea
         zeros((nrow, len(compiled.placed) if kept else 0), "row_surface row_stable")
         zeros(1, "worlds_left rows_left restarts_at_once source rows rows_before")
         zeros(1, "opened candidates narrow_pairs hands any_overflowed")
-        zeros(ncand, "row obj trial cause stable_draw heading point surface place bounds grasp")
+        zeros(ncand, "row obj trial cause stable_draw heading point surface pivot_pose bounds grasp")
         zeros(ncand, "overflowed covered overhanging")
         repeat(Search, s, ncand, compiled.home_state, compiled.device)
         zeros((nrow, early), "row_free")

@@ -6,8 +6,6 @@ training may have seen. Every served layout is finite and within the scene's bou
 the host reject all known causes of other layouts, and `is_sound` guards against unknown causes.
 """
 
-from __future__ import annotations
-
 import warp as wp
 
 from sceniris_gym.device.blocks import block_any
@@ -137,8 +135,8 @@ def _copy_row(layouts: LayoutsView, row: int, worldid: int, width: int, lane: in
     """Copy a finished row into the row of its world."""
     for i in range(lane, width, lanes):
         copy_layout(layouts, row, layouts, worldid, i)
-    for i in range(lane, layouts.place.shape[1], lanes):
-        layouts.place[worldid, i] = layouts.place[row, i]
+    for i in range(lane, layouts.pivot_pose.shape[1], lanes):
+        layouts.pivot_pose[worldid, i] = layouts.pivot_pose[row, i]
         layouts.bounds[worldid, i] = layouts.bounds[row, i]
     for i in range(lane, layouts.stable.shape[1], lanes):
         layouts.stable[worldid, i] = layouts.stable[row, i]
@@ -155,7 +153,7 @@ def _settle(
     split: wp.uint32,
     width: int,
     # Layouts in: pending*, stream; out: draws*, status, first_pass_valid; both: state*, choices*, grasps*, attempts,
-    #   row_rejections, stable, places*, bodies*
+    #   row_rejections, stable, pivots*, bodies*
     layouts: LayoutsView,
     # Search in: row_attempts, restarts_at_once; out: waiting; both: worlds*, worlds_left
     search: Search,

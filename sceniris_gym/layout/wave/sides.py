@@ -32,7 +32,7 @@ class Regions:
     # Candidates
     relations: wp.array2d[ResolvedRelation]
     sides: wp.array2d[HalfPlane]  # half-planes that bound the pieces of the relations
-    side_num: wp.array2d[int]  # number of half-planes per piece of a relation, -1 if the relation is inactive
+    side_num: wp.array2d[int]  # number of half-planes per piece of a relation, or INACTIVE
     pieces: wp.array[int]  # number of pieces of the region that may have positive area
     piece: wp.array2d[int]  # numbers of these pieces
     piece_area: wp.array2d[float]  # [m^2]
@@ -81,7 +81,7 @@ def _resolve(program: Program, layouts: LayoutsView, search: Search, regions: Re
         rel,
         placed(wp.vec2(0.0), search.heading[c], search.stable_draw[c].bounds),
         angle_of(frame.rot[0, 0], frame.rot[1, 0]),
-        layouts.place[row],
+        layouts.pivot_pose[row],
         layouts.bounds[row],
         layouts.present[row],
         hull,
@@ -112,7 +112,7 @@ def _holder(program: Program, search: Search, c: int, row: int, obj: int) -> int
 def _build_sides(
     lanes: int,
     program: Program,
-    # Layouts in: present, places*, bodies*
+    # Layouts in: present, pivots*, bodies*
     layouts: LayoutsView,
     # Search in: row_world, row_first, candidates, row, obj, stable_draw, heading; both: cause
     search: Search,

@@ -6,7 +6,7 @@ from sceniris_gym.config.bounds import MAX_LEVELS
 from sceniris_gym.device.transforms import pose_of
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.wave.search import Search, Workspace, candidate_num
-from sceniris_gym.placement.placed import turned
+from sceniris_gym.placement.placed import rotated
 from sceniris_gym.placement.standing import Level, find_patch, lies_on_a_part, loads_stand, measure, weigh
 from sceniris_gym.program.device import Cause, Program
 from sceniris_gym.program.device_statics import DIRECTIONS, Statics
@@ -27,10 +27,11 @@ def _stands_alone(program: Program, statics: Statics, layouts: LayoutsView, sear
     obj = search.obj[c]
     if statics.obj_levelnum[obj] > 1:
         return False
-    place = search.place[c]
+    pivot_pose = search.pivot_pose[c]
     body = program.obj_ground[obj]
     ground = pose_of(layouts.body_pos[row, body], layouts.body_quat[row, body])
-    return lies_on_a_part(statics, search.stable_draw[c].stable, wp.vec2(place[0], place[1]), search.surface[c], ground)
+    at = wp.vec2(pivot_pose[0], pivot_pose[1])
+    return lies_on_a_part(statics, search.stable_draw[c].stable, at, search.surface[c], ground)
 
 
 @wp.func
@@ -41,14 +42,14 @@ def _stands(program: Program, statics: Statics, layouts: LayoutsView, search: Se
     adr = statics.obj_leveladr[search.obj[c]]
     num = statics.obj_levelnum[search.obj[c]]
     worldid = search.row_world[row]
-    origin = wp.vec3(search.place[c][0], search.place[c][1], search.place[c][2])
+    origin = wp.vec3(search.pivot_pose[c][0], search.pivot_pose[c][1], search.pivot_pose[c][2])
     total = wp.vec4(0.0)
     for j in range(num):
         number = adr + j
         obj = statics.level_obj[number]
         surface = search.surface[c]
         stable = search.stable_draw[c].stable
-        place = search.place[c]
+        pivot_pose = search.pivot_pose[c]
         own = wp.vec4(0.0)
         if j == 0:
             own = weigh(program, statics, obj, worldid, search.body_pos[c], search.body_quat[c], origin)
@@ -57,7 +58,7 @@ def _stands(program: Program, statics: Statics, layouts: LayoutsView, search: Se
             if surface < 0:  # this object is held, so it carries all objects above
                 return loads_stand(levels, j)
             stable = search.row_stable[row, obj]
-            place = layouts.place[row, program.obj_slot[obj]]
+            pivot_pose = layouts.pivot_pose[row, program.obj_slot[obj]]
             own = weigh(program, statics, obj, worldid, layouts.body_pos[row], layouts.body_quat[row], origin)
         for i in range(statics.level_loadnum[number]):
             other = statics.load[statics.level_loadadr[number] + i]
@@ -69,16 +70,16 @@ def _stands(program: Program, statics: Statics, layouts: LayoutsView, search: Se
         level.load = _centered(total)
         level.sink = statics.level_sink[number] + statics.obj_give[obj] * level.load[0]
         level.gap = program.obj_gap[obj] - statics.obj_touch[obj]
-        level.foot = place[2] - program.obj_gap[obj] - origin[2]
+        level.foot = pivot_pose[2] - program.obj_gap[obj] - origin[2]
         level.law = statics.stable_law[stable]
         body = program.obj_ground[obj]
         ground = pose_of(layouts.body_pos[row, body] - origin, layouts.body_quat[row, body])
-        at = wp.vec2(place[0] - origin[0], place[1] - origin[1])
+        at = wp.vec2(pivot_pose[0] - origin[0], pivot_pose[1] - origin[1])
         level.reach = statics.stable_reach[stable]
         if level.reach[0] > 0.0:
-            level.axis = turned(statics.stable_axis[stable], place[3])
-            level.center = at + turned(statics.stable_center[stable], place[3])
-        if not find_patch(statics, stable, at, place[3], surface, ground, patch):
+            level.axis = rotated(statics.stable_axis[stable], pivot_pose[3])
+            level.center = at + rotated(statics.stable_center[stable], pivot_pose[3])
+        if not find_patch(statics, stable, at, pivot_pose[3], surface, ground, patch):
             return False
         level = measure(level, patch)
         level.margin -= statics.obj_tilt[obj] * (level.load[3] - level.foot)
@@ -93,9 +94,10 @@ def _test_standing(
     lanes: int,
     program: Program,
     statics: Statics,
-    # Layouts in: present, place, bodies*
+    # Layouts in: present, pivot_pose, bodies*
     layouts: LayoutsView,
-    # Search in: row_world, placed*, candidates, row, obj, stable_draw, surface, place, body_pos, body_quat; both: cause
+    # Search in: row_world, placed*, candidates, row, obj, stable_draw, surface, pivot_pose, body_pos, body_quat; both:
+    #   cause
     search: Search,
 ):
     for c in range(wp.tid(), candidate_num(search), lanes):

@@ -72,10 +72,10 @@ def _put_at_markers(
     program: Program,
     starts: Starts,
     end: int,
-    # Layouts in: choices*, place, body_quat
+    # Layouts in: choices*, pivot_pose, body_quat
     layouts: LayoutsView,
     # Search in: row_world, row_surface, candidates, row, obj, stable_draw, heading, qpos; out: cause, surface, grasp,
-    #   places*, flags*; both: point, body_pos, body_quat
+    #   pivots*, flags*; both: point, body_pos, body_quat
     search: Search,
 ):
     for c in range(wp.tid(), candidate_num(search), lanes):
@@ -86,8 +86,8 @@ def _put_at_markers(
         marker = starts.marker[layouts.start[search.row_world[row]], obj]
         if marker < 0:
             continue
-        place = layouts.place[row, program.obj_place[marker]]
-        point = wp.vec3(place[0], place[1], place[2] - program.obj_gap[marker])
+        pivot_pose = layouts.pivot_pose[row, program.obj_column[marker]]
+        point = wp.vec3(pivot_pose[0], pivot_pose[1], pivot_pose[2] - program.obj_gap[marker])
         search.cause[c] = Cause.NONE
         search.point[c] = point
         search.surface[c] = search.row_surface[row, marker]

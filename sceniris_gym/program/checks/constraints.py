@@ -1,7 +1,5 @@
 """Checks of constraints that layouts could break: welds, connects and tendons, and limits of fixed tendons."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 
 import mujoco

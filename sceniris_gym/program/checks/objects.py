@@ -1,7 +1,5 @@
 """Checks of the words of each object: supports, relations and regions, drawn joints, heaps and `reachable`."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sceniris_gym.config.bounds import MAX_CORNERS, MAX_PIECES

@@ -1,7 +1,5 @@
 """Warnings about oddities that are accepted but probably not intended: one for each kind, with extent and remedy."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import mujoco

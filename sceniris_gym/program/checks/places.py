@@ -1,7 +1,5 @@
 """Checks of places: within single precision, and away from the parking places of absent group members."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

@@ -1,7 +1,5 @@
 """Checks of the simulation's needs: a solver and features that MuJoCo-Warp supports, and memory."""
 
-from __future__ import annotations
-
 import contextlib
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Checks of standing: an object collides with its support, weighs on it, and the support does not give way."""
 
-from __future__ import annotations
-
 import copy
 import itertools
 

@@ -1,7 +1,5 @@
 """First nodes of the collision test of `collide/boxes.py`: pairs of boxes of two trees."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Distances between geoms at home, and the shortest separating direction of geoms that overlap there."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import mujoco
@@ -48,10 +46,10 @@ class HomeTouch:
     def __init__(self, mjm: mujoco.MjModel, home: mujoco.MjData) -> None:
         self._mjm, self._home, self._moved = mjm, home, mujoco.MjData(mjm)
         self._moved.geom_xmat[:] = home.geom_xmat
-        turn = 2.399963 * np.arange(_SPREAD)  # the golden angle spreads directions evenly over a sphere
+        angles = 2.399963 * np.arange(_SPREAD)  # the golden angle spreads directions evenly over a sphere
         height = 1.0 - (2.0 * np.arange(_SPREAD) + 1.0) / _SPREAD
         ring = np.sqrt(1.0 - height**2)
-        self._spread = np.stack([ring * np.cos(turn), ring * np.sin(turn), height], axis=1)
+        self._spread = np.stack([ring * np.cos(angles), ring * np.sin(angles), height], axis=1)
 
     def between(self, a: Piece, b: Piece, near: float) -> Touch | None:
         """Return the distance of two pieces, or None if it is at least `near` [m]. A plane has to be piece b."""
@@ -116,5 +114,5 @@ class HomeTouch:
 
     def _greatest(self, piece: Piece, directions: np.ndarray) -> np.ndarray:
         """Return the greatest extent [m] of a piece along directions of the world, shape (n, 3)."""
-        turned = self._home.xmat[piece.body].reshape(3, 3)
-        return piece.extents(directions @ turned)[1] + directions @ self._home.xpos[piece.body]
+        rotation = self._home.xmat[piece.body].reshape(3, 3)
+        return piece.extents(directions @ rotation)[1] + directions @ self._home.xpos[piece.body]

@@ -1,7 +1,5 @@
 """The objects of a plan as fields of `device.Program`, and its reach targets as fields of `device_reach.Reach`."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Mapping
 
@@ -43,7 +41,7 @@ def pack_objects(plan: Plan, rules: PairRules, joints: dict[str, JoinedSites]) -
         "obj_body": np.array([o.bodies[0] for o in objects], int),
         "obj_adr": np.array([_address(rules.mjm, o.bodies[0], o.kind) for o in objects], int),
         "obj_slot": np.array([slots.index(o.name) for o in objects], int),
-        "obj_place": np.array([plan.places.index(shared.get(o.name, o.name)) for o in objects], int),
+        "obj_column": np.array([plan.columns.index(shared.get(o.name, o.name)) for o in objects], int),
         "obj_measured": np.array([_measured(plan, o) for o in objects], int),
         "obj_ground": np.array([-1 if o.ground is None else o.ground for o in objects], int),
         "obj_upright": np.full(len(objects), COS_MAX_TILT_32),
@@ -89,15 +87,15 @@ def _joint_ranges(objects: list[PlacedObject]) -> dict[str, np.ndarray]:
 def _orientations(plan: Plan, joints: dict[str, JoinedSites]) -> dict[str, np.ndarray]:
     """Return the draws of orientations, and their stable poses. Steps that only draw joints keep their orientation."""
     drawn = [o.config.drawn_orientation for o in plan.objects]
-    yaws = [(joints[o.name].turn,) * 2 if o.name in joints else d.yaw for o, d in zip(plan.objects, drawn, strict=True)]
+    yaws = [(joints[o.name].yaw,) * 2 if o.name in joints else d.yaw for o, d in zip(plan.objects, drawn, strict=True)]
     poses, fields = addressed("obj_stable", (o.stable_poses for o in plan.objects))
     shares = [s for o in plan.objects for s in np.cumsum([v.probability for v in o.stable_poses])]
     return {
         "obj_orientation": np.array([_ORIENTATIONS.get(d.kind, OrientationType.YAW) for d in drawn], int),
-        "obj_target": np.array([plan.places.index(d.target) if d.target else 0 for d in drawn], int),
+        "obj_target": np.array([plan.columns.index(d.target) if d.target else 0 for d in drawn], int),
         "obj_yaw": np.reshape(yaws, (-1, 2)),
         "obj_beside": np.array(
-            [plan.places.index(joints[o.name].to) if o.name in joints else -1 for o in plan.objects], int
+            [plan.columns.index(joints[o.name].to) if o.name in joints else -1 for o in plan.objects], int
         ),
         **fields,
         **columns("stable", poses, quat=4, pivot=3, bounds=4),

@@ -1,7 +1,5 @@
 """Pairs of colliders as lists in `device.Program`: lists of objects, then lists of arms in a grasp."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sceniris_gym.geometry.ragged import addressed, columns

@@ -5,8 +5,6 @@ home, or at most their depth there. The other geoms of their bodies are kept apa
 colliders that touch at home are not tested.
 """
 
-from __future__ import annotations
-
 from collections.abc import Container, Iterable
 from dataclasses import dataclass, field, replace
 from itertools import product

@@ -56,7 +56,7 @@ def pack_program(plan: Plan, colliders: list[Collider], lanes: int) -> dict[str,
         | pack_pieces([*plan.pieces, *footprint_hulls(plan.objects)], scene.config.geometry == "visual")
         | pack_bodies(scene.mjm, scene.home_qpos)
         | layout_bounds(plan)
-        | {"home_qpos": scene.home_qpos, "home_place": plan.place, "home_bounds": plan.bounds}
+        | {"home_qpos": scene.home_qpos, "home_pivot_pose": plan.pivot_pose, "home_bounds": plan.bounds}
     )
 
 

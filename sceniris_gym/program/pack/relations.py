@@ -13,7 +13,7 @@ from sceniris_gym.geometry import supports
 from sceniris_gym.geometry.ragged import addressed, columns, ranges
 from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.geometry.supports import SupportSurface
-from sceniris_gym.program.device import FRAME_SUPPORT, FRAME_WORLD
+from sceniris_gym.program.device import FRAME_SUPPORT, FRAME_WORLD, OWN_WIDTH
 from sceniris_gym.program.placed_object import PlacedObject
 from sceniris_gym.program.plan import Plan
 
@@ -33,9 +33,9 @@ def pack_relations(plan: Plan, joints: dict[str, JoinedSites]) -> dict[str, np.n
     sites = [[*joints[o.name].at, *joints[o.name].own] if isinstance(r, Joined) else [0.0] * 4 for o, r in owned]
     relations, of_objects = addressed("obj_rel", (o.config.relations for o in plan.objects))
     sides = [sum(map(_sides, o.config.relations[:i])) for o in plan.objects for i in range(len(o.config.relations))]
-    slots = {name: slot for slot, name in enumerate(plan.places)}
-    anchors, of_relations = addressed("rel_anchor", ([slots[a] for a in r.anchors] for r in relations))
-    frames = {"support": FRAME_SUPPORT, "world": FRAME_WORLD, **slots}
+    numbers = {name: column for column, name in enumerate(plan.columns)}
+    anchors, of_relations = addressed("rel_anchor", ([numbers[a] for a in r.anchors] for r in relations))
+    frames = {"support": FRAME_SUPPORT, "world": FRAME_WORLD, **numbers}
     return {
         **of_objects,
         **of_relations,
@@ -46,7 +46,7 @@ def pack_relations(plan: Plan, joints: dict[str, JoinedSites]) -> dict[str, np.n
         **columns("rel", relations, type=1, half_angle=1, low=1),
         "rel_high": np.array([min(r.high, _NO_LIMIT) for r in relations], float),
         "rel_bounds": np.array([r.by_bounds for r in relations], int),
-        "rel_width": np.array([r.width or -1.0 if isinstance(r, Between) else -1.0 for r in relations], float),
+        "rel_width": np.array([(isinstance(r, Between) and r.width) or OWN_WIDTH for r in relations], float),
         "rel_gap": np.array([r.gap if isinstance(r, Beside) else 0.0 for r in relations], float),
         "rel_sites": np.reshape(sites, (-1, 4)),
         "rel_sideadr": np.array(sides, int),
@@ -106,13 +106,13 @@ class JoinedSites:
         at: Position of the joint from the pivot of the other object [m], shape (2,): the position of its site, moved by
             the gap along the x axis of the site.
         own: Position of the joined object's site from its pivot [m], shape (2,).
-        turn: The heading of the joined object minus the heading of the other object [rad].
+        yaw: The heading of the joined object minus the heading of the other object [rad].
     """
 
     to: str
     at: np.ndarray
     own: np.ndarray
-    turn: float
+    yaw: float
 
 
 def joined_sites(plan: Plan, name: str, relation: Joined, where: str) -> JoinedSites:
@@ -132,8 +132,8 @@ def joined_sites(plan: Plan, name: str, relation: Joined, where: str) -> JoinedS
     its, its_yaw = _site(plan, words.of, words.of_site, f"{where}.beside.of_site")
     own, own_yaw = _site(plan, name, words.site, f"{where}.beside.site")
     at = its + (relation.gap or 0.0) * np.array([math.cos(its_yaw), math.sin(its_yaw)])
-    turn = math.remainder(its_yaw + math.radians(words.angle) - own_yaw, 2.0 * math.pi)
-    return JoinedSites(words.of, at, own, turn)
+    yaw = math.remainder(its_yaw + math.radians(words.angle) - own_yaw, 2.0 * math.pi)
+    return JoinedSites(words.of, at, own, yaw)
 
 
 def _site(plan: Plan, name: str, word: str, where: str) -> tuple[np.ndarray, float]:
@@ -173,10 +173,10 @@ def _upright(placed: PlacedObject, where: str) -> tuple[np.ndarray, np.ndarray]:
 
 def _at_home(plan: Plan, name: str) -> tuple[np.ndarray, np.ndarray]:
     """Return the orientation at heading 0 and the pivot of an object that keeps its pose in the model."""
-    root, place = plan.scene.bodies[name], plan.place[plan.slots.index(name)]
+    root, pivot_pose = plan.scene.bodies[name], plan.pivot_pose[plan.slots.index(name)]
     mat = plan.scene.home.xmat[root].reshape(3, 3)
-    level = matrix(np.array([math.cos(0.5 * place[3]), 0.0, 0.0, -math.sin(0.5 * place[3])])) @ mat
-    return level, mat.T @ (place[:3] - plan.scene.home.xpos[root])
+    level = matrix(np.array([math.cos(0.5 * pivot_pose[3]), 0.0, 0.0, -math.sin(0.5 * pivot_pose[3])])) @ mat
+    return level, mat.T @ (pivot_pose[:3] - plan.scene.home.xpos[root])
 
 
 def pack_regions(objects: list[PlacedObject]) -> dict[str, np.ndarray]:
@@ -201,7 +201,7 @@ def pack_regions(objects: list[PlacedObject]) -> dict[str, np.ndarray]:
         "tri_cdf": np.concatenate([*(s / s[-1] for s in sums if len(s)), np.zeros(0)]),
         "surface_height": np.array([s.height for s in surfaces]),
         **fields,
-        "surface_winding": np.array([_convex_turn(supports.edges(s.outline)) for s in surfaces], int),
+        "surface_winding": np.array([_winding(supports.edges(s.outline)) for s in surfaces], int),
         "edge_a": side[:, 0],
         "edge_b": side[:, 1],
     }
@@ -217,14 +217,14 @@ def surfaces_of_regions(objects: list[PlacedObject]) -> list[SupportSurface]:
     return [surface for mine in _regions(objects).values() for surface in mine]
 
 
-def _convex_turn(edges: np.ndarray) -> int:
+def _winding(edges: np.ndarray) -> int:
     """Return 1 for the edges of a convex counter-clockwise ring, -1 for a clockwise ring, and 0 for all others."""
     sides = edges[:, 1] - edges[:, 0]
     after = np.roll(sides, -1, axis=0)
-    turns = np.arctan2(sides[:, 0] * after[:, 1] - sides[:, 1] * after[:, 0], (sides * after).sum(axis=1))
-    sign = 1 if turns.sum() > 0.0 else -1
+    angles = np.arctan2(sides[:, 0] * after[:, 1] - sides[:, 1] * after[:, 0], (sides * after).sum(axis=1))
+    sign = 1 if angles.sum() > 0.0 else -1
     is_ring = np.array_equal(edges[:, 1], np.roll(edges[:, 0], -1, axis=0))
-    is_convex = is_ring and (sign * turns >= 0.0).all() and abs(turns.sum()) < 2.0 * np.pi + 1e-6
+    is_convex = is_ring and (sign * angles >= 0.0).all() and abs(angles.sum()) < 2.0 * np.pi + 1e-6
     return sign if is_convex else 0
 
 

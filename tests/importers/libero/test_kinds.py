@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sceniris_gym.importers.libero.kinds import FIXTURES, OBJECTS, TURN, WORKSPACES
+from sceniris_gym.importers.libero.kinds import FIXTURES, OBJECTS, ROTATION, WORKSPACES
 
 QUARTER = 90.0
 TURNED = {  # the axis and the least and greatest angle [degrees] that LIBERO gives a class
@@ -44,7 +44,7 @@ def test_objects_stand_and_turn_as_libero_turns_them(rule: tuple[str, float, flo
         for angle in (low, high):
             turn = sampled(axes, angle)
             np.testing.assert_allclose(turn.apply(np.eye(3)["xyz".index(kind.up)]), [0, 0, 1], atol=1e-12)
-            upright = turn * Rotation.from_quat(TURN[kind.up], scalar_first=True).inv()
+            upright = turn * Rotation.from_quat(ROTATION[kind.up], scalar_first=True).inv()
             x, y, _ = upright.apply([1.0, 0.0, 0.0])
             headings.append(np.degrees(np.arctan2(y, x)))
         turned = np.degrees(np.unwrap(np.radians([*sorted(headings), *kind.yaw])))

@@ -36,7 +36,7 @@ def _starts(compiled: CompiledScene, split: int = 0) -> tuple[np.ndarray, np.nda
     inputs = [1, reach, wp.uint32(split), view, generator._work.search]
     wp.launch(ik._choose_starts, dim=1, inputs=inputs, outputs=[search], device="cpu")
     order = search.first.numpy()[:, None] + np.arange(STARTS)
-    assert (search.start.numpy()[order] == np.arange(STARTS)).all()
+    assert (search.ik_start.numpy()[order] == np.arange(STARTS)).all()
     return search.grasp_qpos.numpy()[order, :6], generator.layouts.qpos.numpy()[:, reach.arm_qposadr.numpy()]
 
 

@@ -77,7 +77,7 @@ def test_the_hand_alone_stands_where_solved_joints_bring_it(compiled: CompiledSc
     candidates = [(c, data.qpos.copy()) for c, data, _ in _passed(generator, stage)]
     search, reach, mjm = stage.search, stage._arms[0][0], compiled.mjm
     launch_pose(generator._work, reach, step, search)
-    starts, solved, checked = search.start.numpy(), search.grasp_qpos.numpy(), 0
+    starts, solved, checked = search.ik_start.numpy(), search.grasp_qpos.numpy(), 0
     fingers = [mjm.body(f"picker/{side}").id for side in ("left", "right")]
     site, arm, data = mjm.site("picker/tcp").id, reach.arm_qposadr.numpy(), mujoco.MjData(mjm)
     for c, qpos in candidates:

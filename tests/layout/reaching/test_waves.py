@@ -38,7 +38,7 @@ def test_candidates_are_the_next_starts_as_far_as_there_is_room(compiled: Compil
     assert trials.sum() == min(wanted.sum(), grasps)
     assert (trials <= wanted).all()
     assert (trials == wanted).all() or trials.sum() == grasps
-    row, grasp, start = search.row.numpy(), search.grasp.numpy(), search.start.numpy()
+    row, grasp, start = search.row.numpy(), search.grasp.numpy(), search.ik_start.numpy()
     for i in range(N):
         mine = slice(first[i], first[i] + trials[i])
         assert (row[mine] == i).all()
@@ -53,7 +53,7 @@ def test_the_lowest_candidate_that_passes_is_kept(compiled: CompiledScene):
     stage._wave(*stage._arms[0])
     assert (search.trials.numpy() == 24).all()
     order = (search.first.numpy()[:, None] + np.arange(24)).ravel()
-    failed, start = (getattr(search, name).numpy()[order].reshape(N, 24) for name in ("failed", "start"))
+    failed, start = (getattr(search, name).numpy()[order].reshape(N, 24) for name in ("failed", "ik_start"))
     grasp = search.grasp.numpy()[order].reshape(N, 24) - stage._arms[0][0].reach_graspadr.numpy()[0]
     joints = search.grasp_qpos.numpy()[order].reshape(N, 24, -1)
     passed = failed == ReachStep.PASSED

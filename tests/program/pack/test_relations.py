@@ -19,7 +19,7 @@ from sceniris_gym.errors import SceneKeyError, ScenirisError, UnknownNameError
 from sceniris_gym.program.device import FRAME_SUPPORT, FRAME_WORLD
 from sceniris_gym.program.pack.relations import (
     MOST_SLICES,
-    _convex_turn,
+    _winding,
     cut_pieces,
     joined_sites,
     pack_relations,
@@ -239,9 +239,9 @@ def test_sites_are_measured_from_pivots_at_heading_zero(tmp_path: Path):
     assert found.to == "a"
     assert found.own == pytest.approx([0.3 - pivot[0], -0.1 - pivot[1]])
     assert found.at == pytest.approx(found.own + [0.0, -0.05])
-    assert abs(found.turn) == pytest.approx(np.pi)
+    assert abs(found.yaw) == pytest.approx(np.pi)
     i = packed.number("b")
-    assert packed["obj_yaw"][i] == pytest.approx([found.turn] * 2)
+    assert packed["obj_yaw"][i] == pytest.approx([found.yaw] * 2)
     assert packed["obj_beside"].tolist() == [-1, packed.plan.slots.index("a")]
     assert packed["rel_sites"][0] == pytest.approx([*found.at, *found.own])
 
@@ -356,24 +356,24 @@ def test_outlines_that_are_convex_are_known_with_their_direction():
         points = rng.normal(size=(int(rng.integers(3, 9)), 2))
         hull = shapely.get_coordinates(shapely.MultiPoint(points).convex_hull)[:-1]
         ccw = hull if shapely.LinearRing(hull).is_ccw else hull[::-1]
-        assert _convex_turn(_ring(ccw)) == 1
-        assert _convex_turn(_ring(ccw[::-1])) == -1
+        assert _winding(_ring(ccw)) == 1
+        assert _winding(_ring(ccw[::-1])) == -1
         about = points - points.mean(axis=0)
         star = points[np.argsort(np.arctan2(about[:, 1], about[:, 0]))]
         if len(hull) < len(points):
-            assert _convex_turn(_ring(star)) == 0
+            assert _winding(_ring(star)) == 0
     square = np.array([[0, 0], [1, 0], [2, 0], [2, 1], [2, 2], [0, 2]], float)
-    assert _convex_turn(_ring(square)) == 1
-    assert _convex_turn(_ring(square[::-1])) == -1
+    assert _winding(_ring(square)) == 1
+    assert _winding(_ring(square[::-1])) == -1
 
 
 def test_outlines_with_holes_of_two_parts_or_that_wind_twice_are_not_convex():
     """Though each ring by itself may be."""
     square = np.array([[0, 0], [4, 0], [4, 4], [0, 4]], float)
-    assert _convex_turn(np.concatenate([_ring(square), _ring(square[::-1] / 4 + 1)])) == 0
-    assert _convex_turn(np.concatenate([_ring(square), _ring(square + 9)])) == 0
+    assert _winding(np.concatenate([_ring(square), _ring(square[::-1] / 4 + 1)])) == 0
+    assert _winding(np.concatenate([_ring(square), _ring(square + 9)])) == 0
     angles = np.arange(5) * 2 * np.radians(72)
-    assert _convex_turn(_ring(np.stack([np.cos(angles), np.sin(angles)], axis=1))) == 0
+    assert _winding(_ring(np.stack([np.cos(angles), np.sin(angles)], axis=1))) == 0
 
 
 def test_what_is_not_placed_on_anything_has_no_triangles():
