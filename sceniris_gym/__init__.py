@@ -15,7 +15,7 @@ _public, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 def __getattr__(name: str) -> object:
     """Return a public name. For an old name, raise an error with the new name."""
-    if new := new_name(name, __all__):
+    if new := new_name(name, [*__all__, "libero"]):
         raise ImportError(f"{__name__}:{new}")
     return _public(name)
 

@@ -208,7 +208,8 @@ def refuses_old_names(function: Callable[_P, _T]) -> Callable[_P, _T]:
     @functools.wraps(function)
     def checked(*args: _P.args, **kwargs: _P.kwargs) -> _T:
         if old := [name for name in kwargs if name in RENAMED]:
-            check_names("argument", old, function.__qualname__, inspect.signature(function).parameters)
+            valid = [name for name in inspect.signature(function).parameters if name not in ("self", "cls")]
+            check_names("argument", old, function.__qualname__, valid)
         return function(*args, **kwargs)
 
     return checked

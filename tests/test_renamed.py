@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Callable
+from copy import copy
 from dataclasses import fields
 from inspect import signature
 from typing import Any
@@ -10,7 +12,7 @@ from typing import Any
 import pytest
 
 import sceniris_gym
-from sceniris_gym import SceneConfig, SceneVectorEnv, evaluate
+from sceniris_gym import ContactSensor, EpisodeResult, SceneConfig, SceneVectorEnv, evaluate
 from sceniris_gym.config.relations import Connection
 from sceniris_gym.config.robot import RobotConfig
 from sceniris_gym.config.settings import as_config
@@ -23,7 +25,7 @@ from sceniris_gym.sim.randomizer import ResetRandomizer
 from sceniris_gym.vector.state import State
 
 BESIDE = {"of": "table", "site": "end", "of_site": "end"}
-ELSEWHERE = ("world", "scene", "scene_params", "redraw_status", "variants")
+ELSEWHERE = ("world", "scene", "scene_params", "redraw_status", "variants", "pipeline", "libero")
 """Values, a field of the terms for mjlab, and attributes of objects that tests here do not make."""
 KEYWORDS: dict[str, tuple[Callable[..., Any], str, str]] = {
     "an environment": (SceneVectorEnv, "knobs", "params"),
@@ -37,6 +39,10 @@ KEYWORDS: dict[str, tuple[Callable[..., Any], str, str]] = {
     "layouts": (LayoutGenerator.generate, "mask", "worlds"),
     "other layouts": (LayoutGenerator.reseed, "seeds", "seed"),
     "an evaluation": (evaluate, "ids", "layouts"),
+    "a contact sensor": (ContactSensor, "first", "primary"),
+    "its other bodies": (ContactSensor, "second", "secondary"),
+    "a replay": (LevelReplay, "replay", "replay_prob"),
+    "intervals": (ADR, "start", "init_range"),
 }
 ATTRIBUTES: dict[str, tuple[type, str, str]] = {
     "an environment": (SceneVectorEnv, "replace", "redraw"),
@@ -51,8 +57,9 @@ ATTRIBUTES: dict[str, tuple[type, str, str]] = {
 @pytest.mark.parametrize(("function", "old", "new"), KEYWORDS.values(), ids=KEYWORDS.keys())
 def test_an_old_keyword_is_refused_by_its_new_name(function: Callable[..., Any], old: str, new: str):
     """Constructors, methods and functions of the door."""
-    with pytest.raises(UnknownNameError, match=f"unknown argument '{old}'. '{old}' is now {new}. Valid: .*{new}"):
+    with pytest.raises(UnknownNameError, match=f"unknown argument '{old}'. '{old}' is now {new}. Valid: .*{new}") as no:
         function(**{old: None})
+    assert "self" not in no.value.valid
 
 
 @pytest.mark.parametrize(("kind", "old", "new"), ATTRIBUTES.values(), ids=ATTRIBUTES.keys())
@@ -62,6 +69,25 @@ def test_an_old_attribute_is_refused_by_its_new_name(kind: type, old: str, new: 
     with pytest.raises(AttributeError, match=f"^{kind.__name__}: '{old}' is now {new}"):
         getattr(thing, old)
     assert not hasattr(thing, old)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"), [("reseed", "reseed"), ("set_knob", "set_params"), ("set_params", "set_params")]
+)
+def test_what_a_randomizer_did_is_now_done_by_its_pipeline(old: str, new: str):
+    """The name of the pipeline comes first."""
+    randomizer = object.__new__(ResetRandomizer)
+    randomizer.pipeline = None  # type: ignore[assignment]
+    with pytest.raises(AttributeError, match=f"^ResetRandomizer: '{old}' is now pipeline.{new}"):
+        getattr(randomizer, old)
+
+
+def test_a_result_of_an_episode_refuses_an_old_name():
+    """It can still be copied, compared and pickled."""
+    result = EpisodeResult("id", True, True, 1.0, 3, False)
+    with pytest.raises(AttributeError, match=r"^EpisodeResult: 'success_ever' is now success_once"):
+        result.success_ever  # type: ignore[attr-defined]  # noqa: B018
+    assert pickle.loads(pickle.dumps(result)) == copy(result) == result
 
 
 def test_other_attributes_fail_as_ever():
@@ -84,6 +110,12 @@ def test_an_old_public_name_is_refused_by_its_new_one():
         sceniris_gym.place_on  # type: ignore[attr-defined]  # noqa: B018
     with pytest.raises(ImportError, match="sceniris_gym: 'Touch' is now ContactSensor"):
         from sceniris_gym import Touch  # type: ignore[attr-defined]  # noqa: F401
+    with pytest.raises(ImportError, match=r"sceniris_gym: 'read_bddl' is now libero\.read_bddl"):
+        from sceniris_gym import read_bddl  # type: ignore[attr-defined]  # noqa: F401
+    with pytest.raises(ImportError, match=r"sceniris_gym: 'LiberoGoal' is now libero\.LiberoGoal"):
+        from sceniris_gym import LiberoGoal  # type: ignore[attr-defined]  # noqa: F401
+    with pytest.raises(ImportError, match="sceniris_gym: 'Status' is now LayoutStatus"):
+        from sceniris_gym import Status  # type: ignore[attr-defined]  # noqa: F401
     from sceniris_gym import levels
 
     assert levels.LevelReplay is LevelReplay
@@ -134,7 +166,7 @@ def test_every_new_name_is_there():
     }
     attributes = {name for kind in (*(kind for kind, _, _ in ATTRIBUTES.values()), LevelSampler) for name in dir(kind)}
     known = arguments | attributes | {*sceniris_gym.__all__, *SCORES, *ELSEWHERE}
-    known |= {field.name for kind in (LevelReplay, ADR) for field in fields(kind)}
+    known |= {field.name for kind in (LevelReplay, ADR, EpisodeResult) for field in fields(kind)}
     known |= {*Connection.model_fields, *RobotConfig.model_fields}
     news = {new.partition(".")[0] for names in RENAMED.values() for new in names.split("|")}
     assert news <= known

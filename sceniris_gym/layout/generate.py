@@ -95,6 +95,7 @@ class LayoutGenerator(Fixed, LayoutSource):
             size = default_size(compiled.device)
             if compiled.pieces > _MOST_PIECES:
                 size = replace(size, rows=size.rows // 8)
+        check_type(size, SearchSize, "LayoutGenerator: size")
         _check_memory(compiled, nworld, size)
         self.compiled, self.size = compiled, size
         self.split: str = split

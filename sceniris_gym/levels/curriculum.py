@@ -6,7 +6,7 @@ from typing import Any
 
 from sceniris_gym.config.fields import short
 from sceniris_gym.config.settings import as_config
-from sceniris_gym.errors import ArgumentError, check_names, check_type
+from sceniris_gym.errors import ArgumentError, check_names, check_type, refuses_old_names
 from sceniris_gym.layout.masks import as_count
 
 SCORES = ("learnability", "failure", "custom")
@@ -103,6 +103,10 @@ class LevelReplay:
         as_count(self.refresh_interval, "LevelReplay: refresh_interval", most=_MOST)
         if self.adr is not None:
             object.__setattr__(self, "adr", as_config(ADR, self.adr, "LevelReplay: adr"))
+
+
+ADR.__init__ = refuses_old_names(ADR.__init__)
+LevelReplay.__init__ = refuses_old_names(LevelReplay.__init__)
 
 
 def as_curriculum(value: Any, where: str) -> LevelReplay | None:

@@ -11,7 +11,7 @@ import warp as wp
 
 from sceniris_gym.device.fixed import Fixed
 from sceniris_gym.device.sequence import LaunchSequence
-from sceniris_gym.errors import check_names
+from sceniris_gym.errors import as_names, check_names
 from sceniris_gym.layout.masks import as_count
 from sceniris_gym.program.checks.simulation import check_memory, put_simulated
 from sceniris_gym.scene.model import SceneModel
@@ -42,7 +42,7 @@ def updater(needs: Iterable[str]) -> Callable[[mjw.Model, mjw.Data], None]:
     Raises:
         UnknownNameError: NEEDS has no such key.
     """
-    needs = ["kinematics", *needs]
+    needs = ["kinematics", *as_names(needs, "needs")]
     check_names("need", needs, "needs", NEEDS)
     stages = list(dict.fromkeys(stage for name in needs for stage in NEEDS[name]))
     if mjw.forward in stages:  # a forward pass contains all the others

@@ -28,16 +28,16 @@ def as_origins(origins: Any, nworld: int, device: wp.Device) -> wp.array:
     if isinstance(origins, wp.array):
         found = origins
     elif type(origins).__module__ == "torch":
-        found = wp.from_torch(origins.detach().float().contiguous(), dtype=wp.vec3)
+        found = wp.from_torch(origins.detach().float().contiguous())
     else:
         try:
-            found = wp.array(np.asarray(origins, np.float32).reshape(-1, 3), dtype=wp.vec3, device=device)
+            found = wp.array(np.ascontiguousarray(origins, np.float32), dtype=wp.float32, device=device)
         except (TypeError, ValueError):
             raise ArgumentTypeError(f"origins should be floats, shape ({nworld}, 3), got {short(origins)}.") from None
     if found.dtype is wp.float32 and found.ndim == 2 and found.shape[1] == 3:
         found = found.view(wp.vec3)
     if found.dtype is not wp.vec3 or found.shape != (nworld,):
-        raise ArgumentError(f"origins should be floats of shape ({nworld}, 3), one per world, got {origins.shape}.")
+        raise ArgumentError(f"origins should be floats of shape ({nworld}, 3), one per world, got {np.shape(origins)}.")
     return found.to(device)
 
 

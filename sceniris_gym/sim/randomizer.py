@@ -16,7 +16,7 @@ from sceniris_gym.device.fixed import Fixed, StaysHere
 from sceniris_gym.device.random import named_stream
 from sceniris_gym.device.sequence import LaunchSequence, launching
 from sceniris_gym.device.tensors import TensorView
-from sceniris_gym.errors import check_names, check_type
+from sceniris_gym.errors import as_names, check_names, check_type
 from sceniris_gym.layout.columns import NEXT, columns
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.masks import as_rows, as_shape, as_world_ids, as_worlds, fill_mask, mask_of_rows
@@ -159,7 +159,7 @@ class ResetRandomizer(Fixed, StaysHere):
         # content of a reset:
         scope: Literal["world", "scene"] = "world",
         origins: Any = None,
-        needs: Iterable[str] = (),
+        needs: str | Iterable[str] = (),
         # checks and launches:
         mjm: mujoco.MjModel | None = None,
         graph: bool = True,
@@ -176,7 +176,7 @@ class ResetRandomizer(Fixed, StaysHere):
         check_fit(compiled, model, data, self.layouts, mjm)
         check_names("scope", [scope], "ResetRandomizer: scope", _SCOPES)
         self.fields = self._shared or ModelFields(compiled.scene, model, data, grow=False)
-        needs = list(needs)
+        needs = as_names(needs, "ResetRandomizer: needs")
         self.fields.columns.use_params(self.layouts.params)
         self._update, self.split = partial(updater(needs), model, data), self.pipeline.split or split
         self.layouts.view.stream = named_stream(self.split)

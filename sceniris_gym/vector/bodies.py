@@ -6,6 +6,7 @@ import torch
 import warp as wp
 from torch import Tensor
 
+from sceniris_gym.errors import as_names, refuses_old_names
 from sceniris_gym.vector import rotations
 from sceniris_gym.vector.names import find_body
 from sceniris_gym.vector.state import State
@@ -27,8 +28,8 @@ class Bounds:
         NotSupportedError: A body has no geom that collides.
     """
 
-    def __init__(self, s: State, names: Sequence[str]) -> None:
-        bodies = [find_body(s.scene, name, "Bounds") for name in names]
+    def __init__(self, s: State, names: str | Sequence[str]) -> None:
+        bodies = [find_body(s.scene, name, "Bounds") for name in as_names(names, "Bounds: names")]
         self._boxes = Boxes(s.variants, bodies, f"scene '{s.scene.config.name}': Bounds")
         self._up = torch.tensor([0.0, 0.0, 1.0], device=s.device)
 
@@ -64,7 +65,10 @@ class ContactSensor:
         UnknownNameError: The scene has no such body.
     """
 
-    def __init__(self, s: State, primary: Sequence[str], secondary: Sequence[str]) -> None:
+    @refuses_old_names
+    def __init__(self, s: State, primary: str | Sequence[str], secondary: str | Sequence[str]) -> None:
+        primary = as_names(primary, "ContactSensor: primary")
+        secondary = as_names(secondary, "ContactSensor: secondary")
         self._shape = (s.num_envs, len(primary), len(secondary))
         self._first, self._second = _places(s, primary), _places(s, secondary)
         contact = s.data.contact

@@ -8,6 +8,7 @@ import torch
 from gymnasium.vector import VectorEnv
 from torch import Tensor
 
+from sceniris_gym.device.fixed import RefusesOldNames
 from sceniris_gym.errors import ArgumentError, refuses_old_names
 from sceniris_gym.layout.layout_id import LayoutId
 from sceniris_gym.layout.masks import as_count
@@ -16,7 +17,7 @@ from sceniris_gym.vector.vector_env import SceneVectorEnv
 
 
 @dataclass(frozen=True)
-class EpisodeResult:
+class EpisodeResult(RefusesOldNames):
     """Result of one episode.
 
     Attributes:

@@ -60,7 +60,7 @@ def test_failed_layouts_are_listed_and_shown(run: Path, capfd: pytest.CaptureFix
     out, failed = tmp_path / "each.json", tmp_path / "failed.txt"
     words = ["evaluate", str(run), "-n", "3", "--device", "cpu", "--task", task, "-o", str(out)]
     with pytest.raises(SystemExit) as stop:
-        cli.main([*words, "--failed", str(failed), "--min-success", "1.1"])
+        cli.main([*words, "--failed", str(failed), "--min-success", "1"])
     assert stop.value.code == 1
     said = capfd.readouterr().out.splitlines()
     each = json.loads(out.read_text())["valid"]["each"]
@@ -69,6 +69,15 @@ def test_failed_layouts_are_listed_and_shown(run: Path, capfd: pytest.CaptureFix
     assert said[0].startswith("FAIL: valid: ")
     view = f"sceniris-gym view --env {task} --policy {run / 'model.pt'} --layout {failed}"
     assert said[-1] == (view if ids else "All valid layouts ended in success.")
+
+
+@pytest.mark.parametrize("fraction", ["65", "-0.1", "nan"])
+def test_a_minimum_success_that_is_not_a_fraction_is_refused(fraction: str, capfd: pytest.CaptureFixture):
+    """Before the evaluation, as a usage error."""
+    with pytest.raises(SystemExit) as stop:
+        cli.main(["evaluate", "nowhere", "--min-success", fraction])
+    assert stop.value.code == 2
+    assert capfd.readouterr().err == f"error: --min-success {float(fraction)}: should be a fraction from 0 to 1.\n"
 
 
 def test_an_evaluation_is_told_in_words():

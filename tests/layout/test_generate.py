@@ -347,6 +347,12 @@ def test_what_is_no_argument_is_refused_in_our_words(mid: CompiledScene, words: 
     assert isinstance(found.value, ValueError)
 
 
+def test_a_size_of_another_type_is_refused(mid: CompiledScene):
+    """The message names the argument and its type."""
+    with pytest.raises(ArgumentTypeError, match="LayoutGenerator: size should be a SearchSize, got <class 'int'>"):
+        LayoutGenerator(mid, 2, size=3)  # type: ignore[arg-type]
+
+
 def test_a_batch_has_a_world_at_least(mid: CompiledScene):
     """None makes no sense."""
     with pytest.raises(ArgumentError, match="nworld should be an integer of at least 1, got 0"):

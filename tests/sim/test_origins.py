@@ -132,6 +132,9 @@ def test_wrong_words_and_origins_are_refused(compiled: CompiledScene):
     """Of another shape, of another kind, and a way to write that there is not."""
     with pytest.raises(ArgumentError, match=r"origins should be floats of shape \(3, 3\), one per world"):
         make(compiled, origins=np.zeros((2, 3)))
+    for origins in ([0, 0, 0], [0.0] * 9, np.zeros((3, 4)), torch.zeros(3), 0.0):
+        with pytest.raises(ArgumentError, match=r"origins should be floats of shape \(3, 3\), one per world, got \("):
+            make(compiled, origins=origins)
     with pytest.raises(ArgumentTypeError, match="origins should be floats"):
         make(compiled, origins="here")
     with pytest.raises(UnknownNameError, match=r"scope: unknown scope 'scen'\. Did you mean 'scene'"):

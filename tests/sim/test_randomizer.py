@@ -115,11 +115,12 @@ def test_what_does_not_belong_to_the_scene_is_refused(make_randomizer, small_sce
         ResetRandomizer(small_scene, randomizer.model, randomizer.data, layout_source=three)
 
 
-def test_contacts_are_current_where_a_task_needs_them(make_randomizer, small_scene, rows):
-    """With needs=["contacts"] the block that was just put on the floor is in contact, as plain MuJoCo finds it."""
+@pytest.mark.parametrize("needs", [["contacts"], "contacts"])
+def test_contacts_are_current_where_a_task_needs_them(needs, make_randomizer, small_scene, rows):
+    """With the need "contacts" the block that was just put on the floor is in contact, as plain MuJoCo finds it."""
     low = replace(rows, qpos=rows.qpos.copy())
     low.qpos[:, 3] = 0.0299
-    randomizer = make_randomizer(3, needs=["contacts"])
+    randomizer = make_randomizer(3, needs=needs)
     randomizer.write(low, [0, 1, 2])
     count = int(randomizer.data.nacon.numpy()[0])
     data = mujoco.MjData(small_scene.mjm)

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import NotSupportedError, UnknownNameError
+from sceniris_gym.errors import ArgumentTypeError, NotSupportedError, UnknownNameError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.vector.bodies import Bounds, ContactSensor
@@ -89,6 +89,15 @@ def test_bodies_without_bounds_are_refused(compiled):
         Bounds(envs.state, ("cat",))
     with pytest.raises(NotSupportedError, match="body 'goal' has no geom that collides"):
         Bounds(envs.state, ("can", "goal"))
+
+
+def test_a_single_string_is_one_name(compiled):
+    """Not a name for each of its letters."""
+    s = SceneVectorEnv(Drive, 2, scene=compiled).state
+    assert torch.equal(Bounds(s, "can").lowest(s.poses(["can"])), Bounds(s, ["can"]).lowest(s.poses(["can"])))
+    assert ContactSensor(s, "banana", "block")(s).shape == (2, 1, 1)
+    with pytest.raises(ArgumentTypeError, match="Bounds: names should be a name or several"):
+        Bounds(s, 3)  # type: ignore[arg-type]
 
 
 def test_contacts_of_the_last_step_are_told_by_world_and_body():
