@@ -40,7 +40,7 @@ from sceniris_gym.commands.options import (
     scene_config,
 )
 from sceniris_gym.config.tier import Tier, TierWord
-from sceniris_gym.errors import ArgumentError, NotSupportedError, ScenirisError
+from sceniris_gym.errors import NotSupportedError, ScenirisError
 from sceniris_gym.files import check_picture, write_text
 from sceniris_gym.progress import shown
 from sceniris_gym.training.records import CONFIG
@@ -520,8 +520,7 @@ def evaluate(
         trust: read a checkpoint with more than weights, although that executes its code
     """
     check_counts(1, layouts=layouts)
-    if min_success is not None and not 0.0 <= min_success <= 1.0:
-        raise ArgumentError(f"--min-success {min_success}: should be a fraction from 0 to 1.")
+    check_counts(0, most=1, min_success=min_success or 0.0)
     for file in filter(None, (out, failed)):
         checked_target(file)
     from sceniris_gym.commands import evaluate as tool

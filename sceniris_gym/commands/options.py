@@ -96,8 +96,8 @@ def read_ids(given: Sequence[str]) -> list[str]:
     return ids
 
 
-def check_counts(least: int, *, most: int = MOST_WORLDS, **counts: int) -> None:
-    """Reject counts that are too small or too large. The keyword is the name of the option."""
+def check_counts(least: int, *, most: int = MOST_WORLDS, **counts: float) -> None:
+    """Reject numbers that are too small or too large. The keyword is the name of the option."""
     for name, count in counts.items():
         if not least <= count <= most:
             bound = f"at least {least}" if count < least else f"at most {most}"

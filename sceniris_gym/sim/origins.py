@@ -37,7 +37,8 @@ def as_origins(origins: Any, nworld: int, device: wp.Device) -> wp.array:
     if found.dtype is wp.float32 and found.ndim == 2 and found.shape[1] == 3:
         found = found.view(wp.vec3)
     if found.dtype is not wp.vec3 or found.shape != (nworld,):
-        raise ArgumentError(f"origins should be floats of shape ({nworld}, 3), one per world, got {np.shape(origins)}.")
+        shape = tuple(np.shape(origins))
+        raise ArgumentError(f"origins should be floats of shape ({nworld}, 3), one per world, got {shape}.")
     return found.to(device)
 
 

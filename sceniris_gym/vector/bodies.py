@@ -21,9 +21,10 @@ class Bounds:
 
     Args:
         s: The worlds.
-        names: Names of bodies.
+        names: A name of a body or several.
 
     Raises:
+        ArgumentTypeError: `names` has another type.
         UnknownNameError: The scene has no such body.
         NotSupportedError: A body has no geom that collides.
     """
@@ -58,11 +59,12 @@ class ContactSensor:
 
     Args:
         s: The worlds.
-        primary: Names of bodies. The geoms of a body count, but not the geoms of its children.
-        secondary: Names of other bodies, by the same rule.
+        primary: A name of a body or several. The geoms of a body count, but not the geoms of its children.
+        secondary: A name of another body or several, by the same rule.
 
     Raises:
-        UnknownNameError: The scene has no such body.
+        UnknownNameError: The scene has no such body, or an argument has an old name.
+        ArgumentTypeError: `primary` or `secondary` has another type.
     """
 
     @refuses_old_names

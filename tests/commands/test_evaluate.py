@@ -77,7 +77,8 @@ def test_a_minimum_success_that_is_not_a_fraction_is_refused(fraction: str, capf
     with pytest.raises(SystemExit) as stop:
         cli.main(["evaluate", "nowhere", "--min-success", fraction])
     assert stop.value.code == 2
-    assert capfd.readouterr().err == f"error: --min-success {float(fraction)}: should be a fraction from 0 to 1.\n"
+    bound = "at least 0" if fraction == "-0.1" else "at most 1"
+    assert capfd.readouterr().err == f"error: --min-success {float(fraction)}: should be {bound}.\n"
 
 
 def test_an_evaluation_is_told_in_words():
@@ -124,7 +125,7 @@ def test_a_policy_of_a_version_with_other_layouts_is_refused(tmp_path: Path):
 def test_the_policy_is_exported_as_the_page_says(run: Path, capfd: pytest.CaptureFixture):
     """The program of docs/training.md writes a policy that acts on the group `policy` alone."""
     (program,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
-    program = program.replace('"results/drawer"', repr(str(run)))
+    program = program.replace("results/drawer", str(run))
     exec(compile(program, str(PAGE), "exec"), {})
     policy = torch.jit.load(run / "policy.pt")
     assert policy(torch.zeros(5, 4)).shape == (5, 5)
