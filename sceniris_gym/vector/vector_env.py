@@ -254,6 +254,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         if sum(part is not None for part in (seed, chosen, kept)) > 1:
             raise ArgumentError(f"reset should have one of seed, options['{LAYOUTS}'] and options['{STATE}'].")
         due = torch.ones_like(self._autoreset) if mask is None else torch.from_numpy(mask).to(self.device)
+        if params is not None and chosen is not None and chosen.param is not None:
+            raise ArgumentError(f"reset: options['{LAYOUTS}'] already has params. Leave out options['{PARAMS}'].")
         self.batch.fields.check()
         with launches:
             if params is not None:
