@@ -29,8 +29,8 @@ def as_config(cls: type[_Config], value: Any, where: str) -> _Config:
     if isinstance(value, cls):
         return value
     if not isinstance(value, Mapping):
-        name = cls.__name__
-        raise ArgumentTypeError(f"{where} should be a {name}, a mapping of its fields, or None, got {short(value)}.")
+        name = f"{'an' if cls.__name__[0] in 'AEIOU' else 'a'} {cls.__name__}"
+        raise ArgumentTypeError(f"{where} should be {name}, a mapping of its fields, or None, got {short(value)}.")
     known = {f.name: f for f in fields(cls)}  # type: ignore[arg-type]
     check_names("field", value, where, known)
     for name, field in known.items():

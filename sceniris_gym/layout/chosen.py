@@ -69,6 +69,8 @@ def as_layouts(
             raise ArgumentError(f"{name} should have the same params as the stored layouts.")
         param = None
     rows = np.zeros(nworld, int) if single else entries_of_worlds(len(seed), worlds, nworld, name)
+    if len(seed) == 0:  # for no worlds
+        return ChosenLayouts(np.zeros(nworld, np.uint64), np.zeros(nworld, bool))
     first, numbers = (part if part is None else part[rows] for part in (episode, param))
     return ChosenLayouts(seed[rows], given[rows], first, numbers)
 
@@ -98,7 +100,8 @@ def seeds_on_device(seed: Any, nworld: int, device: Any, worlds: Any = None) -> 
         seed = as_numbers(seed)
         seed = seed.view(np.uint64) if seed.dtype == np.int64 else seed  # two's complement, as in `Layouts.seed`
     if isinstance(seed, Sequence | np.ndarray) and np.ndim(seed) == 1:
-        found = as_seeds(seed, len(seed))[entries_of_worlds(len(seed), worlds, nworld, "seed")]
+        entries = entries_of_worlds(len(seed), worlds, nworld, "seed")
+        found = as_seeds(seed, len(seed))[entries] if len(seed) else np.zeros(nworld)  # for no worlds
     else:
         found = as_seeds(seed, nworld)
     return wp.array(found, dtype=wp.uint64, device=device)

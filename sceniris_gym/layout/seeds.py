@@ -116,13 +116,13 @@ def as_seeds(seed: int | Sequence[int] | np.ndarray, nworld: int) -> np.ndarray:
     if not many or len(seed) != nworld:
         given = f"{len(seed)} of them, " if many else ""
         raise ArgumentError(
-            f"seeds should be one integer, or a sequence of {nworld}, one per world, got {given}{type(seed).__name__}."
+            f"seed should be one integer, or a sequence of {nworld}, one per world, got {given}{type(seed).__name__}."
         )
     if isinstance(seed, np.ndarray) and (seed.dtype.kind == "u" or (seed.dtype.kind == "i" and (seed >= 0).all())):
         return seed.astype(np.uint64)
     for i, value in enumerate(seed.tolist() if isinstance(seed, np.ndarray) else seed):
         if not _is_seed(value):
-            raise ArgumentError(f"seeds[{i}]={short(value)} should be an integer from 0 to 2^64 - 1.")
+            raise ArgumentError(f"seed[{i}]={short(value)} should be an integer from 0 to 2^64 - 1.")
     return np.fromiter(seed, np.uint64, len(seed))
 
 

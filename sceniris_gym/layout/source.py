@@ -169,7 +169,7 @@ class LayoutSource(StaysHere):
             ArgumentError, ArgumentTypeError: As in `generate`.
         """
         if (seed is None) == (layouts is None):
-            raise ArgumentError("reseed: pass seed or layouts, and not both.")
+            raise ArgumentError("reseed should have one of seed and layouts.")
         nworld, device, mask = self.layouts.nworld, self.layouts.view.seed.device, self._mask_of(worlds)
         if layouts is None:
             self.launch_reseed(seeds_on_device(seed, nworld, device, worlds), mask)

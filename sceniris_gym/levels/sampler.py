@@ -161,6 +161,8 @@ class LevelSampler(Chooser, StaysHere):
         given = layouts if isinstance(layouts, Mapping) else self._named(layouts, f"{where}: layouts")
         if not {"seed", "episode"} <= {*given}:
             raise ArgumentError(f"{where}: layouts should have the keys 'seed' and 'episode', got {short([*given])}.")
+        if "bool" in str(getattr(scores, "dtype", "")):
+            scores = scores * 1.0
         columns = given.get("level"), given["seed"], given["episode"], scores
         found: list[Any] = [each if getattr(each, "is_cuda", False) else as_numbers(each) for each in columns]
         found[0] = found[0] if "level" in given else np.full(np.shape(found[1]), FRESH)

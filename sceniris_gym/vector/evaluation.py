@@ -1,17 +1,19 @@
 """`evaluate`: results of a policy on layouts of your choice, episode by episode."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import torch
 from gymnasium.vector import VectorEnv
 from torch import Tensor
 
+from sceniris_gym.config.fields import short
 from sceniris_gym.device.fixed import RefusesOldNames
 from sceniris_gym.errors import ArgumentError, refuses_old_names
 from sceniris_gym.layout.layout_id import LayoutId
-from sceniris_gym.layout.masks import as_count
+from sceniris_gym.layout.masks import as_count, as_numbers
 from sceniris_gym.vector.arguments import LAYOUTS
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 
@@ -50,8 +52,9 @@ def evaluate(
         policy: Takes observations of all worlds as `envs` returns them, and returns actions.
         envs: A SceneVectorEnv with max_episode_steps, or wrappers around it that pass on `info`. The last episodes may
             be unfinished, so reset `envs` before further use.
-        layouts: A layout id or several, of the scene and split of `envs`. Alternatively `info["layout"]`, which has a
-            row for each world, or a number n for episode 0 of the seeds 0 to n - 1. None is `num_envs`.
+        layouts: A layout id or several, of the scene and split of `envs`. Alternatively `info["layout"]`, or
+            a mapping with `seed`, `episode` and optional `params` of any length. Or a number n for episode 0 of the
+            seeds 0 to n - 1, which are rows of stored layouts. None is `num_envs`.
 
     Returns:
         A result for each layout, in the same order.
@@ -69,31 +72,45 @@ def evaluate(
         )
     if inner.max_episode_steps is None:
         raise ArgumentError("evaluate: envs should have max_episode_steps, so that every episode ends.")
-    split, number = inner.split, inner.num_envs
-    if isinstance(layouts, str):
-        layouts = [layouts]
-    elif isinstance(layouts, Mapping):
-        layouts = inner.layout_ids({"layout": layouts})
-    elif not isinstance(layouts, Iterable):
-        count = number if layouts is None else as_count(layouts, "evaluate: layouts", 0)
-        layouts = [inner.compiled.layout_id(seed, 0, split) for seed in range(count)]
-    cure = "evaluate: layouts should be of the environment's scene and split."
-    wanted = [LayoutId.of_scene(text, inner.compiled.scene, cure, split) for text in layouts]
     results = []
-    for first in range(0, len(wanted), number):
-        batch = wanted[first : first + number]
-        padded = batch + [batch[-1]] * (number - len(batch))  # every world needs a layout
-        results += _run(policy, envs, inner, padded)[: len(batch)]
+    for batch, count in _batches(layouts, inner):
+        results += _run(policy, envs, inner, batch)[:count]
     return results
 
 
-def _run(policy: Callable[[Any], Any], envs: VectorEnv, inner: SceneVectorEnv, ids: list[LayoutId]) -> list:
+def _batches(layouts: Any, inner: SceneVectorEnv) -> Iterator[tuple[Any, int]]:
+    """Yield a layout for each world, as `reset` takes them, and the number of worlds that count."""
+    number, where = inner.num_envs, "evaluate: layouts"
+    if isinstance(layouts, Iterable) and not isinstance(layouts, Mapping):
+        cure = f"{where} should be of the environment's scene and split."
+        texts = [layouts] if isinstance(layouts, str) else layouts
+        ids = [LayoutId.of_scene(text, inner.compiled.scene, cure, inner.split) for text in texts]
+        for first in range(0, len(ids), number):
+            batch = ids[first : first + number]
+            yield batch + [batch[-1]] * (number - len(batch)), len(batch)
+        return
+    if not isinstance(layouts, Mapping):
+        layouts = {"seed": np.arange(number if layouts is None else as_count(layouts, where, 0)), "episode": 0}
+    found = [np.atleast_1d(as_numbers(layouts.get(key))) for key in ("seed", "episode")]
+    if any(each.ndim != 1 for each in found) or len({len(each) for each in found} - {1}) > 1:
+        raise ArgumentError(
+            f"{where} should have integers of one length as 'seed' and 'episode', got {short(layouts)}."
+        )
+    seed, episode = np.broadcast_arrays(*found)
+    params = {name: as_numbers(values) for name, values in layouts.get("params", {}).items()}
+    for first in range(0, len(seed), number):
+        rows = np.minimum(np.arange(first, first + number), len(seed) - 1)
+        one = {"params": {name: values[rows] for name, values in params.items()}} if params else {}
+        yield {"seed": seed[rows], "episode": episode[rows], **one}, min(number, len(seed) - first)
+
+
+def _run(policy: Callable[[Any], Any], envs: VectorEnv, inner: SceneVectorEnv, layouts: Any) -> list[EpisodeResult]:
     """Run one episode in each world."""
-    observation, info = envs.reset(options={LAYOUTS: ids})
-    fallback = _tensor(info["layout"]["fallback"], inner)
+    observation, info = envs.reset(options={LAYOUTS: layouts})
+    names, fallback = inner.layout_ids(), _tensor(info["layout"]["fallback"], inner)
     running = torch.ones_like(fallback)
     last, ever = torch.zeros_like(running), torch.zeros_like(running)
-    total, length = torch.zeros(len(ids), dtype=torch.float64, device=inner.device), torch.zeros_like(running).long()
+    total, length = torch.zeros(len(names), dtype=torch.float64, device=inner.device), torch.zeros_like(running).long()
     for _ in range(inner.max_episode_steps or 0):
         observation, reward, terminated, truncated, info = envs.step(policy(observation))
         success = _tensor(info["success"], inner)
@@ -106,7 +123,6 @@ def _run(policy: Callable[[Any], Any], envs: VectorEnv, inner: SceneVectorEnv, i
         if not running.any():
             break
     columns = (last.tolist(), ever.tolist(), total.tolist(), length.tolist(), fallback.tolist())
-    names = [inner.compiled.layout_id(i.seed, i.episode, i.split, i.params) for i in ids]
     return [EpisodeResult(*row) for row in zip(names, *columns, strict=True)]
 
 

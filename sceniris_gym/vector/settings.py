@@ -4,12 +4,16 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, TypeVar
 
+import warp as wp
+
 from sceniris_gym.config.fields import short
 from sceniris_gym.config.settings import as_config
-from sceniris_gym.errors import ArgumentError, check_names, check_type
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, check_names, check_type
 from sceniris_gym.layout.masks import as_count
 from sceniris_gym.pictures.context import CHANNELS, Looks, Shot
 
+ROOM = ("nconmax", "njmax", "nvmax")
+"""Fields of SimConfig that depend on the scene."""
 _Settings = TypeVar("_Settings", bound="SimConfig | ImageConfig")
 _MOST_PIXELS = 1 << 14  # along an edge
 _WORDS = ("size", "data", "shadows", "thin")
@@ -26,16 +30,30 @@ class SimConfig:
             the number of the scene.
         graph: Capture steps and resets into graphs, and replay them.
         prefetch: Make the next layout of every world during the steps before its reset. None prefetches on a GPU,
-            unless a layout_source is given. See `ResetRandomizer`.
+            unless a layout_source is given. A wp.Stream prefetches on this stream. See `ResetRandomizer`.
         copy: Return tensors that are never overwritten. Otherwise, observations are valid until the next call.
+
+    Raises:
+        ArgumentError: `nconmax`, `njmax` or `nvmax` is neither a positive integer nor None.
+        ArgumentTypeError: `graph` or `copy` is not a boolean. `prefetch` has another type.
     """
 
     nconmax: int | None = None
     njmax: int | None = None
     nvmax: int | None = None
     graph: bool = True
-    prefetch: bool | None = None
+    prefetch: bool | wp.Stream | None = None
     copy: bool = True
+
+    def __post_init__(self) -> None:
+        for name in ROOM:
+            if getattr(self, name) is not None:
+                as_count(getattr(self, name), f"sim_config: {name}")
+        for name in ("graph", "copy"):
+            check_type(getattr(self, name), bool, f"sim_config: {name}")
+        if not isinstance(self.prefetch, bool | wp.Stream | None):
+            form = "a boolean, a wp.Stream or None"
+            raise ArgumentTypeError(f"sim_config: prefetch should be {form}, got {type(self.prefetch)}.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,6 +68,7 @@ class RenderConfig:
 
     Raises:
         ArgumentError: `num_envs` is not a positive integer. `size` is not a pair of positive integers.
+        ArgumentTypeError: `camera` is not a string.
     """
 
     num_envs: int | None = None
@@ -60,6 +79,7 @@ class RenderConfig:
         if self.num_envs is not None:
             as_count(self.num_envs, "render_config: num_envs")
         as_size(self.size, "render_config: size")
+        check_type(self.camera, str, "render_config: camera")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,6 +96,7 @@ class ImageConfig:
 
     Raises:
         ArgumentError: `every` is not a positive integer.
+        ArgumentTypeError: `cameras` is not a mapping. `final` is not a boolean.
     """
 
     cameras: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
@@ -83,33 +104,37 @@ class ImageConfig:
     final: bool = False
 
     def __post_init__(self) -> None:
+        check_type(self.cameras, Mapping, "images: cameras")
         as_count(self.every, "images: every")
+        check_type(self.final, bool, "images: final")
 
 
 def as_settings(default: _Settings, given: Any, where: str) -> _Settings:
-    """Return the user's settings. Fields at their defaults come from the settings of the task.
+    """Return the user's settings. A mapping replaces its fields in the task's settings, and an instance replaces all.
 
     Args:
         default: The settings of the task.
         given: The user's settings: an instance of the same class, a mapping of its fields, or None.
         where: Name of the argument in error messages.
     """
-    cls = type(default)
-    config, plain = as_config(cls, {} if given is None else given, where), cls()
-    chosen = {f.name: getattr(config, f.name) for f in fields(cls)}
-    return replace(default, **{name: value for name, value in chosen.items() if value != getattr(plain, name)})
+    given = {} if given is None else given
+    config = as_config(type(default), given, where)
+    return config if config is given else replace(default, **{name: getattr(config, name) for name in given})
 
 
 def as_image_config(default: ImageConfig | None, given: Any) -> ImageConfig | None:
     """Return the user's images: an ImageConfig, a mapping of its fields, or its `cameras`.
 
-    None selects the images of the task, and an empty mapping selects no images. Raises the errors of `as_shots`.
+    None selects the images of the task, and an empty mapping selects no images. Images without cameras take the
+    cameras of the task. Raises the errors of `as_shots`.
     """
     if given is None or given == {}:
         return default if given is None else None
     if isinstance(given, Mapping) and not {f.name for f in fields(ImageConfig)} >= set(given):
         given = {"cameras": given}
     config = as_settings(default or ImageConfig(), given, "images")
+    if default and not config.cameras:
+        config = replace(config, cameras=default.cameras)
     as_shots(config.cameras)
     return config
 

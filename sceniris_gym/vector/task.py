@@ -47,8 +47,8 @@ class Task:
         options: Fields of MjOption to change from the scene's values in the physics of this task. Layouts do not depend
             on them.
         images: Camera images that environments of this task observe, or None.
-        sim_config: SimConfig of environments in the task's scene, with the contacts and constraint rows that the scene
-            needs. An environment with another scene ignores it.
+        sim_config: SimConfig of environments of this task, with the contacts and constraint rows that the scene needs.
+            An environment with another scene ignores `nconmax`, `njmax` and `nvmax`.
     """
 
     scene: str = ""

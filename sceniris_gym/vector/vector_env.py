@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +36,15 @@ from sceniris_gym.vector.observer import Observer, action_space
 from sceniris_gym.vector.ranks import Rank
 from sceniris_gym.vector.rendering import RENDER_MODES, Rendering
 from sceniris_gym.vector.sensing import Sensing
-from sceniris_gym.vector.settings import ImageConfig, RenderConfig, SimConfig, as_image_config, as_settings, as_shots
+from sceniris_gym.vector.settings import (
+    ROOM,
+    ImageConfig,
+    RenderConfig,
+    SimConfig,
+    as_image_config,
+    as_settings,
+    as_shots,
+)
 from sceniris_gym.vector.snapshot import versions, written
 from sceniris_gym.vector.statistics import finite_rows
 from sceniris_gym.vector.task import Task
@@ -102,13 +111,15 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             fields, or None.
         output: "torch" (tensors on `device`) or "numpy".
         images: Camera images to observe: an ImageConfig, a mapping of its fields, or only its `cameras`:
-            {"overview": {"size": (width, height), "data": kinds}}. None takes the `images` of the task, which also
-            fill in missing fields. An empty mapping observes no images.
+            {"overview": {"size": (width, height), "data": kinds}}. None takes the task's `images`. A mapping
+            replaces only its fields in them. An ImageConfig replaces them, but takes the task's cameras if it has
+            none. An empty mapping observes no images.
         render_mode: "rgb_array" makes `render` return pictures. "human" shows every reset and step on a page in the
             browser, in real time (extra `viewer`). None renders no pictures.
         render_config: Size, camera and number of worlds of these pictures: a RenderConfig, or a mapping of its fields.
-        sim_config: Room for contacts, graphs, prefetching and copies: a SimConfig, or a mapping of its fields. Fields
-            at their defaults come from the task's `sim_config`.
+        sim_config: Room for contacts, graphs, prefetching and copies: a SimConfig, or a mapping of its fields. A
+            SimConfig replaces the task's `sim_config`, and a mapping replaces only its fields. Environments with
+            another scene than the task's ignore the task's `nconmax`, `njmax` and `nvmax`.
 
     Raises:
         ScenirisError: The scene cannot be used, for the reasons that `compile_scene` lists.
@@ -162,7 +173,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         self.task, self.num_envs = arguments.as_task(task), num_envs
         self.autoreset_mode = arguments.as_autoreset_mode(autoreset_mode)
         self.image_config = seen = as_image_config(self.task.images, images)
-        sim = as_settings(SimConfig(), sim_config, "sim_config")
+        as_settings(SimConfig(), sim_config, "sim_config")  # refuses mistakes before the scene is compiled
         shown = as_config(RenderConfig, {} if render_config is None else render_config, "render_config")
         self.rendering = Rendering(render_mode, num_envs, shown)
         self.output, self.render_mode = output, render_mode
@@ -171,11 +182,12 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         device = self.rank.device if device is None and not isinstance(scene, CompiledScene) else device
         self.lock = ObjectLock(type(self).__name__)
         self.compiled = arguments.as_compiled_scene(self.task.scene if scene is None else scene, overrides, device)
-        if self.compiled.config.name == Path(self.task.scene).stem:  # room for contacts fits no other scene
-            sim = as_settings(self.task.sim_config, sim, "sim_config")
-        self.sim_config = sim
+        own = self.task.sim_config
+        if self.compiled.config.name != Path(self.task.scene).stem:  # room for contacts fits no other scene
+            own = replace(own, **dict.fromkeys(ROOM))
+        self.sim_config = sim = as_settings(own, sim_config, "sim_config")
         self.rank.tell(self.compiled.device)
-        physics: dict[str, Any] = {name: getattr(sim, name) for name in ("nconmax", "njmax", "nvmax", "graph")}
+        physics: dict[str, Any] = {name: getattr(sim, name) for name in (*ROOM, "graph")}
         physics |= {name: getattr(self.task, name) for name in ("needs", "substeps", "options")}
         self.batch = batch = Batch(self.compiled.scene, num_envs, self.compiled.device, **physics)
         words: dict[str, Any] = {"layout_source": layout_source, "split": split, "prefetch": sim.prefetch}
@@ -254,6 +266,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         if sum(part is not None for part in (seed, chosen, kept)) > 1:
             raise ArgumentError(f"reset should have one of seed, options['{LAYOUTS}'] and options['{STATE}'].")
         due = torch.ones_like(self._autoreset) if mask is None else torch.from_numpy(mask).to(self.device)
+        if params is not None and chosen is not None and chosen.param is not None:
+            raise ArgumentError(f"reset: options['{LAYOUTS}'] already has params. Leave out options['{PARAMS}'].")
         self.batch.fields.check()
         with launches:
             if params is not None:

@@ -94,7 +94,7 @@ def test_the_first_wrong_seed_of_many_is_named(wrong, place: int):
     objects = np.empty(4, object)
     objects[:] = seeds
     for given in (seeds, tuple(seeds), objects):
-        with pytest.raises(ArgumentError, match=rf"seeds\[{place}\]=.* should be an integer from 0 to 2\^64 - 1"):
+        with pytest.raises(ArgumentError, match=rf"seed\[{place}\]=.* should be an integer from 0 to 2\^64 - 1"):
             as_seeds(given, 4)
 
 
@@ -114,7 +114,7 @@ def test_the_first_wrong_seed_of_many_is_named(wrong, place: int):
 )
 def test_arrays_of_other_numbers_are_refused(seeds: np.ndarray, place: int):
     """Negative ones, floating-point ones though they are whole, truth values, texts and times."""
-    with pytest.raises(ArgumentError, match=rf"seeds\[{place}\]="):
+    with pytest.raises(ArgumentError, match=rf"seed\[{place}\]="):
         as_seeds(seeds, 3)
 
 

@@ -24,7 +24,7 @@ from sceniris_gym.levels.curriculum import as_curriculum
         ({"temperature": "hot"}, ArgumentError, "temperature should be above 0, got 'hot'"),
         ({"capacity": 0}, ArgumentError, "at least 1"),
         ({"refresh_interval": 0.5}, ArgumentError, "integer"),
-        ({"adr": [1, 2]}, ArgumentTypeError, "LevelReplay: adr should be a ADR"),
+        ({"adr": [1, 2]}, ArgumentTypeError, "LevelReplay: adr should be an ADR"),
         ({"adr": {"groups.clutter.count": [1, 2]}}, UnknownNameError, "LevelReplay: adr: unknown field"),
     ],
 )

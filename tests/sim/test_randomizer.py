@@ -160,3 +160,14 @@ def test_arguments_of_another_type_are_told_by_their_names(make_randomizer):
         wrong: dict[str, Any] = {**given, name: None}
         with pytest.raises(ArgumentTypeError, match=f"ResetRandomizer: {name} should be a {kind}, got .*NoneType"):
             ResetRandomizer(**wrong)
+
+
+def test_no_world_takes_no_seed_and_no_layout(make_randomizer):
+    """As in a step in which no episode ended."""
+    randomizer = make_randomizer(3)
+    randomizer.reset()
+    before = randomizer.layouts.episode.tolist()
+    randomizer.reset([], seed=[])
+    randomizer.reset([], layouts=[])
+    randomizer.reset(np.zeros(3, bool), layouts={"seed": np.zeros(0, int), "episode": np.zeros(0, int)})
+    assert randomizer.layouts.episode.tolist() == before

@@ -136,10 +136,10 @@ def test_none_among_the_first_seeds_draws_one():
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ([None, -1, 3], r"seeds\[1\]=-1"),
-        ([None, 2**64, 3], r"seeds\[1\]=18446744073709551616"),
-        ((4, None, 1.5), r"seeds\[2\]=1\.5"),
-        ([None, None, True], r"seeds\[2\]=True"),
+        ([None, -1, 3], r"seed\[1\]=-1"),
+        ([None, 2**64, 3], r"seed\[1\]=18446744073709551616"),
+        ((4, None, 1.5), r"seed\[2\]=1\.5"),
+        ([None, None, True], r"seed\[2\]=True"),
         ([None, 4], "sequence of 3"),
         ([None] * 4, "sequence of 3"),
         ([1, 2], "sequence of 3"),

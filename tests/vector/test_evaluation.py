@@ -12,6 +12,7 @@ from gymnasium.vector import AutoresetMode
 from torch import Tensor
 
 from sceniris_gym.errors import ArgumentError, SceneMismatchError
+from sceniris_gym.layout.tables import make_table
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.vector.evaluation import evaluate
 from sceniris_gym.vector.state import State
@@ -98,7 +99,7 @@ def test_what_is_not_of_the_environment_is_refused(make: Callable[..., SceneVect
         evaluate(turning, envs, ["seven"])
     with pytest.raises(SceneMismatchError, match="is of scene"):
         evaluate(turning, envs, [f"{'0' * 16}:train:0:0"])
-    with pytest.raises(SceneMismatchError, match="split 'train'"):
+    with pytest.raises(SceneMismatchError, match="the split 'eval', not 'train'"):
         evaluate(turning, envs, [reach_scene.layout_id(0, 0, "eval")])
     with pytest.raises(ValueError, match="max_episode_steps"):
         evaluate(turning, SceneVectorEnv(Timed, 2, scene=reach_scene))
@@ -112,6 +113,29 @@ def test_one_id_and_numbers_of_any_library_are_taken(make: Callable[..., SceneVe
     assert evaluate(turning, envs, expected[1].id) == expected[1:2]
     with pytest.raises(ArgumentError, match="evaluate: layouts should be an integer of at least 0, got -1"):
         evaluate(turning, envs, -1)
+
+
+def test_mappings_of_any_length_are_taken(make: Callable[..., SceneVectorEnv]):
+    """Of scalars, lists and `info["layout"]`; the ids are those of the episodes that were played."""
+    envs = make(2)
+    expected = evaluate(turning, envs, 3)
+    assert evaluate(turning, envs, {"seed": [0, 1, 2], "episode": 0}) == expected
+    assert evaluate(turning, envs, {"seed": 1, "episode": 0}) == expected[1:2]
+    assert evaluate(turning, envs, envs.reset(seed=0)[1]["layout"]) == expected[:2]
+    for wrong in ({"seed": [0, 1, 2], "episode": [0, 1]}, {"seed": 1}, {"seed": "a", "episode": 0}):
+        with pytest.raises(
+            ArgumentError, match="evaluate: layouts should have integers of one length as 'seed' and 'episode'"
+        ):
+            evaluate(turning, envs, wrong)
+
+
+def test_rows_of_stored_layouts_are_played(make: Callable[..., SceneVectorEnv], reach_scene: CompiledScene):
+    """Also of seeds that are no row numbers, and more episodes than worlds."""
+    table = make_table(reach_scene, 3, 70)
+    envs = SceneVectorEnv(Timed, 2, scene=reach_scene, layout_source=table, max_episode_steps=3)
+    assert [result.id for result in evaluate(turning, envs, 3)] == [
+        reach_scene.layout_id(seed, 0) for seed in (70, 71, 72)
+    ]
 
 
 def test_other_environments_are_refused(make: Callable[..., SceneVectorEnv]):

@@ -213,7 +213,7 @@ def test_returned_images_are_not_written_to_again(make_env):
 @pytest.mark.parametrize(
     ("images", "more", "error", "message"),
     [
-        (["overview"], {}, ArgumentTypeError, r"images should be a ImageConfig"),
+        (["overview"], {}, ArgumentTypeError, r"images should be an ImageConfig"),
         ({"every": 2}, {}, ArgumentError, r"images should be \{'camera'"),
         ({"overview": {}}, {}, ArgumentError, r"images\['overview'\] should have a 'size'"),
         ({"overview": {"size": 84}}, {}, ArgumentError, r"images\['overview'\]\['size'\] should be \(width, height\)"),

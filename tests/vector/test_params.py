@@ -160,3 +160,13 @@ def test_gymnasium_makes_environments_with_params():
             params="*",
             layout_source=lambda compiled, num_envs: envs.unwrapped.randomizer.pipeline,  # type: ignore[attr-defined]
         )
+
+
+def test_layouts_that_have_params_take_no_others(make_env):  # noqa: F811
+    """An id names its params, so an option beside it would be lost."""
+    envs = make_env(2, params=[SLIDE])
+    _, info = envs.reset(seed=0)
+    with pytest.raises(ArgumentError, match="already has params"):
+        envs.reset(options={"layouts": envs.layout_ids(), "params": {SLIDE: [0.0, 0.0]}})
+    with pytest.raises(ArgumentError, match="already has params"):
+        envs.reset(options={"layouts": info["layout"], "params": {SLIDE: [0.0, 0.0]}})

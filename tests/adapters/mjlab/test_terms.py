@@ -37,7 +37,7 @@ from mjlab.terrains import TerrainEntityCfg  # pyright: ignore[reportMissingImpo
 
 from sceniris_gym.adapters.mjlab import PlaceLayoutsCfg, keep_layouts, scene_param_stages
 
-PAGE = Path(__file__).parents[2] / "docs" / "mjlab.md"
+PAGE = Path(__file__).parents[3] / "docs" / "mjlab.md"
 NEAR = {"box": [[0.25, -0.15], [0.40, 0.15]]}
 NUM_ENVS = 6
 CABINET = """

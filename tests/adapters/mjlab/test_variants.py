@@ -31,7 +31,7 @@ from mjlab.utils.spec_config import CollisionCfg  # pyright: ignore[reportMissin
 
 from sceniris_gym.adapters.mjlab import PlaceLayoutsCfg, RedrawObjectsCfg
 
-PAGE = Path(__file__).parents[2] / "docs" / "mjlab.md"
+PAGE = Path(__file__).parents[3] / "docs" / "mjlab.md"
 NUM_ENVS = 6
 NEAR = {"box": [[0.2, -0.15], [0.5, 0.15]]}
 BOX = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
@@ -230,7 +230,7 @@ def test_what_cannot_be_redrawn_is_refused_by_name():
         ManagerBasedRlEnv(cfg_of(scene, thing=VariantEntityCfg(variants={"lamp": lamp})), "cpu")
     cfg = cfg_of(scene, thing=entity)
     cfg.commands["moved"] = RedrawObjectsCfg(objects=("thing",), resampling_time_range=(1.0, 2.0))
-    with pytest.raises(ArgumentError, match=r"RedrawObjects: .*for a scene without variants"):
+    with pytest.raises(ArgumentError, match=r"RedrawObjects: .*with a scene without variants"):
         ManagerBasedRlEnv(cfg, "cpu")
 
 
