@@ -131,7 +131,7 @@ def test_joints_decide_what_is_open_and_on(tmp_path: Path):
 @pytest.mark.parametrize(
     ("goal", "message"),
     [
-        ("(Open flat_stove_1)", "unknown thing for Open 'flat_stove_1'. Valid: wooden_cabinet_1"),
+        ("(Open flat_stove_1)", "unknown fixture for Open 'flat_stove_1'. Valid: wooden_cabinet_1"),
         ("(On plate_1 flat_stove_1_knob)", "unknown site 'flat_stove_1/knob'"),
     ],
 )

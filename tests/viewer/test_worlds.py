@@ -141,7 +141,8 @@ def test_the_page_of_an_environment_keeps_to_real_time():
     states = {"xpos": (xpos, wp.vec3), "xmat": (xmat, wp.mat33), "mocap_quat": (quat, wp.quat)}
     data = {name: wp.array(values, dtype=dtype, device="cpu") for name, (values, dtype) in states.items()}
     batch: Any = SimpleNamespace(data=SimpleNamespace(**data))
-    layouts: Any = SimpleNamespace(present=wp.array(present, dtype=int, device="cpu"))
+    view = SimpleNamespace(present=wp.array(present, dtype=int, device="cpu"))
+    layouts: Any = SimpleNamespace(view=view)
     with page() as server:
         window = Window(scene, 70, server)
         assert window.num == 64
