@@ -14,9 +14,9 @@ from sceniris_gym.layout.tables import make_table
 from sceniris_gym.program.compiled import CompiledScene
 
 
-def test_a_table_has_the_first_layouts(mid: CompiledScene):
+def test_a_table_has_the_first_layouts(crane: CompiledScene):
     """As many as asked for, copied: the next reset leaves them as they are."""
-    generator = LayoutGenerator(mid, 4, seed=3)
+    generator = LayoutGenerator(crane, 4, seed=3)
     generator.generate()
     table, two = generator.table(), generator.table(2)
     assert (len(table), len(two), table.seed.tolist()) == (4, 2, [3, 4, 5, 6])
