@@ -97,11 +97,12 @@ def _batches(layouts: Any, inner: SceneVectorEnv) -> Iterator[tuple[Any, int]]:
             f"{where} should have integers of one length as 'seed' and 'episode', got {short(layouts)}."
         )
     seed, episode = np.broadcast_arrays(*found)
-    params = {name: as_numbers(values) for name, values in layouts.get("params", {}).items()}
+    table = inner.randomizer.layouts.params
+    param = table.rows(layouts["params"], len(seed)) if "params" in layouts else None
     for first in range(0, len(seed), number):
         rows = np.minimum(np.arange(first, first + number), len(seed) - 1)
-        one = {"params": {name: values[rows] for name, values in params.items()}} if params else {}
-        yield {"seed": seed[rows], "episode": episode[rows], **one}, min(number, len(seed) - first)
+        params = {} if param is None else {"params": table.named(param[rows])}
+        yield {"seed": seed[rows], "episode": episode[rows], **params}, min(number, len(seed) - first)
 
 
 def _run(policy: Callable[[Any], Any], envs: VectorEnv, inner: SceneVectorEnv, layouts: Any) -> list[EpisodeResult]:

@@ -11,6 +11,7 @@ import pytest
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, SceneMismatchError, UnknownNameError
 from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.levels import LevelReplay
+from sceniris_gym.vector.evaluation import evaluate
 from sceniris_gym.vector.single_env import SceneEnv
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 from tests.vector.conftest import SCENE, Reach, make_env, reach_scene  # noqa: F401, fixtures
@@ -170,3 +171,14 @@ def test_layouts_that_have_params_take_no_others(make_env):  # noqa: F811
         envs.reset(options={"layouts": envs.layout_ids(), "params": {SLIDE: [0.0, 0.0]}})
     with pytest.raises(ArgumentError, match="already has params"):
         envs.reset(options={"layouts": info["layout"], "params": {SLIDE: [0.0, 0.0]}})
+
+
+def test_an_evaluation_takes_params_for_all_rows_or_for_each(make_env):  # noqa: F811
+    """More rows than worlds; the ids name the params, as those of a reset do."""
+    envs = make_env(2, params=[SLIDE], max_episode_steps=2)
+    rows = {"seed": [5, 6, 7], "episode": 0}
+    one, each = ({**rows, "params": {SLIDE: values}} for values in ([0.05, 0.1], [[0.05, 0.1]] * 3))
+    results = evaluate(lambda _: actions(2), envs, one)
+    assert evaluate(lambda _: actions(2), envs, each) == results
+    assert all(f"{SLIDE}=" in result.id for result in results)
+    assert [result.id.split(":")[2] for result in results] == ["5", "6", "7"]
