@@ -16,8 +16,6 @@ from sceniris_gym.device.transforms import Pose, apply, compose, pose_of, relati
 from sceniris_gym.geometry.pieces import PieceType
 from sceniris_gym.program.device import Program
 
-wp.set_module_options({"enable_backward": False, "fuse_fp": False})
-
 _SPACE = wp.constant(wp.vec3(1.0, 1.0, 1.0))
 # The parts cut off are further away than the margin by at least this [m].
 _BEYOND = wp.constant(1.0e-3)
@@ -45,6 +43,14 @@ def gap_at_faces(ha: wp.vec3, hb: wp.vec3, t: wp.vec3, f: wp.mat33) -> float:
     For the face normals of b, pass (hb, ha), t in the frame of b, and the transpose of f.
     """
     return wp.max(wp.abs(t) - ha - f * hb)
+
+
+@wp.func
+def apart_at_faces(ha: wp.vec3, hb: wp.vec3, t: wp.vec3, r: wp.mat33, f: wp.mat33, margin: float) -> bool:
+    """Test whether the gap along a face normal of either box is above `margin` [m]. `f` is `absolute(r)`."""
+    if gap_at_faces(ha, hb, t, f) > margin:
+        return True
+    return gap_at_faces(hb, ha, wp.transpose(r) * t, wp.transpose(f)) > margin
 
 
 @wp.func
@@ -85,10 +91,7 @@ def _boxes_apart(ha: wp.vec3, hb: wp.vec3, rel: Pose, margin: float) -> bool:
     t = rel.pos
     r = rel.rot
     f = absolute(r)
-    if gap_at_faces(ha, hb, t, f) > margin:
-        return True
-    tb = wp.transpose(r) * t
-    if gap_at_faces(hb, ha, tb, wp.transpose(f)) > margin:
+    if apart_at_faces(ha, hb, t, r, f, margin):
         return True
     rounding = _ROUNDING * (wp.length(ha) + wp.length(hb) + wp.length(t))
     for i in range(3):
@@ -142,10 +145,7 @@ def boxes_within(ca: wp.vec3, ha: wp.vec3, cb: wp.vec3, hb: wp.vec3, rel: Pose, 
     r = rel.rot
     f = absolute(r)
     deep = _OVERLAP * (wp.length(ha) + wp.length(hb))
-    if gap_at_faces(ha, hb, t, f) > -deep:
-        return False
-    tb = wp.transpose(r) * t
-    if gap_at_faces(hb, ha, tb, wp.transpose(f)) > -deep:
+    if apart_at_faces(ha, hb, t, r, f, -deep):
         return False
     for i in range(3):
         for j in range(3):

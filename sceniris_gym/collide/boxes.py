@@ -9,13 +9,11 @@ from typing import Any
 
 import warp as wp
 
-from sceniris_gym.collide.box_pairs import absolute, gap_across_edges, gap_at_faces
+from sceniris_gym.collide.box_pairs import absolute, apart_at_faces, gap_across_edges
 from sceniris_gym.collide.leaves import PairPoses, inner_boxes_touch, leaves_touch, margin_of, over_plane, pair_poses
 from sceniris_gym.device.blocks import block_any
 from sceniris_gym.device.transforms import Pose, apply
 from sceniris_gym.program.device import Cause, Program
-
-wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 SHARED_STACK = 512
 """Capacity of the stack of entries that a block shares: one entry for each lane and each level of both trees."""
@@ -39,10 +37,7 @@ def boxes_separated(ca: wp.vec3, ha: wp.vec3, cb: wp.vec3, hb: wp.vec3, rel: Pos
     t = apply(rel, cb) - ca
     r = rel.rot
     f = absolute(r)
-    if gap_at_faces(ha, hb, t, f) > margin:
-        return True
-    tb = wp.transpose(r) * t
-    if gap_at_faces(hb, ha, tb, wp.transpose(f)) > margin:
+    if apart_at_faces(ha, hb, t, r, f, margin):
         return True
     for i in range(3):
         for j in range(3):

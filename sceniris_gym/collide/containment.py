@@ -10,8 +10,6 @@ from sceniris_gym.device.blocks import block_any
 from sceniris_gym.device.transforms import Pose, relative
 from sceniris_gym.program.device import Program
 
-wp.set_module_options({"enable_backward": False, "fuse_fp": False})
-
 
 @wp.func
 def in_solid(program: Program, collider: int, p: wp.vec3) -> bool:

@@ -14,8 +14,6 @@ from sceniris_gym.geometry.colliders import PIECE_LEAF
 from sceniris_gym.geometry.pieces import PieceType
 from sceniris_gym.program.device import OWN_A, OWN_B, ObjectKind, Program
 
-wp.set_module_options({"enable_backward": False, "fuse_fp": False})
-
 # Added to every margin [m]. It exceeds the rounding of float32 poses and vertices within a few metres, and is below the
 # permitted error of a rejection, 10 um.
 SKIN = 5.0e-6

@@ -7,8 +7,6 @@ from sceniris_gym.grasping.grasps import MOST_RISING
 from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.reach.lookup import map_verdict
 
-wp.set_module_options({"enable_backward": False, "fuse_fp": False})
-
 
 @wp.func
 def grasp_pose(reach: Reach, grasp: int, base: Pose, body_pos: wp.array[wp.vec3], body_quat: wp.array[wp.vec4]) -> Pose:

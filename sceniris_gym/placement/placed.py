@@ -30,21 +30,15 @@ def is_there(present: wp.array[int], column: int) -> bool:
 
 
 @wp.func
-def _rotated_to(v: wp.vec2, to: wp.vec2) -> wp.vec2:
+def rotated_to(v: wp.vec2, to: wp.vec2) -> wp.vec2:
     """Return a plane vector rotated by the rotation that takes the x axis to the unit vector `to`."""
     return wp.vec2(to[0] * v[0] - to[1] * v[1], to[1] * v[0] + to[0] * v[1])
 
 
 @wp.func
-def along_axes(p: Placed, v: wp.vec2) -> wp.vec2:
-    """Return a vector in the world's axes, from its components along the axes of an object."""
-    return _rotated_to(v, p.axis)
-
-
-@wp.func
 def rotated(v: wp.vec2, angle: float) -> wp.vec2:
     """Return a plane vector rotated counter-clockwise by `angle` [rad]."""
-    return _rotated_to(v, unit_circle(angle))
+    return rotated_to(v, unit_circle(angle))
 
 
 @wp.func
@@ -56,7 +50,7 @@ def bounds_corner(p: Placed, i: int) -> wp.vec2:
         x = p.high[0]
     if i >= 2:
         y = p.high[1]
-    return p.at + _rotated_to(wp.vec2(x, y), p.axis)
+    return p.at + rotated_to(wp.vec2(x, y), p.axis)
 
 
 @wp.func
@@ -82,7 +76,7 @@ def bounds_extent(p: Placed, direction: wp.vec2) -> wp.vec2:
 @wp.func
 def _outside_sq(p: Placed, x: wp.vec2) -> float:
     """Return the squared distance [m^2] of a point from the bounds, 0 inside."""
-    local = _rotated_to(x - p.at, wp.vec2(p.axis[0], -p.axis[1]))
+    local = rotated_to(x - p.at, wp.vec2(p.axis[0], -p.axis[1]))
     dx = wp.max(wp.max(p.low[0] - local[0], local[0] - p.high[0]), 0.0)
     dy = wp.max(wp.max(p.low[1] - local[1], local[1] - p.high[1]), 0.0)
     return dx * dx + dy * dy

@@ -14,7 +14,6 @@ from sceniris_gym.config.relations import RelationType
 from sceniris_gym.device.angles import angle_of, unit_circle
 from sceniris_gym.placement.placed import (
     Placed,
-    along_axes,
     bounds_distance,
     bounds_extent,
     bounds_offset,
@@ -22,6 +21,7 @@ from sceniris_gym.placement.placed import (
     is_there,
     placed,
     rotated,
+    rotated_to,
 )
 from sceniris_gym.placement.polygons import HalfPlane, convex_hull, cross2
 from sceniris_gym.program.device import FRAME_SUPPORT, FRAME_WORLD, OWN_WIDTH, Program
@@ -147,7 +147,8 @@ def _beside(program: Program, rel: int, own: Placed, anchor: Placed, axis: float
 def _joined(program: Program, rel: int, own: Placed, anchor: Placed) -> ResolvedRelation:
     """Resolve `beside` at sites: the pivot that makes the two sites meet."""
     sites = program.rel_sites[rel]
-    apex = anchor.at + along_axes(anchor, wp.vec2(sites[0], sites[1])) - along_axes(own, wp.vec2(sites[2], sites[3]))
+    from_anchor = rotated_to(wp.vec2(sites[0], sites[1]), anchor.axis)
+    apex = anchor.at + from_anchor - rotated_to(wp.vec2(sites[2], sites[3]), own.axis)
     return _strip(apex, wp.vec2(1.0, 0.0), -_LINE, _LINE, _LINE, 2.0 * _LINE)
 
 

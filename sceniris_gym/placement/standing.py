@@ -29,8 +29,6 @@ from sceniris_gym.placement.polygons import HalfPlane, area, clip, cross2
 from sceniris_gym.program.device import Program
 from sceniris_gym.program.device_statics import DIRECTIONS, MOST_MOVE, RISE, ROLL, LawVector, Statics
 
-wp.set_module_options({"enable_backward": False, "fuse_fp": False})
-
 # A convex part of a support adds a corner for each of its sides.
 _MOST_CORNERS = 2 * MAX_FOOT
 _PASSES = 8

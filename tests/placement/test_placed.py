@@ -6,13 +6,13 @@ import warp as wp
 from shapely import affinity
 
 from sceniris_gym.placement.placed import (
-    along_axes,
     bounds_corner,
     bounds_distance,
     bounds_extent,
     bounds_offset,
     bounds_radius,
     placed,
+    rotated_to,
 )
 
 wp.set_module_options({"enable_backward": False})
@@ -41,7 +41,7 @@ def _measure(
     lengths[i, 1] = bounds_radius(a)
     lengths[i, 2] = bounds_offset(a)
     extent[i] = bounds_extent(a, direction[i])
-    vector[i] = along_axes(a, direction[i])
+    vector[i] = rotated_to(direction[i], a.axis)
 
 
 def test_bounds_are_rectangles_of_shapely():
