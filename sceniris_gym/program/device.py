@@ -312,6 +312,5 @@ def repeat(declared: Any, instance: Any, count: int, rows: Mapping[str, np.ndarr
 def copied(declared: Any, instance: Any) -> Any:
     """Return a copy of a struct instance that shares its arrays."""
     other = declared()
-    for name in declared.vars:
-        setattr(other, name, getattr(instance, name))
+    other.assign(instance)
     return other

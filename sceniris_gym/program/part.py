@@ -11,7 +11,7 @@ from sceniris_gym.config.variants import with_variants
 from sceniris_gym.errors import ArgumentError, as_names, check_names
 from sceniris_gym.program.compiled import CompiledScene, upload_plan
 from sceniris_gym.program.placed_object import COS_MAX_TILT_32
-from sceniris_gym.program.standing import carriers_of
+from sceniris_gym.program.standing import carriers_of, chain_below
 from sceniris_gym.scene.support import is_static
 
 _FAR = float(np.finfo(np.float32).max)
@@ -65,10 +65,7 @@ def _given(carriers: Sequence[int | None], chosen: Sequence[int]) -> list[int]:
 
     An object on a chosen object is also chosen, or absent.
     """
-    found: set[int] = set()
-    for number in chosen:
-        while (number := carriers[number]) is not None:  # type: ignore[assignment]
-            found.add(number)
+    found = {carrier for number in chosen for carrier in chain_below(number, carriers)[1:]}
     for number, carrier in enumerate(carriers):  # carriers come before their loads
         if carrier in found and carrier not in chosen:
             found.add(number)

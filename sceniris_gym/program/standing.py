@@ -1,5 +1,6 @@
 """Stances of free objects: their feet, the springs of MuJoCo's contacts below them, and their loads."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
 from typing import NamedTuple
@@ -169,11 +170,6 @@ class Stance:
     sinks: dict[int | None, float] = field(default_factory=dict)
 
     @property
-    def sink(self) -> float:
-        """Depth of its contacts [m] under `load`, 0 if it does not have to stand."""
-        return self.sinks.get(None, 0.0)
-
-    @property
     def is_certain(self) -> bool:
         """True if it stands wherever it is placed. Then only the objects put on it need a test."""
         is_alone = len(self.levels) < 2 and self.is_whole and not self.tilt
@@ -202,7 +198,7 @@ def stances(scene: SceneModel, objects: list[PlacedObject], pieces: list[Piece])
             continue
         stance = replace(_stance(scene, o, pieces, loads[number]), levels=[number], tilt=lean)
         if any(f.law.tip for f in stance.feet):  # it rolls if any object below leans, however little
-            stance = replace(stance, levels=_down(number, below))
+            stance = replace(stance, levels=chain_below(number, below))
         elif carrier is not None and not _is_heavy(scene, objects[carrier], pieces, found[carrier]):
             stance = replace(stance, levels=[number, *found[carrier].levels])
         found.append(stance)
@@ -218,7 +214,7 @@ def _loads(scene: SceneModel, objects: list[PlacedObject], below: list[int | Non
     own = np.array([weights(scene.most)[o.bodies].sum() for o in objects])
     on: list[dict[str | None, list[int]]] = [{} for _ in objects]  # by group: a world may omit some of its members
     for number, o in enumerate(objects):
-        for level in _down(number, below):
+        for level in chain_below(number, below):
             on[level].setdefault(scene.config.absent.get(o.name) if level != number else None, []).append(number)
     count = {label: group.count[1] for label, group in scene.config.groups.items()}
 
@@ -229,10 +225,10 @@ def _loads(scene: SceneModel, objects: list[PlacedObject], below: list[int | Non
     return [{n: heaviest(stacked, n) for n in (None, *chain(*stacked.values()))} for stacked in on]
 
 
-def _down(number: int, below: list[int | None]) -> list[int]:
-    """Return the numbers of an object and of all its carriers."""
-    carrier = below[number]
-    return [number, *([] if carrier is None else _down(carrier, below))]
+def chain_below(number: int, carriers: Sequence[int | None]) -> list[int]:
+    """Return the numbers of an object and of all its carriers, downwards."""
+    carrier = carriers[number]
+    return [number, *([] if carrier is None else chain_below(carrier, carriers))]
 
 
 def _is_heavy(scene: SceneModel, o: PlacedObject, pieces: list[Piece], stance: Stance) -> bool:

@@ -41,7 +41,7 @@ def test_contacts_sink_as_in_mujoco(below: str, a: str, b: str, mass: float, res
     data = mujoco.MjData(mjm)
     mujoco.mj_step(mjm, data, 2500)
     assert data.ncon == 4
-    assert stance.sink == pytest.approx(-data.contact.dist.mean(), rel=0.01)
+    assert stance.sinks[None] == pytest.approx(-data.contact.dist.mean(), rel=0.01)
 
 
 def test_the_chain_goes_down_to_what_cannot_move(tmp_path: Path):

@@ -24,7 +24,7 @@ from sceniris_gym.program.pack.pair_lists import pack_pairs
 from sceniris_gym.program.pack.pairs import PairRules
 from sceniris_gym.program.pack.relations import joints_of, pack_regions, pack_relations, surfaces_of_regions
 from sceniris_gym.program.plan import Plan
-from sceniris_gym.program.standing import CURVED, Foot, Roll, carriers_of
+from sceniris_gym.program.standing import CURVED, Foot, Roll, carriers_of, chain_below
 from sceniris_gym.program.starts import plan_grips, plan_starts
 from sceniris_gym.scene.parking import PARKING_SPACING
 
@@ -193,7 +193,7 @@ def pack_statics(plan: Plan, device: str) -> Statics | None:
         np.linalg.norm(np.concatenate(f.parts), axis=1).max() if f.margin > 0.0 and not leans else 1e30 for f in feet
     ]
     drawn = any(draw.word.field == "body_mass" for draw in plan.scene.draws)
-    sink = np.array([s.sink for s in found])
+    sink = np.array([s.sinks.get(None, 0.0) for s in found])
     give = sink / np.maximum([s.load for s in found], mujoco.mjMINVAL)
     statics = Statics()
     arrays = {
@@ -221,10 +221,8 @@ def _loads(chain: list[int], carriers: list[int | None], number: int) -> list[li
     """Return the loads of each level of object `number`: earlier objects on the level that are not levels above it."""
     loads: dict[int, list[int]] = {i: [] for i in chain}
     for other in range(number):
-        at: int | None = other
-        while at is not None and at not in loads:
-            at = carriers[at]
-        if at is not None and at != other:
+        at = next((level for level in chain_below(other, carriers) if level in loads), other)
+        if at != other:
             loads[at].append(other)
     return list(loads.values())
 
