@@ -18,6 +18,7 @@ from sceniris_gym.device.fixed import StaysHere
 from sceniris_gym.device.sequence import LaunchSequence, launching, repeat_launches, repeats_in_graphs
 from sceniris_gym.errors import ArgumentError, check_type
 from sceniris_gym.layout.layouts import LayoutsView, close_episode, copy_layout, layout_width, next_key, open_episode
+from sceniris_gym.layout.masks import selects
 from sceniris_gym.layout.seeds import count_rejections
 from sceniris_gym.layout.source import LayoutSource
 
@@ -73,9 +74,8 @@ def _find_missing(
 ):
     worldid = wp.tid()
     missing[worldid] = False
-    if mask:
-        if not mask[worldid]:
-            return
+    if not selects(mask, worldid):
+        return
     # atomic, because a prefetch on the other stream may set the stage to READY at any time
     known = wp.atomic_exch(stage, worldid, _WAITING)
     if known != _WAITING:
@@ -104,9 +104,8 @@ def _forget(
     nwaiting: wp.array[int],
 ):
     worldid = wp.tid()
-    if mask:
-        if not mask[worldid]:
-            return
+    if not selects(mask, worldid):
+        return
     if _has_other_params(served, prepared, worldid):
         if wp.atomic_exch(stage, worldid, _WAITING) != _WAITING:
             wp.atomic_add(nwaiting, 0, 1)
@@ -124,9 +123,8 @@ def _serve(
     served: LayoutsView,
 ):
     worldid, i = wp.tid()
-    if mask:
-        if not mask[worldid]:
-            return
+    if not selects(mask, worldid):
+        return
     # Worlds whose layouts were made in place also advance here, so that an interrupt cannot advance only some worlds.
     if missing[worldid]:
         if i == 0:

@@ -27,8 +27,7 @@ from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.layout.wave.accept import launch_accept
 from sceniris_gym.layout.wave.ahead import count_ahead, launch_draw_ahead
 from sceniris_gym.layout.wave.boxes import launch_draw_in_boxes
-from sceniris_gym.layout.wave.collision import launch_test_collisions
-from sceniris_gym.layout.wave.containment import launch_test_containment
+from sceniris_gym.layout.wave.collision import launch_test_collisions, launch_test_containment
 from sceniris_gym.layout.wave.draw import launch_draw
 from sceniris_gym.layout.wave.points import launch_draw_points
 from sceniris_gym.layout.wave.prefilter import launch_prefilter
@@ -110,17 +109,8 @@ class LayoutGenerator(Fixed, LayoutSource):
         search, reaching = create_search(compiled, nworld, size), compiled.reaching
         self._regions = create_regions(compiled, search.cause.shape[0])
         reaches = [Reach()] if reaching is None else [one.view for one in reaching.arms]
-        self._work = Workspace(
-            compiled,
-            program,
-            statics,
-            0 if self._boxes is not None else count_ahead(compiled, size),
-            reaches,
-            SPLITS[split],
-            size,
-            self.layouts.view,
-            search,
-        )
+        ahead, view = 0 if self._boxes is not None else count_ahead(compiled, size), self.layouts.view
+        self._work = Workspace(compiled, program, statics, ahead, reaches, SPLITS[split], size, view, search)
         staged = reaching is not None and (reaching.staged or compiled.starts is not None)
         self._stage = ReachStage(self._work, reaching) if reaching is not None and staged else None
         # First, waves are full: there are more rows than candidates. Later, each wave has a candidate of every row.

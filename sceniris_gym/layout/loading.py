@@ -12,7 +12,6 @@ from sceniris_gym.layout.wave import (
     accept,
     ahead,
     collision,
-    containment,
     draw,
     points,
     prefilter,
@@ -37,7 +36,6 @@ def kernel_modules(work: Workspace, *, staged: bool) -> list[wp.Module]:
     files = [draw, prefilter, accept, rounds, settle, seeds]
     files += [sides, region_pieces, points] if work.compiled.related else []
     files += [ahead] if work.ahead > 0 else []
-    files += [containment] if work.program.visual else []
     files += [standing] if work.statics is not None else []
     files += [waves, poses, ik, hits] if staged else []
     files += [start_kinds, start] if work.compiled.starts is not None else []

@@ -127,6 +127,14 @@ def as_numbers(values: Any) -> np.ndarray:
 
 
 @wp.func
+def selects(mask: wp.array[bool], worldid: int) -> bool:
+    """Return True if a mask of worlds selects a world. No mask selects all."""
+    if mask:
+        return mask[worldid]
+    return True
+
+
+@wp.func
 def row_of(worldid: int, rows: wp.array[int]) -> int:
     """Return the row of layouts for a world: `rows[worldid]`, or without `rows` its id."""
     row = worldid

@@ -14,7 +14,7 @@ import warp as wp
 
 from sceniris_gym.config.fields import short
 from sceniris_gym.errors import ArgumentError, UnknownNameError, as_names, check_names, check_type
-from sceniris_gym.layout.masks import as_numbers
+from sceniris_gym.layout.masks import as_numbers, selects
 from sceniris_gym.layout.scene_params import Param, draw_key, scene_params
 from sceniris_gym.program.compiled import CompiledScene
 
@@ -161,9 +161,8 @@ def _set(
     param: wp.array2d[float],
 ):
     worldid, k = wp.tid()
-    if mask:
-        if not mask[worldid]:
-            return
+    if not selects(mask, worldid):
+        return
     param[worldid, columns[k]] = values[worldid % values.shape[0], k]
 
 

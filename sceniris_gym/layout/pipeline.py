@@ -92,6 +92,7 @@ class LayoutPipeline(Fixed, LayoutSource):
             if chooser.layouts is not None and chooser.layouts is not maker.layouts:
                 raise ArgumentError("LayoutPipeline: chooser should choose for the layouts of this maker.")
         self.maker, self.ahead, self.chooser, self.layouts = maker, ahead, chooser, maker.layouts
+        self._choices = chooser or Chooser()
         self.split = maker.split or split
         self.hears = maker.hears or chooser is not None
         self.rows = maker.rows if chooser is None else chooser.rows
@@ -104,19 +105,16 @@ class LayoutPipeline(Fixed, LayoutSource):
             self.ahead.launch_open(mask)
             self.maker.launch_make(self.ahead.missing)
             self.ahead.launch_close(mask)
-        if self.chooser is not None:
-            self.chooser.launch_choose(mask)
+        self._choices.launch_choose(mask)
 
     def launch_reseed(self, seeds: wp.array | None, mask: wp.array | None, episodes: wp.array | None = None) -> None:
         """See `LayoutSource`."""
         self.maker.launch_reseed(seeds, mask, episodes)
-        if self.chooser is not None:
-            self.chooser.launch_forget(seeds, mask)
+        self._choices.launch_forget(seeds, mask)
 
     def launch_set_params(self, columns: wp.array, values: wp.array, mask: wp.array | None) -> None:
         """See `LayoutSource`. Layouts prefetched with other params are made again."""
-        if self.chooser is not None:
-            self.chooser.launch_set_params(columns, values, mask)
+        self._choices.launch_set_params(columns, values, mask)
         self.maker.launch_set_params(columns, values, mask)
         if self.ahead is not None:
             self.ahead.launch_forget(mask)
@@ -124,8 +122,7 @@ class LayoutPipeline(Fixed, LayoutSource):
     def launch_finish(self, success: wp.array, finished: wp.array) -> None:
         """See `LayoutSource`."""
         self.maker.launch_finish(success, finished)
-        if self.chooser is not None:
-            self.chooser.launch_finish(success, finished)
+        self._choices.launch_finish(success, finished)
 
     def after_reset(self) -> None:
         """See `LayoutSource`."""

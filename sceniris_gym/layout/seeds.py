@@ -11,6 +11,7 @@ import warp as wp
 from sceniris_gym.config.fields import short
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.layouts import LayoutsView, close_episode, open_episode
+from sceniris_gym.layout.masks import selects
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -24,9 +25,8 @@ def _reseed(
     layouts: LayoutsView,
 ):
     worldid = wp.tid()
-    if mask:
-        if not mask[worldid]:
-            return
+    if not selects(mask, worldid):
+        return
     layouts.next_seed[worldid] = layouts.seed[worldid]
     if seeds:
         layouts.next_seed[worldid] = seeds[worldid]
@@ -59,9 +59,8 @@ def _open(
     layouts: LayoutsView,
 ):
     worldid = wp.tid()
-    if mask:
-        if not mask[worldid]:
-            return
+    if not selects(mask, worldid):
+        return
     open_episode(layouts, worldid)
 
 
@@ -86,9 +85,8 @@ def _close(
     layouts: LayoutsView,
 ):
     worldid, obj = wp.tid()
-    if mask:
-        if not mask[worldid]:
-            return
+    if not selects(mask, worldid):
+        return
     if obj == 0:
         close_episode(layouts, layouts, worldid)
     count_rejections(layouts, worldid, obj, layouts.rejections)

@@ -19,7 +19,7 @@ from sceniris_gym.layout.layouts import (
     layout_width,
     view_of,
 )
-from sceniris_gym.layout.masks import as_count
+from sceniris_gym.layout.masks import as_count, selects
 from sceniris_gym.layout.params import ParamTable
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.program.compiled import MOST_EPISODES, USER_SPLITS, CompiledScene
@@ -49,9 +49,8 @@ def _make(
     layouts: LayoutsView,
 ):
     worldid, i = wp.tid()
-    if mask:
-        if not mask[worldid]:
-            return
+    if not selects(mask, worldid):
+        return
     rank = layouts.pending_seed[worldid] + wp.uint64(layouts.pending_episode[worldid]) * wp.uint64(stride)
     row = int(rank % wp.uint64(stored.qpos.shape[0]))
     copy_layout(stored, row, layouts, worldid, i)

@@ -15,7 +15,7 @@ from sceniris_gym.device.blocks import block_sync
 from sceniris_gym.device.random import BANK_BIT, uniforms
 from sceniris_gym.device.transforms import axis_angle_quat, mul_quat
 from sceniris_gym.layout.layouts import LayoutsView, next_key
-from sceniris_gym.layout.masks import row_of
+from sceniris_gym.layout.masks import row_of, selects
 from sceniris_gym.program.device import SHARED
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -217,9 +217,8 @@ def _write_columns(
     numbers: wp.array2d[float],
 ):
     worldid, lane = wp.tid()
-    if mask:
-        if not mask[worldid]:
-            return
+    if not selects(mask, worldid):
+        return
     if drawn.shape[0] > 0:
         row = row_of(worldid, rows)
         seed, episode, stream = _draw_key(layouts, row, opens)

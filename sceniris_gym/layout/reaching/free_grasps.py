@@ -46,7 +46,7 @@ def _pose_hands(
 
 def launch_pose_hands(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
     """Pose the hand at each grasp in the frame of the grasped body, with joints outside the gripper at home."""
-    work.launch(_pose_hands, reach.early_grasp.shape[0], [work.program, reach], reach_search)
+    work.launch(_pose_hands, reach.early_grasp.shape[0], work.program, reach, reach_search)
 
 
 @wp.func
@@ -216,7 +216,7 @@ OWN_KERNELS = [_test_hands]
 
 def launch_test_hands(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
     """Find the free grasps of candidates that passed all other tests. Reject candidates that leave no free grasp."""
-    inputs, blocks = [work.program, reach, work.layouts, work.search], min(work.size.blocks, len(reach_search.failed))
-    work.launch_lanes(_queue_hands, inputs, reach_search)
-    work.launch_blocks(_test_hands, inputs, reach_search, blocks=blocks)
-    work.launch_lanes(_reject_blocked, [reach, work.layouts], work.search)
+    inputs = [work.program, reach, work.layouts, work.search, reach_search]
+    work.launch_lanes(_queue_hands, *inputs)
+    work.launch_blocks(_test_hands, *inputs, blocks=min(work.size.blocks, len(reach_search.failed)))
+    work.launch_lanes(_reject_blocked, reach, work.layouts, work.search)

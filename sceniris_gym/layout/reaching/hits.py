@@ -101,5 +101,4 @@ def launch_test_arm(
 ) -> None:
     """Test candidates in their current pose, for the steps from `first` to `last`."""
     for test in (_test, _test_containment) if work.program.visual else (_test,):
-        inputs = [work.program, reach, int(first), int(last), work.layouts]
-        work.launch_blocks(test, inputs, reach_search)
+        work.launch_blocks(test, work.program, reach, int(first), int(last), work.layouts, reach_search)

@@ -144,6 +144,6 @@ def _solve(
 
 def launch_ik(work: Workspace, reach: Reach, clear: bool, reach_search: ReachSearch) -> None:
     """Solve for the joints of the candidates' grasps, and if `clear` also for the joints of their pre-grasps."""
-    work.launch_lanes(_choose_starts, [reach, work.split, work.layouts, work.search], reach_search)
+    work.launch_lanes(_choose_starts, reach, work.split, work.layouts, work.search, reach_search)
     for step in (ReachStep.IK_AT_GRASP, ReachStep.IK_AT_PREGRASP) if clear else (ReachStep.IK_AT_GRASP,):
-        work.launch_lanes(_solve, [reach, int(step), work.layouts], reach_search)
+        work.launch_lanes(_solve, reach, int(step), work.layouts, reach_search)

@@ -66,7 +66,7 @@ def _queue_starts(
 
 def launch_queue_starts(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
     """Queue the worlds with a finished restart whose start has this arm at an object."""
-    work.launch(_queue_starts, work.nworld, [reach, work.compiled.starts], work.layouts, work.search, reach_search)
+    work.launch(_queue_starts, work.nworld, reach, work.compiled.starts, work.layouts, work.search, reach_search)
 
 
 @wp.func
@@ -187,8 +187,8 @@ def _pose(
 
 def launch_pose_start(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
     """Pose the robot of each candidate with its held object. Candidates without an exact solution for joints fail."""
-    inputs = [work.program, reach, work.compiled.starts, work.split, work.layouts, work.search]
-    work.launch_lanes(_pose, inputs, reach_search)
+    inputs = [work.program, reach, work.compiled.starts, work.split, work.layouts, work.search, reach_search]
+    work.launch_lanes(_pose, *inputs)
 
 
 @wp.kernel(grid_stride=False)
@@ -232,4 +232,4 @@ def launch_accept_starts(work: Workspace, reach: Reach, reach_search: ReachSearc
     A start only changes positions of joints and mocap bodies. `body_pos` and `body_quat` of the row keep the placed
     poses.
     """
-    work.launch_lanes(_accept, [work.program, reach], work.layouts, work.search, reach_search)
+    work.launch_lanes(_accept, work.program, reach, work.layouts, work.search, reach_search)

@@ -150,8 +150,7 @@ def _open_rows(
 
 def launch_open_rows(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
     """Queue the waiting rows whose current arm is `reach`."""
-    inputs = [work.program, reach, work.kinds]
-    work.launch(_open_rows, work.nrow, inputs, work.layouts, work.search, reach_search)
+    work.launch(_open_rows, work.nrow, work.program, reach, work.kinds, work.layouts, work.search, reach_search)
 
 
 @wp.kernel(grid_stride=False)
@@ -221,12 +220,12 @@ def _look_up(
 
 def launch_open_wave(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
     """Open candidates of the queued rows, with more candidates per row if few rows are left."""
-    work.launch_lanes(_open_candidates, [reach, work.size.busy, work.layouts], reach_search)
+    work.launch_lanes(_open_candidates, reach, work.size.busy, work.layouts, reach_search)
 
 
 def launch_look_up(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
     """Reject candidates whose grasps the arm's map rejects, or that the kind of start cannot use."""
-    work.launch_lanes(_look_up, [reach, work.kinds, work.layouts, work.search], reach_search)
+    work.launch_lanes(_look_up, reach, work.kinds, work.layouts, work.search, reach_search)
 
 
 @wp.func
@@ -313,4 +312,4 @@ def launch_accept_grasps(work: Workspace, reach: Reach, reach_search: ReachSearc
 
     Rows without one continue with their next starts, or fail if there are no more.
     """
-    work.launch_lanes(_accept, [reach], work.layouts, work.search, reach_search)
+    work.launch_lanes(_accept, reach, work.layouts, work.search, reach_search)

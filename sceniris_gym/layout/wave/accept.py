@@ -219,4 +219,4 @@ def _accept(
 
 def launch_accept(work: Workspace, staged: bool) -> None:
     """Place the valid candidates of this wave, and queue the rows that continue."""
-    work.launch_blocks(_accept, [work.program, work.reach, staged, work.size.busy], work.layouts, work.search)
+    work.launch_blocks(_accept, work.program, work.reach, staged, work.size.busy, work.layouts, work.search)

@@ -112,4 +112,4 @@ def launch_draw_in_boxes(work: Workspace, columns: wp.array) -> None:
         work: The arrays of the generator.
         columns: First column of each object's box in a row of params, -1 without a box, shape (nobject,), int32.
     """
-    work.launch_lanes(_draw_in_boxes, [work.program, work.split, columns, work.layouts], work.search)
+    work.launch_lanes(_draw_in_boxes, work.program, work.split, columns, work.layouts, work.search)

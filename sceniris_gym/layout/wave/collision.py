@@ -3,7 +3,7 @@
 With `geometry: physics`, the lanes of a block traverse the bounding-volume trees of a candidate and queue close leaves
 as narrow-phase pairs, which are tested by one lane each. With `geometry: visual`, close leaves usually collide, so a
 block tests its candidate completely and stops at the first hit. If a stack or queue overflows, a single lane repeats
-the candidate's test.
+the candidate's test. Surfaces that do not intersect may still enclose each other, which a second test finds.
 """
 
 import warp as wp
@@ -18,6 +18,7 @@ from sceniris_gym.collide.boxes import (
     leaves_below_touch,
     next_step,
 )
+from sceniris_gym.collide.containment import is_one_inside
 from sceniris_gym.collide.leaves import inner_boxes_touch, margin_of, pieces_touch, support_of
 from sceniris_gym.device.blocks import block_sync
 from sceniris_gym.layout.layouts import LayoutsView
@@ -229,18 +230,42 @@ def launch_test_collisions(work: Workspace) -> None:
     """Test the candidates that pass the prefilter for collision."""
     program, reach, shared, state = work.program, work.reach, work.size.block_dim > 1, [work.layouts, work.search]
     if shared and program.visual:
-        work.launch_blocks(_test_by_block, [program, reach, *state])
+        work.launch_blocks(_test_by_block, program, reach, *state)
     elif shared:
-        work.launch_blocks(_queue_narrow_pairs, [program, reach, *state])
-        work.launch_lanes(_test_inner_boxes, [program, *state])
-        work.launch_blocks(_test_narrow_pairs, [program, *state])
-    work.launch_lanes(_test_alone, [program, reach, shared, *state])
+        work.launch_blocks(_queue_narrow_pairs, program, reach, *state)
+        work.launch_lanes(_test_inner_boxes, program, *state)
+        work.launch_blocks(_test_narrow_pairs, program, *state)
+    work.launch_lanes(_test_alone, program, reach, shared, *state)
+
+
+@wp.kernel(module="unique", module_options=_OPTIONS, grid_stride=False)
+def _test_containment(
+    lanes: int,
+    program: Program,
+    parts: int,
+    # Layouts in: bodies*
+    layouts: LayoutsView,
+    # Search in: candidates, row, obj, body_pos, body_quat; both: cause
+    search: Search,
+):
+    for i in range(wp.tid(), parts * candidate_num(search), lanes):
+        c = i // parts
+        adr = program.obj_pairadr[search.obj[c]]
+        for pair in range(adr + i % parts, adr + program.obj_pairnum[search.obj[c]], parts):
+            if search.cause[c] == Cause.NONE:
+                if is_one_inside(program, pair, candidate_poses(program, layouts, search, c, search.row[c], pair)):
+                    search.cause[c] = Cause.COLLISION  # all lanes write the same value
+
+
+def launch_test_containment(work: Workspace) -> None:
+    """Reject candidates that enclose a placed object or are enclosed by one, with `geometry: visual`."""
+    work.launch_lanes(_test_containment, work.program, work.size.parts, work.layouts, work.search)
 
 
 def launched_kernels(work: Workspace) -> list[wp.Kernel]:
-    """Return the kernels that `launch_test_collisions` launches."""
+    """Return the kernels of the collision test of a scene."""
+    alone = [_test_alone, _test_containment] if work.program.visual else [_test_alone]
     if work.size.block_dim == 1:
-        return [_test_alone]
-    if work.program.visual:
-        return [_test_by_block, _test_alone]
-    return [_queue_narrow_pairs, _test_inner_boxes, _test_narrow_pairs, _test_alone]
+        return alone
+    first = [_test_by_block] if work.program.visual else [_queue_narrow_pairs, _test_inner_boxes, _test_narrow_pairs]
+    return [*first, *alone]

@@ -171,4 +171,4 @@ def _draw(
 def launch_draw(work: Workspace, regions: "Regions | None") -> None:
     """Draw the candidates of this wave, except for points in regions that differ between worlds."""
     counts = [None, None] if regions is None else [regions.cuts, regions.regions]
-    work.launch_lanes(_draw, [work.program, work.split, work.layouts, *counts], work.search)
+    work.launch_lanes(_draw, work.program, work.split, work.layouts, *counts, work.search)

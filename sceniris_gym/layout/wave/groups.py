@@ -78,18 +78,8 @@ def draw_groups(
 
 
 @wp.func
-def _parking_place(slot: int) -> wp.vec3:
-    """Return the place of an absent object's pivot [m], world frame, on the ground plane."""
-    return wp.vec3(
-        PARKING_FROM + PARKING_SPACING * float(slot % PARKING_COLUMNS),
-        PARKING_FROM + PARKING_SPACING * float(slot // PARKING_COLUMNS),
-        0.0,
-    )
-
-
-@wp.func
 def _park_absent(program: Program, layouts: LayoutsView, row: int, obj: int):
-    """Park an absent object, with its joints at home."""
+    """Park an absent object above the ground plane, with its joints at home."""
     qpos = layouts.qpos[row]
     for i in range(program.obj_drawadr[obj], program.obj_drawadr[obj] + program.obj_drawnum[obj]):
         adr = program.draw_qposadr[i]
@@ -97,7 +87,9 @@ def _park_absent(program: Program, layouts: LayoutsView, row: int, obj: int):
     follow_joints(program, obj, qpos)
     stable = program.obj_stableadr[obj]
     slot = program.obj_slot[obj]
-    pivot = _parking_place(slot) + wp.vec3(0.0, 0.0, program.obj_gap[obj])
+    x = PARKING_FROM + PARKING_SPACING * float(slot % PARKING_COLUMNS)
+    y = PARKING_FROM + PARKING_SPACING * float(slot // PARKING_COLUMNS)
+    pivot = wp.vec3(x, y, program.obj_gap[obj])
     quat = wp.normalize(program.stable_quat[stable])
     pos = pivot - quat_mat(quat) * program.stable_pivot[stable]
     root = program.obj_body[obj]

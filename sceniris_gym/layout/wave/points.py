@@ -65,12 +65,6 @@ def _point_counter(program: Program, split: wp.uint32, layouts: LayoutsView, sea
 
 
 @wp.func
-def _point_uniforms(n: PointCounter, redraw: int) -> wp.vec4:
-    """Return the uniform numbers for a redraw's point inside its piece."""
-    return uniforms(n.seed, n.episode, n.stream, n.trial, _FIRST_DRAW + redraw * _DRAWS)
-
-
-@wp.func
 def arrival_time(u: float, size: float) -> float:
     """Return the arrival time of a piece of this area [m^2], from a uniform number.
 
@@ -259,7 +253,8 @@ def _draw_points(
                 search.cause[c] = Cause.EMPTY
                 needs = 0
             if needs != 0:
-                u = _point_uniforms(_point_counter(program, split, layouts, search, c), redraw)
+                n = _point_counter(program, split, layouts, search, c)
+                u = uniforms(n.seed, n.episode, n.stream, n.trial, _FIRST_DRAW + redraw * _DRAWS)
                 if _draw_in_piece(program, layouts, search, regions, c, piece_of(winner), u):
                     needs = 0
                     pose_candidate(program, layouts, search, c, search.row[c], search.obj[c])
@@ -270,4 +265,4 @@ def _draw_points(
 
 def launch_draw_points(work: Workspace, regions: Regions) -> None:
     """Draw the points of the listed candidates."""
-    work.launch_blocks(_draw_points, [work.program, work.split, work.layouts], work.search, regions)
+    work.launch_blocks(_draw_points, work.program, work.split, work.layouts, work.search, regions)

@@ -12,8 +12,6 @@ from sceniris_gym.placement.placed import is_there
 from sceniris_gym.program.device import OrientationType, Program
 from sceniris_gym.program.placed_object import COS_MAX_TILT_32
 
-wp.set_module_options({"enable_backward": False, "fuse_fp": False})
-
 
 @wp.func
 def heading_at(

@@ -167,5 +167,5 @@ def launch_prefilter(work: Workspace) -> None:
     """Prefilter the candidates of this wave. `reject_cause` reads the result."""
     rest = [work.size.parts, work.layouts, work.search]
     for reach in work.reaches[1:]:
-        work.launch_lanes(_prefilter_by_map, [reach, *rest])
-    work.launch_lanes(_prefilter, [work.program, work.reach, *rest])
+        work.launch_lanes(_prefilter_by_map, reach, *rest)
+    work.launch_lanes(_prefilter, work.program, work.reach, *rest)

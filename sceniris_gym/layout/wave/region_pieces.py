@@ -189,6 +189,5 @@ def _measure_pieces(
 
 def launch_cut_regions(work: Workspace, regions: Regions) -> None:
     """List the pieces of all regions that may have positive area, and measure them."""
-    inputs = [work.program, work.size.parts, work.layouts]
     for kernel in (_find_pieces, _measure_pieces):
-        work.launch_lanes(kernel, inputs, work.search, regions)
+        work.launch_lanes(kernel, work.program, work.size.parts, work.layouts, work.search, regions)

@@ -8,6 +8,7 @@ import warp as wp
 
 from sceniris_gym.device.angles import log_of
 from sceniris_gym.layout.layouts import LayoutsView, open_episode
+from sceniris_gym.layout.masks import selects
 from sceniris_gym.layout.wave.groups import draw_groups, next_object
 from sceniris_gym.layout.wave.search import Search, Workspace, finish_row, queue_row
 from sceniris_gym.program.device import Program
@@ -69,9 +70,8 @@ def _begin_episodes(
         search.rows_left[0] = 0
         search.opened[0] = 0
         search.restarts_at_once[0] = 0
-    if mask:
-        if not mask[worldid]:
-            return
+    if not selects(mask, worldid):
+        return
     open_episode(layouts, worldid)
     layouts.attempts[worldid] = 0
     _clear_rejections(layouts, worldid)
@@ -85,7 +85,7 @@ def _begin_episodes(
 def launch_begin_episodes(work: Workspace, mask: wp.array | None) -> None:
     """Mark the masked worlds as pending and open their next episodes."""
     work.search.worlds_left.zero_()
-    work.launch(_begin_episodes, work.nworld, [work.program, mask, work.split], work.layouts, work.search)
+    work.launch(_begin_episodes, work.nworld, work.program, mask, work.split, work.layouts, work.search)
 
 
 @wp.func
@@ -170,7 +170,6 @@ def _open_rows(
 
 def launch_open_rows(work: Workspace, staged: bool) -> None:
     """Open a row for each restart of this round in the pending worlds."""
-    busy = work.size.busy
-    work.launch(_plan_round, 1, [work.program, staged, busy], work.search)
-    inputs = [work.program, work.reach, work.kinds, staged, work.ahead, busy]
-    work.launch_lanes(_open_rows, inputs, work.layouts, work.search)
+    program, busy, state = work.program, work.size.busy, [work.layouts, work.search]
+    work.launch(_plan_round, 1, program, staged, busy, work.search)
+    work.launch_lanes(_open_rows, program, work.reach, work.kinds, staged, work.ahead, busy, *state)

@@ -297,22 +297,21 @@ class Workspace:
         """Number of rows."""
         return self.search.row_world.shape[0]
 
-    def launch(self, kernel: wp.Kernel, dim: Any, inputs: Sequence, *outputs: Any) -> None:
+    def launch(self, kernel: wp.Kernel, dim: int, *inputs: Any) -> None:
         """Launch a kernel whose lanes work independently."""
-        kwargs = {"block_dim": self.size.block_dim, "device": self.compiled.device}
-        wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, **kwargs)
+        wp.launch(kernel, dim, inputs, block_dim=self.size.block_dim, device=self.compiled.device)
 
-    def launch_lanes(self, kernel: wp.Kernel, inputs: Sequence, *outputs: Any) -> None:
+    def launch_lanes(self, kernel: wp.Kernel, *inputs: Any) -> None:
         """Launch a kernel whose lanes step through a queue. Its first argument is the number of lanes."""
-        self.launch(kernel, self.size.lanes, [self.size.lanes, *inputs], *outputs)
+        self.launch(kernel, self.size.lanes, self.size.lanes, *inputs)
 
-    def launch_blocks(self, kernel: wp.Kernel, inputs: Sequence, *outputs: Any, blocks: int | None = None) -> None:
+    def launch_blocks(self, kernel: wp.Kernel, *inputs: Any, blocks: int | None = None) -> None:
         """Launch a kernel whose blocks step through a queue. Its first argument is the number of blocks.
 
         The default is `size.blocks`.
         """
-        blocks, kwargs = blocks or self.size.blocks, {"block_dim": self.size.block_dim, "device": self.compiled.device}
-        wp.launch_tiled(kernel, dim=[blocks], inputs=[blocks, *inputs], outputs=outputs, **kwargs)
+        num, device = blocks or self.size.blocks, self.compiled.device
+        wp.launch_tiled(kernel, dim=[num], inputs=[num, *inputs], block_dim=self.size.block_dim, device=device)
 
 
 def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Search:

@@ -48,8 +48,6 @@ def is_sound(program: Program, layouts: LayoutsView, row: int, lane: int, lanes:
     return True
 
 
-wp.set_module_options({"enable_backward": False, "fuse_fp": False})
-
 _EVAL = wp.constant(wp.uint32(SPLITS["eval"]))
 _BANK_BIT = wp.constant(BANK_BIT)
 # Distances of an entry with another kind of start, and per differing object of a group with one present member. The
@@ -198,5 +196,5 @@ def _settle(
 
 def launch_settle(work: Workspace) -> None:
     """End a round: worlds with a layout are finished, worlds out of restarts fall back, others stay pending."""
-    inputs = [work.program, work.compiled.bank, work.split, layout_width(work.layouts)]
-    work.launch_blocks(_settle, inputs, work.layouts, work.search)
+    width = layout_width(work.layouts)
+    work.launch_blocks(_settle, work.program, work.compiled.bank, work.split, width, work.layouts, work.search)

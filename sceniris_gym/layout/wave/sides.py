@@ -73,19 +73,13 @@ def _resolve(program: Program, layouts: LayoutsView, search: Search, regions: Re
     `frame` is the pose of the body that supports the object.
     """
     row = search.row[c]
+    worldid = search.row_world[row]
     rel = program.obj_reladr[search.obj[c]] + i
+    own = placed(wp.vec2(0.0), search.heading[c], search.stable_draw[c].bounds)
+    heading = angle_of(frame.rot[0, 0], frame.rot[1, 0])
+    pivots, bounds, present = layouts.pivot_pose[row], layouts.bounds[row], layouts.present[row]
     hull = wp.zeros(shape=(MAX_ANCHORS,), dtype=wp.vec2)
-    resolved = resolve(
-        program,
-        search.row_world[row],
-        rel,
-        placed(wp.vec2(0.0), search.heading[c], search.stable_draw[c].bounds),
-        angle_of(frame.rot[0, 0], frame.rot[1, 0]),
-        layouts.pivot_pose[row],
-        layouts.bounds[row],
-        layouts.present[row],
-        hull,
-    )
+    resolved = resolve(program, worldid, rel, own, heading, pivots, bounds, present, hull)
     regions.relations[c, i] = resolved
     regions.side_num[c, i] = side_num(resolved)
     write_sides(program, rel, resolved, hull, regions.sides[c], program.rel_sideadr[rel])
@@ -144,4 +138,4 @@ def _build_sides(
 
 def launch_build_sides(work: Workspace, regions: Regions) -> None:
     """List the candidates of this wave whose region differs between worlds, and bound their regions by half-planes."""
-    work.launch_lanes(_build_sides, [work.program, work.layouts], work.search, regions)
+    work.launch_lanes(_build_sides, work.program, work.layouts, work.search, regions)

@@ -7,6 +7,7 @@ import warp as wp
 
 from sceniris_gym.device.random import START_STREAM, uniforms
 from sceniris_gym.layout.layouts import LayoutsView
+from sceniris_gym.layout.masks import selects
 from sceniris_gym.layout.wave.posing import pose_candidate
 from sceniris_gym.layout.wave.search import Search, Workspace, candidate_num, numbered_stream
 from sceniris_gym.program.device import Cause, Program
@@ -35,9 +36,8 @@ def _draw_kinds(
     draw_range: wp.array2d[wp.vec2],
 ):
     worldid = wp.tid()
-    if mask:
-        if not mask[worldid]:
-            return
+    if not selects(mask, worldid):
+        return
     stream = numbered_stream(split, START_STREAM)
     u = uniforms(layouts.pending_seed[worldid], layouts.pending_episode[worldid], stream, 0, 0)[0]
     total = float(0.0)
@@ -62,8 +62,8 @@ def launch_draw_kinds(work: Workspace, mask: wp.array | None, column: int = -1) 
         mask: Selected worlds, shape (nworld,), bool. None selects all.
         column: First column of the weights in a row of params, -1 without such a param.
     """
-    inputs = [work.compiled.starts, mask, work.split, column]
-    work.launch(_draw_kinds, work.nworld, inputs, work.layouts, work.program.draw_range)
+    inputs = [work.compiled.starts, mask, work.split, column, work.layouts, work.program.draw_range]
+    work.launch(_draw_kinds, work.nworld, *inputs)
 
 
 @wp.kernel(grid_stride=False)
@@ -96,4 +96,4 @@ def _put_at_markers(
 
 def launch_put_at_markers(work: Workspace, end: int) -> None:
     """Move candidates of this wave to the markers of their kind of start. Only objects before `end` have markers."""
-    work.launch_lanes(_put_at_markers, [work.program, work.compiled.starts, end, work.layouts], work.search)
+    work.launch_lanes(_put_at_markers, work.program, work.compiled.starts, end, work.layouts, work.search)
