@@ -12,7 +12,7 @@ from typing import Any
 import warp as wp
 
 from sceniris_gym.layout.layouts import Layouts, LayoutsView
-from sceniris_gym.layout.wave.search import GPU_SIZE, Search, create_search
+from sceniris_gym.layout.wave.search import Search, SearchSize, create_search
 from sceniris_gym.layout.wave.sides import Regions, create_regions
 from sceniris_gym.program.compiled import upload_scene
 from sceniris_gym.scene.build import build_model
@@ -39,8 +39,8 @@ def main() -> None:
     parser.add_argument("worlds", type=int)
     words = parser.parse_args()
     compiled = upload_scene(build_model(words.scene), "cpu")
-    layouts = Layouts.create(compiled, words.worlds, rows=GPU_SIZE.rows)
-    search = create_search(compiled, words.worlds, GPU_SIZE)
+    layouts = Layouts.create(compiled, words.worlds, rows=SearchSize().rows)
+    search = create_search(compiled, words.worlds, SearchSize())
     parts = [("layouts", LayoutsView, layouts.view), ("search", Search, search)]
     if (regions := create_regions(compiled, search.cause.shape[0])) is not None:
         parts.append(("regions", Regions, regions))

@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -188,12 +187,13 @@ def copy_layout(source: Any, row: int, layouts: LayoutsView, worldid: int, i: in
 
 def allocate_record(view: LayoutsView, length: int) -> None:
     """Allocate a record of up to `length` rejected candidates."""
-    zeros, nmocap = partial(allocate, LayoutsView, view), view.mocap_pos.shape[1]
-    with wp.ScopedDevice(view.qpos.device):
-        zeros(1, "rejected_count")
-        zeros(length, "rejected_cause rejected_object")
-        zeros((length, view.qpos.shape[1]), "rejected_qpos")
-        zeros((length, nmocap), "rejected_mocap_pos rejected_mocap_quat")
+    shapes = {
+        "rejected_count": 1,
+        "rejected_cause rejected_object": length,
+        "rejected_qpos": (length, view.qpos.shape[1]),
+        "rejected_mocap_pos rejected_mocap_quat": (length, view.mocap_pos.shape[1]),
+    }
+    allocate(LayoutsView, view, shapes, view.qpos.device)
 
 
 def layout_width(view: LayoutsView) -> int:
@@ -203,9 +203,8 @@ def layout_width(view: LayoutsView) -> int:
 
 def _part(poses: wp.array, first: int, dtype: type) -> wp.array:
     """Return a view of `poses` (nrow, n, width) from number `first` on, as vectors or quaternions."""
-    part = wp.array(
-        ptr=poses.ptr + 4 * first, dtype=dtype, shape=poses.shape[:2], strides=poses.strides[:2], device=poses.device
-    )
+    ptr, shape, strides = poses.ptr + 4 * first, poses.shape[:2], poses.strides[:2]
+    part = wp.array(ptr=ptr, dtype=dtype, shape=shape, strides=strides, device=poses.device)
     part._ref = poses  # keeps the shared memory alive
     return part
 
@@ -321,27 +320,23 @@ class Layouts(StaysHere):
         `ParamTable`. Physics and looks of new layouts use the random streams of `split`.
         """
         device, mjm = compiled.device, compiled.mjm
-        nmocap = max(mjm.nmocap, 1)
-        mocap_pos, mocap_quat = np.zeros((nmocap, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (nmocap, 1))
+        # a row of `_mocap_pose`, with the model's poses of bodies that are never placed
+        poses = np.tile([0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], (max(mjm.nmocap, 1), 1))
         mocap = np.flatnonzero(mjm.body_mocapid >= 0)
-        mocap_pos[mjm.body_mocapid[mocap]] = mjm.body_pos[mocap]  # for bodies that are never placed
-        mocap_quat[mjm.body_mocapid[mocap]] = mjm.body_quat[mocap]
+        poses[mjm.body_mocapid[mocap], 1:] = np.hstack([mjm.body_pos[mocap], mjm.body_quat[mocap]])
         nrow, nreach = nworld + rows, 0 if compiled.reaching is None else len(compiled.reaching.targets)
         program, table = compiled.program, ParamTable(compiled, params)
         own = np.tile(table.default, (nworld, 1))
         view = view_of(nworld, device, {"param": own, "next_param": own, "default_param": table.default})
         stands = {"pivot_pose": program.home_pivot_pose.numpy(), "bounds": program.home_bounds.numpy()}
         repeat(LayoutsView, view, nrow, {**compiled.home_state, **stands}, device)
-        zeros = partial(allocate, LayoutsView, view)
+        counts = max(len(compiled.placed), 1), len(Cause)
+        shapes = {"rejections": counts, "row_rejections": (nrow, *counts), "stable": (nrow, nreach)}
+        allocate(LayoutsView, view, shapes, device)
         with wp.ScopedDevice(device):
-            padding = np.zeros((nmocap, 1))
-            mocap_pose = wp.array(np.tile(np.hstack([padding, mocap_pos, mocap_quat]), (nrow, 1, 1)), dtype=float)
+            mocap_pose = wp.array(np.tile(poses, (nrow, 1, 1)), dtype=float)
             view.mocap_pos = _part(mocap_pose, 1, wp.vec3)
             view.mocap_quat = _part(mocap_pose, 4, wp.quat)
-            counts = max(len(compiled.placed), 1), len(Cause)
-            zeros(counts, "rejections")
-            zeros((nrow, *counts), "row_rejections")
-            zeros((nrow, nreach), "stable")
             for name, (_, shape) in row_types(compiled, njoint=MAX_JOINTS).items():
                 if name in columns("pose", "grasp") and name not in ("qpos", "mocap_pos", "mocap_quat"):
                     full, dtype = (nworld if 0 in shape else nrow, *shape), LayoutsView.vars[name].type.dtype

@@ -1,6 +1,5 @@
 """`Buffer`: levels and their values on the device, and the kernels that choose and update them."""
 
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -8,9 +7,10 @@ import warp as wp
 
 from sceniris_gym.device.random import philox, uniform
 from sceniris_gym.layout.layouts import ADVANCE, LayoutStatus, LayoutsView
+from sceniris_gym.layout.masks import selects
 from sceniris_gym.levels.curriculum import FRESH, SCORES, LevelReplay
 from sceniris_gym.program.compiled import MOST_EPISODES
-from sceniris_gym.program.device import allocate
+from sceniris_gym.program.device import allocate, fill_struct
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -120,9 +120,8 @@ def _choose(
     buffer: Buffer,
 ):
     worldid = wp.tid()
-    if mask:
-        if not mask[worldid]:
-            return
+    if not selects(mask, worldid):
+        return
     buffer.level[worldid] = buffer.next_level[worldid]
     buffer.boundary[worldid] = buffer.next_boundary[worldid]
     buffer.next_boundary[worldid] = NO_END
@@ -169,9 +168,8 @@ def _forget(
     buffer: Buffer,
 ):
     worldid = wp.tid()
-    if mask:
-        if not mask[worldid]:
-            return
+    if not selects(mask, worldid):
+        return
     buffer.next_level[worldid] = FRESH
     buffer.next_boundary[worldid] = NO_END
     if seeds:
@@ -201,9 +199,8 @@ def _set_params(
     buffer: Buffer,
 ):
     worldid, k = wp.tid()
-    if mask:
-        if not mask[worldid]:
-            return
+    if not selects(mask, worldid):
+        return
     level, end = buffer.next_level[worldid], buffer.next_boundary[worldid]
     if level >= 0:
         buffer.next_param[worldid, k] = buffer.param[level, k]
@@ -245,9 +242,8 @@ def _update(
     buffer: Buffer,
 ):
     row = wp.tid()
-    if mask:
-        if not mask[row]:
-            return
+    if not selects(mask, row):
+        return
     if status:
         if status[row] == LayoutStatus.FALLBACK:
             return
@@ -296,16 +292,17 @@ def launch_update(buffer: Buffer, episodes: Episodes) -> None:
 
 def create_buffer(replay: LevelReplay, layouts: LayoutsView) -> Buffer:
     """Allocate an empty buffer for the worlds of some layouts. Its choices are the next layouts of these worlds."""
-    buffer, capacity, nworld = Buffer(), replay.capacity, layouts.next_param.shape[0]
-    zeros, vacant = partial(allocate, Buffer, buffer), min(-(-capacity // _LOWEST), _SHARE * nworld)
-    with wp.ScopedDevice(layouts.next_param.device):
-        zeros(capacity, "seed episode value age cumulative")
-        buffer.param = wp.array(np.tile(layouts.default_param.numpy(), (capacity, 1)), dtype=float, ndim=2)
-        zeros(BINS, "count better ages weight")
-        zeros(1, "total_weight total_age")
-        zeros(nworld, "decision level next_level inserted boundary next_boundary")
-        zeros(0, "column other present least most delta band episodes successes")
-        buffer.vacant = wp.array(np.arange(vacant), dtype=int)
+    capacity, nworld, device = replay.capacity, layouts.next_param.shape[0], layouts.next_param.device
+    shapes = {
+        "seed episode value age cumulative": capacity,
+        "count better ages weight": BINS,
+        "total_weight total_age": 1,
+        "decision level next_level inserted boundary next_boundary": nworld,
+        "column other present least most delta band episodes successes": 0,
+    }
+    buffer, vacant = allocate(Buffer, Buffer(), shapes, device), min(-(-capacity // _LOWEST), _SHARE * nworld)
+    param = np.tile(layouts.default_param.numpy(), (capacity, 1))
+    fill_struct(Buffer, buffer, {"param": param, "vacant": np.arange(vacant)}, device)
     buffer.age.fill_(EMPTY)
     for level, boundary in ((buffer.level, buffer.boundary), (buffer.next_level, buffer.next_boundary)):
         level.fill_(FRESH)

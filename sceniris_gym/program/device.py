@@ -297,10 +297,15 @@ def fill_struct(declared: Any, instance: Any, arrays: Mapping[str, np.ndarray], 
         setattr(instance, name, array)
 
 
-def allocate(declared: Any, instance: Any, shape: int | tuple[int, ...], names: str) -> None:
-    """Set the named fields of a struct instance to arrays of zeros of a shape, with the declared types."""
-    for name in names.split():
-        setattr(instance, name, wp.zeros(shape, dtype=declared.vars[name].type.dtype))
+def allocate(declared: Any, instance: Any, shapes: Mapping[str, Any], device: Any) -> Any:
+    """Set fields of a struct instance to arrays of zeros, with the declared types, and return the instance.
+
+    `shapes` has the shape of each field, or of several fields by their names with spaces between them.
+    """
+    for names, shape in shapes.items():
+        for name in names.split():
+            setattr(instance, name, wp.zeros(shape, dtype=declared.vars[name].type.dtype, device=device))
+    return instance
 
 
 def repeat(declared: Any, instance: Any, count: int, rows: Mapping[str, np.ndarray], device: str) -> None:

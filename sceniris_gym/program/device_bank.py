@@ -24,8 +24,5 @@ class Bank:
 
 def empty_bank(device: str) -> Bank:
     """Return a bank without rows, which offers no fallback."""
-    bank = Bank()
-    with wp.ScopedDevice(device):
-        for name in set(Bank.vars).difference({"ntrain"}):
-            allocate(Bank, bank, (0,) * Bank.vars[name].type.ndim, name)
-    return bank
+    shapes = {name: (0,) * Bank.vars[name].type.ndim for name in Bank.vars if name != "ntrain"}
+    return allocate(Bank, Bank(), shapes, device)

@@ -7,7 +7,6 @@ joints are taken once per grasp, by its first start.
 """
 
 from enum import IntEnum
-from functools import partial
 
 import warp as wp
 
@@ -149,16 +148,15 @@ def create_reach_search(compiled: CompiledScene, nrow: int, size: SearchSize, ea
     """Allocate the arrays of a search for joints in `nrow` rows."""
     ncand, mjm, reaching = min(size.grasps, nrow * MOST_AT_ONCE), compiled.mjm, compiled.reaching
     assert reaching is not None
-    s = ReachSearch()
-    zeros = partial(allocate, ReachSearch, s)
-    with wp.ScopedDevice(compiled.device):
-        zeros(nrow, "arm column number total tried furthest first trials")
-        zeros((2, nrow), "queue")
-        zeros((nrow, len(reaching.targets)), "tier")
-        zeros(1, "rows_left source rows candidates")
-        zeros(ncand, "row grasp ik_start failed grasp_qpos pregrasp_qpos")
-        zeros((ncand, mjm.nq), "qpos")
-        zeros((ncand, mjm.nbody), "body_pos body_quat")
-        zeros((early, mjm.nq), "hand_qpos")
-        zeros((early, mjm.nbody), "hand_pos hand_quat")
-    return s
+    shapes = {
+        "arm column number total tried furthest first trials": nrow,
+        "queue": (2, nrow),
+        "tier": (nrow, len(reaching.targets)),
+        "rows_left source rows candidates": 1,
+        "row grasp ik_start failed grasp_qpos pregrasp_qpos": ncand,
+        "qpos": (ncand, mjm.nq),
+        "body_pos body_quat": (ncand, mjm.nbody),
+        "hand_qpos": (early, mjm.nq),
+        "hand_pos hand_quat": (early, mjm.nbody),
+    }
+    return allocate(ReachSearch, ReachSearch(), shapes, compiled.device)

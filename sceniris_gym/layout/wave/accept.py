@@ -90,9 +90,7 @@ def _is_recorded(layouts: LayoutsView, cause: int) -> bool:
     """Return True if rejected candidates with this cause are recorded: collisions, or all causes at a pose."""
     if layouts.rejected_object.shape[0] == 0 or cause == Cause.NONE:
         return False
-    if cause == Cause.COLLISION:
-        return True
-    return layouts.record_all != 0 and not _had_no_region(cause)
+    return cause == Cause.COLLISION or (layouts.record_all != 0 and not _had_no_region(cause))
 
 
 @wp.func
@@ -219,4 +217,4 @@ def _accept(
 
 def launch_accept(work: Workspace, staged: bool) -> None:
     """Place the valid candidates of this wave, and queue the rows that continue."""
-    work.launch_blocks(_accept, work.program, work.reach, staged, work.size.busy, work.layouts, work.search)
+    work.launch_blocks(_accept, work.program, work.reaches[0], staged, work.size.busy, work.layouts, work.search)

@@ -57,4 +57,4 @@ def _draw_ahead(
 
 def launch_draw_ahead(work: Workspace) -> None:
     """Draw and place the objects ahead in the queued rows, which do not have any placed object yet."""
-    work.launch_lanes(_draw_ahead, work.program, work.reach, work.split, work.layouts, work.search)
+    work.launch_lanes(_draw_ahead, work.program, work.reaches[0], work.split, work.layouts, work.search)

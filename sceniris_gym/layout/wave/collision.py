@@ -228,7 +228,7 @@ def _test_alone(
 
 def launch_test_collisions(work: Workspace) -> None:
     """Test the candidates that pass the prefilter for collision."""
-    program, reach, shared, state = work.program, work.reach, work.size.block_dim > 1, [work.layouts, work.search]
+    program, reach, shared, state = work.program, work.reaches[0], work.size.block_dim > 1, [work.layouts, work.search]
     if shared and program.visual:
         work.launch_blocks(_test_by_block, program, reach, *state)
     elif shared:

@@ -168,4 +168,4 @@ def launch_prefilter(work: Workspace) -> None:
     rest = [work.size.parts, work.layouts, work.search]
     for reach in work.reaches[1:]:
         work.launch_lanes(_prefilter_by_map, reach, *rest)
-    work.launch_lanes(_prefilter, work.program, work.reach, *rest)
+    work.launch_lanes(_prefilter, work.program, work.reaches[0], *rest)

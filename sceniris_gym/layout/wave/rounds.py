@@ -172,4 +172,4 @@ def launch_open_rows(work: Workspace, staged: bool) -> None:
     """Open a row for each restart of this round in the pending worlds."""
     program, busy, state = work.program, work.size.busy, [work.layouts, work.search]
     work.launch(_plan_round, 1, program, staged, busy, work.search)
-    work.launch_lanes(_open_rows, program, work.reach, work.kinds, staged, work.ahead, busy, *state)
+    work.launch_lanes(_open_rows, program, work.reaches[0], work.kinds, staged, work.ahead, busy, *state)

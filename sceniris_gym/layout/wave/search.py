@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import warp as wp
@@ -194,7 +193,7 @@ def stream_of(program: Program, split: wp.uint32, obj: int) -> wp.uint32:
 
 @dataclass(frozen=True)
 class SearchSize:
-    """Capacities of a search. They affect only its speed, not its layouts.
+    """Capacities of a search, by default for a GPU. They affect only its speed, not its layouts.
 
     Attributes:
         rows: Rows beyond one per world, for restarts in parallel.
@@ -213,15 +212,15 @@ class SearchSize:
         ArgumentError: A capacity is below 1, or below 0 for `rows` and `narrow_pairs`.
     """
 
-    rows: int
-    candidates: int
-    busy: int
-    narrow_pairs: int
-    grasps: int
-    lanes: int
-    parts: int
-    blocks: int
-    block_dim: int
+    rows: int = 8192
+    candidates: int = 1 << 17
+    busy: int = 1 << 13
+    narrow_pairs: int = 1 << 21
+    grasps: int = 1 << 14
+    lanes: int = 1 << 16
+    parts: int = 8
+    blocks: int = 1 << 12
+    block_dim: int = 32
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -230,17 +229,6 @@ class SearchSize:
                 raise ArgumentError(f"SearchSize: {name} should be at least {least}, got {value}.")
 
 
-GPU_SIZE = SearchSize(
-    rows=8192,
-    candidates=1 << 17,
-    busy=1 << 13,
-    narrow_pairs=1 << 21,
-    grasps=1 << 14,
-    lanes=1 << 16,
-    parts=8,
-    blocks=1 << 12,
-    block_dim=32,
-)
 CPU_SIZE = SearchSize(
     rows=0, candidates=512, busy=1, narrow_pairs=0, grasps=512, lanes=1, parts=1, blocks=1, block_dim=1
 )
@@ -248,7 +236,7 @@ CPU_SIZE = SearchSize(
 
 def default_size(device: str) -> SearchSize:
     """Return the default capacities of a device. On a CPU, one lane does all the work without a queue."""
-    return GPU_SIZE if wp.get_device(device).is_cuda else CPU_SIZE
+    return SearchSize() if wp.get_device(device).is_cuda else CPU_SIZE
 
 
 @dataclass(frozen=True)
@@ -260,7 +248,7 @@ class Workspace:
         program: The placement program. Params give some of its fields a row per world.
         statics: Data of the standing test, with masses per world if they are drawn. None if objects cannot fall.
         ahead: Number of objects drawn ahead.
-        reaches: The arms, or a single empty arm without reach targets.
+        reaches: The arms, or a single empty arm without reach targets. The first serves for fields common to all arms.
         split: Number of the split.
         size: Capacities.
         layouts: The layouts of all rows.
@@ -276,11 +264,6 @@ class Workspace:
     size: SearchSize
     layouts: LayoutsView
     search: Search
-
-    @property
-    def reach(self) -> Reach:
-        """The first arm, for fields common to all arms."""
-        return self.reaches[0]
 
     @property
     def kinds(self) -> Starts:
@@ -299,7 +282,7 @@ class Workspace:
 
     def launch(self, kernel: wp.Kernel, dim: int, *inputs: Any) -> None:
         """Launch a kernel whose lanes work independently."""
-        wp.launch(kernel, dim, inputs, block_dim=self.size.block_dim, device=self.compiled.device)
+        wp.launch(kernel, dim=dim, inputs=inputs, block_dim=self.size.block_dim, device=self.compiled.device)
 
     def launch_lanes(self, kernel: wp.Kernel, *inputs: Any) -> None:
         """Launch a kernel whose lanes step through a queue. Its first argument is the number of lanes."""
@@ -322,21 +305,21 @@ def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Sea
         ncand = min(ncand, max(_MOST_WORDS // words, 1))
     targets = () if compiled.reaching is None else compiled.reaching.targets
     early = sum(len(target.grasp_set.grasps) for target in targets if target.early)
-    s = Search()
-    zeros = partial(allocate, Search, s)
-    with wp.ScopedDevice(compiled.device):
-        zeros(nworld, "pending restart ticket best")
-        zeros(nrow, "waiting row_world row_restart row_object row_trial row_attempts row_first row_trials row_ahead")
-        zeros((2, nrow), "queue")
-        kept = compiled.statics is not None or compiled.starts is not None
-        zeros((nrow, len(compiled.placed) if kept else 0), "row_surface row_stable")
-        zeros(1, "worlds_left rows_left restarts_at_once source rows rows_before")
-        zeros(1, "opened candidates narrow_pairs hands any_overflowed")
-        zeros(ncand, "row obj trial cause stable_draw heading point surface pivot_pose bounds grasp")
-        zeros(ncand, "overflowed covered overhanging")
-        repeat(Search, s, ncand, compiled.home_state, compiled.device)
-        zeros((nrow, early), "row_free")
-        zeros((ncand, early), "free")
-        zeros(ncand * early, "hand")
-        zeros(0 if compiled.config.geometry == "visual" else size.narrow_pairs, "narrow_pair")
+    kept = compiled.statics is not None or compiled.starts is not None
+    shapes = {
+        "pending restart ticket best": nworld,
+        "waiting row_world row_restart row_object row_trial row_attempts row_first row_trials row_ahead": nrow,
+        "queue": (2, nrow),
+        "row_surface row_stable": (nrow, len(compiled.placed) if kept else 0),
+        "worlds_left rows_left restarts_at_once source rows rows_before": 1,
+        "opened candidates narrow_pairs hands any_overflowed": 1,
+        "row obj trial cause stable_draw heading point surface pivot_pose bounds grasp": ncand,
+        "overflowed covered overhanging": ncand,
+        "row_free": (nrow, early),
+        "free": (ncand, early),
+        "hand": ncand * early,
+        "narrow_pair": 0 if compiled.config.geometry == "visual" else size.narrow_pairs,
+    }
+    s = allocate(Search, Search(), shapes, compiled.device)
+    repeat(Search, s, ncand, compiled.home_state, compiled.device)
     return s

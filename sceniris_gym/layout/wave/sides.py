@@ -4,8 +4,6 @@ One lane works on one relation of one candidate. Candidates whose region differs
 candidates of a row have the same region, it is cut once, for the first candidate: their *holder*.
 """
 
-from functools import partial
-
 import warp as wp
 
 from sceniris_gym.config.bounds import MAX_ANCHORS, MAX_RELATIONS
@@ -45,15 +43,14 @@ def create_regions(compiled: CompiledScene, ncand: int) -> "Regions | None":
     """Allocate regions of `ncand` candidates. Return None if regions are the same in every world."""
     if not compiled.related:
         return None
-    regions = Regions()
-    zeros = partial(allocate, Regions, regions)
-    with wp.ScopedDevice(compiled.device):
-        zeros(1, "cuts regions")
-        zeros((ncand, MAX_RELATIONS), "relations side_num")
-        zeros((ncand, compiled.sides), "sides")
-        zeros((ncand, compiled.pieces), "piece piece_area")
-        zeros(ncand, "pieces cut region holder")
-    return regions
+    shapes = {
+        "cuts regions": 1,
+        "relations side_num": (ncand, MAX_RELATIONS),
+        "sides": (ncand, compiled.sides),
+        "piece piece_area": (ncand, compiled.pieces),
+        "pieces cut region holder": ncand,
+    }
+    return allocate(Regions, Regions(), shapes, compiled.device)
 
 
 @wp.func

@@ -98,7 +98,7 @@ def test_worlds_that_start_at_home_are_not_queued():
     assert compiled.reaching is not None
     work.search.pending.fill_(True)
     wp.copy(work.search.restart, work.search.best)  # as at the end of the round that made them
-    launch_queue_starts(work, work.reach, stage.search)
+    launch_queue_starts(work, work.reaches[0], stage.search)
     search, kinds = stage.search, generator.layouts.start.cpu().numpy()
     num = int(search.rows_left.numpy()[0])
     queued = search.queue.numpy()[1 - int(search.source.numpy()[0]), :num]

@@ -249,7 +249,7 @@ def test_covers_and_overhangs_are_found_by_any_number_of_lanes(tmp_path: Path, l
     compiled, n = compile_on_cpu({"attempts": 1, "restarts": 0, "objects": objects}, bank=1), 400
     generator = LayoutGenerator(compiled, n, size=replace(default_size("cpu"), candidates=n))
     generator.generate()
-    search, reach, body = generator._work.search, generator._work.reach, compiled.mjm.body("crate").id
+    search, reach, body = generator._work.search, generator._work.reaches[0], compiled.mjm.body("crate").id
     search.candidates.fill_(n)  # the end of a wave sets it to 0
     for array in (search.cause, search.covered, search.overhanging):
         array.zero_()
