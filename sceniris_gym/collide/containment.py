@@ -14,9 +14,8 @@ from sceniris_gym.program.device import Program
 @wp.func
 def in_solid(program: Program, collider: int, p: wp.vec3) -> bool:
     """Test whether a point, in the frame of a collider's body, lies inside its solid."""
-    query = wp.mesh_query_point_sign_winding_number(
-        program.collider_mesh[collider], p, program.collider_depth[collider]
-    )
+    mesh = program.collider_mesh[collider]
+    query = wp.mesh_query_point_sign_winding_number(mesh, p, program.collider_depth[collider])
     return query.result and query.sign < 0.0
 
 

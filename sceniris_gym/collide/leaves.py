@@ -166,15 +166,8 @@ def _separated(program: Program, pair: int, a: Leaf, b: Leaf, rel: Pose, margin:
 def _leaves_separated(program: Program, pair: int, a: int, b: int, rel: Pose, margin: float) -> bool:
     """Test whether two leaves, pieces or triangles, are further apart than `margin` [m]."""
     if _piece_of(program, a) < 0 and _piece_of(program, b) < 0:
-        return triangles_separated(
-            program.face_a[a],
-            program.face_b[a],
-            program.face_c[a],
-            apply(rel, program.face_a[b]),
-            apply(rel, program.face_b[b]),
-            apply(rel, program.face_c[b]),
-            margin,
-        )
+        b0, b1, b2 = apply(rel, program.face_a[b]), apply(rel, program.face_b[b]), apply(rel, program.face_c[b])
+        return triangles_separated(program.face_a[a], program.face_b[a], program.face_c[a], b0, b1, b2, margin)
     return _separated(program, pair, _leaf(program, a), _leaf(program, b), rel, margin)
 
 

@@ -180,7 +180,7 @@ class LayoutGenerator(Fixed, LayoutSource):
             prepare()
             self._columns.launch(mask, self._work.layouts)
         if self._stage is not None:
-            self._stage.launch_begin()
+            self._stage.search.rows_left.zero_()  # an interrupt of earlier launches may have left rows
         if self._work.compiled.starts is not None:
             launch_draw_kinds(self._work, mask, self.layouts.params.first.get(STARTS, -1))
 

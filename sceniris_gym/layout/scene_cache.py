@@ -86,15 +86,9 @@ def from_arrays(scene: SceneModel, device: str, arrays: Mapping[str, np.ndarray]
     ids = np.zeros(len(arrays[f"program.{_MESHES}"]), np.uint64)
     ids[with_mesh] = [mesh.id for mesh in meshes]
     fill_struct(Program, parts["program"], {_MESHES: ids}, device)
-    kept: dict[str, Any] = {name: arrays[name] for name in _HOME} | {name: values[name] for name in _COUNTS}
-    return CompiledScene(
-        scene=scene,
-        device=device,
-        reaching=_reaching(scene, device, arrays, values) if "targets" in values else None,
-        **parts,
-        meshes=meshes,
-        **kept,
-    )
+    parts |= {name: arrays[name] for name in _HOME} | {name: values[name] for name in _COUNTS}
+    reaching = _reaching(scene, device, arrays, values) if "targets" in values else None
+    return CompiledScene(scene=scene, device=device, reaching=reaching, meshes=meshes, **parts)
 
 
 def _reaching(scene: SceneModel, device: str, arrays: Mapping[str, np.ndarray], values: dict) -> Reaching:
@@ -169,15 +163,8 @@ def scene_key(scene: SceneModel, device: str) -> str:
     mujoco.mj_saveModel(scene.mjm, None, model)
     config, on = scene.config, wp.get_device(device)
     kind = [_processor(), on.name if on.is_cuda else "cpu", on.arch]
-    facts = [
-        scene.hash,
-        config.where,
-        config.model_dump_json(exclude={"model"}),
-        repr(scene.couplings),
-        scene.bodies,
-        _sources(),
-        kind,
-    ]
+    words = config.model_dump_json(exclude={"model"})
+    facts = [scene.hash, config.where, words, repr(scene.couplings), scene.bodies, _sources(), kind]
     digest = hashlib.sha256(json.dumps(facts).encode())
     for values in (model, scene.home_qpos, scene.home_ctrl):
         digest.update(values.tobytes())

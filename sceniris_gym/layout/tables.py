@@ -35,14 +35,12 @@ class RejectedCandidates:
 def read_rejected(generator: LayoutGenerator) -> RejectedCandidates:
     """Copy the rejected candidates of a LayoutGenerator made with `rejected` to the host."""
     view, nmocap = generator.layouts.view, generator.compiled.mjm.nmocap
-    objects = view.rejected_object.numpy()
-    count = min(int(view.rejected_count.numpy()[0]), len(objects))
-    qpos, pos, quat = (
-        a.numpy()[:count].copy() for a in (view.rejected_qpos, view.rejected_mocap_pos, view.rejected_mocap_quat)
-    )
+    count = min(int(view.rejected_count.numpy()[0]), len(view.rejected_object))
+    names = ("object", "cause", "qpos", "mocap_pos", "mocap_quat")
+    objects, causes, qpos, pos, quat = (getattr(view, f"rejected_{name}").numpy()[:count].copy() for name in names)
     present = np.ones((count, len(generator.compiled.slots)), bool)
     states = LayoutTable.from_states(qpos, pos[:, :nmocap], quat[:, :nmocap], present)
-    return RejectedCandidates(objects[:count].copy(), view.rejected_cause.numpy()[:count].copy(), states)
+    return RejectedCandidates(objects, causes, states)
 
 
 def make_table(compiled: CompiledScene, n: int, seed: int, *, split: str = "train", chunk: int = CHUNK) -> LayoutTable:

@@ -126,9 +126,8 @@ class WorldColumns:
         """
         if not self._elements.size:
             return
-        layouts, numbers = layouts or self._no_layouts, self._given if given is None else given
-        tables = self._drawn, self._table, self._elements, self._memory
-        launch_write_columns(self._nworld, mask, rows, layouts, tables, numbers, opens=opens)
+        tables = self._drawn, self._table, self._elements, self._memory, self._given if given is None else given
+        launch_write_columns(self._nworld, mask, rows, opens, layouts or self._no_layouts, *tables)
 
 
 def _bounds(params: ParamTable, arrays: Mapping[str, wp.array]) -> list[tuple]:

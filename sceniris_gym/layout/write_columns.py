@@ -4,8 +4,6 @@ A number is a bound narrowed by params, a draw, or a nominal value times a given
 in a layout.
 """
 
-from collections.abc import Sequence
-
 import numpy as np
 import warp as wp
 
@@ -242,14 +240,7 @@ def _write_columns(
 
 
 def launch_write_columns(
-    nworld: int,
-    mask: wp.array | None,
-    rows: wp.array | None,
-    layouts: LayoutsView,
-    tables: Sequence[wp.array],
-    numbers: wp.array,
-    *,
-    opens: bool,
+    nworld: int, mask: wp.array | None, rows: wp.array | None, opens: bool, layouts: LayoutsView, *tables: wp.array
 ) -> None:
     """Write the elements of the masked worlds.
 
@@ -257,14 +248,14 @@ def launch_write_columns(
         nworld: Number of worlds.
         mask: Selected worlds, shape (nworld,), bool. None selects all.
         rows: Row of `layouts` for each world, shape (nworld,), int32. None gives world i row i.
-        layouts: The layouts.
-        tables: Rows of `Number`, their parameters, rows of `Element`, and rows of `Array`.
-        numbers: The given numbers, shape (1 or nworld, n), or memory for drawn numbers, shape (nworld, n).
         opens: Write the numbers of the next layouts instead of the present layouts.
+        layouts: The layouts.
+        *tables: Rows of `Number`, their parameters, rows of `Element`, and rows of `Array`. Last the given numbers,
+            shape (1 or nworld, n), or memory for drawn numbers, shape (nworld, n).
     """
     param = layouts.next_param if opens else layouts.param
-    inputs = [mask, rows, opens, layouts, param if param is not None and param.size else None, *tables, numbers]
-    wp.launch_tiled(_write_columns, dim=[nworld], inputs=inputs, block_dim=_LANES, device=numbers.device)
+    inputs = [mask, rows, opens, layouts, param if param is not None and param.size else None, *tables]
+    wp.launch_tiled(_write_columns, dim=[nworld], inputs=inputs, block_dim=_LANES, device=tables[0].device)
 
 
 def memory_of(array: wp.array, nominal: wp.array | None = None) -> tuple[int, int, int, int, int]:

@@ -169,9 +169,8 @@ def _is_under_piece(
     rel = relative(_upward(point), frame)
     if program.piece_type[piece] == PieceType.BOX:
         return _crosses_box(program.piece_size[piece], rel)
-    return not separated(
-        program.vert, segment_shape(0.5 * _OVERHEAD_REACH), piece_shape(program, piece), rel, _SPACE, 0.0
-    )
+    segment = segment_shape(0.5 * _OVERHEAD_REACH)
+    return not separated(program.vert, segment, piece_shape(program, piece), rel, _SPACE, 0.0)
 
 
 @wp.func
@@ -187,9 +186,8 @@ def _is_under_faces(
     frame = pose_of(body_pos[body], body_quat[body])
     back = wp.transpose(frame.rot)
     origin = back * (point + wp.vec3(0.0, 0.0, _OVERHEAD_START) - frame.pos)
-    return wp.mesh_query_ray(
-        program.collider_mesh[collider], origin, back * wp.vec3(0.0, 0.0, 1.0), _OVERHEAD_REACH
-    ).result
+    up = back * wp.vec3(0.0, 0.0, 1.0)
+    return wp.mesh_query_ray(program.collider_mesh[collider], origin, up, _OVERHEAD_REACH).result
 
 
 @wp.func

@@ -39,10 +39,6 @@ class ReachStage:
         most = most if work.compiled.starts is None else max(most, TRIALS)
         self._most_waves = most + -(-work.nrow * most // self.search.failed.shape[0])
 
-    def launch_begin(self) -> None:
-        """Clear the queue of rows, because an interrupt of earlier launches may have left entries."""
-        self.search.rows_left.zero_()
-
     def launch_pose_hands(self) -> None:
         """Pose the hand at each grasp that objects may block. Once per generator."""
         for reach in self._early:

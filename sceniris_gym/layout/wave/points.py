@@ -57,11 +57,9 @@ class PointCounter:
 @wp.func
 def _point_counter(program: Program, split: wp.uint32, layouts: LayoutsView, search: Search, c: int) -> PointCounter:
     """Return the seed, episode, stream and trial that determine the random numbers of a candidate's point."""
-    world = search.row_world[search.row[c]]
-    stream = stream_of(program, split, search.obj[c])
-    return PointCounter(
-        layouts.pending_seed[world], layouts.pending_episode[world], stream, trial_of(program, search, c)
-    )
+    worldid = search.row_world[search.row[c]]
+    seed, episode = layouts.pending_seed[worldid], layouts.pending_episode[worldid]
+    return PointCounter(seed, episode, stream_of(program, split, search.obj[c]), trial_of(program, search, c))
 
 
 @wp.func

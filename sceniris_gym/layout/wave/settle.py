@@ -87,10 +87,8 @@ def _bank_row(program: Program, bank: Bank, layouts: LayoutsView, worldid: int, 
     if num == 0:
         return -1
     stream = numbered_stream(split, BANK_STREAM)
-    words = philox(
-        layouts.pending_seed[worldid],
-        wp.vec4ui(wp.uint32(layouts.pending_episode[worldid]), stream, wp.uint32(0), wp.uint32(0)),
-    )
+    counter = wp.vec4ui(wp.uint32(layouts.pending_episode[worldid]), stream, wp.uint32(0), wp.uint32(0))
+    words = philox(layouts.pending_seed[worldid], counter)
     row = int(words[0] % wp.uint32(num))
     nearest = int(0)
     most = int(_FURTHEST)

@@ -64,10 +64,8 @@ def _heaps(objects: list[PlacedObject]) -> dict[str, np.ndarray]:
     rows, adr, num = ranges([] if o.heap is None else list(np.hstack([o.heap.pos, o.heap.quat])) for o in objects)
     streams = np.array([0 if o.heap is None else o.heap.stream for o in objects], int)
     heaped = np.array([o.heap is not None for o in objects], bool)
-    return {
-        "obj_heap": np.stack([np.where(heaped, adr, -1), num, streams], axis=1),
-        "heap_pose": np.reshape(rows, (-1, 7)),
-    }
+    heaps = np.stack([np.where(heaped, adr, -1), num, streams], axis=1)
+    return {"obj_heap": heaps, "heap_pose": np.reshape(rows, (-1, 7))}
 
 
 def _joint_ranges(objects: list[PlacedObject]) -> dict[str, np.ndarray]:
@@ -89,14 +87,13 @@ def _orientations(plan: Plan, joints: dict[str, JoinedSites]) -> dict[str, np.nd
     drawn = [o.config.drawn_orientation for o in plan.objects]
     yaws = [(joints[o.name].yaw,) * 2 if o.name in joints else d.yaw for o, d in zip(plan.objects, drawn, strict=True)]
     poses, fields = addressed("obj_stable", (o.stable_poses for o in plan.objects))
+    beside = [plan.columns.index(joints[o.name].to) if o.name in joints else -1 for o in plan.objects]
     shares = [s for o in plan.objects for s in np.cumsum([v.probability for v in o.stable_poses])]
     return {
         "obj_orientation": np.array([_ORIENTATIONS.get(d.kind, OrientationType.YAW) for d in drawn], int),
         "obj_target": np.array([plan.columns.index(d.target) if d.target else 0 for d in drawn], int),
         "obj_yaw": np.reshape(yaws, (-1, 2)),
-        "obj_beside": np.array(
-            [plan.columns.index(joints[o.name].to) if o.name in joints else -1 for o in plan.objects], int
-        ),
+        "obj_beside": np.array(beside, int),
         **fields,
         **columns("stable", poses, quat=4, pivot=3, bounds=4),
         "stable_cdf": np.array(shares, float),

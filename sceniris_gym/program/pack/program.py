@@ -164,11 +164,8 @@ def layout_bounds(plan: Plan) -> dict[str, np.ndarray]:
     mocap = np.full(mjm.nmocap, 3.0 * far)
     bodies = np.flatnonzero(mjm.body_mocapid >= 0)
     mocap[mjm.body_mocapid[bodies]] += np.abs(mjm.body_pos[bodies]).sum(axis=1)
-    return {
-        "bound_qpos": (1.0 + _ROUNDING) * bound + _ROUNDING,
-        "bound_mocap": mocap,
-        "quat_qposadr": quats,
-    }
+    bound = (1.0 + _ROUNDING) * bound + _ROUNDING
+    return {"bound_qpos": bound, "bound_mocap": mocap, "quat_qposadr": quats}
 
 
 def pack_statics(plan: Plan, device: str) -> Statics | None:
@@ -201,8 +198,7 @@ def pack_statics(plan: Plan, device: str) -> Statics | None:
         "direction": around(DIRECTIONS),
         "level_sink": np.array([found[i].sinks.get(n, 0.0) for n, c in enumerate(chains) for i in c]) * (not drawn),
         "obj_give": give * drawn,
-        "obj_tilt": np.array([s.tilt for s in found]),
-        "obj_touch": np.array([s.touch for s in found]),
+        **columns("obj", found, tilt=1, touch=1),
         "stable_law": np.reshape([f.law for f in feet], (-1, len(CURVED))),
         **{f"stable_{name}": np.array([getattr(f.roll, name) for f in feet]) for name in Roll._fields},
         "stable_radius": np.array(radius, float),
