@@ -135,8 +135,8 @@ def _with_bank(compiled: CompiledScene) -> CompiledScene:
     found = [_with_all_choices(probed, probe) for probe in (train, evaluation)]
     _warn_of_fallbacks(compiled, train, evaluation)
     columns = (np.stack(rows) for rows in zip(*found[0], *found[1], strict=True))
-    bank, program = Bank(), copied(Program, compiled.program)
-    fill_struct(Bank, bank, dict(zip(BANKED, columns, strict=True)), compiled.device)
+    program = copied(Program, compiled.program)
+    bank = fill_struct(Bank, Bank(), dict(zip(BANKED, columns, strict=True)), compiled.device)
     bank.ntrain = len(found[0])
     # these two numbers only tune the parallel search, and do not change layouts
     made, first = train.made + evaluation.made, train.first + evaluation.first

@@ -283,8 +283,8 @@ SHARED = 0
 """The stride [bytes] between rows of an array whose single row serves all worlds."""
 
 
-def fill_struct(declared: Any, instance: Any, arrays: Mapping[str, np.ndarray], device: str) -> None:
-    """Fill array fields of a struct instance from NumPy arrays, with the types declared by the struct."""
+def fill_struct(declared: Any, instance: Any, arrays: Mapping[str, np.ndarray], device: str) -> Any:
+    """Fill array fields of a struct instance from NumPy arrays, with the declared types, and return the instance."""
     for name, values in arrays.items():
         field = declared.vars[name].type
         shared = declared is Program and name in WORLD_FIELDS
@@ -295,6 +295,7 @@ def fill_struct(declared: Any, instance: Any, arrays: Mapping[str, np.ndarray], 
             array = wp.array(ptr=array.ptr, dtype=array.dtype, shape=array.shape, strides=strides, device=device)
             array._ref = owner
         setattr(instance, name, array)
+    return instance
 
 
 def allocate(declared: Any, instance: Any, shapes: Mapping[str, Any], device: Any) -> Any:

@@ -73,7 +73,7 @@ def pack_starts(plan: Plan, bounds: np.ndarray, device: str) -> Starts | None:
     """
     if not plan.scene.config.start:
         return None
-    starts, fields = Starts(), plan_starts(plan, plan_grips(plan))
+    fields = plan_starts(plan, plan_grips(plan))
     draws = fields["draw_range"]
     adr = [r.qposadr for o in plan.objects for r in o.joint_ranges]
     is_drawn = draws[..., :1] <= draws[..., 1:]
@@ -84,8 +84,7 @@ def pack_starts(plan: Plan, bounds: np.ndarray, device: str) -> Starts | None:
         bounds[one.arm.qposadr] = np.maximum(bounds[one.arm.qposadr], most)
         adr, qpos = one.gripper.poses(np.linspace(0.0, 1.0, 17))
         bounds[adr] = np.maximum(bounds[adr], np.abs(qpos).max(axis=0, initial=0.0))
-    fill_struct(Starts, starts, fields, device)
-    return starts
+    return fill_struct(Starts, Starts(), fields, device)
 
 
 def pack_groups(groups: Collection[GroupConfig], slots: Sequence[str]) -> dict[str, np.ndarray]:
@@ -192,7 +191,6 @@ def pack_statics(plan: Plan, device: str) -> Statics | None:
     drawn = any(draw.word.field == "body_mass" for draw in plan.scene.draws)
     sink = np.array([s.sinks.get(None, 0.0) for s in found])
     give = sink / np.maximum([s.load for s in found], mujoco.mjMINVAL)
-    statics = Statics()
     arrays = {
         **{**of_objects, **of_levels, **of_stables, **of_feet, **of_surfaces, **of_parts},
         "direction": around(DIRECTIONS),
@@ -209,8 +207,7 @@ def pack_statics(plan: Plan, device: str) -> Statics | None:
         "body_weight": weights(mjm)[None],
         "body_center": mjm.body_ipos[None],
     }
-    fill_struct(Statics, statics, arrays, device)
-    return statics
+    return fill_struct(Statics, Statics(), arrays, device)
 
 
 def _loads(chain: list[int], carriers: list[int | None], number: int) -> list[list[int]]:
