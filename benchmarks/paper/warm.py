@@ -27,7 +27,6 @@ _KINDS = {
     "wave.region_pieces": "regions",
     "wave.prefilter": "prefilter",
     "wave.collision": "collision",
-    "wave.containment": "containment",
     "wave.standing": "standing",
     "wave.accept": "accept",
     "wave.rounds": "rows and rounds",
@@ -109,12 +108,12 @@ def _key(activity: str) -> str:
 
 def _kinds_of_kernels() -> dict[str, str]:
     """Return the kind of work of each kernel of a search, by its key."""
-    found = {}
+    found: dict[str, str] = {}
     for name, kind in _KINDS.items():
         module = importlib.import_module(f"sceniris_gym.layout.{name}")
         kernels = [member for member in vars(module).values() if isinstance(member, wp.Kernel)]
         found |= {kernel.key: kind for kernel in kernels if kernel.func.__module__ == module.__name__}
-    return found
+    return found | {"_test_containment": "containment"}  # next to the collision tests
 
 
 @contextmanager
