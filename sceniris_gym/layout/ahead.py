@@ -321,8 +321,9 @@ class Ahead(StaysHere):
 
     def launch_open(self, mask: wp.array | None) -> None:
         """Find the masked worlds whose next layouts are not ready, and open their keys."""
-        views, counts = [self._layouts.view, self._ahead.layouts.view], [self._stage, self._nwaiting, self._enough]
-        wp.launch(_find_missing, self._layouts.nworld, [*views, mask, *counts, self.missing], device=self._device)
+        inputs = [self._layouts.view, self._ahead.layouts.view, mask]
+        outputs = [self._stage, self._nwaiting, self._enough, self.missing]
+        wp.launch(_find_missing, self._layouts.nworld, inputs=inputs, outputs=outputs, device=self._device)
 
     def launch_close(self, mask: wp.array | None) -> None:
         """Serve the masked worlds their prefetched or new layouts. Rejections of a layout made twice count once."""

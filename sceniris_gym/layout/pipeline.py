@@ -92,7 +92,7 @@ class LayoutPipeline(Fixed, LayoutSource):
             if chooser.layouts is not None and chooser.layouts is not maker.layouts:
                 raise ArgumentError("LayoutPipeline: chooser should choose for the layouts of this maker.")
         self.maker, self.ahead, self.chooser, self.layouts = maker, ahead, chooser, maker.layouts
-        self._choices = chooser or Chooser()
+        self._choices = Chooser() if chooser is None else chooser
         self.split = maker.split or split
         self.hears = maker.hears or chooser is not None
         self.rows = maker.rows if chooser is None else chooser.rows
