@@ -27,7 +27,7 @@ def main(nworld: int = 64, steps: int = 1500, device: str | None = None) -> None
         device: "cpu" or "cuda:0", by default cuda:0 if available, otherwise cpu.
     """
     compiled = compile_scene(SCENE, device)
-    model, data = make_worlds(compiled, nworld, nconmax=64, njmax=256)  # room in each world
+    model, data = make_worlds(compiled, nworld, nconmax=64, njmax=256)  # room for contacts in each world
     with wp.ScopedDevice(compiled.device):
         randomizer = ResetRandomizer(compiled, model, data, seed=0)
         randomizer.reset()  # all worlds, and the paddle's actuator holds the sampled position

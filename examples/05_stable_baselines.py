@@ -18,12 +18,12 @@ SETTINGS = {
     "use_sde": True,  # noise that lasts several steps moves an arm further
     "sde_sample_freq": 10,
     "policy_kwargs": {"log_std_init": -1.0},
-    "device": "cpu",  # small networks, and SB3 exchanges numpy arrays
+    "device": "cpu",  # the CPU is fast enough: the networks are small, and SB3 exchanges numpy arrays
 }
 
 
 def judge(model: PPO, trained: VecNormalize, device: str | None) -> str:
-    """Return the result of the first episodes of the split `eval`, with deterministic actions."""
+    """Return the results of a policy with deterministic actions on the first layouts of the split `eval`."""
     envs = Sb3VecEnvWrapper(gym.make_vec(ENV_ID, num_envs=trained.num_envs, device=device, split="eval"))
     envs.seed(0)
     normalized = VecNormalize(envs, training=False, norm_reward=False)

@@ -12,7 +12,7 @@ GAMMA, LAMBDA, CLIP = 0.98, 0.95, 0.2
 
 
 def network(size: int, out: int) -> nn.Sequential:
-    """Return an MLP whose first layer normalises by the statistics of all observations so far."""
+    """Return an MLP. Its first layer normalises observations by the statistics of all observations so far."""
     layers = [nn.Linear(size, 256), nn.ELU(), nn.Linear(256, 128), nn.ELU(), nn.Linear(128, out)]
     return nn.Sequential(nn.BatchNorm1d(size, affine=False, momentum=None), *layers).eval()
 

@@ -1,8 +1,8 @@
-"""Train with rsl-rl on all GPUs of a host, with separate worlds and layouts on each.
+"""Train with rsl-rl on all GPUs of a host, with separate worlds and layouts on each GPU.
 
     torchrun --standalone --nproc-per-node gpu examples/08_all_gpus.py
 
-Started with `python`, it trains on one GPU. Needs the extra: pip install 'sceniris-gym[rsl-rl]'.
+If you start this program with `python`, it trains on one GPU. Needs the extra: pip install 'sceniris-gym[rsl-rl]'.
 """
 
 from pathlib import Path
@@ -44,7 +44,7 @@ def main(
     """
     envs = RslRlVecEnvWrapper(gym.make_vec(ENV_ID, num_envs=num_envs, device=device), seed=seed)
     rank = envs.unwrapped.rank
-    torch.manual_seed(seed * rank.size + rank.number)  # for action noise, as weights come from the first process
+    torch.manual_seed(seed * rank.size + rank.number)  # for action noise. Initial weights come from the first process
     runner = OnPolicyRunner(envs, {**CONFIG, "seed": seed}, log_dir=str(out), device=str(envs.device))
     runner.learn(iterations, init_at_random_ep_len=True)
     print(f"process {rank.number} of {rank.size}: {envs.unwrapped.statistics.read()['success']:.3f} success")

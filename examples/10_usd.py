@@ -43,7 +43,7 @@ def main(
 
 
 def frozen(moving: Usd.Stage, row: int, path: Path) -> None:
-    """Write one row as a stage without time next to `scene.usdc`, for simulators and renderers of single scenes."""
+    """Write one row as a stage without time, next to `scene.usdc`, for programs that read a single scene."""
     stage = Usd.Stage.CreateNew(str(path))
     stage.GetRootLayer().subLayerPaths.append("./scene.usdc")
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)

@@ -13,7 +13,7 @@ from sceniris_gym import cli, evaluate
 def main(
     num_envs: int = 64, layouts: int = 256, picture: Path = Path("failure.png"), device: str | None = None
 ) -> None:
-    """Evaluate a policy that moves at random.
+    """Evaluate a policy with random actions, run its failures again, and draw the first failure.
 
     Args:
         num_envs: number of worlds.

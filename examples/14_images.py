@@ -1,4 +1,4 @@
-"""A task with two cameras, one of them on the arm's hand. Saves their pictures of a few worlds."""
+"""A task with two cameras, one of them on the arm's hand. The program saves pictures of a few worlds."""
 
 import torch
 import tyro
@@ -47,7 +47,7 @@ class SeeOrange(Task):
 
 
 def main(num_envs: int = 6, device: str | None = None, out: str = "images.png") -> None:
-    """Save the first pictures: rows for colours, depth and the wrist camera, and a column per world."""
+    """Save the first pictures in one file: rows for colours, depth and the wrist camera, and a column per world."""
     envs = SceneVectorEnv(SeeOrange, num_envs, scene=SCENE, images=IMAGES, device=device)
     images = envs.reset(seed=0)[0]["images"]
     depth = images["side"]["depth"]

@@ -22,7 +22,7 @@ SCENE = {
 
 
 class RoughLift(TabletopLift):
-    """TabletopLift with a rough tabletop in half of the worlds. The greater friction of two geoms counts."""
+    """TabletopLift with a rough tabletop in half of the worlds. Contacts use the greater friction of two geoms."""
 
     model_fields = ("geom_friction",)
 

@@ -31,7 +31,7 @@ def main(nworld: int = 32, resets: int = 3, seconds: float = 1.0, device: str | 
     """
     compiled = compile_scene(SCENE, device)
     mjm = compiled.sim_mjm  # one body for all variants
-    model, data = make_worlds(compiled, nworld)  # a row for each world where objects differ
+    model, data = make_worlds(compiled, nworld)  # fields in which variants differ have a row per world
     with wp.ScopedDevice(compiled.device):
         randomizer = ResetRandomizer(compiled, model, data, seed=0)
         body = mjm.body("thing").id

@@ -13,7 +13,7 @@ PARAMS = [f"objects.{name}.region" for name in THINGS]
 
 
 def main(num_envs: int = 1024, resets: int = 4, device: str | None = None) -> None:
-    """Reset with wider and wider regions.
+    """Reset worlds with wider and wider regions.
 
     Args:
         num_envs: number of worlds.

@@ -1,4 +1,4 @@
-"""Level replay: replay the layouts with the most to learn from, then save and restore the level buffer."""
+"""Level replay: replay the layouts that teach a policy the most, then save and restore the level buffer."""
 
 from typing import Any
 
@@ -36,7 +36,7 @@ def main(num_envs: int = 1024, episodes: int = 20, device: str | None = None) ->
     drawn = sampler.sample(1000)
     print(f"1000 draws have {len(np.unique(drawn['level']))} different levels")
 
-    state = sampler.state()  # arrays, for a checkpoint
+    state = sampler.state()  # NumPy arrays, for a checkpoint
     again: Any = gym.make_vec("sceniris_gym/TabletopReach-v0", **kwargs | {"scene": base.compiled}).unwrapped
     again.reset(seed=1)
     again.randomizer.levels.restore(state)

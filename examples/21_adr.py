@@ -20,7 +20,7 @@ OBJECTS = {"cube": {"on": "ground", "region": {"box": [[-0.4, -0.4], [0.4, 0.4]]
 
 
 class Near(sceniris_gym.Task):
-    """Succeed if the cube is within 0.2 m along x, at any place along y."""
+    """Task that succeeds if the cube is at most 0.2 m from the origin along x, at any place along y."""
 
     def apply(self, s: sceniris_gym.State, action) -> None:
         """Ignore actions: the task has no actuators."""
@@ -34,7 +34,7 @@ class Near(sceniris_gym.Task):
         return {"near": 0.0 * s.pose("cube")[:, 0]}
 
     def success(self, s: sceniris_gym.State):
-        """Return the worlds where the cube is near enough."""
+        """Return in which worlds the cube is near enough, shape (num_envs,), bool."""
         return s.pose("cube")[:, 0].abs() < 0.2
 
 
