@@ -19,6 +19,7 @@ from sceniris_gym.files import replacing
 from sceniris_gym.geometry.framing import box_corners, frame
 from sceniris_gym.pictures.context import Looks, Shot, in_model_order, picture_context
 from sceniris_gym.scene.layout_table import LayoutTable
+from sceniris_gym.scene.parking import is_parked
 
 CAMERA = "overview"
 SIZE = (480, 360)  # pixels
@@ -122,7 +123,10 @@ def _poses(mjm: mujoco.MjModel, table: LayoutTable) -> dict[str, np.ndarray]:
 
 
 def _corners(mjm: mujoco.MjModel, poses: dict[str, np.ndarray]) -> np.ndarray:
-    """Return the corners of the boxes of all visible geoms in all layouts [m], world frame, shape (n, 3)."""
+    """Return the corners of the boxes of all visible geoms in all layouts [m], world frame, shape (n, 3).
+
+    Geoms of absent objects are left out. They are parked far away and would make everything else a few pixels wide.
+    """
     corners = []
     for geom in np.flatnonzero(np.isin(mjm.geom_group, _VISIBLE_GROUPS)):
         center, half = mjm.geom_aabb[geom, :3], mjm.geom_aabb[geom, 3:]
@@ -131,4 +135,5 @@ def _corners(mjm: mujoco.MjModel, poses: dict[str, np.ndarray]) -> np.ndarray:
         box = box_corners(center, half)
         corners.append(box @ poses["geom_xmat"][:, geom].reshape(-1, 3, 3).transpose(0, 2, 1))
         corners[-1] += poses["geom_xpos"][:, None, geom]
+        corners[-1] = corners[-1][~is_parked(poses["geom_xpos"][:, geom])]
     return np.concatenate(corners).reshape(-1, 3)

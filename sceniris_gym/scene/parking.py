@@ -61,6 +61,11 @@ def has_parking_ground(mjm: mujoco.MjModel, nslot: int, where: str) -> bool:
     return bool(np.all(middle - half <= low) and np.all(middle + half >= high))
 
 
+def is_parked(points: np.ndarray) -> np.ndarray:
+    """Return which points [m], shape (..., 3), lie on the parking ground, shape (...), bool."""
+    return (points[..., :2] > PARKING_FROM - 0.5 * PARKING_SPACING).all(axis=-1)
+
+
 def _corners(nslot: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the lower and upper corner [m] of the parking rectangle, with a margin of half a place."""
     rows = max(PARKING_COLUMNS, math.ceil(nslot / PARKING_COLUMNS))

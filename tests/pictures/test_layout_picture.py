@@ -8,7 +8,9 @@ import pytest
 from PIL import Image
 
 from sceniris_gym.errors import UnknownNameError
-from sceniris_gym.pictures.layout_picture import captioned, contact_sheet, render, save
+from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.pictures.layout_picture import _corners, _poses, captioned, contact_sheet, render, save
 from tests.commands.scenes import MODEL, layout, small_model, with_row
 
 
@@ -30,6 +32,15 @@ def test_pictures_show_where_things_are():
     )
     columns = [np.flatnonzero(picture.any(0)).mean() for picture in red]
     assert columns[0] < 50 < 70 < columns[1]
+
+
+def test_absent_objects_do_not_move_the_camera_away():
+    """The boxes that the camera sees of all layouts of `clutter_extract` are less than 5 m apart."""
+    compiled = compile_scene("clutter_extract", "cpu")
+    generator = LayoutGenerator(compiled, 4)
+    generator.generate()
+    corners = _corners(compiled.mjm, _poses(compiled.mjm, generator.table()))
+    assert np.ptp(corners, axis=0).max() < 5.0
 
 
 def test_a_model_without_the_camera_is_refused():
