@@ -70,8 +70,8 @@ def _write_joints(
         joint_qd[k] = 0.0
     if joint_type[joint] == _BALL:
         x = qpos[worldid]
-        turn = wp.transform_get_rotation(x_c[joint])
-        rotation = wp.quat_inverse(turn) * wp.quat(x[adr + 1], x[adr + 2], x[adr + 3], x[adr]) * turn
+        anchor = wp.transform_get_rotation(x_c[joint])
+        rotation = wp.quat_inverse(anchor) * wp.quat(x[adr + 1], x[adr + 2], x[adr + 3], x[adr]) * anchor
         for k in range(4):
             joint_q[first + k] = rotation[k]
         return
