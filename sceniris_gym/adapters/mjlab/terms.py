@@ -52,9 +52,10 @@ class PlaceLayouts(ManagerTermBase):
     a robot whose joints another event offsets.
 
     After a reset, `env.extras["layout"]` has `seed` and `episode`, int64, `fallback` (the layout came from the fallback
-    bank), and `start` if the scene has kinds of starts, each of shape (num_envs,). `extras["log"]` has the fraction of
-    environments with a layout from the fallback bank. Starts write the joints of the arm and the fingers. The controls
-    of the next step should close the fingers.
+    bank), and `start` if the scene has kinds of starts, each of shape (num_envs,). With `scene_params` it has `params`,
+    so that `reseed(layouts=extras["layout"])` makes the same layouts. `extras["log"]` has the fraction of environments
+    with a layout from the fallback bank. Starts write the joints of the arm and the fingers. The controls of the next
+    step should close the fingers.
 
     Attributes:
         compiled: The compiled scene.
@@ -107,7 +108,7 @@ class PlaceLayouts(ManagerTermBase):
         self.pipeline.generate(mask)
         self._variants.write(self.layouts, ids)
         self._write(ids)
-        self._tell()
+        self._report()
         if not self._kept:
             self._placed = ids, self.state(ids)
 
@@ -120,7 +121,7 @@ class PlaceLayouts(ManagerTermBase):
 
         Args:
             layouts: A layout id, a layout id for each environment (None is its next layout), or a mapping
-                {"seed": ..., "episode": ...}.
+                {"seed": ..., "episode": ...} with optional "params", such as `env.extras["layout"]`.
             env_ids: The environments, in the order of the layouts: ids, a slice, or None for all.
 
         Raises:
@@ -180,13 +181,15 @@ class PlaceLayouts(ManagerTermBase):
             position = self.layouts.qpos[env_ids[:, None], entity.indexing.joint_q_adr[joint_ids]]
             entity.write_joint_state_to_sim(position, torch.zeros_like(position), joint_ids, env_ids)
 
-    def _tell(self) -> None:
+    def _report(self) -> None:
         """Report the layouts of the environments in `env.extras`."""
         layouts, extras = self.layouts, self._env.extras
         fallback = layouts.status == LayoutStatus.FALLBACK
         extras["layout"] = {"seed": layouts.seed.clone(), "episode": layouts.episode.long(), "fallback": fallback}
         if self.compiled.config.start:
             extras["layout"]["start"] = layouts.start.long()
+        if layouts.params.names:
+            extras["layout"]["params"] = layouts.params.named(layouts.param.clone())
         extras.setdefault("log", {})["Layouts/fallback_rate"] = fallback.float().mean()
 
 
