@@ -226,6 +226,20 @@ def test_chosen_environments_get_the_layouts_of_ids():
         term.reseed(layouts=["a:train:0:0"], env_ids=[1])
 
 
+def test_a_later_choice_replaces_an_earlier_one():
+    """In the environments that it names, also by None, which is the next layout. The others keep the earlier one."""
+    env = ManagerBasedRlEnv(plain_cfg(cubes_on()), "cpu")
+    env.reset()
+    term = env.event_manager.get_term_cfg("layouts").func
+    term.reseed(layouts=term.compiled.layout_id(70, 4))
+    term.reseed(layouts=[None, term.compiled.layout_id(80, 2)], env_ids=[1, 2])
+    term.reseed(layouts={"seed": [90, 91], "episode": 3}, env_ids=slice(4, 6))
+    for env_ids in ([0, 1, 2], [3, 4, 5], [0, 5]):
+        env.reset(env_ids=torch.tensor(env_ids))
+    assert env.extras["layout"]["seed"].tolist() == [70, 6, 80, 70, 90, 91]
+    assert env.extras["layout"]["episode"].tolist() == [5, 1, 2, 4, 3, 4]
+
+
 def test_a_curriculum_sets_a_param_by_steps():
     """Ids name it, and give the same layouts again whatever the curriculum asks for by then."""
     name, narrow = "objects.cube_0.region", [[0.30, -0.05], [0.35, 0.05]]
