@@ -25,7 +25,7 @@ LOST_HEIGHT = 0.15
 LOWEST = 0.282
 """Lowest height of the tool's target above the floor [m]: the fingertips, 9 mm lower, just clear the drawer's floor."""
 
-TURNS = (-0.6, 2.4)
+YAW_RANGE = (-0.6, 2.4)
 """Limits of the yaw of the tool's target [rad]. The banana's yaw is between 0.3 and 2.2."""
 
 
@@ -95,7 +95,7 @@ class DrawerPick(Task):
 
     def apply(self, s: State, action: Tensor) -> None:
         """Move the tool's target, and set the gripper's opening."""
-        self.arm.move_tool(s, action[:, :4], lowest=LOWEST, turns=TURNS)
+        self.arm.move_tool(s, action[:, :4], lowest=LOWEST, yaw_range=YAW_RANGE)
         self.arm.grip(s, action[:, 4])
         self.last_action.copy_(action)
 

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 import sceniris_gym
-from sceniris_gym import ContactSensor, EpisodeResult, SceneConfig, SceneVectorEnv, evaluate
+from sceniris_gym import ArmController, ContactSensor, EpisodeResult, SceneConfig, SceneVectorEnv, evaluate
 from sceniris_gym.config.relations import Connection
 from sceniris_gym.config.robot import RobotConfig
 from sceniris_gym.config.settings import as_config
@@ -41,6 +41,7 @@ KEYWORDS: dict[str, tuple[Callable[..., Any], str, str]] = {
     "an evaluation": (evaluate, "ids", "layouts"),
     "a contact sensor": (ContactSensor, "first", "primary"),
     "its other bodies": (ContactSensor, "second", "secondary"),
+    "a controller": (ArmController.move_tool, "turns", "yaw_range"),
     "a replay": (LevelReplay, "replay", "replay_prob"),
     "intervals": (ADR, "start", "init_range"),
 }

@@ -209,18 +209,18 @@ class LayoutAutoResetWrapper:
         return *jax.vmap(start, in_axes=(axes, 0, 0, 0))(model, data, info, fresh), fresh.fallback
 
 
-def wrap_for_brax_training(compiled: CompiledScene, **words: Any) -> Callable[..., LayoutAutoResetWrapper]:
+def wrap_for_brax_training(compiled: CompiledScene, **kwargs: Any) -> Callable[..., LayoutAutoResetWrapper]:
     """Return a `wrap_env_fn` for Brax's trainers: Playground's `wrap_for_brax_training` with `LayoutAutoResetWrapper`.
 
     Args:
         compiled: The scene, as in `LayoutAutoResetWrapper`.
-        **words: Other arguments of `LayoutAutoResetWrapper`.
+        **kwargs: Other arguments of `LayoutAutoResetWrapper`.
     """
     check_type(compiled, CompiledScene, "wrap_for_brax_training: compiled")
     wrapper = import_extra("mujoco_playground._src.wrapper", "jax", "playground")
 
     def wrap(env: Any, **arguments: Any) -> LayoutAutoResetWrapper:
-        return LayoutAutoResetWrapper(wrapper.wrap_for_brax_training(env, **arguments).env, compiled, **words)
+        return LayoutAutoResetWrapper(wrapper.wrap_for_brax_training(env, **arguments).env, compiled, **kwargs)
 
     return wrap
 

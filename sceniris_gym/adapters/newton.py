@@ -31,12 +31,6 @@ _CURE = (
 )
 
 
-@wp.func
-def _mujoco_pose(pos: wp.vec3, quat: wp.quat) -> wp.transform:
-    """Return a MuJoCo pose, with a quaternion in wxyz order, as a Warp transform, which has xyzw order."""
-    return wp.transform(pos, wp.quat(quat[1], quat[2], quat[3], quat[0]))
-
-
 @wp.kernel
 def _write_joints(
     # Lists of joints:
@@ -63,32 +57,31 @@ def _write_joints(
     joint_mask[joint] = mask[worldid]
     if not mask[worldid]:
         return
-    adr, first = qposadr[i], q_start[joint]
+    x, adr, first = qpos[worldid], qposadr[i], q_start[joint]
     if adr < 0 and mocapid[i] < 0:  # MuJoCo has no position of this joint
         return
     for k in range(qd_start[joint], qd_start[joint + 1]):
         joint_qd[k] = 0.0
     if joint_type[joint] == _BALL:
-        x = qpos[worldid]
-        turn = wp.transform_get_rotation(x_c[joint])
-        rotation = wp.quat_inverse(turn) * wp.quat(x[adr + 1], x[adr + 2], x[adr + 3], x[adr]) * turn
+        anchor = wp.transform_get_rotation(x_c[joint])
+        rotation = wp.quat_inverse(anchor) * wp.quat(x[adr + 1], x[adr + 2], x[adr + 3], x[adr]) * anchor
         for k in range(4):
             joint_q[first + k] = rotation[k]
         return
     if joint_type[joint] != _FREE and mocapid[i] < 0:
         for k in range(q_start[joint + 1] - first):
-            joint_q[first + k] = qpos[worldid, adr + k]
+            joint_q[first + k] = x[adr + k]
             if dof_ref:
                 joint_q[first + k] -= dof_ref[qd_start[joint] + k]
         return
 
-    pose = wp.transform_identity()
+    pose = wp.transform_identity()  # xyzw, while MuJoCo's quaternions are wxyz
     if mocapid[i] >= 0:
-        pose = _mujoco_pose(mocap_pos[worldid, mocapid[i]], mocap_quat[worldid, mocapid[i]])
+        quat = mocap_quat[worldid, mocapid[i]]
+        pose = wp.transform(mocap_pos[worldid, mocapid[i]], wp.quat(quat[1], quat[2], quat[3], quat[0]))
     else:
-        x = qpos[worldid]
-        quat = wp.quat(x[adr + 3], x[adr + 4], x[adr + 5], x[adr + 6])
-        pose = _mujoco_pose(wp.vec3(x[adr], x[adr + 1], x[adr + 2]), quat)
+        rotation = wp.quat(x[adr + 4], x[adr + 5], x[adr + 6], x[adr + 3])
+        pose = wp.transform(wp.vec3(x[adr], x[adr + 1], x[adr + 2]), rotation)
     if joint_type[joint] == _FREE:
         motion = wp.transform_inverse(x_p[joint]) * pose * x_c[joint]
         for k in range(7):

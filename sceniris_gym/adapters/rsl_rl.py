@@ -9,17 +9,15 @@ import torch
 from gymnasium.vector import AutoresetMode, VectorEnv
 from torch import Tensor
 
-from sceniris_gym.errors import ArgumentError, MissingExtraError
+from sceniris_gym.errors import ArgumentError, import_extra
 from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.program.device import Cause
 from sceniris_gym.vector.images import GROUP, as_channels
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 
-try:
-    from rsl_rl.env import VecEnv
-    from tensordict import TensorDict
-except ImportError as error:
-    raise MissingExtraError("rsl_rl", "rsl-rl") from error
+import_extra("rsl_rl.env", "rsl-rl", "rsl_rl")
+from rsl_rl.env import VecEnv  # noqa: E402
+from tensordict import TensorDict  # noqa: E402
 
 
 def as_tensordict(observation: Mapping[str, Any]) -> TensorDict:

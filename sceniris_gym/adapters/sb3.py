@@ -14,16 +14,14 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from torch import Tensor
 
 from sceniris_gym.config.fields import short
-from sceniris_gym.errors import ArgumentError, ArgumentTypeError, MissingExtraError, check_names
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, check_names, import_extra
 from sceniris_gym.vector.arguments import RESET_MASK, as_reset_mask
 from sceniris_gym.vector.images import GROUP, picture_names
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 
-try:
-    from stable_baselines3.common.monitor import Monitor
-    from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices, VecEnvObs, VecEnvStepReturn
-except ImportError as error:
-    raise MissingExtraError("stable-baselines3", "sb3") from error
+import_extra("stable_baselines3", "sb3", "stable-baselines3")
+from stable_baselines3.common.monitor import Monitor  # noqa: E402
+from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices, VecEnvObs, VecEnvStepReturn  # noqa: E402
 
 
 class Sb3VecEnvWrapper(VecEnv):
@@ -81,7 +79,7 @@ class Sb3VecEnvWrapper(VecEnv):
         mask = as_reset_mask(options, self.num_envs)
         chosen = slice(None) if mask is None else mask
         self._returns[chosen], self._lengths[chosen] = 0.0, 0
-        self.reset_infos = _rows(self._layouts(info), range(self.num_envs))
+        self.reset_infos = _rows({"layout": info["layout"]}, range(self.num_envs))
         self._reset_seeds()
         self._reset_options()
         return self.seen(observation)
@@ -125,13 +123,11 @@ class Sb3VecEnvWrapper(VecEnv):
         Raises:
             ArgumentError: The options are a list with options for single worlds.
         """
-        if isinstance(options, list):
-            if any(options):
-                raise ArgumentError(
-                    f"options should be one dict for all worlds together, such as {{'{RESET_MASK}': ...}}, got a list."
-                )
-            options = None
-        super().set_options(options)
+        if isinstance(options, list) and any(options):
+            raise ArgumentError(
+                f"options should be one dict for all worlds together, such as {{'{RESET_MASK}': ...}}, got a list."
+            )
+        super().set_options(None if isinstance(options, list) else options)
 
     def close(self) -> None:
         """Close the wrapped environment."""
@@ -186,24 +182,19 @@ class Sb3VecEnvWrapper(VecEnv):
     def _fill(self, infos: list[dict[str, Any]], worlds: np.ndarray, flags: np.ndarray, info: dict[str, Any]) -> None:
         """Write the infos of the finished worlds, and restart their returns and lengths."""
         rows = torch.as_tensor(worlds, device=self.env.device)
-        last = self.seen(info["final_obs"], rows)
-        success, broken = (to_host(info["final_info"][name][rows]) for name in ("success", "broken"))
-        layouts, ended = (_rows(self._layouts(each), worlds) for each in (info, info["final_info"]))
+        last, final = self.seen(info["final_obs"], rows), info["final_info"]
+        ended = _rows({"is_success": final["success"], "broken": final["broken"], "layout": final["layout"]}, rows)
+        begun = _rows({"layout": info["layout"]}, rows)
         seconds = round(time.time() - self._began, 6)
         for k, i in enumerate(worlds):
             infos[i] = {
                 "terminal_observation": last[k] if isinstance(last, np.ndarray) else {n: x[k] for n, x in last.items()},
                 "TimeLimit.truncated": bool(flags[1, i] and not flags[0, i]),
-                "is_success": bool(success[k]),
-                "broken": bool(broken[k]),
                 "episode": {"r": round(float(self._returns[i]), 6), "l": int(self._lengths[i]), "t": seconds},
                 **ended[k],
             }
-            self.reset_infos[i] = layouts[k]
+            self.reset_infos[i] = begun[k]
         self._returns[worlds], self._lengths[worlds] = 0.0, 0
-
-    def _layouts(self, info: dict[str, Any]) -> dict[str, Any]:
-        return {"layout": info["layout"]}
 
     def _owner(self, name: str) -> Any:
         """Return the environment or its task, whichever has the attribute."""
@@ -213,8 +204,7 @@ class Sb3VecEnvWrapper(VecEnv):
         raise AttributeError(f"{type(self.env).__name__} and {type(self.env.task).__name__} have no attribute '{name}'")
 
     def _chosen(self, indices: VecEnvIndices) -> list[int]:
-        worlds = range(self.num_envs)
-        return [worlds[i] for i in self._get_indices(indices)]
+        return [range(self.num_envs)[i] for i in self._get_indices(indices)]
 
 
 def _parts(groups: Mapping[str, Any]) -> dict[str, Any]:
@@ -228,7 +218,7 @@ def to_host(tensor: Tensor) -> np.ndarray:
     return tensor.cpu().numpy()
 
 
-def _rows(columns: dict[str, Any], worlds: Sequence[int] | np.ndarray) -> list[dict[str, Any]]:
+def _rows(columns: dict[str, Any], worlds: Sequence[int] | Tensor) -> list[dict[str, Any]]:
     """Return a dict of plain numbers for each of these worlds, from columns and dicts of columns."""
     lists = {
         name: _rows(values, worlds) if isinstance(values, dict) else to_host(values[torch.as_tensor(worlds)]).tolist()

@@ -5,7 +5,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from sceniris_gym.errors import ArgumentError, ArmError, UnknownNameError
+from sceniris_gym.errors import ArgumentError, ArmError, UnknownNameError, refuses_old_names
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.vector import rotations
 from sceniris_gym.vector.actuators import Fingers, PositionActuators
@@ -22,13 +22,13 @@ TOOL_STEP = 0.02
 TOOL_LEAD = 0.05
 """Largest lead of the tool's target over the tool along an axis [m]."""
 
-TURN_STEP = 0.1
+YAW_STEP = 0.1
 """Largest change of the tool's target yaw in a control step [rad]."""
 
-TURN_LEAD = 0.3
+YAW_LEAD = 0.3
 """Largest lead of the target yaw over the tool's yaw [rad]."""
 
-TURN_LIMIT = 1.7
+YAW_LIMIT = 1.7
 """Default limit of the target yaw [rad] to either side. A gripper looks the same after a rotation by pi."""
 
 DAMPING = 1e-3
@@ -86,8 +86,8 @@ class ArmController:
         steps = np.where(mjm.jnt_type[list(arm)] == SLIDE, TOOL_STEP, JOINT_STEP)
         self.lead = tensor(np.maximum(self._actuators.full_leads(steps / s.dt), steps))
         self._joint_step, self._home = tensor(steps), tensor(s.scene.home_qpos[mjm.jnt_qposadr[list(arm)]])
-        self._step = tensor([TOOL_STEP] * 3 + [TURN_STEP])
-        self._lead = tensor([TOOL_LEAD] * 3 + [TURN_LEAD])
+        self._step = tensor([TOOL_STEP] * 3 + [YAW_STEP])
+        self._lead = tensor([TOOL_LEAD] * 3 + [YAW_LEAD])
         self._damping = DAMPING * torch.eye(6, device=s.device)
         self.tool_target = torch.zeros(s.num_envs, 4, device=s.device)
         self._where, self._fingers = where, Fingers.find(s.scene, mjm.site(self._tcp).id, arm)
@@ -150,13 +150,14 @@ class ArmController:
         """Set the tool's target to the tool's pose in the masked worlds, after their reset."""
         self.tool_target.copy_(torch.where(mask[:, None], self._tool_now(s), self.tool_target))
 
+    @refuses_old_names
     def move_tool(
-        self, s: State, action: Tensor, lowest: float = 0.0, turns: tuple[float, float] = (-TURN_LIMIT, TURN_LIMIT)
+        self, s: State, action: Tensor, lowest: float = 0.0, yaw_range: tuple[float, float] = (-YAW_LIMIT, YAW_LIMIT)
     ) -> None:
         """Move the tool, which points down, along the axes of the base frame, and rotate it about the vertical.
 
-        The target changes by `action` times TOOL_STEP and TURN_STEP, and leads the tool by at most TOOL_LEAD and
-        TURN_LEAD. Joint targets follow by damped least squares, dq = J^T (J J^T + lambda I)^-1 e (Wampler 1986), plus
+        The target changes by `action` times TOOL_STEP and YAW_STEP, and leads the tool by at most TOOL_LEAD and
+        YAW_LEAD. Joint targets follow by damped least squares, dq = J^T (J J^T + lambda I)^-1 e (Wampler 1986), plus
         the null-space part of a step towards the home pose, which does not move the tool. A scene with several robots
         uses the world's axes.
 
@@ -164,20 +165,20 @@ class ArmController:
             s: The worlds.
             action: Changes of x, y, z and yaw in [-1, 1], shape (num_envs, 4).
             lowest: Lower limit of the target's z [m].
-            turns: Limits of the target's yaw [rad], within [-pi, pi].
+            yaw_range: Limits of the target's yaw [rad], within [-pi, pi].
         """
         now = self._tool_now(s)
         target = (self.tool_target + self._step * action).clamp(now - self._lead, now + self._lead)
         target[:, 2].clamp_(min=lowest)
-        target[:, 3].clamp_(*turns)
+        target[:, 3].clamp_(*yaw_range)
         self.tool_target.copy_(target)
         yaw = target[:, 3] if self._base is None else target[:, 3] + self._facing(s)
         half, zero = 0.5 * yaw, torch.zeros_like(yaw)
         # a rotation by pi about x, then the yaw: the tool's z axis points down
         wanted = torch.stack([zero, half.cos(), half.sin(), zero], dim=1)
-        turn = rotations.multiply(wanted, rotations.conjugate(self.tool(s)[:, 3:]))
-        turn = 2.0 * turn[:, 1:] * torch.where(turn[:, :1] < 0.0, -1.0, 1.0)
-        error = torch.cat([target[:, :3] - now[:, :3], turn], dim=1)
+        quat = rotations.multiply(wanted, rotations.conjugate(self.tool(s)[:, 3:]))
+        rotation = 2.0 * quat[:, 1:] * torch.where(quat[:, :1] < 0.0, -1.0, 1.0)
+        error = torch.cat([target[:, :3] - now[:, :3], rotation], dim=1)
 
         jacobian = s.jacobian(self._tcp, self.joint_ids)
         transposed = jacobian.transpose(1, 2)

@@ -20,6 +20,7 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, NotSupportedError, SceneMismatchError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.adopt import edit_spec
 from sceniris_gym.sim.randomizer import ResetRandomizer
@@ -264,6 +265,22 @@ def test_every_episode_starts_in_the_next_layout_of_its_seed(page: dict[str, Any
             assert not state.data.qvel[world].any() and state.data.time[world] == 0.0
     alone = [world == 2 for world in range(WORLDS)]
     assert resets == [[False] * WORLDS, alone, [not one for one in alone], [False] * WORLDS, alone] + resets[5:]
+
+
+def test_layouts_of_a_training_have_ids(page: dict[str, Any], rollout: list[Any]):
+    """A generator makes them again by these ids. It refuses `info["layout"]` itself, whose seeds are words."""
+    compiled, state, adr = page["compiled"], rollout[3], placed(page["compiled"])
+    done, layout = np.asarray(state.done, bool), state.info["layout"]
+    seeds = [int(high) << 32 | int(low) for high, low in words_of(state)]
+    ids = [compiled.layout_id(seed, int(episode)) for seed, episode in zip(seeds, layout["episode"], strict=True)]
+    generator = LayoutGenerator(compiled, WORLDS)
+    generator.reseed(layouts=ids)
+    generator.generate()
+    assert 0 < done.sum() < WORLDS
+    assert np.array_equal(state.data.qpos[done][:, adr], generator.layouts.qpos.numpy()[done][:, adr])
+    assert np.array_equal(layout["fallback"], generator.layouts.status == LayoutStatus.FALLBACK)
+    with pytest.raises(ArgumentError, match=r"layouts\['seed'\] should be an integer, or 6 of them"):
+        generator.reseed(layouts=layout)
 
 
 def test_nothing_else_of_a_start_is_written(page: dict[str, Any], rollout: list[Any]):

@@ -15,7 +15,13 @@ import numpy as np
 import pytest
 import warp as wp
 
-from sceniris_gym.errors import ArgumentError, ArgumentTypeError, NotSupportedError, SceneMismatchError
+from sceniris_gym.errors import (
+    ArgumentError,
+    ArgumentTypeError,
+    NotSupportedError,
+    SceneMismatchError,
+    UnknownNameError,
+)
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.program.compiled import CompiledScene
@@ -261,6 +267,62 @@ def test_layouts_made_ahead_are_those_made_in_place(parts: tuple[Any, Any, Compi
     np.testing.assert_array_equal(found[:4], found[4:])
 
 
+def test_chosen_worlds_get_the_layouts_of_ids(parts: tuple[Any, Any, CompiledScene]):
+    """In the order of the worlds, by ids or by seeds and episodes; others keep their bits, and episodes go on."""
+    model, solver, compiled = parts
+    state = model.state()
+    randomizer = NewtonRandomizer(compiled, model, solver, state, seed=4)
+    starts, ids = [], []
+    for _ in range(3):
+        randomizer.reset()
+        starts.append(state.joint_q.numpy().reshape(WORLDS, -1).copy())
+        ids.append(randomizer.pipeline.ids("train"))
+    randomizer.reset([3, 1], layouts=[ids[0][2], ids[1][4]])
+    joint_q = state.joint_q.numpy().reshape(WORLDS, -1)
+    # bodies with a mocap root have no joint_q, so a world takes the joints of any other world
+    assert np.array_equal(joint_q[[3, 1]], [starts[0][2], starts[1][4]])
+    assert np.array_equal(joint_q[[0, 2, 4]], starts[2][[0, 2, 4]])
+    randomizer.reset([3, 1])
+    assert np.array_equal(state.joint_q.numpy().reshape(WORLDS, -1)[[3, 1]], [starts[1][2], starts[2][4]])
+    randomizer.reset(layouts={"seed": randomizer.layouts.seed, "episode": 0})
+    assert [name.rsplit(":", 2)[1:] for name in randomizer.pipeline.ids("train")] == [
+        [str(seed), "0"] for seed in (4, 8, 6, 6, 8)
+    ]
+    name = "objects.worldbody_ball.region"
+    with pytest.raises(SceneMismatchError, match="is of scene"):
+        randomizer.reset([1], layouts="a:train:0:0")
+    with pytest.raises(UnknownNameError, match=f"unknown param '{name}'"):
+        randomizer.reset([1], layouts=f"{ids[0][0]}:{name}={'00000000' * 4}")
+
+
+def test_params_of_a_generator_narrow_the_next_layouts(parts: tuple[Any, Any, CompiledScene]):
+    """In the chosen worlds, from their next reset on, and again by ids. Other worlds have no params."""
+    model, solver, compiled = parts
+    name, state = "objects.worldbody_ball.region", model.state()
+    with pytest.raises(UnknownNameError, match="unknown param"):
+        NewtonRandomizer(compiled, model, solver, state).pipeline.set_params({name: REGION["box"]})
+    source = LayoutGenerator(compiled, WORLDS, seed=4, params=name)
+    randomizer = NewtonRandomizer(compiled, model, solver, state, layout_source=source)
+    ball = solver.mj_model.body("worldbody_ball").id - 1
+
+    def starts() -> tuple[Any, list[str]]:
+        found = poses(model, solver, state)[:, ball, :2]
+        return (np.abs(found) <= 0.0501).all(axis=1), randomizer.pipeline.ids("train")
+
+    randomizer.reset()
+    randomizer.pipeline.set_params({name: [[-0.05, -0.05], [0.05, 0.05]]}, [1, 3])
+    randomizer.reset()
+    narrow, ids = starts()
+    assert narrow[[1, 3]].all() and not narrow[[0, 2, 4]].all()
+    assert [one.count("=") for one in ids] == [0, 1, 0, 1, 0]
+    joint_q = state.joint_q.numpy().copy()
+    randomizer.pipeline.set_params({name: REGION["box"]})
+    randomizer.reset()
+    assert not starts()[0][[1, 3]].all() and not any("=" in one for one in starts()[1])
+    randomizer.reset(layouts=ids)
+    assert np.array_equal(state.joint_q.numpy(), joint_q) and starts()[1] == ids
+
+
 def test_words_of_randomize_are_refused():
     """By the name of the first, as nothing draws them here."""
     model, solver = room()
@@ -311,7 +373,7 @@ def test_other_models_are_refused():
 
 def test_the_program_of_the_page_runs():
     """As it stands, with fewer worlds and steps, and resets that come sooner."""
-    (program,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
+    program, narrowing = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
     lines = program.splitlines()
     assert len(lines) <= 40
     about = [line for line in lines if re.search("sceniris|region|things|compiled|randomizer", line)]
@@ -322,3 +384,6 @@ def test_the_program_of_the_page_runs():
     names: dict[str, Any] = {}
     exec(compile(program, "newton.md", "exec"), names)
     assert names["randomizer"].layouts.episode.cpu().numpy().tolist() == [2] * 6
+    exec(compile(narrowing, "newton.md", "exec"), names)
+    names["randomizer"].reset()
+    assert names["randomizer"].layouts.param[0].tolist() == pytest.approx([-0.1, -0.1, 0.1, 0.1])

@@ -19,7 +19,7 @@ from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.tables import make_table
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.vector.arm_controller import TOOL_STEP, TURN_STEP
+from sceniris_gym.vector.arm_controller import TOOL_STEP, YAW_STEP
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 from tests.envs.stated import check_stated, values
 from tests.versions import since_4
@@ -236,7 +236,7 @@ def scripted(envs: SceneVectorEnv, down: Tensor, closed: Tensor) -> Tensor:
     way = torch.cat(
         [torch.where(held, 0.0, away[:, :2]), height[:, None], torch.where(held, 0.0, turn[:, None])], dim=1
     )
-    limit, step = torch.tensor([0.04, 0.04, 0.04, 0.3]), torch.tensor([TOOL_STEP] * 3 + [TURN_STEP])
+    limit, step = torch.tensor([0.04, 0.04, 0.04, 0.3]), torch.tensor([TOOL_STEP] * 3 + [YAW_STEP])
     moved = ((way.clamp(-limit, limit) - lead) / step).clamp(-1, 1)
     return torch.cat([moved, torch.where(held, -1.0, 0.3)], dim=1)  # opened no wider than it has to be
 

@@ -15,7 +15,7 @@ from torch import Tensor
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.vector.arm_controller import TOOL_STEP, TURN_STEP
+from sceniris_gym.vector.arm_controller import TOOL_STEP, YAW_STEP
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 from tests.envs.stated import check_stated, values
 
@@ -42,7 +42,7 @@ def scripted(envs: SceneVectorEnv, observation: dict, closed: Tensor) -> Tensor:
     height = torch.where(closed > 0, torch.where(closed > 12, 0.04, 0.0), height)
     flat = torch.where(closed[:, None] > 0, 0.0, grasp[:, :2])
     way = torch.cat([flat, height[:, None], turn[:, None]], dim=1)
-    limit, step = torch.tensor([0.04, 0.04, 0.04, 0.3]), torch.tensor([TOOL_STEP] * 3 + [TURN_STEP])
+    limit, step = torch.tensor([0.04, 0.04, 0.04, 0.3]), torch.tensor([TOOL_STEP] * 3 + [YAW_STEP])
     moved = ((way.clamp(-limit, limit) - lead) / step).clamp(-1, 1)
     return torch.cat([moved, torch.where(closed > 0, -1.0, 1.0)[:, None]], dim=1)
 

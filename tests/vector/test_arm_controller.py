@@ -105,7 +105,7 @@ def test_a_tool_goes_along_the_axes_of_the_base_and_looks_down(driven):
     goal = arm.tool_target.clone()
     goal[:, :3] = torch.tensor([0.45, 0.1, 0.3])
     goal[:, 3] = torch.tensor([0.5, -0.5, 0.0, 0.25])
-    step = torch.tensor([arm_controller.TOOL_STEP] * 3 + [arm_controller.TURN_STEP])
+    step = torch.tensor([arm_controller.TOOL_STEP] * 3 + [arm_controller.YAW_STEP])
     for _ in range(120):
         drive(envs, ((goal - arm.tool_target) / step).clamp(-1.0, 1.0))
     tool = arm.tool(s)

@@ -54,6 +54,30 @@ def test_other_worlds_keep_their_bits(cuda_scene):
     assert not torch.equal(after["critic"], before["critic"])
 
 
+@pytest.mark.parametrize("source", ["cpu", "cuda:0"])
+def test_an_environment_continues_from_a_snapshot_of_another_device(cuda_scene, make_env, source: str):
+    """With the memory of the task, the steps since the reset, and the layouts that follow."""
+    cuda, cpu = SceneVectorEnv(Reach, 3, scene=cuda_scene, params=SLIDE), make_env(3, params=SLIDE)
+    first, second = (cpu, cuda) if source == "cpu" else (cuda, cpu)
+    first.reset(seed=4)
+    first.set_param(SLIDE, [0.05, 0.06], [1])
+    second.reset(seed=90)
+    for _ in range(3):
+        first.step(torch.full((3, 5), 0.2, device=first.device))
+    kept = first.snapshot()
+    _, info = second.reset(options={"state": kept})
+    assert info["layout"]["seed"].tolist() == [4, 5, 6]
+    assert second.state.elapsed.tolist() == [3, 3, 3]
+    tasks: list[Any] = [first.task, second.task]
+    for name in ("last", "drawn"):
+        assert torch.equal(*(getattr(task, name).cpu() for task in tasks))
+    assert torch.equal(*(envs.state.qpos("arm").cpu() for envs in (first, second)))
+    for envs in (first, second):
+        envs.reset()
+    assert first.layout_ids() == second.layout_ids()
+    assert torch.equal(*(envs.randomizer.layouts.qpos.cpu() for envs in (first, second)))
+
+
 def test_a_redraw_has_the_bits_of_a_cpu_waits_for_nothing_and_can_be_captured(cuda_scene, make_env):
     """Directly and replayed, with a mask on the GPU that changes in between."""
     envs, cpu = SceneVectorEnv(Reach, 4, scene=cuda_scene), make_env(4)

@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import torch
 import warp as wp
 from torch import Tensor
 
 from sceniris_gym.adapters.mjlab.terms import layouts_term
 from sceniris_gym.errors import ArgumentError, import_extra
 from sceniris_gym.layout.layouts import LayoutStatus
+from sceniris_gym.layout.masks import as_worlds
 from sceniris_gym.sim.redrawing import Redrawer
 from sceniris_gym.sim.reset_writer import Simulation
 from sceniris_gym.sim.rest import scene_rest
@@ -58,9 +58,7 @@ class RedrawObjects(_COMMANDS.CommandTerm):
         if not self.command_counter[env_ids].any():  # a reset, where the event has already placed the objects
             self._number[env_ids] = 0
             return
-        due = torch.zeros(self.num_envs, dtype=torch.bool, device=self.device)
-        due[env_ids] = True
-        self._redrawer.launch(self.cfg.objects, wp.from_torch(due, dtype=wp.bool))
+        self._redrawer.launch(self.cfg.objects, as_worlds(env_ids, self.num_envs, self.device, self._redrawer.mask))
         self._env.sim.forward()
         failed = wp.to_torch(self._redrawer.status) == LayoutStatus.KEPT
         self._env.extras.setdefault("layout", {}).update(redraws=self._number.long(), redraw_failed=failed)

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import mujoco
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -52,9 +51,10 @@ class PlaceLayouts(ManagerTermBase):
     a robot whose joints another event offsets.
 
     After a reset, `env.extras["layout"]` has `seed` and `episode`, int64, `fallback` (the layout came from the fallback
-    bank), and `start` if the scene has kinds of starts, each of shape (num_envs,). `extras["log"]` has the fraction of
-    environments with a layout from the fallback bank. Starts write the joints of the arm and the fingers. The controls
-    of the next step should close the fingers.
+    bank), and `start` if the scene has kinds of starts, each of shape (num_envs,). With `scene_params` it has `params`,
+    so that `reseed(layouts=extras["layout"])` makes the same layouts. `extras["log"]` has the fraction of environments
+    with a layout from the fallback bank. Starts write the joints of the arm and the fingers. The controls of the next
+    step should close the fingers.
 
     Attributes:
         compiled: The compiled scene.
@@ -79,36 +79,34 @@ class PlaceLayouts(ManagerTermBase):
         self._variants = VariantRows(self.compiled, env)
         seed = cfg.seed if cfg.seed is not None else env.cfg.seed
         seed = Rank.current().own_seed(fresh_seed() if seed is None else seed)
-        words: dict[str, Any] = {"seed": seed, "split": cfg.split, "params": cfg.scene_params, "prefetch": cfg.prefetch}
-        self.pipeline, _ = make_pipeline(self.compiled, env.num_envs, "PlaceLayouts", **words)
+        own: dict[str, Any] = {"seed": seed, "split": cfg.split, "params": cfg.scene_params, "prefetch": cfg.prefetch}
+        self.pipeline, _ = make_pipeline(self.compiled, env.num_envs, "PlaceLayouts", **own)
         self.layouts: Layouts = self.pipeline.layouts
         self._roots, self._joints = _roots(self.compiled, env), _joints(self.compiled, env)
         self._addresses = _addresses(env, self._roots, self._joints)
         self.split: str = cfg.split
-        self._fits, self._placed, self._kept = False, None, False
-        self._chosen: list[ChosenLayouts] = []
+        self._is_checked, self._placed = False, None
+        self._chosen: dict[int, ChosenLayouts] = {}
 
     def __call__(self, env: Any, env_ids: Tensor | None) -> None:
         """Place the objects of the environments `env_ids`, or of all if None."""
         ids = torch.arange(env.num_envs, device=env.device) if env_ids is None else env_ids
-        if not self._fits:
+        if not self._is_checked:
             model, data = env.sim.wp_model, env.sim.wp_data
             check_fit(self.compiled, model, data, self.layouts, env.sim.mj_model, where="PlaceLayouts", cure=_CURE)
             self._variants.check()
             warn_of_origins(self.compiled.scene, env.scene.env_origins.cpu().numpy(), "PlaceLayouts")
-            self._fits = True
+        if self._chosen:  # not in `reseed`: a curriculum may have set params since then
+            due = {world: self._chosen.pop(world) for world in ids.tolist() if world in self._chosen}
+            for chosen in {id(layouts): layouts for layouts in due.values()}.values():
+                self.pipeline.reseed([world for world in due if due[world] is chosen], layouts=chosen)
         mask = torch.zeros(env.num_envs, dtype=torch.bool, device=env.device)
         mask[ids] = True
-        if self._chosen:  # not in `reseed`: a curriculum may have set params since then
-            due = mask.cpu().numpy()
-            for chosen in self._chosen:
-                self.pipeline.reseed(layouts=chosen._replace(given=chosen.given & due))
-            self._keep_chosen(~due)
         self.pipeline.generate(mask)
         self._variants.write(self.layouts, ids)
         self._write(ids)
-        self._tell()
-        if not self._kept:
+        self._report()
+        if not self._is_checked:
             self._placed = ids, self.state(ids)
 
     def layout_ids(self) -> list[str]:
@@ -120,22 +118,15 @@ class PlaceLayouts(ManagerTermBase):
 
         Args:
             layouts: A layout id, a layout id for each environment (None is its next layout), or a mapping
-                {"seed": ..., "episode": ...}.
+                {"seed": ..., "episode": ...} with optional "params", such as `env.extras["layout"]`.
             env_ids: The environments, in the order of the layouts: ids, a slice, or None for all.
 
         Raises:
             ArgumentError: The layouts have another form or number.
             ArgumentError, SceneMismatchError: An id is malformed, or from another scene or split.
         """
-        chosen, where = self.pipeline.chosen(layouts, env_ids), np.zeros(self._env.num_envs, bool)
-        where[as_world_ids(env_ids, len(where))] = True
-        self._keep_chosen(~where)
-        self._chosen.append(chosen._replace(given=chosen.given & where))
-
-    def _keep_chosen(self, where: np.ndarray) -> None:
-        """Keep only the choices for some environments, shape (num_envs,), bool."""
-        kept = [chosen._replace(given=chosen.given & where) for chosen in self._chosen]
-        self._chosen = [chosen for chosen in kept if chosen.given.any()]
+        chosen = self.pipeline.chosen(layouts, env_ids)
+        self._chosen |= dict.fromkeys(as_world_ids(env_ids, self._env.num_envs).tolist(), chosen)
 
     def set_param(self, name: str, value: Any, env_ids: Any = None) -> None:
         """Change a part of the scene in some environments, or in all, from their next layouts on.
@@ -150,7 +141,7 @@ class PlaceLayouts(ManagerTermBase):
         if self._placed is None:
             return
         ids, state = self._placed
-        self._placed, self._kept = None, True
+        self._placed, self._is_checked = None, True
         if not all(torch.equal(old, new) for old, new in zip(state, self.state(ids), strict=True)):
             raise ArgumentError(
                 f"PlaceLayouts: {', '.join(self._roots)} should stay where the layout has them, but were placed again "
@@ -180,13 +171,15 @@ class PlaceLayouts(ManagerTermBase):
             position = self.layouts.qpos[env_ids[:, None], entity.indexing.joint_q_adr[joint_ids]]
             entity.write_joint_state_to_sim(position, torch.zeros_like(position), joint_ids, env_ids)
 
-    def _tell(self) -> None:
+    def _report(self) -> None:
         """Report the layouts of the environments in `env.extras`."""
         layouts, extras = self.layouts, self._env.extras
         fallback = layouts.status == LayoutStatus.FALLBACK
         extras["layout"] = {"seed": layouts.seed.clone(), "episode": layouts.episode.long(), "fallback": fallback}
         if self.compiled.config.start:
             extras["layout"]["start"] = layouts.start.long()
+        if layouts.params.names:
+            extras["layout"]["params"] = layouts.params.named(layouts.param.clone())
         extras.setdefault("log", {})["Layouts/fallback_rate"] = fallback.float().mean()
 
 
@@ -232,8 +225,7 @@ def scene_param_stages(env: Any, env_ids: Tensor | slice, param_stages: Sequence
         if stage["step"] <= env.common_step_counter:
             values |= stage["params"]
     if term is not None:
-        for name, value in values.items():
-            term.set_param(name, value, env_ids)
+        term.pipeline.set_params(values, env_ids)
 
 
 class KeepLayouts:
@@ -306,8 +298,7 @@ def _as_model(scene: Any, env: Any) -> SceneModel:
     mjm, entities = env.sim.mj_model, env.scene.entities
     config = SceneConfig.load(scene, {"model": mjm})
     alone = config.with_shared_objects()
-    found = {prefix.removesuffix("/"): info for prefix, info in env.scene.collect_variant_info()}
-    several = {name: info for name, info in found.items() if name in alone.objects}
+    several = {n: e.variant_metadata for n, e in entities.items() if n in alone.objects and e.variant_metadata}
     for name, members in config.variants.items():
         if name not in several:
             raise NotSupportedError(
@@ -316,19 +307,19 @@ def _as_model(scene: Any, env: Any) -> SceneModel:
                 "In mjlab: cfg.scene.spec_fn = lambda spec: edit_spec(spec, scene)."
             )
     has_key = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_KEY, KEYFRAME) >= 0
-    words: dict[str, Any] = {"home": KEYFRAME} if has_key and config.home is None else {}
+    keys: dict[str, Any] = {"home": KEYFRAME} if has_key and config.home is None else {}
     for name, part in alone.objects.items():
         if part.asset is None and part.body is None and name in entities:
-            words[f"objects.{name}.body"] = mjm.body(entities[name].indexing.root_body_id).name
-    simulated = SceneConfig.load(alone, {**words, "model": mjm})
+            keys[f"objects.{name}.body"] = mjm.body(entities[name].indexing.root_body_id).name
+    simulated = SceneConfig.load(alone, {**keys, "model": mjm})
     if not several:
         return build_model(simulated)
     for name, info in several.items():
-        words.pop(f"objects.{name}.body", None)
+        keys.pop(f"objects.{name}.body", None)
         if name not in config.variants:
-            words[f"objects.{name}.variants"] = {variant: {} for variant in info.variant_names}
+            keys[f"objects.{name}.variants"] = {variant: {} for variant in info.variant_names}
     full = model_of_variants(env, several, config.where)
-    return build_variants(SceneConfig.load(config, {**words, "model": full}), simulated)
+    return build_variants(SceneConfig.load(config, {**keys, "model": full}), simulated)
 
 
 def _roots(compiled: CompiledScene, env: Any) -> dict[str, Any]:
@@ -356,13 +347,9 @@ def _joints(compiled: CompiledScene, env: Any) -> list[tuple[Any, Tensor]]:
     if compiled.starts is not None and compiled.reaching is not None:
         for one in compiled.reaching.arms:
             adr += [*one.arm.qposadr.tolist(), *one.gripper.qposadr.tolist(), *(c.adr for c in one.gripper.couplings)]
-    found = []
-    for entity in env.scene.entities.values():
-        own = entity.indexing.joint_q_adr
-        numbers = torch.isin(own, torch.tensor(adr, dtype=own.dtype, device=own.device)).nonzero().flatten()
-        if len(numbers):
-            found.append((entity, numbers))
-    return found
+    drawn = torch.tensor(adr, dtype=torch.int, device=env.device)
+    numbers = {e: torch.isin(e.indexing.joint_q_adr, drawn).nonzero().flatten() for e in env.scene.entities.values()}
+    return [(entity, found) for entity, found in numbers.items() if len(found)]
 
 
 def _addresses(env: Any, roots: dict[str, Any], joints: list[tuple[Any, Tensor]]) -> list[tuple[Any, Tensor]]:

@@ -65,7 +65,7 @@ def model_of_variants(env: Any, entities: Mapping[str, Any], where: str) -> mujo
         for member, given in zip(members[name], info.variant_slot_specs, strict=True):
             filled = [slot for slot, own in zip(info.slots, given, strict=True) if own is not None]
             slots = [theirs.geom(f"{name}/{slot.template_geom_name}").id for slot in filled]
-            _touch_as_in_mjlab(mjm, mjm.body(member).id, theirs, slots, _geoms(theirs, _root(env, name).id)[1])
+            _touch_as_in_mjlab(mjm, mjm.body(member).id, theirs, _root(env, name).id, slots)
     return mjm
 
 
@@ -77,11 +77,9 @@ def _root(env: Any, name: str) -> Any:
     return env.sim.mj_model.body(env.scene.entities[name].indexing.root_body_id)
 
 
-def _touch_as_in_mjlab(
-    mjm: mujoco.MjModel, body: int, theirs: mujoco.MjModel, slots: list[int], primitives: list[int]
-) -> None:
+def _touch_as_in_mjlab(mjm: mujoco.MjModel, body: int, theirs: mujoco.MjModel, root: int, slots: list[int]) -> None:
     """Copy the fields that are the same in all worlds from mjlab's geoms to the geoms of a variant."""
-    meshes, others = _geoms(mjm, body)
+    (meshes, others), primitives = _geoms(mjm, body), _geoms(theirs, root)[1]
     for fields, own, sources in ((_CONTACT, meshes, slots), (_CONTACT + _SHAPE, others, primitives)):
         for field in fields:
             getattr(mjm, f"geom_{field}")[own] = getattr(theirs, f"geom_{field}")[sources]

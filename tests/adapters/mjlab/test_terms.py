@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import torch
 
-from sceniris_gym.errors import ArgumentError, NotSupportedError, SceneKeyError, SceneMismatchError
+from sceniris_gym.errors import ArgumentError, NotSupportedError, SceneKeyError, SceneMismatchError, UnknownNameError
 
 pytest.importorskip("mjlab", reason="needs mjlab: make test-mjlab")
 from mjlab.entity import EntityCfg  # pyright: ignore[reportMissingImports]
@@ -226,6 +226,20 @@ def test_chosen_environments_get_the_layouts_of_ids():
         term.reseed(layouts=["a:train:0:0"], env_ids=[1])
 
 
+def test_a_later_choice_replaces_an_earlier_one():
+    """In the environments that it names, also by None, which is the next layout. The others keep the earlier one."""
+    env = ManagerBasedRlEnv(plain_cfg(cubes_on()), "cpu")
+    env.reset()
+    term = env.event_manager.get_term_cfg("layouts").func
+    term.reseed(layouts=term.compiled.layout_id(70, 4))
+    term.reseed(layouts=[None, term.compiled.layout_id(80, 2)], env_ids=[1, 2])
+    term.reseed(layouts={"seed": [90, 91], "episode": 3}, env_ids=slice(4, 6))
+    for env_ids in ([0, 1, 2], [3, 4, 5], [0, 5]):
+        env.reset(env_ids=torch.tensor(env_ids))
+    assert env.extras["layout"]["seed"].tolist() == [70, 6, 80, 70, 90, 91]
+    assert env.extras["layout"]["episode"].tolist() == [5, 1, 2, 4, 3, 4]
+
+
 def test_a_curriculum_sets_a_param_by_steps():
     """Ids name it, and give the same layouts again whatever the curriculum asks for by then."""
     name, narrow = "objects.cube_0.region", [[0.30, -0.05], [0.35, 0.05]]
@@ -250,6 +264,27 @@ def test_a_curriculum_sets_a_param_by_steps():
     for env_ids in (torch.tensor([0, 1, 2]), torch.tensor([3, 4, 5])):
         env.reset(env_ids=env_ids)
     assert np.array_equal(term.layouts.qpos.cpu().numpy(), found[1][2])
+
+
+def test_extras_name_the_layouts_with_their_params():
+    """So `reseed` makes them again, whatever the params are by then."""
+    name = "objects.cube_0.region"
+    cfg = plain_cfg(cubes_on())
+    cfg.events["layouts"] = PlaceLayoutsCfg(scene=cubes_on(), scene_params=[name])
+    env = ManagerBasedRlEnv(cfg, "cpu")
+    term = env.event_manager.get_term_cfg("layouts").func
+    term.set_param(name, [[0.30, -0.05], [0.35, 0.05]], torch.tensor([1, 3]))
+    env.reset()
+    wanted, layout = term.layouts.qpos.clone(), env.extras["layout"]
+    term.set_param(name, NEAR["box"])
+    env.reset()
+    assert (term.layouts.qpos != wanted).any(dim=1).all()
+    term.reseed(layouts=layout)
+    env.reset()
+    assert torch.equal(term.layouts.qpos, wanted)
+    assert torch.equal(env.extras["layout"]["params"][name], layout["params"][name])
+    with pytest.raises(UnknownNameError, match=r"unknown param 'objects\.cube_1\.region'"):
+        term.set_param("objects.cube_1.region", NEAR["box"])
 
 
 def test_a_mocap_root_and_drawn_joints_are_written_by_their_entity():
