@@ -20,6 +20,7 @@ from sceniris_gym.errors import (
     SceneKeyError,
     ScenirisError,
     UnknownNameError,
+    check_names,
     in_a_cycle,
 )
 from sceniris_gym.files import no_file
@@ -156,8 +157,7 @@ def _one_of(path: tuple[str, ...]) -> tuple[str, ...]:
 def _find(scene: str | Path, where: str, folder: Path) -> Path:
     if isinstance(scene, str) and SHIPPED_NAME.fullmatch(scene):
         scenes = shipped("envs", ".yaml")
-        if scene not in scenes:
-            raise UnknownNameError("shipped scene", scene, where, scenes)
+        check_names("shipped scene", [scene], where, scenes)
         return scenes[scene]
     path = user_path(scene, folder, where)
     if not path.is_file():
