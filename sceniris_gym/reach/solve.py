@@ -12,7 +12,7 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.device.transforms import mul_quat, neg_quat, rot_vec_quat, rotation_vector, turn_z, z_axis
-from sceniris_gym.reach.arm import MAX_JOINTS, SerialArm
+from sceniris_gym.reach.arm import MAX_JOINTS, SerialArm, compose
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -95,9 +95,7 @@ def _along_z(arm: SerialArm) -> tuple[np.ndarray, np.ndarray]:
     pos, quat = np.zeros((n + 1, 3)), np.zeros((n + 1, 4))
     at, rotation = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])  # the arm's joint frame in the frame used here
     for i in range(n + 1):
-        mujoco.mju_rotVecQuat(pos[i], arm.link_pos[i], rotation)
-        pos[i] += at
-        mujoco.mju_mulQuat(quat[i], rotation, arm.link_quat[i])
+        pos[i], quat[i] = compose(at, rotation, arm.link_pos[i], arm.link_quat[i])
         if i < n:
             up, back = np.zeros(4), np.zeros(4)
             mujoco.mju_quatZ2Vec(up, arm.axis[i])

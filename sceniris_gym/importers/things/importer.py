@@ -85,8 +85,7 @@ def moved(path: Path, quat: np.ndarray) -> float:
     mujoco.mj_kinematics(mjm, data)
     points = [
         data.geom_xpos[g] + mesh_vertices(mjm, mjm.geom_dataid[g]) @ data.geom_xmat[g].reshape(3, 3).T
-        for g in range(mjm.ngeom)
-        if mjm.geom_contype[g] and mjm.geom_dataid[g] >= 0
+        for g in np.flatnonzero((mjm.geom_contype != 0) & (mjm.geom_dataid >= 0))
     ]
     every = np.concatenate(points)
     data.qpos[2] = _GAP - every[:, 2].min()
@@ -104,6 +103,7 @@ SUFFIXES = (*meshes.SUFFIXES, ".usd", ".usda", ".usdc", ".usdz", ".urdf")
 _FRAME = Inertia(1e-6, np.zeros(3), 1e-12 * np.eye(3))
 """Inertia of a link without geometry."""
 _UP = np.array([0.0, 0.0, 1.0])
+_LIMITS = {"density": (0.01, 1e5), "tolerance": (1e-6, 10.0)}
 
 
 @dataclass(frozen=True)
@@ -133,10 +133,8 @@ class Options:
         """
         if self.scale is not None:
             parse_scale(self.scale)
-        for name, value, least, most in (
-            ("density", self.density, 0.01, 1e5),
-            ("tolerance", self.tolerance, 1e-6, 10.0),
-        ):
+        for name, (least, most) in _LIMITS.items():
+            value = getattr(self, name)
             if value is not None and not least <= value <= most:
                 raise ArgumentError(f"{name}: {value!r} should be from {least:g} to {most:g}.")
 
