@@ -276,9 +276,8 @@ def random_joints(arm: SerialArm, num: int, seed: int = 0) -> np.ndarray:
 
 def as_vec8(joints: np.ndarray) -> np.ndarray:
     """Pad joints (N, njoint) with zeros to (N, MAX_JOINTS), float32, for the device."""
-    padded = np.zeros((len(joints), MAX_JOINTS), np.float32)
-    padded[:, : joints.shape[1]] = joints
-    return padded
+    unused = [(0, 0)] * (joints.ndim - 1) + [(0, MAX_JOINTS - joints.shape[-1])]
+    return np.pad(joints.astype(np.float32), unused)
 
 
 @wp.kernel
