@@ -74,13 +74,12 @@ class IkResult:
 
 def arm_view(arm: SerialArm, device: str) -> ArmView:
     """Copy an arm to a device. Limits are rounded inwards, so that float32 joints are also within the exact limits."""
-    n = len(arm.joints)
     pos, quat = _along_z(arm)
     lower, upper = arm.lower.astype(np.float32), arm.upper.astype(np.float32)
     lower = np.where(lower < arm.lower, np.nextafter(lower, np.float32(np.inf)), lower)
     upper = np.where(upper > arm.upper, np.nextafter(upper, np.float32(-np.inf)), upper)
     view = ArmView()
-    view.njoint = n
+    view.njoint = len(arm.joints)
     view.link_pos = wp.array(pos, dtype=wp.vec3, device=device)
     view.link_quat = wp.array(quat, dtype=wp.vec4, device=device)
     view.slide = wp.array(arm.slide, dtype=int, device=device)
