@@ -80,12 +80,10 @@ def load_model(path: Path, where: str, repaired: Callable[[str], str] | None = N
         spec.compiler.fusestatic = False  # so that fixed links keep their names
         spec.compiler.balanceinertia = True
         spec.compiler.boundmass, spec.compiler.boundinertia = _LEAST_MASS, _LEAST_INERTIA
-    referring = list(_referring(spec))
-    sources = [_source(path, folders, *one) for one in referring]
-    missing = [one for one, source in zip(referring, sources, strict=True) if source is None]
-    if missing:
+    found = [(one, _source(path, folders, *one)) for one in _referring(spec)]
+    if missing := [one for one, source in found if source is None]:
         raise SceneFileError(f"{where}: '{path}' refers to {_listed(path, missing)}.")
-    for (element, _, file), source in zip(referring, sources, strict=True):
+    for (element, _, file), source in found:
         assert source is not None
         key, content = _as_mesh(source, file)
         if spec.assets.get(key, content) != content:  # another attached model has a different file of this name

@@ -22,7 +22,6 @@ from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.importers.things import meshes
 from sceniris_gym.importers.things.convex_parts import Parts, convex_parts, inertia_of
 from sceniris_gym.importers.things.grasps import GraspSite, antipodal_grasps
-from sceniris_gym.importers.things.meshes import read_urdf
 from sceniris_gym.importers.things.repair import Solid, check_faces, repair
 from sceniris_gym.importers.things.thing import Inertia, Link, Surface, Thing, write_asset
 from sceniris_gym.importers.things.units import UPRIGHT, Ask, find_scale, find_up, parse_scale
@@ -226,7 +225,7 @@ def _read(source: Path) -> Thing:
     if suffix not in SUFFIXES:
         raise NotSupportedError(f"{source}: its type should be one of {', '.join(SUFFIXES)}. Export it again.")
     if suffix == ".urdf":
-        return read_urdf(source)
+        return meshes.read_urdf(source)
     if suffix in meshes.SUFFIXES:
         return meshes.read_mesh(source)
     import_extra("pxr", "import", "usd-core")
