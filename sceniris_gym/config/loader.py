@@ -3,10 +3,9 @@
 import re
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from ruamel.yaml import YAML
 from ruamel.yaml.constructor import DuplicateKeyError
@@ -44,8 +43,7 @@ MOST_VALUES = 1_000_000
 """Maximum number of values in a scene file. A scene of 10,000 objects has a tenth of it."""
 
 
-@dataclass(frozen=True)
-class RawScene:
+class RawScene(NamedTuple):
     """A scene as written: `data` merged into its bases, and its source `where`, for messages."""
 
     data: dict
