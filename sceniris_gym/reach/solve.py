@@ -274,7 +274,7 @@ def random_joints(arm: SerialArm, num: int, seed: int = 0) -> np.ndarray:
 
 
 def as_vec8(joints: np.ndarray) -> np.ndarray:
-    """Pad joints (N, njoint) with zeros to (N, MAX_JOINTS), float32, for the device."""
+    """Pad joints (..., njoint) with zeros to (..., MAX_JOINTS), float32, for the device."""
     unused = [(0, 0)] * (joints.ndim - 1) + [(0, MAX_JOINTS - joints.shape[-1])]
     return np.pad(joints.astype(np.float32), unused)
 
