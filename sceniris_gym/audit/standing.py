@@ -117,31 +117,24 @@ class StandingAudit:
             The misplaced objects, and object name -> id of the supporting body in each row, shape (nrow,), -1 without
             support.
         """
-        found: list[Misplaced] = []
-        supporting = {}
-        elsewhere = self._heaps.elsewhere(poses)
-        for name, rows in elsewhere.items():
-            found += [Misplaced(int(row), name, "heap") for row in np.flatnonzero(rows)]
+        supporting, elsewhere = {}, self._heaps.elsewhere(poses)
+        wrong = {(name, "heap"): rows for name, rows in elsewhere.items()}
         for name, part in self.scene.placed.items():
             if name in elsewhere:
                 continue
             outline = self.outlines.outline(name, poses)
             pivots, erosion = outline.pivot, part.ratio_on_support / 2 * (outline.high - outline.low).min(1)
             if part.support is None:
-                outside = ~_in_space(part, pivots)
-                found += [Misplaced(int(row), name, "support") for row in np.flatnonzero(outside)]
+                wrong[name, "support"] = ~_in_space(part, pivots)
                 continue
             if name in self.scene.config.all_robots:  # stands on its lowest point, which may not be its origin
                 pivots = np.column_stack([pivots[:, :2], self._corners(name, poses)[:, :, 2].min(axis=1)])
             carrier = self.scene.carrier(part.support.parent)
             supporting[name], stands = self._supporting(name, part, carrier, poses, pivots, erosion)
-            wrong = {
-                "support": supporting[name] < 0,
-                "footprint": (supporting[name] >= 0) & ~stands,
-                "overhead": self._wrongly_covered(part.support.word, carrier, poses, pivots),
-            }
-            for cause, rows in wrong.items():
-                found += [Misplaced(int(row), name, cause) for row in np.flatnonzero(rows)]
+            wrong[name, "support"] = supporting[name] < 0
+            wrong[name, "footprint"] = (supporting[name] >= 0) & ~stands
+            wrong[name, "overhead"] = self._wrongly_covered(part.support.word, carrier, poses, pivots)
+        found = [Misplaced(int(row), *key) for key, rows in wrong.items() for row in np.flatnonzero(rows)]
         return sorted(found, key=lambda m: (m.row, m.name)), supporting
 
     def _supporting(

@@ -1,7 +1,7 @@
 """Types of values in a scene file (numbers, intervals, points, names), with errors in the words of the file."""
 
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
@@ -29,6 +29,13 @@ def wrong(advice: str, word: str = "", valid: Iterable[str] = ()) -> PydanticCus
     """
     context = {"advice": advice, "hint": did_you_mean(word, valid)}
     return PydanticCustomError(ADVICE, "{advice}", context)  # type: ignore[arg-type]
+
+
+def check_words(words: Iterable[Any], valid: Collection[str], advice: str) -> None:
+    """Refuse the first word that is not among the valid ones. `advice` begins with "should"."""
+    for word in words:
+        if word not in valid:
+            raise wrong(advice, str(word), valid)
 
 
 def listed(value: Any) -> Any:
@@ -78,8 +85,8 @@ _ALIKE = must(_are_alike, f"should be 1 to {MAX_POINTS:,} points, all of them [x
 
 
 def _tier(value: Any) -> Any:
-    if not isinstance(value, bool) and value not in TIERS:
-        raise wrong(f"should be true, false, or one of {', '.join(TIERS)}", str(value), TIERS)
+    if not isinstance(value, bool):
+        check_words([value], TIERS, f"should be true, false, or one of {', '.join(TIERS)}")
     return value
 
 
@@ -159,16 +166,14 @@ DRAWN = ("weight", "split")
 """Words that set how a variant is drawn."""
 
 _SHOULD = {
-    "float_type": "should be a number",
-    "float_parsing": "should be a number",
+    **dict.fromkeys(("float_type", "float_parsing"), "should be a number"),
     "finite_number": "should be a finite number",
     "int_type": "should be a whole number",
     "string_type": "should be a name",
     "path_type": "should be the path of a file",
     "tuple_type": "should be a list",
     "dict_type": "should be a mapping of names to settings",
-    "model_type": "should be a mapping of keys to values",
-    "model_attributes_type": "should be a mapping of keys to values",
+    **dict.fromkeys(("model_type", "model_attributes_type"), "should be a mapping of keys to values"),
     "too_long": "should have {max_length} values at most",
     "too_short": "should have at least {min_length} values",
     "greater_than": "should be above {gt}",

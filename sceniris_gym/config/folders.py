@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, TypeGuard
 
-from sceniris_gym.config.fields import listed, wrong
+from sceniris_gym.config.fields import check_words, listed, wrong
 from sceniris_gym.errors import ModelWarning
 from sceniris_gym.files import read_bytes
 
@@ -50,10 +50,8 @@ def with_tags(files: Iterable[Path], tags: Any) -> list[Path]:
         raise wrong("should be a list of tags, as in [graspable]")
     tags_of = {path: _tags(path) for path in files}
     known = sorted(set().union(*tags_of.values()))
-    for tag in tags:
-        if tag not in known:
-            has = f"have {', '.join(known)}" if known else f"have no 'tags' in their {MANIFEST}"
-            raise wrong(f"should be tags of the folder's assets, which {has}", tag, known)
+    has = f"have {', '.join(known)}" if known else f"have no 'tags' in their {MANIFEST}"
+    check_words(tags, known, f"should be tags of the folder's assets, which {has}")
     found = [path for path, own in tags_of.items() if own.issuperset(tags)]
     if not found:
         raise wrong("should be tags that occur together in at least one of the folder's assets")

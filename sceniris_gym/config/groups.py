@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, Strict, model_validator
 
-from sceniris_gym.config.fields import Length, Names, Number, listed, must, within, wrong
+from sceniris_gym.config.fields import Length, Names, Number, check_words, listed, must, within, wrong
 from sceniris_gym.config.loader import SUPPORT_WORDS
 from sceniris_gym.config.section import Section
 
@@ -69,9 +69,7 @@ class GroupConfig(Section):
         if not low <= high <= len(self.of):
             raise wrong(f"should have a 'count' k or [low, high] with 0 <= low <= high <= {len(self.of)} (all members)")
         for word, named in (("weights", self.weights), ("splits", self.splits)):
-            unknown = next((name for name in named if name not in self.of), None)
-            if unknown is not None:
-                raise wrong(f"should have '{word}' of its members only", unknown, self.of)
+            check_words(named, self.of, f"should have '{word}' of its members only")
         for split in SPLITS:
             drawn = sum(weight > 0.0 for weight in self.weights_in(split))
             if drawn < high:

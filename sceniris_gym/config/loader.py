@@ -3,10 +3,9 @@
 import re
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from ruamel.yaml import YAML
 from ruamel.yaml.constructor import DuplicateKeyError
@@ -20,6 +19,7 @@ from sceniris_gym.errors import (
     SceneKeyError,
     ScenirisError,
     UnknownNameError,
+    check_names,
     in_a_cycle,
 )
 from sceniris_gym.files import no_file
@@ -43,8 +43,7 @@ MOST_VALUES = 1_000_000
 """Maximum number of values in a scene file. A scene of 10,000 objects has a tenth of it."""
 
 
-@dataclass(frozen=True)
-class RawScene:
+class RawScene(NamedTuple):
     """A scene as written: `data` merged into its bases, and its source `where`, for messages."""
 
     data: dict
@@ -156,8 +155,7 @@ def _one_of(path: tuple[str, ...]) -> tuple[str, ...]:
 def _find(scene: str | Path, where: str, folder: Path) -> Path:
     if isinstance(scene, str) and SHIPPED_NAME.fullmatch(scene):
         scenes = shipped("envs", ".yaml")
-        if scene not in scenes:
-            raise UnknownNameError("shipped scene", scene, where, scenes)
+        check_names("shipped scene", [scene], where, scenes)
         return scenes[scene]
     path = user_path(scene, folder, where)
     if not path.is_file():

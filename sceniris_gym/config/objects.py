@@ -14,7 +14,7 @@ from pydantic_core import PydanticCustomError
 
 from sceniris_gym.config import fields
 from sceniris_gym.config.bounds import STANDING_GAP
-from sceniris_gym.config.fields import DRAWN, FLOOR, ROBOT, wrong
+from sceniris_gym.config.fields import DRAWN, FLOOR, ROBOT, check_words, wrong
 from sceniris_gym.config.loader import JOINT_FORMS, OF_VARIANTS, REGION_FORMS, SUPPORT_WORDS
 from sceniris_gym.config.orientation import DrawnOrientation, Orientation
 from sceniris_gym.config.randomize import DrawConfig, ObjectWord
@@ -162,12 +162,9 @@ class ObjectConfig(Section):
         words = data.get("reachable") if isinstance(data, Mapping) else None
         if not isinstance(words, Mapping):
             return data
-        unknown = next((key for key in words if key not in _REACH_WORDS), None)
-        if unknown is not None:
-            raise wrong(f"should have only {', '.join(_REACH_WORDS)} in 'reachable'", str(unknown), _REACH_WORDS)
-        twice = next((key for key in words if key in data), None)
-        if twice is not None:
-            raise wrong(f"should have '{twice}' once: inside 'reachable' or next to it")
+        check_words(words, _REACH_WORDS, f"should have only {', '.join(_REACH_WORDS)} in 'reachable'")
+        if twice := [key for key in words if key in data]:
+            raise wrong(f"should have '{twice[0]}' once: inside 'reachable' or next to it")
         named = {key: value for key, value in words.items() if key != "tier"}
         return {**data, "reachable": words.get("tier", True), **named}
 

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, model_validator
 
-from sceniris_gym.config.fields import TurnInterval, wrong
+from sceniris_gym.config.fields import TurnInterval, check_words, wrong
 from sceniris_gym.config.loader import ORIENTATION_FORMS
 from sceniris_gym.config.section import Section
 
@@ -73,13 +73,8 @@ class Orientation(Section):
     def _from_word(cls, data: Any) -> Any:
         if not isinstance(data, str):
             return data
-        if data not in _WORDS:
-            raise wrong(
-                "should be 'fixed', 'any', 'stable', or a mapping such as {yaw: [low, high]} in degrees, "
-                "{stable: {yaw: [low, high]}} or {face_to: object}",
-                data,
-                _WORDS,
-            )
+        forms = "{yaw: [low, high]} in degrees, {stable: {yaw: [low, high]}} or {face_to: object}"
+        check_words([data], _WORDS, f"should be 'fixed', 'any', 'stable', or a mapping such as {forms}")
         return _WORDS[data]
 
     @model_validator(mode="after")

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, Strict, model_validator
 
-from sceniris_gym.config.fields import Number, listed, wrong
+from sceniris_gym.config.fields import Number, check_words, listed, wrong
 from sceniris_gym.config.loader import DRAW_FORMS
 from sceniris_gym.config.section import Section
 
@@ -152,8 +152,7 @@ class DrawConfig(Section):
 
 def _word(kind: str) -> AfterValidator:
     def check(name: str) -> str:
-        if name not in WORDS[kind]:
-            raise wrong(f"should be one of {', '.join(WORDS[kind])}", name, WORDS[kind])
+        check_words([name], WORDS[kind], f"should be one of {', '.join(WORDS[kind])}")
         return name
 
     return AfterValidator(check)

@@ -161,7 +161,7 @@ class Relation(Section):
         words = [word for kind in KINDS if key in kind.model_fields for word in kind.one_of]
         if words and key not in cls.misplaced:
             return wrong(f"should stand only with {_listing(words)}, not with {_listing(cls.one_of)}")
-        return super()._problem(key, _known_keys())
+        return super()._problem(key, _KEYS)
 
 
 class Sector(Relation):
@@ -340,14 +340,13 @@ def _of_its_kind(value: Any) -> Relation:
     """Return a relation from its keys, of the kind given by its word."""
     if not isinstance(value, Mapping):
         return value if isinstance(value, Relation) else Direction.model_validate(value)
-    known = _known_keys()
-    given = {key for key in known if value.get(key) is not None}
-    if set(value) <= set(known):
+    given = {key for key in _KEYS if value.get(key) is not None}
+    if set(value) <= set(_KEYS):
         check_one_of([word for word in RELATION_WORDS if word in given], RELATION_WORDS)
     kind = next((kind for kind in KINDS if given.intersection(kind.one_of)), Direction)
     if kind is Beside and isinstance(value["beside"], Mapping | Connection):
         kind = Joined
-    unset = set(known) - given - set(kind.model_fields)
+    unset = set(_KEYS) - given - set(kind.model_fields)
     return kind.model_validate({k: v for k, v in value.items() if k not in unset})
 
 
@@ -359,10 +358,7 @@ KINDS: tuple[type[Relation], ...] = get_args(get_args(AnyRelation)[0])
 """The classes of relations."""
 RELATION_WORDS = tuple(dict.fromkeys(word for kind in KINDS for word in kind.one_of))
 """Words of relations. Each relation has exactly one."""
-
-
-def _known_keys() -> list[str]:
-    return list(dict.fromkeys(key for kind in KINDS for key in kind.model_fields))
+_KEYS = list(dict.fromkeys(key for kind in KINDS for key in kind.model_fields))
 
 
 def _listing(words: Iterable[str]) -> str:

@@ -59,8 +59,7 @@ class SceneConfig(SceneWords):
                 data = _WRITTEN.dump_python(scene._written, by_alias=True, exclude_unset=True)
             where, name = scene.where, scene.name
         else:
-            raw = read_scene(scene)
-            data, where, name = raw.data, raw.where, raw.name
+            data, where, name = read_scene(scene)
         return cls._made({"name": name, **override(data, {} if overrides is None else overrides, where)}, where)
 
     @classmethod

@@ -19,7 +19,7 @@ from sceniris_gym.config.folders import files_of, is_pattern, with_tags
 from sceniris_gym.config.groups import SPLITS, GroupConfig
 from sceniris_gym.config.loader import HOLDOUT, OF_VARIANTS, TAGS, VARIANTS, merge
 from sceniris_gym.config.objects import ObjectConfig
-from sceniris_gym.errors import UnknownNameError
+from sceniris_gym.errors import check_names
 
 # Words whose list means variants.
 _LISTS = ("asset", "scale")
@@ -75,8 +75,8 @@ def with_members(scene: Any, left_out: Collection[str] = ()) -> Any:
             written[name] = part
     for name in single:
         of = groups[owners[name]]["of"]
-        if name not in (*of, *left_out):
-            raise UnknownNameError("variant", name, f"{where_now.get()}: objects", of)
+        if name not in left_out:
+            check_names("variant", [name], f"{where_now.get()}: objects", of)
     return {**scene, "objects": written, "groups": groups}
 
 
@@ -212,9 +212,8 @@ def _scaled(at: tuple[str, ...], variants: Mapping[str, Mapping], shared: dict) 
             named = {f"{name}-{100 * scale:g}".replace(".", "_"): {**words, "scale": scale} for scale in scales}
             if len(named) < len(scales):
                 _refuse(loc, "should have each scale once: each is a variant, scaled along all axes", scales)
-        twice = next((new for new in named if new in found), None)
-        if twice is not None:
-            _refuse((*at, VARIANTS), "should be the name of one variant only", twice)
+        if twice := [new for new in named if new in found]:
+            _refuse((*at, VARIANTS), "should be the name of one variant only", twice[0])
         found |= named
     return found
 

@@ -82,7 +82,7 @@ def collect_colliders(pieces: list[Piece], visual: bool, device: str) -> list[Co
         elif visual:
             made = _of_faces(key, nodes, faces, {i: pieces[i] for i in own}, device)
         else:
-            lower, upper = np.stack([pieces[i].bounds() for i in own], axis=1)
+            lower, upper = np.stack([pieces[i].bounds for i in own], axis=1)
             made = _collider(key, nodes, lower, upper, np.array(own))
         found.append(made)
         nodes, faces = nodes + len(made.child), faces + len(made.faces)
@@ -116,7 +116,7 @@ def _of_faces(key: tuple[int, int, int], nodes: int, faces: int, solid: dict[int
     flat = [p.mesh.triangles for p in solid.values() if p.mesh is not None and p.type not in ROUND]
     triangles = np.concatenate([*flat, _NO_FACES])
     triangles = triangles[~flat_faces(triangles)]  # neighbouring faces have the same edges
-    round_pieces = {i: p.bounds() for i, p in solid.items() if p.type in ROUND}
+    round_pieces = {i: p.bounds for i, p in solid.items() if p.type in ROUND}
     lower = np.array([*triangles.min(axis=1), *(low for low, _ in round_pieces.values())])
     upper = np.array([*triangles.max(axis=1), *(high for _, high in round_pieces.values())])
     leaves = [*range(faces, faces + len(triangles)), *(PIECE_LEAF + i for i in round_pieces)]

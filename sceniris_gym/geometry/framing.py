@@ -51,6 +51,15 @@ def box_corners(center: np.ndarray, half: np.ndarray) -> np.ndarray:
     return center + signs * half
 
 
+def geom_corners(mjm: mujoco.MjModel, data: mujoco.MjData, geoms: np.ndarray) -> np.ndarray:
+    """Return the corners [m] of the boxes of geoms in the world, shape (8 n, 3)."""
+    found = [np.zeros((0, 3))]
+    for geom in geoms:
+        box = box_corners(mjm.geom_aabb[geom, :3], mjm.geom_aabb[geom, 3:])
+        found.append(box @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom])
+    return np.concatenate(found)
+
+
 def upright_box(mjm: mujoco.MjModel, data: mujoco.MjData, geoms: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the lower and the upper corner [m] of the box along the world's axes around the boxes of geoms.
 

@@ -84,14 +84,12 @@ class Piece:
     mesh: trimesh.Trimesh | None
     contact_class: int
 
-    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the bounding box of the convex form in the body's frame: lower and upper corner [m]."""
-        low, high = self._box
-        return low.copy(), high.copy()
-
     @functools.cached_property
-    def _box(self) -> tuple[np.ndarray, np.ndarray]:
-        """The corners of `bounds`, cached because a scene of 1,000 objects reads them two million times."""
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """The lower and the upper corner [m] of the convex form's bounding box in the body's frame.
+
+        Cached, because a scene of 1,000 objects reads them two million times.
+        """
         return self.extents(np.eye(3))
 
     @property

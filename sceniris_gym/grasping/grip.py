@@ -79,28 +79,26 @@ class Fingers:
         ]
         if not all(pairs):
             return tuple(Grip(0.0, grasp.pos) for grasp in grasps)
-        return tuple(self._grip(grasp, geoms, pairs) for grasp in grasps)
+        return tuple(self._grip(grasp, pairs) for grasp in grasps)
 
-    def _grip(self, grasp: Grasp, geoms: list[int], pairs: list[list[tuple[int, int]]]) -> Grip:
+    def _grip(self, grasp: Grasp, pairs: list[list[tuple[int, int]]]) -> Grip:
         """Close the fingers until both sides penetrate the object by `INSIDE`."""
         shift, low, high = 0.0, 0.0, 1.0
         for _ in range(_STEPS):
             share = 0.5 * (low + high)
-            gaps = self._gaps(share, shift, grasp, geoms, pairs)
+            gaps = self._gaps(share, shift, grasp, pairs)
             shift -= 0.5 * (gaps[0] - gaps[1])
             low, high = (low, share) if gaps.sum() > -2.0 * INSIDE else (share, high)
-        gaps = self._gaps(high, shift, grasp, geoms, pairs)
+        gaps = self._gaps(high, shift, grasp, pairs)
         pos = grasp.pos + matrix(grasp.quat)[:, 1] * shift
         return Grip(high, pos, bool((np.abs(gaps + INSIDE) < _FITS).all()))
 
-    def _gaps(
-        self, share: float, shift: float, grasp: Grasp, geoms: list[int], pairs: list[list[tuple[int, int]]]
-    ) -> np.ndarray:
+    def _gaps(self, share: float, shift: float, grasp: Grasp, pairs: list[list[tuple[int, int]]]) -> np.ndarray:
         """Return the smallest distance [m] from the fingers of each side to an object shifted by `shift` [m]."""
         data, home = self._data, self._home
         self._pose(share)
         at, rotation, there = self._in_hand(grasp, grasp.pos + matrix(grasp.quat)[:, 1] * shift)
-        for g in geoms:
+        for g in {g for side in pairs for _, g in side}:
             data.geom_xpos[g] = at + rotation @ (home.geom_xpos[g] - there)
             data.geom_xmat[g] = (rotation @ home.geom_xmat[g].reshape(3, 3)).ravel()
         near = [min(mujoco.mj_geomDistance(self._mjm, data, f, g, _FAR, None) for f, g in side) for side in pairs]

@@ -148,11 +148,8 @@ class Gripper:
 
 def carried(mjm: mujoco.MjModel, arm: SerialArm) -> set[int]:
     """Return the bodies that the arm's last joint carries: the joint's body, hand and fingers."""
-    moved = {int(mjm.jnt_bodyid[j]) for j in range(mjm.njnt) if mjm.jnt_qposadr[j] in arm.qposadr}
-    root = int(mjm.site_bodyid[arm.tcp_site])
-    while root not in moved:
-        root = int(mjm.body_parentid[root])
-    return set(subtree(mjm, root))
+    last = int(np.flatnonzero(mjm.jnt_qposadr == arm.qposadr[-1])[0])
+    return set(subtree(mjm, int(mjm.jnt_bodyid[last])))
 
 
 def finger_joints(

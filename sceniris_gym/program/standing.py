@@ -270,13 +270,13 @@ def _stance(scene: SceneModel, o: PlacedObject, pieces: list[Piece], loads: dict
         p
         for p in there
         if support.geom in (None, p.geom)
-        and (p.type == PieceType.PLANE or any(abs(p.bounds()[1][2] - s.height) < _NEAR for s in surfaces))
+        and (p.type == PieceType.PLANE or any(abs(p.bounds[1][2] - s.height) < _NEAR for s in surfaces))
     ] or there
     walls = [p for p in there if p.contact_class in {b.contact_class for b in below}]
     parts = own, [p for p in own if p.body not in moved], fixed, moving
     states = drawn_states(scene, o) if o.joint_ranges else [scene.home]
     shapes = [[HomeShape(state, o.bodies[0], part) for part in parts] for state in states]
-    tops = [p.pos[2] if p.type == PieceType.PLANE else p.bounds()[1][2] for p in there]
+    tops = [p.pos[2] if p.type == PieceType.PLANE else p.bounds[1][2] for p in there]
     lower = max((min((s.height - top for top in tops), key=abs) for s in surfaces), key=abs)
     contacts = [{contact_of(scene, a.geom, b.geom) for b in below} for a in own]
     every = set().union(*contacts)

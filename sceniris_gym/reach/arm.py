@@ -171,12 +171,12 @@ def _chain(mjm: mujoco.MjModel, base: int, tcp: int) -> tuple[list[int], np.ndar
     ids, links = [], []
     pos, quat = np.zeros(3), none
     for body in reversed(path):
-        pos, quat = _compose(pos, quat, mjm.body_pos[body], mjm.body_quat[body])
+        pos, quat = compose(pos, quat, mjm.body_pos[body], mjm.body_quat[body])
         for joint in _joints_of(mjm, body):
             ids.append(joint)
-            links.append(_compose(pos, quat, mjm.jnt_pos[joint], none))
+            links.append(compose(pos, quat, mjm.jnt_pos[joint], none))
             pos, quat = -mjm.jnt_pos[joint], none
-    links.append(_compose(pos, quat, mjm.site_pos[tcp], mjm.site_quat[tcp]))
+    links.append(compose(pos, quat, mjm.site_pos[tcp], mjm.site_quat[tcp]))
     return ids, np.array([link[0] for link in links]), np.array([link[1] for link in links])
 
 
@@ -215,16 +215,19 @@ def _check_joints(mjm: mujoco.MjModel, base_body: int, tcp: str, ids: list[int])
 
 def _couples(mjm: mujoco.MjModel, eq: int, base: int, ids: list[int]) -> bool:
     """Return whether a constraint couples joints of the arm or closes a loop through them."""
-    first, second = int(mjm.eq_obj1id[eq]), int(mjm.eq_obj2id[eq])
-    kind = mujoco.mjtEq(mjm.eq_type[eq])
-    if kind == mujoco.mjtEq.mjEQ_JOINT:
-        return first in ids or second in ids
-    if kind not in (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD):
-        return False
-    if mujoco.mjtObj(mjm.eq_objtype[eq]) == mujoco.mjtObj.mjOBJ_SITE:
-        first, second = int(mjm.site_bodyid[first]), int(mjm.site_bodyid[second])
-    above = {_joints_above(mjm, end, base, ids) for end in (first, second)}
+    if mjm.eq_type[eq] == mujoco.mjtEq.mjEQ_JOINT:
+        return mjm.eq_obj1id[eq] in ids or mjm.eq_obj2id[eq] in ids
+    above = {_joints_above(mjm, body, base, ids) for body in joined_bodies(mjm, eq)}
     return None not in above and len(above) > 1
+
+
+def joined_bodies(mjm: mujoco.MjModel, eq: int) -> tuple[int, ...]:
+    """Return the two bodies of a weld or a connect, or an empty tuple for other equalities."""
+    if mujoco.mjtEq(int(mjm.eq_type[eq])) not in (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD):
+        return ()
+    ends = [int(mjm.eq_obj1id[eq]), int(mjm.eq_obj2id[eq])]
+    is_site = mjm.eq_objtype[eq] == mujoco.mjtObj.mjOBJ_SITE
+    return tuple(mjm.site_bodyid[ends].tolist() if is_site else ends)
 
 
 def _joints_above(mjm: mujoco.MjModel, body: int, base: int, ids: list[int]) -> int | None:
@@ -250,7 +253,7 @@ def joint_label(mjm: mujoco.MjModel, i: int) -> str:
     return f"joint '{name}'" if name else f"the unnamed joint of body '{mjm.body(mjm.jnt_bodyid[i]).name}'"
 
 
-def _compose(pos: np.ndarray, quat: np.ndarray, then: np.ndarray, rot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def compose(pos: np.ndarray, quat: np.ndarray, then: np.ndarray, rot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Compose a transform with a second transform in the frame of the first."""
     both = np.zeros(4)
     mujoco.mju_mulQuat(both, quat, rot)

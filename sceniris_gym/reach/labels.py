@@ -151,9 +151,7 @@ class Labeller:
             How many of the ALL_TURNS rotations reach each pose, shape (N,), and joints of a solution, shape (N, 8).
         """
         n = len(coords)
-        filled = np.zeros((n, 0 if warm is None else warm.shape[1], 8), np.float32)
-        if warm is not None:
-            filled[:, :, : warm.shape[2]] = warm
+        filled = as_vec8(np.zeros((n, 0, 1)) if warm is None else warm)
         with wp.ScopedDevice(self.device):
             turns, joints = wp.zeros(n, dtype=int), wp.zeros(n, dtype=vec8)
             last = self._starts.shape[0] if count is None else first + count

@@ -144,8 +144,7 @@ class ReachMap:
                 f"{path}: the map was built for the arm {made_for}, but '{arm.name}' is {arm.hash}: its links, limits "
                 f"or TCP differ. {again}"
             )
-        wrong = next(_faults(told, len(arm.joints)), None)
-        if wrong is not None:
+        for wrong in _faults(told, len(arm.joints)):
             raise MapError(f"{path}: the reachability map is damaged: {wrong}. {again}")
         return cls(arm, **told)
 

@@ -12,7 +12,7 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.device.transforms import mul_quat, neg_quat, rot_vec_quat, rotation_vector, turn_z, z_axis
-from sceniris_gym.reach.arm import MAX_JOINTS, SerialArm
+from sceniris_gym.reach.arm import MAX_JOINTS, SerialArm, compose
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -74,13 +74,12 @@ class IkResult:
 
 def arm_view(arm: SerialArm, device: str) -> ArmView:
     """Copy an arm to a device. Limits are rounded inwards, so that float32 joints are also within the exact limits."""
-    n = len(arm.joints)
     pos, quat = _along_z(arm)
     lower, upper = arm.lower.astype(np.float32), arm.upper.astype(np.float32)
     lower = np.where(lower < arm.lower, np.nextafter(lower, np.float32(np.inf)), lower)
     upper = np.where(upper > arm.upper, np.nextafter(upper, np.float32(-np.inf)), upper)
     view = ArmView()
-    view.njoint = n
+    view.njoint = len(arm.joints)
     view.link_pos = wp.array(pos, dtype=wp.vec3, device=device)
     view.link_quat = wp.array(quat, dtype=wp.vec4, device=device)
     view.slide = wp.array(arm.slide, dtype=int, device=device)
@@ -95,9 +94,7 @@ def _along_z(arm: SerialArm) -> tuple[np.ndarray, np.ndarray]:
     pos, quat = np.zeros((n + 1, 3)), np.zeros((n + 1, 4))
     at, rotation = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])  # the arm's joint frame in the frame used here
     for i in range(n + 1):
-        mujoco.mju_rotVecQuat(pos[i], arm.link_pos[i], rotation)
-        pos[i] += at
-        mujoco.mju_mulQuat(quat[i], rotation, arm.link_quat[i])
+        pos[i], quat[i] = compose(at, rotation, arm.link_pos[i], arm.link_quat[i])
         if i < n:
             up, back = np.zeros(4), np.zeros(4)
             mujoco.mju_quatZ2Vec(up, arm.axis[i])
@@ -277,10 +274,9 @@ def random_joints(arm: SerialArm, num: int, seed: int = 0) -> np.ndarray:
 
 
 def as_vec8(joints: np.ndarray) -> np.ndarray:
-    """Pad joints (N, njoint) with zeros to (N, MAX_JOINTS), float32, for the device."""
-    padded = np.zeros((len(joints), MAX_JOINTS), np.float32)
-    padded[:, : joints.shape[1]] = joints
-    return padded
+    """Pad joints (..., njoint) with zeros to (..., MAX_JOINTS), float32, for the device."""
+    unused = [(0, 0)] * (joints.ndim - 1) + [(0, MAX_JOINTS - joints.shape[-1])]
+    return np.pad(joints.astype(np.float32), unused)
 
 
 @wp.kernel

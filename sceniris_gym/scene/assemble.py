@@ -11,7 +11,7 @@ from sceniris_gym.config.loader import SHIPPED_NAME, shipped
 from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.robot import RobotConfig
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import MeshError, NotSupportedError, SceneFileError, SceneKeyError, UnknownNameError
+from sceniris_gym.errors import MeshError, NotSupportedError, SceneFileError, SceneKeyError, check_names
 from sceniris_gym.geometry.rotations import of_angles
 from sceniris_gym.scene.model_files import load_model, renamed
 from sceniris_gym.scene.number_check import check_numbers
@@ -147,8 +147,7 @@ def _load_asset(asset: str, where: str) -> mujoco.MjSpec:
             )
         return load_model(Path(asset), where)
     assets = shipped("assets", ".xml")
-    if asset not in assets:
-        raise UnknownNameError("asset", asset, where, assets)
+    check_names("asset", [asset], where, assets)
     return load_model(assets[asset], where)
 
 
@@ -191,8 +190,8 @@ def _take_home(child: mujoco.MjSpec, name: str, keyframe: str | None, where: str
         for i, element in enumerate(elements):
             element.name = element.name or f"{kind}{i}"
     keys = {key.name: key for key in child.keys}
-    if keyframe is not None and keyframe not in keys:
-        raise UnknownNameError("keyframe", keyframe, where, keys)
+    if keyframe is not None:
+        check_names("keyframe", [keyframe], where, keys)
     home = Home({}, {})
     if (wanted := keyframe or "home") in keys:
         stand_at_keyframe(child, wanted, where)

@@ -242,15 +242,6 @@ def _in_order(mjm: mujoco.MjModel, found: dict[int, Coupling], where: str) -> li
         raise in_a_cycle(where, names, "joints follow each other by equalities") from None
 
 
-def joined_bodies(mjm: mujoco.MjModel, eq: int) -> tuple[int, ...]:
-    """Return the two bodies of a weld or a connect, or an empty tuple for other equalities."""
-    if mujoco.mjtEq(int(mjm.eq_type[eq])) not in (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD):
-        return ()
-    ends = [int(mjm.eq_obj1id[eq]), int(mjm.eq_obj2id[eq])]
-    is_site = mjm.eq_objtype[eq] == mujoco.mjtObj.mjOBJ_SITE
-    return tuple(mjm.site_bodyid[ends].tolist() if is_site else ends)
-
-
 def coupling_arrays(couplings: Sequence[Coupling]) -> dict[str, np.ndarray]:
     """Return the fields `follow_*` of the device structs."""
     return {

@@ -205,19 +205,18 @@ class SceneModel:
 
     def resolve_joints(self, name: str, words: Mapping[str, JointConfig], where: str) -> dict[int, JointConfig]:
         """Return the joints of an object or a robot that `words` choose by name or pattern, see `joint_configs`."""
-        joints = self.joints(name)
+        joints, following = self.joints(name), {c.follower: c for c in self.couplings}
         found: dict[int, JointConfig] = {}
         for word in sorted(words, key=lambda word: word not in joints):  # names first, then patterns as written
-            matching = [word] if word in joints else fnmatch.filter(joints, word)
-            if not matching:
+            ids = [joints[joint] for joint in ([word] if word in joints else fnmatch.filter(joints, word))]
+            if not ids:
                 raise UnknownNameError("joint", word, where, joints)
-            following = {c.follower: c for c in self.couplings}
-            if all(joints[joint] in following for joint in matching):
-                refuse_follower(self.mjm, following[joints[matching[0]]], f"{where}.{word}")
-            for joint in (joint for joint in matching if joints[joint] not in following):
-                if joints[joint] not in found:
-                    found[joints[joint]] = words[word]
-                    check_joint(self.mjm, self.home_qpos, joints[joint], words[word], f"{where}.{word}")
+            if all(i in following for i in ids):
+                refuse_follower(self.mjm, following[ids[0]], f"{where}.{word}")
+            for i in ids:
+                if i not in following and i not in found:
+                    found[i] = words[word]
+                    check_joint(self.mjm, self.home_qpos, i, words[word], f"{where}.{word}")
         return dict(sorted(found.items()))
 
     def named_joints(self) -> list[int]:

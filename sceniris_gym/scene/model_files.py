@@ -80,12 +80,10 @@ def load_model(path: Path, where: str, repaired: Callable[[str], str] | None = N
         spec.compiler.fusestatic = False  # so that fixed links keep their names
         spec.compiler.balanceinertia = True
         spec.compiler.boundmass, spec.compiler.boundinertia = _LEAST_MASS, _LEAST_INERTIA
-    referring = list(_referring(spec))
-    sources = [_source(path, folders, *one) for one in referring]
-    missing = [one for one, source in zip(referring, sources, strict=True) if source is None]
-    if missing:
+    found = [(one, _source(path, folders, *one)) for one in _referring(spec)]
+    if missing := [one for one, source in found if source is None]:
         raise SceneFileError(f"{where}: '{path}' refers to {_listed(path, missing)}.")
-    for (element, _, file), source in zip(referring, sources, strict=True):
+    for (element, _, file), source in found:
         assert source is not None
         key, content = _as_mesh(source, file)
         if spec.assets.get(key, content) != content:  # another attached model has a different file of this name
@@ -210,18 +208,13 @@ def _size(element: ElementTree.Element, where: str, models: dict[str | None, Cou
 
 def _referring(spec: mujoco.MjSpec) -> Iterator[tuple[Any, str, str]]:
     """Yield each element with a file, the file's subfolder of the model's folder, and the file."""
-    for element in (*spec.meshes, *spec.hfields, *spec.skins):
-        if element.file:
-            yield element, _compiler(element, spec).meshdir, element.file
-    for texture in spec.textures:
-        for file in (texture.file, *texture.cubefiles):
-            if file:
-                yield texture, _compiler(texture, spec).texturedir, file
-
-
-def _compiler(element: Any, spec: mujoco.MjSpec) -> Any:
-    """Return the compiler settings of the model, attached or not, that defines an element."""
-    return getattr(element, "compiler", None) or spec.compiler
+    referring: list[tuple[Any, str, list[str]]] = [
+        *((element, "meshdir", [element.file]) for element in (*spec.meshes, *spec.hfields, *spec.skins)),
+        *((texture, "texturedir", [texture.file, *texture.cubefiles]) for texture in spec.textures),
+    ]
+    for element, folder, files in referring:
+        compiler = getattr(element, "compiler", None) or spec.compiler  # of the model, attached or not, that defines it
+        yield from ((element, getattr(compiler, folder), file) for file in files if file)
 
 
 def _source(path: Path, folders: list[tuple[str, Path]], element: Any, subfolder: str, file: str) -> Path | None:
@@ -258,22 +251,17 @@ def write_zip(spec: mujoco.MjSpec, file: BinaryIO) -> None:
 
     Files with paths outside the zip (`../part.obj`, `/home/me/part.obj`) get new names.
     """
-    unsafe = sorted(name for name in spec.assets if not _is_safe(name))
-    if not unsafe:
-        spec.to_zip(file)
-        return
     copy = spec.copy()
+    unsafe = sorted(name for name in spec.assets if not _is_safe(name))
     names = {name: f"file_{i}{PurePosixPath(name).suffix}" for i, name in enumerate(unsafe)}
     for part in (*copy.meshes, *copy.hfields, *copy.textures, *copy.skins):
         part.file = names.get(part.file, part.file)
-    for name, other in names.items():
-        copy.assets[other] = spec.assets[name]
-    written = io.BytesIO()
-    copy.to_zip(written)
-    with zipfile.ZipFile(written) as archive, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as kept:
-        for name in archive.namelist():  # a copy also keeps files under their former names
-            if name not in names:
-                kept.writestr(name, archive.read(name))
+    copy.assets.update({names[name]: spec.assets[name] for name in unsafe})
+    # A copy also keeps files under their former names.
+    files = {name: content for name, content in copy.assets.items() if name not in names}
+    with zipfile.ZipFile(file, "w") as archive:
+        for name, content in {**files, f"{spec.modelname}.xml": copy.to_xml()}.items():
+            archive.writestr(zipfile.ZipInfo(name), content)
 
 
 def _is_safe(name: str) -> bool:

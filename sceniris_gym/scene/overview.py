@@ -7,7 +7,7 @@ import numpy as np
 
 from sceniris_gym.config.fields import FLOOR
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.geometry.framing import box_corners, frame
+from sceniris_gym.geometry.framing import box_corners, frame, geom_corners
 from sceniris_gym.scene.assemble import MARK_GROUP
 from sceniris_gym.scene.support import subtree
 
@@ -67,12 +67,12 @@ class Overview:
 
     def seen(self) -> np.ndarray:
         """Return corners of boxes around all geoms that stay, and around all places of objects [m], shape (n, 3)."""
-        corners = [self._corners(int(g)) for g in np.flatnonzero(self.shown & ~self.of_placed)]
-        corners += [box_corners((low + high) / 2.0, (high - low) / 2.0) for low, high in self._places()]
-        if not corners:
+        corners = geom_corners(self.mjm, self.data, np.flatnonzero(self.shown & ~self.of_placed))
+        boxes = [box_corners((low + high) / 2.0, (high - low) / 2.0) for low, high in self._places()]
+        if not len(corners) and not boxes:
             half = [0.5, 0.5] if self.config.floor is None else np.array(self.config.floor.size) / 2.0
-            corners = [box_corners(np.zeros(3), np.array([*half, 0.0]))]
-        return np.concatenate(corners)
+            boxes = [box_corners(np.zeros(3), np.array([*half, 0.0]))]
+        return np.concatenate([corners, *boxes])
 
     def _places(self) -> list[_Box]:
         return [box for name in self.config.parts if (box := self._box(name)) is not None]
@@ -122,7 +122,7 @@ class Overview:
             box = self._box(owner)
             return None if box is None else (box[0], np.array([*box[1][:2], box[0][2]]))
         geoms = np.flatnonzero((self.mjm.geom_bodyid == body) & self.shown)
-        points = np.concatenate([self._corners(int(g)) for g in geoms] or [self.data.xpos[body][None]])
+        points = geom_corners(self.mjm, self.data, geoms) if len(geoms) else self.data.xpos[body][None]
         low, high = points.min(axis=0), points.max(axis=0)
         if region is not None:
             flat = np.array([[x, y, 0.0] for x in region[:, 0] for y in region[:, 1]])
@@ -135,12 +135,8 @@ class Overview:
         geoms = np.flatnonzero(np.isin(self.mjm.geom_bodyid, subtree(self.mjm, root)) & self.shown)
         if not len(geoms):
             return 0.0, 0.0
-        corners = np.concatenate([self._corners(int(g)) for g in geoms]) - self.data.xpos[root]
+        corners = geom_corners(self.mjm, self.data, geoms) - self.data.xpos[root]
         return float(np.linalg.norm(corners[:, :2], axis=1).max()), float(np.ptp(corners[:, 2]))
-
-    def _corners(self, geom: int) -> np.ndarray:
-        box = box_corners(self.mjm.geom_aabb[geom, :3], self.mjm.geom_aabb[geom, 3:])
-        return box @ self.data.geom_xmat[geom].reshape(3, 3).T + self.data.geom_xpos[geom]
 
     def _body(self, name: str) -> int:
         return mujoco.mj_name2id(self.mjm, mujoco.mjtObj.mjOBJ_BODY, name)

@@ -1,7 +1,6 @@
 """Heaps, settled by MuJoCo C: objects fall into a container until they lie still inside."""
 
 import copy
-from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -26,37 +25,6 @@ _TRIES = 20
 _HELD = 1e3
 
 
-@dataclass(frozen=True)
-class _Drop:
-    """The objects of a heap, and the container they fall into.
-
-    Attributes:
-        mjm: The model, in which only the container and the heap's objects collide.
-        home: The model's start pose, shape (nq,).
-        held, held_qpos: Entries of qvel and qpos that stay fixed, as masks of shapes (nv,) and (nq,).
-        body: The container's body.
-        things: Root bodies of the objects.
-        low, high: Bounds of the container in the world [m], shape (3,) each.
-        sizes: The largest distance of each object's geoms from its root [m].
-    """
-
-    mjm: mujoco.MjModel
-    home: np.ndarray
-    held: np.ndarray
-    held_qpos: np.ndarray
-    body: int
-    things: list[int]
-    low: np.ndarray
-    high: np.ndarray
-    sizes: np.ndarray
-
-    def step(self, data: mujoco.MjData) -> None:
-        """Step the objects, and hold all other joints."""
-        mujoco.mj_step(self.mjm, data)
-        data.qvel[self.held] = 0.0
-        data.qpos[self.held_qpos] = self.home[self.held_qpos]
-
-
 def settle(scene: SceneModel, name: str, num: int, seed: int) -> HeapRows:
     """Settle heaps of a scene, and report the progress.
 
@@ -73,11 +41,11 @@ def settle(scene: SceneModel, name: str, num: int, seed: int) -> HeapRows:
         SceneKeyError: The container cannot hold the objects.
     """
     heap, where = scene.config.heaps[name], f"{scene.config.where}: heaps.{name}"
-    drop = _prepare(scene, heap, where)
+    drop = _Drop(scene, heap, where)
     rows = []
     for i in range(num):
         rng = np.random.default_rng([seed, i])
-        data = next((found for _ in range(_TRIES) if (found := _dropped(drop, rng)) is not None), None)
+        data = next((found for _ in range(_TRIES) if (found := drop.dropped(rng)) is not None), None)
         if data is None:
             raise SceneKeyError(
                 f"{where}: '{heap.fill}' does not hold all {len(heap.of)} objects: in {_TRIES} attempts, at least one "
@@ -91,86 +59,97 @@ def settle(scene: SceneModel, name: str, num: int, seed: int) -> HeapRows:
     return HeapRows(heap.of, pos, quat, settled_with(scene, heap, where))
 
 
-def _prepare(scene: SceneModel, heap: HeapConfig, where: str) -> _Drop:
-    mjm = copy.copy(scene.mjm)
-    body = filled_body(scene, heap, where)
-    container = rigid_part(mjm, body)
-    things = [scene.bodies[name] for name in heap.of]
-    own = [b for name in heap.of for b in rigid_thing(scene, name, where)]
-    outside = ~np.isin(mjm.geom_bodyid, [*container, *own])
-    mjm.geom_contype[outside] = mjm.geom_conaffinity[outside] = 0
-    held = ~np.isin(mjm.dof_bodyid, own)
-    held_qpos = np.ones(mjm.nq, bool)
-    held_qpos[mjm.jnt_qposadr[mjm.body_jntadr[things]][:, None] + np.arange(7)] = False
-    mjm.dof_armature[held] = _HELD
-    # A diverging heap should fail the checks, not silently restart from the model's pose.
-    mjm.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
-    mujoco.mj_setConst(mjm, mujoco.MjData(mjm))
-    mjm.stat.meaninertia = scene.mjm.stat.meaninertia  # the scale of the solver's tolerances
-    walls = [b for b in subtree(mjm, body) if b in container]
-    geoms = np.flatnonzero(np.isin(mjm.geom_bodyid, walls) & ~outside & (mjm.geom_contype + mjm.geom_conaffinity > 0))
-    if not len(geoms):
-        raise SceneKeyError(
-            f"{where}.fill: '{heap.fill}' has no geoms that collide, so nothing can lie in it. Add geoms that collide."
-        )
-    root = mjm.body_rootid[mjm.geom_bodyid]
-    away = np.linalg.norm(scene.home.geom_xpos - scene.home.xpos[root], axis=1) + mjm.geom_rbound
-    sizes = np.array([away[root == thing].max(initial=0.01) for thing in things])
-    return _Drop(mjm, scene.home_qpos, held, held_qpos, body, things, *upright_box(mjm, scene.home, geoms), sizes)
+class _Drop:
+    """The objects of a heap, and the container they fall into.
 
-
-def _dropped(drop: _Drop, rng: np.random.Generator) -> mujoco.MjData | None:
-    """Drop the objects. Return the state with all of them at rest in the container, or None if some are not."""
-    mjm, data = drop.mjm, mujoco.MjData(drop.mjm)
-    data.qpos[:] = drop.home
-    height = drop.high[2]
-    for i in rng.permutation(len(drop.things)):
-        size = drop.sizes[i]
-        inner = np.maximum(0.5 * (drop.high - drop.low) - size, 0.0)[:2]
-        height += size
-        adr = int(mjm.jnt_qposadr[mjm.body_jntadr[drop.things[i]]])
-        data.qpos[adr : adr + 2] = 0.5 * (drop.low + drop.high)[:2] + inner * rng.uniform(-1.0, 1.0, 2)
-        data.qpos[adr + 2] = height
-        rotation = rng.normal(size=4)
-        data.qpos[adr + 3 : adr + 7] = rotation / np.linalg.norm(rotation)
-        height += size
-    for step in range(int(_FALL / mjm.opt.timestep)):
-        drop.step(data)
-        if step % 50 == 0 and _lost(drop, data):
-            return None
-        if step % 50 == 0 and step * mjm.opt.timestep > 0.5 and _still(drop, data):
-            break
-    return data if _lies(drop, data) else None
-
-
-def _lies(drop: _Drop, data: mujoco.MjData) -> bool:
-    """Return whether the objects are inside, do not penetrate too deeply, and stay in place when released at rest.
-
-    A layout stores only their poses, without velocities and without the forces of the previous step.
+    Attributes:
+        mjm: The model, in which only the container and the heap's objects collide.
+        home: The model's start pose, shape (nq,).
+        held, held_qpos: Entries of qvel and qpos that stay fixed, as masks of shapes (nv,) and (nq,).
+        body: The container's body.
+        things: Root bodies of the objects.
+        low, high: Bounds of the container in the world [m], shape (3,) each.
+        sizes: The largest distance of each object's geoms from its root [m].
     """
-    tried = mujoco.MjData(drop.mjm)
-    tried.qpos[:] = data.qpos.astype(np.float32)  # the precision of layouts
-    mujoco.mj_kinematics(drop.mjm, tried)
-    before = tried.xpos[drop.things].copy()
-    for _ in range(int(_LIE / drop.mjm.opt.timestep)):
-        drop.step(tried)
-    mujoco.mj_kinematics(drop.mjm, data)
-    mujoco.mj_collision(drop.mjm, data)
-    moved = np.linalg.norm(tried.xpos[drop.things] - before, axis=1).max()
-    deepest = -min(data.contact.dist, default=0.0)
-    return bool(_still(drop, tried) and moved < _MOVED and deepest < DEEPEST and not _lost(drop, data, inside=True))
 
+    def __init__(self, scene: SceneModel, heap: HeapConfig, where: str) -> None:
+        self.mjm = mjm = copy.copy(scene.mjm)
+        self.home, self.body = scene.home_qpos, filled_body(scene, heap, where)
+        self.things = [scene.bodies[name] for name in heap.of]
+        container = rigid_part(mjm, self.body)
+        own = [b for name in heap.of for b in rigid_thing(scene, name, where)]
+        outside = ~np.isin(mjm.geom_bodyid, [*container, *own])
+        mjm.geom_contype[outside] = mjm.geom_conaffinity[outside] = 0
+        self.held, self.held_qpos = ~np.isin(mjm.dof_bodyid, own), np.ones(mjm.nq, bool)
+        self.held_qpos[mjm.jnt_qposadr[mjm.body_jntadr[self.things]][:, None] + np.arange(7)] = False
+        mjm.dof_armature[self.held] = _HELD
+        # A diverging heap should fail the checks, not silently restart from the model's pose.
+        mjm.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+        mujoco.mj_setConst(mjm, mujoco.MjData(mjm))
+        mjm.stat.meaninertia = scene.mjm.stat.meaninertia  # the scale of the solver's tolerances
+        walls = [b for b in subtree(mjm, self.body) if b in container]
+        collides = ~outside & (mjm.geom_contype + mjm.geom_conaffinity > 0)
+        geoms = np.flatnonzero(np.isin(mjm.geom_bodyid, walls) & collides)
+        if not len(geoms):
+            raise SceneKeyError(
+                f"{where}.fill: '{heap.fill}' has no geoms that collide, so nothing can lie in it. Add geoms that "
+                "collide."
+            )
+        self.low, self.high = upright_box(mjm, scene.home, geoms)
+        root = mjm.body_rootid[mjm.geom_bodyid]
+        away = np.linalg.norm(scene.home.geom_xpos - scene.home.xpos[root], axis=1) + mjm.geom_rbound
+        self.sizes = np.array([away[root == thing].max(initial=0.01) for thing in self.things])
 
-def _still(drop: _Drop, data: mujoco.MjData) -> bool:
-    """Return whether all objects of the heap move slower than `STILL`."""
-    dofs = drop.mjm.jnt_dofadr[drop.mjm.body_jntadr[drop.things]]
-    return all(np.abs(data.qvel[d : d + 3]).max() < STILL for d in dofs)
+    def dropped(self, rng: np.random.Generator) -> mujoco.MjData | None:
+        """Drop the objects. Return the state with all of them at rest in the container, or None if some are not."""
+        mjm, data = self.mjm, mujoco.MjData(self.mjm)
+        data.qpos[:] = self.home
+        height = self.high[2]
+        for i in rng.permutation(len(self.things)):
+            size = self.sizes[i]
+            inner = np.maximum(0.5 * (self.high - self.low) - size, 0.0)[:2]
+            height += size
+            adr = int(mjm.jnt_qposadr[mjm.body_jntadr[self.things[i]]])
+            data.qpos[adr : adr + 2] = 0.5 * (self.low + self.high)[:2] + inner * rng.uniform(-1.0, 1.0, 2)
+            data.qpos[adr + 2] = height
+            rotation = rng.normal(size=4)
+            data.qpos[adr + 3 : adr + 7] = rotation / np.linalg.norm(rotation)
+            height += size
+        for step in range(int(_FALL / mjm.opt.timestep)):
+            self._step(data)
+            if step % 50 == 0 and (data.xipos[self.things, 2] < self.low[2] - 0.1).any():
+                return None  # an object is below the container
+            if step % 50 == 0 and step * mjm.opt.timestep > 0.5 and self._is_still(data):
+                break
+        return data if self._lies(data) else None
 
+    def _lies(self, data: mujoco.MjData) -> bool:
+        """Return whether the objects are inside, do not penetrate too deeply, and stay in place when released at rest.
 
-def _lost(drop: _Drop, data: mujoco.MjData, *, inside: bool = False) -> bool:
-    """Return whether an object is below the container, or, with `inside`, has its centre outside the bounds."""
-    centers = data.xipos[drop.things]
-    if not inside:
-        return bool((centers[:, 2] < drop.low[2] - 0.1).any())
-    top = drop.high + np.outer(drop.sizes, [0.0, 0.0, 1.0])  # objects may stick out at the top
-    return bool(((centers < drop.low) | (centers > top)).any())
+        A layout stores only their poses, without velocities and without the forces of the previous step.
+        """
+        tried = mujoco.MjData(self.mjm)
+        tried.qpos[:] = data.qpos.astype(np.float32)  # the precision of layouts
+        mujoco.mj_kinematics(self.mjm, tried)
+        before = tried.xpos[self.things].copy()
+        for _ in range(int(_LIE / self.mjm.opt.timestep)):
+            self._step(tried)
+        mujoco.mj_kinematics(self.mjm, data)
+        mujoco.mj_collision(self.mjm, data)
+        moved = np.linalg.norm(tried.xpos[self.things] - before, axis=1).max()
+        centers, top = data.xipos[self.things], self.high + np.outer(self.sizes, [0.0, 0.0, 1.0])  # may stick out there
+        inside = ((centers >= self.low) & (centers <= top)).all()
+        return bool(
+            self._is_still(tried) and moved < _MOVED and -min(data.contact.dist, default=0.0) < DEEPEST and inside
+        )
+
+    def _step(self, data: mujoco.MjData) -> None:
+        """Step the objects, and hold all other joints."""
+        mujoco.mj_step(self.mjm, data)
+        data.qvel[self.held] = 0.0
+        data.qpos[self.held_qpos] = self.home[self.held_qpos]
+
+    def _is_still(self, data: mujoco.MjData) -> bool:
+        """Return whether all objects of the heap move slower than `STILL`."""
+        dofs = self.mjm.jnt_dofadr[self.mjm.body_jntadr[self.things]]
+        return all(np.abs(data.qvel[d : d + 3]).max() < STILL for d in dofs)

@@ -12,8 +12,8 @@ from torch import Tensor
 
 from sceniris_gym.errors import ArmError
 from sceniris_gym.grasping.gripper import finger_joints
-from sceniris_gym.reach.arm import joint_label
-from sceniris_gym.scene.couplings import active_equalities, driven_by, follow, joined_bodies
+from sceniris_gym.reach.arm import joined_bodies, joint_label
+from sceniris_gym.scene.couplings import active_equalities, driven_by, follow
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.support import subtree
 from sceniris_gym.sim.rest import CTRL_HOLDS, affine_law, rest_map

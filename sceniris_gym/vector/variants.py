@@ -78,7 +78,7 @@ class Boxes:
 
 def _corners(scene: SceneModel, body: int, where: str) -> tuple[np.ndarray, np.ndarray]:
     """Return the lower and the upper corner of a body's box in the body's frame [m], each of shape (3,)."""
-    boxes = [piece.bounds() for piece in extract_pieces(scene.mjm, "physics", {body})]
+    boxes = [piece.bounds for piece in extract_pieces(scene.mjm, "physics", {body})]
     if not boxes:
         name = scene.mjm.body(body).name
         raise NotSupportedError(f"{where}: body '{name}' has no geom that collides. Name a body that has one.")

@@ -100,7 +100,7 @@ def test_extents_are_those_of_the_geom_along_any_axis(workshop: mujoco.MjModel, 
     assert (high >= heights.max(axis=0) - 1e-8).all()
     np.testing.assert_allclose(low, heights.min(axis=0), atol=2e-4)
     np.testing.assert_allclose(high, heights.max(axis=0), atol=2e-4)
-    np.testing.assert_allclose(np.concatenate(piece.bounds()), np.concatenate(piece.extents(np.eye(3))))
+    np.testing.assert_allclose(np.concatenate(piece.bounds), np.concatenate(piece.extents(np.eye(3))))
 
 
 @pytest.mark.parametrize("geometry", ["physics", "visual"])
@@ -125,7 +125,7 @@ def test_the_mesh_of_a_piece_is_closed_and_has_the_geom_s_bounds(workshop: mujoc
     assert piece.mesh is not None
     assert piece.mesh.is_watertight
     assert piece.mesh.volume > 0
-    np.testing.assert_allclose(piece.mesh.bounds, np.stack(piece.bounds()), atol=3e-4)
+    np.testing.assert_allclose(piece.mesh.bounds, np.stack(piece.bounds), atol=3e-4)
     low, high = piece.extents(piece.mesh.face_normals)
     heights = np.einsum("ij,ij->i", piece.mesh.face_normals, piece.mesh.triangles[:, 0])
     assert (heights <= high + 1e-9).all()
@@ -139,7 +139,7 @@ def test_primitives_of_a_millimetre_have_a_mesh_too(kind: str, geometry: str):
     text = f'<mujoco><worldbody><geom name="grain" type="{kind}" size=".0005 .0004 .0003"/></worldbody></mujoco>'
     (piece,) = extract_pieces(mujoco.MjModel.from_xml_string(text), geometry)
     assert piece.mesh is not None and piece.mesh.is_watertight
-    np.testing.assert_allclose(piece.mesh.bounds, piece.bounds(), atol=1e-5)
+    np.testing.assert_allclose(piece.mesh.bounds, piece.bounds, atol=1e-5)
 
 
 def test_a_hull_is_that_of_all_vertices_and_has_none_inside(workshop: mujoco.MjModel):
@@ -192,7 +192,7 @@ def test_the_visual_meshes_of_assets_are_solids(asset: str):
         )
         assert len(p.mesh.faces) == len(drawn.faces)
         assert np.isclose(p.mesh.area, drawn.area)
-        low, high = p.bounds()
+        low, high = p.bounds
         np.testing.assert_allclose(p.mesh.bounds, [low, high], atol=1e-6)
 
 

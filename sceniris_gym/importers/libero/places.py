@@ -207,7 +207,7 @@ class Places:
         pieces = [p for p in self._pieces if p.body == support]
         levels = level_surfaces(support, pieces, open_above=True)
         carrying = [level.height for level in levels if level.region.intersects(Point(point))]
-        top = max(piece.bounds()[1][2] for piece in pieces)
+        top = max(piece.bounds[1][2] for piece in pieces)
         gap = {"gap": round(top - carrying[-1] + _GAP, 6)} if carrying else {}
         middle = {"region": {"points": _rounded([point])}}
         return {"on": f"{target}/{INNER}", **self._within(name, yaw), **middle, **gap}

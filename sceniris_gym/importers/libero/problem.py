@@ -9,7 +9,7 @@ from pathlib import Path
 
 from sceniris_gym.config.fields import short
 from sceniris_gym.config.loader import user_path
-from sceniris_gym.errors import SceneFileError, SceneKeyError, UnknownNameError
+from sceniris_gym.errors import SceneFileError, SceneKeyError, UnknownNameError, check_names
 from sceniris_gym.files import read_bytes
 
 PREDICATES = {"On": 2, "In": 2, "Open": 1, "Close": 1, "Turnon": 1, "Turnoff": 1}
@@ -146,10 +146,9 @@ def read_problem(path: str | Path) -> Problem:
         for i, name in enumerate(predicate.names):
             if predicate.word == "In" and i == 1 and name not in regions:
                 raise UnknownNameError("region", name, predicate.where, regions)
-            if name not in {**places, **regions}:
-                raise UnknownNameError("object, fixture or region", name, predicate.where, [*places, *regions])
-            if name in regions and regions[name].target not in places:
-                raise UnknownNameError("thing", regions[name].target, f"{regions[name].where}: :target", places)
+            check_names("object, fixture or region", [name], predicate.where, [*places, *regions])
+            if name in regions:
+                check_names("thing", [regions[name].target], f"{regions[name].where}: :target", places)
     return problem
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import shapely
 
 from sceniris_gym.config.robot import TcpConfig
-from sceniris_gym.geometry.framing import box_corners, upright_box
+from sceniris_gym.geometry.framing import geom_corners, upright_box
 from sceniris_gym.geometry.pieces import Piece
 from sceniris_gym.geometry.supports import SupportSurface, level_surfaces
 from sceniris_gym.scene.support import Support, is_static, static_supports, subtree
@@ -146,11 +146,8 @@ def _ends_in_finger(mjm: mujoco.MjModel, body: int) -> bool:
 
 def _points(mjm: mujoco.MjModel, data: mujoco.MjData, bodies: tuple[int, ...]) -> np.ndarray:
     """Return body origins and the corners of the bodies' geom bounds, world frame [m], shape (n, 3)."""
-    found = [data.xpos[list(bodies)]]
-    for geom in np.flatnonzero(np.isin(mjm.geom_bodyid, bodies)):
-        corners = box_corners(mjm.geom_aabb[geom, :3], mjm.geom_aabb[geom, 3:])
-        found.append(data.geom_xpos[geom] + corners @ data.geom_xmat[geom].reshape(3, 3).T)
-    return np.concatenate(found)
+    corners = geom_corners(mjm, data, np.flatnonzero(np.isin(mjm.geom_bodyid, bodies)))
+    return np.concatenate([data.xpos[list(bodies)], corners])
 
 
 def _rotation_to(along: np.ndarray) -> dict[str, float]:

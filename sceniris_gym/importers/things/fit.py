@@ -64,7 +64,7 @@ class Measure:
         self._size, self._area, self._radius = float(mesh.extents.max()), float(mesh.area), 0.5 * _BALL * tolerance
         self.samples, self._surface = samples, Distances(mesh.vertices, mesh.faces)
         self._points = np.concatenate(
-            [points_on(mesh.triangles, samples), mesh.vertices[:: max(len(mesh.vertices) // samples, 1)]]
+            [points_with_normals(mesh.triangles, samples)[0], mesh.vertices[:: max(len(mesh.vertices) // samples, 1)]]
         )
 
     def fit(self, parts: list[trimesh.Trimesh]) -> Fit:
@@ -164,7 +164,7 @@ class Distances:
         self._object = fcl.CollisionObject(model)
         # A ball of negligible size, relative to the mesh, stands for a point.
         self._ball = fcl.Sphere(1e-6 * float(np.ptp(vertices, axis=0).max()))
-        self._samples = KDTree(np.concatenate([vertices, points_on(vertices[faces], _NEAR)]))
+        self._samples = KDTree(np.concatenate([vertices, points_with_normals(vertices[faces], _NEAR)[0]]))
 
     def farthest(
         self, points: np.ndarray, counts: Callable[[int], bool] = lambda i: True
@@ -188,11 +188,6 @@ class Distances:
             if away > most and counts(int(i)):
                 most, which = away, int(i)
         return at_most, most, which
-
-
-def points_on(triangles: np.ndarray, count: int) -> np.ndarray:
-    """Sample points on triangles (n, 3, 3), uniform by area, shape (count, 3)."""
-    return points_with_normals(triangles, count)[0]
 
 
 def points_with_normals(triangles: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:

@@ -22,7 +22,6 @@ from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.importers.things import meshes
 from sceniris_gym.importers.things.convex_parts import Parts, convex_parts, inertia_of
 from sceniris_gym.importers.things.grasps import GraspSite, antipodal_grasps
-from sceniris_gym.importers.things.meshes import read_urdf
 from sceniris_gym.importers.things.repair import Solid, check_faces, repair
 from sceniris_gym.importers.things.thing import Inertia, Link, Surface, Thing, write_asset
 from sceniris_gym.importers.things.units import UPRIGHT, Ask, find_scale, find_up, parse_scale
@@ -85,8 +84,7 @@ def moved(path: Path, quat: np.ndarray) -> float:
     mujoco.mj_kinematics(mjm, data)
     points = [
         data.geom_xpos[g] + mesh_vertices(mjm, mjm.geom_dataid[g]) @ data.geom_xmat[g].reshape(3, 3).T
-        for g in range(mjm.ngeom)
-        if mjm.geom_contype[g] and mjm.geom_dataid[g] >= 0
+        for g in np.flatnonzero((mjm.geom_contype != 0) & (mjm.geom_dataid >= 0))
     ]
     every = np.concatenate(points)
     data.qpos[2] = _GAP - every[:, 2].min()
@@ -104,6 +102,7 @@ SUFFIXES = (*meshes.SUFFIXES, ".usd", ".usda", ".usdc", ".usdz", ".urdf")
 _FRAME = Inertia(1e-6, np.zeros(3), 1e-12 * np.eye(3))
 """Inertia of a link without geometry."""
 _UP = np.array([0.0, 0.0, 1.0])
+_LIMITS = {"density": (0.01, 1e5), "tolerance": (1e-6, 10.0)}
 
 
 @dataclass(frozen=True)
@@ -133,10 +132,8 @@ class Options:
         """
         if self.scale is not None:
             parse_scale(self.scale)
-        for name, value, least, most in (
-            ("density", self.density, 0.01, 1e5),
-            ("tolerance", self.tolerance, 1e-6, 10.0),
-        ):
+        for name, (least, most) in _LIMITS.items():
+            value = getattr(self, name)
             if value is not None and not least <= value <= most:
                 raise ArgumentError(f"{name}: {value!r} should be from {least:g} to {most:g}.")
 
@@ -228,7 +225,7 @@ def _read(source: Path) -> Thing:
     if suffix not in SUFFIXES:
         raise NotSupportedError(f"{source}: its type should be one of {', '.join(SUFFIXES)}. Export it again.")
     if suffix == ".urdf":
-        return read_urdf(source)
+        return meshes.read_urdf(source)
     if suffix in meshes.SUFFIXES:
         return meshes.read_mesh(source)
     import_extra("pxr", "import", "usd-core")

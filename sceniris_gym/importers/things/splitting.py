@@ -14,7 +14,7 @@ import trimesh
 
 from sceniris_gym.errors import import_extra
 from sceniris_gym.geometry.pieces import convex_hull
-from sceniris_gym.importers.things.fit import Distances, height_over, points_on
+from sceniris_gym.importers.things.fit import Distances, height_over, points_with_normals
 
 if TYPE_CHECKING:
     import manifold3d
@@ -56,7 +56,7 @@ class Excess:
         if not area > 0.0:
             return 0.0, part.vertices[0]
         count = int(np.clip(area / (_APART * self.allowed) ** 2, _FEWEST, _MOST))
-        points = np.concatenate([points_on(skin, count), skin.mean(axis=1)])
+        points = np.concatenate([points_with_normals(skin, count)[0], skin.mean(axis=1)])
         _, most, which = self._distances.farthest(points)
         return most, points[which]
 

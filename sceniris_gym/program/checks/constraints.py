@@ -8,7 +8,8 @@ import numpy as np
 from sceniris_gym.errors import NotSupportedError, SceneKeyError
 from sceniris_gym.program.device import ObjectKind
 from sceniris_gym.program.plan import Plan
-from sceniris_gym.scene.couplings import active_equalities, equality_errors, equality_label, extremes, joined_bodies
+from sceniris_gym.reach.arm import joined_bodies
+from sceniris_gym.scene.couplings import active_equalities, equality_errors, equality_label, extremes
 
 KEPT = 1e-4
 """Greatest error [m or rad] of a constraint in the start pose: keyframes are written with few digits."""

@@ -149,7 +149,7 @@ def _size(plan: Plan, o: PlacedObject) -> float:
     if not own:
         return 0.0
     drawn = {adr: max(map(abs, ends)) for adr, ends in o.spans.items()}
-    size = max(float(np.linalg.norm(np.maximum(*np.abs(p.bounds())))) for p in own)
+    size = max(float(np.linalg.norm(np.maximum(*np.abs(p.bounds)))) for p in own)
     size += float(np.linalg.norm(mjm.body_pos[o.bodies[1:]], axis=1).sum())
     for joint in np.flatnonzero(np.isin(mjm.jnt_bodyid, o.bodies)):
         adr = int(mjm.jnt_qposadr[joint])

@@ -152,7 +152,7 @@ def _overhead(plan: Plan, colliders: list[Collider], o: PlacedObject) -> list[in
     if any(o.name in kind.place for kind in plan.scene.config.start):
         return found  # a marker may be on a lower surface
     lowest = min(s.height for surfaces in o.surfaces for s in surfaces) + _FLUSH
-    return [i for i in found if plan.pieces[i].body != o.ground or plan.pieces[i].bounds()[1][2] > lowest]
+    return [i for i in found if plan.pieces[i].body != o.ground or plan.pieces[i].bounds[1][2] > lowest]
 
 
 def _measured(plan: Plan, o: PlacedObject) -> Measure:
