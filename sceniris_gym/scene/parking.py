@@ -63,7 +63,7 @@ def has_parking_ground(mjm: mujoco.MjModel, nslot: int, where: str) -> bool:
 
 def is_parked(points: np.ndarray) -> np.ndarray:
     """Return which points [m], shape (..., 3), lie on the parking ground, shape (...), bool."""
-    return (points[..., :2] > PARKING_FROM - 0.5 * PARKING_SPACING).all(axis=-1)
+    return np.all(points[..., :2] > PARKING_FROM - 0.5 * PARKING_SPACING, axis=-1)
 
 
 def _corners(nslot: int) -> tuple[np.ndarray, np.ndarray]:
