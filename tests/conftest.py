@@ -19,8 +19,21 @@ CACHE = "SCENIRIS_GYM_CACHE"
 HERE = Path(__file__).parent
 # Tests in these folders check the compiling itself, so they compile every scene anew.
 COMPILING = {"collide", "config", "device", "geometry", "grasping", "layout", "placement", "program", "reach", "scene"}
-# The files that two workers begin with in turn: one compiles the kernels of MuJoCo-Warp, the other needs none of them.
-FIRST = ["test_examples.py", "layout/test_many_objects.py", "docs/test_guides.py", "assets/test_assets.py"]
+# The first worker begins with a file that needs nearly all kernels. The second begins with files that need none of
+# those, for as long as the first compiles: two workers that need a module at the same time both compile it.
+FIRST = [
+    "test_examples.py",
+    "importers/things/test_convex_parts.py",
+    "importers/things/test_importer.py",
+    "importers/things/test_folder.py",
+    "assets/test_assets.py",
+    "assets/test_fit.py",
+    "assets/test_grasps.py",
+    "geometry/test_colliders.py",
+    "geometry/test_resting_poses.py",
+    "reach/test_build.py",
+    "reach/test_measures.py",
+]
 
 # Processes that tests start hear Ctrl-C, also where a shell runs the tests in the background, with SIGINT ignored.
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -46,11 +59,17 @@ def pytest_configure(config: pytest.Config) -> None:
         config.option.loadscopereorder = False
 
 
+def pytest_collectstart() -> None:
+    """Collect no garbage while files are imported, nearly all of which live until the end."""
+    gc.disable()
+
+
 def pytest_collection_finish() -> None:
-    """Collect garbage less often, and skip the million imported objects that live until the end."""
+    """Collect garbage again, but less often, and skip the million imported objects that live until the end."""
     gc.collect()
     gc.freeze()
     gc.set_threshold(5_000)
+    gc.enable()
 
 
 @pytest.hookimpl(tryfirst=True)
