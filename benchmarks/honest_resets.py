@@ -92,7 +92,7 @@ class Judge:
             ContactBudgetError: there was no room for a contact or its constraint rows; names the option to increase
             RuntimeError: a contact was lost in another way
         """
-        self.randomizer.pipeline.reseed(seed=np.uint64(seed) + np.arange(self.batch.nworld, dtype=np.uint64))
+        self.randomizer.reseed(seed=np.uint64(seed) + np.arange(self.batch.nworld, dtype=np.uint64))
         self.randomizer.reset()
         in_contact, pairs = self._touching()
         fallback = self.randomizer.layouts.status.cpu().numpy() == LayoutStatus.FALLBACK

@@ -32,15 +32,16 @@ class LayoutSource(StaysHere):
         layouts: The latest layout of each world, always in the same arrays.
         split: Split of the layouts, "train" or "eval". None takes the split of the randomizer.
         hears: Whether the source uses `launch_finish`. Otherwise resets do not call it.
-        rows: Per-world arrays of a chooser, as `Chooser.rows`. Snapshots store rows of them.
         chooser: The chooser of a LayoutPipeline.
     """
 
     layouts: Layouts
     split: str | None = None
     hears: bool = False
-    rows: Mapping[str, wp.array] | None = None
     chooser: Any = None
+
+    def rows(self) -> Mapping[str, Any] | None:
+        """Return the tensors of a chooser, as `Chooser.rows` does."""
 
     def launch_make(self, mask: wp.array | None) -> None:
         """Write the next layouts of the masked worlds into the rows of `layouts.view`.

@@ -49,7 +49,7 @@ class LevelSampler(Chooser, StaysHere):
         size: Number of levels in the buffer. Waits for the device.
     """
 
-    level, boundary = (TensorView(lambda sampler, name: sampler.rows[name]) for _ in range(2))
+    level, boundary = (TensorView(lambda sampler, name: getattr(sampler._buffer, name)) for _ in range(2))
 
     def __init__(self, replay: LevelReplay, layouts: Layouts, split: str = "train") -> None:
         check_type(replay, LevelReplay, "LevelSampler: replay")
@@ -59,7 +59,6 @@ class LevelSampler(Chooser, StaysHere):
         self._device, self._since = layouts.view.qpos.device, 0
         self._stream = wp.uint32((SPLITS[self.split] << STREAM_BITS) + LEVEL_STREAM)
         self._buffer = buffer = create_buffer(replay, self.layouts.view)
-        self.rows = {"level": buffer.level, "boundary": buffer.boundary}
         if replay.adr is not None:
             set_ranges(buffer, replay.adr, self.layouts.params)
         launch_forget(buffer, None, None)
@@ -68,6 +67,10 @@ class LevelSampler(Chooser, StaysHere):
     def size(self) -> int:
         """See the class."""
         return int((self._buffer.age.numpy() >= 0).sum())
+
+    def rows(self) -> Mapping[str, Any]:
+        """See `Chooser`."""
+        return {"level": self.level, "boundary": self.boundary}
 
     def launch_choose(self, mask: wp.array | None) -> None:
         """Serve the masked worlds the levels chosen for them, and choose the levels after these."""

@@ -190,9 +190,9 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         physics: dict[str, Any] = {name: getattr(sim, name) for name in (*ROOM, "graph")}
         physics |= {name: getattr(self.task, name) for name in ("needs", "substeps", "options")}
         self.batch = batch = Batch(self.compiled.scene, num_envs, self.compiled.device, **physics)
-        words: dict[str, Any] = {"layout_source": layout_source, "split": split, "prefetch": sim.prefetch}
-        words |= {"curriculum": curriculum, "needs": self.task.needs, "graph": sim.graph}
-        self.randomizer = ResetRandomizer.of_batch(batch, self.compiled, params=params, **words)
+        served: dict[str, Any] = {"layout_source": layout_source, "split": split, "prefetch": sim.prefetch}
+        served |= {"curriculum": curriculum, "params": params, "needs": self.task.needs, "graph": sim.graph}
+        self.randomizer = ResetRandomizer.of_batch(batch, self.compiled, **served)
         self._worlds = worlds = TaskWorlds(self.task, batch, self.randomizer)
         self.split, self._redrawn = self.randomizer.split, wp.to_torch(self.randomizer.redrawer.mask)
         self.state, self.statistics, self.device = worlds.state, worlds.statistics, worlds.state.device
@@ -351,7 +351,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         """
         check_type(name, str, "set_param: name")
         with self._launching():
-            self.randomizer.pipeline.set_params({name: value}, worlds)
+            self.randomizer.set_param(name, value, worlds)
 
     def set_attr(self, name: str, values: Any) -> None:
         """Set a param (a name with a dot) or an attribute of the environment in all worlds.
@@ -377,7 +377,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
                 the episodes that ended.
         """
         if info is None:
-            return self.randomizer.pipeline.ids(self.split)
+            return self.randomizer.layout_ids()
         if not isinstance(info, Mapping) or "layout" not in info:
             raise ArgumentError("layout_ids: info should be an info of reset or step, or its 'final_info'.")
         layout = info["layout"]
@@ -399,7 +399,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             if part is None:
                 continue
             given = part.given if mask is None else part.given & mask
-            self.randomizer.pipeline.reseed(layouts=part._replace(given=given))
+            self.randomizer.reseed(layouts=part._replace(given=given))
             if part is not chosen and mask is None and isinstance(seed, int | np.integer):
                 self._np_random, self._np_random_seed = seeding.np_random(int(seed))
             elif given.any():
