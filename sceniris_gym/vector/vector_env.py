@@ -21,7 +21,7 @@ from sceniris_gym.config.settings import as_config
 from sceniris_gym.device.fixed import Fixed, StaysHere
 from sceniris_gym.device.sequence import ObjectLock, exclusive, launching
 from sceniris_gym.errors import ArgumentError, UnknownNameError, check_type
-from sceniris_gym.layout.chosen import ChosenLayouts
+from sceniris_gym.layout.chosen import ChosenLayouts, layouts_of_mapping
 from sceniris_gym.layout.masks import as_count, as_world_ids, check_mask
 from sceniris_gym.levels.curriculum import ADR, LevelReplay
 from sceniris_gym.program.compiled import CompiledScene
@@ -281,7 +281,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
                 self._worlds.reset(due.clone())  # a copy, because `on_reset` may overwrite its mask
                 self._autoreset.logical_and_(~due)
             if not self._ready:
-                self.batch.check_budget()
+                self.randomizer.check_budget()
                 self._ready = True
             observation = self._observer.flat(0) | self._observer.pictures(due)
             self.rendering.show(self.batch, self.randomizer.layouts, 0.0)
@@ -380,10 +380,9 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             return self.randomizer.layout_ids()
         if not isinstance(info, Mapping) or "layout" not in info:
             raise ArgumentError("layout_ids: info should be an info of reset or step, or its 'final_info'.")
-        layout = info["layout"]
-        params = self.randomizer.layouts.params.rows(layout.get("params", {}), self.num_envs)
-        seed, episode = (np.array(layout[name].tolist()) for name in ("seed", "episode"))
-        return self.randomizer.pipeline.ids(self.split, (seed, episode, params))
+        layout = {"params": {}, **info["layout"]}
+        found, _ = layouts_of_mapping(layout, self.randomizer.layouts, "layout_ids: info['layout']")
+        return self.randomizer.pipeline.ids(self.split, (found.seed, found.episode, found.param))
 
     def _live(self) -> dict[str, Tensor]:
         """Return all tensors whose rows a snapshot may copy, by name."""
