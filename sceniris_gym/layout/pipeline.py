@@ -94,14 +94,10 @@ class LayoutPipeline(Fixed, LayoutSource):
             check_type(chooser, Chooser, "LayoutPipeline: chooser")
             if chooser.layouts is not None and chooser.layouts is not maker.layouts:
                 raise ArgumentError("LayoutPipeline: chooser should choose for the layouts of this maker.")
-        self.maker, self.ahead, self.chooser, self.layouts = maker, ahead, chooser, maker.layouts
-        self._choices = Chooser() if chooser is None else chooser
+        self.maker, self.ahead, self.layouts = maker, ahead, maker.layouts
+        self._choices, self.chooser = (Chooser(), maker.chooser) if chooser is None else (chooser, chooser)
         self.split = maker.split or split
         self.hears = maker.hears or chooser is not None
-
-    def rows(self) -> Mapping[str, Any] | None:
-        """See `Chooser`."""
-        return (self.maker if self.chooser is None else self.chooser).rows()
 
     def launch_generate(self, mask: wp.array | None) -> None:
         """See `LayoutSource`."""
@@ -132,7 +128,7 @@ class LayoutPipeline(Fixed, LayoutSource):
 
     def after_reset(self) -> None:
         """See `LayoutSource`."""
-        for part in (self.maker, self.ahead, self.chooser):
+        for part in (self.maker, self.ahead, self._choices):
             if part is not None:
                 part.after_reset()
 

@@ -32,16 +32,13 @@ class LayoutSource(StaysHere):
         layouts: The latest layout of each world, always in the same arrays.
         split: Split of the layouts, "train" or "eval". None takes the split of the randomizer.
         hears: Whether the source uses `launch_finish`. Otherwise resets do not call it.
-        chooser: The chooser of a LayoutPipeline.
+        chooser: The chooser of a LayoutPipeline, or of the maker inside it.
     """
 
     layouts: Layouts
     split: str | None = None
     hears: bool = False
     chooser: Any = None
-
-    def rows(self) -> Mapping[str, Any] | None:
-        """Return the tensors of a chooser, as `Chooser.rows` does."""
 
     def launch_make(self, mask: wp.array | None) -> None:
         """Write the next layouts of the masked worlds into the rows of `layouts.view`.

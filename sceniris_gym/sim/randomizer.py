@@ -433,16 +433,17 @@ class ResetRandomizer(Fixed, StaysHere):
         """The torch tensors with a row for each world that snapshots store, by name."""
         from sceniris_gym.sim.snapshot import live_tensors
 
-        chooser, d = self.pipeline.rows(), self.data
-        of_layouts = (*columns(), *(NEXT if chooser is None else ()))
+        chooser, d = self.pipeline.chooser, self.data
+        chosen = None if chooser is None else chooser.rows()
+        of_layouts = (*columns(), *(NEXT if chosen is None else ()))
         rows = {f"data.{name}": getattr(d, name) for name in (*self.STATE_FIELDS, *fields_of_data("tree_awake"))}
         rows |= {f"layout.{name}": getattr(self.layouts.view, name) for name in of_layouts}
         rows |= {f"model.{name}": array for name, array in self.fields.rows.items()}
         rows |= {f"redraws.{i}": array for i, array in enumerate(self.redrawer.counts[:2])}
         rows |= {"variant": self._writer.variant}
         # new tensors, as `live_tensors` returns them
-        chosen = {f"chooser.{name}": tensor[: d.nworld] for name, tensor in (chooser or {}).items()}
-        return live_tensors(rows, d.nworld) | chosen
+        of_chooser = {f"chooser.{name}": tensor[: d.nworld] for name, tensor in (chosen or {}).items()}
+        return live_tensors(rows, d.nworld) | of_chooser
 
     @launching
     def check_budget(self) -> None:

@@ -382,7 +382,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             raise ArgumentError("layout_ids: info should be an info of reset or step, or its 'final_info'.")
         layout = {"params": {}, **info["layout"]}
         found, _ = layouts_of_mapping(layout, self.randomizer.layouts, "layout_ids: info['layout']")
-        return self.randomizer.pipeline.ids(self.split, (found.seed, found.episode, found.param))
+        keys: Any = found.seed, found.episode, found.param
+        return self.randomizer.pipeline.ids(self.split, keys)
 
     def _live(self) -> dict[str, Tensor]:
         """Return all tensors whose rows a snapshot may copy, by name."""
@@ -394,9 +395,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             # np_random_seed is -1 after a generator was assigned to np_random
             seed = arguments.fresh_seed() if self.np_random_seed == -1 else self.np_random_seed
         own = arguments.as_reset_seeds(seed, self.num_envs, self.rank, first=not self._ready, mask=mask)
-        for part in (own, chosen):
-            if part is None:
-                continue
+        for part in filter(None, (own, chosen)):
             given = part.given if mask is None else part.given & mask
             self.randomizer.reseed(layouts=part._replace(given=given))
             if part is not chosen and mask is None and isinstance(seed, int | np.integer):
