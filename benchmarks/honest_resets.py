@@ -42,7 +42,7 @@ WATCHED = 0.1
 """How long a reset is watched [s]."""
 
 LOST = OverflowType.HFIELD | OverflowType.EPA_HORIZON | OverflowType.NJMAX_NNZ
-"""Overflows that lose a contact or its effect, besides those that `Batch.check_budget` reports."""
+"""Overflows that lose a contact or its effect, besides those that `check_budget` reports."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ class Judge:
             ContactBudgetError: there was no room for a contact or its constraint rows; names the option to increase
             RuntimeError: a contact was lost in another way
         """
-        self.randomizer.pipeline.reseed(seed=np.uint64(seed) + np.arange(self.batch.nworld, dtype=np.uint64))
+        self.randomizer.reseed(seed=np.uint64(seed) + np.arange(self.batch.nworld, dtype=np.uint64))
         self.randomizer.reset()
         in_contact, pairs = self._touching()
         fallback = self.randomizer.layouts.status.cpu().numpy() == LayoutStatus.FALLBACK
@@ -134,7 +134,7 @@ class Judge:
 
     def _check_room(self) -> None:
         """Raise if a contact was lost now or since the reset."""
-        self.batch.check_budget()
+        self.randomizer.check_budget()
         lost = OverflowType(int(np.bitwise_or.reduce(self.batch.data.overflow.numpy()))) & LOST
         if lost:
             raise RuntimeError(f"MuJoCo-Warp lost contacts that it had no room for: {lost.name}.")

@@ -195,7 +195,7 @@ def compare(variant: Variant, base: SceneVectorEnv, envs: SceneVectorEnv, option
 def dropped(envs: SceneVectorEnv) -> str | None:
     """Return what was too small for contacts or rows, if anything was."""
     try:
-        envs.batch.check_budget()
+        envs.randomizer.check_budget()
     except ContactBudgetError as error:
         return str(error)
     return None

@@ -71,7 +71,7 @@ def main(options: Options) -> None:
         masks.append(torch.from_numpy(mask).to(envs.device))
     redraws = milliseconds(envs, lambda mask: envs.redraw(options.objects, mask), masks)[3:]
     redrawer = envs.randomizer.redrawer
-    kept = int(redrawer.kept.numpy()[0])
+    kept = int(redrawer.kept[0])
     resets = milliseconds(envs, lambda mask: envs.randomizer.launch_reset(wp.from_torch(mask)), masks)[3:]
     answer = {
         "worlds": options.num_envs,

@@ -78,7 +78,7 @@ class Worlds:
         self.randomizer.reset()
         for _ in range(20):
             self.batch.step()
-        self.batch.check_budget()
+        self.randomizer.check_budget()
 
     def rate(self, steps: int) -> float:
         """Return physics steps/s of all worlds."""

@@ -47,7 +47,7 @@ def main(nworld: int = 64, steps: int = 1500, device: str | None = None) -> None
 
     episode = randomizer.layouts.episode.cpu().numpy()
     print(f"{int(resets)} crates fell in {steps} steps of {nworld} worlds; episodes are now {episode[:8]}")
-    for name, causes in randomizer.pipeline.rejection_counts().items():
+    for name, causes in randomizer.rejection_counts().items():
         print(f"candidates of {name} that were rejected:", {cause: n for cause, n in causes.items() if n} or "none")
 
 

@@ -73,13 +73,14 @@ def test_an_old_attribute_is_refused_by_its_new_name(kind: type, old: str, new: 
 
 
 @pytest.mark.parametrize(
-    ("old", "new"), [("reseed", "reseed"), ("set_knob", "set_params"), ("set_params", "set_params")]
+    ("old", "new"),
+    [("set_knob", "set_param"), ("set_knobs", "set_param"), ("set_params", "set_param"), ("ids", "layout_ids")],
 )
-def test_what_a_randomizer_did_is_now_done_by_its_pipeline(old: str, new: str):
-    """The name of the pipeline comes first."""
+def test_what_sets_params_of_a_randomizer_has_the_name_of_an_environment_s(old: str, new: str):
+    """The same for ids."""
     randomizer = object.__new__(ResetRandomizer)
     randomizer.pipeline = None  # type: ignore[assignment]
-    with pytest.raises(AttributeError, match=f"^ResetRandomizer: '{old}' is now pipeline.{new}"):
+    with pytest.raises(AttributeError, match=f"^ResetRandomizer: '{old}' is now {new}"):
         getattr(randomizer, old)
 
 

@@ -1,5 +1,7 @@
 """Layouts and seeds that a user chose for some worlds, checked once on the host and expanded to one row per world."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -34,6 +36,11 @@ class ChosenLayouts(NamedTuple):
     episode: np.ndarray | None = None
     param: np.ndarray | None = None
 
+    def of_rows(self, rows: np.ndarray) -> ChosenLayouts:
+        """Return the layouts of these rows, shape (n,)."""
+        episode, param = (part if part is None else part[rows] for part in (self.episode, self.param))
+        return ChosenLayouts(self.seed[rows], self.given[rows], episode, param)
+
 
 def as_layouts(
     value: Any, layouts: Layouts, split: str, served: Served, worlds: Any = None, name: str = "layouts"
@@ -43,7 +50,7 @@ def as_layouts(
     Args:
         value: A layout id for all chosen worlds, a sequence of ids (None keeps a world's next layout), or a mapping
             with "seed", "episode" and optional "params". Other keys are ignored. A sequence has an entry for each
-            chosen world in order, or for each world.
+            chosen world in order, or for each world. ChosenLayouts are not parsed again.
         layouts: The layouts of these worlds.
         split: Split of the worlds.
         served: `LayoutSource.served` of their source.
@@ -55,11 +62,11 @@ def as_layouts(
         SceneMismatchError: An id of another scene or split.
         UnknownNameError: An id with a param that the worlds do not have.
     """
-    if isinstance(value, ChosenLayouts):
-        return value
     nworld = layouts.nworld
-    if isinstance(value, Mapping):
-        found, single = _of_mapping(value, layouts, name)
+    if isinstance(value, ChosenLayouts):
+        found, single = value, False
+    elif isinstance(value, Mapping):
+        found, single = layouts_of_mapping(value, layouts, name)
     else:
         found, single = _of_ids(value, layouts, split, served, name)
     seed, given, episode, param = found
@@ -67,12 +74,11 @@ def as_layouts(
         kept = served(split, (seed, episode, param))[1][2]
         if (kept != param)[given].any():
             raise ArgumentError(f"{name} should have the same params as the stored layouts.")
-        param = None
+        found = found._replace(param=None)
     rows = np.zeros(nworld, int) if single else entries_of_worlds(len(seed), worlds, nworld, name)
     if len(seed) == 0:  # for no worlds
         return ChosenLayouts(np.zeros(nworld, np.uint64), np.zeros(nworld, bool))
-    first, numbers = (part if part is None else part[rows] for part in (episode, param))
-    return ChosenLayouts(seed[rows], given[rows], first, numbers)
+    return found.of_rows(rows)
 
 
 def seeds_on_device(seed: Any, nworld: int, device: Any, worlds: Any = None) -> wp.array:
@@ -117,13 +123,22 @@ def entries_of_worlds(number: int, worlds: Any, nworld: int, name: str) -> np.nd
         many = f"{len(ids)}, one for each chosen world" if len(ids) < nworld else f"{nworld}, one for each world"
         raise ArgumentError(f"{name} should have a single entry, or {many}, got {number}.")
     if number == len(ids):
+        if len(np.unique(ids)) < number:
+            raise ArgumentError(f"worlds should be different, one for each entry of {name}, got {ids.tolist()}.")
         every[ids] = np.arange(number)
         every[every >= number] = 0
     return every
 
 
-def _of_mapping(value: Mapping[str, Any], layouts: Layouts, name: str) -> tuple[ChosenLayouts, bool]:
-    """Return the layouts of {"seed", "episode", "params"}, a row per entry, and whether all entries are scalars."""
+def layouts_of_mapping(value: Mapping[str, Any], layouts: Layouts, name: str) -> tuple[ChosenLayouts, bool]:
+    """Return the layouts of {"seed", "episode", "params"}, a row per entry, and whether all entries are scalars.
+
+    The arguments are as in `as_layouts`. There may be any number of entries.
+
+    Raises:
+        ArgumentError: A missing or malformed entry.
+        UnknownNameError: A param that the worlds do not have.
+    """
     if not {"seed", "episode"} <= {*value}:
         raise ArgumentError(f"{name} should have the keys 'seed' and 'episode', got {short(list(value))}.")
     given = {key: as_numbers(value[key]) for key in ("seed", "episode")}

@@ -57,7 +57,7 @@ def as_rows(rows: Any, nrow: int, nworld: int, device: Any) -> wp.array:
 
     Raises:
         ArgumentTypeError: Not integers.
-        ArgumentError: Wrong shape, or a row that does not exist (checked in sequences and numpy arrays only).
+        ArgumentError: Wrong shape, or a row that does not exist (not checked on a GPU or during a capture).
     """
     rows = _as_array(rows, "rows")
     _check_integers(rows, "rows")
@@ -78,7 +78,7 @@ def as_worlds(worlds: Any, nworld: int, device: Any, mask_out: wp.array | None =
 
     Raises:
         ArgumentTypeError: Other values than booleans or integers.
-        ArgumentError: Wrong shape, or a world that does not exist (checked in sequences and numpy arrays only). Or
+        ArgumentError: Wrong shape, or a world that does not exist (not checked on a GPU or during a capture). Or
             `nworld` integers with repetitions, which look like a mask.
     """
     if worlds is None:
@@ -178,7 +178,10 @@ def mask_of_ids(ids: wp.array, mask_out: wp.array) -> None:
 def _booleans_or_ids(worlds: Any, nworld: int) -> Any:
     """Return worlds as an array of booleans or of ids, from numpy, torch or Warp."""
     if isinstance(worlds, slice):
-        return np.arange(nworld)[worlds]
+        try:
+            return np.arange(nworld)[worlds]
+        except (TypeError, ValueError) as error:  # not integers, or a step of 0
+            raise ArgumentError(f"worlds should be a slice of integers, got {worlds}: {error}.") from None
     worlds = _as_array(worlds, "worlds")
     if not is_mask(worlds):
         _check_integers(worlds, "worlds", "booleans or ids")
@@ -218,17 +221,28 @@ def _check_integers(values: Any, name: str, wanted: str = "integers") -> None:
 
 
 def _upload_numbers(values: Any, name: str, least: int, end: int, more: str, device: Any) -> wp.array:
-    """Return integers as int32 on the device. Only numpy's are checked to be from `least` to `end - 1`."""
-    if _kind(values) == "numpy":
-        wrong = np.flatnonzero((values < least) | (values >= end))
+    """Return integers as int32 on the device. Values on the host are checked to be from `least` to `end - 1`.
+
+    Values on a GPU are not checked, because the host would wait. During a capture, they are not known yet.
+    """
+    if _is_known(values):
+        found = as_numbers(values)
+        wrong = np.flatnonzero((found < least) | (found >= end))
         if len(wrong):
-            found = values[wrong[0]]
-            raise ArgumentError(f"{name}[{wrong[0]}] should be from 0 to {end - 1}{more}, got {found}.")
+            got = found[wrong[0]]
+            raise ArgumentError(f"{name}[{wrong[0]}] should be from 0 to {end - 1}{more}, got {got}.")
+    if _kind(values) == "numpy":
         values = values.astype(np.int32)
     elif _kind(values) == "torch":
         # clamp first, because an out-of-range number must not wrap around to a valid index
         values = values.long().clamp(-1, end).int().contiguous()
     return _to_device(values, wp.int32, device)
+
+
+def _is_known(values: Any) -> bool:
+    """Return whether an array can be read at once: it is on the host, and outside of a capture."""
+    device = None if _kind(values) == "numpy" else wp.get_device(str(values.device))
+    return device is None or not (device.is_cuda or device.is_capturing)
 
 
 def _check_dense(array: Any, name: str) -> None:

@@ -24,12 +24,15 @@ class Chooser:
 
     Attributes:
         layouts: The layouts to choose for. None allows any maker.
-        rows: Per-world arrays by name, which snapshots store instead of the chosen layouts. With None, snapshots store
-            the chosen layouts.
     """
 
     layouts: Any = None
-    rows: Mapping[str, wp.array] | None = None
+
+    def rows(self) -> Mapping[str, Any] | None:
+        """Return torch tensors with a row per world, by name, which snapshots store instead of the chosen layouts.
+
+        With None, which is the default, snapshots store the chosen layouts.
+        """
 
     def launch_choose(self, mask: wp.array | None) -> None:
         """Choose the next layouts of the masked worlds, right after their present layouts were served.
@@ -69,7 +72,7 @@ class LayoutPipeline(Fixed, LayoutSource):
         FixedError: Raised on assignment to an attribute that captured graphs already use.
     """
 
-    _FIXED = ("maker", "ahead", "chooser", "layouts", "split", "hears", "rows")
+    _FIXED = ("maker", "ahead", "chooser", "layouts", "split", "hears")
 
     def __init__(
         self,
@@ -91,11 +94,10 @@ class LayoutPipeline(Fixed, LayoutSource):
             check_type(chooser, Chooser, "LayoutPipeline: chooser")
             if chooser.layouts is not None and chooser.layouts is not maker.layouts:
                 raise ArgumentError("LayoutPipeline: chooser should choose for the layouts of this maker.")
-        self.maker, self.ahead, self.chooser, self.layouts = maker, ahead, chooser, maker.layouts
-        self._choices = Chooser() if chooser is None else chooser
+        self.maker, self.ahead, self.layouts = maker, ahead, maker.layouts
+        self._choices, self.chooser = (Chooser(), maker.chooser) if chooser is None else (chooser, chooser)
         self.split = maker.split or split
         self.hears = maker.hears or chooser is not None
-        self.rows = maker.rows if chooser is None else chooser.rows
 
     def launch_generate(self, mask: wp.array | None) -> None:
         """See `LayoutSource`."""
@@ -126,7 +128,7 @@ class LayoutPipeline(Fixed, LayoutSource):
 
     def after_reset(self) -> None:
         """See `LayoutSource`."""
-        for part in (self.maker, self.ahead, self.chooser):
+        for part in (self.maker, self.ahead, self._choices):
             if part is not None:
                 part.after_reset()
 

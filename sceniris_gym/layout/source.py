@@ -32,14 +32,12 @@ class LayoutSource(StaysHere):
         layouts: The latest layout of each world, always in the same arrays.
         split: Split of the layouts, "train" or "eval". None takes the split of the randomizer.
         hears: Whether the source uses `launch_finish`. Otherwise resets do not call it.
-        rows: Per-world arrays of a chooser, as `Chooser.rows`. Snapshots store rows of them.
-        chooser: The chooser of a LayoutPipeline.
+        chooser: The chooser of a LayoutPipeline, or of the maker inside it.
     """
 
     layouts: Layouts
     split: str | None = None
     hears: bool = False
-    rows: Mapping[str, wp.array] | None = None
     chooser: Any = None
 
     def launch_make(self, mask: wp.array | None) -> None:

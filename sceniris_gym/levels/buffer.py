@@ -307,11 +307,8 @@ def create_buffer(replay: LevelReplay, layouts: LayoutsView) -> Buffer:
     for level, boundary in ((buffer.level, buffer.boundary), (buffer.next_level, buffer.next_boundary)):
         level.fill_(FRESH)
         boundary.fill_(NO_END)
-    buffer.next_seed, buffer.next_episode, buffer.next_param = (
-        layouts.next_seed,
-        layouts.next_episode,
-        layouts.next_param,
-    )
+    for name in ("next_seed", "next_episode", "next_param"):
+        setattr(buffer, name, getattr(layouts, name))
     buffer.base, buffer.base_param = wp.clone(layouts.next_seed), wp.clone(layouts.next_param)
     buffer.score, buffer.alpha = SCORES.index(replay.score), replay.alpha
     return buffer

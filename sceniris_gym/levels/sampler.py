@@ -49,7 +49,7 @@ class LevelSampler(Chooser, StaysHere):
         size: Number of levels in the buffer. Waits for the device.
     """
 
-    level, boundary = (TensorView(lambda sampler, name: sampler.rows[name]) for _ in range(2))
+    level, boundary = (TensorView(lambda sampler, name: getattr(sampler._buffer, name)) for _ in range(2))
 
     def __init__(self, replay: LevelReplay, layouts: Layouts, split: str = "train") -> None:
         check_type(replay, LevelReplay, "LevelSampler: replay")
@@ -59,7 +59,6 @@ class LevelSampler(Chooser, StaysHere):
         self._device, self._since = layouts.view.qpos.device, 0
         self._stream = wp.uint32((SPLITS[self.split] << STREAM_BITS) + LEVEL_STREAM)
         self._buffer = buffer = create_buffer(replay, self.layouts.view)
-        self.rows = {"level": buffer.level, "boundary": buffer.boundary}
         if replay.adr is not None:
             set_ranges(buffer, replay.adr, self.layouts.params)
         launch_forget(buffer, None, None)
@@ -68,6 +67,10 @@ class LevelSampler(Chooser, StaysHere):
     def size(self) -> int:
         """See the class."""
         return int((self._buffer.age.numpy() >= 0).sum())
+
+    def rows(self) -> Mapping[str, Any]:
+        """See `Chooser`."""
+        return {"level": self.level, "boundary": self.boundary}
 
     def launch_choose(self, mask: wp.array | None) -> None:
         """Serve the masked worlds the levels chosen for them, and choose the levels after these."""
@@ -172,10 +175,13 @@ class LevelSampler(Chooser, StaysHere):
         found[0] = found[0].clip(FROM_BANK, FRESH) if are_new else found[0]
         arrays = [*map(self._column, found, (wp.int32, wp.uint64, wp.int32, wp.float32))]
         rows = self.layouts.params.rows(given.get("params", {}), shapes[0][0])
-        mask = self._mask_of(worlds, len(rows), where)
+        nworld = self.layouts.nworld
+        if worlds is not None and len(rows) != nworld:
+            raise ArgumentError(f"{where}: layouts should have a row for each of {nworld} worlds, got {len(rows)}.")
+        mask = as_worlds(worlds, nworld, self._device)
         if are_new:
             launch_refresh(self._buffer, self.replay)
-        most = min(self.layouts.nworld, self._buffer.vacant.shape[0])  # each row of a launch has separate slots
+        most = min(nworld, self._buffer.vacant.shape[0])  # each row of a launch has separate slots
         for first in range(0, len(rows), most):
             part = slice(first, min(first + most, len(rows)))
             param = wp.array(rows[part], dtype=float, ndim=2, device=self._device)
@@ -183,13 +189,6 @@ class LevelSampler(Chooser, StaysHere):
             launch_update(self._buffer, Episodes(*(array[part] for array in arrays), param=param, mask=chosen))
             if are_new:
                 launch_refresh(self._buffer, self.replay)
-
-    def _mask_of(self, worlds: Any, nrow: int, where: str) -> wp.array | None:
-        """Return a mask of the rows of some worlds, shape (nworld,), bool, or None for all rows."""
-        nworld = self.layouts.nworld
-        if worlds is not None and nrow != nworld:
-            raise ArgumentError(f"{where}: layouts should have a row for each of {nworld} worlds, got {nrow}.")
-        return as_worlds(worlds, nworld, self._device)
 
     def _named(self, ids: Any, name: str) -> dict[str, Any]:
         """Return the layouts of ids as a mapping."""

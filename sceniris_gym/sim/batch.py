@@ -15,7 +15,7 @@ from sceniris_gym.errors import as_names, check_names
 from sceniris_gym.layout.masks import as_count
 from sceniris_gym.program.checks.simulation import check_memory, put_simulated
 from sceniris_gym.scene.model import SceneModel
-from sceniris_gym.sim.budget import check_budget, default_budget
+from sceniris_gym.sim.budget import default_budget
 from sceniris_gym.sim.model_fields import ModelFields, widen
 from sceniris_gym.sim.variants import fields_of_variants
 from sceniris_gym.sim.versions import room_for_dofs, silence_iterations
@@ -151,10 +151,6 @@ class Batch(Fixed):
         self.substeps, self._update = substeps, partial(updater(needs), self.model, self.data)
         self.update = LaunchSequence(self._update, self.device, graph=graph).replay
         self.step = LaunchSequence(self._launch_step, self.device, graph=graph).replay
-
-    def check_budget(self) -> None:
-        """Check that the contacts and constraint rows fit the allocated memory. See `sim.budget.check_budget`."""
-        check_budget(self.model, self.data)
 
     def _launch_step(self) -> None:
         for _ in range(self.substeps):

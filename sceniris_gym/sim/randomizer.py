@@ -96,8 +96,7 @@ class ResetRandomizer(Fixed, StaysHere):
         graph: Capture the reset into a graph and replay it.
 
     Attributes:
-        pipeline: The LayoutPipeline that makes, prefetches and chooses the layouts. Use its `reseed`, `set_params`,
-            `ids` and `rejection_counts`.
+        pipeline: The LayoutPipeline that makes, prefetches and chooses the layouts.
         layouts: The latest layouts, one row per world.
         levels: The LevelSampler of the curriculum, or None.
         split: The split of the layouts.
@@ -138,8 +137,8 @@ class ResetRandomizer(Fixed, StaysHere):
         made.__init__(compiled, batch.model, batch.data, **arguments)
         return made
 
-    redraw_count = TensorView(lambda randomizer, name: randomizer.redrawer.number)
-    redraw_status = TensorView(lambda randomizer, name: randomizer.redrawer.status)
+    redraw_count = TensorView(lambda randomizer, name: randomizer.redrawer.counts.number)
+    redraw_status = TensorView(lambda randomizer, name: randomizer.redrawer.counts.status)
     variants = TensorView(lambda randomizer, name: randomizer._writer.variant)
 
     @launching
@@ -192,7 +191,7 @@ class ResetRandomizer(Fixed, StaysHere):
         )
         self.redrawer = Redrawer(simulation, self.layouts, alone=not needs, graph=graph)
         whole = scope == "world"
-        self._writer = ResetWriter(simulation, self.fields, self._mask, whole=whole, count=self.redrawer.number)
+        self._writer = ResetWriter(simulation, self.fields, self._mask, whole=whole, count=self.redrawer.counts.number)
         self._reset_graph = LaunchSequence(self._launch_reset, self.device, graph=graph)
         self._refresh_graph = LaunchSequence(self._launch_refresh, self.device, graph=graph)
 
@@ -216,7 +215,7 @@ class ResetRandomizer(Fixed, StaysHere):
         """
         self.fields.check()
         if seed is not None or layouts is not None:
-            self.pipeline.reseed(worlds, seed=seed, layouts=layouts)
+            self.reseed(worlds, seed=seed, layouts=layouts)
         self.launch_reset(as_worlds(worlds, self.data.nworld, self.device, self._mask))
 
     def launch_reset(self, mask: wp.array | None) -> None:
@@ -229,6 +228,22 @@ class ResetRandomizer(Fixed, StaysHere):
         fill_mask(mask, self._mask)
         self._reset_graph.replay()
         self.pipeline.after_reset()
+
+    def reseed(self, worlds: Any = None, *, seed: Any = None, layouts: Any = None) -> None:
+        """Choose the next layouts of worlds, as `reset` does, without a reset. See `LayoutSource.reseed`."""
+        self.pipeline.reseed(worlds, seed=seed, layouts=layouts)
+
+    def set_param(self, name: str, value: Any, worlds: Any = None) -> None:
+        """Set a param of worlds, from their next layouts on. See `LayoutSource.set_params`."""
+        self.pipeline.set_params({name: value}, worlds)
+
+    def layout_ids(self) -> list[str]:
+        """Return the ids of the present layouts, one per world. Waits for the device."""
+        return self.pipeline.ids(self.split)
+
+    def rejection_counts(self) -> dict[str, dict[str, int]]:
+        """Return the number of rejected candidates so far, by object and cause. Waits for the device."""
+        return self.pipeline.rejection_counts()
 
     @launching
     def redraw(self, objects: str | Sequence[str], worlds: Any = None) -> None:
@@ -391,7 +406,6 @@ class ResetRandomizer(Fixed, StaysHere):
         chosen = None if worlds is None else as_world_ids(worlds, self.data.nworld)
         with on_warp_stream(self.device), wp.ScopedDevice(self.device):
             self._put_back(snapshot, self._live, chosen, "ResetRandomizer.restore: snapshot")
-            self._writer.contacts.launch_drop()  # and with them the NaNs of a broken world's constraint rows
             self._update()
 
     def _put_back(self, snapshot: Any, live: Mapping[str, Any], worlds: np.ndarray | None, name: str) -> Any:
@@ -406,6 +420,7 @@ class ResetRandomizer(Fixed, StaysHere):
             reader.launch(self._mask)
             variants.launch(poses_of(reader.state), self._mask, reader.state.present)
             put(snapshot, live, worlds, name)  # the model has the nominal values of its variants now
+        self._writer.contacts.launch_drop()  # and with them the NaNs of a broken world's constraint rows
         return restored
 
     @property
@@ -418,14 +433,17 @@ class ResetRandomizer(Fixed, StaysHere):
         """The torch tensors with a row for each world that snapshots store, by name."""
         from sceniris_gym.sim.snapshot import live_tensors
 
-        chooser, d = self.pipeline.rows, self.data
-        of_layouts = (*columns(), *(NEXT if chooser is None else ()))
+        chooser, d = self.pipeline.chooser, self.data
+        chosen = None if chooser is None else chooser.rows()
+        of_layouts = (*columns(), *(NEXT if chosen is None else ()))
         rows = {f"data.{name}": getattr(d, name) for name in (*self.STATE_FIELDS, *fields_of_data("tree_awake"))}
         rows |= {f"layout.{name}": getattr(self.layouts.view, name) for name in of_layouts}
         rows |= {f"model.{name}": array for name, array in self.fields.rows.items()}
-        rows |= {f"chooser.{name}": array for name, array in (chooser or {}).items()}
-        rows |= {"redraws.0": self.redrawer.number, "redraws.1": self.redrawer.status, "variant": self._writer.variant}
-        return live_tensors(rows, d.nworld)
+        rows |= {f"redraws.{i}": array for i, array in enumerate(self.redrawer.counts[:2])}
+        rows |= {"variant": self._writer.variant}
+        # new tensors, as `live_tensors` returns them
+        of_chooser = {f"chooser.{name}": tensor[: d.nworld] for name, tensor in (chosen or {}).items()}
+        return live_tensors(rows, d.nworld) | of_chooser
 
     @launching
     def check_budget(self) -> None:

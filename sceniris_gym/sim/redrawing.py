@@ -9,6 +9,7 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.device.sequence import LaunchSequence
+from sceniris_gym.device.tensors import TensorView
 from sceniris_gym.errors import ArgumentError, as_names
 from sceniris_gym.layout.generate import make_redraw
 from sceniris_gym.layout.layouts import Layouts, LayoutsView
@@ -42,6 +43,7 @@ class Redrawer:
 
     Attributes:
         mask: The worlds of the latest redraw, shape (nworld,), bool. Passing it to `launch` avoids a copy.
+        counts: The Warp arrays of `number`, `status` and `kept`.
         number: Redraws of each world since its reset, shape (nworld,), int32.
         status: `LayoutStatus` of each world's latest redraw, VALID or KEPT, or NONE before the first redraw, shape
             (nworld,), int32.
@@ -49,13 +51,15 @@ class Redrawer:
         prepared: Launches by the tuple of object names that the caller passed.
     """
 
+    number, status, kept = (TensorView(lambda redrawer, name: getattr(redrawer.counts, name)) for _ in range(3))
+
     def __init__(self, simulation: Simulation, layouts: Layouts, *, alone: bool = False, graph: bool) -> None:
         self._simulation, self._layouts, self._alone, self._graph = simulation, layouts, alone, graph
         self._where = f"{simulation.compiled.config.where}: redraw"  # reading a config attribute takes 10 us
         self.prepared: dict[tuple[str, ...], LaunchSequence] = {}
         nworld, self._device = simulation.data.nworld, simulation.data.qpos.device
         self.mask = wp.zeros(nworld, dtype=wp.bool, device=self._device)
-        self.number, self.status, self.kept = self._counts = RedrawCounts.zeros(nworld, self._device)
+        self.counts = RedrawCounts.zeros(nworld, self._device)
 
     def launch(self, objects: str | Sequence[str], mask: wp.array | None) -> None:
         """Redraw objects in the masked worlds. The first call for a set of objects prepares their search.
@@ -101,7 +105,7 @@ class Redrawer:
         def launches() -> None:
             if reader is not None:
                 reader.launch(self.mask)
-            redraw.launch(state, self.mask, self._counts, simulation.origins)
+            redraw.launch(state, self.mask, self.counts, simulation.origins)
             poses = poses_of(found.view)
             writer.launch(poses if variants is None else variants.launch(poses, redraw.placed))
             if trees.shape[0] > 0:

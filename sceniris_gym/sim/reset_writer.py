@@ -188,8 +188,8 @@ class ResetWriter:
         bodies = None if whole else [body for name in scene.bodies for body in scene.subtree(name)]
         self.contacts = ContactList(d, mask)
         close_grippers(simulation.rest, compiled)
-        words = {"bodies": bodies, "origins": simulation.origins, "plastic": plastic, "count": count}
-        self._writer = StateWriter(mjm, d, mask, simulation.rest, **words)
+        written = {"bodies": bodies, "origins": simulation.origins, "plastic": plastic, "count": count}
+        self._writer = StateWriter(mjm, d, mask, simulation.rest, **written)
 
     def launch(self, layouts: LayoutsView, rows: wp.array | None = None) -> None:
         """Write layouts into the masked worlds.

@@ -57,17 +57,13 @@ def make_pipeline(
         ArgumentTypeError: `layout_source`, `curriculum` or `prefetch` is of another type.
         ArgumentError: Both a source and `prefetch` or `params`, or a stream of another device.
     """
+    check_prefetch(prefetch, f"{where}: prefetch")
     replay = as_curriculum(curriculum, f"{where}: curriculum")
     if replay is not None and replay.adr is not None:
         params = (*as_names(params, "params"), *replay.adr.init_range)
     if layout_source is None:
         layout_source = LayoutGenerator(compiled, nworld, seed=seed, split=split, params=params)
         prefetch = wp.get_device(compiled.device).is_cuda if prefetch is None else prefetch
-        if not isinstance(prefetch, bool | wp.Stream):
-            raise ArgumentTypeError(
-                f"{where}: prefetch should be a boolean, a wp.Stream or None, got {type(prefetch)}. "
-                "wp.stream_from_torch(stream) converts a torch stream into a wp.Stream."
-            )
     elif prefetch or params:
         raise ArgumentError(
             f"{where}: prefetch and params only apply without a layout_source. Give either them or a layout_source, "
@@ -80,6 +76,19 @@ def make_pipeline(
     split = layout_source.split or split
     sampler = None if replay is None else LevelSampler(replay, layout_source.layouts, split)
     return LayoutPipeline(layout_source, split, ahead=ahead, chooser=sampler), sampler
+
+
+def check_prefetch(prefetch: Any, where: str) -> None:
+    """Check that `prefetch` is a boolean, a wp.Stream or None.
+
+    Raises:
+        ArgumentTypeError: Another type.
+    """
+    if not isinstance(prefetch, bool | wp.Stream | None):
+        raise ArgumentTypeError(
+            f"{where} should be a boolean, a wp.Stream or None, got {type(prefetch)}. "
+            "wp.stream_from_torch(stream) converts a torch stream into a wp.Stream."
+        )
 
 
 def as_layout_source(given: Any, compiled: CompiledScene, nworld: int, where: str) -> LayoutSource:

@@ -175,8 +175,8 @@ class VariantWriter:
             rows: Row of `poses` for each masked world, shape (nworld,), int32. None gives world i row i.
         """
         inputs = [self.places, *self._words, *self._masses, mask, rows, present, poses]
-        words = {"outputs": [self.variant, self._poses, self._subtreemass], "block_dim": _LANES}
-        wp.launch_tiled(_write_variants, dim=[self.variant.shape[0]], inputs=inputs, **words, device=self._device)
+        arrays = {"inputs": inputs, "outputs": [self.variant, self._poses, self._subtreemass]}
+        wp.launch_tiled(_write_variants, dim=[self.variant.shape[0]], **arrays, block_dim=_LANES, device=self._device)
         return self._poses
 
 
@@ -300,5 +300,5 @@ class VariantReader:
 
     def launch(self, mask: wp.array) -> None:
         """Read the masked worlds into `state`. The mask has shape (nworld,), bool."""
-        words = {"inputs": [*self._inputs, mask], "outputs": [self.state], "block_dim": _LANES}
-        wp.launch_tiled(_read_worlds, dim=[self._nworld], **words, device=self._device)
+        arrays = {"inputs": [*self._inputs, mask], "outputs": [self.state]}
+        wp.launch_tiled(_read_worlds, dim=[self._nworld], **arrays, block_dim=_LANES, device=self._device)

@@ -222,8 +222,8 @@ class Run:
                 kept = {k: v.cpu() if isinstance(v, torch.Tensor) else v for k, v in progress["levels"].items()}
                 randomizer.levels.restore({name: np.asarray(values) for name, values in kept.items()})
             else:
-                pipeline = randomizer.pipeline
-                pipeline.reseed(layouts={"seed": pipeline.layouts.seed, "episode": progress["episode"] + 1})
+                seed = randomizer.layouts.seed
+                randomizer.reseed(layouts={"seed": seed, "episode": progress["episode"] + 1})
             self.env.reset()  # starts the next episodes
             self.env.episode_length_buf = progress["elapsed"].to(device)
         # not the same action noise as at the start of the run

@@ -9,11 +9,11 @@ import torch
 from gymnasium.vector import VectorEnv
 from torch import Tensor
 
-from sceniris_gym.config.fields import short
 from sceniris_gym.device.fixed import RefusesOldNames
 from sceniris_gym.errors import ArgumentError, refuses_old_names
+from sceniris_gym.layout.chosen import layouts_of_mapping
 from sceniris_gym.layout.layout_id import LayoutId
-from sceniris_gym.layout.masks import as_count, as_numbers
+from sceniris_gym.layout.masks import as_count
 from sceniris_gym.vector.arguments import LAYOUTS
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 
@@ -54,7 +54,8 @@ def evaluate(
             be unfinished, so reset `envs` before further use.
         layouts: A layout id or several, of the scene and split of `envs`. Alternatively `info["layout"]`, or
             a mapping with `seed`, `episode` and optional `params` of any length. Or a number n for episode 0 of the
-            seeds 0 to n - 1, which are rows of stored layouts. None is `num_envs`.
+            seeds 0 to n - 1, which are rows of stored layouts. None is `num_envs`. If `envs` has a curriculum, layouts
+            without `params` have the scene file's values, and the curriculum counts the episodes.
 
     Returns:
         A result for each layout, in the same order.
@@ -91,18 +92,12 @@ def _batches(layouts: Any, inner: SceneVectorEnv) -> Iterator[tuple[Any, int]]:
         return
     if not isinstance(layouts, Mapping):
         layouts = {"seed": np.arange(number if layouts is None else as_count(layouts, where, 0)), "episode": 0}
-    found = [np.atleast_1d(as_numbers(layouts.get(key))) for key in ("seed", "episode")]
-    if any(each.ndim != 1 for each in found) or len({len(each) for each in found} - {1}) > 1:
-        raise ArgumentError(
-            f"{where} should have integers of one length as 'seed' and 'episode', got {short(layouts)}."
-        )
-    seed, episode = np.broadcast_arrays(*found)
-    table = inner.randomizer.layouts.params
-    param = table.rows(layouts["params"], len(seed)) if "params" in layouts else None
-    for first in range(0, len(seed), number):
-        rows = np.minimum(np.arange(first, first + number), len(seed) - 1)
-        params = {} if param is None else {"params": table.named(param[rows])}
-        yield {"seed": seed[rows], "episode": episode[rows], **params}, min(number, len(seed) - first)
+    if inner.randomizer.levels is not None:  # not the values that the curriculum has reached
+        layouts = {"params": {}, **layouts}
+    found, _ = layouts_of_mapping(layouts, inner.randomizer.layouts, where)
+    for first in range(0, len(found.seed), number):
+        rows = np.minimum(np.arange(first, first + number), len(found.seed) - 1)
+        yield found.of_rows(rows), min(number, len(found.seed) - first)
 
 
 def _run(policy: Callable[[Any], Any], envs: VectorEnv, inner: SceneVectorEnv, layouts: Any) -> list[EpisodeResult]:

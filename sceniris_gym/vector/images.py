@@ -9,6 +9,7 @@ import warp as wp
 from gymnasium import spaces
 from torch import Tensor
 
+from sceniris_gym.errors import ArgumentError
 from sceniris_gym.pictures.camera import Cameras
 from sceniris_gym.pictures.context import Looks, Shot
 from sceniris_gym.sim.batch import Batch
@@ -100,6 +101,11 @@ def as_channels(pictures: Mapping[str, Tensor]) -> Tensor:
 
     Colours are scaled to [0, 1]. Distances [m] and segmentation values do not change. The channels have the order of
     the pictures.
+
+    Raises:
+        ArgumentError: There are no pictures.
     """
+    if not pictures:
+        raise ArgumentError("as_channels: pictures should have at least one kind, such as 'rgb', got none.")
     parts = [image / 255.0 if kind == "rgb" else image.float() for kind, image in pictures.items()]
     return torch.cat(parts, dim=3).permute(0, 3, 1, 2)

@@ -8,15 +8,16 @@ import warp as wp
 
 from sceniris_gym.config.fields import short
 from sceniris_gym.config.settings import as_config
-from sceniris_gym.errors import ArgumentError, ArgumentTypeError, check_names, check_type
+from sceniris_gym.errors import ArgumentError, check_names, check_type
 from sceniris_gym.layout.masks import as_count
 from sceniris_gym.pictures.context import CHANNELS, Looks, Shot
+from sceniris_gym.sim.sources import check_prefetch
 
 ROOM = ("nconmax", "njmax", "nvmax")
 """Fields of SimConfig that depend on the scene."""
 _Settings = TypeVar("_Settings", bound="SimConfig | ImageConfig")
 _MOST_PIXELS = 1 << 14  # along an edge
-_WORDS = ("size", "data", "shadows", "thin")
+_SETTINGS = ("size", "data", "shadows", "thin")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,9 +52,7 @@ class SimConfig:
                 as_count(getattr(self, name), f"sim_config: {name}")
         for name in ("graph", "copy"):
             check_type(getattr(self, name), bool, f"sim_config: {name}")
-        if not isinstance(self.prefetch, bool | wp.Stream | None):
-            form = "a boolean, a wp.Stream or None"
-            raise ArgumentTypeError(f"sim_config: prefetch should be {form}, got {type(self.prefetch)}.")
+        check_prefetch(self.prefetch, "sim_config: prefetch")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -151,22 +150,22 @@ def as_shots(images: Any) -> dict[str, tuple[Shot, Looks]]:
     if not isinstance(images, Mapping) or not images or not all(isinstance(v, Mapping) for v in images.values()):
         form = "{'camera': {'size': (width, height), 'data': ('rgb',)}}"
         raise ArgumentError(f"images should be {form}, or None, got {short(images)}.")
-    return {str(name): _as_shot(words, f"images[{name!r}]") for name, words in images.items()}
+    return {str(name): _as_shot(settings, f"images[{name!r}]") for name, settings in images.items()}
 
 
-def _as_shot(words: Mapping[str, Any], where: str) -> tuple[Shot, Looks]:
-    check_names("word", words, where, _WORDS)
-    if "size" not in words:
+def _as_shot(settings: Mapping[str, Any], where: str) -> tuple[Shot, Looks]:
+    check_names("word", settings, where, _SETTINGS)
+    if "size" not in settings:
         raise ArgumentError(f"{where} should have a 'size', (width, height) in pixels.")
-    data = words.get("data", ("rgb",))
+    data = settings.get("data", ("rgb",))
     kinds = tuple(data) if isinstance(data, Collection) and not isinstance(data, str) else (data,)
     check_names("kind of picture", kinds, f"{where}['data']", CHANNELS)
     if not kinds:
         raise ArgumentError(f"{where}['data'] should have at least one of {', '.join(CHANNELS)}.")
-    flags = {word: words.get(word, False) for word in ("shadows", "thin")}
+    flags = {word: settings.get(word, False) for word in ("shadows", "thin")}
     for word, value in flags.items():
         check_type(value, bool, f"{where}['{word}']")
-    return Shot(as_size(words["size"], f"{where}['size']"), tuple(dict.fromkeys(kinds))), Looks(**flags)
+    return Shot(as_size(settings["size"], f"{where}['size']"), tuple(dict.fromkeys(kinds))), Looks(**flags)
 
 
 def as_size(value: Any, name: str) -> tuple[int, int]:

@@ -1,5 +1,6 @@
 """`SceneEnv`: one world of a task as a Gymnasium environment, for `gymnasium.make`."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import gymnasium
@@ -7,6 +8,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from sceniris_gym.device.fixed import Fixed
+from sceniris_gym.sim.snapshot import Snapshot
 from sceniris_gym.vector.rendering import RENDER_MODES
 from sceniris_gym.vector.task import Task
 from sceniris_gym.vector.vector_env import SceneVectorEnv
@@ -35,7 +37,7 @@ class SceneEnv(Fixed, gymnasium.Env):
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Give the world a fresh layout: episode 0 of `seed`, or the next episode if `seed` is None.
 
-        options={"layouts": id} selects the layout with this id.
+        options={"layouts": id} selects the layout with this id, and {"state": snapshot} restores a snapshot.
         """
         observation, info = self.envs.reset(seed=seed, options=options)
         if seed is not None:
@@ -45,6 +47,18 @@ class SceneEnv(Fixed, gymnasium.Env):
     def set_param(self, name: str, value: Any) -> None:
         """Change a part of the scene file from the next layout on, as `SceneVectorEnv.set_param` does."""
         self.envs.set_param(name, value)
+
+    def layout_id(self) -> str:
+        """Return the id of the present layout, for `reset(options={"layouts": id})`."""
+        return self.envs.layout_ids()[0]
+
+    def redraw(self, objects: str | Sequence[str]) -> None:
+        """Give objects new places in the middle of the episode, as `SceneVectorEnv.redraw` does."""
+        self.envs.redraw(objects)
+
+    def snapshot(self) -> Snapshot:
+        """Copy the state of the world, for `reset(options={"state": snapshot})`."""
+        return self.envs.snapshot()
 
     def set_wrapper_attr(self, name: str, value: Any, *, force: bool = True) -> bool:
         """Set a param (a name with a dot) or an attribute. Gymnasium's SyncVectorEnv.set_attr calls this method."""

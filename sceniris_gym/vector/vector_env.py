@@ -21,7 +21,7 @@ from sceniris_gym.config.settings import as_config
 from sceniris_gym.device.fixed import Fixed, StaysHere
 from sceniris_gym.device.sequence import ObjectLock, exclusive, launching
 from sceniris_gym.errors import ArgumentError, UnknownNameError, check_type
-from sceniris_gym.layout.chosen import ChosenLayouts
+from sceniris_gym.layout.chosen import ChosenLayouts, layouts_of_mapping
 from sceniris_gym.layout.masks import as_count, as_world_ids, check_mask
 from sceniris_gym.levels.curriculum import ADR, LevelReplay
 from sceniris_gym.program.compiled import CompiledScene
@@ -190,9 +190,9 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         physics: dict[str, Any] = {name: getattr(sim, name) for name in (*ROOM, "graph")}
         physics |= {name: getattr(self.task, name) for name in ("needs", "substeps", "options")}
         self.batch = batch = Batch(self.compiled.scene, num_envs, self.compiled.device, **physics)
-        words: dict[str, Any] = {"layout_source": layout_source, "split": split, "prefetch": sim.prefetch}
-        words |= {"curriculum": curriculum, "needs": self.task.needs, "graph": sim.graph}
-        self.randomizer = ResetRandomizer.of_batch(batch, self.compiled, params=params, **words)
+        served: dict[str, Any] = {"layout_source": layout_source, "split": split, "prefetch": sim.prefetch}
+        served |= {"curriculum": curriculum, "params": params, "needs": self.task.needs, "graph": sim.graph}
+        self.randomizer = ResetRandomizer.of_batch(batch, self.compiled, **served)
         self._worlds = worlds = TaskWorlds(self.task, batch, self.randomizer)
         self.split, self._redrawn = self.randomizer.split, wp.to_torch(self.randomizer.redrawer.mask)
         self.state, self.statistics, self.device = worlds.state, worlds.statistics, worlds.state.device
@@ -281,7 +281,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
                 self._worlds.reset(due.clone())  # a copy, because `on_reset` may overwrite its mask
                 self._autoreset.logical_and_(~due)
             if not self._ready:
-                self.batch.check_budget()
+                self.randomizer.check_budget()
                 self._ready = True
             observation = self._observer.flat(0) | self._observer.pictures(due)
             self.rendering.show(self.batch, self.randomizer.layouts, 0.0)
@@ -351,7 +351,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         """
         check_type(name, str, "set_param: name")
         with self._launching():
-            self.randomizer.pipeline.set_params({name: value}, worlds)
+            self.randomizer.set_param(name, value, worlds)
 
     def set_attr(self, name: str, values: Any) -> None:
         """Set a param (a name with a dot) or an attribute of the environment in all worlds.
@@ -377,13 +377,13 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
                 the episodes that ended.
         """
         if info is None:
-            return self.randomizer.pipeline.ids(self.split)
+            return self.randomizer.layout_ids()
         if not isinstance(info, Mapping) or "layout" not in info:
             raise ArgumentError("layout_ids: info should be an info of reset or step, or its 'final_info'.")
-        layout = info["layout"]
-        params = self.randomizer.layouts.params.rows(layout.get("params", {}), self.num_envs)
-        seed, episode = (np.array(layout[name].tolist()) for name in ("seed", "episode"))
-        return self.randomizer.pipeline.ids(self.split, (seed, episode, params))
+        layout = {"params": {}, **info["layout"]}
+        found, _ = layouts_of_mapping(layout, self.randomizer.layouts, "layout_ids: info['layout']")
+        keys: Any = found.seed, found.episode, found.param
+        return self.randomizer.pipeline.ids(self.split, keys)
 
     def _live(self) -> dict[str, Tensor]:
         """Return all tensors whose rows a snapshot may copy, by name."""
@@ -395,11 +395,9 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             # np_random_seed is -1 after a generator was assigned to np_random
             seed = arguments.fresh_seed() if self.np_random_seed == -1 else self.np_random_seed
         own = arguments.as_reset_seeds(seed, self.num_envs, self.rank, first=not self._ready, mask=mask)
-        for part in (own, chosen):
-            if part is None:
-                continue
+        for part in filter(None, (own, chosen)):
             given = part.given if mask is None else part.given & mask
-            self.randomizer.pipeline.reseed(layouts=part._replace(given=given))
+            self.randomizer.reseed(layouts=part._replace(given=given))
             if part is not chosen and mask is None and isinstance(seed, int | np.integer):
                 self._np_random, self._np_random_seed = seeding.np_random(int(seed))
             elif given.any():

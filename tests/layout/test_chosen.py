@@ -93,3 +93,16 @@ def test_what_names_no_layouts_is_refused(empty: CompiledScene, words: dict[str,
     with pytest.raises(error, match=match):
         generator.reseed(HALF, **words)
     assert _next(generator) == [(i, 0) for i in range(4)]
+
+
+def test_a_world_with_two_entries_is_refused(empty: CompiledScene):
+    """Of seeds or layouts. A single entry, or an entry for each world, leaves no doubt."""
+    generator = LayoutGenerator(empty, 4)
+    ids = [empty.layout_id(9, 5), empty.layout_id(9, 6)]
+    for name, words in (("seed", {"seed": [5, 6]}), ("layouts", {"layouts": ids})):
+        with pytest.raises(ArgumentError, match=rf"worlds should be different, .* of {name}, got \[1, 1\]"):
+            generator.reseed([1, 1], **words)
+    assert _next(generator) == [(i, 0) for i in range(4)]
+    generator.reseed([1, 1], layouts=ids[0])
+    generator.reseed([2, 2], seed=[5, 6, 7, 8])
+    assert _next(generator) == [(0, 0), (9, 5), (7, 0), (3, 0)]

@@ -158,6 +158,8 @@ def test_integers_that_look_like_a_mask_are_refused(make):
         ([0.5], ArgumentTypeError, "worlds should hold booleans or ids, got float64"),
         ("here", ArgumentTypeError, "worlds should hold booleans or ids, got <U4"),
         ([[0], [0, 1]], ArgumentTypeError, "worlds should be integers"),
+        (slice("a", None), ArgumentError, r"worlds should be a slice of integers, got slice\('a', None, None\): "),
+        (slice(0, 2, 0), ArgumentError, r"worlds should be a slice of integers, got slice\(0, 2, 0\): "),
     ],
 )
 def test_what_are_no_worlds_is_named(worlds: Any, error: type[Exception], words: str):
@@ -165,6 +167,30 @@ def test_what_are_no_worlds_is_named(worlds: Any, error: type[Exception], words:
     for take in (lambda: as_worlds(worlds, 3, CPU), lambda: as_world_ids(worlds, 3)):
         with pytest.raises(error, match=words):
             take()
+
+
+@pytest.mark.parametrize("make", [torch.tensor, lambda ids: wp.array(ids, dtype=int, device="cpu")])
+def test_ids_and_rows_that_do_not_exist_are_refused_on_the_host(make):
+    """By their place, in tensors and Warp arrays as in lists. A capture does not know them yet."""
+    for wrong in (7, -2):
+        with pytest.raises(ArgumentError, match=rf"worlds\[1\] should be from 0 to 4, got {wrong}"):
+            as_worlds(make([0, wrong]), 5, CPU)
+        with pytest.raises(ArgumentError, match=rf"rows\[1\] should be from 0 to 4, or -1 for none, got {wrong}"):
+            as_rows(make([0, wrong]), 5, 2, CPU)
+    ids, memory = wp.array([0, 7], dtype=int, device="cpu"), wp.zeros(5, dtype=wp.bool, device="cpu")
+    with wp.ScopedCapture(CPU) as capture:
+        as_worlds(ids, 5, CPU, memory)
+    ids.assign([3, 9])
+    wp.capture_launch(capture.graph)
+    assert np.flatnonzero(memory.numpy()).tolist() == [3]
+
+
+@pytest.mark.cuda
+def test_ids_on_a_gpu_are_not_read():
+    """Worlds that do not exist are passed over."""
+    mask = as_worlds(torch.tensor([0, 7], device="cuda:0"), 5, "cuda:0")
+    assert mask is not None
+    assert np.flatnonzero(mask.numpy()).tolist() == [0]
 
 
 @pytest.mark.parametrize(

@@ -144,13 +144,13 @@ def test_a_randomizer_takes_every_source(mid: CompiledScene, make: Maker):
     """A randomizer writes the layouts that its source has made, also those of somebody's own class."""
     batch, source = Batch(mid.scene, NWORLD, "cpu"), make(mid)
     randomizer = ResetRandomizer(mid, batch.model, batch.data, layout_source=source)
-    randomizer.pipeline.reseed(seed=[1, 2, 3, 4])
+    randomizer.reseed(seed=[1, 2, 3, 4])
     for mask in (None, np.array([True, False, True, False])):
         randomizer.reset(mask)
         np.testing.assert_array_equal(batch.data.qpos.numpy(), source.layouts.qpos.numpy())
     assert source.layouts.seed.numpy().tolist() == [1, 2, 3, 4]
     assert source.layouts.episode.numpy().tolist() == [1, 0, 1, 0]
-    assert randomizer.pipeline.rejection_counts() == source.rejection_counts()
+    assert randomizer.rejection_counts() == source.rejection_counts()
 
 
 def test_something_may_follow_every_reset(mid: CompiledScene):

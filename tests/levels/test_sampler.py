@@ -48,7 +48,8 @@ def test_the_levels_of_worlds_are_read_in_place(make_env):  # noqa: F811
     envs = make_env(3, max_episode_steps=3, curriculum=LEVELS)
     sampler = envs.randomizer.levels
     level, boundary = sampler.level, sampler.boundary
-    assert (level.data_ptr(), boundary.data_ptr()) == (sampler.rows["level"].ptr, sampler.rows["boundary"].ptr)
+    assert sampler.rows() == {"level": level, "boundary": boundary}
+    assert (level.data_ptr(), boundary.data_ptr()) == (sampler._buffer.level.ptr, sampler._buffer.boundary.ptr)
     envs.reset(seed=5)
     seen = {int(value) for _ in range(24) for value in (envs.step(actions(3)), level)[1]}
     assert level is sampler.level

@@ -107,7 +107,7 @@ def masses(device: str, folder: Path) -> dict[str, np.ndarray]:
     names = ("body_mass", "body_inertia", "geom_friction")
     found |= _copies({name: getattr(randomizer.model, name) for name in names}, " scaled")
     randomizer.redraw("load")
-    return found | _copies({"qpos": randomizer.data.qpos, "status": randomizer.redrawer.status}, " replaced")
+    return found | _copies({"qpos": randomizer.data.qpos, "status": randomizer.redrawer.counts.status}, " replaced")
 
 
 def parameters(device: str, folder: Path) -> dict[str, np.ndarray]:

@@ -9,7 +9,7 @@ from sceniris_gym.errors import ContactBudgetError
 from sceniris_gym.layout.tables import make_table
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.sim.batch import Batch
-from sceniris_gym.sim.budget import default_budget
+from sceniris_gym.sim.budget import check_budget, default_budget
 from tests.layout.scenes import compile_on_cpu
 from tests.versions import since_4
 
@@ -27,15 +27,15 @@ def test_a_budget_that_is_too_small_is_reported(small_scene):
     """Contacts that did not fit are an error that names the argument to raise; the default budget is enough."""
     small = Batch(small_scene.scene, 2, "cpu", nconmax=1)
     with pytest.raises(ContactBudgetError, match="nconmax=1 is too small"):
-        small.check_budget()
+        check_budget(small.model, small.data)
     rows = Batch(small_scene.scene, 2, "cpu", njmax=2, graph=False)
     for _ in range(5):  # until the block has come down to the floor
         rows.step()
     with pytest.raises(ContactBudgetError, match="njmax=2 is too small"):
-        rows.check_budget()
+        check_budget(rows.model, rows.data)
     enough = Batch(small_scene.scene, 2, "cpu")
     enough.step()
-    enough.check_budget()
+    check_budget(enough.model, enough.data)
 
 
 def test_the_default_budget_counts_what_can_touch(small_scene):

@@ -71,7 +71,7 @@ def test_bits_are_those_of_one_world_alone(device: str, variants: bool):
         for step in range(6):
             mask, before = None if step in (0, 3) else some if step % 2 else ~some, values(randomizer)
             if step == 4:
-                randomizer.pipeline.reseed(~some, seed=11)
+                randomizer.reseed(~some, seed=11)
             randomizer.reset(mask)
             after = values(randomizer)
             if mask is not None:

@@ -211,13 +211,15 @@ def test_fields_of_the_options_have_rows_too(make):
 def test_arrays_that_are_read_are_torch_tensors(make):
     """Fields, counts and variants share memory with what launches write to; numbers by name are the caller's own."""
     randomizer = make("body_mass")
-    redrawer, variants = randomizer.redrawer, randomizer._writer.variant
-    shared = {"redraw_count": redrawer.number, "redraw_status": redrawer.status, "variants": variants}
+    counts, variants = randomizer.redrawer.counts, randomizer._writer.variant
+    shared = {"redraw_count": counts.number, "redraw_status": counts.status, "variants": variants}
     for name, array in shared.items():
         assert getattr(randomizer, name) is getattr(randomizer, name)
         assert (getattr(randomizer, name).data_ptr(), getattr(randomizer, name).dtype) == (array.ptr or 0, torch.int32)
         with pytest.raises(FixedError, match=rf"ResetRandomizer\.{name} cannot be changed"):
             setattr(randomizer, name, None)
+    for name, array in counts._asdict().items():
+        assert getattr(randomizer.redrawer, name).data_ptr() == array.ptr
     assert randomizer.model_field("body_mass").data_ptr() == randomizer.model.body_mass.ptr
     drawn = randomizer.random("mass", (2, 3))
     assert (drawn.shape, drawn.dtype) == ((NWORLD, 2, 3), torch.float32)

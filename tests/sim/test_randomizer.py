@@ -146,10 +146,10 @@ def test_seeds_may_be_on_the_device(make_randomizer):
     """As a uint64 Warp array, which is taken as it is; another type is refused."""
     randomizer = make_randomizer(3)
     seed = wp.array([5, 6, 2**63], dtype=wp.uint64, device="cpu")
-    randomizer.pipeline.reseed(np.array([True, False, True]), seed=seed)
+    randomizer.reseed(np.array([True, False, True]), seed=seed)
     assert randomizer.layouts.seed.numpy().tolist() == [5, 1, -(2**63)]
     with pytest.raises(ArgumentError, match="uint64 array of shape"):
-        randomizer.pipeline.reseed(seed=wp.array([5, 6, 7], dtype=wp.int64, device="cpu"))
+        randomizer.reseed(seed=wp.array([5, 6, 7], dtype=wp.int64, device="cpu"))
 
 
 def test_arguments_of_another_type_are_told_by_their_names(make_randomizer):

@@ -158,7 +158,7 @@ def test_where_nothing_fits_the_object_stays_and_is_counted(mid: CompiledScene):
     randomizer.redraw("banana")
     status = randomizer.redraw_status.cpu().numpy()
     np.testing.assert_array_equal(status, [LayoutStatus.KEPT] * 3 + [LayoutStatus.VALID] * 3)
-    assert randomizer.redrawer.kept.numpy().tolist() == [3]
+    assert randomizer.redrawer.kept.tolist() == [3]
     after = state(randomizer)
     for name, old in before.items():
         np.testing.assert_array_equal(after[name][:3], old[:3])

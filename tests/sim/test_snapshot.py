@@ -97,11 +97,11 @@ def test_a_loop_continues_with_the_same_bits(compiled: CompiledScene, words: dic
     randomizer.reset()
     randomizer.reset([2])
     randomizer.redraw("apple", [0])
-    randomizer.pipeline.set_params({REGION: NARROW}, [1])
+    randomizer.set_param(REGION, NARROW, [1])
     _step(randomizer)
     kept = randomizer.snapshot()
     first = _loop(randomizer)
-    randomizer.pipeline.set_params({REGION: NARROW})
+    randomizer.set_param(REGION, NARROW)
     randomizer.restore(kept)
     for one, other in zip(first, _loop(randomizer), strict=True):
         _assert_same(one, other)

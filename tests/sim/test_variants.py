@@ -175,7 +175,7 @@ def test_layouts_have_the_pose_of_the_variant_that_is_there(compiled: CompiledSc
 def test_rejections_are_told_by_variant(compiled: CompiledScene):
     """Each of them has counts of its own."""
     _, randomizer = simulated(compiled)
-    counts = randomizer.pipeline.rejection_counts()
+    counts = randomizer.rejection_counts()
     assert set(counts) >= {f"target/{name}" for name in THINGS} | {f"stand/{name}" for name in STANDS}
 
 

@@ -13,6 +13,7 @@ from torch import Tensor
 
 from sceniris_gym.errors import ArgumentError, SceneMismatchError
 from sceniris_gym.layout.tables import make_table
+from sceniris_gym.levels import ADR, LevelReplay
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.vector.evaluation import evaluate
 from sceniris_gym.vector.state import State
@@ -20,6 +21,7 @@ from sceniris_gym.vector.vector_env import SceneVectorEnv
 from tests.vector.conftest import Reach
 
 STEPS = 4
+SLIDE = "objects.cabinet.joints.slide"
 
 
 class Timed(Reach):
@@ -122,11 +124,26 @@ def test_mappings_of_any_length_are_taken(make: Callable[..., SceneVectorEnv]):
     assert evaluate(turning, envs, {"seed": [0, 1, 2], "episode": 0}) == expected
     assert evaluate(turning, envs, {"seed": 1, "episode": 0}) == expected[1:2]
     assert evaluate(turning, envs, envs.reset(seed=0)[1]["layout"]) == expected[:2]
-    for wrong in ({"seed": [0, 1, 2], "episode": [0, 1]}, {"seed": 1}, {"seed": "a", "episode": 0}):
-        with pytest.raises(
-            ArgumentError, match="evaluate: layouts should have integers of one length as 'seed' and 'episode'"
-        ):
+    for wrong, says in (
+        ({"seed": [0, 1, 2], "episode": [0, 1]}, r"\['episode'\] should be an integer, or 3 of them, got \[0, 1\]"),
+        ({"seed": 1}, r" should have the keys 'seed' and 'episode', got \['seed'\]"),
+        ({"seed": "a", "episode": 0}, r"\['seed'\] should be an integer, or one for each world, got 'a'"),
+    ):
+        with pytest.raises(ArgumentError, match=f"evaluate: layouts{says}"):
             evaluate(turning, envs, wrong)
+
+
+@pytest.mark.parametrize("curriculum", [LevelReplay("learnability", replay_prob=1.0), ADR({SLIDE: [0.05, 0.1]})])
+def test_a_curriculum_changes_no_result(make: Callable[..., SceneVectorEnv], curriculum: LevelReplay | ADR):
+    """Params have the values of the scene file, whatever the curriculum has reached; chosen values stay."""
+    envs = make(2, curriculum=curriculum, params=SLIDE)
+    seeds = {"seed": [5, 6, 7, 8, 9], "episode": 0}
+    expected = evaluate(turning, make(2), seeds)
+    for _ in range(3):
+        assert evaluate(turning, envs, seeds) == expected
+    assert evaluate(turning, envs, [result.id for result in expected]) == expected
+    (narrow,) = evaluate(turning, envs, {"seed": 5, "episode": 0, "params": {SLIDE: [0.1, 0.11]}})
+    assert narrow.id.startswith(f"{expected[0].id}:{SLIDE}=")
 
 
 def test_rows_of_stored_layouts_are_played(make: Callable[..., SceneVectorEnv], reach_scene: CompiledScene):

@@ -15,6 +15,7 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, UnknownNameError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.pictures import context
+from sceniris_gym.vector.images import as_channels
 from sceniris_gym.vector.settings import ImageConfig
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.vector_env import SceneVectorEnv
@@ -231,3 +232,9 @@ def test_wrong_words_are_refused(make_env, images: Any, more: dict[str, Any], er
     """With the argument, and what would be right."""
     with pytest.raises(error, match=message):
         make_env(1, images=images, **more)
+
+
+def test_no_pictures_are_no_channels():
+    """Refused by name, rather than by torch."""
+    with pytest.raises(ArgumentError, match="as_channels: pictures should have at least one kind"):
+        as_channels({})

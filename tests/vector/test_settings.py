@@ -74,7 +74,11 @@ def test_images_are_given_in_three_forms():
         (SimConfig, {"nvmax": True}, "sim_config: nvmax should be an integer"),
         (SimConfig, {"graph": None}, "sim_config: graph should be a bool"),
         (SimConfig, {"copy": "no"}, "sim_config: copy should be a bool"),
-        (SimConfig, {"prefetch": 1}, r"sim_config: prefetch should be a boolean, a wp\.Stream or None"),
+        (
+            SimConfig,
+            {"prefetch": 1},
+            r"sim_config: prefetch should be a boolean, a wp\.Stream or None, got .* wp\.stream_from_torch",
+        ),
         (RenderConfig, {"num_envs": 0}, "render_config: num_envs should be"),
         (RenderConfig, {"size": (0, 8)}, r"render_config: size\[0\] should be"),
         (RenderConfig, {"camera": 0}, "render_config: camera should be a str"),

@@ -108,3 +108,19 @@ def test_another_scene_is_refused(make_one, name: str):
     one.reset(seed=0)
     with pytest.raises(FixedError, match=f"SceneEnv.{name} cannot be changed"):
         setattr(one.unwrapped, name, one.envs)
+
+
+def test_one_world_has_an_id_a_redraw_and_snapshots(make_one):
+    """For options of later resets, as in a batch."""
+    env = make_one()
+    env.reset(seed=8)
+    layout, kept, qpos = env.layout_id(), env.snapshot(), env.envs.batch.data.qpos
+    before = qpos.numpy().copy()
+    env.redraw("block")
+    assert (qpos.numpy() != before).any()
+    env.reset(options={"state": kept})
+    np.testing.assert_array_equal(qpos.numpy(), before)
+    env.reset(seed=9)
+    _, info = env.reset(options={"layouts": layout})
+    assert (info["layout"]["seed"], info["layout"]["episode"]) == (8, 0)
+    assert env.layout_id() == layout

@@ -159,7 +159,7 @@ def test_the_episodes_that_follow_are_those_that_were_chosen(make_env):
     first.set_param(SLIDE, [0.05, 0.06], np.arange(4) < 3)
     first.reset()
     first.set_param(SLIDE, [0.07, 0.08], np.arange(4) == 1)
-    first.randomizer.pipeline.reseed(np.arange(4) == 2, seed=77)
+    first.randomizer.reseed(np.arange(4) == 2, seed=77)
     kept, runs = first.snapshot(), []
     for envs in (first, second, first):
         envs.reset(options={"state": kept})
@@ -321,3 +321,19 @@ def test_a_task_may_remember_what_is_not_finite(reach_scene, value: float):
     for wrong in (np.nan, np.inf):
         with pytest.raises(SceneMismatchError, match="finite numbers, got NaN"):
             envs.reset(options={"state": _with(kept, "task.last", wrong)})
+
+
+def test_a_restored_world_has_no_rows_of_a_broken_one(make_env):
+    """The NaNs of constraint rows of a world that broke go with its contacts, as at a reset."""
+    envs = make_env(2, autoreset_mode="Disabled")
+    envs.reset(seed=4)
+    kept, data = envs.snapshot([1]), envs.batch.data
+    _run(envs, 2)
+    for name in ("J", "D"):
+        getattr(data.efc, name).fill_(float("nan"))
+    envs.reset(options={"state": kept})
+    for name in ("J", "D"):
+        assert np.isnan(getattr(data.efc, name).numpy()).all(
+            axis=tuple(range(1, getattr(data.efc, name).ndim))
+        ).tolist() == [True, False]
+    assert not (data.contact.worldid.numpy()[: data.nacon.numpy()[0]] == 1).any()

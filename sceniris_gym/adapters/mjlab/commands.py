@@ -47,7 +47,7 @@ class RedrawObjects(_COMMANDS.CommandTerm):
         worlds = term.compiled, env.sim.wp_model, env.sim.wp_data, term.split
         simulation = Simulation(*worlds, rest, refresh=lambda: None, origins=origins)
         self._redrawer = Redrawer(simulation, term.layouts, graph=True)
-        self._number = wp.to_torch(self._redrawer.number)
+        self._number = self._redrawer.number
 
     @property
     def command(self) -> Tensor:
@@ -60,7 +60,7 @@ class RedrawObjects(_COMMANDS.CommandTerm):
             return
         self._redrawer.launch(self.cfg.objects, as_worlds(env_ids, self.num_envs, self.device, self._redrawer.mask))
         self._env.sim.forward()
-        failed = wp.to_torch(self._redrawer.status) == LayoutStatus.KEPT
+        failed = self._redrawer.status == LayoutStatus.KEPT
         self._env.extras.setdefault("layout", {}).update(redraws=self._number.long(), redraw_failed=failed)
 
     def _update_metrics(self) -> None:
