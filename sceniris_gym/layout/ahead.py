@@ -1,11 +1,11 @@
 """`Ahead`: prefetches the next layout of every world, so that a reset only copies it.
 
 A layout is a pure function of (scene, split, seed, episode), so it can be made as soon as the world's present layout is
-served. On a GPU, prefetching runs on a separate stream, concurrently with the following steps. Making a few
-layouts takes about as long as making many, so a prefetch starts only once a fraction of the worlds waits for layouts.
-The fraction grows with every prefetch, and drops when a world is reset before its layout is ready. A reset never waits
-for a prefetch. If the layout is still in the making, or the world was reseeded, the reset makes the layout in place,
-with the same result.
+served. On a GPU, prefetching runs on a separate stream, concurrently with the following steps. Making a few layouts
+takes about as long as making many, so a prefetch starts only once a fraction of the worlds waits for layouts. The
+fraction grows with every prefetch, and drops when a world is reset before its layout is ready. A reset never waits for
+a prefetch. If the layout is not ready, or if the world was reseeded, the reset makes the layout in place, with the same
+result.
 """
 
 import sys
@@ -28,10 +28,10 @@ _FIRST = -1
 """Stream priority of prefetching on a GPU, so that its many short kernels do not queue behind long physics kernels."""
 
 _LEAST, _MOST, _MORE = (wp.constant(share) for share in (1.0 / 4.0, 2.0 / 3.0, 1.0 / 64.0))
-"""A prefetch starts once this fraction of the worlds waits for layouts.
+"""Limits and growth of the fraction of the worlds that should wait for layouts before a prefetch starts.
 
-The fraction grows by `_MORE` with each prefetch, up to `_MOST`. When a world is reset before its layout is ready, the
-fraction drops to `_LEAST`.
+The fraction is from `_LEAST` to `_MOST`, and grows by `_MORE` with each prefetch. When a world is reset before its
+layout is ready, the fraction drops to `_LEAST`.
 """
 
 _PATIENCE = 32
@@ -219,13 +219,13 @@ def _finish(
 class Ahead(StaysHere):
     """Prefetches the next layouts of worlds, as a part of a `LayoutPipeline`.
 
-    Prefetching needs the memory of a second maker. It is off during a capture of the caller: the captured graph makes
-    layouts in place.
+    Prefetching needs the memory of a second maker. While the caller captures a graph, prefetching is off, and the
+    captured graph makes layouts in place.
 
     Args:
         maker: Makes missing layouts in place, between `launch_open` and `launch_close`. Its `twin` prefetches.
-        stream: Stream to prefetch on, on a GPU. None creates a stream with `side_stream`.
-        graph: Capture a prefetch into a graph and replay it.
+        stream: The stream for prefetching, used only on a GPU. None creates a stream with `side_stream`.
+        graph: Whether to capture the launches of a prefetch into a graph and replay it.
 
     Attributes:
         maker: The maker.
@@ -234,7 +234,8 @@ class Ahead(StaysHere):
     Raises:
         ArgumentTypeError: A maker without a `twin`, or a stream of another type.
         ArgumentError: A `twin` of another scene, split or number of worlds, or a stream of another device. Or a
-            generator that records rejected candidates, because the record would lack prefetched layouts.
+            generator that records rejected candidates, because the record would lack the candidates of prefetched
+            layouts.
     """
 
     @launching
@@ -244,7 +245,7 @@ class Ahead(StaysHere):
         if stream is not None:
             check_type(stream, wp.Stream, "Ahead: stream")
             if stream.device != device:
-                raise ArgumentError(f"Ahead: stream should be one of {device}, got one of {stream.device}.")
+                raise ArgumentError(f"Ahead: stream should be on {device}, got a stream on {stream.device}.")
         nworld, ahead = maker.layouts.nworld, maker.twin()
         self.maker, self._layouts, self._ahead = maker, maker.layouts, ahead
         check_type(ahead, LayoutSource, "Ahead: maker.twin()")
@@ -326,7 +327,10 @@ class Ahead(StaysHere):
         wp.launch(_find_missing, self._layouts.nworld, inputs=inputs, outputs=outputs, device=self._device)
 
     def launch_close(self, mask: wp.array | None) -> None:
-        """Serve the masked worlds their prefetched or new layouts. Rejections of a layout made twice count once."""
+        """Serve the masked worlds their prefetched or new layouts.
+
+        If a layout was made twice, its rejections are counted once.
+        """
         served, inputs = self._layouts.view, [self._ahead.layouts.view, mask, self.missing]
         dim = (self._layouts.nworld, max(layout_width(served), served.rejections.shape[0]))
         wp.launch(_serve, dim=dim, inputs=inputs, outputs=[served], device=self._device)
@@ -340,9 +344,9 @@ class Ahead(StaysHere):
 def side_stream(device: wp.Device) -> wp.Stream:
     """Create a stream that runs concurrently with the simulation stream.
 
-    Only non-blocking streams run concurrently with CUDA's default stream. Torch launches on the default stream and its
-    side streams are non-blocking, so the stream comes from torch if torch is in use. Warp launches on separate streams,
-    so a Warp stream suffices otherwise.
+    Only non-blocking streams run concurrently with CUDA's default stream. Torch launches on the default stream, and the
+    side streams of torch are non-blocking, so the stream comes from torch if torch is in use. Otherwise a Warp stream
+    suffices, because Warp does not launch on the default stream.
     """
     if (torch := sys.modules.get("torch")) is not None and torch.cuda.is_available():
         return wp.stream_from_torch(torch.cuda.Stream(str(device), priority=_FIRST))

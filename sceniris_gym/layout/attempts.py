@@ -1,4 +1,4 @@
-"""`attempts: auto`: find the number of candidates per object before a layout restarts, by trial."""
+"""`attempts: auto`: find by trial how many candidates an object gets before its layout restarts."""
 
 from dataclasses import replace
 
@@ -19,13 +19,13 @@ _MOST_RESTARTS = 10
 
 
 def find_attempts(compiled: CompiledScene) -> int:
-    """Return the smallest number of attempts, 10 doubled repeatedly, at which less than 1% of the worlds restart.
+    """Return the smallest of the numbers 10, 20, 40, ... of attempts at which less than 1% of the worlds restart.
 
-    The number depends only on the scene, because seeds and streams are fixed. Worlds do not count if more attempts
-    cannot help them, as with an empty region. Stages after placing are left out. A layout that succeeds with fewer
-    attempts stays the same with more. Each step therefore retries only the failed worlds, and stops early once too many
-    have failed. If every world fails even with the most attempts, the scene gets the fewest, so that compilation
-    rejects it sooner.
+    The number depends only on the scene, because seeds and streams are fixed. Worlds that more attempts cannot help, as
+    with an empty region, are not counted. Stages after placing are not run. A layout that succeeds with fewer attempts
+    stays the same with more. Each step therefore retries only the failed worlds, and stops early once too many have
+    failed. If every world fails even with the maximum number of attempts, the minimum is returned, so that compilation
+    rejects the scene sooner.
 
     Args:
         compiled: A scene with an empty bank.
@@ -49,7 +49,7 @@ def find_attempts(compiled: CompiledScene) -> int:
     text = (
         f"{compiled.config.where}: attempts: auto stopped at {attempts}, where more than 1% of the worlds still "
         "restart. Give the objects larger regions or fewer neighbours ('sceniris-gym check' shows which), or write "
-        "a number: if an object has no room left, further attempts only take time."
+        "a smaller number: if an object has no room left, further attempts only take time."
     )
     warn(FallbackWarning(text))
     return attempts

@@ -30,9 +30,9 @@ _CROWD = 5
 _LATE = (Cause.NO_IK.name.lower(), Cause.BLOCKED.name.lower())
 _PLAIN = "Give it a larger region or support, a smaller clearance, or fewer neighbours."
 _MOST_NAMED = 3  # objects of a message
-_CLOSER = "Place it closer to the robot, turn it towards it, or use a less thorough tier of 'reachable'."
+_CLOSER = "Place it closer to the robot, turn it towards the robot, or use a less thorough tier of 'reachable'."
 _REMEDIES = {
-    "overhead": "'on' requires open space above, 'inside' a part of the supporting object; 'in' accepts both.",
+    "overhead": "'on' requires open space above, and 'inside' a part of the support above. 'in' accepts both.",
     "unsound": "Layouts had non-finite numbers, or numbers out of all bounds. Look for such numbers in the model.",
     "falls": "Narrow the range of its 'mass' or 'ipos', give it a wider support or a region further from the edge, or "
     "write 'stands: false' if it may fall.",
@@ -48,7 +48,8 @@ class Hit:
         geoms: Ids of the geoms. The first geom belongs to the placed object.
         names: Names of the geoms and their bodies.
         distance: Distance of the geoms [m], negative if they overlap.
-        margin: The least allowed distance [m], negative for geoms that overlap at home and may do so as deeply.
+        margin: The least allowed distance [m]. It is negative if the geoms overlap at home, because they may then
+            overlap as deeply in a layout.
     """
 
     geoms: tuple[int, int]
@@ -63,8 +64,8 @@ class Hit:
 class Blame:
     """Finds the colliding geoms of candidates of a compiled scene, one candidate at a time.
 
-    MuJoCo C computes the distances, between its collision geoms even with `geometry: visual`. For geoms that overlap at
-    home, depths are measured in the same way as at home.
+    MuJoCo C computes the distances. It uses its collision geoms even with `geometry: visual`. If geoms overlap at home,
+    the depth of their overlap is measured in the same way as at home.
     """
 
     def __init__(self, compiled: CompiledScene) -> None:
@@ -106,10 +107,10 @@ class Blame:
 
 
 def recording(generator: LayoutGenerator) -> LayoutGenerator:
-    """Make a generator record the first candidates that collide, before its first launch, and return it.
+    """Make a generator record the first candidates that collide, and return the generator.
 
-    Unlike in `LayoutGenerator._recording`, restarts still run in parallel. The record may therefore have
-    candidates of restarts that were not needed.
+    Call this before the first launch of the generator. Unlike in `LayoutGenerator._recording`, restarts still run in
+    parallel. The record may therefore have candidates of restarts that were not needed.
     """
     allocate_record(generator.layouts.view, _RECORDED * generator.nworld)
     return generator
@@ -142,20 +143,21 @@ def obstructions(generator: LayoutGenerator, name: str | None = None) -> dict[st
         if hits:
             most = max(hits.values(), key=len)
             gap = _gap(float(np.mean([hit.distance for hit in most])), most[0].margin, " on average")
-            share = f"{len(most) / len(rows):.0%} of them"
+            share = f"{len(most) / len(rows):.0%} of collisions"
             found[generator.compiled.placed[number]] = f"{most[0].names} ({gap}; {share})"
     return found
 
 
 def infeasible(compiled: CompiledScene, probe: LayoutGenerator, key: str = "") -> InfeasibleSceneError:
-    """Return the error for a scene without a valid layout. It blames the last object that was ever tried.
+    """Return the error for a scene without a valid layout. It blames the last object with rejected candidates.
 
-    All objects before it could be placed. Objects that failed in a stage after placing come last.
+    All objects before this object in placement order could be placed. An object that failed in a stage after placing
+    takes precedence.
 
     Args:
         compiled: The scene.
         probe: A generator that has recorded candidates and made no valid layout. See `recording`.
-        key: The choice common to all layouts, as ": start.1".
+        key: The choice that all layouts have in common, such as ": start.1".
     """
     counts = probe.rejection_counts()
     late = {name: {c: n for c, n in causes.items() if c in _LATE} for name, causes in counts.items()}
@@ -173,7 +175,7 @@ def infeasible(compiled: CompiledScene, probe: LayoutGenerator, key: str = "") -
     where = compiled.config.where + key
     return InfeasibleSceneError(
         f"{where}: no valid layout was found: '{name}' could not be placed, mostly because of {cause}. "
-        f"{'' if way is None else f'Most in its way: {way}. '}Rejections: {_rejections(counts)}. {remedy}",
+        f"{'' if way is None else f'Most often in its way: {way}. '}Rejections: {_rejections(counts)}. {remedy}",
         where,
         name,
         cause,
@@ -213,8 +215,8 @@ def _of_collision(room: str | None, joined: str | None) -> str:
     if joined is None:
         return room or _PLAIN
     return (
-        f"It is joined to '{joined}': give 'beside' a 'gap' of a few millimetres, or move the sites outside of both "
-        "objects by this distance, so that they keep their 'clearance'."
+        f"It is joined to '{joined}': give 'beside' a 'gap' of a few millimetres, or move the sites away from both "
+        "objects by this distance. The objects then keep their 'clearance'."
     )
 
 
@@ -233,7 +235,7 @@ def _room(compiled: CompiledScene, name: str) -> str | None:
     area = sum(surface.outline.area for surface in one.surfaces[0])
     assert one.config.support is not None
     return (
-        f"The {area:.3g} m2 of '{one.config.support.parent}' were full after {placed} of its {len(crowd)} objects; "
+        f"The {area:.3g} m2 of '{one.config.support.parent}' were full after {placed} of its {len(crowd)} objects: "
         f"about {2.0 * area * len(crowd) / placed:.2g} m2 would do."
     )
 

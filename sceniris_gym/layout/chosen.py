@@ -18,7 +18,7 @@ from sceniris_gym.layout.seeds import as_seeds
 from sceniris_gym.program.compiled import MOST_EPISODES
 
 Served = Callable[[str, LayoutKeys], tuple[str, LayoutKeys]]
-"""Maps split and keys of worlds to split and keys of the layouts that they get. See `LayoutSource.served`."""
+"""Maps split and keys of worlds to split and keys of the layouts that the worlds get. See `LayoutSource.served`."""
 
 
 class ChosenLayouts(NamedTuple):
@@ -49,16 +49,16 @@ def as_layouts(
 
     Args:
         value: A layout id for all chosen worlds, a sequence of ids (None keeps a world's next layout), or a mapping
-            with "seed", "episode" and optional "params". Other keys are ignored. A sequence has an entry for each
-            chosen world in order, or for each world. ChosenLayouts are not parsed again.
+            with "seed", "episode" and optional "params". Other keys are ignored. A sequence has one entry per chosen
+            world, in their order, or one entry per world. ChosenLayouts are not parsed again.
         layouts: The layouts of these worlds.
         split: Split of the worlds.
-        served: `LayoutSource.served` of their source.
+        served: `LayoutSource.served` of the source of these layouts.
         worlds: The chosen worlds. See `as_worlds`.
         name: Name of the argument in messages.
 
     Raises:
-        ArgumentError: Another form, another number of entries, or a malformed id, seed or episode.
+        ArgumentError: Any other form, a wrong number of entries, or a malformed id, seed or episode.
         SceneMismatchError: An id of another scene or split.
         UnknownNameError: An id with a param that the worlds do not have.
     """
@@ -85,8 +85,8 @@ def seeds_on_device(seed: Any, nworld: int, device: Any, worlds: Any = None) -> 
     """Return a seed for each world on a device, shape (nworld,), uint64.
 
     Args:
-        seed: World i gets seed + i. Or one seed for each chosen world in order, or for each world. A Warp array on the
-            device is not copied.
+        seed: One integer (world i gets seed + i), or an array with one seed per chosen world, in their order, or with
+            one seed per world. A Warp array on the device is not copied.
         nworld: Number of worlds.
         device: The device.
         worlds: The chosen worlds. See `as_worlds`.
@@ -197,7 +197,7 @@ def layouts_of_ids(ids: Any, layouts: Layouts, split: str, name: str) -> ChosenL
 
 
 def _of_ids(value: Any, layouts: Layouts, split: str, served: Served, name: str) -> tuple[ChosenLayouts, bool]:
-    """Return the layouts of ids, one row per id, and whether there is a single id. The source should serve them."""
+    """Return the layouts of ids, one row per id, and whether there is a single id. Raise if the source lacks an id."""
     found = layouts_of_ids(value, layouts, split, name)
     seed, given, episode, param = found
     assert episode is not None
@@ -206,6 +206,6 @@ def _of_ids(value: Any, layouts: Layouts, split: str, served: Served, name: str)
     wrong = given & ((served_seed != seed) | (served_episode != episode) | (served_split != split))
     single = isinstance(value, str | LayoutId)
     if wrong.any():
-        one, cure = value if single else value[int(wrong.argmax())], "Choose its rows by 'seed' and 'episode'."
+        one, cure = value if single else value[int(wrong.argmax())], "Choose a layout by 'seed' and 'episode'."
         raise SceneMismatchError(f"{name}: the layout_source does not serve '{one}' by its id. {cure}")
     return found, single

@@ -23,7 +23,7 @@ BANKED = ("seed", "episode", *columns("pose", "grasp"))
 
 
 def row_types(compiled: CompiledScene, **widths: int) -> dict[str, tuple[str, tuple[int, ...]]]:
-    """Return type and shape of a row of each column of a table.
+    """Return, for each column of a table, the type and shape of one row.
 
     Args:
         compiled: The scene.

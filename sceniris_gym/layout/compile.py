@@ -1,4 +1,4 @@
-"""`compile_scene`: the only way from host to device. Unsupported scenes fail here, with the reason."""
+"""`compile_scene`: the only function that takes a scene to a device. It rejects unsupported scenes with the reason."""
 
 import contextlib
 import copyreg
@@ -36,7 +36,7 @@ from sceniris_gym.scene.model import SceneModel
 _ROUNDS = 8
 _MOST_ROUNDS = 64
 # A probe without any layout gives up after this many candidates. With a layout, or with layouts in the other split, the
-# limit is `_MOST_DRAWN`. With the default words, a round draws 5,760 candidates.
+# limit is `_MOST_DRAWN`. With the default settings, a round draws 5,760 candidates.
 _BUDGET = 200_000
 _MOST_DRAWN = 20 * _BUDGET
 # A scene gets a warning above this fraction of layouts from the bank, and from this number of failed worlds on: in a
@@ -69,8 +69,8 @@ def compile_scene(
 
     Raises:
         UnknownNameError: There is no such device.
-        InfeasibleSceneError: No valid layout was found at all, or with some variant, group member or kind of `start`.
-            The message names this choice, the object that fails and the cause.
+        InfeasibleSceneError: No valid layout was found at all, or no valid layout with some variant, group member or
+            kind of `start`. The message names this choice, the object that fails and the cause.
         ScenirisError: Another error in the scene. See `SceneConfig.load`, `build_model` and `upload_scene`.
     """
     start_warp()
@@ -126,7 +126,7 @@ def _from_cache(key: str, model: SceneModel, device: str) -> CompiledScene | Non
 
 
 def _with_bank(compiled: CompiledScene) -> CompiledScene:
-    """Return the scene with a bank for each split, from separate random streams."""
+    """Return the scene with a bank for each split. The banks come from separate random streams."""
     probed = _within_budget(compiled)
     train, evaluation = (_Probe(probed, split, compiled.config.bank) for split in ("train_bank", "eval_bank"))
     for probe, most in ((train, 0), (evaluation, _MOST_ROUNDS)):  # once train has layouts, eval's may just be rare
@@ -174,7 +174,8 @@ class _Probe:
     def fill(self, rounds: int, most: int = 0) -> list[tuple[np.ndarray, ...]]:
         """Make layouts until the bank is full, and return its rows.
 
-        Stop after `rounds` rounds, or after `most` rounds without a first layout.
+        Stop after `rounds` rounds. If there is no layout by then, go on until the first layout or for `most` rounds in
+        all.
         """
         layouts, nworld = self.generator.layouts, self.generator.nworld
         rounds, most = (-(-number * self.size // nworld) for number in (rounds, most))
@@ -195,10 +196,10 @@ class _Probe:
 
 
 def _with_all_choices(compiled: CompiledScene, probe: _Probe) -> list[tuple[np.ndarray, ...]]:
-    """Return the rows of a split's bank, extended by rows with the choices that these rows lack.
+    """Return the rows of a split's bank, and add rows with the choices that are missing in the bank.
 
-    A probe favours all lacking choices together. If it does not find any of them, the next probe favours only the first
-    choice.
+    A probe favours all missing choices together. If the probe finds none of them, the next probe favours only the first
+    missing choice.
 
     Raises:
         InfeasibleSceneError: A choice has no valid layout.
@@ -228,7 +229,7 @@ def _lacking_choices(compiled: CompiledScene, split: str, rows: list[tuple[np.nd
 
 
 def _favouring(compiled: CompiledScene, choices: np.ndarray) -> CompiledScene:
-    """Return the scene with weights that favour these choices. Nearly all layouts then make one, or one per group."""
+    """Return the scene with weights that favour these choices. Nearly all layouts then have one, or one per group."""
     made, starts = copied(Program, compiled.program), compiled.starts
     group, weight = made.group.numpy()[0].copy(), made.group_weight.numpy()[0].copy()
     members, kinds = choices[choices < len(weight)], choices[choices >= len(weight)] - len(weight)

@@ -58,15 +58,15 @@ class LayoutGenerator(Fixed, LayoutSource):
     Args:
         compiled: The scene.
         nworld: Number of worlds.
-        seed: Seed of world 0, where world i gets seed + i. Or one 64-bit seed per world.
+        seed: One integer (world i gets seed + i), or one 64-bit seed per world.
         split: "train" or "eval". The splits share no random numbers and have separate banks.
         params: Names of params, or patterns such as "objects.*.joints.*". See `set_params`.
         size: Capacities, which affect only the speed, not the layouts. None takes defaults for the device.
 
     Raises:
         UnknownNameError: An unknown param.
-        ArgumentError: Seeds that are not 64-bit integers, or another number of seeds than worlds. An unknown split, or
-            a part of the scene that cannot be a param. `nworld` is not an integer or out of range.
+        ArgumentError: A seed is not a 64-bit integer, or the number of seeds is not the number of worlds. The split is
+            unknown, a part of the scene cannot be a param, or `nworld` is not an integer or is out of range.
         FixedError: Raised on assignment to an attribute that captured graphs already use.
         MemoryLimitError: The worlds do not fit into memory.
     """
@@ -132,8 +132,8 @@ class LayoutGenerator(Fixed, LayoutSource):
         Args:
             compiled: The scene.
             nworld: Number of worlds.
-            rejected: Length of a record of the first candidates that collided.
-            every_cause: Also record candidates that were rejected at a pose for other causes than collisions.
+            rejected: Maximum number of recorded candidates. The first candidates that collide are recorded.
+            every_cause: Also record candidates that had a pose but were rejected for another cause than a collision.
             options: Other arguments of the class.
         """
         # without parallel restarts and objects drawn ahead, whose candidates are not all needed
@@ -159,7 +159,7 @@ class LayoutGenerator(Fixed, LayoutSource):
 
         Args:
             mask: Selected worlds, shape (nworld,), bool. None selects all.
-            prepare: Launches that fill the rows of these worlds before placing begins.
+            prepare: A function that launches kernels, which fill the rows of these worlds before placing begins.
         """
         self._begin(mask, prepare)
         self._try_restarts(self._stage)
@@ -228,7 +228,7 @@ class LayoutGenerator(Fixed, LayoutSource):
             ArgumentError: The generator records rejected candidates.
         """
         if self.layouts.view.rejected_object.shape[0] > 0:
-            raise ArgumentError("LayoutGenerator: a record of rejected candidates would lack prefetched layouts.")
+            raise ArgumentError("LayoutGenerator: cannot prefetch, because its record would lack prefetched layouts.")
         names = self.layouts.params.names
         return LayoutGenerator(self.compiled, self.nworld, split=self.split, size=self.size, params=names)
 
@@ -258,7 +258,8 @@ class LayoutGenerator(Fixed, LayoutSource):
         Args:
             layouts: One layout of this scene per world, on the same device, such as a result of `generate` or of this
                 method.
-            objects: Names of placed objects. Supports and anchors come before the objects placed by them.
+            objects: Names of placed objects. Add supports and anchors no later than the objects that are placed
+                relative to them.
 
         Returns:
             The layouts with these objects. Calls for the same objects always write to the same arrays.
@@ -266,7 +267,7 @@ class LayoutGenerator(Fixed, LayoutSource):
         Raises:
             ArgumentTypeError, SceneMismatchError: Not `Layouts`, or of another scene or number of worlds.
             UnknownNameError: Not an object that the scene places.
-            ArgumentError: No objects, or an object that carries another in these layouts.
+            ArgumentError: `objects` is empty, or lacks an object that stands on a named object in these layouts.
         """
         check_type(layouts, Layouts, "redraw: layouts")
         if (layouts.compiled.hash, layouts.nworld) != (self.compiled.hash, self.nworld):
@@ -291,7 +292,7 @@ class LayoutGenerator(Fixed, LayoutSource):
     def rejection_counts(self) -> dict[str, dict[str, int]]:
         """Return `Layouts.rejections` by object (in placement order), then by cause in lower case.
 
-        Causes of the reach stage are included in scenes with reach targets, `unsound` if it occurred, and `falls` if
+        Causes of the reach stage are included if the scene has reach targets, `unsound` if it occurred, and `falls` if
         objects can fall.
         """
         counts = self.layouts.view.rejections.numpy()
@@ -305,7 +306,7 @@ class LayoutGenerator(Fixed, LayoutSource):
 
 
 class _PartGenerator(LayoutGenerator):
-    """Generator of some objects, with `body_mass` and `body_ipos` of a Model, or None to draw masses."""
+    """Generator of some objects. `masses` are `body_mass` and `body_ipos` of a Model, or None to draw masses."""
 
     def __init__(self, *given: Any, masses: tuple[wp.array, wp.array] | None, **options: Any) -> None:
         self._masses = masses

@@ -21,7 +21,7 @@ from sceniris_gym.scene.layout_table import COLUMNS
 from sceniris_gym.scene.poses import joint_address, pose_address
 
 LayoutKeys = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""Seeds and episodes of layouts, shape (n,), and the numbers of their params, shape (n, nvalue)."""
+"""Seeds and episodes of layouts, shape (n,), and their param values, shape (n, nvalue)."""
 ADVANCE = wp.constant(-1)
 """The `next_episode` of a world whose next layout is the next episode of its seed."""
 
@@ -34,9 +34,9 @@ class LayoutStatus(IntEnum):
     VALID = 1
     """A fresh layout that passed every test. Parts that no layout moves are not tested against each other."""
     FALLBACK = 2
-    """Attempts and restarts ran out: a layout from the split's bank of valid layouts in the CompiledScene."""
+    """Attempts and restarts ran out, so the row is a valid layout from the split's bank in the CompiledScene."""
     KEPT = 3
-    """Attempts and restarts of a redraw ran out: its objects keep their places."""
+    """Attempts and restarts of a redraw ran out, so the objects keep their places."""
 
 
 @wp.struct
@@ -47,7 +47,7 @@ class LayoutsView:
     seed: wp.array[wp.uint64]
     episode: wp.array[int]
     param: wp.array2d[float]  # param values of the layout
-    # Draws: the random key of physics and looks
+    # Draws: the random key of physics and appearance
     draw_seed: wp.array[wp.uint64]
     draw_episode: wp.array[int]  # -1 if unknown
     draw_stream: wp.array[int]
@@ -69,7 +69,7 @@ class LayoutsView:
     # Next: the layout that a reseed or a chooser selected
     next_seed: wp.array[wp.uint64]
     next_episode: wp.array[int]  # or ADVANCE
-    # Pending: the layout in the making, with `next_param`
+    # Pending: the layout that is being made. Its params are in `next_param`.
     pending_seed: wp.array[wp.uint64]
     pending_episode: wp.array[int]
     # Making
@@ -97,7 +97,7 @@ class LayoutsView:
 
 
 def view_of(nrow: int, device: str, arrays: Mapping[str, Any]) -> LayoutsView:
-    """Return a view of some arrays. Kernels may also read the other fields: blank columns, or rows of width 0.
+    """Return a view of the given arrays. The other fields get blank columns or rows of width 0, which kernels may read.
 
     Args:
         nrow: Number of rows.
@@ -132,7 +132,7 @@ def next_key(layouts: LayoutsView, worldid: int):
 
 @wp.func
 def open_episode(layouts: LayoutsView, worldid: int):
-    """Write the key of a world's next layout, and of its draws. A fallback later overwrites the key of the draws."""
+    """Write the key of a world's next layout. Its draws get the same key, which a fallback later overwrites."""
     seed, episode = next_key(layouts, worldid)
     layouts.pending_seed[worldid] = seed
     layouts.pending_episode[worldid] = episode
@@ -143,7 +143,7 @@ def open_episode(layouts: LayoutsView, worldid: int):
 
 @wp.func
 def copy_draws(source: LayoutsView, row: int, layouts: LayoutsView, worldid: int):
-    """Copy the random key of a row's physics and looks."""
+    """Copy the random key of a row's physics and appearance."""
     layouts.draw_seed[worldid] = source.draw_seed[row]
     layouts.draw_episode[worldid] = source.draw_episode[row]
     layouts.draw_stream[worldid] = source.draw_stream[row]
@@ -162,7 +162,7 @@ def close_episode(made: LayoutsView, layouts: LayoutsView, worldid: int):
 
 @wp.func
 def copy_poses(source: Any, row: int, layouts: LayoutsView, worldid: int, i: int):
-    """Copy the element `i` of a row's poses and present objects, and its start. Grasps are not copied."""
+    """Copy element `i` of a row's poses and presence. Element 0 also copies the start. Grasps are not copied."""
     if i == 0:
         layouts.start[worldid] = source.start[row]
     if i < source.qpos.shape[1]:
@@ -176,7 +176,7 @@ def copy_poses(source: Any, row: int, layouts: LayoutsView, worldid: int, i: int
 
 @wp.func
 def copy_layout(source: Any, row: int, layouts: LayoutsView, worldid: int, i: int):
-    """Copy the element `i` of each part of a row's layout to a world, including grasps."""
+    """Copy element `i` of each array of a row's layout to a world, including its grasps."""
     copy_poses(source, row, layouts, worldid, i)
     if i < source.grasp.shape[1]:
         layouts.grasp[worldid, i] = source.grasp[row, i]
@@ -197,12 +197,12 @@ def allocate_record(view: LayoutsView, length: int) -> None:
 
 
 def layout_width(view: LayoutsView) -> int:
-    """Return the number of elements for `copy_layout`."""
+    """Return the number of elements that `copy_layout` has to copy."""
     return max(array.shape[1] for array in (view.qpos, view.mocap_pos, view.present, view.grasp))
 
 
 def _part(poses: wp.array, first: int, dtype: type) -> wp.array:
-    """Return a view of `poses` (nrow, n, width) from number `first` on, as vectors or quaternions."""
+    """Return a view of `poses` (nrow, n, width) that starts at component `first`, as vectors or quaternions."""
     ptr, shape, strides = poses.ptr + 4 * first, poses.shape[:2], poses.strides[:2]
     part = wp.array(ptr=ptr, dtype=dtype, shape=shape, strides=strides, device=poses.device)
     part._ref = poses  # keeps the shared memory alive
@@ -210,7 +210,7 @@ def _part(poses: wp.array, first: int, dtype: type) -> wp.array:
 
 
 def column_of(layouts: "Layouts", name: str) -> wp.array:
-    """Return an array of `Layouts.view`, cut to the rows of worlds."""
+    """Return an array of `Layouts.view` without the rows for parallel restarts."""
     array = getattr(layouts.view, name)
     # Warp cannot slice an array without elements
     return array if array.shape[0] == layouts.nworld or array.size == 0 else array[: layouts.nworld]
@@ -225,22 +225,22 @@ class Layouts(StaysHere):
         view: The arrays as kernels take them. See `create` for their length. Arrays are never reallocated.
         params: The params of the worlds.
         seed: Seed of the current row, shape (nworld,), int64. From 2^63 on it is the two's complement, as in
-            `info["layout"]`. A reseed shows once the next layout is served.
+            `info["layout"]`. A reseed changes it only when the next layout is served.
         episode: Episode of the current row, -1 before the first, shape (nworld,), int32.
         param: Param values of the current row, shape (nworld, nvalue). Width 0 without params.
-        draw_seed: Seed of the draws of physics and looks, shape (nworld,), int64. It belongs to the row, or to the
+        draw_seed: Seed of the draws of physics and appearance, shape (nworld,), int64. It belongs to the row, or to the
             bank's layout after a fallback.
         draw_episode: Episode of these draws, shape (nworld,), int32. -1 if unknown.
         draw_stream: Random stream of these draws, shape (nworld,), int32.
         qpos: Joint positions [m, rad] in the order of the MjModel, quaternions wxyz, shape (nworld, nq).
         mocap_pos: Positions of mocap bodies [m], world frame, shape (nworld, nmocap, 3).
         mocap_quat: Orientations of mocap bodies, wxyz, shape (nworld, nmocap, 4).
-        start: Index of the kind of start in the scene file, -1 in scenes without, shape (nworld,), int32.
+        start: Index of the kind of start in the scene file, -1 if the scene has no `start`, shape (nworld,), int32.
         present: 1 for present objects, 0 for objects that a group left out, shape (nworld, nslot), slots in the order
             of `CompiledScene.slots`.
         grasp: The accepted grasp of each ReachTarget, as an index into its GraspSet in `CompiledScene.reaching`. -1 for
             absent objects, shape (nworld, nreach), targets in placement order.
-        grasp_qpos: The joints [rad, m] of the target's arm in this grasp, shape (nworld, nreach, MAX_JOINTS). NaN
+        grasp_qpos: Joint positions [rad, m] of the target's arm in this grasp, shape (nworld, nreach, MAX_JOINTS). NaN
             beyond the arm's joints, and everywhere if reach was judged only by the arm's map.
         pregrasp_qpos: The same for the pre-grasp, shape (nworld, nreach, MAX_JOINTS). NaN for tiers below `clear`.
         status: A `LayoutStatus` per world, shape (nworld,), int32.
@@ -293,7 +293,8 @@ class Layouts(StaysHere):
         """Return the positions of a joint as a torch tensor that shares memory with the layouts.
 
         Args:
-            name: Its name in the model, `object/joint`, or its name inside the object if that is unique.
+            name: The joint's name in the model, `object/joint`, or only its name inside the object if that name is
+                unique.
 
         Returns:
             Positions [m or rad], shape (nworld,). For a ball joint (nworld, 4), for a freejoint (nworld, 7).
@@ -316,8 +317,8 @@ class Layouts(StaysHere):
     ) -> "Layouts":
         """Allocate `nworld` layouts, without a record of rejected candidates.
 
-        In `view`, `rows` more layouts follow the layouts of worlds, for restarts in parallel. `params` are names, see
-        `ParamTable`. Physics and looks of new layouts use the random streams of `split`.
+        The arrays in `view` have `rows` more rows after the rows of the worlds, for restarts in parallel. `params` are
+        names, see `ParamTable`. Physics and appearance of new layouts use the random streams of `split`.
         """
         device, mjm = compiled.device, compiled.mjm
         # a row of `_mocap_pose`, with the model's poses of bodies that are never placed
@@ -354,7 +355,7 @@ class Layouts(StaysHere):
             keys: Seeds, episodes and param values of other layouts, one row per layout.
 
         Raises:
-            ArgumentError: Another split, or a world without a layout.
+            ArgumentError: `split` is neither of these, or a world has no layout.
         """
         view = self.view
         rows = zip(*(keys or (view.seed.numpy(), view.episode.numpy(), view.param.numpy())), strict=True)
@@ -362,10 +363,10 @@ class Layouts(StaysHere):
 
     @property
     def nworld(self) -> int:
-        """Number of rows."""
+        """Number of worlds."""
         return self.view.seed.shape[0]
 
     @property
     def reaching(self) -> Reaching | None:
-        """The arms, and their reach targets with grasps. None in scenes without reach targets."""
+        """The arms, and their reach targets with grasps. None if the scene has no reach targets."""
         return self.compiled.reaching

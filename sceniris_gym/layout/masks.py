@@ -70,15 +70,15 @@ def as_worlds(worlds: Any, nworld: int, device: Any, mask_out: wp.array | None =
     """Return the mask of the worlds that a user chose, shape (nworld,), bool, on `device`, or None for all worlds.
 
     Args:
-        worlds: None for all. Or booleans, shape (nworld,). Or ids of worlds, shape (k,), in any order. Or a slice.
-            Arrays may be sequences, or arrays of numpy, torch or Warp (int32).
+        worlds: None for all worlds, booleans of shape (nworld,), ids of worlds in any order, shape (k,), or a slice.
+            Booleans and ids may be a sequence, or an array of numpy, torch or Warp (int32).
         nworld: Number of worlds.
         device: The target device.
         mask_out: Memory for a mask made from ids, required in a captured graph. None allocates the memory.
 
     Raises:
         ArgumentTypeError: Other values than booleans or integers.
-        ArgumentError: Wrong shape, or a world that does not exist (not checked on a GPU or during a capture). Or
+        ArgumentError: Wrong shape, a world that does not exist (not checked on a GPU or during a capture), or
             `nworld` integers with repetitions, which look like a mask.
     """
     if worlds is None:
@@ -116,7 +116,7 @@ def is_mask(worlds: Any) -> bool:
 
 
 def as_numbers(values: Any) -> np.ndarray:
-    """Return a user's numbers, in lists or an array of any library, on the host. Invalid values give shape (0, 0)."""
+    """Return numbers from lists or from an array of any library, on the host. Invalid values give shape (0, 0)."""
     try:
         given = values.detach().cpu() if _kind(values) == "torch" else values
         found = np.asarray(given.numpy() if _kind(values) in ("torch", "warp") else given)
@@ -136,7 +136,7 @@ def selects(mask: wp.array[bool], worldid: int) -> bool:
 
 @wp.func
 def row_of(worldid: int, rows: wp.array[int]) -> int:
-    """Return the row of layouts for a world: `rows[worldid]`, or without `rows` its id."""
+    """Return the row of layouts for a world: `rows[worldid]`, or the id of the world if there are no `rows`."""
     row = worldid
     if rows:
         row = rows[worldid]
@@ -209,7 +209,9 @@ def _as_array(values: Any, name: str) -> Any:
         try:
             values = np.asarray(values)
         except ValueError:  # lists of different lengths
-            raise ArgumentTypeError(f"{name} should be integers, got {type(values)} of different lengths.") from None
+            raise ArgumentTypeError(
+                f"{name} should be integers, got a {type(values)} with entries of different lengths."
+            ) from None
         values = values.astype(int) if values.size == 0 else values
     _check_dense(values, name)
     return values
@@ -221,7 +223,7 @@ def _check_integers(values: Any, name: str, wanted: str = "integers") -> None:
 
 
 def _upload_numbers(values: Any, name: str, least: int, end: int, more: str, device: Any) -> wp.array:
-    """Return integers as int32 on the device. Values on the host are checked to be from `least` to `end - 1`.
+    """Return integers as int32 on the device. Check that values on the host are from `least` to `end - 1`.
 
     Values on a GPU are not checked, because the host would wait. During a capture, they are not known yet.
     """

@@ -1,7 +1,7 @@
 """`ParamTable`: values of a scene file that can change at run time, per world, without recompilation.
 
-A param can only narrow the scene file: a count, an interval, a region. All guarantees and capacities computed for the
-scene therefore stay valid.
+A param can only narrow a value of the scene file, such as a count, an interval or a region. All guarantees and
+capacities computed for the scene therefore stay valid.
 """
 
 import fnmatch
@@ -26,7 +26,7 @@ PARTS = rf"{_PARAM}(?:,{_PARAM})*"
 
 
 class ParamTable:
-    """The params of a batch of worlds, each with its columns in a row of numbers.
+    """The params of a batch of worlds. The values of one world form a row, in which each param has its columns.
 
     Args:
         compiled: The scene.
@@ -36,13 +36,13 @@ class ParamTable:
         params: The params by name, sorted.
         first: The first column of each param, by its name.
         default: The numbers of the scene file, shape (nvalue,), float32.
-        of_draws: The param of each draw of physics or looks, by the draw's name.
+        of_draws: For each draw of physics or appearance, by its name, the name of the param that would narrow it.
         are_kept: Whether layouts keep their param values, as stored layouts do.
 
     Raises:
         ArgumentTypeError: `names` are not strings.
         UnknownNameError: There is no such param.
-        ArgumentError: A part of the scene file that cannot be a param, with the reason.
+        ArgumentError: A name belongs to a part of the scene file that cannot be a param. The message has the reason.
     """
 
     def __init__(self, compiled: CompiledScene, names: str | Sequence[str]) -> None:
@@ -83,7 +83,7 @@ class ParamTable:
         return {name: rows[:, self.first[name] : end] for name, end in ends.items()}
 
     def checked(self, rows: Any, nrow: int) -> np.ndarray:
-        """Check rows with a number for each column, shape (nrow, nvalue), and return them as float32.
+        """Check full rows of param values, shape (nrow, nvalue), and return them as float32.
 
         Raises:
             ArgumentError: Wrong shape, not numbers, or numbers that a param cannot have.
@@ -133,7 +133,7 @@ class ParamTable:
     def boxes(self, compiled: CompiledScene) -> wp.array | None:
         """Return the first column of each object's region on a support, int32, -1 for objects without such a param.
 
-        The result is None if the table has no region on a support.
+        The result is None if no param of the table is a region on a support.
         """
         flat = {
             name: self.first[name] for name, param in self.params.items() if param.form == "box" and not param.copies
@@ -143,7 +143,7 @@ class ParamTable:
 
 
 def params_in(text: str) -> dict[str, np.ndarray]:
-    """Return the params in the fifth part of a layout id, with their numbers."""
+    """Read the fifth part of a layout id: the values of each param, by its name."""
     found = {}
     for part in text.split(",") if text else ():
         name, digits = part.split("=")

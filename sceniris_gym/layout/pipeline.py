@@ -15,7 +15,7 @@ from sceniris_gym.program.compiled import USER_SPLITS
 
 
 class Chooser:
-    """Chooses the next layouts of worlds, instead of the next episode of a seed.
+    """Chooses the next layout of each world. Without a chooser, a world takes the next episode of its seed.
 
     Pass a chooser to an environment with `layout_source=lambda compiled, n: LayoutPipeline(maker, chooser=...)`. A
     chooser writes `next_seed`, `next_episode` and `next_param` of a LayoutsView. Its launches do not validate arguments
@@ -23,7 +23,7 @@ class Chooser:
     these methods runs once, at the capture, unless the environment has `graph=False`.
 
     Attributes:
-        layouts: The layouts to choose for. None allows any maker.
+        layouts: The layouts of the only maker that this chooser fits. None allows any maker.
     """
 
     layouts: Any = None
@@ -37,7 +37,7 @@ class Chooser:
     def launch_choose(self, mask: wp.array | None) -> None:
         """Choose the next layouts of the masked worlds, right after their present layouts were served.
 
-        Episodes on the present layouts are just beginning, so their outcomes count from the next choice on.
+        The episodes on the present layouts are just beginning, so their outcomes can only affect later choices.
         """
 
     def launch_finish(self, success: wp.array, finished: wp.array) -> None:
@@ -59,7 +59,7 @@ class LayoutPipeline(Fixed, LayoutSource):
     Args:
         maker: Makes the layouts. Do not use it elsewhere from now on.
         split: Split of the layouts, if the maker leaves it open. None takes the split of the randomizer.
-        ahead: Prefetches the layouts of the maker. None makes each layout as it is served.
+        ahead: Prefetches the layouts of the maker. None makes each layout when it is served.
         chooser: Chooses the next layouts. None advances through the episodes of one seed.
 
     Attributes:

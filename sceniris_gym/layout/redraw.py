@@ -1,8 +1,8 @@
 """`Redraw`: new places for some objects of a scene, while all other objects stay in place.
 
-Rows begin from a state: its positions, with body poses and bounds of anchors computed from them. Body poses in the
-simulation may be one step older than its positions, so they are recomputed as in `mj_kinematics`. A state is a
-LayoutsView with seeds, episodes, starts, presence and positions. Other fields are not read.
+Each row begins from a state. Body poses and the bounds of anchors are computed from the positions in this state. Body
+poses in the simulation may be one step older than its positions, so they are recomputed as in `mj_kinematics`. A state
+is a LayoutsView with seeds, episodes, starts, presence and positions. Other fields are not read.
 """
 
 from __future__ import annotations
@@ -146,7 +146,7 @@ def _read_state(
         layouts.present[worldid, added[i]] = 1
     for i in range(layouts.qpos.shape[1]):
         layouts.qpos[worldid, i] = wp.where(is_redrawn[i], program.home_qpos[i], state.qpos[worldid, i])
-    for i in range(state.mocap_pos.shape[1]):  # layouts have an unused mocap body in models without
+    for i in range(state.mocap_pos.shape[1]):  # layouts have an unused mocap body if the model has none
         layouts.mocap_pos[worldid, i] = state.mocap_pos[worldid, i]
         layouts.mocap_quat[worldid, i] = wp.normalize(state.mocap_quat[worldid, i])
     for body in range(1, program.body_parent.shape[0]):
@@ -226,19 +226,19 @@ def _finish(
 
 
 class Redraw(StaysHere):
-    """Finds new places for some objects of a state, among all of its other objects.
+    """Finds new places for some objects of a state, while all its other objects stay in place.
 
     A redraw is a pure function of scene, split, seed, episode, redraw number and state. Other objects are obstacles,
     relation anchors, and supports if they are level. Absent objects stay absent unless `adds` is set.
 
     Args:
         compiled: The scene.
-        objects: The objects, as from `chosen_objects`.
+        objects: Names of the objects to move, as `chosen_objects` returns them.
         split: "train" or "eval".
         layouts: Layouts of the part of the scene that places only these objects. See `part_of`.
         work: Arrays of the search.
-        make: Launches that make layouts for a mask of worlds. Its second argument launches the filling of their rows.
-        adds: Make absent objects of `objects` present.
+        make: `make(mask, prepare)` launches the search for layouts. It first calls `prepare`, which fills the rows.
+        adds: Whether absent objects become present if they are in `objects`.
 
     Attributes:
         bodies: Ids of the bodies of the objects.

@@ -1,10 +1,11 @@
 """Compiled scenes on disk, so that a scene is compiled once and not at every start.
 
 A file holds the arrays of one compiled scene in NumPy's format, without pickles, so that reading it cannot execute
-code. Its name is a hash of all inputs: the model, the words of the scene file, the source of this package, the versions
-of the numerical libraries, and the kind of device. It is written under a temporary name and renamed, so that other
-processes never see a partial file. Unreadable and unwritable files are ignored. So are files that belong to another
-user or that others may write, because their numbers become indices in kernels without further checks.
+code. Its name is a hash of all inputs: the model, the settings in the scene file, the source of this package, the
+versions of the numerical libraries, and the kind of device. A file is written under a temporary name and then renamed,
+so that other processes never see a partial file. Unreadable and unwritable files are ignored. A file is also ignored if
+it belongs to another user or if other users may write to it, because its numbers become indices in kernels without
+further checks.
 """
 
 import contextlib
@@ -127,7 +128,7 @@ def _is_struct(kind: Any) -> bool:
 
 
 VARIABLE = "SCENIRIS_GYM_CACHE"
-"""The environment variable with another cache folder, or OFF."""
+"""The environment variable that sets another cache folder, or OFF for no cache."""
 OFF = "off"
 MOST_BYTES = 256 << 20
 """Maximum size of the cache. Beyond it, the least recently used files are removed."""
@@ -158,7 +159,7 @@ def cache_folder() -> Path | None:
 
 
 def scene_key(scene: SceneModel, device: str) -> str:
-    """Return the key of a scene in the cache, 32 hexadecimal digits. Scenes that compile differently differ in it."""
+    """Return the key of a scene in the cache, 32 hexadecimal digits. It differs if scenes compile differently."""
     model = np.empty(mujoco.mj_sizeModel(scene.mjm), np.uint8)
     mujoco.mj_saveModel(scene.mjm, None, model)
     config, on = scene.config, wp.get_device(device)
@@ -219,7 +220,7 @@ def _processor() -> str:
 
 @cache
 def _sources() -> str:
-    """Return a hash of the libraries' versions and of this package's sources, which can change without its version."""
+    """Return a hash of the libraries' versions and this package's sources, which can change without a new version."""
     digest = hashlib.sha256(repr([metadata.version(name) for name in _COMPUTE]).encode())
     root = Path(__file__).parents[1]
     for path in sorted(root.rglob("*.py")):

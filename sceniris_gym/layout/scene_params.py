@@ -28,7 +28,8 @@ class Param:
 
     Attributes:
         name: The key in the scene file, such as "groups.clutter.count".
-        default: Numbers of the scene file, float32: all low ends, then all high ends. Or weights, or a clearance.
+        default: Numbers of the scene file, float32: all low ends and then all high ends, or the weights, or the
+            clearance.
         form: "interval" [low, high], "count" (an interval of integers), "box" (its low and its high corner), "weights",
             or "clearance" (a least distance).
         least: The number of weights that should be above 0.
@@ -45,7 +46,7 @@ class Param:
     written: tuple[float, ...] = ()
 
     def _limits(self, numbers: np.ndarray) -> np.ndarray:
-        """Return the least and the greatest allowed value of each number, given the scene file's, shape (2, n)."""
+        """Return the least and greatest allowed value of each number, shape (2, n), from the scene file's numbers."""
         if self.half:
             return np.tile(numbers.reshape(2, -1), 2)
         bound = BOUNDS["weight" if self.form == "weights" else "clearance"]
@@ -93,7 +94,7 @@ class Param:
 
 
 def scene_params(compiled: CompiledScene) -> dict[str, Param | str]:
-    """Return all params of a scene by name. Similar parts of the file that cannot be a param map to the reason."""
+    """Return all params of a scene by name. A similar part that cannot be a param has the reason as its value."""
     finders = (_joints, _groups, _starts, _distances, _regions, _randomize, _clearances)
     return {name: found for find in finders for name, found in find(compiled)}
 
@@ -131,7 +132,10 @@ def _groups(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:
         if words.is_uniform:
             copies += (("group_uniform", g, 0),)
         if words.splits:
-            yield f"{key}.weights", "its members have 'splits', and each split has separate weights."
+            yield (
+                f"{key}.weights",
+                "its members have 'splits', so each split has separate weights. Remove 'splits' from the members.",
+            )
         else:
             yield f"{key}.weights", Param(f"{key}.weights", weights, "weights", words.count[1], copies)
 
@@ -173,7 +177,7 @@ def _regions(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:
         if cuts[i] > 0 or heaps[i] >= 0 or (part.region is not None and part.region.points is not None):
             yield (
                 name,
-                "it is drawn from points or a heap, or differs between layouts: by relations, a leaning support, or a "
+                "it is drawn from points or a heap, or differs between layouts due to relations, a leaning support, or a "
                 "'ratio_on_support' together with 'orientation: any' or drawn joints.",
             )
         elif part.support is None:
@@ -189,7 +193,7 @@ def _regions(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:
 
 
 def draw_key(compiled: CompiledScene, draw: FieldDraw) -> str:
-    """Return the key of a draw of physics or looks in the scene file."""
+    """Return the key that a draw of physics or appearance has in the scene file."""
     owner, _, word = draw.name.rpartition(".")
     config = compiled.config
     if owner in config.all_robots:
@@ -199,11 +203,14 @@ def draw_key(compiled: CompiledScene, draw: FieldDraw) -> str:
 
 
 def _randomize(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:
-    """Yield the intervals of drawn physics and looks."""
+    """Yield the intervals of drawn physics and appearance."""
     for draw in compiled.scene.sim.draws:
         name = draw_key(compiled, draw)
         if draw.config.choice is not None or draw.config.distribution == "normal":
-            yield name, "it has a 'choice' or a 'normal' distribution. Use the ends of a 'uniform' distribution."
+            yield (
+                name,
+                "it has a 'choice' or a 'normal' distribution. Use a 'uniform' distribution, which has ends to narrow.",
+            )
         else:
             yield name, Param(name, np.array(draw.config.ends, np.float32).ravel())
 

@@ -112,7 +112,7 @@ def as_seeds(seed: int | Sequence[int] | np.ndarray, nworld: int) -> np.ndarray:
     many = isinstance(seed, Sequence) and not isinstance(seed, str | bytes)
     many = many or (isinstance(seed, np.ndarray) and seed.ndim == 1 and not isinstance(seed, np.ma.MaskedArray))
     if not many or len(seed) != nworld:
-        given = f"{len(seed)} of them, " if many else ""
+        given = f"{len(seed)} in a " if many else ""
         raise ArgumentError(
             f"seed should be one integer, or a sequence of {nworld}, one per world, got {given}{type(seed).__name__}."
         )

@@ -118,7 +118,7 @@ class LayoutSource(StaysHere):
     def rejection_counts(self) -> dict[str, dict[str, int]]:
         """Return the number of rejected candidates so far, by object and cause. Waits for the device.
 
-        The default suits sources that do not search, and returns an empty mapping.
+        By default, the mapping is empty, which suits sources that do not search for layouts.
         """
         return {}
 
@@ -132,7 +132,8 @@ class LayoutSource(StaysHere):
     def generate(self, worlds: Any = None) -> None:
         """Advance worlds by one episode and write their new layouts into `layouts`.
 
-        The first call captures the launches into a graph. During a capture of the caller, they join that capture.
+        The first call captures the launches into a graph. If the caller is capturing a graph, the launches join the
+        caller's graph instead.
 
         Args:
             worlds: None for all worlds, booleans of shape (nworld,), ids of worlds, or a slice.
@@ -154,9 +155,9 @@ class LayoutSource(StaysHere):
 
         Args:
             worlds: As in `generate`.
-            seed: World i gets seed + i and starts at episode 0. Or a 64-bit seed for each chosen world in order, or for
-                each world. A uint64 Warp array on the device, shape (nworld,), is not copied to the host. Torch tensors
-                are read in two's complement.
+            seed: One integer (world i gets seed + i), or an array with one 64-bit seed per chosen world, in their
+                order, or with one per world. The worlds start at episode 0. A uint64 Warp array on the device, shape
+                (nworld,), is not copied to the host. Torch tensors are read in two's complement.
             layouts: A layout id, a sequence of ids (None keeps a world's next layout), or a mapping {"seed": ...,
                 "episode": ...} with optional "params".
 
@@ -167,7 +168,7 @@ class LayoutSource(StaysHere):
             ArgumentError, ArgumentTypeError: As in `generate`.
         """
         if (seed is None) == (layouts is None):
-            raise ArgumentError("reseed should have one of seed and layouts.")
+            raise ArgumentError("reseed should have either `seed` or `layouts`, not both.")
         nworld, device, mask = self.layouts.nworld, self.layouts.view.seed.device, self._mask_of(worlds)
         if layouts is None:
             self.launch_reseed(seeds_on_device(seed, nworld, device, worlds), mask)
@@ -191,8 +192,8 @@ class LayoutSource(StaysHere):
         """Set params of worlds, from their next layouts on.
 
         Args:
-            values: Values by name of the param, each as the scene file would have it, such as [1, 3] for
-                "groups.clutter.count". Or one such value per world. Joint positions are in m or rad.
+            values: Values by name of the param. Write a value as in the scene file, such as [1, 3] for
+                "groups.clutter.count", or give an array with one such value per world. Joint positions are in m or rad.
             worlds: As in `generate`.
 
         Raises:

@@ -62,17 +62,17 @@ def _make(
 
 
 class StoredLayouts(LayoutSource):
-    """A source of stored layouts: row `((seed + stride * episode) mod 2^64) mod nrow` of a table.
+    """A source of stored layouts. A world gets row `((seed + stride * episode) mod 2^64) mod nrow` of a table.
 
-    Physics and looks are drawn with the key of the stored layout. Random numbers of a task depend on the world's seed
-    and episode.
+    Physics and appearance are drawn with the key of the stored layout. Random numbers of a task depend on the seed and
+    episode of the world.
 
     Args:
         compiled: The scene of the layouts.
         table: The layouts. A table with only states (`LayoutTable.from_states`) has no grasps, and worlds keep their
             present physics.
         nworld: Number of worlds.
-        seed: Seed of world 0, where world i gets seed + i. Or one 64-bit seed per world.
+        seed: One integer (world i gets seed + i), or one 64-bit seed per world.
         stride: Rows that a world advances in every episode. With 1, worlds with consecutive seeds see the same rows one
             after another. Use nworld - 1 to go through a table with more rows than worlds.
 
@@ -81,9 +81,10 @@ class StoredLayouts(LayoutSource):
 
     Raises:
         ArgumentTypeError: `compiled` is no CompiledScene, or `table` no LayoutTable.
-        ArgumentError: `nworld` or `stride` is not an integer or out of range. Seeds that are not 64-bit integers, or
-            another number of seeds than worlds.
-        SceneMismatchError: A table without rows, of another scene, or with rows that no layout of the scene has.
+        ArgumentError: `nworld` or `stride` is not an integer or is out of range. A seed is not a 64-bit integer, or the
+            number of seeds is not the number of worlds.
+        SceneMismatchError: The table has no rows, belongs to another scene, or has a row that no layout of the scene
+            can have.
     """
 
     def __init__(
@@ -129,9 +130,10 @@ def check_table(compiled: CompiledScene, table: LayoutTable, where: str) -> None
         where: Name of the argument, at the beginning of errors.
 
     Raises:
-        SceneMismatchError: Another scene, split or names of params, columns of a wrong shape, or rows that no layout of
-            the scene has.
-        ArgumentTypeError, UnknownNameError, ArgumentError: Params that the scene does not have, or values out of range.
+        SceneMismatchError: The table has another scene, split or names of params, columns of a wrong shape, or a row
+            that no layout of the scene can have.
+        ArgumentTypeError, UnknownNameError, ArgumentError: The table has params that the scene does not have, or param
+            values out of range.
     """
     compiled.scene.check_hash(table.scene, where, "Give layouts of this scene.")
     params = ParamTable(compiled, table.params)

@@ -1,4 +1,4 @@
-"""Layouts of a LayoutGenerator as a LayoutTable on the host, in any number, or by seed on the device."""
+"""Make any number of layouts as a LayoutTable on the host, or make layouts by seed and episode on the device."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ class RejectedCandidates:
 
 
 def read_rejected(generator: LayoutGenerator) -> RejectedCandidates:
-    """Copy the rejected candidates of a LayoutGenerator made with `rejected` to the host."""
+    """Copy the rejected candidates that a LayoutGenerator recorded to the host."""
     view, nmocap = generator.layouts.view, generator.compiled.mjm.nmocap
     count = min(int(view.rejected_count.numpy()[0]), len(view.rejected_object))
     names = ("object", "cause", "qpos", "mocap_pos", "mocap_quat")
@@ -75,7 +75,7 @@ PARTS = ("qpos", "mocap_pos", "mocap_quat", "status")
 
 
 class RequestedLayouts(StaysHere):
-    """Layouts by their seeds and episodes. Unlike a generator's, they do not depend on earlier calls.
+    """Makes layouts with given seeds and episodes. Unlike with a generator, earlier calls do not affect the layouts.
 
     Args:
         compiled: The scene.
@@ -116,5 +116,5 @@ class RequestedLayouts(StaysHere):
             wp.copy(part, start)
         generator.generate(mask)
         for part, output in zip(self._parts, outputs, strict=True):
-            if output.size > 0:  # layouts have an unused mocap body in models without
+            if output.size > 0:  # layouts have an unused mocap body if the model has none
                 wp.copy(output, part)

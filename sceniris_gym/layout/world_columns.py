@@ -1,6 +1,6 @@
 """`WorldColumns`: numbers that differ between worlds, in one table, written by one kernel.
 
-The numbers are bounds narrowed by params, draws of physics and looks, and factors of tasks.
+The numbers are bounds that params narrow, draws of physics and appearance, and factors that tasks give.
 """
 
 from __future__ import annotations
@@ -34,21 +34,21 @@ _MASSES = {"body_mass": "body_weight", "body_ipos": "body_center"}
 
 
 class WorldColumns:
-    """Numbers of arrays that differ between worlds.
+    """Writes numbers that differ between worlds into arrays.
 
     Args:
         nworld: Number of worlds.
         arrays: The arrays to write, by name, each with a row per world.
         nominal: The model's values of drawn or scaled arrays, by name, with one row or a row per world.
         draws: The draws, which may be empty.
-        scaled: Elements that are a nominal value times a given number, used without draws: name of the array, index in
-            its row, index in the nominal row, and column of the number.
-        given: The given numbers, shape (1 or nworld, n), unless each launch passes them.
+        scaled: Elements to set to a nominal value times a given number. Use them only without draws. Each has the name
+            of the array, the index in its row, the index in the nominal row, and the column of the number.
+        given: The given numbers, shape (1 or nworld, n). Leave them out if each launch passes them.
         params: The params of the worlds. They bound numbers in these arrays, or narrow draws.
 
     Attributes:
         numbers: The drawn numbers by name of the draw, shape (nworld, width): factors of `scale`, terms of `add`, and
-            values of `abs` and `choice`. For choices of several numbers each, the index in the list.
+            values of `abs` and `choice`. If each choice has several numbers, the index of the choice.
     """
 
     def __init__(
@@ -114,7 +114,9 @@ class WorldColumns:
         given: wp.array | None = None,
         opens: bool = False,
     ) -> None:
-        """Write the numbers of the masked worlds. Drawn numbers do not change in worlds with an unknown key of draws.
+        """Write the numbers of the masked worlds.
+
+        If the key of a world's draws is unknown, the drawn numbers of this world do not change.
 
         Args:
             mask: Selected worlds, shape (nworld,), bool. None selects all.
@@ -122,7 +124,7 @@ class WorldColumns:
                 file. None if there are only given numbers.
             rows: Row of `layouts` for each world, shape (nworld,), int32. None gives world i row i.
             given: The given numbers, shape (1 or nworld, n).
-            opens: Write the numbers of the next layouts instead of the present layouts.
+            opens: Whether to write the numbers of the next layouts, instead of the present layouts.
         """
         if not self._elements.size:
             return
@@ -150,7 +152,7 @@ def _bounds(params: ParamTable, arrays: Mapping[str, wp.array]) -> list[tuple]:
 
 
 def element_size(array: wp.array) -> int:
-    """Return the number of numbers per element, of an array with a row per world."""
+    """Return how many numbers each element has, in an array with a row per world."""
     row = array[:1].numpy()
     return row.size // (row.shape[1] if array.ndim > 1 else 1)
 
@@ -162,7 +164,7 @@ def _tables(
 
     Args:
         draws: The draws.
-        places: Index of each array, and the number of numbers per element.
+        places: Index of each array, and how many numbers each of its elements has.
     """
     numbers, elements, table = [], [], []
     for draw in draws:
@@ -198,7 +200,8 @@ def search_columns(
 ) -> tuple[WorldColumns, Program, Statics | None]:
     """Return the columns of a search for layouts, with the program and the statics that they write into.
 
-    Stability depends on masses and centres of mass. The search draws the same values as resets to the same layouts.
+    Stability depends on masses and centres of mass, so the search draws these too. A reset to the same layout draws the
+    same values.
 
     Args:
         compiled: The scene.

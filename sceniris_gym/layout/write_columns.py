@@ -1,6 +1,6 @@
 """`launch_write_columns`: writes each world's numbers into arrays with a row per world.
 
-A number is a bound narrowed by params, a draw, or a nominal value times a given factor. Draws are a function of the key
+A number is a draw, a bound that params narrow, or a nominal value times a given factor. Draws are a function of the key
 in a layout.
 """
 
@@ -60,9 +60,9 @@ class Number:
         name: Hash of the draw's name, which selects the random numbers.
         index: Index among the numbers of this name.
         distribution: Index into `DISTRIBUTIONS`.
-        first: Column in the table of the first parameter, or of the first number to choose from.
-        count: Columns between first and second parameter, or the number of choices.
-        param: Column of the first parameter among the params, -1 if no param narrows the draw.
+        first: Column of the table that holds the distribution's first parameter, or the first choice.
+        count: Number of columns from the first to the second parameter, or the number of choices.
+        param: Column in a row of param values that replaces the first parameter, -1 if no param narrows the draw.
     """
 
     name: int
@@ -81,9 +81,10 @@ class Element:
         array: Index of the array to write.
         offset: Index in a row of this array.
         form: Index into `FORMS`.
-        number: Column of the drawn or given number, of the first of three for a rotation, or of the first param for a
-            bound or flag.
-        other: Column of a bound's second param, of a flag's last param, or of a choice's first value in the table.
+        number: Column of the drawn or given number. For a rotation, this is the first of three columns. For a bound or
+            flag, it is the column of the first param.
+        other: For a bound, column of the second param. For a flag, column of the last param. For a choice, column of
+            the first value in the table.
         drawn: Index of the drawn array. If it differs from `array`, the written number keeps its nominal ratio to the
             drawn number.
         drawn_offset: Index in a row of the drawn array.
@@ -131,7 +132,7 @@ def _nominal(array: Array, worldid: int, offset: int) -> float:
 
 @wp.func
 def _bound(element: Element, param: wp.array[float], default_param: wp.array[float]) -> float:
-    """Return a bound narrowed by params, or a flag: whether the params have the values of the scene file."""
+    """Return a bound that params narrow, or a flag: 1 if the params have the values of the scene file, otherwise 0."""
     if element.form == _BOUND:
         return wp.max(element.least, wp.max(param[element.number], param[element.other]))
     for k in range(element.number, element.other + 1):
@@ -151,7 +152,7 @@ def _draw_key(layouts: LayoutsView, row: int, opens: bool):
 
 @wp.func
 def _number(number: Number, table: wp.array[float], param: wp.array2d[float], row: int, u: wp.vec4) -> float:
-    """Return a number of a distribution from uniform numbers. A row below 0 uses the values of the scene file."""
+    """Map uniform random numbers to a number of a distribution. A negative `row` ignores the params."""
     if number.distribution == _CHOSEN:
         return table[number.first + wp.min(int(u[0] * float(number.count)), number.count - 1)]
     low = table[number.first]
@@ -248,10 +249,11 @@ def launch_write_columns(
         nworld: Number of worlds.
         mask: Selected worlds, shape (nworld,), bool. None selects all.
         rows: Row of `layouts` for each world, shape (nworld,), int32. None gives world i row i.
-        opens: Write the numbers of the next layouts instead of the present layouts.
+        opens: Whether to write the numbers of the next layouts, instead of the present layouts.
         layouts: The layouts.
-        *tables: Rows of `Number`, their parameters, rows of `Element`, and rows of `Array`. Last the given numbers,
-            shape (1 or nworld, n), or memory for drawn numbers, shape (nworld, n).
+        *tables: Rows of `Number`, the parameters of their distributions, rows of `Element`, and rows of `Array`. The
+            last array holds the given numbers, shape (1 or nworld, n), or is memory for the drawn numbers, shape
+            (nworld, n).
     """
     param = layouts.next_param if opens else layouts.param
     inputs = [mask, rows, opens, layouts, param if param is not None and param.size else None, *tables]

@@ -273,7 +273,7 @@ def test_a_generator_that_nobody_can_stand_in_for_is_refused():
     with pytest.raises(ArgumentTypeError, match="stream should be a Stream, got"):
         Ahead(LayoutGenerator(compiled, 4), 0)  # type: ignore[arg-type]
     elsewhere = Mock(spec=wp.Stream, device="cuda:1")
-    with pytest.raises(ArgumentError, match="stream should be one of cpu, got one of cuda:1"):
+    with pytest.raises(ArgumentError, match="stream should be on cpu, got a stream on cuda:1"):
         Ahead(LayoutGenerator(compiled, 4), elsewhere)
 
 

@@ -74,8 +74,8 @@ def test_seeds_in_a_tensor_are_in_twos_complement(empty: CompiledScene):
 @pytest.mark.parametrize(
     ("words", "error", "match"),
     [
-        ({}, ArgumentError, "should have one of seed and layouts"),
-        ({"seed": 1, "layouts": {"seed": 1, "episode": 0}}, ArgumentError, "should have one of seed and layouts"),
+        ({}, ArgumentError, "should have either `seed` or `layouts`"),
+        ({"seed": 1, "layouts": {"seed": 1, "episode": 0}}, ArgumentError, "should have either `seed` or `layouts`"),
         ({"seed": [1, 2, 3]}, ArgumentError, "seed should have a single entry, or 2, one for each chosen world, got 3"),
         ({"layouts": []}, ArgumentError, "layouts should have a single entry, or 2, .* got 0"),
         ({"layouts": {"seed": 0}}, ArgumentError, "keys 'seed' and 'episode'"),
