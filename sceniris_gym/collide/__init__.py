@@ -1,1 +1,1 @@
-"""Device code that tests whether two bodies are too close to each other, independent of the search and of layouts."""
+"""Device code that tests whether two bodies are too close to each other. It does not depend on the search."""

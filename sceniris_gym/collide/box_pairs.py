@@ -4,9 +4,9 @@ The axes are the face normals of both boxes, and the cross products of their edg
 "OBBTree", SIGGRAPH 1996. The boxes have half extents ha and hb [m]. In the frame of a, box b is centred at t, and the
 columns of r are its axes.
 
-Rounding loses a gap of 10 um next to a wall of ten metres. It can also stop the general test before that finds a gap:
-the test reports contact for some boxes of decimetres that are 10 to 100 um apart. Large boxes are therefore cut to
-their near parts. Two pieces overlap if boxes inside them overlap, which is quick to prove.
+Next to a wall of ten metres, a gap of 10 um is lost to rounding. Rounding can also stop the general test before it
+finds a gap: for some boxes of decimetres that are 10 to 100 um apart, the test reports contact. Large boxes are
+therefore cut to their near parts. If boxes inside two pieces overlap, the pieces overlap, which is quick to prove.
 """
 
 import warp as wp
@@ -17,12 +17,13 @@ from sceniris_gym.geometry.pieces import PieceType
 from sceniris_gym.program.device import Program
 
 _SPACE = wp.constant(wp.vec3(1.0, 1.0, 1.0))
-# The parts cut off are further away than the margin by at least this [m].
+# The distance [m] of the parts that are cut off is above the margin by at least this.
 _BEYOND = wp.constant(1.0e-3)
-# Rounding of a sum of six products in single precision, relative to the sum of lengths.
+# Rounding error of a sum of six products in single precision, relative to the sum of lengths.
 _ROUNDING = wp.constant(4.0e-7)
 
-# Cosine of the greatest angle of parallel edges, 1.4e-3 rad. Up to three pairs of edges may be parallel at once.
+# Edges count as parallel if the cosine of their angle is above this (1.4e-3 rad). Up to three pairs of edges may be
+# parallel at once.
 _PARALLEL = wp.constant(1.0 - 1.0e-6)
 # The overlap required along face normals, as a fraction of the sum of the half diagonals: twice the displacement from
 # a rotation that makes parallel edges exactly parallel.
@@ -38,7 +39,7 @@ def absolute(r: wp.mat33) -> wp.mat33:
 
 @wp.func
 def gap_at_faces(ha: wp.vec3, hb: wp.vec3, t: wp.vec3, f: wp.mat33) -> float:
-    """Return the widest gap [m] along the face normals of a, negative for an overlap. `f` is `absolute(r)`.
+    """Return the widest gap [m] along the face normals of box a, negative if the boxes overlap. `f` is `absolute(r)`.
 
     For the face normals of b, pass (hb, ha), t in the frame of b, and the transpose of f.
     """
@@ -55,7 +56,7 @@ def apart_at_faces(ha: wp.vec3, hb: wp.vec3, t: wp.vec3, r: wp.mat33, f: wp.mat3
 
 @wp.func
 def gap_across_edges(ha: wp.vec3, hb: wp.vec3, t: wp.vec3, r: wp.mat33, f: wp.mat33, i: int, j: int) -> float:
-    """Return the gap [m] along the cross product of edge i of a and edge j of b, times the product's length (<= 1)."""
+    """Return the gap [m] along the cross product of edge i of a and edge j of b, times that product's length (<= 1)."""
     i1 = (i + 1) % 3
     i2 = (i + 2) % 3
     j1 = (j + 1) % 3
@@ -66,9 +67,9 @@ def gap_across_edges(ha: wp.vec3, hb: wp.vec3, t: wp.vec3, r: wp.mat33, f: wp.ma
 
 @wp.func
 def _near_part(shape: Shape, at: wp.vec3, reach: float):
-    """Return the part of a box within `reach` [m] of a point along each axis, its centre, and whether it exists.
+    """Return the part of a box within `reach` [m] of a point along each axis, its centre, and whether any part is.
 
-    Point and centre are in the box's frame. Shapes of other kinds are returned whole.
+    Point and centre are in the frame of the box. A shape of another kind is returned whole.
     """
     part = shape
     middle = wp.vec3(0.0)
@@ -86,7 +87,7 @@ def _near_part(shape: Shape, at: wp.vec3, reach: float):
 def _boxes_apart(ha: wp.vec3, hb: wp.vec3, rel: Pose, margin: float) -> bool:
     """Test whether two boxes, each centred in its frame, have a separating axis with a gap above `margin` [m].
 
-    The more parallel two edges are, the shorter is their cross product, and the more rounding weighs.
+    The more parallel two edges are, the shorter is their cross product, and the larger the effect of rounding.
     """
     t = rel.pos
     r = rel.rot
@@ -133,8 +134,8 @@ def boxes_within(ca: wp.vec3, ha: wp.vec3, cb: wp.vec3, hb: wp.vec3, rel: Pose, 
     """Test whether two boxes (centre, half extents [m]) are certainly within `margin` [m], 0 or more, of each other.
 
     Box b is given in a frame whose pose in a's frame is `rel`. The test moves b towards a by the margin. If the boxes
-    then overlap, their distance is at most the margin. True is always right, but the test may return False for boxes
-    just within the margin.
+    then overlap, their distance is at most the margin. True is always right, but the test may also return False for
+    boxes that are just within the margin.
 
     S. Gottschalk, M. Lin, D. Manocha, "OBBTree", SIGGRAPH 1996. Parallel edges have no cross product, and the product
     of nearly parallel edges is mostly rounding. Such axes are skipped. Instead, the boxes have to overlap along their

@@ -16,12 +16,14 @@ from sceniris_gym.device.transforms import Pose, apply
 from sceniris_gym.program.device import Cause, Program
 
 SHARED_STACK = 512
-"""Capacity of the stack of entries that a block shares: one entry for each lane and each level of both trees."""
+"""Capacity of the stack of entries that a block shares. It has room for an entry per lane and level of both trees."""
 OWN_STACK = 64
-"""Capacity of the stack of a single lane: one entry for each level of both trees, which halve at each level."""
+"""Capacity of the stack of a single lane: one entry per level of both trees. Trees halve at each level."""
 NARROW_STACK = 64
-"""Capacity of the stack of narrow-phase pairs. They wait until each lane has one, so a lane has fewer than two. For up
-to 32 lanes."""
+"""Capacity of the stack of narrow-phase pairs, for up to 32 lanes.
+
+Pairs wait until each lane has one, so the stack holds fewer than two pairs per lane.
+"""
 UNPROVEN = -1
 """Sentinel in place of a cause: a stack was too small to complete the test."""
 
@@ -31,8 +33,8 @@ def boxes_separated(ca: wp.vec3, ha: wp.vec3, cb: wp.vec3, hb: wp.vec3, rel: Pos
     """Test whether two boxes (centre, half extents [m]) have a separating axis with a gap above `margin` [m].
 
     Box b is given in a frame whose pose in a's frame is `rel`. S. Gottschalk, M. Lin, D. Manocha, "OBBTree", SIGGRAPH
-    1996. The nine cross products of edges are not normalised (their length is at most 1), which errs towards "not
-    separated".
+    1996. The nine cross products of edges are not normalised. Their length is at most 1, so the test can only err
+    towards "not separated".
     """
     t = apply(rel, cb) - ca
     r = rel.rot
@@ -101,7 +103,7 @@ def next_step(program: Program, entry: wp.vec3i, poses: PairPoses, margin: float
 def leaves_below_touch(
     program: Program, first: wp.vec3i, poses: PairPoses, margin: float, stack: wp.array[wp.vec3i]
 ) -> bool:
-    """Test whether any leaves below an entry are too close. A single lane does this with a separate stack."""
+    """Test whether any two leaves below an entry are too close. A single lane does this with a separate stack."""
     stack[0] = first
     count = int(1)
     while count > 0:
@@ -133,7 +135,7 @@ def collides(
     body_pos: wp.array[wp.vec3],
     body_quat: wp.array[wp.vec4],
 ) -> int:
-    """Test a list of broad-phase pairs: COLLISION, NONE, or UNPROVEN if a stack was too small.
+    """Test a list of broad-phase pairs. Return COLLISION, NONE, or UNPROVEN if a stack was too small.
 
     All lanes of a block call it together, with empty stacks. `own_pos` and `own_quat` are the poses of the tested
     bodies, `body_pos` and `body_quat` the poses of all others. `support` is the body below the tested bodies, or -1.

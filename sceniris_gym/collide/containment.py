@@ -1,4 +1,4 @@
-"""Containment: points of one collider against the winding number of the other collider's mesh.
+"""Containment: test whether points of one collider lie inside the mesh of the other, by its winding number.
 
 If two surfaces do not intersect, one may still enclose the other.
 """
@@ -30,7 +30,7 @@ def in_bounds(program: Program, collider: int, p: wp.vec3) -> bool:
 
 @wp.func
 def _has_points_inside(program: Program, a: int, b: int, rel: Pose) -> bool:
-    """Test whether a component of collider a lies inside the solid of b. `rel` is the pose of b's body in a's frame."""
+    """Test whether a component of collider a lies inside b's solid. `rel` is the pose of b's body in a's body frame."""
     at = wp.transpose(rel.rot)
     for i in range(program.collider_pointnum[a]):
         p = at * (program.point[program.collider_pointadr[a] + i] - rel.pos)
@@ -63,7 +63,7 @@ def encloses(
     body_pos: wp.array[wp.vec3],
     body_quat: wp.array[wp.vec4],
 ) -> bool:
-    """Test whether one collider of any pair of a list lies inside the other.
+    """Test whether, in any pair of a list, one collider lies inside the other.
 
     All lanes of a block call it together, with the same poses as `collides`.
     """

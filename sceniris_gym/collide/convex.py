@@ -1,9 +1,9 @@
-"""Separation of two convex pieces by a margin: one test for distance, penetration and containment.
+"""Test whether two convex pieces are a margin apart. The same test covers distance, penetration and containment.
 
 E. Gilbert, D. Johnson, S. Keerthi, "A fast procedure for computing the distance between complex objects", IEEE J.
-Robotics and Automation 4(2), 1988. The procedure ends early here, because only yes or no matters: a direction whose
-support lies beyond the margin proves separation, and a point of the Minkowski difference within the margin proves
-contact.
+Robotics and Automation 4(2), 1988. The procedure ends early here, because only yes or no matters. If the support point
+in some direction lies beyond the margin, the pieces are separated. If a point of the Minkowski difference lies within
+the margin, they are in contact.
 """
 
 import warp as wp
@@ -12,22 +12,23 @@ from sceniris_gym.device.transforms import Pose, apply
 from sceniris_gym.geometry.pieces import PieceType
 from sceniris_gym.program.device import Program
 
-# Greatest final difference [m] of lower and upper bound: ten times the float32 rounding of a scene of 1 m, and a tenth
-# of the error of a false alarm.
+# Greatest final difference [m] of lower and upper bound: ten times the float32 rounding in a scene of 1 m, and a tenth
+# of the error that a wrong rejection may have.
 _TOLERANCE = wp.constant(1.0e-6)
 # A tetrahedron is flat if its height is below this fraction of its longest edge.
 _FLAT = wp.constant(1.0e-4)
 # Number of restarts after rounding has stopped progress.
 _MAX_RESTARTS = wp.constant(3)
-# Gap between bounds [m] that needs no restart.
+# If the gap between the bounds [m] is below this, no restart is needed.
 _SETTLED = wp.constant(1.0e-5)
-# Polytopes take fewer than 20. The distance of a cylinder or ellipsoid is then far more accurate than 0.1 mm.
+# Polytopes take fewer than 20 iterations. After this number, the distance of a cylinder or ellipsoid is far more
+# accurate than 0.1 mm.
 _MAX_ITERATIONS = wp.constant(48)
 
 
 @wp.struct
 class Shape:
-    """A convex core and a radius [m] around it."""
+    """A convex shape: all points within `radius` [m] of a convex core."""
 
     kind: int
     size: wp.vec3
@@ -57,7 +58,7 @@ def segment_shape(half_length: float) -> Shape:
 
 @wp.func
 def support(vert: wp.array[wp.vec3], s: Shape, d: wp.vec3) -> wp.vec3:
-    """Return the support point of the core: the furthest one along `d`, in the shape's frame."""
+    """Return the support point of the core: its furthest point along `d`, in the shape's frame."""
     best = wp.vec3(0.0, 0.0, 0.0)
     if s.kind == PieceType.BOX:
         best = wp.vec3(wp.sign(d[0]) * s.size[0], wp.sign(d[1]) * s.size[1], wp.sign(d[2]) * s.size[2])
@@ -105,7 +106,7 @@ def _closest_on_segment(a: wp.vec3, b: wp.vec3):
 
 @wp.func
 def _nearer(a: wp.vec3, bits_a: int, b: wp.vec3, bits_b: int):
-    """Return the point that is nearer to the origin, the first of equals, with its bits."""
+    """Return the point that is nearer to the origin, and its bits. If both are equally near, return the first."""
     if wp.dot(b, b) < wp.dot(a, a):
         return b, bits_b
     return a, bits_a
@@ -136,7 +137,7 @@ def _closest_on_triangle(a: wp.vec3, b: wp.vec3, c: wp.vec3):
 
 @wp.func
 def _beyond(a: wp.vec3, b: wp.vec3, c: wp.vec3, d: wp.vec3) -> bool:
-    """Test whether the face abc of a tetrahedron separates the origin from d, true for a flat tetrahedron."""
+    """Test whether the face abc of a tetrahedron separates the origin from d. True if the tetrahedron is flat."""
     n = wp.cross(b - a, c - a)
     toward = wp.dot(d - a, n)
     origin = -wp.dot(a, n)
@@ -183,7 +184,7 @@ def _closest_on_tetrahedron(p0: wp.vec3, p1: wp.vec3, p2: wp.vec3, p3: wp.vec3):
 def _kept(p0: wp.vec3, p1: wp.vec3, p2: wp.vec3, p3: wp.vec3, bits: int):
     """Return the vertices of a simplex that support its nearest point, and their number.
 
-    At most three vertices do. Returned vertices beyond the number have no meaning.
+    At most three vertices support it. Returned vertices beyond this number have no meaning.
     """
     a = p0
     b = p1
@@ -200,15 +201,15 @@ def _kept(p0: wp.vec3, p1: wp.vec3, p2: wp.vec3, p3: wp.vec3, bits: int):
     return a, b, c, (bits & 1) + ((bits >> 1) & 1) + ((bits >> 2) & 1) + (bits >> 3)
 
 
-# A single copy for covers, footprints and obstacles. With this copy, and the map's test before the cover's, an H200
-# makes 1.065 times the layouts of the scene `mid`.
+# A single copy serves covers, footprints and obstacles. With this copy, and with the map tested before the cover, an
+# H200 makes 1.065 times the layouts of the scene `mid`.
 @wp.func(inline=False)
 def separated(vert: wp.array[wp.vec3], sa: Shape, sb: Shape, rel: Pose, mask: wp.vec3, margin: float) -> bool:
     """Test whether the distance between two shapes is above `margin` [m].
 
-    `rel` is the pose of `sb` in the frame of `sa`. `mask` multiplies coordinates of that frame: ones for space,
-    (1, 1, 0) for the shapes' shadows on its xy plane. A distance that differs from the margin by less than 1 um may
-    count as not separated.
+    `rel` is the pose of `sb` in the frame of `sa`. `mask` multiplies coordinates in that frame: (1, 1, 1) tests the
+    shapes in space, and (1, 1, 0) tests their shadows on the xy plane. A distance that differs from the margin by less
+    than 1 um may count as not separated.
     """
     limit = margin + sa.radius + sb.radius
     to_b = wp.transpose(rel.rot)

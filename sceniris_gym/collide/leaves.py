@@ -30,7 +30,7 @@ class PairPoses:
 
 @wp.struct
 class OverPlane:
-    """A plane seen from a body: its normal in the body's frame, and the height [m] of the body's origin over it."""
+    """A plane seen from a body: the plane's normal in the body's frame, and the body origin's height [m] over it."""
 
     normal: wp.vec3
     height: float
@@ -74,7 +74,10 @@ def pair_poses(
 
 @wp.func
 def margin_of(program: Program, worldid: int, pair: int, support_body: int) -> float:
-    """Return the least distance [m] of a pair, negative for a depth. Clearances do not apply to the supporting body."""
+    """Return the least allowed distance [m] of a pair, negative if the pair may penetrate.
+
+    Clearances do not apply to the body that supports the object.
+    """
     margin = program.pair_margin[worldid, pair]
     if program.pair_bodies[pair][1] == support_body:
         margin = program.pair_touch[pair]
@@ -83,7 +86,7 @@ def margin_of(program: Program, worldid: int, pair: int, support_body: int) -> f
 
 @wp.func
 def support_of(program: Program, obj: int) -> int:
-    """Return the supporting body of an object, whose distance ignores the clearance, or -1."""
+    """Return the body that supports an object, or -1. The distance to this body ignores the clearance."""
     if program.obj_kind[obj] == ObjectKind.STATIC:
         return -1
     return program.obj_ground[obj]
@@ -97,7 +100,7 @@ def piece_pose(program: Program, piece: int) -> Pose:
 
 @wp.func
 def piece_origin(program: Program, piece: int, body_pos: wp.array[wp.vec3], body_quat: wp.array[wp.vec4]) -> wp.vec3:
-    """Return the origin of a piece's frame in the world, the centre of the enclosing sphere of `piece_radius`."""
+    """Return the origin of a piece's frame in the world. It is the centre of the sphere of `piece_radius` around it."""
     body = program.piece_body[piece]
     return body_pos[body] + rot_vec_quat(program.piece_pos[piece], body_quat[body])
 
@@ -133,7 +136,7 @@ def _piece_of(program: Program, leaf: int) -> int:
 
 @wp.func
 def _leaf(program: Program, leaf: int) -> Leaf:
-    """Return a leaf: its piece, or the hull of a triangle's corners without a bounding radius."""
+    """Return a leaf: its piece, or the hull of a triangle's corners, which has no bounding radius."""
     piece = _piece_of(program, leaf)
     if piece >= 0:
         return _piece_leaf(program, piece)
@@ -146,7 +149,8 @@ def _separated(program: Program, pair: int, a: Leaf, b: Leaf, rel: Pose, margin:
     """Test whether two leaves are further apart than `margin` [m].
 
     `rel` is the pose of b's body in a's frame. A negative margin permits penetration. The leaves are then tested in
-    place, and with b moved by the permitted depth along each separating direction of the pair. One success is enough.
+    place, and again with b moved by the permitted depth along each separating direction of the pair. The result is True
+    if any of these tests succeeds.
     """
     frame = relative(a.pose, compose(rel, b.pose))
     here = frame.pos
@@ -164,7 +168,7 @@ def _separated(program: Program, pair: int, a: Leaf, b: Leaf, rel: Pose, margin:
 
 @wp.func
 def _leaves_separated(program: Program, pair: int, a: int, b: int, rel: Pose, margin: float) -> bool:
-    """Test whether two leaves, pieces or triangles, are further apart than `margin` [m]."""
+    """Test whether two leaves (pieces or triangles) are further apart than `margin` [m]."""
     if _piece_of(program, a) < 0 and _piece_of(program, b) < 0:
         b0, b1, b2 = apply(rel, program.face_a[b]), apply(rel, program.face_b[b]), apply(rel, program.face_c[b])
         return triangles_separated(program.face_a[a], program.face_b[a], program.face_c[a], b0, b1, b2, margin)
@@ -210,7 +214,7 @@ def pieces_touch(program: Program, entry: wp.vec3i, poses: PairPoses, margin: fl
 
 @wp.func
 def leaves_touch(program: Program, entry: wp.vec3i, poses: PairPoses, margin: float) -> bool:
-    """Test whether the leaves of an entry, pieces or triangles, are no further apart than `margin` [m]."""
+    """Test whether the leaves of an entry (pieces or triangles) are no further apart than `margin` [m]."""
     a = ~program.node_child[entry[1]]
     plane = program.pair_bodies[entry[0]][3]
     if plane >= 0:

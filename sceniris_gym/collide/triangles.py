@@ -1,21 +1,21 @@
-"""Separation of two triangles by a margin: edges against edges, vertices against faces, edges through faces."""
+"""Test whether two triangles are a margin apart: edges against edges, vertices against faces, edges through faces."""
 
 import warp as wp
 
 # A triangle is thin if its height is below this fraction of its longest edge. Rounding then rotates the cross product
-# of two edges, which shifts the heights of points far away: by up to 0.6 mm for a sliver of 1 m x 0.1 mm.
+# of two edges, so points far away get wrong heights: by up to 0.6 mm for a sliver of 1 m x 0.1 mm.
 _THIN = wp.constant(0.01)
-# Below this fraction, the height itself is rounding. The triangle has no normal and counts as its three edges.
+# Below this fraction, the height is only rounding. The triangle has no normal and counts as its three edges.
 _FLAT = wp.constant(4.0e-7)
-# Squared sine of an angle. Below it, the quick formula for the nearest points loses too much to rounding.
+# Squared sine of an angle. Below this value, the quick formula for the nearest points loses too much to rounding.
 _NEARLY_PARALLEL = wp.constant(1.0e-4)
-# Squared sine of an angle. Below it, segments count as parallel.
+# Squared sine of an angle. Below this value, segments count as parallel.
 _PARALLEL = wp.constant(1.0e-12)
 
 
 @wp.func
 def _thin_normal(e0: wp.vec3, e1: wp.vec3, e2: wp.vec3) -> wp.vec3:
-    """Return the normal of a thin triangle with these consecutive edges, zero for a triangle without height.
+    """Return the normal of a thin triangle with these consecutive edges, or zero if the triangle has no height.
 
     The normal is exactly perpendicular to the longest edge, so rounding can only rotate it about this edge. Such a
     rotation moves the plane within the triangle by less than the rounding of a vertex.
@@ -45,7 +45,7 @@ def _thin_normal(e0: wp.vec3, e1: wp.vec3, e2: wp.vec3) -> wp.vec3:
 
 @wp.func
 def _normal(a: wp.vec3, b: wp.vec3, c: wp.vec3) -> wp.vec3:
-    """Return the normal of a triangle, with twice its area as length, or zero for a triangle without height."""
+    """Return the normal of a triangle, with twice its area as length, or zero if the triangle has no height."""
     ab = b - a
     ac = c - a
     n = wp.cross(ab, ac)
@@ -125,7 +125,8 @@ def _all_beyond(h: wp.vec3, limit: float) -> bool:
     return wp.min(h) > limit or wp.max(h) < -limit
 
 
-# Not inlined, like `separated` in `convex.py`: otherwise the kernel holds these registers all the time.
+# Not inlined, like `separated` in `convex.py`. Otherwise the kernel would hold the registers of this function all the
+# time.
 @wp.func(inline=False)
 def triangles_separated(
     a0: wp.vec3, a1: wp.vec3, a2: wp.vec3, b0: wp.vec3, b1: wp.vec3, b2: wp.vec3, margin: float

@@ -177,8 +177,8 @@ def _regions(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:
         if cuts[i] > 0 or heaps[i] >= 0 or (part.region is not None and part.region.points is not None):
             yield (
                 name,
-                "it is drawn from points or a heap, or differs between layouts due to relations, a leaning support, or a "
-                "'ratio_on_support' together with 'orientation: any' or drawn joints.",
+                "it is drawn from points or a heap, or differs between layouts: due to relations, a leaning support or "
+                "a 'ratio_on_support' together with 'orientation: any' or drawn joints.",
             )
         elif part.support is None:
             ends = ("obj_box_lower", "obj_box_upper")

@@ -1,1 +1,1 @@
-"""Device code for the words of a scene file, for one object in one world. docs/language/ documents these words."""
+"""Device code that places one object in one world by the keys of a scene file. docs/language/ documents these keys."""

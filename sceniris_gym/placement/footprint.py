@@ -1,4 +1,4 @@
-"""Tests of `on`, `inside`, `in` and `ratio_on_support`: covers of points by overhead obstacles, and footprints.
+"""Tests of `on`, `inside`, `in` and `ratio_on_support`: whether an obstacle covers a point, and footprints.
 
 A footprint is the shadow of a posed object, seen from above.
 """
@@ -15,11 +15,11 @@ _SPACE = wp.constant(wp.vec3(1.0, 1.0, 1.0))
 _SHADOW = wp.constant(wp.vec3(1.0, 1.0, 0.0))
 # A footprint may extend beyond the edge of its support by this length [m], the tolerance of the separation test.
 _RIM = wp.constant(-1.0e-6)
-# Obstacles count up to this height [m] above a point.
+# An obstacle covers a point only up to this height [m] above the point.
 _OVERHEAD_REACH = wp.constant(5.0)
 # Height [m] of the ray's origin above the point, because rounding may separate level surfaces of two geoms.
 _OVERHEAD_START = wp.constant(1.0e-4)
-# Rounding [m] of a radius and of the distances to compare with it.
+# Rounding error [m] of a radius and of the distances that are compared with the radius.
 _ROUNDING = wp.constant(1.0e-5)
 
 
@@ -51,8 +51,8 @@ def outline_distance(program: Program, surface: int, p: wp.vec2) -> float:
 def shadow_on_edge(program: Program, piece: int, edge: int, rel: Pose) -> bool:
     """Test whether an edge of an outline passes through the shadow of a piece.
 
-    `rel` is the pose of the piece in the outline's frame, z up. A convex shadow lies in an outline if one of its points
-    does and no edge of the outline passes through it.
+    `rel` is the pose of the piece in the outline's frame, z up. A convex shadow lies in an outline if one point of the
+    shadow does and no edge of the outline passes through the shadow.
     """
     a = program.edge_a[edge]
     b = program.edge_b[edge]
@@ -70,14 +70,14 @@ def shadow_on_edge(program: Program, piece: int, edge: int, rel: Pose) -> bool:
 
 @wp.func
 def _inward(program: Program, edge: int, winding: int) -> wp.vec3:
-    """Return the inward unit normal of an edge of a convex outline. `winding` is 1 counter-clockwise, -1 clockwise."""
+    """Return the inward unit normal of a convex outline's edge. `winding` is 1 counter-clockwise, -1 clockwise."""
     along = wp.normalize(program.edge_b[edge] - program.edge_a[edge])
     return float(winding) * wp.vec3(-along[1], along[0], 0.0)
 
 
 @wp.func
 def _lies_inside(program: Program, edge: int, winding: int, at: wp.vec3, radius: float) -> bool:
-    """Test whether a sphere lies well inside an edge of a convex outline.
+    """Test whether a sphere lies entirely on the inner side of an edge of a convex outline.
 
     `at` is the sphere's centre in the outline's frame [m], and `winding` is as in `_inward`.
     """
@@ -108,7 +108,7 @@ def overhangs(
     body_pos: wp.array[wp.vec3],
     body_quat: wp.array[wp.vec4],
 ) -> bool:
-    """Test whether one piece of an object's footprint extends beyond one edge of a surface.
+    """Test whether one piece of an object's footprint extends beyond the outline of its support at one edge.
 
     `index` counts the pairs of pieces and edges, with edges fastest. `ground` is the pose of the surface's body. A
     footprint lies on the surface if no pair overhangs.
@@ -132,7 +132,7 @@ def overhangs(
 
 @wp.func
 def _upward(point: wp.vec3) -> Pose:
-    """Return a frame whose x axis points up, centred on the tested segment over `point`."""
+    """Return a frame whose x axis points up. Its origin is the middle of the tested segment above `point`."""
     middle = point + wp.vec3(0.0, 0.0, _OVERHEAD_START + 0.5 * _OVERHEAD_REACH)
     return Pose(middle, wp.mat33(0.0, 0.0, -1.0, 0.0, 1.0, 0.0, 1.0, 0.0, 0.0))
 
@@ -196,7 +196,7 @@ def is_covered(
 ) -> bool:
     """Test whether an entry of `overhead_list` lies above `point` (world frame).
 
-    Entries are convex pieces, or colliders with `geometry: visual`.
+    An entry is a convex piece. With `geometry: visual`, it is a collider.
     """
     if program.visual:
         return _is_under_faces(program, entry, point, body_pos, body_quat)

@@ -1,4 +1,4 @@
-"""Device code of `reachable`: TCP poses for grasps of a posed object, and the grasps that the arm's map accepts."""
+"""Device code of `reachable`: compute TCP poses at the grasps of a posed object, and test grasps by the arm's map."""
 
 import warp as wp
 
@@ -40,7 +40,7 @@ def approaches(reach: Reach, column: int, grasp: int, body_quat: wp.array[wp.vec
 def first_accepted(
     reach: Reach, column: int, stable: int, base: Pose, body_pos: wp.array[wp.vec3], body_quat: wp.array[wp.vec4]
 ) -> int:
-    """Return the first grasp of a stable pose that passes the map, counted from the target's first grasp, or -1.
+    """Return the first grasp of a stable pose that passes the map, as an index from the target's first grasp, or -1.
 
     `column` is the number of the reach target, and `base` is the pose of the arm's base.
     """
@@ -55,9 +55,9 @@ def first_accepted(
 def passes_map(
     reach: Reach, column: int, grasp: int, base: Pose, body_pos: wp.array[wp.vec3], body_quat: wp.array[wp.vec4]
 ) -> bool:
-    """Return True if a grasp does not approach from below, and the arm's map accepts it.
+    """Return True if a grasp does not approach from below, and the arm's map accepts this grasp.
 
-    An arm without a map accepts all grasps. The arguments are as in `first_accepted`.
+    If the arm has no map, every grasp counts as accepted. The arguments are as in `first_accepted`.
     """
     through = approaches(reach, column, grasp, body_quat)
     if reach.mapped and through:

@@ -6,7 +6,7 @@ from sceniris_gym.device.random import uniforms
 from sceniris_gym.device.transforms import axis_angle_quat, mul_quat, rot_vec_quat
 from sceniris_gym.program.device import ObjectKind, Program
 
-# Number of a trial's first draw for joints. Each draw has four numbers.
+# Index of the first draw for joints in a trial. Each draw has four random numbers.
 _FIRST_DRAW = wp.constant(2)
 
 
@@ -21,7 +21,7 @@ def draw_joints(
     trial: int,
     qpos: wp.array[float],
 ):
-    """Draw the joint positions of an object of a world into `qpos`."""
+    """Draw the joint positions of an object in a world, and write them to `qpos`."""
     adr = program.obj_drawadr[obj]
     u = wp.vec4(0.0)
     for i in range(program.obj_drawnum[obj]):
@@ -38,7 +38,7 @@ def draw_joints(
 
 @wp.func
 def follow_joints(program: Program, obj: int, qpos: wp.array[float]):
-    """Set the joints that follow the drawn joints of an object by equalities."""
+    """Set the joints that an equality couples to the drawn joints of an object."""
     adr = program.obj_followadr[obj]
     for i in range(adr, adr + program.obj_follownum[obj]):
         follow_joint(program.follow_driveradr, program.follow_qposadr, program.follow_coef, i, qpos)
@@ -52,7 +52,7 @@ def follow_joint(
     i: int,
     qpos: wp.array[float],
 ):
-    """Set one joint to the polynomial of its equality, evaluated as MuJoCo does."""
+    """Set one joint to the value of its equality's polynomial, which is evaluated as in MuJoCo."""
     x = wp.float64(qpos[driveradr[i]]) - coef[i, 0]
     y = coef[i, 1] + x * (coef[i, 2] + x * (coef[i, 3] + x * (coef[i, 4] + x * coef[i, 5])))
     qpos[qposadr[i]] = float(y)
@@ -96,7 +96,8 @@ def pose_bodies(
 ):
     """Pose an object's bodies, parents before children.
 
-    `first` is the index of the first body to pose in the object's list: 0, or 1 if its root already has its pose.
+    `first` is the index of the first body to pose, in the object's list of bodies: 0, or 1 if the root is already
+    posed.
     """
     adr = program.obj_bodyadr[obj]
     for i in range(first, program.obj_bodynum[obj]):

@@ -1,8 +1,8 @@
-"""Orientations: draw a yaw, a stable pose or any rotation, face another object, and measure pivots and bounds.
+"""Orientations: draw a yaw, a stable pose or any rotation, face another object, measure the pivot and bounds.
 
-Every orientation is a rotation with heading 0 followed by a yaw about the vertical. The rotation determines the pivot,
-the bounds and the lowest point. The heading of an object is the direction of its root's x axis, seen from above. If
-that axis points straight up or down, the heading is the direction of the y axis minus 90 degrees.
+Every orientation is a rotation with heading 0, followed by a yaw about the vertical. The rotation with heading 0
+determines the pivot, the bounds and the lowest point. The heading of an object is the direction of its root's x axis,
+seen from above. If that axis points straight up or down, the heading is the direction of the y axis minus 90 degrees.
 """
 
 import math
@@ -16,17 +16,17 @@ from sceniris_gym.placement.kinematics import pose_bodies
 from sceniris_gym.placement.placed import rotated
 from sceniris_gym.program.device import Measure, OrientationType, Program
 
-# An x axis points straight up or down if its shadow is shorter than this, as in `scene/poses.py`.
+# An x axis points straight up or down if, seen from above, it is shorter than this, as in `scene/poses.py`.
 _UPRIGHT = wp.constant(1.0e-3)
 _TWO_PI = wp.constant(2.0 * math.pi)
 
 
 @wp.struct
 class StableDraw:
-    """A drawn orientation of heading 0, its yaw [rad], and the object's pivot and bounds in it.
+    """A drawn orientation: a rotation `quat` with heading 0, a yaw [rad], and the object's pivot and bounds.
 
-    `stable` is the number of its stable pose in `Program`. `pivot` is in the root's frame [m].
-    `bounds` is (low x, low y, high x, high y) around the pivot [m].
+    `stable` is the number of the stable pose in `Program`. `pivot` is in the root's frame [m]. `bounds` is (low x, low
+    y, high x, high y) relative to the pivot [m], at heading 0.
     """
 
     stable: int
@@ -59,7 +59,8 @@ def _any_quat(u: wp.vec4) -> wp.vec4:
 def draw_stable(program: Program, obj: int, u: wp.vec4, w: wp.vec4) -> StableDraw:
     """Draw an orientation of an object from uniform numbers.
 
-    The first number of `u` gives the yaw. `w` gives the stable pose by its last number, or any rotation by all numbers.
+    The first number of `u` gives the yaw. The last number of `w` gives the stable pose. With `orientation: any`, `w`
+    gives the rotation instead.
     """
     stable = program.obj_stableadr[obj]
     last = stable + program.obj_stablenum[obj] - 1
@@ -107,7 +108,7 @@ def _extents(
 ) -> wp.vec4:
     """Return the extents of a posed object along two unit vectors `x` and `y` of the world [m].
 
-    They are low x, low y, high x, high y.
+    The result is (low x, low y, high x, high y).
     """
     low_x = _least(program, obj, x, body_pos, body_quat)
     low_y = _least(program, obj, y, body_pos, body_quat)
@@ -124,10 +125,11 @@ def measure(
     body_pos: wp.array[wp.vec3],
     body_quat: wp.array[wp.vec4],
 ) -> StableDraw:
-    """Return `drawn` with its pivot at the lowest point and, with `Measure.WHOLE`, its bounds in the drawn joint state.
+    """Return `drawn` with the pivot and, for `Measure.WHOLE`, the bounds measured in the drawn joint state.
 
-    Leaves the bodies posed with the root at the origin and heading 0. Horizontally, the pivot stays at the centre of
-    the bounds in the start pose of the joints. With `orientation: any`, it is at the centre of the drawn bounds.
+    The pivot is at the height of the lowest point. Horizontally, the pivot stays at the centre of the bounds that the
+    object has with joints in the start pose. With `orientation: any` and `Measure.WHOLE`, it is at the centre of the
+    measured bounds. The bodies remain posed with the root at the origin and heading 0.
     """
     body_pos[program.obj_body[obj]] = wp.vec3(0.0)
     body_quat[program.obj_body[obj]] = drawn.quat
@@ -152,9 +154,9 @@ def bounds_of(
     body_pos: wp.array[wp.vec3],
     body_quat: wp.array[wp.vec4],
 ) -> wp.vec4:
-    """Return the bounds (low x, low y, high x, high y) [m] of a posed object around its pivot, in its heading.
+    """Return the bounds (low x, low y, high x, high y) [m] of a posed object, relative to its pivot.
 
-    `pivot_pose` is (x, y, z, heading) of the pivot.
+    The x axis of the bounds points along the heading. `pivot_pose` is (x, y, z, heading) of the pivot.
     """
     to = unit_circle(pivot_pose[3])
     ahead = wp.vec3(to[0], to[1], 0.0)

@@ -23,7 +23,7 @@ def placed(at: wp.vec2, heading: float, bounds: wp.vec4) -> Placed:
 
 @wp.func
 def is_there(present: wp.array[int], column: int) -> bool:
-    """Return whether a named object is present. Columns after the slots are objects with variants, always present."""
+    """Return whether a named object is present. Columns after the slots (objects with variants) are always present."""
     if column < present.shape[0]:
         return present[column] != 0
     return True
@@ -31,7 +31,7 @@ def is_there(present: wp.array[int], column: int) -> bool:
 
 @wp.func
 def rotated_to(v: wp.vec2, to: wp.vec2) -> wp.vec2:
-    """Return a plane vector rotated by the rotation that takes the x axis to the unit vector `to`."""
+    """Return a plane vector after the rotation that takes the x axis to the unit vector `to`."""
     return wp.vec2(to[0] * v[0] - to[1] * v[1], to[1] * v[0] + to[0] * v[1])
 
 
@@ -75,7 +75,7 @@ def bounds_extent(p: Placed, direction: wp.vec2) -> wp.vec2:
 
 @wp.func
 def _outside_sq(p: Placed, x: wp.vec2) -> float:
-    """Return the squared distance [m^2] of a point from the bounds, 0 inside."""
+    """Return the squared distance [m^2] of a point from the bounds, or 0 for a point inside."""
     local = rotated_to(x - p.at, wp.vec2(p.axis[0], -p.axis[1]))
     dx = wp.max(wp.max(p.low[0] - local[0], local[0] - p.high[0]), 0.0)
     dy = wp.max(wp.max(p.low[1] - local[1], local[1] - p.high[1]), 0.0)
@@ -84,13 +84,13 @@ def _outside_sq(p: Placed, x: wp.vec2) -> float:
 
 @wp.func
 def bounds_offset(p: Placed) -> float:
-    """Return the distance [m] of the pivot from the bounds, above 0 if drawn joints moved all geometry away from it."""
+    """Return the distance [m] of the pivot from the bounds. It is above 0 if drawn joints moved all geometry away."""
     return wp.sqrt(_outside_sq(p, p.at))
 
 
 @wp.func
 def _apart_along(a: Placed, b: Placed, direction: wp.vec2) -> bool:
-    """Test whether two bounds are apart along a unit vector."""
+    """Test whether there is a gap between the bounds of two objects along a unit vector."""
     shift = wp.dot(b.at - a.at, direction)
     ea = bounds_extent(a, direction)
     eb = bounds_extent(b, direction)
@@ -99,9 +99,9 @@ def _apart_along(a: Placed, b: Placed, direction: wp.vec2) -> bool:
 
 @wp.func
 def bounds_distance(a: Placed, b: Placed) -> float:
-    """Return the distance [m] between two bounds seen from above, 0 if they overlap.
+    """Return the distance [m] between the bounds of two objects, seen from above, or 0 if the bounds overlap.
 
-    Two separate convex polygons are closest at a corner of one of them.
+    Two disjoint convex polygons are closest at a corner of one of them.
     """
     apart = (
         _apart_along(a, b, a.axis)

@@ -1,6 +1,6 @@
 """Small convex polygons on the device: hulls of points, clipping by half-planes, areas, and uniform points.
 
-A polygon is an array of counter-clockwise corners [m] that one lane owns, and the number of corners in use.
+A polygon is an array of counter-clockwise corners [m] and the number of corners in use. One lane owns the array.
 """
 
 import warp as wp
@@ -38,7 +38,7 @@ def _sort_by_height(points: wp.array[wp.vec2], num: int):
 
 @wp.func
 def _turn_left(corners: wp.array[wp.vec2], base: int, num: int, p: wp.vec2) -> int:
-    """Drop corners from the end, down to number `base`, until the turn to `p` is a left one.
+    """Drop corners from the end until the path turns left at the last corner towards `p`. Keep corners up to `base`.
 
     Returns the number of remaining corners.
     """
@@ -53,12 +53,12 @@ def _turn_left(corners: wp.array[wp.vec2], base: int, num: int, p: wp.vec2) -> i
 
 @wp.func
 def convex_hull(points: wp.array[wp.vec2], num: int, corners: wp.array[wp.vec2]) -> int:
-    """Write the convex hull of points to `corners`, counter-clockwise from the lowest.
+    """Write the convex hull of points to `corners`, counter-clockwise from the lowest point.
 
-    Sorts the points in place. They may coincide or lie on lines, as long as they do not all lie on one line. Returns
-    the number of corners, at most `num`. A. Andrew, "Another efficient algorithm for convex hulls in two dimensions",
-    Information Processing Letters 9(5), 1979. The two chains on the sides of the line from the lowest to the highest
-    point are built one after the other, so that `num` corners are always enough room.
+    Sorts the points in place. Points may coincide, and some may lie on a line, but not all of them. Returns the number
+    of corners, at most `num`. A. Andrew, "Another efficient algorithm for convex hulls in two dimensions", Information
+    Processing Letters 9(5), 1979. The line from the lowest to the highest point has a chain of corners on each side.
+    The chains are built one after the other, so that `num` corners are always enough room.
     """
     _sort_by_height(points, num)
     lowest = points[0]
@@ -101,7 +101,7 @@ def clip(p: wp.array[wp.vec2], num: int, h: HalfPlane) -> int:
     """Clip `p` by a half-plane in place, and return the number of remaining corners.
 
     I. Sutherland, G. Hodgman, "Reentrant polygon clipping", CACM 17(1), 1974. A convex polygon enters a half-plane at
-    most once. Writing is therefore at most one corner ahead of reading, and it is enough to read one corner ahead. If
+    most once. Writing is therefore at most one corner ahead of reading, so reading one corner in advance is enough. If
     rounding makes the polygon enter twice, the second entry is ignored.
     """
     left = int(0)
@@ -138,7 +138,8 @@ def area(p: wp.array[wp.vec2], num: int) -> float:
 def draw_in_polygon(p: wp.array[wp.vec2], num: int, pick: float, u: float, v: float) -> wp.vec2:
     """Return a uniform point of a polygon with `num` corners `p`.
 
-    The uniform number `pick` chooses a triangle of the fan around the first corner, and `u` and `v` a point in it.
+    The uniform number `pick` chooses a triangle of the fan around the first corner. `u` and `v` choose a point in this
+    triangle.
     """
     left = 2.0 * pick * area(p, num)
     chosen = num - 1

@@ -2,7 +2,7 @@
 
 A wedge with distances is cut into slices of at most 30 degrees, and less in a thin ring. Four half-planes bound each
 slice: two rays, a chord inside the inner circle and a tangent outside the outer circle. Slices are disjoint, so their
-areas add up. They exceed the ring by less than its area, and points outside the ring are drawn again.
+areas add up. The slices exceed the ring by less than the area of the ring, and points outside the ring are drawn again.
 """
 
 import math
@@ -28,15 +28,15 @@ from sceniris_gym.program.device import FRAME_SUPPORT, FRAME_WORLD, OWN_WIDTH, P
 
 _PI = wp.constant(math.pi)
 _NO_LIMIT = wp.constant(1.0e29)
-# Anchors count as collinear if their hull is thinner than this [m], and their region is then a strip. If they are no
-# further apart than this, they count as one point, and their region is a square along the world's axes.
+# If the hull of anchors is thinner than this [m], they count as collinear, and their region is a strip. If anchors are
+# no further apart than this, they count as one point, and their region is a square along the world's axes.
 _THIN = wp.constant(1.0e-3)
-# `beside` describes a line, or a point for joined sites. Both are drawn as strips of this half width [m], a fifth of
-# the error that counts as a violation.
+# The region of `beside` is a line, or a point for joined sites. Both are drawn as strips of this half width [m]. Five
+# times this width counts as a violation.
 INACTIVE = wp.constant(-1)
 """The number of half-planes of a relation without enough present anchors."""
 _LINE = wp.constant(2.0e-5)
-# The direction from an anchor to a point within this distance [m] is only rounding.
+# If a point is within this distance [m] of an anchor, the direction from the anchor to the point is only rounding.
 _NO_DIRECTION = wp.constant(1.0e-5)
 
 
@@ -44,10 +44,10 @@ _NO_DIRECTION = wp.constant(1.0e-5)
 class ResolvedRelation:
     """The region of one relation in one world.
 
-    A sector has an apex, the direction of its axis, a half angle [rad], and the least and greatest distance [m] that
-    its pieces enclose. A strip or a line extends from `low` to `high` along the unit vector `along` from `apex`, and by
-    `half` to both sides [m]. A hull has `hullnum` corners in a separate array. All pieces lie within `reach` [m] of
-    `apex`.
+    A sector has an apex, the direction of its axis [rad], a half angle [rad], and the least and greatest distance [m]
+    that its pieces enclose. A strip or a line extends along the unit vector `along`, from `low` to `high` as measured
+    from `apex`, and by `half` to both sides [m]. A hull has `hullnum` corners in a separate array. All pieces lie
+    within `reach` [m] of `apex`.
     """
 
     active: bool
@@ -64,7 +64,7 @@ class ResolvedRelation:
 
 @wp.func
 def load_placed(pivot_pose: wp.array[wp.vec4], bounds: wp.array[wp.vec4], column: int) -> Placed:
-    """Return the object in a slot, from its (x, y, z, heading) and its bounds (low x, low y, high x, high y)."""
+    """Return the object in a column of `pivot_pose` (x, y, z, heading) and `bounds` (low x, low y, high x, high y)."""
     return placed(wp.vec2(pivot_pose[column][0], pivot_pose[column][1]), pivot_pose[column][3], bounds[column])
 
 
@@ -75,9 +75,9 @@ def _strip(apex: wp.vec2, along: wp.vec2, low: float, high: float, half: float, 
     Args:
         apex: Origin of the strip [m].
         along: Unit vector along the strip.
-        low: Beginning of the strip, along `along` from `apex` [m].
-        high: Its end [m].
-        half: Half of its width [m].
+        low: Beginning of the strip, as a distance from `apex` along `along` [m].
+        high: End of the strip, measured in the same way [m].
+        half: Half of the strip's width [m].
         reach: Radius of a circle around `apex` that encloses the strip [m].
     """
     return ResolvedRelation(True, 0, apex, 0.0, 0.0, along, low, high, half, reach)
@@ -85,7 +85,7 @@ def _strip(apex: wp.vec2, along: wp.vec2, low: float, high: float, half: float, 
 
 @wp.func
 def _between(width: float, points: wp.array[wp.vec2], num: int, hull: wp.array[wp.vec2]) -> ResolvedRelation:
-    """Resolve `between`: the hull of the anchors, a strip if they lie on a line, or a square if they coincide.
+    """Resolve `between` to the hull of the anchors, a strip if they lie on a line, or a square if they coincide.
 
     Args:
         width: Width of the strip, and side of the square [m].
@@ -121,15 +121,16 @@ def _between(width: float, points: wp.array[wp.vec2], num: int, hull: wp.array[w
 
 @wp.func
 def _beside(program: Program, rel: int, own: Placed, anchor: Placed, axis: float) -> ResolvedRelation:
-    """Resolve `beside` by bounds: the line of pivots for which the bounds of the two objects are the gap apart.
+    """Resolve `beside` by bounds, to the line of pivot positions at which the gap between the bounds is right.
 
-    Across this direction, the narrower bounds stay within the span of the wider bounds.
+    Perpendicular to the direction from the anchor to the object, the narrower bounds stay within the span of the wider
+    bounds.
 
     Args:
         program: The scene.
         rel: Number of the relation.
-        own: The placed object.
-        anchor: The object beside which it is placed.
+        own: The object to place.
+        anchor: The object next to it.
         axis: Heading from the anchor to the object [rad].
     """
     side = rotated(wp.vec2(1.0, 0.0), axis)
@@ -145,7 +146,7 @@ def _beside(program: Program, rel: int, own: Placed, anchor: Placed, axis: float
 
 @wp.func
 def _joined(program: Program, rel: int, own: Placed, anchor: Placed) -> ResolvedRelation:
-    """Resolve `beside` at sites: the pivot that makes the two sites meet."""
+    """Resolve `beside` at sites, to the only pivot position at which the two sites meet."""
     sites = program.rel_sites[rel]
     from_anchor = rotated_to(wp.vec2(sites[0], sites[1]), anchor.axis)
     apex = anchor.at + from_anchor - rotated_to(wp.vec2(sites[2], sites[3]), own.axis)
@@ -164,10 +165,10 @@ def resolve(
     present: wp.array[int],
     hull: wp.array[wp.vec2],
 ) -> ResolvedRelation:
-    """Resolve a relation of an object, given its heading and bounds, to its region in one world.
+    """Resolve a relation to its region in one world. `own` has the heading and bounds of the object to place.
 
-    Absent anchors are ignored, and a relation without enough anchors is not active. The corners of a hull are written
-    to `hull`.
+    Absent anchors are ignored. If too few anchors are present, the relation is not active. The corners of a hull are
+    written to `hull`.
     """
     adr = program.rel_anchoradr[rel]
     points = wp.zeros(shape=(MAX_ANCHORS,), dtype=wp.vec2)
@@ -217,7 +218,7 @@ def resolve(
 
 @wp.func
 def depends_on_heading(program: Program, rel: int) -> bool:
-    """Return True if the region of a relation depends on the heading of the object, and not only on its bounds."""
+    """Return True if the region of a relation depends on the object's heading, and not only on its bounds."""
     return program.rel_type[rel] == RelationType.BESIDE or program.rel_type[rel] == RelationType.JOINED
 
 
@@ -235,7 +236,7 @@ def side_num(s: ResolvedRelation) -> int:
 def _slice_sides(program: Program, rel: int, s: ResolvedRelation, sides: wp.array[HalfPlane], first: int):
     """Write the four half-planes around each slice of a sector `s` to `sides`, starting at index `first`.
 
-    They are two rays, a chord of the inner circle and a tangent of the outer circle.
+    The half-planes are bounded by two rays, a chord of the inner circle and a tangent of the outer circle.
     """
     pieces = program.rel_piecenum[rel]
     slice = 2.0 * s.half_angle / float(pieces)
@@ -293,7 +294,7 @@ def relation_holds(
     pivot_pose: wp.array[wp.vec4],
     bounds: wp.array[wp.vec4],
 ) -> bool:
-    """Test whether a relation holds exactly for the object at `own`, whose pivot is already in one of its pieces."""
+    """Test whether a relation holds exactly for the object `own`. Its pivot is already in a piece of the relation."""
     if not s.active or program.rel_type[rel] != RelationType.SECTOR:
         return True
     v = own.at - s.apex

@@ -1,20 +1,20 @@
-"""`stands`: test whether all free objects below a candidate still stand, by statics on MuJoCo's soft contacts.
+"""`stands`: test by statics on MuJoCo's soft contacts whether a candidate and all free objects below it stand.
 
 The *load* of an object in a stack is this object and everything on it, each as a rigid body. The *patch* of an object
 is the hull of the part of its foot on its support. A load stands if its centre of mass is inside the patch by a margin.
 
-Contacts give way, with each corner of the patch as a spring. A load sinks by d. If its centre is e away from the centre
-of the patch, it leans by d K^-1 e. Here K is the mean of the outer products of the patch's corners around their mean.
-All objects above move with it, so the leans are computed in passes, which do not converge for a top-heavy stack. A load
-that falls by f until its support carries it is shaken. Its margin therefore has to exceed t sqrt(f h), where h is the
-height of its centre and `Law` has t.
+Contacts give way, as if each corner of the patch were a spring. A load sinks by d. If the centre of the load is e away
+from the centre of the patch, the load leans by d K^-1 e. Here K is the mean of the outer products of the patch's
+corners around their mean. All objects above move with the load, so the leans are computed in passes, which do not
+converge for a top-heavy stack. A load that falls by f until its support carries it is shaken by the impact. Its margin
+therefore has to exceed t sqrt(f h), where h is the height of its centre and `Law` has t.
 
-MuJoCo keeps four contacts of a face, the largest quadrilateral of its corners. On a round support with more corners, a
-load near the rim is outside these contacts and tips until others take over. This adds at most s sqrt(d h) to the
-margin. A load on a curved foot has risen after a lean by an angle a if its margin is above h tan(a / 2). It rolls until
-its centre is above the point of contact. With a radius of curvature R, it rotates by (R v + e) / (R - h), where v is
-the lean of its carrier. Its centre moves by h times this angle, and swings equally far beyond. If R is about h, the
-motion is slow.
+MuJoCo keeps four contacts of a face: the largest quadrilateral of its corners. On a round support with more corners, a
+load near the rim is outside these four contacts, and tips until other contacts take over. This adds at most s sqrt(d h)
+to the margin. After a load on a curved foot has leaned by an angle a, its centre is higher than before if its margin is
+above h tan(a / 2). The load rolls until its centre is above the point of contact. With a radius of curvature R, it
+rotates by (R v + e) / (R - h), where v is the lean of the object that carries it. Its centre moves by h times this
+angle, and swings equally far beyond. If R is about h, the motion is slow.
 
 The corners of a patch are the furthest points in each of 16 directions, so its hull is a little smaller than the exact
 hull.
@@ -32,14 +32,14 @@ from sceniris_gym.program.device_statics import DIRECTIONS, MOST_MOVE, RISE, ROL
 # A convex part of a support adds a corner for each of its sides.
 _MOST_CORNERS = 2 * MAX_FOOT
 _PASSES = 8
-# A part of a foot counts if at least this fraction of it is on the support. A smaller fraction has a single contact,
-# which it may lose.
+# A part of a foot counts if at least this fraction of its area is on the support. A smaller fraction has only one
+# contact, which may be lost.
 _SLIVER = wp.constant(0.5)
-# The same for a curved foot, which may have a piece at each end and a gap between them.
+# The same fraction for a curved foot, which may have a piece at each end and a gap between them.
 _ALL = wp.constant(0.99)
 # The largest quadrilateral of corners of a circle leaves out 0.29 of its radius.
 _LOST = wp.constant(0.35)
-# The extent of a patch in each direction before its first corner.
+# The extent of a patch in each direction before the first corner is found.
 _NO_CORNER = wp.constant(-1.0e30)
 # Greatest move [m] of the uppermost object until it is at rest.
 _MOVE = wp.constant(MOST_MOVE)
@@ -47,10 +47,10 @@ _MOVE = wp.constant(MOST_MOVE)
 
 @wp.struct
 class Level:
-    """An object of a stack with its load, on its patch.
+    """An object of a stack, its load, and its patch.
 
-    Lengths are in metres, in the world's axes around the pivot of the candidate. `load` is the weight [kg] and centre
-    of the object and everything on it. `own` is the same without the next object above and its load.
+    Lengths are in metres, along the world's axes, from the pivot of the candidate. `load` is the weight [kg] and centre
+    of the object and everything on it. `own` is the same without the next object above and the load of that object.
     """
 
     foot: float  # height of the foot
@@ -79,7 +79,7 @@ def weigh(
     body_quat: wp.array[wp.vec4],
     origin: wp.vec3,
 ) -> wp.vec4:
-    """Return the weight [kg] of an object, and the sum of weights times places around `origin` [kg m]."""
+    """Return the weight [kg] of an object, and the sum of its bodies' weights times positions from `origin` [kg m]."""
     total = wp.vec4(0.0)
     for i in range(program.obj_bodynum[obj]):
         body = program.body_list[program.obj_bodyadr[obj] + i]
@@ -92,7 +92,7 @@ def weigh(
 
 @wp.func
 def _side(statics: Statics, number: int, ground: Pose) -> HalfPlane:
-    """Return the half-plane inside an edge of a part of a surface."""
+    """Return the half-plane on the inner side of an edge, which belongs to a convex part of a surface."""
     ends = statics.side[number]
     a = apply(ground, wp.vec3(ends[0], ends[1], 0.0))
     b = apply(ground, wp.vec3(ends[2], ends[3], 0.0))
@@ -101,7 +101,7 @@ def _side(statics: Statics, number: int, ground: Pose) -> HalfPlane:
 
 @wp.func
 def lies_on_a_part(statics: Statics, stable: int, at: wp.vec2, surface: int, ground: Pose) -> bool:
-    """Return True if the circle around a foot is on one convex part of a surface. Arguments as in `find_patch`."""
+    """Return True if the circle around a foot is on one convex part of a surface. For arguments see `find_patch`."""
     for i in range(statics.surface_partnum[surface]):
         part = statics.surface_partadr[surface] + i
         nearest = float(1.0e30)
@@ -123,15 +123,15 @@ def find_patch(
     ground: Pose,
     patch: wp.array[wp.vec2],
 ) -> bool:
-    """Write the corners of an object's patch, and return True, or return False if its foot is off the surface.
+    """Write the corners of an object's patch and return True. If its foot is off the surface, return False.
 
     Args:
         statics: The feet and contacts of all objects.
-        stable: The number of its stable pose.
-        at: The place of its pivot [m].
+        stable: The number of the object's stable pose.
+        at: The position of its pivot [m], seen from above.
         heading: Its heading [rad].
         surface: The surface that it stands on.
-        ground: The pose of that surface's body.
+        ground: The pose of the body that has this surface.
         patch: The corners [m], counter-clockwise, shape (`DIRECTIONS`,).
     """
     best = wp.zeros(shape=(wp.static(DIRECTIONS),), dtype=float)
@@ -168,10 +168,10 @@ def find_patch(
 
 @wp.func
 def measure(level: Level, patch: wp.array[wp.vec2]) -> Level:
-    """Return an object of a stack with its fields `middle`, `softness`, `margin` and `inner` set.
+    """Return `level` with the fields `middle`, `softness`, `margin` and `inner` set.
 
     Args:
-        level: The object, with its `load`, `law` and `sink`.
+        level: An object of a stack, with the fields `load`, `law` and `sink`.
         patch: The corners of its patch [m], as `find_patch` writes them.
     """
     at = wp.vec2(level.load[1], level.load[2])
@@ -207,7 +207,7 @@ def measure(level: Level, patch: wp.array[wp.vec2]) -> Level:
 def _leans(level: Level, off: wp.vec2) -> wp.vec2:
     """Return the lean [rad] of a load whose centre is `off` [m] from the middle of its patch.
 
-    If `far` exceeds 1, a corner of a rectangle is lifted and the load rests on three corners.
+    If `far` exceeds 1, a corner of a rectangular patch is lifted and the load rests on the other three corners.
     """
     lean = level.softness * off
     far = wp.sqrt(2.0 * wp.max(wp.dot(lean, off), 0.0) / wp.max(level.sink, 1.0e-30))
@@ -216,7 +216,7 @@ def _leans(level: Level, off: wp.vec2) -> wp.vec2:
 
 @wp.func
 def loads_stand(levels: wp.array[Level], num: int) -> bool:
-    """Return True if all loads of a stack stay on their patches as contacts give way.
+    """Return True if all loads of a stack stay on their patches when contacts give way.
 
     Args:
         levels: The objects of the stack from the candidate down. The lowest object is last.

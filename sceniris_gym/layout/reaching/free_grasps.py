@@ -1,9 +1,9 @@
-"""Free grasps: every object has to leave a free grasp to each reach target of tier `clear` placed before it.
+"""Free grasps: each object has to leave a free grasp to all reach targets of tier `clear` that were placed earlier.
 
 A grasp is *free* if the arm's map accepts it and the hand is clear of all objects placed after the target. A candidate
-that blocks the last free grasp of a target is rejected with the cause BLOCKED. Another trial of the same object then
-follows, which costs less than another restart. The reach stage tries only free grasps. Targets placed before their
-robot are exempt.
+that blocks the last free grasp of a target is rejected with the cause BLOCKED. The next trial of the same object then
+follows, which costs less than a restart. The reach stage tries only free grasps. These rules do not apply to targets
+that are placed before their robot.
 """
 
 import warp as wp
@@ -24,7 +24,7 @@ _OPTIONS = {"enable_backward": False, "fuse_fp": False}
 wp.set_module_options(_OPTIONS)
 
 _SLACK = wp.constant(1.0e-3)
-"""Pairs of spheres within this distance [m] are tested exactly. It is far above rounding errors."""
+"""If two spheres are within this distance [m], the exact test decides. The distance is far above rounding errors."""
 
 
 @wp.kernel
@@ -45,13 +45,13 @@ def _pose_hands(
 
 
 def launch_pose_hands(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
-    """Pose the hand at each grasp in the frame of the grasped body, with joints outside the gripper at home."""
+    """Pose the hand at each grasp in the frame of the grasped body. Joints outside the gripper are at home."""
     work.launch(_pose_hands, reach.early_grasp.shape[0], work.program, reach, reach_search)
 
 
 @wp.func
 def _needs_free_grasp(reach: Reach, layouts: LayoutsView, row: int, obj: int, column: int) -> bool:
-    """Return True if a candidate of an object has to leave a free grasp to a reach target of this arm."""
+    """Return True if a candidate of object `obj` has to leave a free grasp to target `column`, which `reach` serves."""
     if reach.reach_arm[column] != reach.number or reach.reach_obj[column] >= obj:
         return False
     return reach.reach_early[column] and layouts.present[row, reach.reach_slot[column]] != 0
@@ -59,7 +59,7 @@ def _needs_free_grasp(reach: Reach, layouts: LayoutsView, row: int, obj: int, co
 
 @wp.func
 def _is_accepted(reach: Reach, layouts: LayoutsView, search: Search, c: int, column: int, grasp: int) -> bool:
-    """Return True if a grasp belongs to the stable pose of a target's candidate, and the map accepts it."""
+    """Return True if a grasp belongs to the stable pose of a target's candidate, and the map accepts this grasp."""
     number = grasp - reach.stable_graspadr[search.stable_draw[c].stable]
     if number < 0 or number >= reach.stable_graspnum[search.stable_draw[c].stable]:
         return False
@@ -88,7 +88,7 @@ def _is_near(
     adr: int,
     num: int,
 ) -> bool:
-    """Return True if spheres around the boxes of the hand and of a candidate meet at a grasp.
+    """Return True if, at a grasp, a sphere around a box of the hand meets a sphere around a box of the candidate.
 
     `early` is the index of the grasp in `Reach.early_grasp`. The broad-phase pairs to test are the `num` entries from
     address `adr` on.
@@ -211,11 +211,11 @@ def _reject_blocked(
 
 
 OWN_KERNELS = [_test_hands]
-"""Kernels in separate modules."""
+"""Kernels that have a separate Warp module each."""
 
 
 def launch_test_hands(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
-    """Find the free grasps of candidates that passed all other tests. Reject candidates that leave no free grasp."""
+    """Find the free grasps of candidates that passed all other tests. Reject candidates that leave a target none."""
     inputs = [work.program, reach, work.layouts, work.search, reach_search]
     work.launch_lanes(_queue_hands, *inputs)
     work.launch_blocks(_test_hands, *inputs, blocks=min(work.size.blocks, len(reach_search.failed)))

@@ -15,7 +15,7 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 @wp.func
 def _pairs_of(reach: Reach, reach_search: ReachSearch, step: int, row: int) -> int:
-    """Return the index of the list of pairs that a step tests for a row's reach target."""
+    """Return the index of the list of pairs that `step` tests for the current reach target of a row."""
     column = reach_search.column[row]
     if step < ReachStep.HAND_AND_TARGET:
         return reach.arm_hand[column]
@@ -99,6 +99,6 @@ def _test_containment(
 def launch_test_arm(
     work: Workspace, reach: Reach, first: ReachStep, last: ReachStep, reach_search: ReachSearch
 ) -> None:
-    """Test candidates in their current pose, for the steps from `first` to `last`."""
+    """Run the steps from `first` to `last`, which test candidates in their current pose."""
     for test in (_test, _test_containment) if work.program.visual else (_test,):
         work.launch_blocks(test, work.program, reach, int(first), int(last), work.layouts, reach_search)

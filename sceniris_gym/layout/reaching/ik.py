@@ -1,4 +1,4 @@
-"""Inverse kinematics of candidates, one lane each: from a start to the grasp, and from there to the pre-grasp."""
+"""Inverse kinematics, one lane per candidate: from a start to the grasp, and from the grasp to the pre-grasp."""
 
 import warp as wp
 
@@ -25,9 +25,9 @@ from sceniris_gym.reach.solve import ITERATIONS, ArmView, accepted, refine, turn
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 SAME_BRANCH = 0.8
-"""Largest change of a joint [rad or m] between pre-grasp and grasp. Beyond it, the solutions may differ in branch."""
+"""Largest allowed change of a joint [rad or m] from pre-grasp to grasp. A larger change may mean another IK branch."""
 WITNESSES = 4
-"""Number of starts from witnesses of the arm's map, if there is a map. They follow the arm's present pose."""
+"""Number of starts from witnesses, which are joints stored in the arm's map. They follow the arm's present pose."""
 
 _PI = wp.constant(wp.pi)
 
@@ -59,7 +59,7 @@ def _drawn(arm: ArmView, seed: wp.uint64, episode: int, stream: wp.uint32, trial
 
 @wp.func
 def _nearest_turns(arm: ArmView, there: vec8, before: vec8):
-    """Shift a pre-grasp's joints by multiples of 2 pi towards the grasp. Return them, and whether all are near it."""
+    """Shift the joints of a pre-grasp by multiples of 2 pi towards the grasp. Return them, and whether all are near."""
     near = bool(True)
     q = before
     for i in range(MAX_JOINTS):
@@ -143,7 +143,7 @@ def _solve(
 
 
 def launch_ik(work: Workspace, reach: Reach, clear: bool, reach_search: ReachSearch) -> None:
-    """Solve for the joints of the candidates' grasps, and if `clear` also for the joints of their pre-grasps."""
+    """Solve for the joints of the candidates' grasps. If `clear`, also solve for the joints of their pre-grasps."""
     work.launch_lanes(_choose_starts, reach, work.split, work.layouts, work.search, reach_search)
     for step in (ReachStep.IK_AT_GRASP, ReachStep.IK_AT_PREGRASP) if clear else (ReachStep.IK_AT_GRASP,):
         work.launch_lanes(_solve, reach, int(step), work.layouts, reach_search)

@@ -1,4 +1,4 @@
-"""Poses of a candidate's hand or whole robot in its grasp or pre-grasp. One lane per candidate."""
+"""Pose the hand or the whole robot of a candidate in a grasp or pre-grasp. One lane works on one candidate."""
 
 import warp as wp
 
@@ -16,7 +16,7 @@ from sceniris_gym.reach.solve import vec8
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 OPENING_MARGIN = 0.01
-"""The gripper opens by this gap [m] more than the grasp needs, within its range."""
+"""The gripper opens by this gap [m] more than the grasp needs, but at most to the end of its range."""
 
 
 @wp.func
@@ -89,7 +89,7 @@ def pose_arm(
     body_pos: wp.array[wp.vec3],
     body_quat: wp.array[wp.vec4],
 ):
-    """Pose a robot with these joints of its arm, other joints from `qpos`, and its base at the row's pose."""
+    """Pose a robot, with the positions `joints` of its arm, other joints from `qpos`, and its base from the row."""
     for i in range(MAX_JOINTS):
         if i < reach.arm.njoint:
             qpos[reach.arm_qposadr[i]] = joints[i]
@@ -103,10 +103,10 @@ def pose_arm(
 def _is_deferred(reach_search: ReachSearch, at_once: int, c: int) -> bool:
     """Return True if a candidate's test can wait, because enough earlier candidates of its row have joints.
 
-    The first valid candidate wins, which usually is the row's first candidate. More candidates are tested after
-    failures, and in waves with few rows, because a launch tests `at_once` candidates as fast as one. If rows wait for
-    room, all candidates are tested, which bounds the number of waves. Other lanes may defer earlier candidates at the
-    same time, so deferred candidates also count as earlier ones.
+    The first valid candidate wins, and is usually the row's first candidate. More candidates are tested after failures.
+    More are also tested in waves with few rows, because a launch tests `at_once` candidates as fast as one. If rows
+    wait for room, all candidates are tested, which bounds the number of waves. Other lanes may defer earlier candidates
+    at the same time, so deferred candidates also count as earlier candidates.
     """
     if reach_search.candidates[0] > reach_search.failed.shape[0]:
         return False
@@ -158,7 +158,7 @@ def _pose(
 
 
 def launch_pose(work: Workspace, reach: Reach, step: ReachStep, reach_search: ReachSearch) -> None:
-    """Pose the robot of each candidate for a step, or only its hand if joints are not solved yet. Defer some tests."""
+    """Pose the robot of each candidate for a step. Before joints are solved, pose only the hand. Defer some tests."""
     # On an H200, 1,000 more candidates take 0.1 ms longer. In scenes with starts, the first joints hardly ever fail.
     at_once = work.size.blocks // (2 if work.compiled.starts is None else 16)
     work.launch_lanes(_pose, work.program, reach, int(step), at_once, work.layouts, reach_search)

@@ -1,9 +1,9 @@
-"""`ReachSearch`: the state of a search for joints of grasps, with a queue of rows and their candidates.
+"""`ReachSearch`: the state of a search for the joints of grasps, with a queue of rows and their candidates.
 
-A row with all objects placed works through its arms in order, through the reach targets of each arm, and through the
-grasps of each target. A *candidate* is one start of the inverse kinematics for one grasp. It takes the steps of
-`ReachStep` in order, and the lowest (grasp, start) that passes all steps is kept. Steps that do not depend on the arm's
-joints are taken once per grasp, by its first start.
+Once all objects of a row are placed, the row works through its arms in order, through the reach targets of each arm,
+and through the grasps of each target. A *candidate* is one start of the inverse kinematics for one grasp. A candidate
+takes the steps of `ReachStep` in order, and the lowest (grasp, start) that passes all steps is kept. Steps that do not
+depend on the arm's joints are taken once per grasp, by its first start.
 """
 
 from enum import IntEnum
@@ -19,21 +19,21 @@ from sceniris_gym.reach.solve import vec8
 PREGRASP_DISTANCE = 0.08
 """Distance [m] of a pre-grasp from its grasp, back along the approach axis."""
 STARTS = 8
-"""Starts of the inverse kinematics per grasp: the arm's present pose, witnesses of its map, then random joints."""
+"""Starts of the inverse kinematics per grasp: the arm's present pose, joints from its map, then random joints."""
 MOST_AT_ONCE = 8 * STARTS
-"""Most candidates of a row in a wave. It is bounded because a single lane goes through them at the end."""
+"""Maximum number of a row's candidates in a wave. At the end of the wave, a single lane goes through them."""
 IN_HAND = Tier.CLEAR + 1
-"""The tier of a target that is tested in the robot's hand at a start, away from its place."""
+"""The tier of a target whose start is tested with the target in the robot's hand, away from its place."""
 
 
 class ReachStep(IntEnum):
-    """Tests of a candidate, in this order. The first four depend only on the grasp, the others also on the start.
+    """Tests of a candidate, in this order. The first four tests depend only on the grasp, the others also on the start.
 
     The tier `ik` takes only MAP, IK_AT_GRASP and SELF_AT_GRASP.
     """
 
     DEFERRED = -1
-    """No test: the candidate has joints, but this wave only tests earlier candidates of its row."""
+    """Not tested yet: the candidate has joints, but this wave tests only earlier candidates of its row."""
     MAP = 0
     """The grasp does not approach from below, and the arm's map accepts it."""
     HAND_AT_GRASP = 1
@@ -42,7 +42,7 @@ class ReachStep(IntEnum):
     HAND_AND_TARGET = 3
     """In the pre-grasp, the hand is clear of its target."""
     IK_AT_GRASP = 4
-    """Inverse kinematics finds joints for the grasp. They are also the start for the pre-grasp."""
+    """Inverse kinematics finds joints for the grasp. The search for joints of the pre-grasp starts from them."""
     IK_AT_PREGRASP = 5
     SELF_AT_GRASP = 6
     """The robot is clear of itself."""
@@ -99,7 +99,7 @@ def candidate_num(reach_search: ReachSearch) -> int:
 
 @wp.func
 def begin_reach_wave(reach_search: ReachSearch):
-    """Begin a wave with the queued rows. One lane calls it, after the rows have candidates."""
+    """Begin a wave with the queued rows. A single lane calls this after the rows have got their candidates."""
     reach_search.rows[0] = reach_search.rows_left[0]
     reach_search.rows_left[0] = 0
     reach_search.source[0] = 1 - reach_search.source[0]
@@ -124,7 +124,7 @@ def queue_target(reach_search: ReachSearch, row: int, column: int, total: int):
 
 @wp.func
 def first_start(reach_search: ReachSearch, c: int) -> int:
-    """Return the candidate with a grasp's first start, or -1 if an earlier wave had it. Its result holds for all."""
+    """Return the candidate with the first start of the grasp of `c`, or -1 if an earlier wave had that candidate."""
     found = c - reach_search.ik_start[c]
     if found < reach_search.first[reach_search.row[c]]:
         return -1
@@ -133,7 +133,7 @@ def first_start(reach_search: ReachSearch, c: int) -> int:
 
 @wp.func
 def takes_step(reach_search: ReachSearch, c: int, step: int) -> bool:
-    """Return True if a candidate has passed all steps before a step, and takes this step itself."""
+    """Return True if a candidate has passed all steps before `step`, and has to take `step` itself."""
     if reach_search.failed[c] < step:
         return False
     if step < ReachStep.IK_AT_GRASP and reach_search.ik_start[c] != 0:

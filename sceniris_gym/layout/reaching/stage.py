@@ -1,7 +1,7 @@
 """The reach stage of a reset, for the tiers `ik` and `clear`: find joints for a grasp of every reach target.
 
-The stage follows placing. If a target has no such joints, the world continues with its next restart, or falls back to
-the bank after its last restart. The stage does not plan a path from the start pose.
+The stage follows placing. If no joints are found for a target, the world continues with its next restart. After the
+last restart, the world falls back to the bank. The stage does not plan a path from the start pose.
 """
 
 from functools import partial
@@ -21,7 +21,7 @@ from sceniris_gym.program.reach import Reaching
 
 
 class ReachStage:
-    """A search for joints of grasps in all waiting rows, in waves of candidates.
+    """Searches for the joints of grasps in all waiting rows, in waves of candidates.
 
     Args:
         work: The arrays of the generator. Their capacities affect only the speed, not the result.
@@ -40,7 +40,7 @@ class ReachStage:
         self._most_waves = most + -(-work.nrow * most // self.search.failed.shape[0])
 
     def launch_pose_hands(self) -> None:
-        """Pose the hand at each grasp that objects may block. Once per generator."""
+        """Pose the hand at each grasp that objects may block. Call this once per generator."""
         for reach in self._early:
             launch_pose_hands(self._work, reach, self.search)
 
@@ -50,7 +50,7 @@ class ReachStage:
             launch_test_hands(self._work, reach, self.search)
 
     def launch(self) -> None:
-        """Find joints in all waiting rows. The lowest restart with joints becomes the best of its world.
+        """Find joints in all waiting rows. The lowest restart with joints becomes the best restart of its world.
 
         In scenes with starts, the arm then moves to its start. A restart without a collision-free start fails.
         """

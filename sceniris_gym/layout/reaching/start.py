@@ -1,8 +1,9 @@
-"""Starts, after the reach stage: move the arm and its held object to the start.
+"""Starts: after the joints of grasps are found, move the arm and its held object to the start.
 
-If the kind of start has an arm at an object, the arm moves to the pre-grasp or the grasp from the reach stage. Lifted
-and held objects are tried at several heights and joints, and the first collision-free trial wins. Without such a trial
-the restart fails, and the next restart follows. A *candidate* here is one such trial, in a `ReachSearch`.
+If the kind of start has an arm at an object, the arm moves to the pre-grasp or the grasp from the reach stage. For a
+lifted or held object, several heights or joint positions are tried, and the first collision-free trial wins. If all
+trials collide, the restart fails, and the next restart follows. A *candidate* here is one such trial, in a
+`ReachSearch`.
 """
 
 import warp as wp
@@ -33,8 +34,8 @@ from sceniris_gym.reach.solve import ITERATIONS, accepted, refine, vec8
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 TRIALS = 64
-"""Trials of a restart whose kind of start draws heights or joints."""
-# Greatest distance [m] of the TCP from a grasp. At the limit of a joint, the tier `ik` accepts up to a millimetre, and
+"""Number of trials in a restart whose kind of start draws heights or joints."""
+# Greatest distance [m] of the TCP from a grasp. The tier `ik` accepts up to a millimetre at the limit of a joint, but
 # the fingers would then penetrate the held object by a millimetre.
 _EXACT = wp.constant(1.0e-4)
 # Indices of a trial's random numbers for height and grasp, after the indices of the joints.
@@ -65,13 +66,13 @@ def _queue_starts(
 
 
 def launch_queue_starts(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
-    """Queue the worlds with a finished restart whose start has this arm at an object."""
+    """Queue the worlds that have a finished restart, and a kind of start with this arm at an object."""
     work.launch(_queue_starts, work.nworld, reach, work.compiled.starts, work.layouts, work.search, reach_search)
 
 
 @wp.func
 def _grip_pose(reach: Reach, starts: Starts, layouts: LayoutsView, row: int, grasp: int):
-    """Return position and orientation of the TCP in a closed grasp of the object at its place."""
+    """Return position and orientation of the TCP in a closed grasp of an object that is still at its place."""
     body = reach.grasp_body[grasp]
     quat = layouts.body_quat[row, body]
     pos = layouts.body_pos[row, body] + rot_vec_quat(starts.grip_pos[grasp], quat)
@@ -80,7 +81,7 @@ def _grip_pose(reach: Reach, starts: Starts, layouts: LayoutsView, row: int, gra
 
 @wp.func
 def _drawn_grasp(reach: Reach, starts: Starts, kind: int, stable: int, u: float) -> int:
-    """Draw a grasp of a stable pose by a uniform number `u`, among the grasps that the kind of start can use."""
+    """Draw a grasp of a stable pose with the uniform number `u`, among the grasps that the kind of start can use."""
     adr = reach.stable_graspadr[stable]
     num = int(0)
     for grasp in range(adr, adr + reach.stable_graspnum[stable]):
@@ -97,7 +98,7 @@ def _drawn_grasp(reach: Reach, starts: Starts, kind: int, stable: int, u: float)
 
 @wp.func
 def _uniform(layouts: LayoutsView, search: Search, split: wp.uint32, row: int, trial: int, number: int) -> float:
-    """Return uniform random number `number` of a row's trial."""
+    """Return the uniform random number with index `number` in a row's trial."""
     worldid = search.row_world[row]
     seed, episode = layouts.pending_seed[worldid], layouts.pending_episode[worldid]
     named = 1 + search.row_restart[row] * wp.static(TRIALS) + trial
@@ -186,7 +187,7 @@ def _pose(
 
 
 def launch_pose_start(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
-    """Pose the robot of each candidate with its held object. Candidates without an exact solution for joints fail."""
+    """Pose the robot of each candidate with its held object. A candidate fails if its joints have no exact solution."""
     inputs = [work.program, reach, work.compiled.starts, work.split, work.layouts, work.search, reach_search]
     work.launch_lanes(_pose, *inputs)
 
@@ -227,7 +228,7 @@ def _accept(
 
 
 def launch_accept_starts(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
-    """Keep the first candidate of each row that passed. Other rows continue, or fail after their last trial.
+    """Keep the first candidate of each row that passed. Rows without one continue, or fail after their last trial.
 
     A start only changes positions of joints and mocap bodies. `body_pos` and `body_quat` of the row keep the placed
     poses.

@@ -1,6 +1,6 @@
 """Waves of the reach stage: open candidates of waiting rows, and keep the first candidate of each row that passes.
 
-The candidates of a row are its next grasps and starts. Candidates after the kept candidate do not count, so the result
+The candidates of a row are its next grasps and starts. Candidates after the kept candidate are ignored, so the result
 does not depend on the number of candidates tried in parallel.
 """
 
@@ -33,7 +33,7 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 @wp.func
 def _take_first_through(reach: Reach, layouts: LayoutsView, row: int, column: int):
-    """Write the first grasp that the map accepts, for a target placed before the arm's base."""
+    """Write the first grasp that the map accepts. Only for a target that was placed before the arm's base."""
     body_pos = layouts.body_pos[row]
     body_quat = layouts.body_quat[row]
     base = pose_of(body_pos[reach.base_body], body_quat[reach.base_body])
@@ -43,7 +43,7 @@ def _take_first_through(reach: Reach, layouts: LayoutsView, row: int, column: in
 
 @wp.func
 def _skip_blocked(reach: Reach, layouts: LayoutsView, search: Search, row: int, column: int):
-    """Write the lowest free grasp of a target whose free grasps were tracked while placing."""
+    """Write the lowest free grasp of a target. Only for a target whose free grasps were tracked while placing."""
     for early in range(reach.early_grasp.shape[0]):
         grasp = reach.early_grasp[reach.early_grasp.shape[0] - 1 - early]
         if reach.grasp_reach[grasp] == column and search.row_free[row, reach.early_grasp.shape[0] - 1 - early]:
@@ -52,16 +52,16 @@ def _skip_blocked(reach: Reach, layouts: LayoutsView, search: Search, row: int, 
 
 @wp.func
 def _first_grasp(reach: Reach, layouts: LayoutsView, row: int, column: int) -> int:
-    """Return the first grasp of a target to try. While placing, the map rejected all grasps before it."""
+    """Return the first grasp to try of a target. The map rejected all earlier grasps while placing."""
     return reach.reach_graspadr[column] + layouts.grasp[row, column]
 
 
 @wp.func
 def _move_to(reach: Reach, layouts: LayoutsView, search: Search, reach_search: ReachSearch, row: int, column: int):
-    """Move a row to the arm's first present target from `column` on of tier `ik` or `clear`.
+    """Move a row to the arm's next target of tier `ik` or `clear` that is present, from `column` on.
 
-    Absent targets before it get no grasp. After the last target, the row moves to the next arm. After the last arm, the
-    row is finished, and its restart becomes the best of its world unless an earlier restart has finished.
+    Absent targets before this target get no grasp. After the last target, the row moves to the next arm. After the last
+    arm, the row is finished. Its restart then becomes the best of its world, unless an earlier restart has finished.
     """
     found = int(column)
     columns = layouts.grasp.shape[1]
@@ -91,8 +91,8 @@ def _move_to(reach: Reach, layouts: LayoutsView, search: Search, reach_search: R
 def _first_waiting(reach: Reach, search: Search, row: int) -> int:
     """Return the row that a row's world tries next, or -1.
 
-    With one arm, restarts are tried one after the other, so it is the world's first waiting restart. With several arms,
-    all restarts are tried, so it is the row itself.
+    With one arm, restarts are tried one after the other, so the next row is the world's first waiting restart. With
+    several arms, all restarts are tried, so the next row is `row` itself.
     """
     if reach.last > 0:
         return row
@@ -108,7 +108,8 @@ def _first_waiting(reach: Reach, search: Search, row: int) -> int:
 def _ask_tiers(starts: Starts, reach: Reach, layouts: LayoutsView, search: Search, reach_search: ReachSearch, row: int):
     """Set the required tiers of a row's targets, and clear their joints.
 
-    A target that the world's kind of start takes the arm to requires `clear`. Other targets keep their tier.
+    If the kind of start takes the arm to a target, this target requires the tier `clear`. Other targets keep their
+    tier.
     """
     kind = layouts.start[search.row_world[row]]
     for column in range(reach_search.tier.shape[1]):
@@ -172,7 +173,7 @@ def _open_candidates(
         column = reach_search.column[row]
         number = reach_search.number[row]
         # Try half the number of starts that have failed so far. This wastes at most 50% more starts, and takes far
-        # fewer waves: on a CPU core, a wave costs 10 to 20 us and a start 4 us.
+        # fewer waves. On a CPU core, a wave costs 10 to 20 us and a start 4 us.
         trials = wp.clamp(reach_search.tried[row] // 2, at_once, wp.static(MOST_AT_ONCE))
         trials = wp.min(trials, reach_search.total[row] - number)
         first = wp.atomic_add(reach_search.candidates, 0, trials)
@@ -219,7 +220,7 @@ def _look_up(
 
 
 def launch_open_wave(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
-    """Open candidates of the queued rows, with more candidates per row if few rows are left."""
+    """Open candidates of the queued rows. The fewer rows are left, the more candidates each row gets."""
     work.launch_lanes(_open_candidates, reach, work.size.busy, work.layouts, reach_search)
 
 
@@ -230,7 +231,7 @@ def launch_look_up(work: Workspace, reach: Reach, reach_search: ReachSearch) -> 
 
 @wp.func
 def keep_grasp(reach: Reach, layouts: LayoutsView, reach_search: ReachSearch, row: int, column: int, c: int):
-    """Write the joints of a candidate that passed. Only the tier `clear` has pre-grasps."""
+    """Write the grasp and the joints of a candidate that passed. Only the tier `clear` has pre-grasps."""
     layouts.grasp[row, column] = reach_search.grasp[c] - reach.reach_graspadr[column]
     clear = reach_search.tier[row, column] == Tier.CLEAR
     for i in range(MAX_JOINTS):
@@ -241,7 +242,7 @@ def keep_grasp(reach: Reach, layouts: LayoutsView, reach_search: ReachSearch, ro
 
 @wp.func
 def first_passed(reach_search: ReachSearch, row: int) -> int:
-    """Return the first of a row's candidates that passed, or advance the row to its next starts and return -1."""
+    """Return a row's first candidate that passed. If none did, advance the row to its next starts and return -1."""
     after = reach_search.number[row]
     for c in range(reach_search.first[row], reach_search.first[row] + reach_search.trials[row]):
         failed = reach_search.failed[c]
@@ -261,10 +262,10 @@ def first_passed(reach_search: ReachSearch, row: int) -> int:
 
 @wp.func
 def _reject_cause(reach: Reach, reach_search: ReachSearch, row: int) -> int:
-    """Return the cause of failure of a row's target: NO_IK or BLOCKED.
+    """Return the cause for which the current target of a row failed: NO_IK or BLOCKED.
 
-    BLOCKED requires the tier `clear`. Either all candidates failed a test before the inverse kinematics, or at least
-    one candidate passed the robot's test against itself.
+    The cause is BLOCKED only for the tier `clear`: if all candidates failed before the inverse kinematics, or if at
+    least one candidate passed the robot's test against itself.
     """
     furthest = reach_search.furthest[row]
     if reach_search.tier[row, reach_search.column[row]] == Tier.CLEAR and (
@@ -310,6 +311,6 @@ def _accept(
 def launch_accept_grasps(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
     """Keep the first candidate of each row that passed.
 
-    Rows without one continue with their next starts, or fail if there are no more.
+    Rows without such a candidate continue with their next starts, or fail if no starts are left.
     """
     work.launch_lanes(_accept, reach, work.layouts, work.search, reach_search)

@@ -87,7 +87,7 @@ def _had_no_region(cause: int) -> bool:
 
 @wp.func
 def _is_recorded(layouts: LayoutsView, cause: int) -> bool:
-    """Return True if rejected candidates with this cause are recorded: collisions, or all causes at a pose."""
+    """Return True if a candidate with this cause is recorded: a collision, or with `record_all` any posed candidate."""
     if layouts.rejected_object.shape[0] == 0 or cause == Cause.NONE:
         return False
     return cause == Cause.COLLISION or (layouts.record_all != 0 and not _had_no_region(cause))
@@ -114,7 +114,7 @@ def _record(program: Program, layouts: LayoutsView, search: Search, c: int, row:
 
 @wp.func
 def _ends_row(program: Program, obj: int, cause: int) -> bool:
-    """Return True if a trial is the last of its object, because it passed or further trials cannot pass."""
+    """Return True if a trial is its object's last trial, because it passed or because further trials cannot pass."""
     if cause == Cause.NONE:
         return True
     return program.obj_retry_if_empty[obj] == 0 and _had_no_region(cause)
@@ -126,7 +126,7 @@ def _accept_first(
 ) -> int:
     """Place the first valid candidate of a row's object. Return the object's next trial, or _PLACED.
 
-    Called by a single lane, or by all lanes of a block together.
+    Either a single lane calls this, or all lanes of a block call it together.
     """
     first = search.row_first[row]
     trials = search.row_trials[row]
@@ -160,10 +160,10 @@ def _accept_first(
 def _advance(
     program: Program, reach: Reach, layouts: LayoutsView, search: Search, row: int, trial: int, staged: bool, busy: int
 ):
-    """Queue a row for the next trial of its object or for its next object, and finish a row with all objects placed.
+    """Queue a row for the next trial of its object, or for its next object. Finish a row if all objects are placed.
 
     The row ends without a layout if the trials run out, or if an earlier restart of its world has finished. `trial` is
-    the object's next trial or _PLACED. `staged` is as in `finish_row`, and `busy` as in `queue_row`.
+    the object's next trial, or _PLACED. `staged` is as in `finish_row`, and `busy` as in `queue_row`.
     """
     following = int(trial)
     if trial == _PLACED:

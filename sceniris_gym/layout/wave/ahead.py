@@ -1,7 +1,7 @@
 """Objects drawn ahead: the first objects in placement order, if their candidates never failed during compilation.
 
 They are drawn and placed at the beginning of a round, and tested in its first wave together with the trials of the next
-object. This saves one wave per object. If one of them fails, its row goes back to this object.
+object. This saves one wave per object. If one of these objects fails, its row goes back to the failed object.
 """
 
 import numpy as np
@@ -21,9 +21,9 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 def count_ahead(compiled: CompiledScene, size: SearchSize) -> int:
     """Return the number of objects to draw ahead.
 
-    The count stops before the last object, before the first reach target, and before the first object that needed
-    retries, whose region differs between worlds, or that a start places at a marker. It is 0 on a CPU, where a single
-    lane gains no time, and before there is a bank, because the effort of objects is still unknown.
+    The count ends before the last object, and before the first object that is tested for reach, that needed retries,
+    whose region differs between worlds, or that a start places at a marker. It is 0 on a CPU, where a single lane gains
+    no time. It is also 0 before there is a bank, because the effort of objects is still unknown.
     """
     program = compiled.program
     if size.busy == 1 or compiled.bank.ntrain == 0:
@@ -56,5 +56,5 @@ def _draw_ahead(
 
 
 def launch_draw_ahead(work: Workspace) -> None:
-    """Draw and place the objects ahead in the queued rows, which do not have any placed object yet."""
+    """Draw ahead and place objects in the queued rows, which do not have any placed object yet."""
     work.launch_lanes(_draw_ahead, work.program, work.reaches[0], work.split, work.layouts, work.search)

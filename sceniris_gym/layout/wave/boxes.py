@@ -39,7 +39,7 @@ def _clipped(program: Program, tri: int, box: wp.array[float], first: int, polyg
 def _choose_triangle(
     program: Program, stable: int, box: wp.array[float], first: int, polygon: wp.array[wp.vec2], u: float
 ) -> int:
-    """Choose a triangle of a stable pose's region with a probability proportional to its area inside a box.
+    """Choose a triangle of a stable pose's region. Its probability is proportional to its area inside a box.
 
     Return -1 if no triangle overlaps the box. The box is as in `_clipped`, and `u` is a uniform number. The first pass
     adds up the areas, and the second pass finds the triangle.
@@ -60,7 +60,7 @@ def _choose_triangle(
 
 @wp.func
 def _is_narrowed(layouts: LayoutsView, worldid: int, first: int) -> bool:
-    """Return True if the box of a world, the param values from index `first` on, differs from the scene file."""
+    """Return True if a world's box differs from the scene file. The box is the param values from index `first` on."""
     narrowed = bool(False)
     for k in range(first, first + 4):
         if layouts.next_param[worldid, k] != layouts.default_param[k]:
@@ -110,6 +110,7 @@ def launch_draw_in_boxes(work: Workspace, columns: wp.array) -> None:
 
     Args:
         work: The arrays of the generator.
-        columns: First column of each object's box in a row of params, -1 without a box, shape (nobject,), int32.
+        columns: First column of each object's box in a row of param values, -1 if it has no box, shape (nobject,),
+            int32.
     """
     work.launch_lanes(_draw_in_boxes, work.program, work.split, columns, work.layouts, work.search)

@@ -1,9 +1,9 @@
-"""Collision test of a wave's candidates against the objects placed before in their rows.
+"""Collision test of a wave's candidates against the objects already placed in their rows.
 
-With `geometry: physics`, the lanes of a block traverse the bounding-volume trees of a candidate and queue close leaves
-as narrow-phase pairs, which are tested by one lane each. With `geometry: visual`, close leaves usually collide, so a
-block tests its candidate completely and stops at the first hit. If a stack or queue overflows, a single lane repeats
-the candidate's test. Surfaces that do not intersect may still enclose each other, which a second test finds.
+With `geometry: physics`, the lanes of a block traverse the bounding-volume trees of a candidate, and queue close leaves
+as narrow-phase pairs. One lane then tests each pair. With `geometry: visual`, close leaves usually collide, so a block
+tests its candidate completely and stops at the first hit. If a stack or queue overflows, a single lane repeats the
+candidate's test. A surface may also enclose another without intersecting it. A second test finds this.
 """
 
 import warp as wp
@@ -31,13 +31,13 @@ from sceniris_gym.program.device_reach import Reach
 _OPTIONS = {"enable_backward": False, "fuse_fp": False}
 wp.set_module_options(_OPTIONS)
 
-# Narrow-phase pairs are spread over up to this number of blocks before a block takes more than one.
+# Narrow-phase pairs are spread over up to this number of blocks before a block takes more than one pair.
 _SPREAD = wp.constant(1024)
 
 
 @wp.func
 def _passes_prefilter(program: Program, reach: Reach, search: Search, c: int, lane: int) -> bool:
-    """Return True if a candidate passes the prefilter, or write the cause. All lanes of a block call it together."""
+    """Return True if a candidate passes the prefilter, or write the cause. All lanes of a block call this together."""
     cause = search.cause[c]
     block_sync()  # every lane reads the cause before lane 0 writes it
     if cause == Cause.NONE:
@@ -62,7 +62,7 @@ def _margin(program: Program, search: Search, c: int, pair: int) -> float:
 
 @wp.func
 def collides_alone(program: Program, layouts: LayoutsView, search: Search, c: int) -> bool:
-    """Return True if a candidate collides. Called by a single lane."""
+    """Return True if a candidate collides. A single lane calls this."""
     row = search.row[c]
     obj = search.obj[c]
     support = support_of(program, obj)
@@ -258,7 +258,7 @@ def _test_containment(
 
 
 def launch_test_containment(work: Workspace) -> None:
-    """Reject candidates that enclose a placed object or are enclosed by one, with `geometry: visual`."""
+    """Reject candidates that enclose a placed object or lie inside one. Only for `geometry: visual`."""
     work.launch_lanes(_test_containment, work.program, work.size.parts, work.layouts, work.search)
 
 

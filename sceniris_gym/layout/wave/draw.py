@@ -1,4 +1,4 @@
-"""Draw candidates: one lane per trial of a row's object draws joints, then an orientation, then a point.
+"""Draw candidates. For each trial of a row's object, one lane draws joints, then an orientation, then a point.
 
 If the region differs between worlds because of relations, `points.py` draws the point.
 """
@@ -32,7 +32,7 @@ def _draw_static(program: Program, layouts: LayoutsView, search: Search, c: int,
 
 @wp.func
 def _draw_point(program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, u: wp.vec4):
-    """Draw the heading, and the point under the pivot unless the region differs between worlds."""
+    """Draw the heading. If the region is the same in all worlds, also draw the point under the pivot."""
     drawn = search.stable_draw[c]
     ground = program.obj_ground[obj]
     worldid = search.row_world[row]
@@ -64,9 +64,9 @@ def _draw_point(program: Program, layouts: LayoutsView, search: Search, c: int, 
 
 @wp.func
 def _draw_from_heap(program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, u: float):
-    """Pose an object of a heap as in one of the heap's settled arrangements, relative to its container.
+    """Pose an object of a heap relative to the container, as in one of the settled arrangements of the heap.
 
-    All objects of the heap take the same arrangement. It is drawn once per restart, not once per trial.
+    All objects of the heap take the same arrangement, which is drawn once per restart, not once per trial.
     """
     heap = program.obj_heap[obj]
     settled = program.heap_pose[heap[0] + wp.min(int(u * float(heap[1])), heap[1] - 1)]
@@ -132,7 +132,7 @@ def draw_candidate(program: Program, split: wp.uint32, layouts: LayoutsView, sea
 
 @wp.func
 def begin_wave(search: Search):
-    """Begin a wave with the queued rows. One lane calls it, after the rows have candidates."""
+    """Begin a wave with the queued rows. A single lane calls this after the rows have got their candidates."""
     search.candidates[0] = search.opened[0]
     search.rows_before[0] = search.rows[0]
     search.rows[0] = search.rows_left[0]

@@ -1,4 +1,4 @@
-"""Members of groups: draw the present members of a world, and park the others.
+"""Members of groups: draw the members that are present in a world, and park the others.
 
 Parked objects are not tested for collision: `program.checks.parking` rejects scenes with objects that could be placed
 in the parking area.
@@ -27,7 +27,7 @@ def _draw_weighted(
     count: int,
     present: wp.array[int],
 ):
-    """Draw `count` members of a group without replacement, each by the weights of the remaining members."""
+    """Draw `count` members of a group without replacement, each with the weights of the members that remain."""
     column = int(split % wp.uint32(2))  # the splits 'eval' and 'eval_bank' have odd numbers
     adr = program.group[worldid, g][0]
     num = program.group[worldid, g][1]
@@ -39,7 +39,7 @@ def _draw_weighted(
         u = uniforms(seed, episode, numbered_stream(split, GROUP_STREAM), g, 1 + k // 4)[k % 4]
         at = u * total
         chosen = int(0)
-        below = float(0.0)  # sum of the weights before, without differences, so that all devices round in the same way
+        below = float(0.0)  # sum of the weights before; no differences, so that all devices round in the same way
         for i in range(num):
             weight = program.group_weight[worldid, adr + i][column]
             if weight > 0.0 and present[program.group_slot[adr + i]] == 0:
@@ -54,9 +54,9 @@ def _draw_weighted(
 def draw_groups(
     program: Program, worldid: int, seed: wp.uint64, episode: int, split: wp.uint32, present: wp.array[int]
 ):
-    """Draw the present objects of each group: k uniform in its interval, then k members without replacement.
+    """Draw the present objects of each group: draw k uniformly from its interval, then k members without replacement.
 
-    The draw belongs to the episode, not to a restart: otherwise restarts would favour small sets, which are easier to
+    The draw belongs to the episode, not to a restart. Otherwise restarts would favour few objects, which are easier to
     place.
     """
     stream = numbered_stream(split, GROUP_STREAM)

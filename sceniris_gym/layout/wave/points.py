@@ -1,8 +1,9 @@
 """Draw an object's point on its support, uniform by area in the region that satisfies its relations.
 
 Without relations, the region is the same in every world, and the host clips its triangles once. With relations,
-`region_pieces.py` clips them in each world. This module samples a piece by area in an exponential race, and draws a
-point in it. If the point fails the exact test of the relations, another race and point follow.
+`region_pieces.py` clips them in each world. This module samples a piece by its area in an exponential race, and draws a
+point in this piece. If the point fails the exact test of the relations, the module runs another race and draws another
+point.
 
 The race takes one pass and no sum. Each piece draws an arrival time at the rate of its area, and the least time wins:
 P(i) = area_i / total. P. Efraimidis, P. Spirakis, "Weighted random sampling with a reservoir", Information Processing
@@ -33,8 +34,8 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 # probability of 1e-19. More redraws are needed if the support or another relation cuts away most of the ring's part, or
 # if distances are measured between bounds, because the circles around bounds are a poor approximation.
 _REDRAWS = wp.constant(64)
-# Draws of a trial from this number on belong to the region, with one block per redraw. The first draw of a block gives
-# the numbers of the point, and each further draw the numbers of four pieces.
+# The draws of a trial from this number on belong to the region. Each redraw has a block of draws. The first draw of a
+# block gives the random numbers of the point, and each further draw gives the random numbers of four pieces.
 _FIRST_DRAW = wp.constant(1 << 16)
 _DRAWS = wp.constant(1 << 20)
 _HALF_STEP = wp.constant(2.0**-25)
@@ -64,17 +65,17 @@ def _point_counter(program: Program, split: wp.uint32, layouts: LayoutsView, sea
 
 @wp.func
 def arrival_time(u: float, size: float) -> float:
-    """Return the arrival time of a piece of this area [m^2], from a uniform number.
+    """Return the arrival time of a piece with the area `size` [m^2], from the uniform number `u`.
 
-    The number 0 represents all numbers below 2^-24 and is replaced by their midpoint: at time 0, the area would not
-    matter.
+    The number 0 represents all numbers below 2^-24 and is replaced by their midpoint. Otherwise the arrival time would
+    be 0 for every area.
     """
     return wp.where(u == 0.0, _HALF_STEP, -log_of(1.0 - u)) / size
 
 
 @wp.func
 def arrival_key(n: PointCounter, redraw: int, index: int, size: float) -> wp.uint64:
-    """Return the key of a piece with this number and area [m^2] in the race of a redraw. The least key wins.
+    """Return the key of piece `index` with the area `size` [m^2] in the race of a redraw. The least key wins.
 
     The upper word is the arrival time, because the bits of positive floats are ordered like the floats. The lower word
     is the number of the piece.
@@ -87,7 +88,7 @@ def arrival_key(n: PointCounter, redraw: int, index: int, size: float) -> wp.uin
 
 @wp.func
 def _first_arrival(regions: Regions, holder: int, n: PointCounter, redraw: int, lane: int, lanes: int) -> wp.uint64:
-    """Return the least arrival key among the pieces of a region that lane `lane` of `lanes` covers."""
+    """Return the least arrival key of a region's pieces, among the pieces that lane `lane` of `lanes` covers."""
     best = NO_PIECE
     for k in range(lane, regions.pieces[holder], lanes):
         size = regions.piece_area[holder, k]
@@ -98,13 +99,13 @@ def _first_arrival(regions: Regions, holder: int, n: PointCounter, redraw: int, 
 
 @wp.func
 def piece_of(key: wp.uint64) -> int:
-    """Return the number of the piece with an arrival key."""
+    """Return the number of the piece to which an arrival key belongs."""
     return int(key & wp.uint64(0xFFFFFFFF))
 
 
 @wp.func
 def draw_triangle(program: Program, stable: int, u: float) -> int:
-    """Return the triangle at the fraction `u` of the cumulated area of a stable pose's region."""
+    """Return the triangle of a stable pose's region at which the cumulated fraction of the area exceeds `u`."""
     low = program.stable_triadr[stable]
     high = low + program.stable_trinum[stable] - 1
     while low < high:
@@ -127,7 +128,7 @@ def draw_in_triangle(program: Program, tri: int, u: float, v: float) -> wp.vec2:
 
 @wp.func
 def _on_surface(frame: Pose, height: float, at: wp.vec2) -> wp.vec3:
-    """Return the point of a surface above `at`, with its exact height: surfaces are only level to 0.1 degree."""
+    """Return the point of a surface above `at` with its exact height, because surfaces may lean by 0.1 degree."""
     ground = apply(frame, wp.vec3(0.0, 0.0, height))
     n = wp.vec3(frame.rot[0, 2], frame.rot[1, 2], frame.rot[2, 2])
     return wp.vec3(at[0], at[1], ground[2] - (n[0] * (at[0] - ground[0]) + n[1] * (at[1] - ground[1])) / n[2])
@@ -161,7 +162,7 @@ def _point_holds(
 
 @wp.func
 def _keep_point(program: Program, search: Search, c: int, obj: int, tri: int, frame: Pose, at: wp.vec2):
-    """Write a candidate's point: on the surface, or at the drawn height above it for an object without a support."""
+    """Write a candidate's point: on the surface, or at the drawn height above it if the object has no support."""
     surface = program.tri_surface[tri]
     if program.obj_ground[obj] >= 0:
         search.surface[c] = surface
@@ -206,10 +207,10 @@ def _race(
     most: int,
     redraw: int,
 ) -> wp.uint64:
-    """Return the winning arrival key of a redraw's race for a lane's candidate, or NO_PIECE.
+    """Return the winning arrival key in a redraw's race for a lane's candidate, or NO_PIECE.
 
-    `c` is -1 for lanes without a candidate, and only the first `most` lanes have one. A region may have hundreds of
-    pieces, so all lanes of the block share each race, one candidate after the other.
+    `c` is the candidate, or -1 for a lane without a candidate. Only the first `most` lanes can have one. A region may
+    have hundreds of pieces, so all lanes of the block share each race, one candidate after the other.
     """
     own = NO_PIECE
     wanted = wp.tile(c)
@@ -262,5 +263,5 @@ def _draw_points(
 
 
 def launch_draw_points(work: Workspace, regions: Regions) -> None:
-    """Draw the points of the listed candidates."""
+    """Draw the points of the candidates in `Regions.cut`."""
     work.launch_blocks(_draw_points, work.program, work.split, work.layouts, work.search, regions)

@@ -52,7 +52,7 @@ def pose_candidate(program: Program, layouts: LayoutsView, search: Search, c: in
 
 @wp.func
 def candidate_poses(program: Program, layouts: LayoutsView, search: Search, c: int, row: int, pair: int) -> PairPoses:
-    """Return the poses of a pair's bodies, from the candidate and from the objects placed before in its row."""
+    """Return the poses of a pair's bodies, from the candidate and from the objects already placed in its row."""
     own_pos = search.body_pos[c]
     own_quat = search.body_quat[c]
     return pair_poses(program, pair, own_pos, own_quat, layouts.body_pos[row], layouts.body_quat[row])

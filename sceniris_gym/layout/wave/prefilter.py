@@ -1,4 +1,4 @@
-"""Prefilter of posed candidates, cheap tests first: the arm's map, overhead obstacles, and the footprint."""
+"""Prefilter of posed candidates by cheap tests: the arm's map, overhead obstacles, and the footprint."""
 
 import warp as wp
 
@@ -67,7 +67,7 @@ def _test_map(reach: Reach, layouts: LayoutsView, search: Search, c: int, row: i
 def _test_cover(
     program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, part: int, parts: int
 ):
-    """Mark a candidate as covered if an obstacle is above its point. Lane `part` of `parts` tests its part of them."""
+    """Mark a candidate as covered if an obstacle is above its point. Lane `part` of `parts` tests some obstacles."""
     for i in range(part, program.obj_overheadnum[obj], parts):
         entry = program.overhead_list[program.obj_overheadadr[obj] + i]
         if search.covered[c] == 0:
@@ -81,7 +81,7 @@ def _test_footprint(
 ):
     """Mark a candidate as overhanging if part of its footprint lies off its support.
 
-    Lane `part` of `parts` tests its part of the edges.
+    Lane `part` of `parts` tests its part of the pairs of pieces and edges.
     """
     surface = search.surface[c]
     ground = program.obj_ground[obj]
@@ -94,7 +94,7 @@ def _test_footprint(
 
 @wp.func
 def reject_cause(program: Program, reach: Reach, search: Search, c: int, obj: int) -> int:
-    """Return the prefilter's cause of rejection of a candidate, or NONE."""
+    """Return the cause for which the prefilter rejects a candidate, or NONE if it passes."""
     if program.obj_kind[obj] == ObjectKind.STATIC:
         return Cause.NONE
     if reach.obj_reach.shape[0] > 0:

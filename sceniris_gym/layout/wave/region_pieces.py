@@ -1,8 +1,8 @@
 """Clip the support's triangles to each relation, and measure the pieces.
 
 A *combination* is one convex piece of every relation. A piece is the part of a triangle inside a combination, and its
-number is combination * triangles + triangle. Several lanes share the pieces of a region. Their number grows as the
-number of regions falls.
+number is combination * triangles + triangle. Several lanes share the pieces of a region. The fewer regions there are,
+the more lanes share one.
 """
 
 import warp as wp
@@ -19,8 +19,8 @@ from sceniris_gym.program.device import Program
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 # A triangle outside of a half-plane by more than this [m] is dropped, and a triangle inside by more is not clipped. The
-# value is ten times the rounding error within a few metres. At 100 m, heights round to 0.03 mm, and cuts move by at
-# most this distance.
+# value is ten times the rounding error within a few metres. At 100 m, the rounding error is 0.03 mm, and cuts move by
+# at most 0.03 mm.
 _SURE = wp.constant(1.0e-5)
 
 
@@ -57,7 +57,7 @@ def posed_triangle(program: Program, tri: int, frame: Pose) -> Triangle:
 
 @wp.func
 def _is_out_of_reach(program: Program, regions: Regions, c: int, obj: int, t: Triangle) -> bool:
-    """Return True if a triangle's bounding box lies outside of the circle around all pieces of some relation."""
+    """Return True if a triangle's bounding box lies outside the circle around the pieces of at least one relation."""
     low = wp.min(wp.min(t.a, t.b), t.c)
     high = wp.max(wp.max(t.a, t.b), t.c)
     for i in range(program.obj_relnum[obj]):
@@ -71,7 +71,7 @@ def _is_out_of_reach(program: Program, regions: Regions, c: int, obj: int, t: Tr
 
 @wp.func
 def _depth(h: HalfPlane, t: Triangle) -> wp.vec2:
-    """Return the least and greatest distance of corners outside of a half-plane, times the normal's length."""
+    """Return the least and greatest distance of a triangle's corners outside a half-plane, times the normal's norm."""
     limit = h.offset + wp.dot(h.normal, h.origin)
     a = wp.dot(h.normal, t.a)
     b = wp.dot(h.normal, t.b)
@@ -81,9 +81,9 @@ def _depth(h: HalfPlane, t: Triangle) -> wp.vec2:
 
 @wp.func
 def _is_surely_empty(program: Program, regions: Regions, c: int, obj: int, combination: int, t: Triangle) -> bool:
-    """Return True if a triangle lies outside of a half-plane of a combination. A cheap test that drops most pieces.
+    """Return True if a triangle lies outside a half-plane of a combination. This cheap test drops most pieces.
 
-    A combination is the number of a choice of one convex piece of each relation.
+    `combination` is the number of a combination, which has one convex piece of each relation.
     """
     rest = int(combination)
     for i in range(program.obj_relnum[obj]):
@@ -105,7 +105,7 @@ def _is_surely_empty(program: Program, regions: Regions, c: int, obj: int, combi
 def cut_triangle(
     program: Program, regions: Regions, c: int, obj: int, combination: int, t: Triangle, polygon: wp.array[wp.vec2]
 ) -> int:
-    """Clip a triangle to a combination of pieces of relations. Write `polygon`, and return its number of corners."""
+    """Clip a triangle to a combination. Write the result to `polygon`, and return its number of corners."""
     num = set_triangle(polygon, t.a, t.b, t.c)
     rest = int(combination)
     for i in range(program.obj_relnum[obj]):

@@ -1,7 +1,7 @@
 """Rounds of restarts: every pending world runs one restart, or several in parallel if rows are free.
 
 The lowest restart that places all objects and passes the reach stage becomes the world's layout. Later restarts of the
-round do not count. An unsound layout is never served: its world falls back at once.
+round are ignored. An unsound layout (see `is_sound`) is never served. Its world falls back to the bank at once.
 """
 
 import warp as wp
@@ -17,20 +17,20 @@ from sceniris_gym.program.device_reach import Reach, Starts
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 NEVER = wp.constant(1 << 30)
-"""Value of `Search.best` of a world without a finished restart."""
-# Most worlds that a round should leave pending, as an expected value. With a reach stage, a round costs more and some
-# worlds are harder.
+"""Value of `Search.best` for a world without a finished restart."""
+# Expected number of worlds that a round may leave pending. With a reach stage, a round costs more and some worlds are
+# harder.
 _LEFT = wp.constant(0.5)
 _LEFT_BY_STAGE = wp.constant(0.01)
 
 
 @wp.func
 def _restarts_wanted(worlds: float, left: float, rate: float) -> int:
-    """Return the number of restarts per world after which few worlds are expected to be pending.
+    """Return the number of restarts per world after which only `left` worlds are expected to be pending.
 
     Args:
         worlds: Number of pending worlds now.
-        left: Number of pending worlds to expect afterwards.
+        left: Expected number of pending worlds afterwards.
         rate: Probability that a restart fails.
     """
     return int(wp.ceil(log_of(worlds / left) / -log_of(rate)))
@@ -90,7 +90,7 @@ def launch_begin_episodes(work: Workspace, mask: wp.array | None) -> None:
 
 @wp.func
 def row_of_restart(search: Search, worldid: int, number: int) -> int:
-    """Return the row of restart `number` of a world, counted within this round."""
+    """Return the row of a world's restart `number`. Restarts are numbered from 0 in each round."""
     if number == 0:
         return worldid
     return search.pending.shape[0] + search.ticket[worldid] * (search.restarts_at_once[0] - 1) + number - 1
@@ -109,10 +109,10 @@ def _plan_round(
     room = extra // worlds + 1
     left = wp.where(staged, _LEFT_BY_STAGE, _LEFT)
     wanted = _restarts_wanted(float(worlds), left, program.restart_rate)
-    wanted = wp.max(wanted, 2 * search.restarts_at_once[0])  # the last round's number was too low, so double it
+    wanted = wp.max(wanted, 2 * search.restarts_at_once[0])  # the number in the last round was too low, so double it
     failing = float(worlds) * program.restart_rate
-    # Another round follows anyway, or is cheaper than all rows in the reach stage. One restart per world then suffices
-    # if the next round has room for the worlds that are expected to fail.
+    # If another round follows anyway, or costs less than all rows in the reach stage, one restart per world suffices.
+    # The next round should then have room for the worlds that are expected to fail.
     if failing > left and (wanted > room or (staged and 2 * worlds >= busy)):
         if failing * float(_restarts_wanted(failing, left, program.restart_rate)) <= float(extra):
             room = 1

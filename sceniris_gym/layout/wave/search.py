@@ -25,7 +25,8 @@ from sceniris_gym.program.device_statics import Statics
 NO_GRASP = 1 << 30
 """Sentinel: the arm's map accepts no grasp."""
 
-# Most 4-byte words for the half-planes and pieces of a wave's candidates. Further rows wait for the next wave.
+# Maximum number of 4-byte words for the half-planes and pieces of a wave's candidates. Further rows wait for the next
+# wave.
 _MOST_WORDS = 1 << 27
 
 _STREAM_BITS = wp.constant(wp.uint32(STREAM_BITS))
@@ -122,9 +123,10 @@ def narrow_pair_num(search: Search) -> int:
 def queue_row(program: Program, search: Search, row: int, ahead: int, busy: int):
     """Queue a row for the next wave, with candidates for the next trials of its object, within the capacity.
 
-    The row gets more candidates if few rows are left, or if its object usually needs many trials. Before them come the
-    candidates of the `ahead` objects drawn ahead, one per object. If one of these objects does not fit, it becomes the
-    row's next object. `busy` is the number of candidates that keeps the device busy.
+    The row gets more candidates if few rows are left, or if its object usually needs many trials. The candidates of the
+    `ahead` objects drawn ahead come first, one per object. If the wave has no room for one of these candidates, the
+    object of this candidate becomes the row's next object. `busy` is the number of candidates that keeps the device
+    busy.
     """
     search.queue[1 - search.source[0], wp.atomic_add(search.rows_left, 0, 1)] = row
     obj = search.row_object[row]
@@ -151,9 +153,9 @@ def queue_row(program: Program, search: Search, row: int, ahead: int, busy: int)
 
 @wp.func
 def flip_failed(best: int) -> int:
-    """Convert between a restart (0 or above) whose start is not clear, and its code in `Search.best` (below 0).
+    """Convert between a restart (0 or above) that has no collision-free start, and its code in `Search.best` (below 0).
 
-    Each is -1 minus the other, so the same function converts both ways.
+    The code is -1 minus the restart, so the same function converts both ways.
     """
     return -1 - best
 
@@ -169,19 +171,19 @@ def finish_row(search: Search, row: int, staged: bool):
 
 @wp.func
 def first_trial_of(program: Program, search: Search, candidate: int) -> int:
-    """Return the number of the first trial of a candidate's restart, counted over all restarts."""
+    """Return the number of the first trial in a candidate's restart. Trials are numbered across all restarts."""
     return search.row_restart[search.row[candidate]] * program.attempts
 
 
 @wp.func
 def trial_of(program: Program, search: Search, candidate: int) -> int:
-    """Return the number of a candidate's trial, counted over all restarts."""
+    """Return the number of a candidate's trial. Trials are numbered across all restarts."""
     return first_trial_of(program, search, candidate) + search.trial[candidate]
 
 
 @wp.func
 def numbered_stream(split: wp.uint32, number: int) -> wp.uint32:
-    """Return the random stream of a split with a given number."""
+    """Return the random stream with a given number, for a split."""
     return (split << _STREAM_BITS) + wp.uint32(number)
 
 
@@ -193,20 +195,21 @@ def stream_of(program: Program, split: wp.uint32, obj: int) -> wp.uint32:
 
 @dataclass(frozen=True)
 class SearchSize:
-    """Capacities of a search, by default for a GPU. They affect only its speed, not its layouts.
+    """Capacities of a search. The defaults suit a GPU. Capacities affect only the speed, not the layouts.
 
     Attributes:
-        rows: Rows beyond one per world, for restarts in parallel.
-        candidates: Most candidates in a wave.
-        busy: Number of candidates that keeps the device busy. Smaller waves get further trials of their rows.
+        rows: Number of rows in addition to one per world, for restarts in parallel.
+        candidates: Maximum number of candidates in a wave.
+        busy: Number of candidates that keeps the device busy. A smaller wave is filled up with further trials of its
+            rows.
         narrow_pairs: Capacity of the queue of narrow-phase pairs, unused with `geometry: visual`. If the queue
             overflows, the candidate's collision test is repeated by one lane.
-        grasps: Most candidates in a wave of the reach stage, each with a pose of the robot.
-        lanes: Lanes of a launch with independent lanes.
-        parts: Lanes that share the containment test of a candidate, and the minimum number of lanes that share its
+        grasps: Maximum number of candidates in a wave of the reach stage. Each has a pose of the robot.
+        lanes: Number of lanes in a launch whose lanes work independently.
+        parts: Number of lanes that share the containment test of a candidate. At least this number of lanes share its
             prefilter and the pieces of its region.
-        blocks: Blocks of a launch with one candidate per block.
-        block_dim: Lanes of a block, in both kinds of launches.
+        blocks: Number of blocks in a launch whose blocks each test one candidate at a time.
+        block_dim: Number of lanes in a block, for both kinds of launches.
 
     Raises:
         ArgumentError: A capacity is below 1, or below 0 for `rows` and `narrow_pairs`.
@@ -248,7 +251,8 @@ class Workspace:
         program: The placement program. Params give some of its fields a row per world.
         statics: Data of the standing test, with masses per world if they are drawn. None if objects cannot fall.
         ahead: Number of objects drawn ahead.
-        reaches: The arms, or a single empty arm without reach targets. The first serves for fields common to all arms.
+        reaches: The arms, or a single empty arm if there are no reach targets. Fields common to all arms are read from
+            the first arm.
         split: Number of the split.
         size: Capacities.
         layouts: The layouts of all rows.
@@ -267,7 +271,7 @@ class Workspace:
 
     @property
     def kinds(self) -> Starts:
-        """The kinds of starts, empty in scenes without `start`."""
+        """The kinds of starts, empty if the scene has no `start`."""
         return Starts() if self.compiled.starts is None else self.compiled.starts
 
     @property
@@ -291,7 +295,7 @@ class Workspace:
     def launch_blocks(self, kernel: wp.Kernel, *inputs: Any, blocks: int | None = None) -> None:
         """Launch a kernel whose blocks step through a queue. Its first argument is the number of blocks.
 
-        The default is `size.blocks`.
+        The number of blocks is `size.blocks` by default.
         """
         num, device = blocks or self.size.blocks, self.compiled.device
         wp.launch_tiled(kernel, dim=[num], inputs=[num, *inputs], block_dim=self.size.block_dim, device=device)

@@ -2,8 +2,8 @@
 
 The lanes of a block share the counts and the copy of a world's rows. Worlds that run out of restarts fall back to the
 bank of valid layouts. The bank has separate rows for each split, so that an evaluation never gets a layout that
-training may have seen. Every served layout is finite and within the scene's bounds, with unit quaternions: checks on
-the host reject all known causes of other layouts, and `is_sound` guards against unknown causes.
+training may have seen. Every served layout is finite and within the scene's bounds, with unit quaternions. Checks on
+the host reject all known causes of other layouts. `is_sound` rejects layouts with unknown causes.
 """
 
 import warp as wp
@@ -50,8 +50,8 @@ def is_sound(program: Program, layouts: LayoutsView, row: int, lane: int, lanes:
 
 _EVAL = wp.constant(wp.uint32(SPLITS["eval"]))
 _BANK_BIT = wp.constant(BANK_BIT)
-# Distances of an entry with another kind of start, and per differing object of a group with one present member. The
-# distance per differing object of other groups is 1.
+# Distance of a bank entry with another kind of start, and distance for each differing object of a group with one
+# present member. Each differing object of another group adds 1.
 _KIND, _ONLY, _FURTHEST = wp.constant(1 << 24), wp.constant(1 << 12), wp.constant((1 << 31) - 1)
 
 
@@ -59,7 +59,8 @@ _KIND, _ONLY, _FURTHEST = wp.constant(1 << 24), wp.constant(1 << 12), wp.constan
 def _difference(program: Program, bank: Bank, layouts: LayoutsView, worldid: int, row: int, most: int) -> int:
     """Return the distance of a bank entry from the draw of a world, at most `most`.
 
-    The distance counts the members of groups that are present in only one of the two, and a different kind of start.
+    The distance grows with each group member that is present only in the entry or only in the world, and with a
+    different kind of start.
     """
     found = wp.where(bank.start[row] == layouts.start[worldid], 0, _KIND)
     for g in range(program.ngroup):

@@ -1,7 +1,7 @@
 """Resolve the relations of each candidate in its world, and bound the resulting region by half-planes.
 
 One lane works on one relation of one candidate. Candidates whose region differs between worlds are listed. If several
-candidates of a row have the same region, it is cut once, for the first candidate: their *holder*.
+candidates of a row have the same region, this region is cut once, for the first of them: their *holder*.
 """
 
 import warp as wp
@@ -22,7 +22,7 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 @wp.struct
 class Regions:
-    """The regions of a wave's candidates, in scenes whose relations make regions differ between worlds."""
+    """The regions of a wave's candidates. Only scenes in which regions differ between worlds have them."""
 
     # Counts
     cuts: wp.array[int]  # number of candidates in `cut`
@@ -84,9 +84,9 @@ def _resolve(program: Program, layouts: LayoutsView, search: Search, regions: Re
 
 @wp.func
 def _holder(program: Program, search: Search, c: int, row: int, obj: int) -> int:
-    """Return the first candidate of the row of `c` with the same region.
+    """Return the first candidate in the row of `c` that has the same region as `c`.
 
-    Trials with the same stable pose have the same region, unless it depends on their drawn joints or headings.
+    Trials with the same stable pose have the same region, unless the region depends on the drawn joints or heading.
     """
     if program.obj_measured[obj] == Measure.WHOLE:
         return c

@@ -1,4 +1,4 @@
-"""Statics of a wave's candidates: each candidate should stand, and all objects below should stay standing."""
+"""Statics of a wave's candidates: test whether each candidate stands, and whether all objects below still stand."""
 
 import warp as wp
 
@@ -16,7 +16,7 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 @wp.func
 def _centered(total: wp.vec4) -> wp.vec4:
-    """Return a weight and its centre from a weight and the sum of weights times places."""
+    """Return a total weight and its centre, given the total weight and the sum of weights times places."""
     share = 1.0 / wp.max(total[0], 1.0e-30)
     return wp.vec4(total[0], total[1] * share, total[2] * share, total[3] * share)
 

@@ -1,6 +1,6 @@
-"""Kinds of starts while placing: the kind of each world, its intervals of joints, and objects at markers.
+"""Draw the kind of start of each world, set its intervals of joints, and put objects at markers while placing.
 
-The kind belongs to the episode, not to a restart: otherwise restarts would favour kinds that are easier to place.
+The kind belongs to the episode, not to a restart. Otherwise restarts would favour kinds that are easier to place.
 """
 
 import warp as wp
@@ -18,7 +18,7 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 @wp.func
 def _weight(starts: Starts, layouts: LayoutsView, worldid: int, kind: int, column: int) -> float:
-    """Return the weight of a kind in a world, from the param if there is one, or from the scene file."""
+    """Return the weight of a kind in a world, from the param if there is one, otherwise from the scene file."""
     if column >= 0:
         return layouts.next_param[worldid, column + kind]
     return starts.weight[kind]
@@ -60,7 +60,7 @@ def launch_draw_kinds(work: Workspace, mask: wp.array | None, column: int = -1) 
     Args:
         work: The arrays of the generator. Its program has intervals of joints per world if a kind draws joints.
         mask: Selected worlds, shape (nworld,), bool. None selects all.
-        column: First column of the weights in a row of params, -1 without such a param.
+        column: First column of the weights in a row of param values, -1 if there is no such param.
     """
     inputs = [work.compiled.starts, mask, work.split, column, work.layouts, work.program.draw_range]
     work.launch(_draw_kinds, work.nworld, *inputs)
