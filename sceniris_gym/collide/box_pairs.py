@@ -6,7 +6,7 @@ columns of r are its axes.
 
 Next to a wall of ten metres, a gap of 10 um is lost to rounding. Rounding can also stop the general test before it
 finds a gap: for some boxes of decimetres that are 10 to 100 um apart, the test reports contact. Large boxes are
-therefore cut to their near parts. If boxes inside two pieces overlap, the pieces overlap, which is quick to prove.
+therefore cut to their near parts. If boxes inside two pieces overlap, so do the pieces. This is quick to prove.
 """
 
 import warp as wp
@@ -17,7 +17,7 @@ from sceniris_gym.geometry.pieces import PieceType
 from sceniris_gym.program.device import Program
 
 _SPACE = wp.constant(wp.vec3(1.0, 1.0, 1.0))
-# The distance [m] of the parts that are cut off is above the margin by at least this.
+# The parts that are cut off are further away than the margin, by at least this distance [m].
 _BEYOND = wp.constant(1.0e-3)
 # Rounding error of a sum of six products in single precision, relative to the sum of lengths.
 _ROUNDING = wp.constant(4.0e-7)
@@ -67,7 +67,7 @@ def gap_across_edges(ha: wp.vec3, hb: wp.vec3, t: wp.vec3, r: wp.mat33, f: wp.ma
 
 @wp.func
 def _near_part(shape: Shape, at: wp.vec3, reach: float):
-    """Return the part of a box within `reach` [m] of a point along each axis, its centre, and whether any part is.
+    """Return a box's part within `reach` [m] of a point along each axis, the centre of the part, and if it exists.
 
     Point and centre are in the frame of the box. A shape of another kind is returned whole.
     """

@@ -2,10 +2,10 @@
 
 A layout is a pure function of (scene, split, seed, episode), so it can be made as soon as the world's present layout is
 served. On a GPU, prefetching runs on a separate stream, concurrently with the following steps. Making a few layouts
-takes about as long as making many, so a prefetch starts only once a fraction of the worlds waits for layouts. The
-fraction grows with every prefetch, and drops when a world is reset before its layout is ready. A reset never waits for
-a prefetch. If the layout is not ready, or if the world was reseeded, the reset makes the layout in place, with the same
-result.
+takes about as long as making many, so a prefetch starts only once a large enough fraction of the worlds waits for
+layouts. The required fraction grows with every prefetch, and drops when a world is reset before its layout is ready. A
+reset never waits for a prefetch. If the layout is not ready, or if the world was reseeded, the reset makes the layout
+in place, with the same result.
 """
 
 import sys

@@ -40,7 +40,7 @@ def find_attempts(compiled: CompiledScene) -> int:
             return attempts
         if attempts == MOST_ATTEMPTS:
             break
-        if attempts == FEWEST_ATTEMPTS and len(pending) == _NWORLD:  # failing with the most rules out all fewer
+        if attempts == FEWEST_ATTEMPTS and len(pending) == _NWORLD:  # try the most attempts first
             trial.program.attempts = MOST_ATTEMPTS
             failing, enough = _still_failing(trial, pending)
             if len(failing) == _NWORLD and not enough:

@@ -129,7 +129,7 @@ def _with_bank(compiled: CompiledScene) -> CompiledScene:
     """Return the scene with a bank for each split. The banks come from separate random streams."""
     probed = _within_budget(compiled)
     train, evaluation = (_Probe(probed, split, compiled.config.bank) for split in ("train_bank", "eval_bank"))
-    for probe, most in ((train, 0), (evaluation, _MOST_ROUNDS)):  # once train has layouts, eval's may just be rare
+    for probe, most in ((train, 0), (evaluation, _MOST_ROUNDS)):  # if train has layouts, eval has them, too, but rarely
         if not probe.fill(_ROUNDS, most):
             raise infeasible(probed, probe.generator)
     found = [_with_all_choices(probed, probe) for probe in (train, evaluation)]
@@ -174,8 +174,8 @@ class _Probe:
     def fill(self, rounds: int, most: int = 0) -> list[tuple[np.ndarray, ...]]:
         """Make layouts until the bank is full, and return its rows.
 
-        Stop after `rounds` rounds. If there is no layout by then, go on until the first layout or for `most` rounds in
-        all.
+        Stop after `rounds` rounds. If no layout was found in these rounds, continue until the first layout, but for at
+        most `most` rounds in total.
         """
         layouts, nworld = self.generator.layouts, self.generator.nworld
         rounds, most = (-(-number * self.size // nworld) for number in (rounds, most))

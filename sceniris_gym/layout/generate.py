@@ -136,7 +136,7 @@ class LayoutGenerator(Fixed, LayoutSource):
             every_cause: Also record candidates that had a pose but were rejected for another cause than a collision.
             options: Other arguments of the class.
         """
-        # without parallel restarts and objects drawn ahead, whose candidates are not all needed
+        # no parallel restarts and no objects drawn ahead, because some of their candidates are not needed
         size = replace(options.pop("size", None) or default_size(compiled.device), rows=0)
         generator = cls(compiled, nworld, size=size, **options)
         generator._work = replace(generator._work, ahead=0)

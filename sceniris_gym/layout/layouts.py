@@ -355,7 +355,7 @@ class Layouts(StaysHere):
             keys: Seeds, episodes and param values of other layouts, one row per layout.
 
         Raises:
-            ArgumentError: `split` is neither of these, or a world has no layout.
+            ArgumentError: `split` has another value, or a world has no layout.
         """
         view = self.view
         rows = zip(*(keys or (view.seed.numpy(), view.episode.numpy(), view.param.numpy())), strict=True)

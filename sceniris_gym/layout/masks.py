@@ -25,7 +25,7 @@ def as_host_mask(mask: Any, nworld: int, name: str = "mask") -> np.ndarray:
     if _kind(mask) == "torch":
         mask = mask.detach().cpu().numpy()
     elif _kind(mask) == "warp":
-        wp.synchronize_device(mask.device)  # it may have been written on any stream
+        wp.synchronize_device(mask.device)  # the mask may have been written on any stream
         mask = mask.numpy()
     return np.array(mask)
 

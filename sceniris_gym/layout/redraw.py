@@ -117,7 +117,7 @@ def _read_state(
     program: Program,
     mask: wp.array[bool],
     split: wp.uint32,
-    # For each body: address in qpos of its freejoint, of its ball joint, and its mocap id, -1 if it does not exist
+    # For each body: address of its freejoint in qpos, address of its ball joint, and mocap id, each -1 if it has none
     body_adr: wp.array[wp.vec3i],
     # Elements of qpos to draw again, placed objects that are supports or anchors, and slots to make present:
     is_redrawn: wp.array[bool],

@@ -33,7 +33,7 @@ class RejectedCandidates:
 
 
 def read_rejected(generator: LayoutGenerator) -> RejectedCandidates:
-    """Copy the rejected candidates that a LayoutGenerator recorded to the host."""
+    """Copy the recorded rejected candidates of a LayoutGenerator to the host."""
     view, nmocap = generator.layouts.view, generator.compiled.mjm.nmocap
     count = min(int(view.rejected_count.numpy()[0]), len(view.rejected_object))
     names = ("object", "cause", "qpos", "mocap_pos", "mocap_quat")

@@ -215,7 +215,7 @@ OWN_KERNELS = [_test_hands]
 
 
 def launch_test_hands(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
-    """Find the free grasps of candidates that passed all other tests. Reject candidates that leave a target none."""
+    """Find the free grasps of candidates that passed all other tests. Reject candidates that leave no free grasp."""
     inputs = [work.program, reach, work.layouts, work.search, reach_search]
     work.launch_lanes(_queue_hands, *inputs)
     work.launch_blocks(_test_hands, *inputs, blocks=min(work.size.blocks, len(reach_search.failed)))

@@ -27,7 +27,7 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 SAME_BRANCH = 0.8
 """Largest allowed change of a joint [rad or m] from pre-grasp to grasp. A larger change may mean another IK branch."""
 WITNESSES = 4
-"""Number of starts from witnesses, which are joints stored in the arm's map. They follow the arm's present pose."""
+"""Number of starts from witnesses (joints in the arm's map), if it has a map. They follow the arm's present pose."""
 
 _PI = wp.constant(wp.pi)
 

@@ -39,7 +39,7 @@ def _draw_weighted(
         u = uniforms(seed, episode, numbered_stream(split, GROUP_STREAM), g, 1 + k // 4)[k % 4]
         at = u * total
         chosen = int(0)
-        below = float(0.0)  # sum of the weights before; no differences, so that all devices round in the same way
+        below = float(0.0)  # sum of the weights before, not a difference, so that all devices round in the same way
         for i in range(num):
             weight = program.group_weight[worldid, adr + i][column]
             if weight > 0.0 and present[program.group_slot[adr + i]] == 0:
