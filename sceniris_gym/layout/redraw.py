@@ -117,7 +117,7 @@ def _read_state(
     program: Program,
     mask: wp.array[bool],
     split: wp.uint32,
-    # For each body: address of its freejoint in qpos, address of its ball joint, and mocap id, each -1 if it has none
+    # For each body: address of its freejoint in qpos, address of its ball joint, and mocap id, each -1 if missing
     body_adr: wp.array[wp.vec3i],
     # Elements of qpos to draw again, placed objects that are supports or anchors, and slots to make present:
     is_redrawn: wp.array[bool],
@@ -146,7 +146,7 @@ def _read_state(
         layouts.present[worldid, added[i]] = 1
     for i in range(layouts.qpos.shape[1]):
         layouts.qpos[worldid, i] = wp.where(is_redrawn[i], program.home_qpos[i], state.qpos[worldid, i])
-    for i in range(state.mocap_pos.shape[1]):  # layouts have an unused mocap body if the model has none
+    for i in range(state.mocap_pos.shape[1]):  # layouts of a model without mocap bodies have an unused one
         layouts.mocap_pos[worldid, i] = state.mocap_pos[worldid, i]
         layouts.mocap_quat[worldid, i] = wp.normalize(state.mocap_quat[worldid, i])
     for body in range(1, program.body_parent.shape[0]):

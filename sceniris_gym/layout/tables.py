@@ -116,5 +116,5 @@ class RequestedLayouts(StaysHere):
             wp.copy(part, start)
         generator.generate(mask)
         for part, output in zip(self._parts, outputs, strict=True):
-            if output.size > 0:  # layouts have an unused mocap body if the model has none
+            if output.size > 0:  # layouts of a model without mocap bodies have an unused one
                 wp.copy(output, part)
