@@ -1,8 +1,8 @@
 """Bounding-volume descent: one step down two box trees, and the test of a list of broad-phase pairs.
 
 An *entry* is a pair of nodes: (pair of colliders, node of a, node of b). If the boxes of an entry are near each other,
-two entries further down replace it, until both nodes are leaves: a narrow-phase pair. The lanes of a block share a
-stack of entries, and each lane takes one entry at a time.
+two entries further down replace it. An entry of two leaves is a narrow-phase pair. The lanes of a block share a stack
+of entries, and each lane takes one entry at a time.
 """
 
 from typing import Any

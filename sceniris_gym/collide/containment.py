@@ -13,7 +13,7 @@ from sceniris_gym.program.device import Program
 
 @wp.func
 def in_solid(program: Program, collider: int, p: wp.vec3) -> bool:
-    """Test whether a point, in the frame of a collider's body, lies inside its solid."""
+    """Test whether a point, in the frame of a collider's body, lies inside the solid of the collider."""
     mesh = program.collider_mesh[collider]
     query = wp.mesh_query_point_sign_winding_number(mesh, p, program.collider_depth[collider])
     return query.result and query.sign < 0.0
@@ -21,7 +21,7 @@ def in_solid(program: Program, collider: int, p: wp.vec3) -> bool:
 
 @wp.func
 def in_bounds(program: Program, collider: int, p: wp.vec3) -> bool:
-    """Test whether a point, in the frame of a collider's body, lies inside its bounding box."""
+    """Test whether a point, in the frame of a collider's body, lies inside the bounding box of the collider."""
     root = program.collider_root[collider]
     d = p - program.node_center[root]
     half = program.node_half[root]

@@ -39,7 +39,7 @@ class Shape:
 
 @wp.func
 def piece_shape(program: Program, piece: int) -> Shape:
-    """Return the shape of a piece. Spheres and capsules are exact, as a point and a segment with a radius."""
+    """Return the shape of a piece. Spheres and capsules are exact: a point or a segment, with a radius."""
     s = Shape()
     s.kind = program.piece_type[piece]
     s.size = program.piece_size[piece]

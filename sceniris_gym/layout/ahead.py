@@ -356,7 +356,7 @@ def side_stream(device: wp.Device) -> wp.Stream:
 def _wait(done: wp.Event | None, *kept: Any) -> None:
     """Block until the last prefetch is done, and then release `kept`.
 
-    A capture must not synchronise. During one, the memory is kept until a later call.
+    During a capture, synchronisation is not allowed, so the memory is kept until a later call.
     """
     _kept_longer.append((done, kept))
     if done is not None and done.device.is_capturing:

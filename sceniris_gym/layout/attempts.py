@@ -56,7 +56,7 @@ def find_attempts(compiled: CompiledScene) -> int:
 
 
 def _still_failing(trial: CompiledScene, seeds: np.ndarray) -> tuple[np.ndarray, bool]:
-    """Return the seeds of failed and skipped worlds, and whether few enough of them would restart."""
+    """Return the seeds of worlds that failed or were skipped, and whether few enough worlds would restart."""
     left: list[np.ndarray] = []
     restarts = 0
     for start in range(0, len(seeds), _CHUNK):
@@ -72,7 +72,7 @@ def _still_failing(trial: CompiledScene, seeds: np.ndarray) -> tuple[np.ndarray,
 
 
 def _ended_at_once(generator: LayoutGenerator) -> int:
-    """Return the number of worlds with an empty region. Further attempts do not help such a layout."""
+    """Return the number of worlds with an empty region. Further attempts would not help these worlds."""
     retries = generator.compiled.program.obj_retry_if_empty.numpy() != 0
     counts = generator.layouts.view.rejections.numpy()[: len(retries), [Cause.EMPTY, Cause.REGION]]
     return int(counts[~retries].sum())

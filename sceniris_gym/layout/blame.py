@@ -93,7 +93,7 @@ class Blame:
         return sorted(found, key=lambda hit: hit.distance - hit.margin)
 
     def _distance(self, data: mujoco.MjData, depths: HomeTouch, geoms: tuple[int, int], margin: float) -> float | None:
-        """Return the distance of two geoms [m], or None if it is large enough."""
+        """Return the distance of two geoms [m], or None if they are far enough apart."""
         mjm, (a, b), nearest = self._mjm, geoms, margin + SKIN + _UNDECIDED
         if margin < 0.0:
             touch = depths.between(self._pieces[a], self._pieces[b], nearest)
@@ -194,7 +194,7 @@ def _rejections(counts: Mapping[str, Mapping[str, int]]) -> str:
 
 
 def _of_leaning(support: str, orientation: str) -> str:
-    """Return the advice for a support that leans in most worlds, given the `orientation` of its object."""
+    """Return the advice for a support that leans in most worlds. It belongs to an object with this `orientation`."""
     better = "Restrict the joints that move it to states in which it is level."
     if orientation in ("any", "stable"):
         owner = support.split("/")[0]
@@ -223,9 +223,10 @@ def _of_collision(room: str | None, joined: str | None) -> str:
 def _room(compiled: CompiledScene, name: str) -> str | None:
     """Return the advice for a support that is full before all of its objects are placed, or None if it is not full.
 
-    Equal objects placed at random, one after another, fill a fraction of a large area that does not depend on its size
-    (random sequential adsorption, Feder 1980). The required area is therefore proportional to their number. The number
-    of placed objects comes from the best of many worlds. The factor of 2 covers most of the other worlds.
+    If equal objects are placed at random, one after another, the fraction of a large area that they fill does not
+    depend on the size of the area (random sequential adsorption, Feder 1980). The required area is therefore
+    proportional to the number of objects. The number of placed objects comes from the best of many worlds. The factor
+    of 2 covers most of the other worlds.
     """
     (one,) = (o for o in compiled.plan.objects if o.name == name)
     crowd = [o.name for o in compiled.plan.objects if o.support is not None and o.support == one.support]

@@ -92,7 +92,7 @@ copyreg.pickle(CompiledScene, lambda compiled: (compile_scene, (compiled.config,
 
 
 def device_name(device: Any, where: str = "compile_scene") -> str:
-    """Return Warp's name of a device, given by name or as a torch or Warp device. None is Warp's preferred device.
+    """Return Warp's name of a device, which is given by name or as a torch or Warp device. None: the preferred one.
 
     Raises:
         UnknownNameError: There is no such device.
@@ -220,7 +220,7 @@ def _with_all_choices(compiled: CompiledScene, probe: _Probe) -> list[tuple[np.n
 
 
 def _lacking_choices(compiled: CompiledScene, split: str, rows: list[tuple[np.ndarray, ...]]) -> np.ndarray:
-    """Return the choices that a split may draw but the rows lack: indices of members by group, then of kinds."""
+    """Return choices that a split may draw but the rows lack: indices of group members, then of kinds of start."""
     program, kinds = compiled.program, np.arange(len(compiled.config.start))
     present, start = (np.stack([row[BANKED.index(name)] for row in rows]) for name in ("present", "start"))
     group, weight = program.group.numpy()[0], program.group_weight.numpy()[0, :, SPLITS[split] % 2]

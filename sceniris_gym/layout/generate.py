@@ -165,7 +165,7 @@ class LayoutGenerator(Fixed, LayoutSource):
         self._try_restarts(self._stage)
 
     def launch_placing(self, mask: wp.array | None) -> None:
-        """Advance the masked worlds and place their objects, without the stage for reach."""
+        """Advance the masked worlds and place their objects, without the reach stage."""
         self._begin(mask)
         self._try_restarts(None)
         launch_close(self.layouts.view, mask, self.size.block_dim)
@@ -322,7 +322,7 @@ def make_redraw(
     adds: bool = False,
     masses: tuple[wp.array, wp.array] | None = None,
 ) -> Redraw:
-    """Return a `Redraw` of objects, as from `chosen_objects`.
+    """Return a `Redraw` of the objects that `chosen_objects` returned.
 
     `masses` are `body_mass` and `body_ipos` of the Model to simulate. None draws masses from the scene file.
     """

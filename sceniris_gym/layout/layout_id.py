@@ -26,7 +26,7 @@ class LayoutId:
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """Read `scenehash:split:seed:episode`, and `:params` if some differ from the scene file.
+        """Read `scenehash:split:seed:episode`, followed by `:params` if some params differ from the scene file.
 
         Raises:
             ArgumentError: The text does not have this form, or repeats a param.

@@ -30,7 +30,7 @@ class LayoutStatus(IntEnum):
     """State of a row."""
 
     NONE = 0
-    """No layout yet. During compilation also: no valid layout was found."""
+    """The row has no layout yet. During compilation, it may also be that no valid layout was found."""
     VALID = 1
     """A fresh layout that passed every test. Parts that no layout moves are not tested against each other."""
     FALLBACK = 2
@@ -271,11 +271,11 @@ class Layouts(StaysHere):
                 each world's present variant.
 
         Returns:
-            Position [m] and orientation (wxyz) of its root body in the world frame, shape (nworld, 7).
+            Position [m] and orientation (wxyz) of the object's root body in the world frame, shape (nworld, 7).
 
         Raises:
             UnknownNameError: The scene has no such object.
-            NotSupportedError: Joints other than a freejoint determine the pose of its root body.
+            NotSupportedError: Joints other than a freejoint determine the pose of the root body.
         """
         variants = self.compiled.config.variants.get(name)
         if variants is not None:

@@ -1,4 +1,4 @@
-"""Compile the kernels of a generator in parallel before the first launch, because one by one they take longer."""
+"""Compile the kernels of a generator in parallel, before the first launch would compile them one by one."""
 
 import os
 from pathlib import Path

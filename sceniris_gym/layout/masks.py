@@ -128,7 +128,7 @@ def as_numbers(values: Any) -> np.ndarray:
 
 @wp.func
 def selects(mask: wp.array[bool], worldid: int) -> bool:
-    """Return True if a mask of worlds selects a world. No mask selects all."""
+    """Return True if a mask of worlds selects a world. If there is no mask, all worlds are selected."""
     if mask:
         return mask[worldid]
     return True

@@ -110,7 +110,7 @@ class ParamTable:
         The result has shape (nworld, nvalue), float32.
 
         Raises:
-            UnknownNameError, ArgumentError: A param that is not in the table, or values that it cannot have.
+            UnknownNameError, ArgumentError: A param is not in the table, or cannot have the given values.
         """
         rows = np.tile(self.default, (nworld, 1))
         columns, found = self.part(values, nworld)
@@ -118,7 +118,7 @@ class ParamTable:
         return rows
 
     def part(self, values: Mapping[str, Any], nworld: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the columns of some params, and their values in one row for all worlds or one row per world.
+        """Return the columns of some params, and the values for them: one row for all worlds, or one row per world.
 
         Raises:
             UnknownNameError, ArgumentError: As in `rows`.

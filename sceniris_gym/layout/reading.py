@@ -12,7 +12,7 @@ from sceniris_gym.scene.poses import body_poses, product, rotated
 
 
 def read_layouts(layouts: Layouts, split: str, nrow: int | None) -> LayoutTable:
-    """Copy the first `nrow` layouts of a split to the host, or all layouts for None."""
+    """Copy the first `nrow` layouts of a split to the host, or all layouts if `nrow` is None."""
     types = row_types(layouts.compiled, nvalue=layouts.view.param.shape[1])
 
     def read(name: str) -> np.ndarray:

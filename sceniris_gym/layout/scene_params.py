@@ -61,7 +61,8 @@ class Param:
     def checked(self, value: Any, nworld: int) -> np.ndarray:
         """Check a value for all worlds, or one value per world. Return float32, shape (1 or nworld, len(default)).
 
-        Numbers within the scene file's limits, but beyond the model's limits or single precision, are clipped.
+        If a number is within the limits of the scene file, but beyond the limits of the model or of single precision,
+        it is clipped.
 
         Raises:
             ArgumentError: Wrong shape, not numbers, or beyond the limits of the scene file.

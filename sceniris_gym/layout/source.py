@@ -89,7 +89,7 @@ class LayoutSource(StaysHere):
 
         Args:
             columns: Columns of the params, shape (n,), int32.
-            values: Their numbers, shape (1 or nworld, n), float32.
+            values: Values for these columns, shape (1 or nworld, n), float32.
             mask: Selected worlds, shape (nworld,), bool. None selects all.
         """
         launch_set(self.layouts.view.next_param, columns, values, mask)
@@ -205,7 +205,7 @@ class LayoutSource(StaysHere):
         self._set_params(self._changeable(columns), rows, self._mask_of(worlds))
 
     def _changeable(self, columns: np.ndarray) -> np.ndarray:
-        """Return columns of params. Raise if there are any and the layouts keep their params."""
+        """Return `columns` of params unchanged. Raise if there are any columns, but the layouts keep their params."""
         if len(columns) and self.layouts.params.are_kept:
             raise ArgumentError(
                 "set_params: stored layouts keep the params they were made with. Use a LayoutGenerator."

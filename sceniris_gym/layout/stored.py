@@ -181,7 +181,7 @@ def check_table(compiled: CompiledScene, table: LayoutTable, where: str) -> None
 
 
 def check_numbers(compiled: CompiledScene, numbers: Mapping[str, np.ndarray], where: str) -> None:
-    """Validate the integers of rows, by name of their column, and the variants of each row.
+    """Validate integer columns of layouts, given by name, and the variants in each row.
 
     Raises:
         SceneMismatchError: A value out of bounds, or a row without exactly one variant of an object.

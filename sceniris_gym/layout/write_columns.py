@@ -40,7 +40,7 @@ class Array:
     Attributes:
         address: Address of the first element.
         stride: Bytes from one row to the next.
-        nominal: Address of the model's values, 0 without them.
+        nominal: Address of the model's values, 0 if there are no such values.
         nominal_stride: Bytes from one row of the model's values to the next, SHARED if all worlds share one row.
         kind: The kind of its numbers, as an index into `_KINDS`.
     """
@@ -109,7 +109,7 @@ def row_address(array: Array, worldid: int) -> wp.uint64:
 
 @wp.func
 def _put(array: Array, worldid: int, offset: int, value: float):
-    """Write a number of a world's row."""
+    """Write a number into a world's row."""
     address = row_address(array, worldid)
     if array.kind == _FLOAT:
         floats = wp.array(ptr=address, shape=(offset + 1,), dtype=float)

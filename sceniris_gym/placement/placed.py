@@ -7,7 +7,7 @@ from sceniris_gym.device.angles import unit_circle
 
 @wp.struct
 class Placed:
-    """An object seen from above: its pivot [m], its x axis, and its bounds [m] along its axes around the pivot."""
+    """An object seen from above: its pivot [m], its x axis, and its bounds [m] in its own axes, from the pivot."""
 
     at: wp.vec2
     axis: wp.vec2

@@ -34,7 +34,7 @@ _THIN = wp.constant(1.0e-3)
 # The region of `beside` is a line, or a point for joined sites. Both are drawn as strips of this half width [m]. Five
 # times this width counts as a violation.
 INACTIVE = wp.constant(-1)
-"""The number of half-planes of a relation without enough present anchors."""
+"""Value in place of the number of half-planes, for a relation with too few present anchors."""
 _LINE = wp.constant(2.0e-5)
 # If a point is within this distance [m] of an anchor, the direction from the anchor to the point is only rounding.
 _NO_DIRECTION = wp.constant(1.0e-5)

@@ -27,7 +27,7 @@ def heading_at(
 
 @wp.func
 def pose_candidate(program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int):
-    """Pose the object's bodies with its pivot over the candidate's point."""
+    """Pose the bodies of a candidate's object, with the pivot above the drawn point."""
     drawn = search.stable_draw[c]
     point = search.point[c]
     heading = heading_at(program, layouts, search, c, row, obj, wp.vec2(point[0], point[1]))

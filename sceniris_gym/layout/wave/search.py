@@ -162,7 +162,7 @@ def flip_failed(best: int) -> int:
 
 @wp.func
 def finish_row(search: Search, row: int, staged: bool):
-    """Pass a row with all objects placed to the reach stage. Without a stage, mark its restart as finished."""
+    """Pass a row whose objects are all placed to the reach stage, or mark its restart as finished if not `staged`."""
     if staged:
         search.waiting[row] = True
     else:

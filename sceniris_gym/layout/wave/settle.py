@@ -103,7 +103,7 @@ def _bank_row(program: Program, bank: Bank, layouts: LayoutsView, worldid: int, 
 
 @wp.func
 def _fall_back(program: Program, bank: Bank, layouts: LayoutsView, worldid: int, split: wp.uint32, width: int) -> int:
-    """Copy the world's bank entry with the key of its draws, and return the status of the row."""
+    """Copy a bank entry and the key of its draws to a world, and return the new status of the world."""
     row = _bank_row(program, bank, layouts, worldid, split)
     if row < 0:
         return 0

@@ -109,5 +109,5 @@ def _test_standing(
 
 
 def launch_test_standing(work: Workspace) -> None:
-    """Reject candidates that would fall, or topple the objects below."""
+    """Reject candidates that would fall or would topple the objects below."""
     work.launch_lanes(_test_standing, work.program, work.statics, work.layouts, work.search)

@@ -95,5 +95,5 @@ def _put_at_markers(
 
 
 def launch_put_at_markers(work: Workspace, end: int) -> None:
-    """Move candidates of this wave to the markers of their kind of start. Only objects before `end` have markers."""
+    """Move candidates of this wave to the markers of their kind of start. Only objects before `end` can have one."""
     work.launch_lanes(_put_at_markers, work.program, work.compiled.starts, end, work.layouts, work.search)
