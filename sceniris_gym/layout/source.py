@@ -95,7 +95,7 @@ class LayoutSource(StaysHere):
         launch_set(self.layouts.view.next_param, columns, values, mask)
 
     def launch_finish(self, success: wp.array, finished: wp.array) -> None:
-        """Process the outcomes of episodes, before their worlds are reset. Sources that override this set `hears`.
+        """Process the outcomes of episodes, before their worlds are reset. A source that overrides this sets `hears`.
 
         Args:
             success: 1 for worlds that succeeded, 0 for the others, shape (nworld,), float32.
