@@ -209,9 +209,7 @@ def _as_array(values: Any, name: str) -> Any:
         try:
             values = np.asarray(values)
         except ValueError:  # lists of different lengths
-            raise ArgumentTypeError(
-                f"{name} should be integers, got a {type(values)} with entries of different lengths."
-            ) from None
+            raise ArgumentTypeError(f"{name} should be integers in one list, got a nested {type(values)}.") from None
         values = values.astype(int) if values.size == 0 else values
     _check_dense(values, name)
     return values
