@@ -83,6 +83,8 @@ def as_worlds(worlds: Any, nworld: int, device: Any, mask_out: wp.array | None =
     """
     if worlds is None:
         return None
+    if isinstance(worlds, wp.array) and worlds.dtype is wp.bool and worlds.shape == (nworld,):
+        return _to_device(worlds, wp.bool, device)  # the usual mask of a loop: the tests below take 2 us
     worlds = _booleans_or_ids(worlds, nworld)
     if is_mask(worlds):
         check_mask(worlds, nworld, "worlds")
