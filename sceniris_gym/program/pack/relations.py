@@ -69,7 +69,7 @@ def joints_of(plan: Plan) -> dict[str, JoinedSites]:
 
 
 def region_pieces(relation: Relation) -> int:
-    """Return the number of convex pieces of a relation."""
+    """Return the number of convex pieces that together cover the places which a relation allows."""
     if not isinstance(relation, Sector):
         return 1
     angle = math.pi
@@ -126,7 +126,7 @@ def joined_sites(plan: Plan, name: str, relation: Joined, where: str) -> JoinedS
 
     Raises:
         UnknownNameError: An object has no such site.
-        SceneKeyError: Joints of the object move a site, its x axis is vertical, or the object is not placed upright.
+        SceneKeyError: Joints move one of the sites, its x axis is vertical, or its object has no fixed upright pose.
     """
     words = relation.beside
     its, its_yaw = _site(plan, words.of, words.of_site, f"{where}.beside.of_site")
@@ -165,8 +165,8 @@ def _upright(placed: PlacedObject, where: str) -> tuple[np.ndarray, np.ndarray]:
     """Return the orientation (3, 3) of a placed object at heading 0, and its pivot in its root's frame [m]."""
     if placed.orientation in ("any", "stable"):
         raise SceneKeyError(
-            f"{where}: '{placed.name}' has the orientation '{placed.orientation}', which moves its site. Give it a "
-            "yaw, or 'fixed'."
+            f"{where}: '{placed.name}' has the orientation '{placed.orientation}', which moves its site. Give the "
+            "object a yaw, or the orientation 'fixed'."
         )
     return matrix(placed.stable_poses[0].quat), placed.stable_poses[0].pivot
 
@@ -208,7 +208,7 @@ def pack_regions(objects: list[PlacedObject]) -> dict[str, np.ndarray]:
 
 
 def _regions(objects: list[PlacedObject]) -> dict[int, list[SupportSurface]]:
-    """Return the lists of surfaces of all stable poses by their identity, without duplicates."""
+    """Return the lists of surfaces of all stable poses, by the `id` of the list. Poses may share a list."""
     return {id(mine): mine for o in objects for mine in o.surfaces}
 
 
