@@ -32,7 +32,7 @@ class Contact(NamedTuple):
         own, below: Bodies of the two geoms, the upper one first.
         ref: Its `solref`.
         imps: Its `solimp`, with all combinations of the ends of draws.
-        cone: Factor by which friction changes its depth.
+        cone: Effect of friction on its depth, as a factor.
         friction: Its least coefficient of sliding friction.
     """
 

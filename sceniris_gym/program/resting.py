@@ -74,7 +74,7 @@ def stable_poses(scene: SceneModel, o: PlacedObject, own: list[Piece]) -> list[t
 
 
 def check_weight(scene: SceneModel, bodies: list[int], where: str) -> None:
-    """Reject an object that `gravcomp` lifts off its support. An object on which no force acts is accepted."""
+    """Reject an object that `gravcomp` lifts off its support. An object without any weight does not move."""
     left = np.minimum(weights(scene.least), weights(scene.most))[bodies]
     least = _LEAST_WEIGHT * scene.least.body_mass[bodies].sum()
     if left.sum() <= least and np.abs(left).max() > least:
