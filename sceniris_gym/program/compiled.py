@@ -66,7 +66,7 @@ class CompiledScene:
         scene: The model and its names.
         device: Warp's name of the device, e.g. "cuda:0".
         program: The placement program on the device.
-        reaching: The arms and their reach targets, None without arms.
+        reaching: The arms and their reach targets, None if no object has `reachable`.
         statics: Feet, contacts and loads on the device, None if no object can fall.
         starts: The kinds of starts on the device, None if the scene has only the start pose.
         bank: The fallback bank of valid layouts, empty until `compile_scene` fills it.
@@ -227,7 +227,10 @@ def upload_scene(scene: SceneModel, device: str) -> CompiledScene:
 
 
 def upload_plan(plan: Plan, device: str, *, starts: bool = True) -> CompiledScene:
-    """Upload a plan to a device, without checks and with an empty bank. Kinds of starts only if `starts` is true."""
+    """Upload a plan to a device, without checks and with an empty bank.
+
+    The scene's kinds of starts are uploaded only if `starts` is true.
+    """
     scene = plan.scene
     is_visual = scene.config.geometry == "visual"
     colliders = collect_colliders(plan.pieces, is_visual, device)

@@ -301,7 +301,7 @@ def fill_struct(declared: Any, instance: Any, arrays: Mapping[str, np.ndarray], 
 def allocate(declared: Any, instance: Any, shapes: Mapping[str, Any], device: Any) -> Any:
     """Set fields of a struct instance to arrays of zeros, with the declared types, and return the instance.
 
-    A key of `shapes` is the name of a field, or several names separated by spaces. Its value is their shape.
+    A key of `shapes` is the name of a field, or several names separated by spaces. Its value is the shape of these.
     """
     for names, shape in shapes.items():
         for name in names.split():

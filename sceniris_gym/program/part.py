@@ -31,7 +31,7 @@ def chosen_objects(
         compiled: The scene.
         objects: One name or several.
         where: Name of the calling function, with which errors begin.
-        present: Objects that may be present in a world, or None for all. All other objects need not be chosen together
+        present: Objects that are present in some world, or None for all. Absent objects need not be chosen together
             with their support.
 
     Raises:

@@ -60,7 +60,7 @@ class PlacedObject:
         support: The support that carries it. None if its region is in space, or for STATIC.
         tilts: Whether the support may lean in drawn states.
         surfaces: For each stable pose, a list of surfaces that can carry it, with their regions. If its region is in
-            space, the list has its points, or with relations the box seen from above. Equal lists are one object.
+            space, the list has its points, or with relations the box seen from above. Poses share equal lists.
         erosion: Distance of its pivot from the outlines, as a fraction of the shorter edge of the drawn bounds. It is 0
             if that edge is fixed within each stable pose, because the regions are then already eroded.
         heap: The settled poses of its heap, or None.
@@ -200,7 +200,7 @@ def may_lean(scene: SceneModel, support: Support) -> bool:
 
 
 def _level_surfaces(support: Support, pieces: list[Piece], *, open_above: bool) -> list[SupportSurface]:
-    """Return the level surfaces of a support. `open_above` only counts for a support that belongs to an object."""
+    """Return the level surfaces of a support. `open_above` has an effect only if the support belongs to an object."""
     own = [p for p in pieces if p.body == support.body]
     covered = open_above and support.owner is not None
     return supports.level_surfaces(support.body, own, open_above=covered, geom=support.geom)

@@ -152,7 +152,7 @@ def _around_base(pose: StablePose) -> StablePose:
 
 
 def _placed_object(scene: SceneModel, name: str, pieces: list[Piece], heap: HeapPoses | None) -> PlacedObject:
-    """Return one step of the program."""
+    """Return the step of the program that places an object or a robot."""
     config, bodies = scene.config.parts.get(name), scene.subtree(name)
     if config is None:  # a robot whose base is not drawn
         config = ObjectConfig(kind="static", clearance=scene.config.all_robots[name].clearance)

@@ -36,7 +36,7 @@ def stable_poses(scene: SceneModel, o: PlacedObject, own: list[Piece]) -> list[t
         own: Its pieces, used with `geometry: physics` or if the object has no collision geometry.
 
     Raises:
-        SceneKeyError: It has no such pose.
+        SceneKeyError: The object has no stable pose.
     """
     where, bodies, home = f"{scene.config.where}: objects.{o.name}.orientation", o.bodies, scene.home
     physics = scene.config.geometry == "physics"

@@ -60,7 +60,7 @@ class Law(NamedTuple):
     Attributes:
         shake: The margin as a fraction of the root of fall times height.
         lean: Increase of `shake` for each radian of lean of the load.
-        soft: Factor of the lean.
+        soft: Factor by which the computed lean is multiplied.
         hold: Fraction of the patch's radius in which contacts hold the load, wherever MuJoCo keeps its four contacts.
         swap: Additional margin for the moment when other contacts replace the four, as a fraction of the root of sink
             times height.
@@ -120,7 +120,7 @@ class Foot:
         law: The margin that the object needs on this foot.
         margin: Least distance [m] of the object's centre of mass, without its load, from the edge of the foot over all
             drawn states of its joints. Negative outside the foot, -inf if draws of masses move the centre of mass.
-        most: Greatest such distance [m].
+        most: Greatest distance [m] instead of the least, over the same states.
         bottom: Height [m] over the object's root of the lowest point that drawn joints do not move.
         hangs: Greatest depth [m] of parts that drawn joints move, below `bottom`. Negative if they stay above it.
         drop: Height [m] of the object's fall until its support carries it, negative inside the support. It is 0 unless
@@ -172,7 +172,7 @@ class Stance:
 
     @property
     def is_certain(self) -> bool:
-        """True if it stands wherever it is placed. Then only the objects put on it need a test."""
+        """True if the object stands wherever it is placed. Only objects on it are then tested for standing."""
         is_alone = len(self.levels) < 2 and self.is_whole and not self.tilt
         return is_alone and all(f.margin > 0.0 for f in self.feet)
 
@@ -182,7 +182,7 @@ NO_STANCE = Stance([], [], 0.0, 0.0, 0.0, 0.0, is_whole=True)
 
 
 def stances(scene: SceneModel, objects: list[PlacedObject], pieces: list[Piece]) -> list[Stance]:
-    """Return how each object of a plan stands.
+    """Return the stance of each object of a plan.
 
     Args:
         scene: The scene.
@@ -397,7 +397,7 @@ def _spare(roll: Roll, law: Law, ends: np.ndarray) -> np.ndarray:
 
 
 def _cannot_leave(o: PlacedObject, feet: list[Foot], walls: list[Piece]) -> bool:
-    """Return whether the whole foot of an object is on its support in any heading.
+    """Return whether the whole foot of an object is on its support at every place and heading.
 
     Either its region keeps the foot away from the edges of the surface, or walls stand all around the surface.
 

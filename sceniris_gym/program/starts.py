@@ -68,8 +68,8 @@ def plan_grips(plan: Plan) -> tuple[Grip, ...]:
 def weakest(scene: SceneModel) -> list[mujoco.MjModel]:
     """Return the models in which a gripper holds the least, at the weakest ends of all draws.
 
-    Joint friction and stiffness of the gripper resist closing, so they are at their greatest. The models cover all
-    corners of the draws of the actuators' constant force and of centres of mass, whose worst ends are unknown.
+    Joint friction and stiffness of the gripper resist closing, so they are at their greatest. The worst values of the
+    actuators' constant force and of centres of mass are unknown, so the models cover all corners of these draws.
     """
     ends, draws = {**WEAK, "dof_frictionloss": "most", "jnt_stiffness": "most"}, scene.draws
     unknown = product(corners(draws, "actuator_biasprm"), corners(draws, "body_ipos"))
@@ -137,7 +137,7 @@ def _kind(plan: Plan, grips: tuple[Grip, ...], number: int, config: StartConfig)
 
 
 def _arm_range(plan: Plan, one: ReachingArm, config: StartConfig, where: str) -> np.ndarray:
-    """Return the intervals of the drawn joints of the arm for a kind of start, shape (MAX_JOINTS, 2)."""
+    """Return the intervals from which a kind of start draws the joints of an arm, shape (MAX_JOINTS, 2)."""
     if one.robot in plan.scene.apart:
         raise SceneKeyError(f"{where}: should have a robot that is in the scene, but its 'in_scene' is false.")
     found, index = np.tile(_UNDRAWN, (MAX_JOINTS, 1)), one.arm.qposadr.tolist()

@@ -48,7 +48,7 @@ def check_supports(plan: Plan) -> None:
 
 
 def check_relations(plan: Plan) -> None:
-    """Check that the relations of each object can be combined, respect the device's limits, and have their widths.
+    """Check that each object's relations can be combined and are not too many, and that `between` has a width.
 
     Raises:
         SceneKeyError: Relations have too many corners or pieces, `beside` is combined with `face_to`, a width is
@@ -87,7 +87,7 @@ def check_relations(plan: Plan) -> None:
 
 
 def check_followers(plan: Plan) -> None:
-    """Check that only joints of the same object follow a drawn joint, and that they stay within their limits.
+    """Check that joints that follow a drawn joint belong to the same object and stay within their limits.
 
     Raises:
         NotSupportedError: A joint of another object follows a drawn joint.
@@ -155,7 +155,7 @@ def check_reach(plan: Plan) -> None:
             warn(ReachWarning(f"{where}: {', '.join(asked)}: {why_not}, so 'ik' decides."))
         solved = [target.name for target in targets if not target.tier.needs_map]
         if solved and not robot.in_scene:
-            instead = "Build that map" if one.map is not None and one.map.coarse else "Use 'map'"
+            instead = "Build a finer map" if one.map is not None and one.map.coarse else "Use 'map'"
             raise SceneKeyError(
                 f"{where}: objects.{solved[0]}.reachable: 'ik' and 'clear' pose the arm, which has 'in_scene: false'"
                 f"{'' if why_not is None else f', and {why_not}'}. {instead}, or put the robot into the scene."

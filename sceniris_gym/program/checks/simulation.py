@@ -65,7 +65,7 @@ def check_memory(what: str, needed: int, device: str, cure: str) -> None:
         cure: The remedy.
 
     Raises:
-        MemoryLimitError: It does not fit.
+        MemoryLimitError: The allocation does not fit.
     """
     if needed < 1 << 28:  # small enough to skip the query
         return

@@ -215,7 +215,7 @@ def _states(o: PlacedObject) -> list[dict[int, float]]:
 
 
 def _held(mjm: mujoco.MjModel, joints: np.ndarray, bodies: np.ndarray) -> mujoco.MjModel:
-    """Return the model with masked joints (njnt,) held in place, and without contacts of masked bodies (nbody,)."""
+    """Return a copy of a model in which masked joints (njnt,) cannot move and masked bodies (nbody,) do not collide."""
     model = copy.copy(mjm)
     model.geom_contype[bodies[mjm.geom_bodyid]] = model.geom_conaffinity[bodies[mjm.geom_bodyid]] = 0
     model.dof_armature[joints[mjm.dof_jntid]] = _HELD

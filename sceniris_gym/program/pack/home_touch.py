@@ -109,10 +109,10 @@ class HomeTouch:
         return Touch(-overlap, direction)
 
     def _overlaps(self, a: Piece, b: Piece, directions: np.ndarray) -> np.ndarray:
-        """Return the distance [m] that b must move along each direction, shape (n, 3), until a plane separates them."""
+        """Return how far [m] b must move along each of `directions` (n, 3) until a plane separates a and b."""
         return self._greatest(a, directions) + self._greatest(b, -directions)
 
     def _greatest(self, piece: Piece, directions: np.ndarray) -> np.ndarray:
-        """Return the greatest extent [m] of a piece along directions of the world, shape (n, 3)."""
+        """Return the greatest extent [m] of a piece along each of `directions` (n, 3) of the world."""
         rotation = self._home.xmat[piece.body].reshape(3, 3)
         return piece.extents(directions @ rotation)[1] + directions @ self._home.xpos[piece.body]

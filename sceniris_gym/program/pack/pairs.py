@@ -44,7 +44,7 @@ class Pair:
         starts: Pairs of nodes of a and b from which the test descends both trees.
         geoms: The two geoms that touch at home, None for all other pairs.
         directions: Separating directions to try. They bound the depth of b's geom in a's. Unit vectors in the frame of
-            a's body, then in the frame of b's body, shape (n, 3) each, the best direction at home first.
+            a's body, then in the frame of b's body, shape (n, 3) each. The best direction at home is the first.
     """
 
     a: int
@@ -62,14 +62,14 @@ class ArmPairs:
     Attributes:
         robots: For each reach target, in placement order, the robot that has to reach it.
         itself: For each of these robots, pairs of the robot with itself that MuJoCo would report.
-        scene: For each reach target, the robot with all bodies except markers. The hand (all bodies that the robot's
-            last joint moves) may touch the target.
-        hand: For each reach target, only the hand with all bodies except markers and the target, sorted by the number
-            of the placed object. Bodies that are not placed come first.
+        scene: For each reach target, pairs of the robot with all bodies except markers. The hand (all bodies that the
+            robot's last joint moves) may touch the target.
+        hand: For each reach target, pairs of the hand with all bodies except markers and the target, sorted by the
+            number of the placed object. Bodies that are not placed come first.
         owners: For each pair in `hand`, the number of the placed object that the hand has to avoid, or -1.
-        target: For each reach target, the hand with the target.
-        held: For each reach target that a start holds in the air, the robot and the target with all other bodies
-            except markers. The hand may touch the target. Empty for other targets.
+        target: For each reach target, pairs of the hand with the target.
+        held: For each reach target that a start holds in the air, pairs of the robot and the target with all other
+            bodies except markers. The hand may touch the target. Empty for other targets.
     """
 
     robots: list[str] = field(default_factory=list)

@@ -69,7 +69,7 @@ def joints_of(plan: Plan) -> dict[str, JoinedSites]:
 
 
 def region_pieces(relation: Relation) -> int:
-    """Return the number of convex pieces that together cover the places which a relation allows."""
+    """Return the number of convex pieces that together cover the allowed places of a relation."""
     if not isinstance(relation, Sector):
         return 1
     angle = math.pi
@@ -103,8 +103,8 @@ class JoinedSites:
 
     Attributes:
         to: The other object.
-        at: Position of the joint from the pivot of the other object [m], shape (2,): the position of its site, moved by
-            the gap along the x axis of the site.
+        at: Place for the joined object's site, relative to the pivot of the other object [m], shape (2,). It is the
+            other object's site, moved by the gap along the x axis of this site.
         own: Position of the joined object's site from its pivot [m], shape (2,).
         yaw: The heading of the joined object minus the heading of the other object [rad].
     """
