@@ -1,1 +1,1 @@
-"""Tools of all kernels: poses, angles, random numbers, thread blocks, and sequences of launches."""
+"""Functions for all kernels: poses, angles, random numbers, thread blocks, and sequences of launches."""

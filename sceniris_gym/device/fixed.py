@@ -8,7 +8,7 @@ from sceniris_gym.errors import FixedError, NotSupportedError, new_name
 
 
 class RefusesOldNames:
-    """Base class of objects that refuse an old attribute by its new name."""
+    """Base class of objects whose error for a renamed attribute gives the new name."""
 
     if not TYPE_CHECKING:  # a type checker would take any attribute to be there
 
@@ -23,7 +23,7 @@ class StaysHere(RefusesOldNames):
     """Base class of objects that hold device memory and therefore belong to one process.
 
     Attributes:
-        _SEND: The object to send instead, worded for the error message.
+        _SEND: The end of the error message, which names an object to send instead.
     """
 
     _SEND = "its CompiledScene or the scene's name to the other process, and construct a new object there"

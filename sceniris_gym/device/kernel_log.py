@@ -1,4 +1,4 @@
-"""The message printed before kernels are compiled. It replaces Warp's line for each module."""
+"""The message printed before kernels are compiled. It replaces the lines that Warp prints for each module."""
 
 import sys
 
@@ -27,8 +27,8 @@ def tell_of_compiling(device: str, own: int) -> None:
     _told.add(device)
     time = "about a minute" if device == "cpu" else "some minutes"
     print(
-        f"sceniris_gym: compiling kernels for '{device}' ({own} modules of this package, then MuJoCo-Warp's as they "
-        f"are needed): {time}, once. They are kept in {wp.config.kernel_cache_dir}",
+        f"sceniris_gym: compiling kernels for '{device}': {own} modules of this package now, and MuJoCo-Warp's when "
+        f"they are needed. This takes {time}, once. Compiled kernels are kept in {wp.config.kernel_cache_dir}",
         file=sys.stderr,
         flush=True,
     )

@@ -76,5 +76,5 @@ def named_stream(split: str) -> int:
 
 
 def name_hash(name: str) -> int:
-    """Return the 31 bits that stand for a name."""
+    """Return a hash of a name, with 31 bits."""
     return int.from_bytes(hashlib.sha256(name.encode("utf-8", "surrogatepass")).digest()[:4], "little") >> 1

@@ -1,4 +1,4 @@
-"""`LaunchSequence`, kernel launches captured into a graph once and then replayed, and the launch lock.
+"""The launch lock, and `LaunchSequence`: kernel launches captured into a graph once and then replayed.
 
 One thread launches at a time, because Warp's device, stream and capture belong to the process.
 """
@@ -37,8 +37,8 @@ def launching(function: Callable[_P, _T]) -> Callable[_P, _T]:
 class ObjectLock:
     """The lock of one object and the launch lock, taken together.
 
-    A thread gets an error instead of waiting if another thread uses the object. The order of their calls would be a
-    matter of chance.
+    If another thread is using the object, a thread gets an error and does not wait. The order of the two threads' calls
+    would otherwise be a matter of chance.
 
     Args:
         what: Name of the object in messages.
@@ -52,7 +52,7 @@ class ObjectLock:
         if not self._lock.acquire(blocking=False):
             raise BusyError(
                 f"{self.what}: another thread is using it now, so the order of the calls would be a "
-                "matter of chance. Call it from one thread at a time, or give each thread a separate one."
+                "matter of chance. Call it from one thread at a time, or give each thread a separate object."
             )
         _LAUNCH_LOCK.acquire()
 
@@ -83,11 +83,11 @@ def repeats_in_graphs(device: wp.Device) -> bool:
 
 
 def repeat_launches(left: wp.array, launches: Callable[[], None], most: int) -> None:
-    """Repeat launches until `left` is 0, or `most` times in a capture without loops.
+    """Repeat launches until `left` is 0. If the device captures a graph that cannot loop, repeat them `most` times.
 
     Args:
         left: Array of one element. The launches finally set it to 0.
-        launches: As in `LaunchSequence`.
+        launches: Function that makes the launches, as in `LaunchSequence`.
         most: Number of repetitions in the worst case.
     """
     device = left.device
@@ -102,13 +102,13 @@ class LaunchSequence:
     """A fixed sequence of kernel launches, captured into a graph at the first replay.
 
     Captured and direct launches run the same kernels on the same arrays, so they give the same bits. If the device is
-    already capturing, the launches go into that capture. Works on CPU and CUDA devices.
+    already capturing, the launches go into that capture. A sequence works on CPU and CUDA devices.
 
     Args:
-        launches: Function without arguments that makes the launches. It does not synchronise with the host, and the
-            arrays that it reads and writes are never reallocated.
+        launches: Function without arguments that makes the launches. It must not synchronise with the host, and the
+            arrays that it reads and writes must never be reallocated.
         device: The device of these arrays.
-        graph: Capture and replay. If false, `replay` launches directly.
+        graph: Whether to capture a graph and replay it. If false, `replay` launches directly.
         priority: Priority of the kernels in the graph on a GPU. Kernels with -1 run before kernels of other streams.
             The priority of the stream that replays a graph has no effect.
     """

@@ -9,9 +9,10 @@ from sceniris_gym.errors import FixedError
 
 
 class TensorView:
-    """An attribute that is a torch tensor in the memory of a Warp array. It reads uint64 as int64.
+    """An attribute that is a torch tensor in the memory of a Warp array. A uint64 array becomes an int64 tensor.
 
-    The first read imports torch and makes the tensor. Later reads return the same one, so the array is never replaced.
+    The first read imports torch and makes the tensor. Later reads return the same tensor, so its owner must never
+    replace the array.
 
     Args:
         array: Function of the object and the attribute's name that returns the array.

@@ -1,1 +1,1 @@
-"""The placement program for the device: planned on the host, checked, and packed into flat arrays."""
+"""The placement program of a scene: planned on the host, checked, and packed into flat arrays for the device."""

@@ -1,4 +1,4 @@
-"""`CompiledScene`: a frozen scene with all precomputed data of a reset on its device."""
+"""`CompiledScene`: a frozen scene with all data that resets need, precomputed on a device."""
 
 from __future__ import annotations
 
@@ -50,11 +50,11 @@ CHECKS: tuple[Callable[[Plan], None], ...] = (
 FEWEST_ATTEMPTS = 10
 """The lowest number of attempts that `attempts: auto` tries."""
 USER_SPLITS = ("train", "eval")
-"""The splits that a user can choose: independent streams of the same seeds."""
+"""The splits that a user can choose. The same seed gives independent layouts in each split."""
 MOST_EPISODES = (1 << 31) - 1
-"""Number of episodes of a seed. They are counted in 32 bits, and -1 means before the first. After the last episode, the
-count restarts at 0."""
-# Lanes of a warp, which share a candidate on a GPU.
+"""Number of episodes of a seed, counted in 32 bits. A world has the episode -1 before its first layout, and 0 after the
+last one."""
+# Number of lanes of a warp. On a GPU, they test one candidate together.
 _WARP = 32
 
 
@@ -66,7 +66,7 @@ class CompiledScene:
         scene: The model and its names.
         device: Warp's name of the device, e.g. "cuda:0".
         program: The placement program on the device.
-        reaching: The arms and their reach targets, None without arms.
+        reaching: The arms and their reach targets, None if no object has `reachable`.
         statics: Feet, contacts and loads on the device, None if no object can fall.
         starts: The kinds of starts on the device, None if the scene has only the start pose.
         bank: The fallback bank of valid layouts, empty until `compile_scene` fills it.
@@ -113,7 +113,7 @@ class CompiledScene:
 
     @property
     def hash(self) -> str:
-        """The scene's part of layout ids."""
+        """The hash of the scene, which is the first part of each layout id."""
         return self.scene.hash
 
     def layout_id(self, seed: SupportsIndex, episode: SupportsIndex, split: str = "train", params: str = "") -> str:
@@ -150,7 +150,7 @@ class CompiledScene:
 
     @property
     def home_state(self) -> dict[str, np.ndarray]:
-        """The start pose, with the names of joint positions and body poses in device structs."""
+        """The start pose by field names of device structs: joint positions, and poses of all bodies."""
         return {"qpos": self.home_qpos, "body_pos": self.home_xpos, "body_quat": self.home_xquat}
 
     @property
@@ -175,7 +175,10 @@ class CompiledScene:
 
     @property
     def attempts(self) -> int:
-        """Number of candidates of an object before a layout restarts: the scene file's, or the one found for `auto`."""
+        """Number of candidates that an object gets before its layout restarts.
+
+        It is `attempts` of the scene file, or the number that compilation found for `auto`.
+        """
         return int(self.program.attempts)
 
 
@@ -187,18 +190,18 @@ def refuse_starts(compiled: CompiledScene, where: str) -> None:
     """
     if compiled.starts is not None:
         raise NotSupportedError(
-            f"{where}: '{compiled.config.name}' has 'start', but nothing closes the fingers here. Remove the word, "
-            "or use SceneVectorEnv or ResetRandomizer."
+            f"{where}: '{compiled.config.name}' has 'start', but nothing closes the fingers here. Remove 'start' from "
+            "the scene file, or use SceneVectorEnv or ResetRandomizer."
         )
 
 
 def refuse_draws(compiled: CompiledScene, where: str, instead: str) -> None:
-    """Reject a scene with words of `randomize`, for callers that do not draw them.
+    """Reject a scene with `randomize`, for callers that do not draw physics and appearance.
 
     Args:
         compiled: The scene.
         where: The beginning of the error.
-        instead: The caller's way to draw physics and looks, as the error words it.
+        instead: How to draw them with this caller, as a phrase of the error after "draw by".
 
     Raises:
         NotSupportedError: The scene has `randomize`.
@@ -206,8 +209,8 @@ def refuse_draws(compiled: CompiledScene, where: str, instead: str) -> None:
     draws = compiled.scene.sim.draws
     if draws:
         raise NotSupportedError(
-            f"{where}: '{compiled.config.name}' has 'randomize' ({draws[0].name}), which is not drawn here. Leave the "
-            f"words out and draw by {instead}, or use SceneVectorEnv or ResetRandomizer."
+            f"{where}: '{compiled.config.name}' has 'randomize' ({draws[0].name}), which is not drawn here. Remove it "
+            f"from the scene file and draw by {instead}, or use SceneVectorEnv or ResetRandomizer."
         )
 
 
@@ -224,7 +227,10 @@ def upload_scene(scene: SceneModel, device: str) -> CompiledScene:
 
 
 def upload_plan(plan: Plan, device: str, *, starts: bool = True) -> CompiledScene:
-    """Upload a plan to a device without checks, with an empty bank, and with or without the scene's kinds of starts."""
+    """Upload a plan to a device, without checks and with an empty bank.
+
+    The scene's kinds of starts are uploaded only if `starts` is true.
+    """
     scene = plan.scene
     is_visual = scene.config.geometry == "visual"
     colliders = collect_colliders(plan.pieces, is_visual, device)

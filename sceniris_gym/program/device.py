@@ -1,10 +1,10 @@
 """The scene as device code reads it: flat arrays, shared by all worlds and never written after `compile_scene`.
 
-Lengths are in metres, angles in radians, quaternions wxyz. Poses are relative to the parent frame. A range of a list
-`x` or `x_*` is a pair (`xadr`, `xnum`) as in MuJoCo. *Slots* number the objects in the order of the scene file, then
-the robots. After all slots, arrays of pivot poses and bounds have a column for each object with variants, because one
-of its variants is always present. A *collider* is tested as a whole: the pieces of one body below one tree of boxes, or
-one plane.
+Lengths are in metres, angles in radians, quaternions wxyz. Poses are relative to the parent frame. As in MuJoCo, a pair
+(`xadr`, `xnum`) selects a range of the list `x` or `x_*`. *Slots* number the objects in the order of the scene file,
+then the robots. Pivot poses and bounds are numbered by *columns*: the slots, then one column for each object with
+variants, which holds its present variant. A *collider* is tested as a whole. It is one plane, or the pieces of one body
+that share a tree of boxes.
 """
 
 from collections.abc import Mapping
@@ -25,7 +25,7 @@ class ObjectKind(IntEnum):
 
 
 OWN_A, OWN_B = wp.constant(1), wp.constant(2)
-"""Bits of a pair: its a, its b is part of the tested candidate."""
+"""Bits of a pair: a is part of the tested candidate, and b is part of it."""
 
 
 class Cover(IntEnum):
@@ -57,7 +57,7 @@ REACH_CAUSES = (Cause.UNREACHABLE, Cause.NO_IK, Cause.BLOCKED)
 
 
 class OrientationType(IntEnum):
-    """The law of an orientation: a yaw added to one of the object's poses, uniform over SO(3), or facing an object."""
+    """How an orientation is drawn: as a yaw added to a pose of the object, uniformly over SO(3), or facing a target."""
 
     YAW = 0
     ANY = 1
@@ -89,7 +89,7 @@ class Program:
 
     # Sizes and options.
     nobject: int
-    ngiven: int  # number of objects that a redraw leaves in place: the first of the list
+    ngiven: int  # number of objects that a redraw leaves in place. They come first.
     ngroup: int
     attempts: int
     restarts: int
@@ -126,7 +126,7 @@ class Program:
     obj_upright: wp.array[float]  # cosine of the greatest lean of its support
     obj_kind: wp.array[int]  # an ObjectKind
     obj_slot: wp.array[int]
-    obj_column: wp.array[int]  # of its pivot pose and bounds: its slot, or the column that all its variants share
+    obj_column: wp.array[int]  # of its pivot pose and bounds: its slot, or for a variant the column of the whole object
     obj_body: wp.array[int]  # the root
     obj_adr: wp.array[int]  # of its qpos (free), or its mocap body (fixture, marker)
     obj_bodyadr: wp.array[int]
@@ -139,9 +139,9 @@ class Program:
 
     # Objects: orientation, and the stable poses to draw from, each at heading 0.
     obj_orientation: wp.array[int]  # an OrientationType
-    obj_target: wp.array[int]  # slot of the object that it faces
+    obj_target: wp.array[int]  # column of the object that it faces
     obj_yaw: wp.array[wp.vec2]  # interval
-    obj_beside: wp.array[int]  # slot whose heading is the origin of the yaw, or -1 for the heading of the support
+    obj_beside: wp.array[int]  # column whose heading is the origin of the yaw, or -1 for the heading of the support
     obj_stableadr: wp.array[int]
     obj_stablenum: wp.array[int]
     obj_measured: wp.array[int]  # a Measure
@@ -180,8 +180,8 @@ class Program:
     rel_type: wp.array[int]  # a RelationType
     rel_anchoradr: wp.array[int]
     rel_anchornum: wp.array[int]
-    rel_anchor: wp.array[int]  # slots
-    rel_frame: wp.array[int]  # slot whose heading rotates the direction, or FRAME_*
+    rel_anchor: wp.array[int]  # columns
+    rel_frame: wp.array[int]  # column whose heading rotates the direction, or FRAME_*
     rel_heading: wp.array[float]
     rel_half_angle: wp.array[float]
     rel_low: wp.array2d[float]  # by world
@@ -195,7 +195,7 @@ class Program:
 
     # Groups: slots of their members, the least and greatest number of present members, and, if members differ in
     # weight, the weights in the splits 'train' and 'eval'.
-    group: wp.array2d[wp.vec4i]  # by world: first and number of entries of group_slot, least and greatest of members
+    group: wp.array2d[wp.vec4i]  # by world: address and number in group_slot, least and greatest number of members
     group_slot: wp.array[int]
     group_uniform: wp.array2d[bool]  # by world
     group_weight: wp.array2d[wp.vec2]  # by world, of each entry of group_slot
@@ -255,8 +255,8 @@ class Program:
     pair_b: wp.array[int]
     # Body of a, body of b, bits (OWN_A, OWN_B), and the piece of b if b is a plane, or -1.
     pair_bodies: wp.array[wp.vec4i]
-    pair_margin: wp.array2d[float]  # by world: least distance. If negative, the depth of geoms that overlap at home.
-    pair_touch: wp.array[float]  # least distance if the pair is an object and its support
+    pair_margin: wp.array2d[float]  # by world: least allowed distance, negative for geoms that overlap at home
+    pair_touch: wp.array[float]  # least allowed distance if the pair is an object and its support
     pair_directionadr: wp.array[int]
     pair_directionnum: wp.array[int]
     direction: wp.array[wp.vec3]  # separating directions out of a: half in the frame of a's body, half in b's
@@ -301,7 +301,7 @@ def fill_struct(declared: Any, instance: Any, arrays: Mapping[str, np.ndarray], 
 def allocate(declared: Any, instance: Any, shapes: Mapping[str, Any], device: Any) -> Any:
     """Set fields of a struct instance to arrays of zeros, with the declared types, and return the instance.
 
-    `shapes` has the shape of each field, or of several fields by their names with spaces between them.
+    A key of `shapes` is the name of a field, or several names separated by spaces. Its value is the shape of these.
     """
     for names, shape in shapes.items():
         for name in names.split():
@@ -310,7 +310,7 @@ def allocate(declared: Any, instance: Any, shapes: Mapping[str, Any], device: An
 
 
 def repeat(declared: Any, instance: Any, count: int, rows: Mapping[str, np.ndarray], device: str) -> None:
-    """Set each array field of a struct instance to `count` copies of its row."""
+    """Set the array fields named in `rows` of a struct instance to `count` copies of their row."""
     arrays = {name: np.tile(row, (count, *[1] * row.ndim)) for name, row in rows.items()}
     fill_struct(declared, instance, arrays, device)
 

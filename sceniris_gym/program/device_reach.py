@@ -1,8 +1,9 @@
 """Arms, reach targets and kinds of starts as device code reads them.
 
-Each arm has a separate `Reach`, with different fields for the arm and its gripper. Reach targets are in placement
-order, each with its column in `Layouts.grasp`. A grasp is a frame of the TCP, +z the approach axis and +y the closing
-axis, in the frame of one of the object's bodies. Kinds of starts keep their numbers from the scene file.
+Each arm has a separate `Reach`. Its fields for the arm and the gripper differ, and the other fields are the same in all
+of them. Reach targets are in placement order, each with its column in `Layouts.grasp`. A grasp is a pose of the TCP in
+the frame of one of the object's bodies. The TCP's +z axis is the approach axis, and its +y axis is the closing axis.
+Kinds of starts keep their numbers from the scene file.
 """
 
 from enum import IntEnum
@@ -15,7 +16,7 @@ from sceniris_gym.reach.solve import ArmView
 UNASKED = -1
 """Value of `obj_reach` for objects that are not reach targets."""
 BASE = -2
-"""Value of `obj_reach` for an arm's base that is placed after a target. It is tested for the targets of the arm."""
+"""Value of `obj_reach` for an arm's base that is placed after a target. The base is tested with the arm's targets."""
 
 
 @wp.struct
@@ -97,7 +98,7 @@ class StartPose(IntEnum):
     LIFTED = 3
     """In the grasp, with the object straight above its placed pose."""
     HELD = 4
-    """In the grasp, with the hand at the pose that drawn arm joints give."""
+    """In the grasp, with the object wherever the drawn arm joints move the hand."""
 
 
 @wp.struct
@@ -107,7 +108,7 @@ class Starts:
     weight: wp.array[float]
     pose: wp.array[int]  # a StartPose
     arm: wp.array[int]  # number of the arm, or -1
-    target: wp.array2d[bool]  # reach targets that it may hold. A world has one of them.
+    target: wp.array2d[bool]  # the kind's reach targets. A world uses one of them.
     grasp: wp.array2d[bool]  # the selected grasps, among all grasps of `Reach`
     lift: wp.array[wp.vec2]
     arm_range: wp.array2d[wp.vec2]  # of the arm's joints, with low > high for joints that the start does not draw

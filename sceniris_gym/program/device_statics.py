@@ -7,11 +7,14 @@ that cannot move.
 import warp as wp
 
 DIRECTIONS = 16
-"""Number of directions that measure a patch."""
+"""Number of directions whose furthest points are the corners of a patch (the part of a foot on its support)."""
 MOST_MOVE = 6.5e-3
 """Greatest move [m] of an object until it is at rest."""
 RISE = 0.9
-"""Fraction of the rise after a lean that a curved foot needs. An object that does not rise as it leans rolls."""
+"""Fraction of the margin h tan(a / 2) that a curved foot needs, with the height h of the centre of mass.
+
+At this margin, a lean by the angle a begins to raise the centre of mass. An object that does not rise rolls away.
+"""
 ROLL = 2.2
 """Distance [m per rad] that a ball rolls down a slope in 0.8 s from rest. In a second it rolls 1.5 times as far."""
 LawVector = wp.types.vector(length=7, dtype=float)

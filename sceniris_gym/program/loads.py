@@ -1,4 +1,4 @@
-"""Loads for the worst draws: the depth of contacts, and the angle of gravity and wind from the vertical."""
+"""What the worst draws do to standing objects: how deep contacts sink, and how far gravity and wind tilt the load."""
 
 import copy
 from itertools import product
@@ -15,7 +15,8 @@ from sceniris_gym.scene.model import SceneModel
 
 CONTACTS = 4
 """Greatest number of contacts of a piece on a flat support."""
-# Contacts of round pieces with an upright axis, and with a lying axis, whose vertical part is below the last number.
+# Number of contacts of round pieces that stand upright, and that lie. A piece lies if the vertical part of its axis is
+# below the third number.
 _UPRIGHT, _LYING = {PieceType.CYLINDER: 3}, {PieceType.CYLINDER: 2, PieceType.CAPSULE: 2}
 _LYING_BELOW = 0.7
 # Points at this height [m] or above never touch the support: an object that sinks deeper is rejected.
@@ -28,10 +29,10 @@ class Contact(NamedTuple):
     """The softest contact of two geoms.
 
     Attributes:
-        own, below: Their bodies.
+        own, below: Bodies of the two geoms, the upper one first.
         ref: Its `solref`.
         imps: Its `solimp`, with all combinations of the ends of draws.
-        cone: Factor of its depth due to friction.
+        cone: Effect of friction on its depth, as a factor.
         friction: Its least coefficient of sliding friction.
     """
 
@@ -152,7 +153,10 @@ def least_upright(scene: SceneModel) -> np.ndarray:
 
 
 def wind_push(scene: SceneModel, o: PlacedObject) -> float:
-    """Return the greatest force of the wind on a free object [N/kg], with its least mass, along its inertial axes."""
+    """Return the greatest force [N/kg] of the wind on a free object, for each kilogram of its least mass.
+
+    The wind blows along each of the object's inertial axes in turn.
+    """
     speed = np.linalg.norm(np.maximum(np.abs(scene.least.opt.wind), np.abs(scene.most.opt.wind)))
     if not speed:
         return 0.0

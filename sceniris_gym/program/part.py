@@ -1,4 +1,4 @@
-"""The program that places some objects of a scene among all its other bodies, at the current poses of these."""
+"""The program that places only some objects of a scene. All other bodies keep their current poses."""
 
 import math
 from collections.abc import Sequence
@@ -25,13 +25,14 @@ _LEANING = float(np.cos(np.radians(2.0)))
 def chosen_objects(
     compiled: CompiledScene, objects: str | Sequence[str], where: str, present: Sequence[str] | None = None
 ) -> tuple[str, ...]:
-    """Return the names of objects in placement order, with all variants of each.
+    """Return the names of the chosen objects and of all their variants, in placement order.
 
     Args:
         compiled: The scene.
         objects: One name or several.
-        where: The function, as the beginning of errors.
-        present: The objects that may stand on them, or None for all.
+        where: Name of the calling function, with which errors begin.
+        present: Objects that are present in some world, or None for all. Absent objects need not be chosen together
+            with their support.
 
     Raises:
         ArgumentTypeError: `objects` has values that are not names.
@@ -52,18 +53,18 @@ def chosen_objects(
             continue
         if any(other in names for other in with_variants([support.parent.split("/")[0]], config.variants)):
             load = config.owners.get(name, name)
-            raise ArgumentError(f"{where}: '{support.parent}' carries '{load}'. Name '{load}', too.")
+            raise ArgumentError(f"{where}: '{support.parent}' carries '{load}'. Also name '{load}'.")
     for heap in config.heaps.values():
         left = [name for name in heap.of if name not in names]
         if left and len(left) < len(heap.of):
-            raise ArgumentError(f"{where}: a heap is placed as a whole. Name {', '.join(left)}, too.")
+            raise ArgumentError(f"{where}: a heap is placed as a whole. Also name {', '.join(left)}.")
     return tuple(name for name in valid if name in names)
 
 
 def _given(carriers: Sequence[int | None], chosen: Sequence[int]) -> list[int]:
-    """Return the numbers of the other objects that carry chosen objects, and of the other loads of these carriers.
+    """Return the numbers of objects that are not chosen, but carry a chosen object or stand on such a carrier.
 
-    An object on a chosen object is also chosen, or absent.
+    Objects that stand on a chosen object are never among them: they are also chosen, or absent.
     """
     found = {carrier for number in chosen for carrier in chain_below(number, carriers)[1:]}
     for number, carrier in enumerate(carriers):  # carriers come before their loads
@@ -75,15 +76,15 @@ def _given(carriers: Sequence[int | None], chosen: Sequence[int]) -> list[int]:
 def part_of(compiled: CompiledScene, names: Sequence[str]) -> CompiledScene:
     """Return the scene with a program that only places these objects. Every other body is an obstacle.
 
-    Its layouts start from rows with the poses of all other bodies. A support that joints or physics may move is usable
-    while it is level.
+    Each of its layouts starts from a row with the poses of all other bodies. Joints or physics may have tilted a
+    support. Such a support is used only while it is level.
 
-    Free objects that carry some of these objects, and all loads of such carriers, are given: they come first in the
-    program, for the test of standing.
+    Free objects that carry one of these objects, and all other loads of such carriers, keep their poses. They still
+    come first in the program, because the test of standing needs them.
 
     Args:
         compiled: The scene.
-        names: Objects, as from `chosen_objects`.
+        names: Names of the objects, as `chosen_objects` returns them.
     """
     plan = compiled.plan
     chosen = [i for i, o in enumerate(plan.objects) if o.name in names]

@@ -38,7 +38,7 @@ class JointRange:
 
     @property
     def intervals(self) -> list[tuple[float, float]]:
-        """The intervals of the draw, with one interval of zero length for each value of `choice`."""
+        """The intervals of possible positions. Each value of `choice` is an interval of zero length."""
         return [(value, value) for value in self.choice] or [(self.low, self.high)]
 
 
@@ -48,19 +48,19 @@ class PlacedObject:
 
     Attributes:
         name: The object's name, or the robot's.
-        stream: Its random stream, from its place in the scene file.
-        kind: The kind of its pose, STATIC if only joint positions are drawn.
+        stream: Number of its random stream, from its place in the scene file.
+        kind: Its kind of pose, STATIC if only joint positions are drawn.
         bodies: Its bodies, the root first, parents before children.
-        config: Its words in the scene file. A robot with a fixed base has the words of a static object.
+        config: Its settings in the scene file. A robot with a fixed base has the settings of a static object.
         joint_ranges: The draws of its joints.
         followers: Couplings of joints that follow drawn joints, drivers before their followers.
-        footprint: With `ratio_on_support` 1, the hull of all its pieces, which must lie on the support as a whole. None
-            with a single piece or drawn joints, where each piece is a separate footprint.
+        footprint: If `ratio_on_support` is 1, the hull of all its pieces, which must lie on the support as a whole.
+            None if it has only one piece, or drawn joints: each piece is then a separate footprint.
         stable_poses: The poses of its orientation, empty for STATIC.
-        support: The support that carries it, None in a box in space or for STATIC.
+        support: The support that carries it. None if its region is in space, or for STATIC.
         tilts: Whether the support may lean in drawn states.
-        surfaces: Its possible supporting surfaces with their regions, a list for each stable pose. In space these are
-            the points, or the box seen from above if it has relations. Stable poses with equal regions share one list.
+        surfaces: For each stable pose, a list of surfaces that can carry it, with their regions. If its region is in
+            space, the list has its points, or with relations the box seen from above. Poses share equal lists.
         erosion: Distance of its pivot from the outlines, as a fraction of the shorter edge of the drawn bounds. It is 0
             if that edge is fixed within each stable pose, because the regions are then already eroded.
         heap: The settled poses of its heap, or None.
@@ -91,7 +91,7 @@ class PlacedObject:
 
     @property
     def ground(self) -> int | None:
-        """The body that carries it, None in a box in space or for STATIC."""
+        """The body that carries it. None if its region is in space, or for STATIC."""
         return None if self.support is None else self.support.body
 
     @property
@@ -109,8 +109,8 @@ class PlacedObject:
     def cover(self) -> Cover:
         """The required cover above its drawn point.
 
-        Static geometry outside of all objects, such as the world with its walls and ceilings, counts as open wherever
-        there is room.
+        `on` requires an open place only if the support belongs to an object. A support of the model, such as a room
+        with a ceiling, may also be covered.
         """
         if self.support is None or self.support.is_floor:
             return Cover.EITHER
@@ -120,7 +120,8 @@ class PlacedObject:
 
 
 COS_MAX_TILT = float(np.cos(np.radians(0.1)))
-"""Cosine of the greatest tilt of a support, 0.1 degree: 0.1 mm under an object of 8 cm, a fifth of the default gap."""
+"""Cosine of the greatest tilt of a support, 0.1 degrees. Under an object of 8 cm, one side is then 0.1 mm higher than
+the other, a fifth of the default gap."""
 COS_MAX_TILT_32 = 0.9999985
 """The same in single precision, for the poses of supports in a world."""
 
@@ -180,7 +181,11 @@ def surfaces_of(
 
 
 def may_lean(scene: SceneModel, support: Support) -> bool:
-    """Return whether a support may lean: its object may lie, or a joint of its chain rotates about a tilted axis."""
+    """Return whether drawn states may tilt a support.
+
+    They may if its object has the orientation `stable` or `any`, or if a drawn hinge between the object's root and the
+    support has an axis that is not vertical.
+    """
     if support.owner is None:
         return False
     owner = scene.config.parts.get(support.owner)
@@ -195,14 +200,14 @@ def may_lean(scene: SceneModel, support: Support) -> bool:
 
 
 def _level_surfaces(support: Support, pieces: list[Piece], *, open_above: bool) -> list[SupportSurface]:
-    """Return the level surfaces of a support. Only supports of objects have to be `open_above`, as in `cover`."""
+    """Return the level surfaces of a support. `open_above` has an effect only if the support belongs to an object."""
     own = [p for p in pieces if p.body == support.body]
     covered = open_above and support.owner is not None
     return supports.level_surfaces(support.body, own, open_above=covered, geom=support.geom)
 
 
 def _others(scene: SceneModel, own: str, pieces: list[Piece], word: str) -> str:
-    """Return the names of all supports with a level surface for a message, each once, without object `own`."""
+    """Return, for a message, the name of each support with a level surface, except the parts of object `own`."""
     known = {name: Support(scene.bodies[name], name) for name in scene.config.objects}
     for name in scene.config.objects:
         known |= {f"{name}/{part}": Support(body, name) for part, body in scene.parts(name).items()}

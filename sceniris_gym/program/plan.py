@@ -35,11 +35,11 @@ class Plan:
         scene: The scene.
         objects: Its objects in placement order.
         pieces: All obstacles, sorted by body, planes before solid pieces.
-        slots: Names as groups number them: all objects in the order of the scene file, then the robots.
-        columns: Names as relations number them: the slots, then the objects with variants.
-        pivot_pose: The pivot [m] (a robot's is its base) and heading [rad] of each column at home, shape (ncolumn, 4).
-        bounds: Bounds [m] of each column around its pivot in its heading: low x, low y, high x, high y, shape
-            (ncolumn, 4).
+        slots: Names by slot: all objects in the order of the scene file, then the robots.
+        columns: Names by column: the slots, then the objects with variants.
+        pivot_pose: The pivot [m] (for a robot, its base) and heading [rad] of each column at home, shape (ncolumn, 4).
+        bounds: Bounds [m] of each column at home: low x, low y, high x, high y, shape (ncolumn, 4). They are relative
+            to its pivot, and along the axes of its heading.
     """
 
     scene: SceneModel
@@ -64,7 +64,7 @@ class Plan:
     def solids(self) -> list[tuple[Piece, np.ndarray, np.ndarray]]:
         """All pieces except planes, each with the box around it in the home pose.
 
-        The box is along the world's axes, as its lower and its upper corner [m], shape (3,) each.
+        The box has the world's axes. Its lower corner [m] comes before its upper corner, shape (3,) each.
         """
         found = []
         for p in (p for p in self.pieces if p.type != PieceType.PLANE):
@@ -76,8 +76,8 @@ class Plan:
 def placement_order(scene: SceneModel) -> list[str]:
     """Return names in the order of placement: steps that only draw joints, robots, then objects in the file's order.
 
-    References of an object come before it. Objects that a start places at markers, and these markers, come first: later
-    objects can avoid an object at its marker, but the object at its marker cannot avoid them.
+    An object comes after the objects that it refers to. Objects that a start places at markers, and these markers, come
+    first: later objects can avoid an object at its marker, but the object at its marker cannot avoid them.
 
     Raises:
         SceneKeyError: Objects refer to each other.
@@ -104,12 +104,12 @@ def placement_order(scene: SceneModel) -> list[str]:
 
 
 def slot_names(config: SceneConfig) -> tuple[str, ...]:
-    """Return names as groups number them: all objects in the order of the scene file, then the robots."""
+    """Return names by slot: all objects in the order of the scene file, then the robots."""
     return (*config.objects, *config.all_robots)
 
 
 def build_plan(scene: SceneModel) -> Plan:
-    """Return the placement program of a scene. `checks/` later judges the program.
+    """Return the placement program of a scene, before `checks/` has tested it.
 
     Raises:
         SceneKeyError: Objects refer to each other. A heap has no settled rows. A support has no level surface, or no
@@ -129,7 +129,7 @@ def build_plan(scene: SceneModel) -> Plan:
 
 
 def _standing(scene: SceneModel, name: str, pieces: list[Piece]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the place of an object at home for relations: (pivot, heading) and bounds."""
+    """Return an object's row of `Plan.pivot_pose` and its row of `Plan.bounds`."""
     root, home = scene.bodies[name], scene.home
     shape = HomeShape(home, root, _solid(pieces, scene.subtree(name)))
     mat = home.xmat[root].reshape(3, 3)
@@ -152,7 +152,7 @@ def _around_base(pose: StablePose) -> StablePose:
 
 
 def _placed_object(scene: SceneModel, name: str, pieces: list[Piece], heap: HeapPoses | None) -> PlacedObject:
-    """Return one step of the program."""
+    """Return the step of the program that places an object or a robot."""
     config, bodies = scene.config.parts.get(name), scene.subtree(name)
     if config is None:  # a robot whose base is not drawn
         config = ObjectConfig(kind="static", clearance=scene.config.all_robots[name].clearance)
@@ -197,7 +197,7 @@ def _placed_object(scene: SceneModel, name: str, pieces: list[Piece], heap: Heap
 
 
 def joint_range(scene: SceneModel, joint: int, words: JointConfig) -> JointRange:
-    """Return the draw of a joint position, from its words in the scene file."""
+    """Return the range from which a joint position is drawn, from the joint's keys in the scene file."""
     mjm = scene.mjm
     adr = int(mjm.jnt_qposadr[joint])
     if words.choice is not None:

@@ -83,7 +83,7 @@ class Reaching:
 
     @property
     def staged(self) -> bool:
-        """True if a target needs a test after placing: by its tier, or because its arm's base is placed later."""
+        """True if a target needs a test after placing: its tier requires it, or its arm's base is placed later."""
         return not all(target.tier.needs_map and not target.late for target in self.targets)
 
     @property
@@ -160,7 +160,7 @@ def robot_arm(scene: SceneModel, name: str = ROBOT) -> SerialArm:
 
 
 def load_map(arm: SerialArm, robot: RobotConfig, where: str) -> ReachMap | None:
-    """Return the map of an arm: the scene file's, the map of a shipped asset, or None.
+    """Return the map of an arm: the map that the scene file names, the shipped map of a shipped asset, or None.
 
     Raises:
         MapError: The map belongs to another arm, or is damaged. The error begins with `where`.

@@ -28,7 +28,7 @@ def stable_poses(scene: SceneModel, o: PlacedObject, own: list[Piece]) -> list[t
     """Return the stable poses of an object and their probabilities, from its collision geometry if it has any.
 
     Poses and probabilities come from its home state. A free object only keeps the poses in which it rests in all drawn
-    states of its joints. It rests on the pieces that touch its support, at the distance at which MuJoCo acts.
+    states of its joints. It rests on the pieces that its support carries, at the distance at which contacts begin.
 
     Args:
         scene: The scene.
@@ -36,7 +36,7 @@ def stable_poses(scene: SceneModel, o: PlacedObject, own: list[Piece]) -> list[t
         own: Its pieces, used with `geometry: physics` or if the object has no collision geometry.
 
     Raises:
-        SceneKeyError: It has no such pose.
+        SceneKeyError: The object has no stable pose.
     """
     where, bodies, home = f"{scene.config.where}: objects.{o.name}.orientation", o.bodies, scene.home
     physics = scene.config.geometry == "physics"
@@ -59,9 +59,9 @@ def stable_poses(scene: SceneModel, o: PlacedObject, own: list[Piece]) -> list[t
     kept = [pose for pose in poses if not physics or all(_drop(*shape, pose[0]) <= _FALL for shape in shapes)]
     if not kept:
         raise SceneKeyError(
-            f"{where}: in no stable pose its lowest part touches its support first: contact margins or "
-            f"contact bits of its geoms differ, and it would drop by more than {1e3 * _FALL:g} mm. Give its geoms "
-            "equal margins and bits, or use another orientation."
+            f"{where}: in each stable pose, the object would drop by more than {1e3 * _FALL:g} mm, because its lowest "
+            "part is not the first to touch the support: the contact margins or contact bits of its geoms differ. "
+            "Give its geoms equal margins and bits, or use another orientation."
         )
     kept = [pose for pose in kept if all(shape.holds(pose[0]) for shape, _ in shapes[1:])]
     if not kept:
@@ -74,13 +74,13 @@ def stable_poses(scene: SceneModel, o: PlacedObject, own: list[Piece]) -> list[t
 
 
 def check_weight(scene: SceneModel, bodies: list[int], where: str) -> None:
-    """Reject an object that `gravcomp` lifts off its support. An object without any weight stays in place."""
+    """Reject an object that `gravcomp` lifts off its support. An object without any weight does not move."""
     left = np.minimum(weights(scene.least), weights(scene.most))[bodies]
     least = _LEAST_WEIGHT * scene.least.body_mass[bodies].sum()
     if left.sum() <= least and np.abs(left).max() > least:
         raise SceneKeyError(
-            f"{where}: 'gravcomp' leaves it no weight that holds it down, so it rises. Lower the gravcomp of "
-            "its bodies."
+            f"{where}: 'gravcomp' leaves it no weight, so the object rises off its support. Lower the gravcomp of its "
+            "bodies."
         )
 
 
@@ -130,7 +130,7 @@ def drawn_states(scene: SceneModel, o: PlacedObject) -> Iterator[mujoco.MjData]:
 def _drop(resting: HomeShape, whole: HomeShape, quat: np.ndarray) -> float:
     """Return the height [m] by which an object in a pose falls until its support carries it.
 
-    It is placed with its lowest point at the greatest distance at which its support begins to carry one of its pieces.
+    The object starts with its lowest point at the greatest distance at which the support carries one of its pieces.
     """
     return float(resting.margins.max()) + resting.bottom(quat) - whole.bottom(quat)
 

@@ -38,8 +38,8 @@ _SWAP = 2.2
 # From a curved foot, the object rights itself after it leans by one of these angles [degrees]. A ball of facets needs
 # the larger angles.
 _LEANS = (ROCKING, 2.0 * ROCKING, 4.0 * ROCKING)
-# `Law.steady` of an object that rolls on a support that may lean, or whose contacts are slightly off. If its centre of
-# mass is closer to the centre of curvature, the impact of placing makes it roll for a second or more.
+# `Law.steady` of an object that rolls, if its support may lean or MuJoCo's contact points are not exact. With a centre
+# of mass closer to the centre of curvature, the impact of placing makes the object roll for a second or more.
 _STEADY = 0.1
 _BALLS = {PieceType.SPHERE, PieceType.CAPSULE}
 # A foot cannot reach over walls of this width [m] around a surface.
@@ -50,17 +50,17 @@ _LIGHT = 0.25
 # part and the end of a cylinder: in MuJoCo C, 201 of 512 lemons were thrown off a cylinder, and 0 off the same shape as
 # a mesh.
 _EDGE = 1.0e-8
-# Sine of the greatest inclination of an axis that is level.
+# An axis counts as level if its vertical part is smaller than this.
 _MAX_TILT = 1.0e-3
 
 
 class Law(NamedTuple):
-    """The margin that keeps a load from falling. `placement/standing.py` has the formula and its measurement.
+    """Coefficients of the margin that keeps a load from falling. `placement/standing.py` has the formula.
 
     Attributes:
         shake: The margin as a fraction of the root of fall times height.
         lean: Increase of `shake` for each radian of lean of the load.
-        soft: Factor of the lean.
+        soft: Factor by which the computed lean is multiplied.
         hold: Fraction of the patch's radius in which contacts hold the load, wherever MuJoCo keeps its four contacts.
         swap: Additional margin for the moment when other contacts replace the four, as a fraction of the root of sink
             times height.
@@ -79,14 +79,15 @@ class Law(NamedTuple):
 
 FLAT, CURVED = Law(0.4, 0.0, 1.3, 1e3), Law(0.0, 0.0, 0.0, 1e3)
 ROUND, OTHERS = Law(0.3, 20.0, 2.0, 0.7), Law(0.3, 20.0, 2.0, 1e3)
-"""The laws of different feet.
+"""The margins of different feet.
 
 - `FLAT`: boxes on boxes or planes, and flat feet with a few corners on one convex geom.
 - `CURVED`: curved feet, which roll as they lean and roll back if the load is low enough.
-- `ROUND`: round feet, and `OTHERS`: all other feet. Their contacts change as they lean.
+- `ROUND`: round feet, whose contacts change as they lean.
+- `OTHERS`: all other feet, whose contacts also change as they lean.
 
-With these laws, 19,168 worlds of 1,000 random scenes all moved by less than 1 cm in half a second of MuJoCo C
-(`tests.stress.mixed`, first scene 30000, seed 990).
+With these margins, the objects of 19,168 worlds of 1,000 random scenes all moved by less than 1 cm in half a second of
+MuJoCo C (`tests.stress.mixed`, first scene 30000, seed 990).
 """
 
 
@@ -119,9 +120,9 @@ class Foot:
         law: The margin that the object needs on this foot.
         margin: Least distance [m] of the object's centre of mass, without its load, from the edge of the foot over all
             drawn states of its joints. Negative outside the foot, -inf if draws of masses move the centre of mass.
-        most: Greatest such distance [m].
+        most: Greatest distance [m] instead of the least, over the same states.
         bottom: Height [m] over the object's root of the lowest point that drawn joints do not move.
-        hangs: Greatest depth [m] below `bottom` of parts that drawn joints move, negative above it.
+        hangs: Greatest depth [m] of parts that drawn joints move, below `bottom`. Negative if they stay above it.
         drop: Height [m] of the object's fall until its support carries it, negative inside the support. It is 0 unless
             the geoms that collide differ from the geoms used for placing.
         roll: The rectangle of a curved foot.
@@ -153,9 +154,9 @@ class Stance:
         is_whole: Whether its whole foot is on its support.
         is_belt: Whether the surface of one of its geoms or of its support moves, as a belt does.
         tilt: Tangent of the greatest angle by which gravity and wind pull away from straight down.
-        sinks: Depth of its contacts [m] under the greatest load that includes an object on it, by the number of that
-            object, and under `load`, by None. With the least drawn masses. For the test of standing: four contacts,
-            with the softness of a friction of 1 or more.
+        sinks: Depths [m] of its contacts with the least drawn masses, for the test of standing. The key None has the
+            depth under `load`. The number of an object on it has the depth under the greatest load that includes this
+            object. Each depth assumes four contacts, as soft as a friction of 1 or more makes them.
     """
 
     levels: list[int]
@@ -171,7 +172,7 @@ class Stance:
 
     @property
     def is_certain(self) -> bool:
-        """True if it stands wherever it is placed. Then only the objects put on it need a test."""
+        """True if the object stands wherever it is placed. Only objects on it are then tested for standing."""
         is_alone = len(self.levels) < 2 and self.is_whole and not self.tilt
         return is_alone and all(f.margin > 0.0 for f in self.feet)
 
@@ -181,7 +182,7 @@ NO_STANCE = Stance([], [], 0.0, 0.0, 0.0, 0.0, is_whole=True)
 
 
 def stances(scene: SceneModel, objects: list[PlacedObject], pieces: list[Piece]) -> list[Stance]:
-    """Return how each object of a plan stands.
+    """Return the stance of each object of a plan.
 
     Args:
         scene: The scene.
@@ -327,7 +328,7 @@ def _foot(
             drawn joints do not move (they form the foot), all pieces used for placing that drawn joints do not move,
             and the pieces used for placing that drawn joints move.
         pose: The pose.
-        law: The law, unless the foot is round or curved.
+        law: The `Law` of the foot if it is neither round nor curved.
         lower: Height [m] of the support used for placing over the support that collides.
         is_shifted: Whether draws of masses move its centre of mass.
         takes_edges: Whether the support carries edges and corners of pieces. If not, a foot with them does not hold.
@@ -360,7 +361,7 @@ def _foot(
 
 
 def _rolling(shape: HomeShape, pose: StablePose, lean: float, steady: float) -> tuple[list[np.ndarray], Law, Roll]:
-    """Return the curved foot of an object that rights itself after a lean, its law, and the rectangle around it.
+    """Return the curved foot of an object that rights itself after a lean, the foot's `Law`, and its rectangle.
 
     Args:
         shape: The pieces that the support carries.
@@ -379,12 +380,13 @@ def _rolling(shape: HomeShape, pose: StablePose, lean: float, steady: float) -> 
 
 
 def _spare(roll: Roll, law: Law, ends: np.ndarray) -> np.ndarray:
-    """Return by how much [m] the roll of an object is below the permitted roll, negative beyond it, shape (n,).
+    """Return how much further [m] an object on a curved foot may roll, shape (n,). Negative if it rolls too far.
 
     Args:
-        roll: The rectangle around its curved foot.
-        law: The law of this foot.
-        ends: Positions of its centre of mass relative to the pivot [m], one per drawn state of its joints, (n, 3).
+        roll: The rectangle around the curved foot.
+        law: The `Law` of this foot.
+        ends: Positions of the object's centre of mass relative to its pivot [m], one per drawn state of its joints,
+            shape (n, 3).
     """
     tan, axes = law.tip / RISE, np.array([roll.axis, [-roll.axis[1], roll.axis[0]]])
     height = ends[:, 2:]
@@ -395,7 +397,7 @@ def _spare(roll: Roll, law: Law, ends: np.ndarray) -> np.ndarray:
 
 
 def _cannot_leave(o: PlacedObject, feet: list[Foot], walls: list[Piece]) -> bool:
-    """Return whether the whole foot of an object is on its support in any heading.
+    """Return whether the whole foot of an object is on its support at every place and heading.
 
     Either its region keeps the foot away from the edges of the surface, or walls stand all around the surface.
 

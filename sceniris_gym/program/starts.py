@@ -32,11 +32,11 @@ _FITS = {
     StartPose.LIFTED: ("lifts", "upright in the air"),
     StartPose.HELD: ("holds", "whichever way is down"),
 }
-"""The required attribute of a Grip for each pose of the arm, and its meaning in errors."""
+"""For each pose of the arm, the attribute of a Grip that has to be true, and the words for it in errors."""
 
 
 def plan_grips(plan: Plan) -> tuple[Grip, ...]:
-    """Return the grip of each grasp of all reach targets. Grips of targets that a start never holds do not fit.
+    """Return the grip of each grasp of all reach targets. If no start holds a target, none of its grips fits.
 
     Raises:
         NotSupportedError: An arm has no fingers that close.
@@ -68,8 +68,8 @@ def plan_grips(plan: Plan) -> tuple[Grip, ...]:
 def weakest(scene: SceneModel) -> list[mujoco.MjModel]:
     """Return the models in which a gripper holds the least, at the weakest ends of all draws.
 
-    Joint friction and stiffness of the gripper resist closing, so they are at their greatest. The models cover all
-    corners of the draws of the actuators' constant force and of centres of mass, whose worst ends are unknown.
+    Joint friction and stiffness of the gripper resist closing, so they are at their greatest. The worst values of the
+    actuators' constant force and of centres of mass are unknown, so the models cover all corners of these draws.
     """
     ends, draws = {**WEAK, "dof_frictionloss": "most", "jnt_stiffness": "most"}, scene.draws
     unknown = product(corners(draws, "actuator_biasprm"), corners(draws, "body_ipos"))
@@ -77,7 +77,7 @@ def weakest(scene: SceneModel) -> list[mujoco.MjModel]:
 
 
 def _downs(placed: PlacedObject, target: ReachTarget, grasp: int) -> np.ndarray:
-    """Return the downward direction in the frame of an object, for each pose that allows one of its grasps, (n, 3)."""
+    """Return the downward direction in an object's frame for each stable pose that allows a grasp, shape (n, 3)."""
     if placed.orientation == "any":
         return _ALL_WAYS
     spans = zip(placed.stable_poses, target.grasp_set.spans, strict=True)
@@ -102,7 +102,7 @@ def plan_starts(plan: Plan, grips: tuple[Grip, ...]) -> dict[str, np.ndarray]:
 
 
 def _kind(plan: Plan, grips: tuple[Grip, ...], number: int, config: StartConfig) -> dict[str, ArrayLike]:
-    """Return the rows of the fields for one kind."""
+    """Return the row of each field for one kind of start."""
     where, pose, arm = f"{plan.scene.config.where}: start.{number}", _pose(config), -1
     names, arm_range = config.targets(plan.scene.config.groups), np.tile(_UNDRAWN, (MAX_JOINTS, 1))
     targets, counts = plan.reaching.targets, [np.zeros(0, bool)]
@@ -137,7 +137,7 @@ def _kind(plan: Plan, grips: tuple[Grip, ...], number: int, config: StartConfig)
 
 
 def _arm_range(plan: Plan, one: ReachingArm, config: StartConfig, where: str) -> np.ndarray:
-    """Return the intervals of the drawn joints of the arm for a kind of start, shape (MAX_JOINTS, 2)."""
+    """Return the intervals from which a kind of start draws the joints of an arm, shape (MAX_JOINTS, 2)."""
     if one.robot in plan.scene.apart:
         raise SceneKeyError(f"{where}: should have a robot that is in the scene, but its 'in_scene' is false.")
     found, index = np.tile(_UNDRAWN, (MAX_JOINTS, 1)), one.arm.qposadr.tolist()
@@ -174,13 +174,13 @@ def _drawn(plan: Plan, owner: str, words: Mapping[str, JointConfig], where: str)
 
 
 def _draw_ranges(plan: Plan, words: Mapping[str, JointConfig], where: str) -> np.ndarray:
-    """Return the intervals of objects' joints in the plan's order of draws, shape (ndraw, 2)."""
+    """Return the interval that a start gives to each joint draw of the plan, in the plan's order, shape (ndraw, 2)."""
     usual = [r.qposadr for o in plan.objects for r in o.joint_ranges]
     found = np.tile(_UNDRAWN, (len(usual), 1))
     for key, config in words.items():
         name, _, joint = key.rpartition("/")
         for drawn in _drawn(plan, name, {joint: config}, where):
             if drawn.qposadr not in usual:
-                raise SceneKeyError(f"{where}: '{key}' should be among the joints that objects.{name}.joints draws.")
+                raise SceneKeyError(f"{where}: '{key}' is not a drawn joint. Add this joint to objects.{name}.joints.")
             found[usual.index(drawn.qposadr)] = drawn.low, drawn.high
     return found

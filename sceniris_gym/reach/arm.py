@@ -35,8 +35,8 @@ class SerialArm:
 
     The TCP pose at joint positions q is the product of `link[i]` and the motion of joint i for all i, followed by
     `link[n]`. A hinge rotates by q - ref about its axis, and a slide moves by q - ref along its axis. The arm excludes
-    joints beyond the TCP's body, joints on branches such as fingers, and joints that move the base: its pose may differ
-    between worlds.
+    joints beyond the TCP's body, joints on branches such as fingers, and joints that move the base. The pose of the
+    base may differ between worlds.
 
     Attributes:
         name: Name of the base body.
@@ -49,7 +49,8 @@ class SerialArm:
         axis: Unit axes through the origin of each joint's frame, in that frame, shape (n, 3).
         link_pos, link_quat: Transforms from the frame after joint i - 1 (for i = 0, the base) to the frame of joint i.
             The last transform leads to the TCP. Shapes (n + 1, 3) [m] and (n + 1, 4), wxyz.
-        home: Start pose within limits [rad, m], shape (n,), from the keyframe 'home' or, without one, from `ref`.
+        home: Start positions of the joints, clipped to the limits [rad, m], shape (n,). They come from the keyframe
+            'home', or from `ref` if the model has no such keyframe.
     """
 
     name: str
@@ -106,7 +107,7 @@ class SerialArm:
 
     @cached_property
     def hash(self) -> str:
-        """Hash of the kinematics and limits without names and the start pose, 16 hexadecimal digits.
+        """Hash of the kinematics and limits, 16 hexadecimal digits. Names and the start pose do not change it.
 
         Values are rounded to 1e-6, so that an arm keeps its hash when its MJCF is attached to another model.
         """
@@ -117,7 +118,7 @@ class SerialArm:
 
     @property
     def tilt(self) -> float:
-        """Angle [rad] between the first joint's axis and the base's z axis. Both directions of the axis are equal."""
+        """Angle [rad] between the first joint's axis, as a line without direction, and the base's z axis."""
         return _angle_to(rotate(self.axis[0], self.link_quat[0]), np.array([0.0, 0.0, 1.0]))
 
     @property
@@ -133,7 +134,7 @@ class SerialArm:
 
     @property
     def no_map(self) -> str | None:
-        """Reason that excludes a reachability map, or None. Maps are symmetric about the base's and the TCP's z."""
+        """Reason why the arm cannot have a map, or None. A map requires rotations about the z axes of base and TCP."""
         first, last = (f" '{name}'" if name else "" for name in (self.joints[0], self.joints[-1]))
         if self.slide[0]:
             return f"the first joint{first} is a slide, not a hinge about the vertical axis of '{self.name}'"
@@ -147,7 +148,7 @@ class SerialArm:
         if length >= _TCP_LENGTH_TOL or angle >= _TCP_ANGLE_TOL:
             return (
                 f"the TCP is {1000.0 * length:.3g} mm off the axis of the last joint{last}, "
-                f"and its z axis {np.degrees(angle):.3g} degrees"
+                f"and its z axis is {np.degrees(angle):.3g} degrees off the direction of this axis"
             )
         return None
 
@@ -185,7 +186,8 @@ def _check_joints(mjm: mujoco.MjModel, base_body: int, tcp: str, ids: list[int])
     base = mjm.body(base_body).name
     if not ids:
         raise ArmError(
-            f"arm '{base}': no joint is between it and the site '{tcp}'. Put the site on a body that joints move."
+            f"arm '{base}': no joint is between it and the site '{tcp}'. Put the site on a body that the arm's joints "
+            "move."
         )
     if len(ids) > MAX_JOINTS:
         raise ArmError(
@@ -209,7 +211,7 @@ def _check_joints(mjm: mujoco.MjModel, base_body: int, tcp: str, ids: list[int])
             name = mjm.equality(i).name
             raise ArmError(
                 f"arm '{base}' is not serial: the equality constraint {repr(name) if name else i} couples its joints. "
-                "Remove the constraint, or keep it to joints on branches other than the TCP's."
+                "Remove the constraint, or let it couple only joints on branches without the TCP."
             )
 
 

@@ -1,7 +1,8 @@
 """Builds reachability maps: labels corners by inverse kinematics, spreads solutions to neighbours, finds the surface.
 
-Two kinds of lattice are labelled in the same way: the grid over (z, u, tilt, v), and the poles' tables over (z,
-radius). Inverse kinematics runs on the device in large batches. All other work is NumPy on the host.
+Two kinds of lattice are labelled in the same way: the grid over (z, u, tilt, v), and a table over (z, radius) for each
+pole, an approach axis straight up or down. Inverse kinematics runs on the device in large batches. All other work is
+NumPy on the host.
 """
 
 import math
@@ -97,8 +98,8 @@ class LabelledGrid:
 
     Attributes:
         level: Fraction of base and wrist rotations that reach a corner, from 0 to 255 (all), shape (N,), uint8.
-        distance: Distance to the nearest crossing on an edge of the corner in 1/32 of a step, 255 without a crossing,
-            shape (N,), uint8.
+        distance: Distance from a corner to the nearest point at which the surface crosses an edge of the corner, in
+            1/32 of a step. 255 if it crosses no edge. Shape (N,), uint8.
         joints: A solution of each reached corner, shape (N, njoint), float16.
     """
 
@@ -189,7 +190,7 @@ class LabelledGrid:
         return risen
 
     def _joints_of(self, corner: np.ndarray) -> np.ndarray:
-        """Return the joints of corners, NaN for -1 and for corners that are not reached."""
+        """Return the joints of corners, NaN for the index -1 and for corners that are not reached."""
         there = (corner >= 0) & (self.level[corner] > 0)
         return np.where(there[..., None], self.joints[corner], np.float16(np.nan)).astype(np.float32)
 
@@ -234,7 +235,7 @@ def build_map(
         MapError: `state` belongs to a different build, or a step is out of range.
     """
     if arm.no_map is not None:
-        raise ArmError(f"{arm.name} can have no reachability map: {arm.no_map}. Use `reachable: ik` with it.")
+        raise ArmError(f"{arm.name} can have no reachability map: {arm.no_map}. Use `reachable: ik` with this arm.")
     height, radius = reach_ball(arm, device, seed)
     step = max(STEP, radius / _STEPS_OF_REACH) if step is None else step
     if not (step > 0.0 and tilt_step > 0.0):
@@ -346,7 +347,7 @@ def pack_rows(codes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def turn_error(surface: LabelledGrid) -> float:
-    """Estimate from the corners how often the majority of rotations gives a wrong verdict on a reachable pose.
+    """Estimate for how many reachable poses the majority of base and wrist rotations gives a wrong verdict.
 
     Corners of a pole's table are weighted by radius, because they represent the poses on a ring.
 

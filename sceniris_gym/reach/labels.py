@@ -166,7 +166,8 @@ class Labeller:
 def end_turns(arm: SerialArm) -> tuple[JointTurn, JointTurn]:
     """Return the first and the last joint as JointTurns.
 
-    The sign is positive if the first axis points up, or if the last axis points along the approach.
+    The sign of the first joint is positive if its axis points up. The sign of the last joint is positive if its axis
+    points along the approach axis.
     """
     up = rotate(arm.axis[0], arm.link_quat[0])[2]
     along = rotate(np.array([0.0, 0.0, 1.0]), arm.link_quat[-1]) @ arm.axis[-1]

@@ -3,8 +3,8 @@
 Maps are for arms with a vertical first axis and a last joint that rotates about the approach axis. The verdict does not
 change if the target rotates about the first axis or about its approach axis. Four of six coordinates remain
 (M. Rudorfer, "RM4D: A Combined Reachability and Inverse Reachability Map for Common 6-/7-axis Robot Arms by
-Dimensionality Reduction to 4D", 2024): height, tilt of the approach axis, and the planar position in a frame with +x
-along the approach axis.
+Dimensionality Reduction to 4D", 2024): the height, the tilt of the approach axis, and the horizontal position (u, v).
+The u axis is the horizontal direction of the approach axis.
 """
 
 import math
@@ -207,10 +207,10 @@ def map_verdict(view: MapView, pos: wp.vec3, approach: wp.vec3) -> int:
 
 @wp.func
 def witness(view: MapView, pos: wp.vec3, quat: wp.vec4, k: int) -> vec8:
-    """Return start joints for solving a TCP pose in the base frame: branch `k` of the nearby witnesses.
+    """Return start joints for solving a TCP pose in the base frame: witness `k` of the cell that contains the pose.
 
-    The first and last joint are already rotated to match the pose. `k` wraps around the number of branches. Without a
-    witness, the joints are the start pose, rotated towards the target.
+    The first and last joint are already rotated to match the pose. `k` is taken modulo the number of witnesses. If the
+    cell has no witness, the joints are the arm's start pose with the first joint rotated towards the target.
     """
     approach = z_axis(quat)
     x = pos[0] - view.axis_x

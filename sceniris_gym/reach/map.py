@@ -98,7 +98,7 @@ class ReachMap:
 
     @property
     def coarse(self) -> bool:
-        """True if too many of the accepted poses are out of reach by measurement."""
+        """True if too many of the accepted poses were measured as out of reach."""
         return self.false_accepts is not None and self.false_accepts > MOST_FALSE_ACCEPTS
 
     @property
@@ -261,7 +261,7 @@ def build_command(asset: str, options: str = "", out: str | Path | None = None) 
 
 
 def _faults(told: dict[str, Any], njoint: int) -> Iterator[str]:
-    """Yield invalid values in a file, because lookups on the device do not check them."""
+    """Yield a description of each invalid value in a file. Lookups on the device do not check values."""
     for name in ("nz", "ntilt", "nu", "seed"):
         if type(told[name]) is not int or (name != "seed" and not 2 <= told[name] < _MOST_CORNERS):
             yield f"{name} is {told[name]!r}"

@@ -115,7 +115,7 @@ def _accepted(reach_map: ReachMap, number: int, members: tuple[int, ...], device
 
 
 def gather_witnesses(shape: tuple[int, ...], level: np.ndarray, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Choose witnesses among the solutions of a grid's corners.
+    """Choose witnesses (start joints for inverse kinematics) among the solutions of a grid's corners.
 
     Args:
         shape: Corners along (z, u, tilt, v).

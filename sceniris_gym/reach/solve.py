@@ -256,7 +256,7 @@ def accepted(result: IkResult) -> bool:
 
 @wp.func
 def closer(a: IkResult, b: IkResult) -> IkResult:
-    """Return the result closer to the pose, or `a` if equal. An accepted result takes precedence."""
+    """Return the better result: an accepted result before others, then the one closer to the pose, then `a`."""
     result = a
     if accepted(b) == accepted(a):
         if b.pos_err + _LEVER * b.rot_err < a.pos_err + _LEVER * a.rot_err:
@@ -326,8 +326,8 @@ def solve(
         seed: Seed of the random starts.
 
     Returns:
-        The closest joints found within limits [rad, m], shape (N, njoint), and whether the TCP is within POS_TOL and
-        ROT_TOL of each pose, shape (N,).
+        For each pose, the joints within limits [rad, m] that bring the TCP closest to it, shape (N, njoint), and
+        whether the TCP is within POS_TOL and ROT_TOL of the pose, shape (N,).
     """
     poses = np.asarray(poses, np.float64).reshape(-1, 7)
     first = random_joints(arm, restarts, seed) if starts is None else np.asarray(starts)

@@ -115,7 +115,7 @@ def test_a_first_joint_beside_the_base_is_upright_too():
         (link(slide() + link(hinge() + site())), "first joint is a slide"),
         (link(hinge() + link(slide() + site())), "last joint is a slide"),
         (link(hinge() + link(hinge() + site("0.02 0 0.1"))), "TCP is 20 mm off the axis of the last joint,"),
-        (link(hinge() + link(hinge() + site(euler="0.1 0 0"))), "and its z axis 5.73 degrees"),
+        (link(hinge() + link(hinge() + site(euler="0.1 0 0"))), "and its z axis is 5.73 degrees off"),
     ],
 )
 def test_arms_without_symmetry_say_why_no_map_fits(chain: str, why: str):

@@ -12,7 +12,7 @@ from sceniris_gym.reach.arm import joined_bodies
 from sceniris_gym.scene.couplings import active_equalities, equality_errors, equality_label, extremes
 
 KEPT = 1e-4
-"""Greatest error [m or rad] of a constraint in the start pose: keyframes are written with few digits."""
+"""Greatest allowed error [m or rad] of an equality in the start pose. Keyframes in files are rounded to few digits."""
 
 _FLEXES = (mujoco.mjtEq.mjEQ_FLEX, mujoco.mjtEq.mjEQ_FLEXVERT, mujoco.mjtEq.mjEQ_FLEXSTRAIN)
 # Tolerance of a tendon's limits for rounding.
@@ -22,8 +22,8 @@ _ROUNDING = 1e-6
 def check_constraints(plan: Plan) -> None:
     """Check that every layout keeps the model's equalities, and the lengths of limited and stiff spatial tendons.
 
-    Equalities of joints need no check, because the coupled joints follow. `check_tendon_limits` checks the limits of
-    fixed tendons.
+    Equalities of joints need no check, because a layout moves the coupled joints together. `check_tendon_limits` checks
+    the limits of fixed tendons.
 
     Raises:
         NotSupportedError: Layouts or the start pose would break a weld, a connect or a tendon.
@@ -42,31 +42,31 @@ def check_constraints(plan: Plan) -> None:
             if moving:
                 raise NotSupportedError(
                     f"{label} of tendon {names} would be broken by drawing {what}. Remove these draws from the scene "
-                    "file, or couple the joints by <equality><joint>, which layouts follow."
+                    "file, or replace the equality by an <equality><joint>, which layouts can keep."
                 )
         elif kind in _FLEXES:
             flex = int(mjm.eq_obj1id[eq])
             name = mujoco.mj_id2name(mjm, mujoco.mjtObj.mjOBJ_FLEX, flex) or flex
-            raise NotSupportedError(f"{label}: flex '{name}' cannot be placed. Remove it, or use rigid bodies.")
+            raise NotSupportedError(f"{label}: flex '{name}' cannot be placed. Replace the flex by rigid bodies.")
     (missed,) = equality_errors(mjm, plan.scene.home_qpos[None])
     for eq in active_equalities(mjm):
         if mjm.eq_type[eq] != mujoco.mjtEq.mjEQ_JOINT and missed[eq] > KEPT:
             raise NotSupportedError(
-                f"{where}: {equality_label(mjm, eq)} is missed by {missed[eq]:.3g} m or rad in the start pose, and "
-                f"should be kept to {KEPT:g}. Correct the keyframe 'home', or remove the equality."
+                f"{where}: {equality_label(mjm, eq)} is missed by {missed[eq]:.3g} m or rad in the start pose, which "
+                f"should be at most {KEPT:g}. Correct the keyframe 'home', or remove the equality."
             )
     for tendon in range(mjm.ntendon):
         _check_spatial(where, drawn, tendon)
 
 
 class _Drawn:
-    """The poses of placed objects, the drawn joints and their followers, which differ between layouts.
+    """The movers of bodies: placed objects, drawn joints and joints that follow them. Layouts differ in these.
 
     Attributes:
         mjm: The model.
-        owners: The object or robot of each body that belongs to one.
-        joints: The joints that differ.
-        above: The movers of each body, a set of joint ids and names of objects.
+        owners: The object or robot to which a body belongs. Other bodies have no entry.
+        joints: Ids of the drawn and following joints.
+        above: For each body, the movers that change its pose: ids of joints and names of objects.
     """
 
     def __init__(self, plan: Plan) -> None:
@@ -86,17 +86,17 @@ class _Drawn:
         return self.owners.get(body, "world")
 
     def apart(self, bodies: Iterable[int]) -> frozenset[int | str]:
-        """Return the movers of some of the bodies, without the movers of all of them."""
+        """Return the movers that move some of the bodies, but not all of them."""
         sets = [self.above[body] for body in bodies]
         return frozenset.union(*sets) - frozenset.intersection(*sets) if sets else frozenset()
 
     def stretching(self, tendon: int) -> frozenset[int | str]:
-        """Return the drawn joints or poses of objects that change the length of a tendon."""
+        """Return the movers that change the length of a tendon."""
         joints = tendon_joints(self.mjm, tendon)
         return frozenset(self.joints.intersection(joints)) if joints else self.apart(_bodies_of(self.mjm, tendon))
 
     def names(self, joints: Iterable[int | str]) -> str:
-        """Return names of joints for errors."""
+        """Return the quoted names of the joints among some movers, for errors."""
         return ", ".join(f"'{self.mjm.joint(j).name}'" for j in sorted(j for j in joints if isinstance(j, int)))
 
 
@@ -108,8 +108,8 @@ def _check_loop(label: str, drawn: _Drawn, a: int, b: int) -> None:
     first, second = (drawn.mjm.body(body).name for body in (a, b))
     if drawn.owner(a) != drawn.owner(b):
         raise NotSupportedError(
-            f"{label} ties body '{first}' to body '{second}', but layouts draw the pose of one without the other "
-            f"('{drawn.owner(a)}' and '{drawn.owner(b)}'). Remove the equality, or make both bodies parts of one asset."
+            f"{label} ties body '{first}' to body '{second}', but layouts move them separately, because they belong to "
+            f"'{drawn.owner(a)}' and '{drawn.owner(b)}'. Remove the equality, or make both bodies parts of one asset."
         )
     raise NotSupportedError(
         f"{label} ties body '{first}' to body '{second}', and drawing {drawn.names(apart)} would break it. Leave these "
@@ -118,7 +118,7 @@ def _check_loop(label: str, drawn: _Drawn, a: int, b: int) -> None:
 
 
 def _check_spatial(where: str, drawn: _Drawn, tendon: int) -> None:
-    """Check that draws do not stretch a spatial tendon with limits, or a spring between objects."""
+    """Check that draws do not change the length of a spatial tendon that has limits, or is a spring between objects."""
     mjm = drawn.mjm
     limited, springs = has_active_limits(mjm, tendon), not mjm.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_SPRING
     stretched = drawn.stretching(tendon)
@@ -128,8 +128,8 @@ def _check_spatial(where: str, drawn: _Drawn, tendon: int) -> None:
     owners, name = {drawn.owner(body) for body in _bodies_of(mjm, tendon)}, mjm.tendon(tendon).name
     if len(owners) > 1:
         raise NotSupportedError(
-            f"{where}: tendon '{name}' has limits or stiffness and runs between {_quoted(owners)}, which layouts draw "
-            "separately. Remove it, or make all of them parts of one asset."
+            f"{where}: tendon '{name}' has limits or stiffness and runs between {_quoted(owners)}, which layouts move "
+            "separately. Remove the tendon, or make these objects parts of one asset."
         )
     if limited:
         raise NotSupportedError(
@@ -152,13 +152,13 @@ def _quoted(names: Iterable[str]) -> str:
 
 
 def has_active_limits(mjm: mujoco.MjModel, tendon: int) -> bool:
-    """Return whether MuJoCo enforces limits of a tendon."""
+    """Return whether a tendon has limits that MuJoCo enforces."""
     disabled = int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT) | int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
     return bool(mjm.tendon_limited[tendon]) and not mjm.opt.disableflags & disabled
 
 
 def tendon_joints(mjm: mujoco.MjModel, tendon: int) -> dict[int, float]:
-    """Return the factors of a fixed tendon's joints by joint id, empty for a spatial tendon."""
+    """Return the coefficient of each joint of a fixed tendon, by joint id. Empty for a spatial tendon."""
     adr = int(mjm.tendon_adr[tendon])
     wraps = range(adr, adr + int(mjm.tendon_num[tendon]))
     return {
@@ -167,16 +167,16 @@ def tendon_joints(mjm: mujoco.MjModel, tendon: int) -> dict[int, float]:
 
 
 def check_tendon_limits(plan: Plan) -> None:
-    """Check that drawn joints and their followers keep fixed tendons within their limits.
+    """Check that drawn joints and their followers keep each fixed tendon within the tendon's limits.
 
-    A tendon beyond its limits in the start pose may keep that length, but not go further beyond.
+    If the start pose already exceeds the limits of a tendon, draws may not exceed them further.
 
     Raises:
-        SceneKeyError: A tendon would leave its limits.
+        SceneKeyError: Draws would take a tendon beyond its limits.
     """
     scene, mjm = plan.scene, plan.scene.mjm
     drawn = {d.qposadr: d.intervals for o in plan.objects for d in o.joint_ranges}
-    # for each joint, the drawn joint that moves it, and its position as a polynomial of the drawn position
+    # for each moving joint, the drawn joint that moves it, and its position as a polynomial of that joint's position
     moving = {adr: (adr, np.poly1d([1.0, 0.0])) for adr in drawn}
     for c in (c for o in plan.objects for c in o.followers):
         root, position = moving[c.driver_adr]
@@ -196,12 +196,12 @@ def check_tendon_limits(plan: Plan) -> None:
             raise SceneKeyError(
                 f"{scene.config.where}: drawing {names} would make tendon '{mjm.tendon(tendon).name}' {low:.4g} to "
                 f"{high:.4g} long, which should be inside its limits [{least:g}, {most:g}]. Draw these joints from "
-                "smaller ranges, or remove the limits."
+                "smaller ranges, or remove the limits of the tendon."
             )
 
 
 def _shares(factors: Mapping[int, float], moving: Mapping[int, tuple[int, np.poly1d]]) -> dict[int, np.poly1d]:
-    """Return the contribution of each drawn joint to a tendon's length, as a polynomial of its position."""
+    """Return the contribution of each drawn joint to a tendon's length, as a polynomial of the joint's position."""
     shares: dict[int, np.poly1d] = {}
     for adr in factors.keys() & moving.keys():
         root, position = moving[adr]

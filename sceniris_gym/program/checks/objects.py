@@ -1,4 +1,4 @@
-"""Checks of the words of each object: supports, relations and regions, drawn joints, heaps and `reachable`."""
+"""Checks of each object's keys: supports, relations and regions, drawn joints, heaps and `reachable`."""
 
 import numpy as np
 
@@ -23,7 +23,7 @@ def check_supports(plan: Plan) -> None:
 
     Raises:
         NotSupportedError: A support leans at home. Surfaces have to be level in the frame of their body.
-        SceneKeyError: An object is inside the floor, or on an endless plane without a region.
+        SceneKeyError: An object has `inside: floor`, or is on an endless plane and has no region.
     """
     config = plan.scene.config
     for o in plan.objects:
@@ -42,13 +42,13 @@ def check_supports(plan: Plan) -> None:
         is_endless = any(s.is_endless for surfaces in o.surfaces for s in surfaces)
         if is_endless and (region is None or region.fraction is not None):
             raise SceneKeyError(
-                f"{where}: the plane '{parent}' is endless. Bound the places on it, as in "
+                f"{where}: the plane '{parent}' is endless. Bound the object's places on the plane, as in "
                 f"{config.key(o.name)}.region: {{box: [[-0.3, -0.3], [0.3, 0.3]]}}."
             )
 
 
 def check_relations(plan: Plan) -> None:
-    """Check that the relations of each object fit together and onto the device, and that `between` has a width.
+    """Check that each object's relations can be combined and are not too many, and that `between` has a width.
 
     Raises:
         SceneKeyError: Relations have too many corners or pieces, `beside` is combined with `face_to`, a width is
@@ -59,12 +59,13 @@ def check_relations(plan: Plan) -> None:
         corners = 3 + sum(max(4, len(r.anchors)) for r in relations)
         if corners > MAX_CORNERS:
             raise SceneKeyError(
-                f"{where}: together may cut a support into pieces of {corners} corners, and there is room for "
-                f"{MAX_CORNERS}. Use fewer relations, or fewer anchors of 'between'."
+                f"{where}: together, they may cut a support into pieces with {corners} corners, which should be at "
+                f"most {MAX_CORNERS}. Use fewer relations, or fewer anchors of 'between'."
             )
         if o.orientation == "face_to" and any(isinstance(r, Beside) for r in relations):
             raise SceneKeyError(
-                f"{where}: 'beside' depends on the object's rotation, and 'face_to' on its position. Use one of them."
+                f"{where}: 'beside' depends on the object's rotation, and 'face_to' on its position. Remove one of "
+                "them."
             )
         for i, relation in enumerate(relations):
             if relation.has_own_width and max(v.short_edge for v in o.stable_poses) == 0.0:
@@ -74,23 +75,23 @@ def check_relations(plan: Plan) -> None:
         pieces, points = cut_pieces(o), None if o.config.region is None else o.config.region.points
         if pieces > MAX_PIECES and points is not None:
             raise SceneKeyError(
-                f"{plan.scene.config.where}: objects.{o.name}.region: has {len(points):,} points on several surfaces, "
-                f"{pieces:,} together, and there is room for {MAX_PIECES:,}. Use fewer points, or a part of the "
-                "support with fewer surfaces."
+                f"{plan.scene.config.where}: objects.{o.name}.region: its {len(points):,} points lie on several "
+                f"surfaces and make {pieces:,} places, which should be at most {MAX_PIECES:,}. Use fewer points, or a "
+                "part of the support with fewer surfaces."
             )
         if pieces > MAX_PIECES:
             raise SceneKeyError(
-                f"{where}: together cut the region into {pieces} pieces, and there is room for {MAX_PIECES}. Use fewer "
-                f"or wider rings: a thin ring makes up to {MOST_SLICES} slices."
+                f"{where}: together, they cut the region into {pieces} pieces, which should be at most {MAX_PIECES}. "
+                f"Use fewer or wider rings: a thin ring makes up to {MOST_SLICES} slices."
             )
 
 
 def check_followers(plan: Plan) -> None:
-    """Check that drawn joints only move joints of the same object, and keep these within their limits.
+    """Check that joints that follow a drawn joint belong to the same object and stay within their limits.
 
     Raises:
-        NotSupportedError: A joint of another object would follow.
-        SceneKeyError: A joint would leave its limits.
+        NotSupportedError: A joint of another object follows a drawn joint.
+        SceneKeyError: A following joint would leave its limits.
     """
     config, mjm = plan.scene.config, plan.scene.mjm
     for o in plan.objects:
@@ -102,8 +103,8 @@ def check_followers(plan: Plan) -> None:
             if c.follower not in own:
                 raise NotSupportedError(
                     f"{where}: joint '{driver}' is drawn, and {c.label} makes joint '{follower}' follow it, which is "
-                    f"not part of '{o.name}'. Make both part of one asset, leave '{driver}' out, or remove the "
-                    "equality."
+                    f"not part of '{o.name}'. Make both joints part of one asset, do not draw '{driver}', or remove "
+                    "the equality."
                 )
             if low < least - _ROUNDING or high > most + _ROUNDING:
                 raise SceneKeyError(
@@ -114,7 +115,7 @@ def check_followers(plan: Plan) -> None:
 
 
 def check_heaps(plan: Plan) -> None:
-    """Check that the rows of each heap were settled with the present objects and container.
+    """Check that the rows of each heap were settled with the objects and the container that the scene has now.
 
     Raises:
         SceneKeyError: The rows were settled with other shapes or masses.
@@ -148,13 +149,13 @@ def check_reach(plan: Plan) -> None:
         if asked and one.map is None and one.arm.no_map is None:
             raise MapError(
                 f"{where}: {asked[0]}: there is no map of the arm '{asset}'. Build it with "
-                f"'{build_command(asset, tcp)}' and name it as the robot's 'map', or use 'ik', which needs no map."
+                f"'{build_command(asset, tcp)}' and set the robot's 'map' to its file, or use 'ik', which needs no map."
             )
         if asked and why_not is not None:
             warn(ReachWarning(f"{where}: {', '.join(asked)}: {why_not}, so 'ik' decides."))
         solved = [target.name for target in targets if not target.tier.needs_map]
         if solved and not robot.in_scene:
-            instead = "Build that" if one.map is not None and one.map.coarse else "Use 'map'"
+            instead = "Build a finer map" if one.map is not None and one.map.coarse else "Use 'map'"
             raise SceneKeyError(
                 f"{where}: objects.{solved[0]}.reachable: 'ik' and 'clear' pose the arm, which has 'in_scene: false'"
                 f"{'' if why_not is None else f', and {why_not}'}. {instead}, or put the robot into the scene."

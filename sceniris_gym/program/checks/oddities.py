@@ -1,4 +1,4 @@
-"""Warnings about oddities that are accepted but probably not intended: one for each kind, with extent and remedy."""
+"""Warnings about accepted but probably unintended oddities. A warning names one kind, its extent and a remedy."""
 
 from collections.abc import Iterator
 
@@ -18,7 +18,7 @@ from sceniris_gym.scene.model import SceneModel
 _FILLED = 1.3
 # Usual extents of an object [m]. Outside of this range, the file probably has other units.
 _SMALLEST, _LARGEST = 1.0e-3, 50.0
-# Depth [m] to which two objects that are not placed may overlap, because files are rounded.
+# Greatest overlap [m] without a warning, for two geoms that layouts do not place: numbers in files are rounded.
 _SUNK = 1.0e-3
 # Flags that switch contact forces off.
 _NO_CONTACTS = int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
@@ -58,8 +58,8 @@ def _filled(plan: Plan) -> Iterator[str]:
                 found.append(f"geom '{geom_name(mjm, p.geom)}' ({ratio:.2g} times its volume)")
     if found:
         yield (
-            f"MuJoCo collides meshes as their convex hulls, which fill the hollows of {_some(found)}. Compose them of "
-            "several convex geoms, or use `geometry: visual` if only placing has to respect the hollows."
+            f"MuJoCo collides meshes as their convex hulls, which fill the hollows of {_some(found)}. Split each of "
+            "them into several convex geoms, or use `geometry: visual` if only placing has to respect the hollows."
         )
 
 
@@ -104,15 +104,16 @@ def _sunk(plan: Plan) -> Iterator[str]:
         )
     if pushed:
         yield (
-            "movable geoms overlap others in the start pose, which layouts do not test, so contact forces push them "
-            f"out at the start: {_some(pushed)}. {'; '.join(cures)}; or exclude the pair if the overlap is intended."
+            "movable geoms overlap other geoms in the start pose. Layouts do not move or test these pairs, and contact "
+            f"forces push them apart: {_some(pushed)}. {'; '.join(cures)}; or exclude the pair if the overlap is "
+            "intended."
         )
 
 
 def _overlaps(mjm: mujoco.MjModel, home: mujoco.MjData, pieces: list[Piece]) -> Iterator[tuple[float, tuple[int, int]]]:
-    """Yield the deepest overlap at home of each two bodies of the world: its depth [m] and the two geoms.
+    """Yield the deepest overlap at home between each two kinematic trees: its depth [m] and the two geoms.
 
-    Overlaps of movable geoms and overlaps of geoms that never move are reported separately.
+    Overlaps that involve a movable geom, and overlaps of geoms that never move, are reported separately.
     """
     rules = ContactRules(mjm, "physics")
     deepest: dict[tuple[int, int, bool], tuple[float, tuple[int, int]]] = {}
@@ -159,7 +160,10 @@ def _cure(scene: SceneModel, geom: int) -> str:
 
 
 def _coarse(plan: Plan) -> Iterator[str]:
-    """Warn about geoms so far out that rounding there may exceed the clearance of a placed object or drawn joint."""
+    """Warn about geoms so far from the origin that rounding there may exceed the least clearance of an object.
+
+    A drawn joint has the clearance 0.
+    """
     mjm, found = plan.scene.mjm, []
     drawn = [o.config for o in plan.objects if o.config.kind != "marker"]
     least = min((c.clearance if c.is_placed else 0.0 for c in drawn), default=np.inf)
@@ -172,14 +176,14 @@ def _coarse(plan: Plan) -> Iterator[str]:
             found.append(f"geom '{geom_name(mjm, p.geom)}' ({reach:.4g} m, {1e6 * resolution:.2g} um)")
     if found:
         yield (
-            f"geoms that reach beyond {_FINE:g} m from the world's origin are rounded, and objects with a smaller "
-            f"'clearance' may touch them: {_some(found)}. Use a plane or smaller geoms, or a 'clearance' of at least "
-            "0.0001."
+            f"geoms that reach beyond {_FINE:g} m from the world's origin are rounded. Objects may touch them if their "
+            f"'clearance' is smaller than this rounding: {_some(found)}. Use a plane or smaller geoms, or a "
+            "'clearance' of at least 0.0001."
         )
 
 
 def _near(mjm: mujoco.MjModel, home: mujoco.MjData, pieces: list[Piece]) -> Iterator[tuple[Piece, Piece]]:
-    """Yield pairs of pieces whose bounding spheres meet at home, row by row because scenes have thousands of pieces."""
+    """Yield pairs of pieces whose bounding spheres meet at home, computed row by row to save memory."""
     geoms = [p.geom for p in pieces]
     at, radius = home.geom_xpos[geoms], mjm.geom_rbound[geoms]
     radius = np.where(radius > 0.0, radius, np.inf)  # 0 for a plane

@@ -1,4 +1,4 @@
-"""Checks of places: within single precision, and away from the parking places of absent group members."""
+"""Checks that places are near enough for single precision, and away from the parking places of absent objects."""
 
 import mujoco
 import numpy as np
@@ -22,7 +22,7 @@ def check_distances(plan: Plan) -> None:
     objects cannot reach them.
 
     Raises:
-        NotSupportedError: A placed object has a plane.
+        NotSupportedError: A placed object has a plane as a geom.
         SceneKeyError: An object stands too far away or may be placed there, a geom reaches too far, or a joint is drawn
             too far out.
     """
@@ -75,7 +75,8 @@ def check_distances(plan: Plan) -> None:
 def _check_region(plan: Plan, o: PlacedObject, placed: set[str]) -> None:
     """Check that an object cannot be placed too far away on its support.
 
-    For a support that is itself placed, only the size counts. The region of the support bounds its distance.
+    If the support is itself placed, only the size of the object's region is checked. The support's own region limits
+    how far away the support can be.
     """
     if o.support is None or o.config.support is None:
         return
@@ -86,14 +87,14 @@ def _check_region(plan: Plan, o: PlacedObject, placed: set[str]) -> None:
     if reach > MOST_FAR + 1e-6:
         where = f"{plan.scene.config.where}: {plan.scene.config.key(o.name)}.{o.config.support.word}"
         raise SceneKeyError(
-            f"{where}: '{o.config.support.parent}' reaches {reach:.4g} m from the world's origin, and objects "
-            f"should be placed within {MOST_FAR:g} m of it along each axis: rounding grows with distance. Give it "
-            "a 'region' nearer to the origin."
+            f"{where}: '{o.config.support.parent}' reaches {reach:.4g} m from the world's origin, and objects should "
+            f"be placed within {MOST_FAR:g} m of the origin along each axis: rounding grows with distance. Give the "
+            "object a 'region' nearer to the origin."
         )
 
 
 def check_parking(plan: Plan) -> None:
-    """Check that absent objects have room in their parking places, and that other objects stay away from there.
+    """Check that absent objects fit into their parking places, and that other objects stay away from these places.
 
     Raises:
         SceneKeyError: An object is too large to be parked, or may get to the parking places.
@@ -135,7 +136,7 @@ def _corner(plan: Plan, o: PlacedObject, corners: dict[str, np.ndarray]) -> np.n
         at = np.array(o.config.region and o.config.region.corners)[1, :2]
     elif o.support is not None and o.support.owner is not None:
         at = corners.get(o.support.owner, np.full(2, -np.inf))
-    else:  # on a support that stays
+    else:  # on a support that belongs to no object
         assert o.ground is not None
         pos, mat = plan.scene.home.xpos[o.ground], plan.scene.home.xmat[o.ground].reshape(3, 3)
         at = (o.corners @ mat.T + pos)[:, :2].max(axis=0)

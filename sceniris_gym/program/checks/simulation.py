@@ -59,13 +59,13 @@ def check_memory(what: str, needed: int, device: str, cure: str) -> None:
     """Check that a large allocation fits into free memory.
 
     Args:
-        what: The allocation and the place that requires it, which begin the error: 'a.yaml: the pairs of 12 colliders'.
-        needed: Its least number of bytes.
+        what: The beginning of the error, with the place and the allocation: 'a.yaml: the pairs of 12 colliders'.
+        needed: Least number of bytes that the allocation takes.
         device: Warp's name of the device.
         cure: The remedy.
 
     Raises:
-        MemoryLimitError: It does not fit.
+        MemoryLimitError: The allocation does not fit.
     """
     if needed < 1 << 28:  # small enough to skip the query
         return

@@ -23,7 +23,7 @@ from sceniris_gym.scene.model import SceneModel
 _TILT = 1.0
 # Greatest sink [m] of an object into its support, and greatest yield [m] of a support under a load.
 _GIVES = 5.0e-3
-# Duration of a simulated test [s], and the number of looks at the support during it.
+# Duration of a simulated test [s], and how often the height of the support is measured in this time.
 _SECONDS, _LOOKS = 0.5, 10
 # Greatest motion [m] of a standing object during the test.
 _STILL = 0.01
@@ -31,7 +31,7 @@ _STILL = 0.01
 _DROP = 2.0e-3
 # Inertia [kg or kg m^2] that holds joints in place. With 1e9 in a hinge, rounding tips the body below it.
 _HELD = 1.0e6
-# The ends of draws at which joints and supports give way the most. Either the heaviest or the lightest bodies may.
+# Ends of draws at which joints and supports give way the most. Both masses are tested, because either may be worse.
 _HEAVY: dict[str, Ends] = {**WEAK, **LOOSE}
 _LIGHT: dict[str, Ends] = {**_HEAVY, "body_mass": "least"}
 # Joints that move a support up or down by less than this [m per m or rad] do not yield to a load.
@@ -76,20 +76,20 @@ def check_standing(plan: Plan) -> None:
         if round(hangs := max(f.hangs for f in stance.feet), 4) > 0.0:
             raise SceneKeyError(
                 f"{where}: '{o.name}' may not stand on its foot: the drawn joints {drawn_joints(plan.scene, o)} "
-                f"move parts of it up to {1e3 * hangs:.3g} mm below the foot. Narrow their ranges, {_ANYWAY}."
+                f"move parts of it up to {1e3 * hangs:.3g} mm below the foot. Narrow the joints' ranges, {_ANYWAY}."
             )
         if round(abs(gap := max((f.drop for f in stance.feet), key=abs)), 6) > _DROP:
             raise SceneKeyError(
                 f"{where}: '{o.name}' meets its support {1e3 * abs(gap):.3g} mm {'below' if gap > 0 else 'above'} its "
-                f"place, which should be at most {1e3 * _DROP:g} mm. Let the visible and the colliding geoms of "
-                f"'{o.name}' have the same lowest height, and the geoms of its support the same top height."
+                f"place, and this distance should be at most {1e3 * _DROP:g} mm. Give the visible and the colliding "
+                f"geoms of '{o.name}' the same lowest height, and the geoms of its support the same top height."
             )
         check_weight(plan.scene, o.bodies, where)
         best = max(stance.feet, key=lambda f: f.most)
         if best.most == -np.inf:
             raise SceneKeyError(
-                f"{where}: '{o.name}' touches the cylinder '{o.config.support.parent}' by edges of its geoms, where "
-                f"MuJoCo's contacts throw it off. Make a mesh of that cylinder, {_ANYWAY}."
+                f"{where}: '{o.name}' touches the cylinder '{o.config.support.parent}' with edges of its geoms, and "
+                f"MuJoCo's contacts would throw it off. Replace the cylinder by a mesh, {_ANYWAY}."
             )
         if best.most <= 0.0:
             falls, foot = ("rolls", "curved foot, or too high above it") if best.law.tip else ("falls", "foot")
@@ -102,8 +102,8 @@ def check_standing(plan: Plan) -> None:
         if stance.depth > _GIVES:
             raise SceneKeyError(
                 f"{where}: '{o.name}' sinks into its support by {1e3 * stance.depth:.3g} mm, which should be at most "
-                f"{1e3 * _GIVES:g} mm. Give its geoms a harder 'solref' or 'solimp', or a weight closer to "
-                f"its support's, {_ANYWAY}."
+                f"{1e3 * _GIVES:g} mm. Give its geoms a harder 'solref' or 'solimp', make its weight more similar to "
+                f"the weight of the support, {_ANYWAY}."
             )
         levels = len(stance.levels)
         if levels > MAX_LEVELS:
@@ -132,7 +132,10 @@ def _check_gravity(scene: SceneModel, o: PlacedObject, where: str) -> None:
 
 
 def _check_joints(plan: Plan, mjm: mujoco.MjModel, o: PlacedObject, load: float, where: str) -> None:
-    """Reject a support that gives way in MuJoCo C under a load [kg] on its corners, with placed objects held."""
+    """Reject a support that gives way under a load [kg] on its corners.
+
+    MuJoCo C simulates the support, with placed objects held.
+    """
     assert o.ground is not None
     low, high = o.corners.min(axis=0), o.corners.max(axis=0)
     places = [np.array([x, y, low[2]]) for x in (low[0], high[0]) for y in (low[1], high[1])]
@@ -206,13 +209,13 @@ def _check_own_joints(plan: Plan, mjm: mujoco.MjModel, o: PlacedObject, stance: 
 
 
 def _states(o: PlacedObject) -> list[dict[int, float]]:
-    """Return five sets of joint positions by qposadr, from one end of the draws to the other, empty without draws."""
+    """Return five sets of joint positions by qposadr, from one end of the draws to the other. Empty without draws."""
     drawn = [(r.qposadr, r.choice or np.linspace(r.low, r.high, 5)) for r in o.joint_ranges]
     return [{adr: values[(len(values) - 1) * i // 4] for adr, values in drawn} for i in range(5 if drawn else 0)]
 
 
 def _held(mjm: mujoco.MjModel, joints: np.ndarray, bodies: np.ndarray) -> mujoco.MjModel:
-    """Return the model with some joints (njnt,) held in place, and without contacts of some bodies (nbody,)."""
+    """Return a copy of a model in which masked joints (njnt,) cannot move and masked bodies (nbody,) do not collide."""
     model = copy.copy(mjm)
     model.geom_contype[bodies[mjm.geom_bodyid]] = model.geom_conaffinity[bodies[mjm.geom_bodyid]] = 0
     model.dof_armature[joints[mjm.dof_jntid]] = _HELD
@@ -220,7 +223,7 @@ def _held(mjm: mujoco.MjModel, joints: np.ndarray, bodies: np.ndarray) -> mujoco
 
 
 def _point(data: mujoco.MjData, body: int, at: np.ndarray) -> np.ndarray:
-    """Return a point of a body, `at` in its frame [m], in the world."""
+    """Return the world position [m] of a point of a body. `at` is this point in the body's frame [m]."""
     return data.xpos[body] + data.xmat[body].reshape(3, 3) @ at
 
 

@@ -1,4 +1,4 @@
-"""First nodes of the collision test of `collide/boxes.py`: pairs of boxes of two trees."""
+"""Where the collision test of `collide/boxes.py` starts: pairs of boxes from the trees of two colliders."""
 
 from collections.abc import Collection, Sequence
 
@@ -7,7 +7,7 @@ import numpy as np
 from sceniris_gym.geometry.colliders import Collider
 
 Nodes = tuple[int, int]
-"""A node of each of two trees."""
+"""One node in each of two trees."""
 Entry = tuple[int, int, int]
 """A pair of colliders, and a node in each of their trees."""
 

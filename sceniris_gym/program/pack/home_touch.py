@@ -1,4 +1,4 @@
-"""Distances between geoms at home, and the shortest separating direction of geoms that overlap there."""
+"""Distances between geoms at home, and the direction of the shortest move that separates overlapping geoms."""
 
 from dataclasses import dataclass
 
@@ -23,7 +23,7 @@ class Touch:
     """The distance of two geoms.
 
     Attributes:
-        distance: Their distance [m]. If negative, the distance that one must move to leave the other.
+        distance: Their distance [m]. If it is negative, one of them must move by this length to leave the other.
         direction: Unit vector in the world from the first geom to the second, shape (3,).
     """
 
@@ -75,7 +75,7 @@ class HomeTouch:
         return best if best.distance < near else None
 
     def _directions(self, a: Piece, b: Piece) -> np.ndarray:
-        """Return candidates: MuJoCo's direction, from centre to centre, the axes of both geoms and their products."""
+        """Return candidate directions: MuJoCo's, from centre to centre, the axes of both geoms and their products."""
         home, fromto = self._home, np.zeros(6)
         mujoco.mj_geomDistance(self._mjm, home, a.geom, b.geom, _FAR, fromto)
         away, apart = fromto[3:] - fromto[:3], home.geom_xpos[b.geom] - home.geom_xpos[a.geom]
@@ -87,10 +87,10 @@ class HomeTouch:
         return found[length > 0.0] / length[length > 0.0, None]
 
     def _shortest(self, a: Piece, b: Piece, direction: np.ndarray) -> Touch:
-        """Follow a separating direction to a direction of least overlap.
+        """Improve a separating direction until its overlap is least.
 
-        Each step moves b out along the current direction and a little further. The direction of the shortest distance
-        between them is then as good or better, because it separates them the most.
+        Each step moves b out of a along the current direction, and a little further. The direction of the shortest
+        distance between a and b is then at least as good, because it separates them the most.
         """
         overlap = float(self._overlaps(a, b, direction[None])[0])
         fromto = np.zeros(6)
@@ -109,10 +109,10 @@ class HomeTouch:
         return Touch(-overlap, direction)
 
     def _overlaps(self, a: Piece, b: Piece, directions: np.ndarray) -> np.ndarray:
-        """Return the distance [m] that b must move along each direction, shape (n, 3), until a plane separates them."""
+        """Return how far [m] b must move along each of `directions` (n, 3) until a plane separates a and b."""
         return self._greatest(a, directions) + self._greatest(b, -directions)
 
     def _greatest(self, piece: Piece, directions: np.ndarray) -> np.ndarray:
-        """Return the greatest extent [m] of a piece along directions of the world, shape (n, 3)."""
+        """Return the greatest extent [m] of a piece along each of `directions` (n, 3) of the world."""
         rotation = self._home.xmat[piece.body].reshape(3, 3)
         return piece.extents(directions @ rotation)[1] + directions @ self._home.xpos[piece.body]

@@ -128,7 +128,7 @@ def footprint_hulls(objects: list[PlacedObject]) -> list[Piece]:
 
 
 def _gap(rules: PairRules, o: PlacedObject) -> float:
-    """Return the height [m] over the support: the scene file's, or more if MuJoCo's contact begins further away."""
+    """Return the height [m] over the support: `gap` of the scene file, or more if MuJoCo's contact begins above it."""
     if o.heap is not None:
         return 0.0
     pairs = itertools.product(rules.of(o.bodies), rules.of([o.ground]))
@@ -137,7 +137,7 @@ def _gap(rules: PairRules, o: PlacedObject) -> float:
 
 
 def _overhead(plan: Plan, colliders: list[Collider], o: PlacedObject) -> list[int]:
-    """Return the pieces of its parent's bodies, or their colliders with visual geometry, that may cover an object.
+    """Return the pieces around a support that may cover an object on it. With visual geometry, return their colliders.
 
     Planes never cover an object. A piece of the support itself only counts if it rises above one of the object's
     surfaces.
@@ -156,7 +156,7 @@ def _overhead(plan: Plan, colliders: list[Collider], o: PlacedObject) -> list[in
 
 
 def _measured(plan: Plan, o: PlacedObject) -> Measure:
-    """Return the measured part of an object for each candidate. Bounds are measured only if they are needed."""
+    """Return how much of an object has to be measured for each candidate."""
     if not any(p.body in o.bodies for p in plan.pieces):
         return Measure.NOTHING
     if o.orientation == "any":
@@ -205,7 +205,7 @@ def fill_views(plan: Plan, arm_lists: Mapping[str, np.ndarray], device: str) -> 
 
 
 def set_map_and_arm(one: ReachingArm, device: str) -> None:
-    """Set the structs inside an arm's view."""
+    """Set the map and the arm in the view of an arm."""
     one.view.map = MapView() if one.map is None else one.map.view(device)
     one.view.arm = arm_view(one.arm, device)
 

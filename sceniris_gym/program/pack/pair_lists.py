@@ -1,4 +1,4 @@
-"""Pairs of colliders as lists in `device.Program`: lists of objects, then lists of arms in a grasp."""
+"""Pairs of colliders as lists in `device.Program`: first a list for each object, then lists for arms in a grasp."""
 
 import numpy as np
 
@@ -8,11 +8,11 @@ from sceniris_gym.program.plan import Plan
 
 _ARM_LISTS = ("arm_scene", "arm_hand", "arm_target", "arm_held")
 ARM_LISTS = ("arm_pairadr", "arm_pairnum", "arm_broadadr", "arm_broadnum", "arm_self", *_ARM_LISTS, "hand_before")
-"""The packed lists that are fields of `Reach`, for an arm in a grasp."""
+"""Names of the packed lists for arms in a grasp. They are fields of `Reach`."""
 
 
 def pack_pairs(plan: Plan, rules: PairRules, lanes: int) -> dict[str, np.ndarray]:
-    """Return the pairs of colliders to keep apart, with their margins: lists of objects, then lists of arms.
+    """Return lists of pairs of colliders to keep apart, with their margins: one for each object, then lists for arms.
 
     Args:
         plan: The plan.

@@ -40,11 +40,11 @@ class Pair:
 
     Attributes:
         a, b: The colliders. A plane is b.
-        margin: Least distance [m]. If negative, the greatest depth of one in the other.
-        starts: First nodes of a and b in the descent of their trees.
+        margin: Least allowed distance [m]. If it is negative, one may be inside the other by this depth.
+        starts: Pairs of nodes of a and b from which the test descends both trees.
         geoms: The two geoms that touch at home, None for all other pairs.
         directions: Separating directions to try. They bound the depth of b's geom in a's. Unit vectors in the frame of
-            a's body, then in the frame of b's body, shape (n, 3) each, the best direction at home first.
+            a's body, then in the frame of b's body, shape (n, 3) each. The best direction at home is the first.
     """
 
     a: int
@@ -61,15 +61,15 @@ class ArmPairs:
 
     Attributes:
         robots: For each reach target, in placement order, the robot that has to reach it.
-        itself: Each of these robots with itself, as MuJoCo would report it.
-        scene: For each reach target, the robot with all bodies except markers. The hand (all bodies that the robot's
-            last joint moves) may touch the target.
-        hand: For each reach target, only the hand with all bodies except markers and the target, sorted by the number
-            of the placed object. Bodies that are not placed come first.
-        owners: The number of the placed object of each pair in `hand`, or -1.
-        target: For each reach target, the hand with the target.
-        held: For each reach target that a start holds in the air, the robot and the target with all other bodies
-            except markers. The hand may touch the target. Empty for other targets.
+        itself: For each of these robots, pairs of the robot with itself that MuJoCo would report.
+        scene: For each reach target, pairs of the robot with all bodies except markers. The hand (all bodies that the
+            robot's last joint moves) may touch the target.
+        hand: For each reach target, pairs of the hand with all bodies except markers and the target, sorted by the
+            number of the placed object. Bodies that are not placed come first.
+        owners: For each pair in `hand`, the number of the placed object that the hand has to avoid, or -1.
+        target: For each reach target, pairs of the hand with the target.
+        held: For each reach target that a start holds in the air, pairs of the robot and the target with all other
+            bodies except markers. The hand may touch the target. Empty for other targets.
     """
 
     robots: list[str] = field(default_factory=list)
@@ -102,11 +102,11 @@ class PairRules:
         return [c for c, one in enumerate(self.colliders) if one.body in bodies]
 
     def touch(self, a: int, b: int) -> float:
-        """Return the distance [m] at which MuJoCo begins to act on two colliders."""
+        """Return the distance [m] at which MuJoCo's contact of two colliders begins."""
         return self.contacts.distance(*self._classes(a, b))
 
     def apart(self, a: int, b: int, margin: float) -> Pair:
-        """Return the pair of two colliders, in either order, with a least distance [m]."""
+        """Return a pair of two colliders with a least allowed distance [m]. The order of a and b does not matter."""
         if self.colliders[a].plane >= 0:
             a, b = b, a
         return Pair(a, b, margin, ((self.colliders[a].root, self.colliders[b].root),))
@@ -124,7 +124,7 @@ class PairRules:
         return not self.contacts.excludes(first.body, second.body) and self.contacts.meet(*self._classes(a, b))
 
     def meet_within(self, a: int, b: int) -> bool:
-        """Return whether two colliders of one object can touch. MuJoCo filters neighbours."""
+        """Return whether two colliders of one object can touch. MuJoCo ignores contacts of a body with its parent."""
         weld, parent = self.mjm.body_weldid, self.mjm.body_parentid
         wa, wb = weld[[self.colliders[a].body, self.colliders[b].body]]
         if wa == wb or not self.meet(a, b):
@@ -134,7 +134,7 @@ class PairRules:
         return not ((wa != 0 and wa == weld[parent[wb]]) or (wb != 0 and wb == weld[parent[wa]]))
 
     def geoms(self, collider: int) -> list[int]:
-        """Return the geoms of a collider that MuJoCo collides, also with `geometry: visual`."""
+        """Return the geoms of a collider. With `geometry: visual`, return the colliding geoms of its body."""
         one = self.colliders[collider]
         of_body = np.flatnonzero(self.mjm.geom_bodyid == one.body).tolist()
         if self._simulated is not self.contacts:
@@ -142,7 +142,7 @@ class PairRules:
         return [geom for geom in of_body if self.contacts.classes[geom] == one.contact_class]
 
     def _is_explicit(self, a: int, b: int) -> bool:
-        """Return whether the model names the contact of two colliders."""
+        """Return whether the model has an explicit contact <pair> for two colliders."""
         return self.contacts.is_explicit(*self._classes(a, b))
 
     def _classes(self, a: int, b: int) -> tuple[int, int]:
@@ -151,7 +151,7 @@ class PairRules:
 
 
 def collider_pairs(plan: Plan, rules: PairRules) -> list[list[Pair]]:
-    """Return, for each object of a plan, the pairs of its colliders with others to keep apart when it is placed.
+    """For each object of a plan, return the pairs of colliders that have to be apart when the object is placed.
 
     Args:
         plan: The plan.
@@ -229,7 +229,7 @@ def arm_pairs(plan: Plan, rules: PairRules) -> ArmPairs:
 
 
 def _among(rules: PairRules, plan: Plan, bodies: list[int]) -> list[Pair]:
-    """Return the pairs within one object, except neighbours."""
+    """Return the pairs of colliders within one object, except pairs of a body and its parent."""
     own = rules.of(bodies)
     pairs = [rules.apart(a, b, rules.touch(a, b)) for a, b in product(own, own) if a < b and rules.meet_within(a, b)]
     if not rules.is_physics:
@@ -241,8 +241,8 @@ def _among(rules: PairRules, plan: Plan, bodies: list[int]) -> list[Pair]:
 def _touch_at_home(rules: PairRules, plan: Plan, pair: Pair) -> bool:
     """Return whether two colliders touch in the start pose of the model.
 
-    Each pair of geoms is measured separately: unplaced objects are all at the origin in that pose, with more contacts
-    than MuJoCo can store.
+    Each pair of geoms is measured separately. In the start pose, all objects without a pose are at the origin and have
+    more contacts than MuJoCo can store.
     """
     near = max(pair.margin, _NEAR)
     geoms = [rules.geoms(collider) for collider in (pair.a, pair.b)]

@@ -1,4 +1,4 @@
-"""The plan of a scene as flat arrays, concern by concern: `device.Program`, and the structs of starts and statics."""
+"""The plan of a scene as flat arrays of `device.Program`, and as the structs `Starts` and `Statics`."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def pack_starts(plan: Plan, bounds: np.ndarray, device: str) -> Starts | None:
 
 
 def pack_groups(groups: Collection[GroupConfig], slots: Sequence[str]) -> dict[str, np.ndarray]:
-    """Return the fields `group` and `group_*`: the members of each group as slots, and the number to be present."""
+    """Return the fields `group` and `group_*`: the slots of each group's members, and how many may be present."""
     members, found = addressed("slot", ([slots.index(name) for name in g.of] for g in groups))
     counts = np.reshape([g.count for g in groups], (-1, 2)).T
     return {
@@ -144,10 +144,10 @@ def pack_bodies(mjm: mujoco.MjModel, home_qpos: np.ndarray) -> dict[str, np.ndar
 
 
 def layout_bounds(plan: Plan) -> dict[str, np.ndarray]:
-    """Return the fields `bound_*`, greatest absolute values, and `quat_qposadr`, addresses of quaternions in qpos.
+    """Return the fields `bound_*` (greatest absolute values) and `quat_qposadr` (addresses of quaternions in qpos).
 
     Drawn joints and their followers stay within their draws, and other joints stay at home. Placed objects stay within
-    the greatest size of a scene. Absent objects are parked beyond it, further out if the scene has more objects.
+    the greatest size of a scene. Absent objects are parked outside of this size, further out if there are more objects.
     """
     mjm = plan.scene.mjm
     far = MOST_WIDE + PARKING_SPACING * len(plan.slots)
@@ -211,7 +211,10 @@ def pack_statics(plan: Plan, device: str) -> Statics | None:
 
 
 def _loads(chain: list[int], carriers: list[int | None], number: int) -> list[list[int]]:
-    """Return the loads of each level of object `number`: earlier objects on the level that are not levels above it."""
+    """Return the loads of each level of object `number`.
+
+    A load of a level is an object placed before this object that stands on the level, directly or on other loads.
+    """
     loads: dict[int, list[int]] = {i: [] for i in chain}
     for other in range(number):
         at = next((level for level in chain_below(other, carriers) if level in loads), other)

@@ -69,7 +69,7 @@ def joints_of(plan: Plan) -> dict[str, JoinedSites]:
 
 
 def region_pieces(relation: Relation) -> int:
-    """Return the number of convex pieces of a relation."""
+    """Return the number of convex pieces that together cover the allowed places of a relation."""
     if not isinstance(relation, Sector):
         return 1
     angle = math.pi
@@ -103,8 +103,8 @@ class JoinedSites:
 
     Attributes:
         to: The other object.
-        at: Position of the joint from the pivot of the other object [m], shape (2,): the position of its site, moved by
-            the gap along the x axis of the site.
+        at: Place for the joined object's site, relative to the pivot of the other object [m], shape (2,). It is the
+            other object's site, moved by the gap along the x axis of this site.
         own: Position of the joined object's site from its pivot [m], shape (2,).
         yaw: The heading of the joined object minus the heading of the other object [rad].
     """
@@ -126,7 +126,7 @@ def joined_sites(plan: Plan, name: str, relation: Joined, where: str) -> JoinedS
 
     Raises:
         UnknownNameError: An object has no such site.
-        SceneKeyError: Joints of the object move a site, its x axis is vertical, or the object is not placed upright.
+        SceneKeyError: Joints move one of the sites, its x axis is vertical, or its object has no fixed upright pose.
     """
     words = relation.beside
     its, its_yaw = _site(plan, words.of, words.of_site, f"{where}.beside.of_site")
@@ -165,8 +165,8 @@ def _upright(placed: PlacedObject, where: str) -> tuple[np.ndarray, np.ndarray]:
     """Return the orientation (3, 3) of a placed object at heading 0, and its pivot in its root's frame [m]."""
     if placed.orientation in ("any", "stable"):
         raise SceneKeyError(
-            f"{where}: '{placed.name}' has the orientation '{placed.orientation}', which moves its site. Give it a "
-            "yaw, or 'fixed'."
+            f"{where}: '{placed.name}' has the orientation '{placed.orientation}', which moves its site. Give the "
+            "object a yaw, or the orientation 'fixed'."
         )
     return matrix(placed.stable_poses[0].quat), placed.stable_poses[0].pivot
 
@@ -208,7 +208,7 @@ def pack_regions(objects: list[PlacedObject]) -> dict[str, np.ndarray]:
 
 
 def _regions(objects: list[PlacedObject]) -> dict[int, list[SupportSurface]]:
-    """Return the lists of surfaces of all stable poses by their identity, without duplicates."""
+    """Return the lists of surfaces of all stable poses, by the `id` of the list. Poses may share a list."""
     return {id(mine): mine for o in objects for mine in o.surfaces}
 
 

@@ -182,7 +182,9 @@ def test_more_corners_than_a_polygon_has_room_for_are_refused(folder: Path):
     box = {"asset": str(folder / "box.xml"), "on": "floor", "kind": "fixture"}
     posts = {f"post_{i}": box for i in range(6)}
     relations = [{"between": list(posts), "width": 0.1}] * 4
-    with pytest.raises(SceneKeyError, match=rf"objects\.thing\.relations: .* of 27 corners, .*room for {MAX_CORNERS}"):
+    with pytest.raises(
+        SceneKeyError, match=rf"objects\.thing\.relations: .* with 27 corners, .* at most {MAX_CORNERS}"
+    ):
         checked(scene_of({**posts, "thing": {**box, "relations": relations}}))
 
 
@@ -218,7 +220,7 @@ def _check_relations(objects: dict[str, Any], **words: Any) -> None:
 
 def test_a_region_that_is_cut_too_finely_is_refused(objects: dict[str, Any]):
     """Four thin rings; the message says how many pieces there were, and how many there may be."""
-    with pytest.raises(SceneKeyError, match=rf"objects\.brick\.relations: .*into \d+ pieces, .*room for {MAX_PIECES}"):
+    with pytest.raises(SceneKeyError, match=rf"objects\.brick\.relations: .*into \d+ pieces, .* at most {MAX_PIECES}"):
         _check_relations(objects, relations=[RING] * 4)
     _check_relations(objects, relations=[RING])
 
@@ -229,5 +231,5 @@ def test_points_are_counted_once_however_finely_relations_cut(objects: dict[str,
     points = [[0.0, 0.4], [0.0, -0.4], [1.0, 0.1], [1.0, 0.0]]
     _check_relations(objects, region={"points": points})
     _check_relations(objects, region={"points": points[:3]}, relations=[RING])
-    with pytest.raises(SceneKeyError, match=r"objects\.brick\.region: has 4 points .*room for 3\. Use fewer points"):
+    with pytest.raises(SceneKeyError, match=r"objects\.brick\.region: its 4 points .* at most 3\. Use fewer points"):
         _check_relations(objects, region={"points": points}, relations=[RING])

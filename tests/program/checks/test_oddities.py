@@ -122,7 +122,7 @@ PARTS = {
         <geom name="front" type="box" size=".1 .1 .05"/></body></body>""",
 }
 STATIC = {"kind": "static"}
-PUSHED = "which layouts do not test, so contact forces push them out at the start"
+PUSHED = "and contact forces push them apart"
 ARM = """<mujoco><worldbody><body name="base"><geom type="box" size=".05 .05 .05" pos="0 0 .05"/>
   <body name="arm" pos="0 0 .3"><joint name="arm" axis="0 1 0"/>
     <geom name="finger" type="capsule" fromto="0 0 0 {reach} 0 0" size=".02"/></body></body></worldbody>

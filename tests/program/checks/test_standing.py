@@ -198,7 +198,7 @@ def test_what_rolls_freely_needs_what_cannot_move(geom: str, on: str, joint: str
 def test_edges_on_a_cylinder_are_refused():
     """MuJoCo finds depths of centimetres there: a lemon is thrown off. A mesh of the cylinder is taken."""
     banana = {"asset": "banana", "on": "post"}
-    with pytest.raises(SceneKeyError, match="'banana' touches the cylinder 'post' by edges of its geoms"):
+    with pytest.raises(SceneKeyError, match="'banana' touches the cylinder 'post' with edges of its geoms"):
         checked(scene_of({"banana": banana}, model=mujoco.MjSpec.from_string(LOOSE.format(geom=BALL, joint=""))))
 
 
