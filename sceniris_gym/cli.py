@@ -35,12 +35,12 @@ from sceniris_gym.commands.options import (
     check_seed,
     checked_target,
     compiled_scene,
-    read_changes,
     read_ids,
     scene_config,
 )
+from sceniris_gym.config.settings import read_changes
 from sceniris_gym.config.tier import Tier, TierWord
-from sceniris_gym.errors import NotSupportedError, ScenirisError
+from sceniris_gym.errors import ArgumentError, NotSupportedError, ScenirisError, old_names
 from sceniris_gym.files import check_picture, write_text
 from sceniris_gym.progress import shown
 from sceniris_gym.training.records import CONFIG
@@ -537,6 +537,13 @@ COMMANDS = {
 }
 
 
+def _check_options(command: str, arguments: Sequence[str]) -> None:
+    """Reject an old option of a command by its new name."""
+    for option in (argument.partition("=")[0] for argument in arguments):
+        if option.startswith("--") and (new := old_names().get(f"{command} {option}")):
+            raise ArgumentError(f"{command}: '{option}' is now {new}. See sceniris-gym {command} --help.")
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run a command.
 
@@ -551,6 +558,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         with warnings.catch_warnings():
             warnings.showwarning = each_once()
             if arguments[:1] and arguments[0] in COMMANDS:  # so that usage errors name this command's --help
+                _check_options(arguments[0], arguments[1:])
                 command, prog = COMMANDS[arguments[0]], f"sceniris-gym {arguments[0]}"
                 said = tyro.cli(command, prog=prog, args=arguments[1:])
             else:

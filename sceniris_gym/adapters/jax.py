@@ -11,7 +11,14 @@ from typing import Any, NamedTuple
 import numpy as np
 import warp as wp
 
-from sceniris_gym.errors import ArgumentError, ArgumentTypeError, SceneMismatchError, check_type, import_extra
+from sceniris_gym.errors import (
+    ArgumentError,
+    ArgumentTypeError,
+    SceneMismatchError,
+    check_type,
+    import_extra,
+    refuses_old_imports,
+)
 from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.layout.tables import RequestedLayouts
 from sceniris_gym.program.compiled import CompiledScene, refuse_draws, refuse_starts
@@ -313,3 +320,6 @@ def _words(seed: Any) -> Any:
     if dtype != jnp.uint32 or words.shape[-1:] != (2,):
         raise ArgumentError(f"LayoutFunction: {_SEEDS}, got {dtype} of shape {words.shape}.")
     return words
+
+
+__getattr__ = refuses_old_imports(__name__)

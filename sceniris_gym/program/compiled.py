@@ -15,6 +15,7 @@ import warp as wp
 from sceniris_gym.config.fields import short
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.config.scene_words import AUTO
+from sceniris_gym.device.fixed import RefusesOldNames
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, NotSupportedError
 from sceniris_gym.geometry.colliders import collect_colliders, collider_arrays
 from sceniris_gym.geometry.pieces import ROUND
@@ -59,7 +60,7 @@ _WARP = 32
 
 
 @dataclass(frozen=True)
-class CompiledScene:
+class CompiledScene(RefusesOldNames):
     """A frozen scene on one device, without a batch dimension.
 
     Attributes:
