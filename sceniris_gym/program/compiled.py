@@ -59,6 +59,16 @@ count restarts at 0."""
 _WARP = 32
 
 
+def check_split(split: object, where: str) -> None:
+    """Refuse an unknown split. `where` names the function in the message.
+
+    Raises:
+        ArgumentError: The split is unknown.
+    """
+    if split not in USER_SPLITS:
+        raise ArgumentError(f"{where}: unknown split {short(split)}. Valid: {', '.join(USER_SPLITS)}.")
+
+
 @dataclass(frozen=True)
 class CompiledScene(RefusesOldNames):
     """A frozen scene on one device, without a batch dimension.
@@ -145,8 +155,7 @@ class CompiledScene(RefusesOldNames):
                 f"layout_id: episode={short(count)} should be from 0 to 2^31 - 2. "
                 "A world has no layout before its first reset."
             )
-        if split not in USER_SPLITS:
-            raise ArgumentError(f"layout_id: unknown split {short(split)}. Valid: {', '.join(USER_SPLITS)}.")
+        check_split(split, "layout_id")
         return f"{self.hash}:{split}:{number % 2**64}:{count}{f':{params}' if params else ''}"
 
     @property
