@@ -173,18 +173,21 @@ def audit(
     check_counts(0, rejected=rejected, settled=settled or 0)
     check_seed(seed)
     from sceniris_gym.commands import audit as tool
+    from sceniris_gym.program.compiled import upload_scene
+    from sceniris_gym.scene.build import build_model
 
     if load is not None and save is not None:
         raise NotSupportedError("audit: --save and --load are separate commands. Give one at a time.")
+    if load is not None:
+        compiled = upload_scene(build_model(scene_config(scene, changes)), "cpu")
+        return answer(tool.judge_rows(compiled, tool.load_rows(compiled, load), settled), json, tool.report)
     if save is not None:
         checked_target(save)
-        found = tool.save(compiled_scene(scene, changes, device), layouts, rejected, seed, save, split)
-        return answer(found, json)
-    if load is not None:
-        found = tool.judge_file(scene_config(scene, changes), load, settled)
-    else:
-        found = tool.judge(compiled_scene(scene, changes, device), layouts, rejected, settled, seed, split)
-    return answer(found, json, tool.report)
+    compiled = compiled_scene(scene, changes, device)
+    rows = tool.make_rows(compiled, layouts, rejected, seed, split)
+    if save is not None:
+        return answer(tool.save_rows(compiled, rows, save), json)
+    return answer(tool.judge_rows(compiled, rows, settled), json, tool.report)
 
 
 @_command

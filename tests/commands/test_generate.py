@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
+from unittest.mock import MagicMock
 
 import pytest
 
-from sceniris_gym.commands.generate import generate
-from sceniris_gym.dataset import manifest
+from sceniris_gym.commands.generate import generate, verify
+from sceniris_gym.dataset import manifest, reader
 from sceniris_gym.dataset.shard import Shard
 from sceniris_gym.layout.tables import make_table
 from tests.layout.scenes import compile_on_cpu
@@ -30,3 +31,12 @@ def test_figures_are_those_of_all_rows(tmp_path: Path, monkeypatch: pytest.Monke
     assert found["first_pass_valid"] == table.first_pass_valid.mean()
     assert found["first_id"] == compiled.layout_id(5, 0)
     assert (found["layouts"], found["parts"], found["folder"]) == (20, 3, str(tmp_path))
+
+
+def test_a_data_set_is_read_once_to_be_verified(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Its manifest, for the verdict and for the checksums."""
+    generate(compile_on_cpu("clutter"), 4, tmp_path)
+    read = MagicMock(side_effect=manifest.read_manifest)
+    monkeypatch.setattr(reader, "read_manifest", read)
+    assert verify(tmp_path)["ok"]
+    assert read.call_count == 1
