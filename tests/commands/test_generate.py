@@ -17,7 +17,6 @@ from tests.layout.scenes import compile_on_cpu
 def test_figures_are_those_of_all_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """Shares of valid rows, the first id, and how many parts are left for the others."""
     monkeypatch.setattr(manifest, "PART_ROWS", 8)
-    monkeypatch.setattr("sceniris_gym.dataset.writer.PART_ROWS", 8)
     compiled = compile_on_cpu("clutter")
     found = generate(compiled, 20, tmp_path, seed=5, shard=Shard(3, 4))
     assert (found["missing_parts"], found["valid"], found["first_pass_valid"]) == (3, None, None)
