@@ -11,14 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import warp as wp
 
-from sceniris_gym.errors import (
-    ArgumentError,
-    ArgumentTypeError,
-    SceneMismatchError,
-    check_type,
-    import_extra,
-    refuses_old_imports,
-)
+from sceniris_gym import errors
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, SceneMismatchError, check_type, import_extra
 from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.layout.tables import RequestedLayouts
 from sceniris_gym.program.compiled import CompiledScene, refuse_draws, refuse_starts
@@ -322,4 +316,4 @@ def _words(seed: Any) -> Any:
     return words
 
 
-__getattr__ = refuses_old_imports(__name__)
+__getattr__ = errors.refuses_old_imports(__name__)
