@@ -6,18 +6,20 @@ or mujoco.
 
 import lazy_loader
 
-from sceniris_gym import registration
-from sceniris_gym.errors import new_name
+from sceniris_gym import errors, registration
 
 __version__ = "0.2.0.dev0"
-_public, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_MODULES = {"adapters", "cli", "config", "levels", "libero", "pictures", "reach"}  # `import *` leaves them out
+_public, __dir__, _names = lazy_loader.attach_stub(__name__, __file__)
+__all__ = [name for name in _names if name not in _MODULES]  # pyright: ignore[reportUnsupportedDunderAll]
 
 
-def __getattr__(name: str) -> object:
-    """Return a public name. For an old name, raise an error with the new name."""
-    if new := new_name(name, [*__all__, "libero"]):
-        raise ImportError(f"{__name__}:{new}")
+def _found(name: str) -> object:
+    """Return a public name or module. An error of the module `errors` raises an ImportError with its full name."""
+    if name.endswith(("Error", "Warning")) and name in vars(errors) and name not in __all__:
+        raise ImportError(f"{__name__}: '{name}' is now errors.{name}.")
     return _public(name)
 
 
+__getattr__ = errors.refuses_old_imports(__name__, _found)
 registration.register_envs()

@@ -1,6 +1,13 @@
 """The public names. Each is imported from its module on first use."""
 
+from . import adapters as adapters
+from . import cli as cli
+from . import config as config
 from . import errors as errors
+from . import levels as levels
+from . import libero as libero
+from . import pictures as pictures
+from . import reach as reach
 from . import training as training
 from .config.scene import SceneConfig as SceneConfig
 from .dataset.reader import LayoutDataset as LayoutDataset

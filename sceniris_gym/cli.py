@@ -35,12 +35,12 @@ from sceniris_gym.commands.options import (
     check_seed,
     checked_target,
     compiled_scene,
-    read_changes,
     read_ids,
     scene_config,
 )
+from sceniris_gym.config.settings import read_changes
 from sceniris_gym.config.tier import Tier, TierWord
-from sceniris_gym.errors import NotSupportedError, ScenirisError
+from sceniris_gym.errors import ArgumentError, NotSupportedError, ScenirisError, old_names
 from sceniris_gym.files import check_picture, write_text
 from sceniris_gym.progress import shown
 from sceniris_gym.training.records import CONFIG
@@ -173,18 +173,21 @@ def audit(
     check_counts(0, rejected=rejected, settled=settled or 0)
     check_seed(seed)
     from sceniris_gym.commands import audit as tool
+    from sceniris_gym.program.compiled import upload_scene
+    from sceniris_gym.scene.build import build_model
 
     if load is not None and save is not None:
         raise NotSupportedError("audit: --save and --load are separate commands. Give one at a time.")
+    if load is not None:
+        compiled = upload_scene(build_model(scene_config(scene, changes)), "cpu")
+        return answer(tool.judge_rows(compiled, tool.load_rows(compiled, load), settled), json, tool.report)
     if save is not None:
         checked_target(save)
-        found = tool.save(compiled_scene(scene, changes, device), layouts, rejected, seed, save, split)
-        return answer(found, json)
-    if load is not None:
-        found = tool.judge_file(scene_config(scene, changes), load, settled)
-    else:
-        found = tool.judge(compiled_scene(scene, changes, device), layouts, rejected, settled, seed, split)
-    return answer(found, json, tool.report)
+    compiled = compiled_scene(scene, changes, device)
+    rows = tool.make_rows(compiled, layouts, rejected, seed, split)
+    if save is not None:
+        return answer(tool.save_rows(compiled, rows, save), json)
+    return answer(tool.judge_rows(compiled, rows, settled), json, tool.report)
 
 
 @_command
@@ -537,6 +540,13 @@ COMMANDS = {
 }
 
 
+def _check_options(command: str, arguments: Sequence[str]) -> None:
+    """Reject an old option of a command by its new name."""
+    for option in (argument.partition("=")[0] for argument in arguments):
+        if option.startswith("--") and (new := old_names().get(f"{command} {option}")):
+            raise ArgumentError(f"{command}: '{option}' is now {new}. See sceniris-gym {command} --help.")
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run a command.
 
@@ -551,6 +561,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         with warnings.catch_warnings():
             warnings.showwarning = each_once()
             if arguments[:1] and arguments[0] in COMMANDS:  # so that usage errors name this command's --help
+                _check_options(arguments[0], arguments[1:])
                 command, prog = COMMANDS[arguments[0]], f"sceniris-gym {arguments[0]}"
                 said = tyro.cli(command, prog=prog, args=arguments[1:])
             else:

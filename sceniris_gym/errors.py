@@ -5,22 +5,29 @@ import functools
 import importlib
 import inspect
 import json
+import sys
 from collections.abc import Callable, Collection, Container, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, ParamSpec, TypeVar
 
+import lazy_loader
+
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
-RENAMED: dict[str, str] = json.loads(Path(__file__).with_name("renamed.json").read_text(encoding="utf-8"))
-"""Old names and their new names: `A|B` where the new name depends on the place, `A.b` for `b` in A.
 
-The old names were never released. Version 1.0 drops this table.
-"""
+
+@functools.cache
+def old_names() -> dict[str, str]:
+    """Return old names and their new names: `A|B` where the new name depends on the place, `A.b` for `b` in A.
+
+    An option of a command has the command before it. The old names were never released. Version 1.0 drops this table.
+    """
+    return json.loads(Path(__file__).with_name("renamed.json").read_text(encoding="utf-8"))
 
 
 def new_name(name: str, valid: Container[str]) -> str:
     """Return " 'knobs' is now params." for an old name with a valid new name, or an empty string."""
-    found = RENAMED.get(name, "").split("|")
+    found = old_names().get(name, "").split("|")
     return next((f" '{name}' is now {new}." for new in found if new.partition(".")[0] in valid), "")
 
 
@@ -204,15 +211,36 @@ def check_names(kind: str, names: Iterable[object], where: str, valid: Collectio
 
 def refuses_old_names(function: Callable[_P, _T]) -> Callable[_P, _T]:
     """Refuse old keywords of a function by their new names: a call with one raises an UnknownNameError."""
+    valid = [name for name in inspect.signature(function).parameters if name not in ("self", "cls")]
 
     @functools.wraps(function)
     def checked(*args: _P.args, **kwargs: _P.kwargs) -> _T:
-        if old := [name for name in kwargs if name in RENAMED]:
-            valid = [name for name in inspect.signature(function).parameters if name not in ("self", "cls")]
-            check_names("argument", old, function.__qualname__, valid)
+        for name in kwargs:
+            if name not in valid and name in old_names():
+                raise UnknownNameError("argument", name, function.__qualname__, valid)
         return function(*args, **kwargs)
 
     return checked
+
+
+def refuses_old_imports(module: str, found: Callable[[str], object] | None = None) -> Callable[[str], object]:
+    """Return the `__getattr__` of a module that refuses old names by their new names, with an ImportError.
+
+    Args:
+        module: The module.
+        found: The function that finds lazy names of the module, if it has any.
+    """
+    found = found or lazy_loader.attach(module)[0]
+
+    def missing(name: str) -> object:
+        try:
+            return found(name)
+        except AttributeError:
+            if name[0] != "_" and (new := new_name(name, [*dir(sys.modules[module]), "benchmarks"])):
+                raise ImportError(f"{module}:{new}") from None
+            raise
+
+    return missing
 
 
 def as_names(value: Any, name: str) -> tuple[str, ...]:
@@ -289,3 +317,6 @@ def import_extra(module: str, extra: str, package: str = "") -> Any:
         return importlib.import_module(module)
     except ImportError:
         raise MissingExtraError(package or module, extra) from None
+
+
+__getattr__ = refuses_old_imports(__name__)

@@ -4,26 +4,21 @@ from typing import Any
 
 import gymnasium
 
-
-def _env(task: str, max_episode_steps: int) -> dict[str, Any]:
-    """Return the arguments of `gymnasium.register` for a task of `sceniris_gym.envs`."""
-    return {"max_episode_steps": max_episode_steps, "kwargs": {"task": f"sceniris_gym.envs.{task}"}}
-
-
 ENVS = {
-    "sceniris_gym/DrawerPick-v0": _env("drawer_pick:DrawerPick", 200),
-    "sceniris_gym/DrawerOpenPick-v0": _env("drawer_open_pick:DrawerOpenPick", 400),
-    "sceniris_gym/TabletopReach-v0": _env("tabletop_reach:TabletopReach", 100),
-    "sceniris_gym/TabletopReachEasy-v0": _env("tabletop_reach_easy:TabletopReachEasy", 100),
-    "sceniris_gym/TabletopReachPixels-v0": _env("tabletop_reach_pixels:TabletopReachPixels", 100),
-    "sceniris_gym/TabletopLift-v0": _env("tabletop_lift:TabletopLift", 150),
-    "sceniris_gym/TabletopLiftEasy-v0": _env("tabletop_lift_easy:TabletopLiftEasy", 150),
-    "sceniris_gym/TabletopLiftAny-v0": _env("tabletop_lift_any:TabletopLiftAny", 150),
-    "sceniris_gym/ClutterExtract-v0": _env("clutter_extract:ClutterExtract", 200),
-    "sceniris_gym/ClutterPush-v0": _env("clutter_push:ClutterPush", 250),
-    "sceniris_gym/KitchenReset-v0": _env("kitchen_reset:KitchenReset", 200),
+    "sceniris_gym/DrawerPick-v0": ("drawer_pick:DrawerPick", 200),
+    "sceniris_gym/DrawerOpenPick-v0": ("drawer_open_pick:DrawerOpenPick", 400),
+    "sceniris_gym/TabletopReach-v0": ("tabletop_reach:TabletopReach", 100),
+    "sceniris_gym/TabletopReachEasy-v0": ("tabletop_reach_easy:TabletopReachEasy", 100),
+    "sceniris_gym/TabletopReachPixels-v0": ("tabletop_reach_pixels:TabletopReachPixels", 100),
+    "sceniris_gym/TabletopLift-v0": ("tabletop_lift:TabletopLift", 150),
+    "sceniris_gym/TabletopLiftEasy-v0": ("tabletop_lift_easy:TabletopLiftEasy", 150),
+    "sceniris_gym/TabletopLiftAny-v0": ("tabletop_lift_any:TabletopLiftAny", 150),
+    "sceniris_gym/ClutterExtract-v0": ("clutter_extract:ClutterExtract", 200),
+    "sceniris_gym/ClutterPush-v0": ("clutter_push:ClutterPush", 250),
+    "sceniris_gym/KitchenReset-v0": ("kitchen_reset:KitchenReset", 200),
 }
-ENTRY_POINTS = {
+"""Id -> the task in `sceniris_gym.envs`, and the greatest number of steps of an episode."""
+ENTRY_POINTS: dict[str, Any] = {
     "entry_point": "sceniris_gym.vector.single_env:SceneEnv",
     "vector_entry_point": "sceniris_gym.vector.vector_env:SceneVectorEnv",
 }
@@ -31,6 +26,7 @@ ENTRY_POINTS = {
 
 def register_envs() -> None:
     """Register every environment of this package with Gymnasium, unless it is registered already."""
-    for env_id, arguments in ENVS.items():
+    for env_id, (task, steps) in ENVS.items():
         if env_id not in gymnasium.registry:
-            gymnasium.register(id=env_id, **ENTRY_POINTS, **arguments)
+            kwargs = {"task": f"sceniris_gym.envs.{task}"}
+            gymnasium.register(env_id, **ENTRY_POINTS, max_episode_steps=steps, kwargs=kwargs)

@@ -4,13 +4,12 @@ The signals do not raise an exception, because libraries catch it during their i
 into C returns. Instead a thread receives the signal, ends child processes, removes temporary files, and exits.
 """
 
-import contextlib
 import os
 import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -50,15 +49,15 @@ def end_at_signals(name: str) -> None:
     heard, tell = os.pipe()
     os.set_blocking(tell, False)
     signal.set_wakeup_fd(tell, warn_on_full_buffer=False)
-    caught = {n: handler for n in _WORDS if (handler := signal.getsignal(n)) is not signal.SIG_IGN}
-    for number in caught:
-        signal.signal(number, lambda *_: None)  # Python writes the number to the pipe before it calls this
+    heeded = [number for number in _WORDS if signal.getsignal(number) is not signal.SIG_IGN]
+    # Python writes the number of a signal to the pipe before it calls this handler
+    former = {number: signal.signal(number, lambda *_: None) for number in heeded}
     threading.Thread(target=_end, args=(heard, name), daemon=True).start()
 
     def forget() -> None:
         """Restore the usual handlers in a forked child. It shares the pipe, but has no thread that reads it."""
         signal.set_wakeup_fd(-1)
-        for number, handler in caught.items():
+        for number, handler in former.items():
             signal.signal(number, handler)
 
     os.register_at_fork(after_in_child=forget)
@@ -70,14 +69,14 @@ def _end(heard: int, name: str) -> None:
         pass
     threading.Timer(_PATIENCE, os._exit, [128 + number]).start()
     for file in Path("/proc/self/task").glob("*/children"):
-        with contextlib.suppress(OSError):
+        with suppress(OSError):
             for child in file.read_text().split():
                 os.kill(int(child), signal.SIGKILL)
     _making.acquire()
     for made, remove in _temporary.items():
-        with contextlib.suppress(Exception):
+        with suppress(Exception):
             remove(made)
     if sys.__stderr__ is not None:
-        with contextlib.suppress(OSError):
+        with suppress(OSError):
             os.write(2, f"\n{name}: {_WORDS[signal.Signals(number)]}\n".encode())
     os._exit(128 + number)

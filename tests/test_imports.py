@@ -15,6 +15,7 @@ import pytest
 
 import sceniris_gym
 import sceniris_gym.sim
+from docs.make_surface import MODULES
 from sceniris_gym import ScenirisError, ScenirisWarning, errors
 from tests.sources import PACKAGE, ROOT, SOURCES, imports
 
@@ -131,6 +132,15 @@ def test_importing_the_package_loads_nothing_heavy():
     loaded = loaded_by("import sceniris_gym")
     assert "gymnasium" in loaded
     assert not loaded & {"torch", "warp", "mujoco", "mujoco_warp", "trimesh", "shapely", "scipy", "pydantic", "tyro"}
+
+
+def test_public_modules_are_attributes_of_the_package():
+    """Each is imported on first use. Those of adapters need their libraries."""
+    modules = [module for module in MODULES if module]
+    names = ", ".join(f"s.{module}" for module in modules if "." not in module)
+    assert {f"sceniris_gym.{module}" for module in modules if "." not in module} <= loaded_by(
+        f"import sceniris_gym as s; {names}, s.adapters.rsl_rl, s.adapters.sb3"
+    )
 
 
 def test_scenes_and_layouts_are_made_without_torch():

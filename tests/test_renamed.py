@@ -3,30 +3,64 @@
 from __future__ import annotations
 
 import pickle
+import re
+import subprocess
+import sys
 from collections.abc import Callable
 from copy import copy
 from dataclasses import fields
 from inspect import signature
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 import sceniris_gym
-from sceniris_gym import ArmController, ContactSensor, EpisodeResult, SceneConfig, SceneVectorEnv, evaluate
+from docs.make_surface import PAGE
+from sceniris_gym import (
+    ArmController,
+    CompiledScene,
+    ContactSensor,
+    EpisodeResult,
+    SceneConfig,
+    SceneModel,
+    SceneVectorEnv,
+    cli,
+    compile_scene,
+    evaluate,
+)
 from sceniris_gym.config.relations import Connection
 from sceniris_gym.config.robot import RobotConfig
 from sceniris_gym.config.settings import as_config
 from sceniris_gym.device.fixed import RefusesOldNames
-from sceniris_gym.errors import RENAMED, SceneKeyError, ScenirisError, UnknownNameError, did_you_mean, new_name
+from sceniris_gym.errors import (
+    ArgumentTypeError,
+    SceneKeyError,
+    ScenirisError,
+    UnknownNameError,
+    did_you_mean,
+    new_name,
+    old_names,
+)
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.levels import ADR, LevelReplay, LevelSampler
 from sceniris_gym.levels.curriculum import SCORES
 from sceniris_gym.sim.randomizer import ResetRandomizer
+from sceniris_gym.training.settings import Options
 from sceniris_gym.vector.state import State
 
+ROOT = Path(__file__).parents[1]
 BESIDE = {"of": "table", "site": "end", "of_site": "end"}
-ELSEWHERE = ("world", "scene", "scene_params", "redraw_status", "variants", "pipeline", "libero")
-"""Values, a field of the terms for mjlab, and attributes of objects that tests here do not make."""
+ELSEWHERE = ("world", "scene", "pipeline", "libero", "errors", "narrow_pairs", "benchmarks", "python -m benchmarks")
+"""Values, attributes of objects that tests here do not make, modules, and programs."""
+NOT_REFUSED = {
+    "an entry of a dict, a value or a placeholder": """layout_knobs layout_seed layout_episode layout_fallback
+        layout_level layout_start layout_variants layout_redraw layout_kept verified fallback_share roof panda N
+        lambda""",
+    "a module or a program that is gone": "randomizer tools dataset train_rsl_rl judging write_dataset",
+    "of another library, or in a place where its class is gone": "make_data level serve",
+}
+"""Words of the changelog's old names that nothing can refuse, by the reason."""
 KEYWORDS: dict[str, tuple[Callable[..., Any], str, str]] = {
     "an environment": (SceneVectorEnv, "knobs", "params"),
     "its curriculum": (SceneVectorEnv, "levels", "curriculum"),
@@ -44,6 +78,9 @@ KEYWORDS: dict[str, tuple[Callable[..., Any], str, str]] = {
     "a controller": (ArmController.move_tool, "turns", "yaw_range"),
     "a replay": (LevelReplay, "replay", "replay_prob"),
     "intervals": (ADR, "start", "init_range"),
+    "a source of an environment": (SceneVectorEnv, "generator", "layout_source"),
+    "a search": (LayoutGenerator, "block_dim", "size"),
+    "a bank": (compile_scene, "bank_size", "overrides.bank"),
 }
 ATTRIBUTES: dict[str, tuple[type, str, str]] = {
     "an environment": (SceneVectorEnv, "replace", "redraw"),
@@ -52,13 +89,18 @@ ATTRIBUTES: dict[str, tuple[type, str, str]] = {
     "a generator": (LayoutGenerator, "extend", "redraw"),
     "params of a generator": (LayoutGenerator, "set_knobs", "set_params"),
     "a task's reading": (State, "parameter", "randomized"),
+    "a compiled scene": (CompiledScene, "bank_size", "bank"),
+    "a model of a scene": (SceneModel, "support_body", "support"),
 }
 
 
 @pytest.mark.parametrize(("function", "old", "new"), KEYWORDS.values(), ids=KEYWORDS.keys())
 def test_an_old_keyword_is_refused_by_its_new_name(function: Callable[..., Any], old: str, new: str):
     """Constructors, methods and functions of the door."""
-    with pytest.raises(UnknownNameError, match=f"unknown argument '{old}'. '{old}' is now {new}. Valid: .*{new}") as no:
+    valid = new.partition(".")[0]
+    with pytest.raises(
+        UnknownNameError, match=f"unknown argument '{old}'. '{old}' is now {new}. Valid: .*{valid}"
+    ) as no:
         function(**{old: None})
     assert "self" not in no.value.valid
 
@@ -67,6 +109,7 @@ def test_an_old_keyword_is_refused_by_its_new_name(function: Callable[..., Any],
 def test_an_old_attribute_is_refused_by_its_new_name(kind: type, old: str, new: str):
     """`hasattr` is still false."""
     thing = object.__new__(kind)
+    vars(thing).setdefault(new, None)
     with pytest.raises(AttributeError, match=f"^{kind.__name__}: '{old}' is now {new}"):
         getattr(thing, old)
     assert not hasattr(thing, old)
@@ -159,6 +202,73 @@ def test_a_robot_s_model_is_refused_by_the_word_asset(key: str):
     assert new_name("model", SceneConfig.model_fields) == ""
 
 
+MODULES = [
+    ("errors", "HeapError", "SceneKeyError"),
+    ("errors", "AttemptsWarning", "FallbackWarning"),
+    ("levels", "Levels", "LevelReplay"),
+    ("training", "judges_of", "load_policy"),
+    ("adapters.rsl_rl", "RslRlVecEnv", "RslRlVecEnvWrapper"),
+    ("adapters.sb3", "SB3VecEnv", "Sb3VecEnvWrapper"),
+    ("adapters.jax", "fresh_training", "wrap_for_brax_training"),
+    ("adapters.mjlab", "knob_stages", "scene_param_stages"),
+]
+
+
+@pytest.mark.parametrize(("name", "old", "new"), MODULES)
+def test_an_old_name_of_a_module_is_refused_by_its_new_one(name: str, old: str, new: str):
+    """Adapters, errors, levels and trainings. An unknown name fails as ever."""
+    module = pytest.importorskip(f"sceniris_gym.{name}", exc_type=ImportError)
+    with pytest.raises(ImportError, match=rf"sceniris_gym\.{name}: '{old}' is now {new}\."):
+        getattr(module, old)
+    assert not hasattr(module, "nonsense")
+
+
+def test_an_error_at_the_door_is_refused_by_its_module():
+    """Old names, too."""
+    with pytest.raises(ImportError, match=r"sceniris_gym: 'MeshError' is now errors\.MeshError"):
+        from sceniris_gym import MeshError  # type: ignore[attr-defined]  # noqa: F401
+    with pytest.raises(ImportError, match=r"sceniris_gym: 'SeedError' is now errors\.ArgumentError"):
+        from sceniris_gym import SeedError  # type: ignore[attr-defined]  # noqa: F401
+
+
+@pytest.mark.parametrize("name", [name for name in old_names() if " " in name])
+def test_an_old_option_of_a_command_is_refused_by_its_new_name(name: str, capfd: pytest.CaptureFixture):
+    """Before anything else of the command is read."""
+    command, option = name.split()
+    with pytest.raises(SystemExit) as stop:
+        cli.main([command, f"{option}=5"])
+    assert stop.value.code == 2
+    assert f"error: {command}: '{option}' is now {old_names()[name]}." in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("arguments", [(3,), (3, 0.0, 1.0)])
+def test_random_numbers_without_a_name_are_refused_by_uniform(arguments: tuple[float, ...]):
+    """A name is a string."""
+    with pytest.raises(ArgumentTypeError, match=r"name should be a string, got 3\. Call uniform\(n, low, high\)"):
+        object.__new__(State).random(*arguments)  # type: ignore[arg-type]
+
+
+def test_old_names_are_read_when_one_is_asked_for():
+    """Not by imports, nor by public names and calls with keywords."""
+    code = "from sceniris_gym import LevelReplay, errors; LevelReplay(alpha=0.5); print(errors.old_names.cache_info())"
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert "misses=0" in said
+
+
+def test_the_old_names_of_the_changelog_are_refused():
+    """Each word of an old name is refused, or still a word of the face, or has a reason."""
+    rows = re.findall(r"^\| (.+) \| (.+) \|$", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)[1:]
+    known = " ".join([*old_names(), *NOT_REFUSED.values(), PAGE.read_text(), (ROOT / "docs/commands.md").read_text()])
+    left = {
+        word
+        for old, new in rows
+        for code in re.findall(r"`([^`]+)`", old)
+        for word in re.findall(r"\w+", code)
+        if word not in re.findall(r"\w+", f"{new} {known}")
+    }
+    assert left == set()
+
+
 def test_every_new_name_is_there():
     """Each is a public name, an argument, a field or a word of scene files."""
     arguments = {
@@ -169,10 +279,13 @@ def test_every_new_name_is_there():
     attributes = {name for kind in (*(kind for kind, _, _ in ATTRIBUTES.values()), LevelSampler) for name in dir(kind)}
     known = arguments | attributes | {*sceniris_gym.__all__, *SCORES, *ELSEWHERE}
     known |= {field.name for kind in (LevelReplay, ADR, EpisodeResult) for field in fields(kind)}
-    known |= {*Connection.model_fields, *RobotConfig.model_fields}
-    news = {new.partition(".")[0] for names in RENAMED.values() for new in names.split("|")}
+    known |= {*Connection.model_fields, *RobotConfig.model_fields, *re.findall(r"\w+", PAGE.read_text())}
+    options = {"set", *(field.name for field in fields(Options))}
+    options |= {name for command in cli.COMMANDS.values() for name in signature(command).parameters}
+    known |= {f"--{name.replace('_', '-')}" for name in options}
+    news = {new.partition(".")[0] for names in old_names().values() for new in names.split("|")}
     assert news <= known
-    assert not {old for old in RENAMED if new_name(old, [old])}
+    assert not {old for old in old_names() if new_name(old, [old])}
 
 
 def test_an_old_name_comes_before_one_that_looks_alike():

@@ -238,7 +238,7 @@ def test_layouts_and_stages_of_mjlab():
 def train(out: str) -> None:
     """Train for a moment."""
     small = ("--num-envs", "2", "-n", "2", "--device", "cpu", "--every", "1", "--million-steps", "0.000001")
-    cli.main(["train", ID, "--out", out, *small, "--changes", "hidden=(8,)", "steps=4"])
+    cli.main(["train", ID, "--out", out, *small, "--set", "hidden=[8]", "--set", "steps=4"])
 
 
 def test_a_policy_of_rsl_rl():

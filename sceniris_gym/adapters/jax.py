@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import warp as wp
 
+from sceniris_gym import errors
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, SceneMismatchError, check_type, import_extra
 from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.layout.tables import RequestedLayouts
@@ -313,3 +314,6 @@ def _words(seed: Any) -> Any:
     if dtype != jnp.uint32 or words.shape[-1:] != (2,):
         raise ArgumentError(f"LayoutFunction: {_SEEDS}, got {dtype} of shape {words.shape}.")
     return words
+
+
+__getattr__ = errors.refuses_old_imports(__name__)

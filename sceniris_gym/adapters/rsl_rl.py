@@ -9,7 +9,7 @@ import torch
 from gymnasium.vector import AutoresetMode, VectorEnv
 from torch import Tensor
 
-from sceniris_gym.errors import ArgumentError, import_extra
+from sceniris_gym.errors import ArgumentError, import_extra, refuses_old_imports
 from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.program.device import Cause
 from sceniris_gym.vector.images import GROUP, as_channels
@@ -132,3 +132,6 @@ class RslRlVecEnvWrapper(VecEnv):
             "Reset/attempts": layouts.attempts.float().mean(),
             **{f"Reset/reject_{cause.name.lower()}": shares[cause] for cause in Cause if cause != Cause.NONE},
         }
+
+
+__getattr__ = refuses_old_imports(__name__)

@@ -14,7 +14,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from torch import Tensor
 
 from sceniris_gym.config.fields import short
-from sceniris_gym.errors import ArgumentError, ArgumentTypeError, check_names, import_extra
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, check_names, import_extra, refuses_old_imports
 from sceniris_gym.vector.arguments import RESET_MASK, as_reset_mask
 from sceniris_gym.vector.images import GROUP, picture_names
 from sceniris_gym.vector.vector_env import SceneVectorEnv
@@ -225,3 +225,6 @@ def _rows(columns: dict[str, Any], worlds: Sequence[int] | Tensor) -> list[dict[
         for name, values in columns.items()
     }
     return [{name: values[i] for name, values in lists.items()} for i in range(len(worlds))]
+
+
+__getattr__ = refuses_old_imports(__name__)

@@ -13,7 +13,6 @@ from sceniris_gym.audit.chain import Chain
 from sceniris_gym.audit.physics import equalities, without_log
 from sceniris_gym.audit.reach import Claim, ReachAudit, Unreached
 from sceniris_gym.commands.answer import OK, listing, verdict
-from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.config.stored_arrays import UNREADABLE, read_arrays
 from sceniris_gym.errors import SceneFileError, SceneMismatchError, check_names
 from sceniris_gym.files import replacing
@@ -21,8 +20,7 @@ from sceniris_gym.layout.columns import columns, row_types
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.reaching.poses import OPENING_MARGIN
 from sceniris_gym.layout.tables import make_table, read_rejected
-from sceniris_gym.program.compiled import CompiledScene, upload_scene
-from sceniris_gym.scene.build import build_model
+from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import COLUMNS, LayoutTable
 
 PROMISES = {
@@ -40,9 +38,7 @@ _WORLDS = 1024  # worlds that are reset until enough candidates were rejected
 _EPISODES = 1000  # greatest number of these resets, for scenes with hardly any rejections
 
 
-def rejected_candidates(
-    compiled: CompiledScene, n: int, seed: int, split: str = "train"
-) -> tuple[LayoutTable, list[str]]:
+def rejected_candidates(compiled: CompiledScene, n: int, seed: int, split: str) -> tuple[LayoutTable, list[str]]:
     """Make layouts until n candidates were rejected for collision.
 
     Returns:
@@ -88,8 +84,6 @@ def reach_claims(compiled: CompiledScene, table: LayoutTable) -> list[Claim]:
 
 def judge_reach(compiled: CompiledScene, table: LayoutTable, claims: list[Claim]) -> list[Unreached]:
     """Return the claims about reach that are wrong."""
-    if not claims:
-        return []
     scene, found = compiled.scene, []
     # An arm that starts with a held object would have to put it down first.
     full = np.isin(table.start, [i for i, kind in enumerate(compiled.config.start) if kind.is_held])
@@ -110,10 +104,8 @@ class Rows:
 
     Attributes:
         table: The layouts.
-        rejected: Layouts with the rejected objects at their candidate poses.
-        names: Names of the rejected objects.
-        seed: Seed of the first layout.
-        split: "train" or "eval".
+        rejected, names: Layouts with the rejected objects at their candidate poses, and the names of these objects.
+        seed, split: Seed of the first layout, and the split of all layouts.
     """
 
     table: LayoutTable
@@ -132,8 +124,8 @@ def make_rows(compiled: CompiledScene, layouts: int, rejected: int, seed: int, s
     return Rows(table, candidates, names, seed, split)
 
 
-def save_rows(compiled: CompiledScene, rows: Rows, path: Path) -> None:
-    """Write rows with their scene and seeds to an npz file. An error leaves no partial file."""
+def save_rows(compiled: CompiledScene, rows: Rows, path: Path) -> dict[str, Any]:
+    """Write rows with their scene and seeds to an npz file, and count them. An error leaves no partial file."""
     parts = {"layouts": rows.table, "rejected": rows.rejected}
     arrays = {f"{part}_{name}": getattr(t, name) for part, t in parts.items() for name in COLUMNS}
     arrays |= {
@@ -146,6 +138,8 @@ def save_rows(compiled: CompiledScene, rows: Rows, path: Path) -> None:
     }
     with replacing(path) as temporary, temporary.open("wb") as file:
         np.savez(file, **arrays)
+    found = {"scene": compiled.config.name, "hash": compiled.hash, "seed": rows.seed, "file": str(path)}
+    return found | {"layouts": len(rows.table), "rejected": len(rows.rejected)}
 
 
 def load_rows(compiled: CompiledScene, path: Path) -> Rows:
@@ -217,41 +211,12 @@ def _runs(numbers: np.ndarray) -> str:
     return " ".join(str(run[0]) if len(run) == 1 else f"{run[0]}-{run[-1]}" for run in runs)
 
 
-def save(compiled: CompiledScene, layouts: int, rejected: int, seed: int, path: Path, split: str) -> dict:
-    """Make layouts and rejected candidates, write them to a file, and count them."""
-    made = make_rows(compiled, layouts, rejected, seed, split)
-    save_rows(compiled, made, path)
-    found = {"scene": compiled.config.name, "hash": compiled.hash, "seed": seed, "file": str(path)}
-    return found | {"layouts": len(made.table), "rejected": len(made.rejected)}
-
-
-def judge_file(config: SceneConfig, path: Path, settled: int | None) -> dict:
-    """Judge the rows of a file and return the findings, as `judge` does."""
-    compiled = upload_scene(build_model(config), "cpu")
-    return judge_rows(compiled, load_rows(compiled, path), settled)
-
-
-def judge(
-    compiled: CompiledScene, layouts: int, rejected: int, settled: int | None, seed: int, split: str = "train"
-) -> dict:
-    """Make layouts and rejected candidates, judge them, and return the findings as plain numbers and names.
-
-    Args:
-        compiled: The compiled scene.
-        layouts: Number of layouts.
-        rejected: Number of rejected candidates.
-        settled: Number of layouts that are stepped for half a second, or None for all.
-        seed: Seed of the first layout.
-        split: "train" or "eval".
-    """
-    return judge_rows(compiled, make_rows(compiled, layouts, rejected, seed, split), settled)
-
-
 @without_log()
 def judge_rows(compiled: CompiledScene, rows: Rows, settled: int | None = None) -> dict:
-    """Judge existing rows and return the findings. `settled` is as in `judge`.
+    """Judge rows, and return the findings as plain numbers and names.
 
-    Rows with a non-finite number count as invalid and are not judged further.
+    Rows with a non-finite number count as invalid and are not judged further. `settled` is the number of layouts that
+    are stepped for half a second, None for all.
     """
     finite, finite_candidates, invalid_by = _finite(rows)
     table, candidates = rows.table[finite], rows.rejected[finite_candidates]

@@ -10,8 +10,8 @@ from sceniris_gym.errors import ArgumentError, SceneMismatchError
 from sceniris_gym.files import as_json, write_text
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.training.judging import judge, judges_of
+from sceniris_gym.training.policy import Policy
 from sceniris_gym.training.records import CONFIG, MODEL, read_config, scene_of_run, share, without_layouts
-from sceniris_gym.training.runner import load_checkpoint, runner_of
 from sceniris_gym.training.task_scenes import scene_of, spec_of
 
 
@@ -51,11 +51,10 @@ def evaluate(
     scene = build_model(scene_of(task, reachable=True))
     if scene.former_hash is not None and scene_of_run(run) in (None, scene.former_hash):
         raise SceneMismatchError(f"{run}: this policy {scene.mismatch(scene.former_hash, '')}")
-    found = {}
-    for name, env in judges_of(task, layouts, device).items():
-        runner = runner_of(env, settings, 0)
-        load_checkpoint(runner, run / MODEL, str(env.device), trust=trust)
-        found[name] = judge(runner.get_inference_policy(str(env.device)), env, task, layouts)
+    found = {
+        name: judge(Policy(run, task, settings, env, trust=trust), env, task, layouts)
+        for name, env in judges_of(task, layouts, device).items()
+    }
     if out is not None:
         write_text(out, as_json(found))
     more: dict[str, Any] = {} if min_success is None else {OK: found["valid"]["success"] >= min_success}

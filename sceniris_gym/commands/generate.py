@@ -83,10 +83,11 @@ def verify(folder: Path) -> dict[str, Any]:
     Raises:
         DatasetError: The folder holds no complete data set.
     """
-    held = reader.LayoutDataset(folder).manifest
-    found = {name: held[name] for name in ("scene", "hash", "split", "seed", "layouts")} | {"folder": str(folder)}
+    dataset = reader.LayoutDataset(folder)
+    names = ("scene", "hash", "split", "seed", "layouts")
+    found = {name: dataset.manifest[name] for name in names} | {"folder": str(folder)}
     try:
-        reader.verify(folder)
+        reader.verify(dataset)
     except DatasetError as error:
         return {OK: False, **found, "error": str(error)}
     return {OK: True, **found}

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
 from sceniris_gym.config.bounds import MOST_WORLDS
-from sceniris_gym.errors import ArgumentError, SceneKeyError
+from sceniris_gym.config.settings import read_changes
+from sceniris_gym.errors import ArgumentError
 
 if TYPE_CHECKING:
     from sceniris_gym.config.scene import SceneConfig
@@ -62,24 +63,6 @@ def scene_config(scene: str, changes: Sequence[str]) -> SceneConfig:
     from sceniris_gym.config.scene import SceneConfig
 
     return SceneConfig.load(scene, read_changes(changes))
-
-
-def read_changes(changes: Sequence[str]) -> dict[str, Any]:
-    """Read `key=value` pairs, with values in YAML as in a scene file."""
-    from ruamel.yaml import YAML
-    from ruamel.yaml.error import YAMLError
-
-    overrides = {}
-    for change in changes:
-        key, equals, value = change.partition("=")
-        if not (key and equals):
-            raise SceneKeyError(f"--set {change}: should be KEY=VALUE, as in objects.apple.clearance=0.01.")
-        try:
-            overrides[key] = YAML(typ="safe").load(value)
-        except (YAMLError, ValueError, RecursionError) as error:
-            why = "too deeply nested" if isinstance(error, RecursionError) else error
-            raise SceneKeyError(f"--set {change:.80}: the value should be YAML: {why}") from None
-    return overrides
 
 
 def read_ids(given: Sequence[str]) -> list[str]:

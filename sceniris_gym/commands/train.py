@@ -29,7 +29,7 @@ def train(options: Options, quiet: bool = False) -> dict[str, Any]:
     run = Run(options, show)
     task = run.options.task
     if task not in SETTINGS:
-        show(f"{task} has no tuned settings, so it trains with {run.settings}. Change them by --changes.")
+        show(f"{task} has no tuned settings, so it trains with {run.settings}. Change them by --set.")
     judged = run.go()
     del judged["kind"]
     return {"task": task, "model": str(run.checkpoint), **judged}

@@ -1,11 +1,11 @@
-"""`as_config`: settings that a user passes as a dataclass or as a mapping of its fields."""
+"""Settings that a user passes as a dataclass, as a mapping of its fields, or as KEY=VALUE on the command line."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, fields
 from typing import Any, TypeVar
 
 from sceniris_gym.config.fields import short
-from sceniris_gym.errors import ArgumentError, ArgumentTypeError, check_names
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, SceneKeyError, check_names
 
 _Config = TypeVar("_Config")
 
@@ -37,3 +37,25 @@ def as_config(cls: type[_Config], value: Any, where: str) -> _Config:
         if field.default is MISSING and field.default_factory is MISSING and name not in value:
             raise ArgumentError(f"{where} should have the field '{name}', got {short(list(value))}.")
     return cls(**{name: tuple(given) if isinstance(given, list) else given for name, given in value.items()})
+
+
+def read_changes(changes: Sequence[str]) -> dict[str, Any]:
+    """Read the `KEY=VALUE` pairs of `--set`, with values in YAML as in a scene file.
+
+    Raises:
+        SceneKeyError: A pair has another form, or its value is not YAML.
+    """
+    from ruamel.yaml import YAML
+    from ruamel.yaml.error import YAMLError
+
+    overrides = {}
+    for change in changes:
+        key, equals, value = change.partition("=")
+        if not (key and equals):
+            raise SceneKeyError(f"--set {change}: should be KEY=VALUE, as in objects.apple.clearance=0.01.")
+        try:
+            overrides[key] = YAML(typ="safe").load(value)
+        except (YAMLError, ValueError, RecursionError) as error:
+            why = "too deeply nested" if isinstance(error, RecursionError) else error
+            raise SceneKeyError(f"--set {change:.80}: the value should be YAML: {why}") from None
+    return overrides

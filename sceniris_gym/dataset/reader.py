@@ -188,14 +188,14 @@ def _mapped(path: Path, written: int) -> np.ndarray:
     return np.load(path, mmap_mode="r", allow_pickle=False)
 
 
-def verify(folder: str | Path) -> dict[str, Any]:
-    """Compare all files of a data set with the checksums of its manifest, and return the manifest.
+def verify(dataset: str | Path | LayoutDataset) -> dict[str, Any]:
+    """Compare all files of a data set, also given as its folder, with its manifest's checksums. Return the manifest.
 
     Raises:
         DatasetError: The data set is not complete, or files are damaged. The message names up to five of them.
-        ArgumentTypeError: `folder` is not a path.
+        ArgumentTypeError: `dataset` is neither a path nor a data set.
     """
-    dataset = LayoutDataset(folder)
+    dataset = dataset if isinstance(dataset, LayoutDataset) else LayoutDataset(dataset)
     folder, held, damaged = dataset.folder, dataset.manifest, []
 
     def compare(sums: dict[str, Any]) -> None:

@@ -16,18 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.lib import format as npy
 
+from sceniris_gym.dataset import manifest
 from sceniris_gym.dataset.formats import FORMATS, check_formats
-from sceniris_gym.dataset.manifest import (
-    MANIFEST,
-    PART_ROWS,
-    SCENE,
-    SCENE_USD,
-    DatasetPlan,
-    checksum,
-    part_name,
-    read_manifest,
-    read_record,
-)
 from sceniris_gym.dataset.shard import Shard
 from sceniris_gym.errors import DatasetError, SceneKeyError
 from sceniris_gym.files import read_bytes, replacing, write_text
@@ -57,18 +47,18 @@ class DatasetWriter:
     """
 
     def __init__(
-        self, compiled: CompiledScene, plan: DatasetPlan, folder: Path, shard: Shard, *, resume: bool = False
+        self, compiled: CompiledScene, plan: manifest.DatasetPlan, folder: Path, shard: Shard, *, resume: bool = False
     ) -> None:
         self.compiled, self.plan, self.folder, self.shard = compiled, plan, folder, shard
         self._progress = folder / PROGRESS
         self._manifest: dict[str, Any] | None = None
         check_formats(plan.fields["formats"])
-        begun = self._progress / MANIFEST
-        for path in (folder / MANIFEST, begun):
+        begun = self._progress / manifest.MANIFEST
+        for path in (folder / manifest.MANIFEST, begun):
             if path.exists():
                 self._compare(path, resume or shard.size > 1)
-        if (folder / MANIFEST).exists():
-            self._manifest = read_manifest(folder)
+        if (folder / manifest.MANIFEST).exists():
+            self._manifest = manifest.read_manifest(folder)
         else:  # later processes compare their plan with this file
             write_text(begun, json.dumps(plan.fields, indent=1) + "\n")
 
@@ -110,7 +100,7 @@ class DatasetWriter:
         for part in parts:
             rows = plan.rows(part)
             if self._record(part) is None:
-                nworld = min(chunk, plan.layouts, PART_ROWS)
+                nworld = min(chunk, plan.layouts, manifest.PART_ROWS)
                 generator = generator or LayoutGenerator(self.compiled, nworld, split=plan.fields["split"])
                 self._write_part(part, _made(generator, plan, rows, done, total))
             done += len(rows)
@@ -130,12 +120,12 @@ class DatasetWriter:
 
     def _record(self, part: int) -> dict[str, Any] | None:
         """Return the record of a part, None if the part is missing or incomplete."""
-        path, rows = self.folder / part_name(part), len(self.plan.rows(part))
-        record = read_record(self._progress / f"{part:05}.json")
+        path, rows = self.folder / manifest.part_name(part), len(self.plan.rows(part))
+        record = manifest.read_record(self._progress / f"{part:05}.json")
         if self._manifest is not None:
             record = self._manifest["parts"][part]
         size = len(_header(self.plan.row, rows)) + rows * self.plan.row.itemsize
-        others = (self.folder / part_name(part, FORMATS[name][0]) for name in self.plan.fields["formats"])
+        others = (self.folder / manifest.part_name(part, FORMATS[name][0]) for name in self.plan.fields["formats"])
         there = path.is_file() and path.stat().st_size == size and all(other.is_file() for other in others)
         return record if there and record is not None and record["rows"] == rows else None
 
@@ -146,24 +136,24 @@ class DatasetWriter:
                 f"{self.compiled.config.where}: model: scene.zip cannot be written, because MuJoCo cannot convert a "
                 "MjModel back to MJCF. Give 'model' as a mujoco.MjSpec or as the path of an MJCF file."
             )
-        with replacing(self.folder / SCENE) as path, path.open("wb") as file:
+        with replacing(self.folder / manifest.SCENE) as path, path.open("wb") as file:
             write_zip(spec, file)
             _sync(file)
         if "usd" in self.plan.fields["formats"]:
             from sceniris_gym.dataset import usd_stage
 
-            _write(self.folder / SCENE_USD, usd_stage.scene_bytes(self.compiled))
+            _write(self.folder / manifest.SCENE_USD, usd_stage.scene_bytes(self.compiled))
 
     def _write_part(self, part: int, rows: np.ndarray) -> None:
         files = {}
         for word in self.plan.fields["formats"]:
             suffix, encode = FORMATS[word]
-            name = part_name(part, suffix)
+            name = manifest.part_name(part, suffix)
             files[name] = _write(self.folder / name, encode(self.compiled, rows))
         header = _header(self.plan.row, len(rows))
         record = {
             "rows": len(rows),
-            "sha256": _write(self.folder / part_name(part), header, rows.view(np.uint8).data),
+            "sha256": _write(self.folder / manifest.part_name(part), header, rows.view(np.uint8).data),
             "files": files,
             "valid": int(rows["valid"].sum()),
             "first_pass_valid": int(rows["first_pass_valid"].sum()),
@@ -172,28 +162,29 @@ class DatasetWriter:
             write_text(self._progress / f"{part:05}.json", json.dumps(record))
         elif record != self._manifest["parts"][part]:
             raise DatasetError(
-                f"{self.folder / part_name(part)}: was missing, and the new file should match the checksum in "
-                f"{MANIFEST}. Make it with the same versions of sceniris_gym and its libraries as the other parts."
+                f"{self.folder / manifest.part_name(part)}: was missing, and the new file should match the checksum in "
+                f"{manifest.MANIFEST}. Make it with the same versions of sceniris_gym and its libraries as the other "
+                "parts."
             )
 
     def _finish(self) -> None:
         """Once all parts are finished, write the manifest and remove temporary files."""
-        path = self.folder / MANIFEST
+        path = self.folder / manifest.MANIFEST
         if self._manifest is None and not path.exists():
             records = self.records()
             if len(records) < self.plan.parts:
                 return
-            sums = {name: checksum(self.folder / name) for name in self.plan.files}
-            told = {"scene_sha256": sums.pop(SCENE), "files": sums, "parts": records}
+            sums = {name: manifest.checksum(self.folder / name) for name in self.plan.files}
+            told = {"scene_sha256": sums.pop(manifest.SCENE), "files": sums, "parts": records}
             write_text(path, json.dumps(self.plan.fields | told, indent=1) + "\n")
-        self._manifest = read_manifest(self.folder)
+        self._manifest = manifest.read_manifest(self.folder)
         shutil.rmtree(self._progress, ignore_errors=True)
         for left in self.folder.glob(".*.tmp"):  # left by killed processes, on this machine or another
-            if left.name.startswith((f".{MANIFEST}.", ".scene.", ".layouts-")):
+            if left.name.startswith((f".{manifest.MANIFEST}.", ".scene.", ".layouts-")):
                 left.unlink(missing_ok=True)
 
 
-def _made(generator: LayoutGenerator, plan: DatasetPlan, rows: range, done: int, total: int) -> np.ndarray:
+def _made(generator: LayoutGenerator, plan: manifest.DatasetPlan, rows: range, done: int, total: int) -> np.ndarray:
     """Make rows of a data set and return records, shape (len(rows),). Progress counts from `done` to `total`."""
     made = np.zeros(len(rows), plan.row)
     start, seeds = 0, as_seeds((plan.fields["seed"] + rows.start) % (1 << 64), len(rows))

@@ -173,7 +173,7 @@ def layouts_of_ids(ids: Any, layouts: Layouts, split: str, name: str) -> ChosenL
     """
     scene, table = layouts.compiled.scene, layouts.params
     texts = [ids] if isinstance(ids, str | LayoutId) else ids
-    if not isinstance(texts, Sequence):
+    if not isinstance(texts, Sequence) or not all(isinstance(text, str | LayoutId | None) for text in texts):
         raise ArgumentTypeError(
             f"{name} should be a layout id, a sequence of them, or a mapping with 'seed' and 'episode', got "
             f"{short(ids)}."

@@ -187,6 +187,8 @@ def _booleans_or_ids(worlds: Any, nworld: int) -> Any:
     worlds = _as_array(worlds, "worlds")
     if not is_mask(worlds):
         _check_integers(worlds, "worlds", "booleans or ids")
+        if len(worlds.shape) == 0:
+            raise ArgumentError(f"worlds should be booleans, ids or a slice, got {worlds}. One world is [{worlds}].")
         if len(worlds.shape) != 1:
             raise ArgumentError(f"worlds should have shape (k,), the ids of worlds, got {tuple(worlds.shape)}.")
     return worlds

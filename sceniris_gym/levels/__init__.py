@@ -7,7 +7,9 @@ Investigating and Improving Regret Approximations for Curriculum Discovery", Neu
 scores from the training, such as regret or the loss of values.
 """
 
+from sceniris_gym.errors import refuses_old_imports
 from sceniris_gym.levels.curriculum import ADR, LevelReplay
 from sceniris_gym.levels.sampler import LevelSampler
 
 __all__ = ["ADR", "LevelReplay", "LevelSampler"]
+__getattr__ = refuses_old_imports(__name__)

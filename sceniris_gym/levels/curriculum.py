@@ -6,7 +6,7 @@ from typing import Any
 
 from sceniris_gym.config.fields import short
 from sceniris_gym.config.settings import as_config
-from sceniris_gym.errors import ArgumentError, check_names, check_type, refuses_old_names
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, check_names, check_type, refuses_old_names
 from sceniris_gym.layout.masks import as_count
 
 SCORES = ("learnability", "failure", "custom")
@@ -120,6 +120,9 @@ def as_curriculum(value: Any, where: str) -> LevelReplay | None:
     """
     if isinstance(value, ADR) or (isinstance(value, Mapping) and "init_range" in value):
         return LevelReplay(replay_prob=0.0, adr=as_config(ADR, value, where))
+    if not isinstance(value, LevelReplay | Mapping | None):
+        wanted = "a LevelReplay, an ADR, a mapping of the fields of one, or None"
+        raise ArgumentTypeError(f"{where} should be {wanted}, got {short(value)}.")
     return None if value is None else as_config(LevelReplay, value, where)
 
 

@@ -15,6 +15,7 @@ import warp as wp
 from sceniris_gym.config.fields import short
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.config.scene_words import AUTO
+from sceniris_gym.device.fixed import RefusesOldNames
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, NotSupportedError
 from sceniris_gym.geometry.colliders import collect_colliders, collider_arrays
 from sceniris_gym.geometry.pieces import ROUND
@@ -58,8 +59,18 @@ last one."""
 _WARP = 32
 
 
+def check_split(split: object, where: str) -> None:
+    """Refuse an unknown split. `where` names the function in the message.
+
+    Raises:
+        ArgumentError: The split is unknown.
+    """
+    if split not in USER_SPLITS:
+        raise ArgumentError(f"{where}: unknown split {short(split)}. Valid: {', '.join(USER_SPLITS)}.")
+
+
 @dataclass(frozen=True)
-class CompiledScene:
+class CompiledScene(RefusesOldNames):
     """A frozen scene on one device, without a batch dimension.
 
     Attributes:
@@ -144,8 +155,7 @@ class CompiledScene:
                 f"layout_id: episode={short(count)} should be from 0 to 2^31 - 2. "
                 "A world has no layout before its first reset."
             )
-        if split not in USER_SPLITS:
-            raise ArgumentError(f"layout_id: unknown split {short(split)}. Valid: {', '.join(USER_SPLITS)}.")
+        check_split(split, "layout_id")
         return f"{self.hash}:{split}:{number % 2**64}:{count}{f':{params}' if params else ''}"
 
     @property

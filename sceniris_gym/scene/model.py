@@ -14,6 +14,7 @@ import numpy as np
 from sceniris_gym.config.fields import FLOOR, ROBOT
 from sceniris_gym.config.objects import JointConfig
 from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.device.fixed import RefusesOldNames
 from sceniris_gym.errors import NotSupportedError, SceneKeyError, SceneMismatchError, UnknownNameError
 from sceniris_gym.geometry.contacts import ContactRules
 from sceniris_gym.scene.couplings import Coupling, driven_by
@@ -22,7 +23,7 @@ from sceniris_gym.scene.support import Support, static_supports, subtree
 
 
 @dataclass(frozen=True, eq=False)
-class SceneModel:
+class SceneModel(RefusesOldNames):
     """A scene as a MuJoCo model, on the host.
 
     Attributes:

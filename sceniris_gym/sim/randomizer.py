@@ -170,7 +170,8 @@ class ResetRandomizer(Fixed, StaysHere):
         self.device: wp.Device = data.qpos.device
         own: Any = {"seed": seed, "split": split, "prefetch": prefetch, "graph": graph}
         own |= {"layout_source": layout_source, "curriculum": curriculum}
-        self.pipeline, self.levels = make_pipeline(compiled, data.nworld, "ResetRandomizer", params=params, **own)
+        where = "SceneVectorEnv" if self._shared else "ResetRandomizer"
+        self.pipeline, self.levels = make_pipeline(compiled, data.nworld, where, params=params, **own)
         self.layouts = self.pipeline.layouts
         check_fit(compiled, model, data, self.layouts, mjm)
         check_names("scope", [scope], "ResetRandomizer: scope", _SCOPES)

@@ -18,7 +18,7 @@ from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.layout.stored import StoredLayouts, check_table
 from sceniris_gym.levels.curriculum import ADR, LevelReplay, as_curriculum
 from sceniris_gym.levels.sampler import LevelSampler
-from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.program.compiled import CompiledScene, check_split
 from sceniris_gym.scene.layout_table import LayoutTable
 
 SourceLike = LayoutSource | LayoutTable | Callable[[CompiledScene, int], LayoutSource]
@@ -55,13 +55,14 @@ def make_pipeline(
 
     Raises:
         ArgumentTypeError: `layout_source`, `curriculum` or `prefetch` is of another type.
-        ArgumentError: Both a source and `prefetch` or `params`, or a stream of another device.
+        ArgumentError: Both a source and `prefetch` or `params`, a stream of another device, or an unknown split.
     """
     check_prefetch(prefetch, f"{where}: prefetch")
     replay = as_curriculum(curriculum, f"{where}: curriculum")
     if replay is not None and replay.adr is not None:
         params = (*as_names(params, "params"), *replay.adr.init_range)
     if layout_source is None:
+        check_split(split, where)
         layout_source = LayoutGenerator(compiled, nworld, seed=seed, split=split, params=params)
         prefetch = wp.get_device(compiled.device).is_cuda if prefetch is None else prefetch
     elif prefetch or params:

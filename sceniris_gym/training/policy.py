@@ -7,33 +7,40 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from sceniris_gym.adapters.rsl_rl import RslRlVecEnvWrapper, as_tensordict
+from sceniris_gym.adapters.rsl_rl import RslRlVecEnvWrapper, TensorDict, as_tensordict
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.training.records import MODEL, read_config
 from sceniris_gym.training.runner import load_checkpoint, runner_of
+from sceniris_gym.training.settings import Settings
 from sceniris_gym.training.task_scenes import make_env, scene_of
 
 
 class Policy:
     """A trained policy. Call it with observations; it returns actions.
 
+    Args:
+        run: The folder of a run.
+        task: The task of `env`.
+        settings: The settings of the run.
+        env: Worlds of the task. Their observations give the networks their sizes.
+        trust: As in `load_policy`.
+
     Attributes:
         task: Id of the task that it was trained on.
         device: Where its networks are. Observations should be there, too.
     """
 
-    def __init__(self, run: str | Path, device: str | None, *, trust: bool) -> None:
-        folder = Path(run)
-        self.task, settings = read_config(folder)
-        envs = make_env(self.task, 1, compile_scene(scene_of(self.task, reachable=True), device), split="eval")
-        self._runner, self.device = runner_of(RslRlVecEnvWrapper(envs), settings, 0), envs.device
-        load_checkpoint(self._runner, folder / MODEL, str(self.device), trust=trust)
+    def __init__(self, run: Path, task: str, settings: Settings, env: RslRlVecEnvWrapper, *, trust: bool) -> None:
+        self.task, self.device = task, env.unwrapped.device
+        self._runner = runner_of(env, settings, 0)
+        load_checkpoint(self._runner, run / MODEL, str(self.device), trust=trust)
         self._act = self._runner.get_inference_policy(str(self.device))
 
-    def __call__(self, observation: Mapping[str, Any]) -> Tensor:
+    def __call__(self, observation: Mapping[str, Any] | TensorDict) -> Tensor:
         """Return actions in [-1, 1], shape (num_envs, size), for observations of SceneVectorEnv on `device`."""
+        seen = observation if isinstance(observation, TensorDict) else as_tensordict(observation)
         with torch.inference_mode():
-            return self._act(as_tensordict(observation)).clamp(-1.0, 1.0)
+            return self._act(seen).clamp(-1.0, 1.0)
 
     def export(self, path: str | Path) -> None:
         """Write the deterministic policy as TorchScript, with its normalisation of observations.
@@ -57,4 +64,7 @@ def load_policy(run: str | Path, device: str | None = None, *, trust: bool = Fal
         ArgumentError: The folder has no run, or its checkpoint cannot be read.
         MissingExtraError: rsl-rl is not installed.
     """
-    return Policy(run, device, trust=trust)
+    folder = Path(run)
+    task, settings = read_config(folder)
+    envs = make_env(task, 1, compile_scene(scene_of(task, reachable=True), device), split="eval")
+    return Policy(folder, task, settings, RslRlVecEnvWrapper(envs), trust=trust)

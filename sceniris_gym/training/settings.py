@@ -1,8 +1,7 @@
 """The options of a run, and the PPO settings of each shipped task."""
 
-from ast import literal_eval
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -10,7 +9,8 @@ import tyro
 from pydantic import ConfigDict, Field, NonNegativeFloat, PositiveFloat, PositiveInt, TypeAdapter
 
 from sceniris_gym.config.fields import reading
-from sceniris_gym.errors import ArgumentError
+from sceniris_gym.config.settings import read_changes
+from sceniris_gym.errors import ArgumentError, check_names
 
 
 @dataclass(frozen=True)
@@ -69,24 +69,15 @@ SETTINGS = {
 
 
 def settings_of(task: str, changes: Sequence[str] = ()) -> Settings:
-    """Return the tuned or default settings of a task, with `changes` as name=value.
+    """Return the tuned or default settings of a task, with `changes` as KEY=VALUE, the value in YAML.
 
     Raises:
-        ArgumentError: A name is unknown, or a value is not a Python literal.
-        SceneKeyError: A value has the wrong type, or is out of range.
+        UnknownNameError: A setting is unknown.
+        SceneKeyError: A change has another form, or its value has the wrong type or is out of range.
     """
-    changed: dict[str, Any] = {}
-    names = [field.name for field in fields(Settings)]
-    for change in changes:
-        name, _, text = change.partition("=")
-        try:
-            if name not in names:
-                raise ValueError
-            changed[name] = literal_eval(text)
-        except (ValueError, SyntaxError):
-            wanted = f"name=value with a name out of {', '.join(names)}"
-            raise ArgumentError(f"--changes should be {wanted}, got '{change}'.") from None
-    return as_settings(asdict(SETTINGS.get(task, Settings())) | changed, "--changes")
+    tuned, changed = asdict(SETTINGS.get(task, Settings())), read_changes(changes)
+    check_names("setting", changed, "--set", tuned)
+    return as_settings(tuned | changed, "--set")
 
 
 def as_settings(values: Mapping[str, Any], where: str) -> Settings:
@@ -118,7 +109,7 @@ class Options:
         uniform: place uniformly, without checks for collisions and reach
         reachable: keep `reachable` of the scene's objects
         judged: task whose layouts evaluate the policy, by default the trained task
-        changes: settings to change, as name=value
+        changes: change a setting, e.g. gamma=0.99 or hidden=[256, 128]
         layouts: number of layouts in each evaluation
         every: iterations between two lines of the log
         evaluate_every: seconds of training between two evaluations
@@ -139,7 +130,7 @@ class Options:
     uniform: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
     reachable: bool = True
     judged: str | None = None
-    changes: tuple[str, ...] = ()
+    changes: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(name="set", metavar="KEY=VALUE")] = ()
     layouts: Annotated[int, tyro.conf.arg(aliases=["-n"])] = 4096
     every: int = 10
     evaluate_every: float = 60.0

@@ -1,7 +1,7 @@
 """`SimConfig`, `RenderConfig` and `ImageConfig`: groups of settings of an environment, also given as mappings."""
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
 import warp as wp
@@ -129,7 +129,7 @@ def as_image_config(default: ImageConfig | None, given: Any) -> ImageConfig | No
     """
     if given is None or given == {}:
         return default if given is None else None
-    if isinstance(given, Mapping) and not {f.name for f in fields(ImageConfig)} >= set(given):
+    if isinstance(given, Mapping) and "cameras" not in given and all(isinstance(v, Mapping) for v in given.values()):
         given = {"cameras": given}
     config = as_settings(default or ImageConfig(), given, "images")
     if default and not config.cameras:
@@ -149,7 +149,7 @@ def as_shots(images: Any) -> dict[str, tuple[Shot, Looks]]:
     """
     if not isinstance(images, Mapping) or not images or not all(isinstance(v, Mapping) for v in images.values()):
         form = "{'camera': {'size': (width, height), 'data': ('rgb',)}}"
-        raise ArgumentError(f"images should be {form}, or None, got {short(images)}.")
+        raise ArgumentError(f"images: cameras should be {form}, got {short(images)}.")
     return {str(name): _as_shot(settings, f"images[{name!r}]") for name, settings in images.items()}
 
 

@@ -7,6 +7,7 @@ import torch
 import warp as wp
 from torch import Tensor
 
+from sceniris_gym.errors import ArgumentTypeError
 from sceniris_gym.layout.masks import as_count, as_shape
 from sceniris_gym.sim.named_random import draw_named, draw_uniform, task_stream
 from sceniris_gym.sim.versions import sleeps
@@ -194,11 +195,17 @@ class State(Readings):
         draw_uniform(view.seed, view.episode, self._elapsed, number, low, high, wp.from_torch(values))
         return values
 
-    def random(self, name: str, shape: int | Sequence[int] = ()) -> Tensor:
+    def random(self, name: str, shape: int | Sequence[int] = (), *high: float) -> Tensor:
         """Draw uniform numbers in [0, 1) for this episode, shape (num_envs, *shape).
 
-        The numbers depend only on the world's seed and episode, and the name.
+        The numbers depend only on the world's seed and episode, and the name. `uniform` has limits. A third argument is
+        refused.
+
+        Raises:
+            ArgumentTypeError: `name` is not a string, as in the former `random(n, low, high)`.
         """
+        if high or not isinstance(name, str):
+            raise ArgumentTypeError(f"State.random: name should be a string, got {name!r}. Call uniform(n, low, high).")
         view, shape = self._layouts.view, as_shape(shape, "random: shape")
         values = torch.empty(self.num_envs, math.prod(shape), device=self.device)
         draw_named(view.seed, view.episode, self._split, name, wp.from_torch(values))

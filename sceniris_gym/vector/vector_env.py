@@ -340,8 +340,10 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
 
         Args:
             name: One of the environment's `params`, such as "groups.clutter.count".
-            value: A value in the form of the scene file, and within the value there: [1, 3]. Joint positions are in m
-                or rad. Alternatively a value for each world, shape (num_envs, ...).
+            value: Numbers within the value of the scene file: [low, high] for an interval or a count, a number for a
+                clearance, one number for each member for weights. The box of a region is its low corner, then its
+                high corner, also if the scene file has another form. Joint positions are in m or rad. Alternatively a
+                value for each world, shape (num_envs, ...).
             worlds: As in `redraw`.
 
         Raises:

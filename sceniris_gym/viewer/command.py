@@ -62,7 +62,7 @@ def view_env(
     from sceniris_gym.progress import listening
     from sceniris_gym.training.task_scenes import registered_id
     from sceniris_gym.viewer.env_view import EnvView
-    from sceniris_gym.viewer.policies import load_policy
+    from sceniris_gym.viewer.policies import policy_of
 
     start_warp()
     try:
@@ -78,7 +78,7 @@ def view_env(
     kwargs = {"split": shown, "device": device, "overrides": dict(changes), "autoreset_mode": "Disabled"}
     with listening(tell):
         envs: Any = gymnasium.make_vec(spec, num_envs=num, **kwargs).unwrapped
-    plays = None if policy is None else load_policy(policy, envs.device, trust=trust)
+    plays = None if policy is None else policy_of(policy, envs.device, trust=trust)
     said.remove()
     view = EnvView(server, envs, plays, ids)
     while True:

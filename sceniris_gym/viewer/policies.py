@@ -27,8 +27,8 @@ _ALGORITHMS = ("PPO", "A2C", "SAC", "TD3", "DDPG")
 _NORMALIZATIONS = ("normalize.pkl", "vecnormalize.pkl")
 
 
-def load_policy(name: str, device: str = "cpu", *, trust: bool = False) -> Policy:
-    """Load a policy.
+def policy_of(name: str, device: str = "cpu", *, trust: bool = False) -> Policy:
+    """Return a policy by its name.
 
     Args:
         name: The path of a .pt or .zip file, or 'module:function'. A .pt should be a checkpoint of rsl-rl's MLPModel

@@ -11,7 +11,7 @@ import pytest
 
 from sceniris_gym.audit.auditor import Auditor
 from sceniris_gym.audit.reach import ReachAudit
-from sceniris_gym.commands.audit import judge, judge_reach, reach_claims
+from sceniris_gym.commands.audit import judge_reach, judge_rows, make_rows, reach_claims
 from sceniris_gym.geometry.rotations import quaternion
 from sceniris_gym.layout.tables import make_table
 from sceniris_gym.program.compiled import CompiledScene
@@ -48,7 +48,7 @@ def causes(compiled: CompiledScene, table: LayoutTable) -> set[tuple[int, str, s
 def test_what_was_made_is_reached(compiled: CompiledScene, table: LayoutTable):
     """No complaint about fresh layouts, here or in what `audit` answers."""
     assert causes(compiled, table) == set()
-    found = judge(compiled, N, 0, 0, 11)
+    found = judge_rows(compiled, make_rows(compiled, N, 0, 11), settled=0)
     assert (found["reach_claims"], found["unreached"]) == (2 * N, 0)
 
 

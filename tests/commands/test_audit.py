@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from sceniris_gym.audit.auditor import Auditor
-from sceniris_gym.commands.audit import judge, judge_rows, load_rows, make_rows, rejected_candidates, report, save_rows
+from sceniris_gym.commands.audit import judge_rows, load_rows, make_rows, rejected_candidates, report, save_rows
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import SceneFileError, SceneMismatchError, ScenirisError
 from sceniris_gym.layout.compile import compile_scene
-from sceniris_gym.program.compiled import upload_scene
+from sceniris_gym.program.compiled import CompiledScene, upload_scene
 from sceniris_gym.scene.build import build_model
 from tests.layout.scenes import compile_on_cpu, write_mjcf
 from tests.oracle.balance import Balance
@@ -38,6 +38,11 @@ BUSY = {
         "goal": {"kind": "marker", "region": {"box": [[-0.2, -0.2, 0.6], [0.2, 0.2, 0.9]]}},
     },
 }
+
+
+def judged(compiled: CompiledScene, layouts: int, rejected: int, settled: int) -> dict[str, Any]:
+    """Return the findings about the first layouts and rejected candidates."""
+    return judge_rows(compiled, make_rows(compiled, layouts, rejected, seed=3), settled)
 
 
 @pytest.mark.parametrize("geometry", ["physics", "visual"])
@@ -67,7 +72,7 @@ def test_fingers_in_each_other_are_no_false_alarm(tmp_path: Path):
     key = '<keyframe><key name="home" qpos="0.03 0.03"/></keyframe>'
     robot = {"asset": write_mjcf(tmp_path, "prongs", PRONGS, key), "joints": {"*": {"fraction": [0, 1]}}}
     scene = {"floor": {"size": [2.0, 2.0]}, "robot": robot, "objects": {"can": {"asset": "can", "on": "floor"}}}
-    found = judge(compile_on_cpu(scene), layouts=60, rejected=60, settled=0, seed=3)
+    found = judged(compile_on_cpu(scene), 60, 60, 0)
     assert found["rejected"] == 60
     assert (found["false_alarms"], found["missed_collisions"]) == (0, 0), found
 
@@ -80,7 +85,7 @@ def test_a_drawn_robot_stands_on_what_is_lowest_of_it(tmp_path: Path):
     )
     robot = {"asset": write_mjcf(tmp_path, "footed", foot + arm), "on": "floor"}
     scene = {"floor": {"size": [2.0, 2.0]}, "robot": robot, "objects": {"can": {"asset": "can", "on": "floor"}}}
-    found = judge(compile_on_cpu(scene), layouts=20, rejected=0, settled=0, seed=3)
+    found = judged(compile_on_cpu(scene), 20, 0, 0)
     assert (found["misplaced"], found["missed_collisions"]) == (0, 0), found
 
 
@@ -92,7 +97,7 @@ def test_doors_deeper_than_at_home_are_no_false_alarm(tmp_path: Path):
       <body name="right" pos="0.2 0 0.31">{leaf.format("right", -0.1)}</body>"""
     thing = {"asset": write_mjcf(tmp_path, "doors", doors), "kind": "static", "joints": {"*": {"range": [-0.3, 0.3]}}}
     scene = {"floor": {"size": [2.0, 2.0]}, "objects": {"doors": thing, "can": {"asset": "can", "on": "floor"}}}
-    found = judge(compile_on_cpu(scene), layouts=60, rejected=60, settled=0, seed=3)
+    found = judged(compile_on_cpu(scene), 60, 60, 0)
     assert found["rejected"] == 60
     assert (found["false_alarms"], found["missed_collisions"]) == (0, 0), found
     assert "they touch at home; 0.002 m deep there" in found["allowed_contacts"]["doors/left doors/right"]
@@ -116,7 +121,7 @@ def test_an_arm_is_held_while_objects_settle(tmp_path: Path, actuator: str):
     objects = {"orange": {"asset": "orange", "on": "floor", "region": region, "ratio_on_support": 1.0}}
     robot = {"asset": write_mjcf(tmp_path, "limp", LIMP, rest)}
     scene = {"floor": {"size": [2.0, 2.0]}, "robot": robot, "objects": objects}
-    found = judge(compile_on_cpu(scene), layouts=30, rejected=0, settled=30, seed=3)
+    found = judged(compile_on_cpu(scene), 30, 0, 30)
     assert found["moved"] == {"orange": 0}
     assert found["frozen_joints"] == (["limp/shoulder"] if actuator == "motor" else [])
 
@@ -133,7 +138,7 @@ def test_links_that_overlap_at_home_are_listed_and_no_penetration(tmp_path: Path
         "robot": {"asset": write_mjcf(tmp_path, "odd", body, key)},
         "objects": objects,
     }
-    found = judge(compile_on_cpu(scene), layouts=30, rejected=0, settled=0, seed=3)
+    found = judged(compile_on_cpu(scene), 30, 0, 0)
     assert found["missed_collisions"] == 0
     assert found["deepest_penetration_m"] <= 1e-5
     assert found["allowed_contacts"]
@@ -144,7 +149,7 @@ def test_a_scene_that_rejects_nothing_gives_no_candidates():
     compiled = compile_scene(
         {"floor": {"size": [1.0, 1.0]}, "objects": {"can": {"asset": "can", "on": "floor"}}}, "cpu"
     )
-    rows, names = rejected_candidates(compiled, 5, 0)
+    rows, names = rejected_candidates(compiled, 5, 0, "train")
     assert len(rows) == 0
     assert names == []
 
@@ -204,7 +209,7 @@ def test_unstable_layouts_are_reported_apart(tmp_path: Path, monkeypatch: pytest
     compiled = compile_on_cpu({"floor": {"size": [2.0, 2.0]}, "objects": objects})
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
-    found = judge(compiled, layouts=10, rejected=0, settled=6, seed=3)
+    found = judged(compiled, 10, 0, 6)
     assert (found["settled"], found["unstable"], found["moved"], found["fast"]) == (6, 6, {"can": 0}, {"can": 0})
     assert list(found["unstable_by"]) == ["BADQACC"]
     assert "6 layouts, the first: Nan, Inf or huge value in QACC" in found["unstable_by"]["BADQACC"]

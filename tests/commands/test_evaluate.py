@@ -29,7 +29,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
         patch.chdir(folder)
         patch.setenv("SCENIRIS_GYM_CACHE", str(folder / "cache"))
         task = write_task(folder, "own_task_to_evaluate")
-        small = {"num_envs": 2, "layouts": 3, "every": 1, "million_steps": 1e-6, "changes": ("hidden=(8,)", "steps=4")}
+        small = {"num_envs": 2, "layouts": 3, "every": 1, "million_steps": 1e-6, "changes": ("hidden=[8]", "steps=4")}
         train(Options(task, device="cpu", out=folder / "run", **small), quiet=True)
     return folder / "run"
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
+from unittest.mock import MagicMock
 
 import pytest
 
-from sceniris_gym.commands.generate import generate
-from sceniris_gym.dataset import manifest
+from sceniris_gym.commands.generate import generate, verify
+from sceniris_gym.dataset import manifest, reader
 from sceniris_gym.dataset.shard import Shard
 from sceniris_gym.layout.tables import make_table
 from tests.layout.scenes import compile_on_cpu
@@ -16,7 +17,6 @@ from tests.layout.scenes import compile_on_cpu
 def test_figures_are_those_of_all_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """Shares of valid rows, the first id, and how many parts are left for the others."""
     monkeypatch.setattr(manifest, "PART_ROWS", 8)
-    monkeypatch.setattr("sceniris_gym.dataset.writer.PART_ROWS", 8)
     compiled = compile_on_cpu("clutter")
     found = generate(compiled, 20, tmp_path, seed=5, shard=Shard(3, 4))
     assert (found["missing_parts"], found["valid"], found["first_pass_valid"]) == (3, None, None)
@@ -30,3 +30,12 @@ def test_figures_are_those_of_all_rows(tmp_path: Path, monkeypatch: pytest.Monke
     assert found["first_pass_valid"] == table.first_pass_valid.mean()
     assert found["first_id"] == compiled.layout_id(5, 0)
     assert (found["layouts"], found["parts"], found["folder"]) == (20, 3, str(tmp_path))
+
+
+def test_a_data_set_is_read_once_to_be_verified(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Its manifest, for the verdict and for the checksums."""
+    generate(compile_on_cpu("clutter"), 4, tmp_path)
+    read = MagicMock(side_effect=manifest.read_manifest)
+    monkeypatch.setattr(reader, "read_manifest", read)
+    assert verify(tmp_path)["ok"]
+    assert read.call_count == 1

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from sceniris_gym.commands.options import check_counts, check_seed, read_changes, scene_config
+from sceniris_gym.commands.options import check_counts, check_seed, scene_config
+from sceniris_gym.config.settings import read_changes
 from sceniris_gym.errors import ArgumentError, SceneKeyError
 
 

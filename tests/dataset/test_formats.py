@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from sceniris_gym.dataset import manifest, writer
+from sceniris_gym.dataset import manifest
 from sceniris_gym.dataset.formats import check_formats, parse_formats
 from sceniris_gym.dataset.manifest import DatasetPlan
 from sceniris_gym.dataset.reader import LayoutDataset, verify
@@ -27,7 +27,6 @@ ALL = ("json", "npz", "usd")
 def small_parts(monkeypatch: pytest.MonkeyPatch) -> None:
     """Parts of a few rows."""
     monkeypatch.setattr(manifest, "PART_ROWS", 16)
-    monkeypatch.setattr(writer, "PART_ROWS", 16)
 
 
 def write(

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import torch
 
-from sceniris_gym.dataset import manifest, reader, writer
+from sceniris_gym.dataset import manifest, reader
 from sceniris_gym.dataset.manifest import DatasetPlan
 from sceniris_gym.dataset.reader import LayoutDataset, verify
 from sceniris_gym.dataset.shard import Shard
@@ -38,7 +38,6 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
     compiled = compile_on_cpu("mid")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(manifest, "PART_ROWS", 16)
-        patch.setattr(writer, "PART_ROWS", 16)
         DatasetWriter(compiled, DatasetPlan.of(compiled, N, SEED, "train"), folder, Shard()).write(chunk=64)
     return folder
 

@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from sceniris_gym.dataset import manifest, writer
+from sceniris_gym.dataset import manifest
 from sceniris_gym.dataset.manifest import DatasetPlan
 from sceniris_gym.dataset.shard import Shard
 from sceniris_gym.dataset.writer import DatasetWriter
@@ -31,7 +31,6 @@ ROWS = 16
 def small_parts(monkeypatch: pytest.MonkeyPatch) -> None:
     """Parts of a few rows."""
     monkeypatch.setattr(manifest, "PART_ROWS", ROWS)
-    monkeypatch.setattr(writer, "PART_ROWS", ROWS)
 
 
 def write(folder: Path, n: int = 40, shard: Shard | None = None, **options) -> DatasetWriter:

@@ -38,8 +38,9 @@ def test_it_resets_and_steps_and_rewards_nothing():
 def test_it_has_the_most_furniture():
     """More objects that others stand on than in the scene of any other task."""
     sizes = {}
-    for env_id, arguments in ENVS.items():
-        module, _, name = arguments["kwargs"]["task"].partition(":")
-        objects = SceneConfig.load(getattr(importlib.import_module(module), name).scene).objects
+    for env_id, (task, _) in ENVS.items():
+        module, _, name = task.partition(":")
+        kind = getattr(importlib.import_module(f"sceniris_gym.envs.{module}"), name)
+        objects = SceneConfig.load(kind.scene).objects
         sizes[env_id] = len({str(part.on).partition("/")[0] for part in objects.values()} & set(objects))
     assert max(sizes, key=lambda env_id: sizes[env_id]) == ENV_ID

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from sceniris_gym.errors import ArgumentError, SceneMismatchError
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, SceneMismatchError
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.program.compiled import CompiledScene
 from tests.layout.scenes import compile_on_cpu
@@ -82,6 +82,12 @@ def test_seeds_in_a_tensor_are_in_twos_complement(empty: CompiledScene):
         ({"layouts": {"seed": 0.5, "episode": 0}}, ArgumentError, r"layouts\['seed'\] should be an integer"),
         ({"layouts": {"seed": [0, 1], "episode": [0] * 4}}, ArgumentError, r"layouts\['seed'\] should be an integer"),
         ({"layouts": {"seed": 0, "episode": -1}}, ArgumentError, r"layouts\['episode'\] should be from 0 to 2\^31 - 2"),
+        (
+            {"layouts": [{"seed": 0, "episode": 0}] * 2},
+            ArgumentTypeError,
+            "a layout id, a sequence of them, or a mapping",
+        ),
+        ({"layouts": [(0, 0), (1, 0)]}, ArgumentTypeError, "a layout id, a sequence of them, or a mapping"),
         ({"layouts": 3}, ArgumentError, "a layout id, a sequence of them, or a mapping"),
         ({"layouts": "a:train:0:0"}, SceneMismatchError, "is of scene"),
         ({"layouts": ["nonsense", None]}, ArgumentError, "should be scenehash:split:seed:episode"),

@@ -141,8 +141,10 @@ def test_scores_can_be_given(make_env):  # noqa: F811
             envs.randomizer.levels.update(ONE | {"params": params}, [0.5])
         with pytest.raises(ScenirisError, match="params"):
             envs.reset(options={"params": params})
-    with pytest.raises(ArgumentTypeError, match="curriculum should be a LevelReplay"):
+    with pytest.raises(ArgumentTypeError, match=r"^SceneVectorEnv: curriculum should be a LevelReplay, an ADR"):
         make_env(2, curriculum="learnability")
+    with pytest.raises(ArgumentError, match=r"^SceneVectorEnv: unknown split 'test'\. Valid: train, eval"):
+        make_env(2, split="test")
 
 
 def test_many_levels_are_inserted_at_once(make_env):  # noqa: F811

@@ -19,7 +19,7 @@ def reach_scene(*, reachable: bool = True) -> CompiledScene:
 
 SMALL = (
     *("--num-envs", "2", "--layouts", "3", "--device", "cpu"),
-    *("--every", "1", "--million-steps", "0.00001", "--changes", "hidden=(8,)", "steps=4"),
+    *("--every", "1", "--million-steps", "0.00001", "--set", "hidden=[8]", "--set", "steps=4"),
 )
 """Options of a training of two iterations."""
 

@@ -23,7 +23,7 @@ def test_a_policy_acts_and_is_exported(tmp_path: Path, monkeypatch: pytest.Monke
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("SCENIRIS_GYM_CACHE", str(tmp_path / "cache"))
     task = write_task(tmp_path, "own_task_to_load")
-    small = {"num_envs": 2, "layouts": 3, "every": 1, "million_steps": 1e-6, "changes": ("hidden=(8,)", "steps=4")}
+    small = {"num_envs": 2, "layouts": 3, "every": 1, "million_steps": 1e-6, "changes": ("hidden=[8]", "steps=4")}
     train(Options(task, device="cpu", out=tmp_path / "run", **small), quiet=True)
     policy = load_policy(tmp_path / "run", "cpu")
     envs = gymnasium.make_vec(task, num_envs=3, device="cpu", max_episode_steps=3)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from sceniris_gym.errors import ArgumentError, SceneKeyError
+from sceniris_gym.errors import ArgumentError, SceneKeyError, UnknownNameError
 from sceniris_gym.training.settings import Options, Settings, settings_of
 
 
@@ -19,20 +19,21 @@ def test_the_entropy_bonus_falls_with_the_steps():
 
 def test_settings_to_try_are_named():
     """A setting that there is gets the value; others are refused."""
-    changed = settings_of("TabletopReach-v0", ("gamma=0.5", "hidden=(8, 8)"))
+    changed = settings_of("TabletopReach-v0", ("gamma=0.5", "hidden=[8, 8]"))
     assert (changed.gamma, changed.hidden) == (0.5, (8, 8))
-    for wrong in ("gama=0.5", "gamma"):
-        with pytest.raises(ArgumentError, match="name=value with a name out of hidden, gamma"):
-            settings_of("TabletopReach-v0", (wrong,))
-    for wrong in ("gamma=2", "steps=-1", "hidden='x'", "init_std=None"):
-        with pytest.raises(SceneKeyError, match=f"--changes: {wrong.partition('=')[0]}: "):
+    with pytest.raises(UnknownNameError, match=r"--set: unknown setting 'gama'\. Did you mean 'gamma'"):
+        settings_of("TabletopReach-v0", ("gama=0.5",))
+    with pytest.raises(SceneKeyError, match="--set gamma: should be KEY=VALUE"):
+        settings_of("TabletopReach-v0", ("gamma",))
+    for wrong in ("gamma=2", "steps=-1", "hidden='x'", "init_std=null"):
+        with pytest.raises(SceneKeyError, match=f"--set: {wrong.partition('=')[0]}: "):
             settings_of("TabletopReach-v0", (wrong,))
 
 
 def test_a_task_without_settings_of_its_own_has_the_defaults():
     """Those that were not tuned for any task, with the changes that are asked for."""
     assert settings_of("KitchenReset-v0") == Settings()
-    assert settings_of("module:Own-v0", ("last_entropy=None", "gamma=0.9")) == Settings(gamma=0.9)
+    assert settings_of("module:Own-v0", ("last_entropy=null", "gamma=0.9")) == Settings(gamma=0.9)
 
 
 @pytest.mark.parametrize("options", [{"minutes": 0.0}, {"minutes": float("nan")}, {"million_steps": -1.0}])

@@ -31,7 +31,7 @@ def begun(tmp_path_factory: pytest.TempPathFactory) -> Iterator[train.Run]:
         patch.setattr(train, "make_env", partial(task_scenes.make_env, max_episode_steps=2))
         patch.setattr(train, "judges_of", lambda *_: {})
         patch.setattr(train, "compile_scene", lambda *_: reach_scene())
-        small: dict[str, Any] = {"num_envs": 2, "device": "cpu", "changes": ("steps=4", "hidden=(8,)", "epochs=1")}
+        small: dict[str, Any] = {"num_envs": 2, "device": "cpu", "changes": ("steps=4", "hidden=[8]", "epochs=1")}
         run = train.Run(Options("TabletopReach-v0", out=tmp_path_factory.mktemp("begun"), **small))
         run.log.write_text("")
         run._save()
@@ -100,7 +100,7 @@ def test_a_policy_that_sees_images_imitates_a_teacher_that_sees_none(tmp_path: P
     monkeypatch.setattr(train, "judges_of", lambda *_: {})
     compiled = reach_scene()
     monkeypatch.setattr(train, "compile_scene", lambda *_: compiled)
-    small = ("steps=2", "hidden=(8,)", "epochs=1", "teacher=0.001")
+    small = ("steps=2", "hidden=[8]", "epochs=1", "teacher=0.001")
     common: dict[str, Any] = {"num_envs": 2, "out": tmp_path, "every": 1, "device": "cpu", "changes": small}
     run = train.Run(Options("TabletopReachPixels-v0", **common, million_steps=4e-6))
     assert run.env.get_observations()["front"].shape == (2, 4, 64, 64)
@@ -132,7 +132,7 @@ def test_levels_go_on_with_a_training(tmp_path: Path, monkeypatch: pytest.Monkey
     compiled = reach_scene()
     monkeypatch.setattr(train, "compile_scene", lambda *_: compiled)
     common: dict[str, Any] = {"num_envs": 3, "out": tmp_path, "every": 1, "device": "cpu", "curriculum": "failure"}
-    options = Options("TabletopReach-v0", **common, changes=("steps=4", "hidden=(8,)", "epochs=1"), million_steps=48e-6)
+    options = Options("TabletopReach-v0", **common, changes=("steps=4", "hidden=[8]", "epochs=1"), million_steps=48e-6)
     run = train.Run(options)
     monkeypatch.setattr(run, "_judge", lambda: None)
     monkeypatch.setattr(train, "evaluations", lambda _: [{}])

@@ -215,7 +215,10 @@ def test_returned_images_are_not_written_to_again(make_env):
     ("images", "more", "error", "message"),
     [
         (["overview"], {}, ArgumentTypeError, r"images should be an ImageConfig"),
-        ({"every": 2}, {}, ArgumentError, r"images should be \{'camera'"),
+        ({"every": 2}, {}, ArgumentError, r"images: cameras should be \{'camera'.*got \{\}"),
+        ({"evry": 2}, {}, UnknownNameError, r"images: unknown field 'evry'\. Did you mean 'every'"),
+        ({"overview": {"size": (8, 8)}, "every": 2}, {}, UnknownNameError, r"images: unknown field 'overview'"),
+        ({"cameras": {"overview": 3}}, {}, ArgumentError, r"images: cameras should be .*got \{'overview': 3\}"),
         ({"overview": {}}, {}, ArgumentError, r"images\['overview'\] should have a 'size'"),
         ({"overview": {"size": 84}}, {}, ArgumentError, r"images\['overview'\]\['size'\] should be \(width, height\)"),
         ({"overview": {"size": (0, 8)}}, {}, ArgumentError, r"images\['overview'\]\['size'\]\[0\]"),

@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from sceniris_gym.errors import ArgumentError
-from sceniris_gym.viewer.policies import load_policy
+from sceniris_gym.viewer.policies import policy_of
 
 
 def zeros(observation: dict[str, torch.Tensor]) -> torch.Tensor:
@@ -34,7 +34,7 @@ def test_a_checkpoint_of_rsl_rl_acts_as_its_own_model_does(tmp_path: Path):
         model.eval()
         path = tmp_path / f"model_{normalized}.pt"
         torch.save({"actor_state_dict": model.state_dict()}, path)
-        policy = load_policy(str(path))
+        policy = policy_of(str(path))
         assert policy(observation) == pytest.approx(model(seen).detach(), abs=1e-6)
         with pytest.raises(ArgumentError, match="takes 6 observations, but this task has 5"):
             policy({"policy": torch.zeros(1, 5)})
@@ -46,7 +46,7 @@ def test_a_model_of_stable_baselines_acts_as_it_does(tmp_path: Path):
     model = library.PPO("MlpPolicy", "Pendulum-v1", n_steps=8, batch_size=8, device="cpu")
     model.save(tmp_path / "model.zip")
     observation = torch.randn(4, 3)
-    actions = load_policy(str(tmp_path / "model.zip"), trust=True)({"policy": observation})
+    actions = policy_of(str(tmp_path / "model.zip"), trust=True)({"policy": observation})
     assert actions == pytest.approx(model.predict(observation.numpy(), deterministic=True)[0])
 
 
@@ -60,19 +60,19 @@ def test_a_model_sees_observations_as_in_its_training(tmp_path: Path, capsys: py
     model.save(tmp_path / "model.zip")
     envs.save(str(tmp_path / "normalize.pkl"))
     observation = 5.0 + torch.randn(4, 3)
-    actions = load_policy(str(tmp_path / "model.zip"), trust=True)({"policy": observation})
+    actions = policy_of(str(tmp_path / "model.zip"), trust=True)({"policy": observation})
     expected = model.predict(envs.normalize_obs(observation.numpy()), deterministic=True)[0]
     assert actions == pytest.approx(expected)
     assert actions != pytest.approx(model.predict(observation.numpy(), deterministic=True)[0])
     assert "normalize.pkl" in capsys.readouterr().err
     (tmp_path / "normalize.pkl").write_bytes(b"nothing")
     with pytest.raises(ArgumentError, match=r"normalize.pkl: should be a saved VecNormalize"):
-        load_policy(str(tmp_path / "model.zip"), trust=True)
+        policy_of(str(tmp_path / "model.zip"), trust=True)
 
 
 def test_a_function_is_a_policy():
     """By the name of its module."""
-    policy = load_policy("tests.viewer.test_policies:zeros")
+    policy = policy_of("tests.viewer.test_policies:zeros")
     assert policy({"policy": torch.ones(3, 4)}).shape == (3, 2)
 
 
@@ -89,7 +89,7 @@ def test_a_function_is_a_policy():
 def test_what_is_no_policy_is_refused(name: str, words: str):
     """And it is said what would be one."""
     with pytest.raises(ArgumentError, match=words):
-        load_policy(name)
+        policy_of(name)
 
 
 def test_files_of_something_else_are_refused(tmp_path: Path):
@@ -107,14 +107,14 @@ def test_files_of_something_else_are_refused(tmp_path: Path):
         ("pipe.pt", "a pipe or a device"),
     ):
         with pytest.raises(ArgumentError, match=words):
-            load_policy(str(tmp_path / name), trust=True)
+            policy_of(str(tmp_path / name), trust=True)
 
 
 def test_a_pickle_is_not_read_unless_it_is_trusted(tmp_path: Path):
     """A model of Stable-Baselines3 is refused before it is opened, with the way out."""
     (tmp_path / "model.zip").touch()
     with pytest.raises(ArgumentError, match=r"model\.zip: .*executes its code.*--trust"):
-        load_policy(str(tmp_path / "model.zip"))
+        policy_of(str(tmp_path / "model.zip"))
 
 
 def test_a_checkpoint_with_other_parts_is_refused(tmp_path: Path):
@@ -123,7 +123,7 @@ def test_a_checkpoint_with_other_parts_is_refused(tmp_path: Path):
     for i, actor in enumerate(([1], {"mlp.0.weight": torch.zeros(3)}, {5: 5}, {"mlp.9.weight": torch.zeros(2, 3)})):
         torch.save({"actor_state_dict": actor}, tmp_path / f"{i}.pt")
         with pytest.raises(ArgumentError, match=rf"{i}\.pt: should be a file of"):
-            load_policy(str(tmp_path / f"{i}.pt"))
+            policy_of(str(tmp_path / f"{i}.pt"))
 
 
 def test_a_function_of_a_file_beside_the_user(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -132,4 +132,4 @@ def test_a_function_of_a_file_beside_the_user(tmp_path: Path, monkeypatch: pytes
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [path for path in sys.path if path not in ("", str(tmp_path))])
     observation = {"policy": torch.ones(2, 3)}
-    assert load_policy("policy_beside:act")(observation) is observation["policy"]
+    assert policy_of("policy_beside:act")(observation) is observation["policy"]

@@ -9,6 +9,7 @@ from sceniris_gym.adapters.mjlab.terms import (
     layouts_term,
     scene_param_stages,
 )
+from sceniris_gym.errors import refuses_old_imports
 
 __all__ = [
     "KeepLayouts",
@@ -20,3 +21,4 @@ __all__ = [
     "layouts_term",
     "scene_param_stages",
 ]
+__getattr__ = refuses_old_imports(__name__)

@@ -13,7 +13,8 @@ from torch import Tensor
 
 from sceniris_gym.adapters.mjlab.variants import VariantRows, model_of_variants
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import ArgumentError, NotSupportedError, SceneKeyError, import_extra
+from sceniris_gym.device.fixed import RefusesOldNames
+from sceniris_gym.errors import ArgumentError, NotSupportedError, SceneKeyError, import_extra, refuses_old_names
 from sceniris_gym.layout.chosen import ChosenLayouts
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.layouts import Layouts, LayoutStatus
@@ -39,7 +40,7 @@ _CURE = (
 )
 
 
-class PlaceLayouts(ManagerTermBase):
+class PlaceLayouts(ManagerTermBase, RefusesOldNames):
     """Gives every environment that is reset a fresh layout at its origin, through the entities' write functions.
 
     The scene of `PlaceLayoutsCfg` is compiled on mjlab's model. At a reset, free entities get a pose at rest, entities
@@ -206,6 +207,9 @@ class PlaceLayoutsCfg(EventTermCfg):
     split: str = "train"
     scene_params: Sequence[str] = ()
     prefetch: bool | None = None
+
+
+PlaceLayoutsCfg.__init__ = refuses_old_names(PlaceLayoutsCfg.__init__)
 
 
 def scene_param_stages(env: Any, env_ids: Tensor | slice, param_stages: Sequence[Mapping[str, Any]]) -> None:
