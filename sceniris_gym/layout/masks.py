@@ -42,8 +42,7 @@ def check_mask(mask: Any, nworld: int, name: str = "mask") -> None:
     if not is_mask(mask):
         raise ArgumentTypeError(f"{name} should hold booleans, got {mask.dtype}. Pass a comparison such as `x > 0`.")
     _check_dense(mask, name)
-    if tuple(mask.shape) != (nworld,):
-        raise ArgumentError(f"{name} should have shape ({nworld},), one element per world, got {tuple(mask.shape)}.")
+    _check_length(mask, nworld, name)
 
 
 def as_rows(rows: Any, nrow: int, nworld: int, device: Any) -> wp.array:
@@ -85,10 +84,11 @@ def as_worlds(worlds: Any, nworld: int, device: Any, mask_out: wp.array | None =
         return None
     if isinstance(worlds, wp.array) and worlds.dtype is wp.bool and worlds.shape == (nworld,):
         return _to_device(worlds, wp.bool, device)  # the usual mask of a loop: the tests below take 2 us
-    worlds = _booleans_or_ids(worlds, nworld)
+    worlds = _chosen(worlds, nworld)
     if is_mask(worlds):
-        check_mask(worlds, nworld, "worlds")
+        _check_length(worlds, nworld, "worlds")
         return _to_device(worlds, wp.bool, device)
+    _check_ids(worlds)
     _refuse_integer_mask(worlds, nworld)
     mask = wp.zeros(nworld, dtype=wp.bool, device=device) if mask_out is None else mask_out
     mask_of_ids(_upload_numbers(worlds, "worlds", 0, nworld, "", device), mask)
@@ -103,9 +103,10 @@ def as_world_ids(worlds: Any, nworld: int) -> np.ndarray:
     """
     if worlds is None:
         return np.arange(nworld)
-    worlds = _booleans_or_ids(worlds, nworld)
+    worlds = _chosen(worlds, nworld)
     if is_mask(worlds):
         return np.flatnonzero(as_host_mask(worlds, nworld, "worlds"))
+    _check_ids(worlds)
     found = as_numbers(worlds)
     as_worlds(found, nworld, "cpu")
     return found
@@ -177,21 +178,22 @@ def mask_of_ids(ids: wp.array, mask_out: wp.array) -> None:
     wp.launch(_mask_of_ids, dim=ids.shape[0], inputs=[ids], outputs=[mask_out], device=mask_out.device)
 
 
-def _booleans_or_ids(worlds: Any, nworld: int) -> Any:
-    """Return worlds as an array of booleans or of ids, from numpy, torch or Warp."""
-    if isinstance(worlds, slice):
-        try:
-            return np.arange(nworld)[worlds]
-        except (TypeError, ValueError) as error:  # not integers, or a step of 0
-            raise ArgumentError(f"worlds should be a slice of integers, got {worlds}: {error}.") from None
-    worlds = _as_array(worlds, "worlds")
-    if not is_mask(worlds):
-        _check_integers(worlds, "worlds", "booleans or ids")
-        if len(worlds.shape) == 0:
-            raise ArgumentError(f"worlds should be booleans, ids or a slice, got {worlds}. One world is [{worlds}].")
-        if len(worlds.shape) != 1:
-            raise ArgumentError(f"worlds should have shape (k,), the ids of worlds, got {tuple(worlds.shape)}.")
-    return worlds
+def _chosen(worlds: Any, nworld: int) -> Any:
+    """Return worlds as an array of numpy, torch or Warp, with unchecked values."""
+    if not isinstance(worlds, slice):
+        return _as_array(worlds, "worlds")
+    try:
+        return np.arange(nworld)[worlds]
+    except (TypeError, ValueError) as error:  # not integers, or a step of 0
+        raise ArgumentError(f"worlds should be a slice of integers, got {worlds}: {error}.") from None
+
+
+def _check_ids(worlds: Any) -> None:
+    _check_integers(worlds, "worlds", "booleans or ids")
+    if len(worlds.shape) == 0:
+        raise ArgumentError(f"worlds should be booleans, ids or a slice, got {worlds}. One world is [{worlds}].")
+    if len(worlds.shape) != 1:
+        raise ArgumentError(f"worlds should have shape (k,), the ids of worlds, got {tuple(worlds.shape)}.")
 
 
 def _refuse_integer_mask(ids: Any, nworld: int) -> None:
@@ -247,6 +249,11 @@ def _is_known(values: Any) -> bool:
     """Return whether an array can be read at once: it is on the host, and outside of a capture."""
     device = None if _kind(values) == "numpy" else wp.get_device(str(values.device))
     return device is None or not (device.is_cuda or device.is_capturing)
+
+
+def _check_length(mask: Any, nworld: int, name: str) -> None:
+    if tuple(mask.shape) != (nworld,):
+        raise ArgumentError(f"{name} should have shape ({nworld},), one element per world, got {tuple(mask.shape)}.")
 
 
 def _check_dense(array: Any, name: str) -> None:
