@@ -23,7 +23,7 @@ from sceniris_gym.adapters.rsl_rl import RslRlVecEnvWrapper
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.files import replacing
 from sceniris_gym.layout.layouts import LayoutStatus
-from sceniris_gym.registration import ENTRY_POINTS, ENVS
+from sceniris_gym.registration import ENTRY_POINTS
 from sceniris_gym.training.judging import EVAL_SEED, judge
 from sceniris_gym.training.settings import Options as Training
 from sceniris_gym.training.settings import settings_of
@@ -118,8 +118,9 @@ def main(options: Options) -> None:
 
 
 for number, thing in enumerate(ALONE):
-    known = ENVS[f"sceniris_gym/{TASK}"]
-    words = {**known, "kwargs": {**known["kwargs"], "scene": "tabletop_lift_any", "overrides": alone(thing)}}
+    known = gymnasium.spec(f"sceniris_gym/{TASK}")
+    kwargs = {**known.kwargs, "scene": "tabletop_lift_any", "overrides": alone(thing)}
+    words = {"max_episode_steps": known.max_episode_steps, "kwargs": kwargs}
     if f"LiftOne{number}-v0" not in gymnasium.registry:
         gymnasium.register(id=f"LiftOne{number}-v0", **ENTRY_POINTS, **words)
 

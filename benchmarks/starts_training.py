@@ -19,7 +19,7 @@ from typing import Any
 import gymnasium
 
 from sceniris_gym.files import as_json, replacing
-from sceniris_gym.registration import ENTRY_POINTS, ENVS
+from sceniris_gym.registration import ENTRY_POINTS
 from sceniris_gym.training.records import evaluations
 from sceniris_gym.training.settings import Options
 from sceniris_gym.training.train import Run
@@ -44,10 +44,10 @@ MIXED = [
 CHANGES = ("gamma=0.985", "entropy=0.005", "steps=32")
 """The settings of DrawerPick-v0, fixed before the first run."""
 
-_words = ENVS[f"sceniris_gym/{TASK}"]
+_known = gymnasium.spec(f"sceniris_gym/{TASK}")
 if STARTS not in gymnasium.registry:
-    kwargs = {**_words["kwargs"], "overrides": {"start": MIXED}}
-    gymnasium.register(id=STARTS, **ENTRY_POINTS, **{**_words, "kwargs": kwargs})
+    kwargs = {**_known.kwargs, "overrides": {"start": MIXED}}
+    gymnasium.register(id=STARTS, **ENTRY_POINTS, max_episode_steps=_known.max_episode_steps, kwargs=kwargs)
 
 
 def train(task: str, seed: int, words: argparse.Namespace, minutes: float) -> None:
