@@ -47,14 +47,6 @@ def gap_at_faces(ha: wp.vec3, hb: wp.vec3, t: wp.vec3, f: wp.mat33) -> float:
 
 
 @wp.func
-def apart_at_faces(ha: wp.vec3, hb: wp.vec3, t: wp.vec3, r: wp.mat33, f: wp.mat33, margin: float) -> bool:
-    """Test whether the gap along a face normal of either box is above `margin` [m]. `f` is `absolute(r)`."""
-    if gap_at_faces(ha, hb, t, f) > margin:
-        return True
-    return gap_at_faces(hb, ha, wp.transpose(r) * t, wp.transpose(f)) > margin
-
-
-@wp.func
 def gap_across_edges(ha: wp.vec3, hb: wp.vec3, t: wp.vec3, r: wp.mat33, f: wp.mat33, i: int, j: int) -> float:
     """Return the gap [m] along the cross product of edge i of a and edge j of b, times that product's length (<= 1)."""
     i1 = (i + 1) % 3
@@ -92,7 +84,9 @@ def _boxes_apart(ha: wp.vec3, hb: wp.vec3, rel: Pose, margin: float) -> bool:
     t = rel.pos
     r = rel.rot
     f = absolute(r)
-    if apart_at_faces(ha, hb, t, r, f, margin):
+    if gap_at_faces(ha, hb, t, f) > margin:
+        return True
+    if gap_at_faces(hb, ha, wp.transpose(r) * t, wp.transpose(f)) > margin:
         return True
     rounding = _ROUNDING * (wp.length(ha) + wp.length(hb) + wp.length(t))
     for i in range(3):
@@ -146,7 +140,9 @@ def boxes_within(ca: wp.vec3, ha: wp.vec3, cb: wp.vec3, hb: wp.vec3, rel: Pose, 
     r = rel.rot
     f = absolute(r)
     deep = _OVERLAP * (wp.length(ha) + wp.length(hb))
-    if apart_at_faces(ha, hb, t, r, f, -deep):
+    if gap_at_faces(ha, hb, t, f) > -deep:
+        return False
+    if gap_at_faces(hb, ha, wp.transpose(r) * t, wp.transpose(f)) > -deep:
         return False
     for i in range(3):
         for j in range(3):

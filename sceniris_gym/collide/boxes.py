@@ -9,7 +9,7 @@ from typing import Any
 
 import warp as wp
 
-from sceniris_gym.collide.box_pairs import absolute, apart_at_faces, gap_across_edges
+from sceniris_gym.collide.box_pairs import absolute, gap_across_edges, gap_at_faces
 from sceniris_gym.collide.leaves import PairPoses, inner_boxes_touch, leaves_touch, margin_of, over_plane, pair_poses
 from sceniris_gym.device.blocks import block_any
 from sceniris_gym.device.transforms import Pose, apply
@@ -39,7 +39,10 @@ def boxes_separated(ca: wp.vec3, ha: wp.vec3, cb: wp.vec3, hb: wp.vec3, rel: Pos
     t = apply(rel, cb) - ca
     r = rel.rot
     f = absolute(r)
-    if apart_at_faces(ha, hb, t, r, f, margin):
+    # written out: a function for both boxes makes layouts of `clutter` 1% slower
+    if gap_at_faces(ha, hb, t, f) > margin:
+        return True
+    if gap_at_faces(hb, ha, wp.transpose(r) * t, wp.transpose(f)) > margin:
         return True
     for i in range(3):
         for j in range(3):

@@ -55,8 +55,9 @@ def _made(compiled: CompiledScene, nworld: int = NWORLD, **words: Any) -> ResetR
 
 
 def _step(randomizer: ResetRandomizer, steps: int = 3) -> None:
-    for _ in range(steps):
-        mjw.step(randomizer.model, randomizer.data)
+    with wp.ScopedDevice(randomizer.device):  # steps allocate on the present device
+        for _ in range(steps):
+            mjw.step(randomizer.model, randomizer.data)
 
 
 def _state(randomizer: ResetRandomizer) -> dict[str, np.ndarray]:

@@ -90,7 +90,9 @@ def _is_recorded(layouts: LayoutsView, cause: int) -> bool:
     """Return True if a candidate with this cause is recorded: a collision, or with `record_all` any posed candidate."""
     if layouts.rejected_object.shape[0] == 0 or cause == Cause.NONE:
         return False
-    return cause == Cause.COLLISION or (layouts.record_all != 0 and not _had_no_region(cause))
+    if cause == Cause.COLLISION:
+        return True
+    return layouts.record_all != 0 and not _had_no_region(cause)
 
 
 @wp.func
