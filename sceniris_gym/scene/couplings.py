@@ -70,7 +70,7 @@ def joint_couplings(mjm: mujoco.MjModel, where: str) -> tuple[Coupling, ...]:
 
     Args:
         mjm: The model.
-        where: The beginning of errors.
+        where: The text with which error messages begin.
 
     Raises:
         SceneKeyError: Two equalities determine the same joint, or joints follow each other in a cycle.

@@ -33,7 +33,7 @@ LEFT_OUT_AT_ZERO = (
 )
 """Fields that mujoco_warp leaves out of its steps if all their values in the model are zero."""
 _SELDOM_FULL = ("body_ipos", "body_iquat")
-"""Fields that can break the sparser mass matrix of bodies that MuJoCo marks as simple."""
+"""Fields that may not vary for bodies that MuJoCo marks as simple, because their mass matrix is sparser."""
 
 JOINT_TRANSMISSIONS = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
 _KINDS = {"jnt": "joint", "dof": "joint", "cam": "camera", "mat": "material", "tex": "texture", "eq": "equality"}
@@ -66,7 +66,7 @@ def field_rows(mjm: mujoco.MjModel, bodies: Mapping[str, int], field: str, name:
         bodies: Root bodies of objects and robots by their names.
         field: The field.
         name: The element, object or robot.
-        where: The beginning of errors.
+        where: The text with which error messages begin.
 
     Raises:
         UnknownNameError: The field has no rows for that name.
@@ -120,7 +120,7 @@ def rows_inside(mjm: mujoco.MjModel, field: str, body: int) -> list[int]:
 
 
 def _actuator_body(mjm: mujoco.MjModel, actuator: int) -> int:
-    """Return the body that an actuator moves, for a tendon the first body it moves, -1 if there is no body."""
+    """Return the body that an actuator moves, or -1 if there is none. For a tendon, it is the tendon's first body."""
     kind, target = mjm.actuator_trntype[actuator], mjm.actuator_trnid[actuator, 0]
     if kind == mujoco.mjtTrn.mjTRN_TENDON:
         first = mjm.tendon_adr[target]

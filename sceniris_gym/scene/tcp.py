@@ -30,7 +30,7 @@ def tcp_site(spec: mujoco.MjSpec | None, mjm: mujoco.MjModel, qpos: np.ndarray, 
         mjm: The model compiled from `spec`.
         qpos: The start pose, shape (nq,). The closing axis of the fingers is measured in this pose.
         config: The robot.
-        where: The beginning of errors.
+        where: The text with which error messages begin.
 
     Raises:
         UnknownNameError: The robot has no such site or body.
@@ -64,7 +64,7 @@ def tcp_site(spec: mujoco.MjSpec | None, mjm: mujoco.MjModel, qpos: np.ndarray, 
 
 
 def _found(mjm: mujoco.MjModel, root: int, words: TcpConfig, prefix: str, where: str) -> tuple[int, int | None]:
-    """Return the body, and its site if the scene names a site."""
+    """Return the body that carries the tool centre point, and the site if the scene names a site."""
     inside = subtree(mjm, root)
     sites = {mjm.site(i).name: i for i in range(mjm.nsite) if int(mjm.site_bodyid[i]) in inside}
     bodies = {mjm.body(b).name: b for b in inside}
