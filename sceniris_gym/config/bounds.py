@@ -80,8 +80,8 @@ MAX_POINTS = 4096
 """Maximum number of points of a region `points`. Every draw searches all of them."""
 
 MAX_PIECES = 65536
-"""Maximum number of pieces of a region after cuts by the object's relations, over all combinations. Every draw cuts and
-measures each piece."""
+"""Maximum number of pieces of a region after all relations of the object cut it. Every draw cuts and measures each
+piece."""
 
 MOST_WORLDS = 1 << 24
 """Maximum number of worlds in a batch: far more than fit on a GPU, even for scenes of a few objects."""

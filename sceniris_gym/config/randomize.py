@@ -27,8 +27,7 @@ class Word:
         first: The first drawn component.
         least, most: Bounds of all components, or a tuple with a bound for each component.
         follow: Fields that keep their ratio to the drawn field, as (field, first component, width).
-        shared: If the scene gives a single number, it applies to this many components, None for all. They begin with
-            the first drawn component.
+        shared: If the scene gives a single number, it applies to this many components, from `first` on. None means all.
         form: The only form of draw that the word takes, such as 'choice', None if it takes any form.
         weak: The end of the range with heavier or more slippery objects, softer contacts, or weaker actuators.
         loose: The end of the range at which a joint resists least.

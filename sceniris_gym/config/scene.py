@@ -28,7 +28,7 @@ _WRITTEN = TypeAdapter(dict[str, Any])
 class SceneConfig(SceneWords):
     """A whole, validated scene, made by `SceneConfig.load` from a file, a name or a dict, or directly in Python.
 
-    `model` is the path of an MJCF file, a `mujoco.MjSpec` or a `mujoco.MjModel`, None for a scene of only assets.
+    `model` is the path of an MJCF file, a `mujoco.MjSpec` or a `mujoco.MjModel`. None means that all parts are assets.
 
     Raises:
         SceneKeyError: A key or a value is wrong, or objects are placed relative to each other in a cycle.

@@ -29,7 +29,7 @@ class LayoutDataset(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
 
     Args:
         folder: The folder.
-        columns: The columns of `LayoutTable` to return per layout, None for all stored columns.
+        columns: The columns of `LayoutTable` to return per layout. None returns all stored columns.
 
     Attributes:
         manifest: The contents of `dataset.json`: the scene and its hash, the split, seed, names and columns.

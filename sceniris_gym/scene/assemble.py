@@ -78,10 +78,10 @@ def attach_variants(
     """Attach the variants of an object, as in `attach_object`, and return their start poses.
 
     Without `bodies`, attach only the elements that the bodies refer to, such as meshes. MuJoCo traverses a whole model
-    whenever it attaches another or deletes a body, so groups of variants are first collected in small models.
+    each time it attaches another model or deletes a body. So groups of variants are first collected in small models.
 
     Raises:
-        NotSupportedError: Variants have actuators, tendons or equalities of joints that variants lose.
+        NotSupportedError: Variants have actuators, tendons or equalities that refer to joints which variants lose.
     """
     homes, names = [], list(members)
     for first in range(0, len(names), _AT_ONCE):
@@ -221,14 +221,14 @@ def _rotation(config: RobotConfig) -> np.ndarray:
 def attach(
     spec: mujoco.MjSpec, child: mujoco.MjSpec, name: str, frame: mujoco.MjsFrame, where: str, *, around: bool = False
 ) -> mujoco.MjsBody:
-    """Attach an asset as one body of that name: its only body, or a new body around all of its bodies.
+    """Attach an asset as one body called `name`: the only body of the asset, or a new body around all of its bodies.
 
     Args:
         spec: The scene.
         child: The asset.
         name: The body's name, and the prefix of all names inside.
         frame: The frame of the scene to attach the asset to.
-        where: The text with which error messages begin.
+        where: The text at the beginning of error messages.
         around: Make a new body, even around a single body.
     """
     world = child.worldbody

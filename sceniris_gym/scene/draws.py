@@ -72,7 +72,7 @@ def simple_bodies(config: SceneConfig, mjm: mujoco.MjModel) -> list[str]:
 
 
 def nominal_values(mjm: mujoco.MjModel, field: str) -> np.ndarray:
-    """Return a field of the model, shape (n, width). For geoms, colours include the colours of materials."""
+    """Return a field of the model, shape (n, width). A geom without a colour has the colour of its material."""
     values = np.array(getattr(mjm.opt if field in OPTIONS else mjm, field), float)
     if field == "geom_rgba":  # MuJoCo's default grey gives way to the colour of the material
         of_material = (values == (0.5, 0.5, 0.5, 1.0)).all(axis=1) & (mjm.geom_matid >= 0)
@@ -100,7 +100,7 @@ def field_draws(config: SceneConfig, mjm: mujoco.MjModel, bodies: Mapping[str, i
 def _written(
     config: SceneConfig, mjm: mujoco.MjModel, bodies: Mapping[str, int]
 ) -> Iterator[tuple[str, str, Word, DrawConfig, list[int]]]:
-    """Yield the draws as written: name, place for messages, word, distribution, and rows of the field."""
+    """Yield each draw as written: its name, its place for messages, its word, its distribution and its rows."""
     for name, part in {**config.objects, **config.all_robots}.items():
         for key, draw in part.randomize.items():
             word, where = WORDS["object"][key], f"{config.where}: {config.key(name)}.randomize.{key}"
@@ -124,7 +124,7 @@ def _written(
 
 
 def _resolved(mjm: mujoco.MjModel, name: str, where: str, word: Word, config: DrawConfig, rows: list[int]) -> FieldDraw:
-    """Return a draw of these rows, without rows that it cannot change."""
+    """Return the draw of `rows`, without the rows that the draw cannot change."""
     check_field(word.field, mjm, where)
     values = nominal_values(mjm, word.field)
     if word.form not in {None, config.form}:

@@ -58,15 +58,15 @@ def check_field(name: str, mjm: mujoco.MjModel, where: str) -> None:
 def field_rows(mjm: mujoco.MjModel, bodies: Mapping[str, int], field: str, name: str, where: str) -> int | slice:
     """Return the rows of a field for a name: the number of a single row, or a slice of consecutive rows.
 
-    For an object or a robot, body fields have the row of its root body. Fields of geoms, joints and actuators have the
-    rows of all elements inside.
+    For an object or a robot, a body field has only the row of the root body. Fields of geoms, joints and actuators have
+    the rows of all elements inside the object or robot.
 
     Args:
         mjm: The model.
         bodies: Root bodies of objects and robots by their names.
         field: The field.
         name: The element, object or robot.
-        where: The text with which error messages begin.
+        where: The text at the beginning of error messages.
 
     Raises:
         UnknownNameError: The field has no rows for that name.
@@ -91,7 +91,7 @@ def field_rows(mjm: mujoco.MjModel, bodies: Mapping[str, int], field: str, name:
     if np.any(np.diff(ids) != 1):
         raise ArgumentError(
             f"{where} of '{field}': the {kind}s of '{name}' are not consecutive in the model. Name one "
-            "of them, or set the field of all."
+            "of them, or set the whole field."
         )
     if field in _SELDOM_FULL and np.any(mjm.body_simple[ids]):
         raise ArgumentError(

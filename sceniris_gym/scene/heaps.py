@@ -55,7 +55,7 @@ def read_rows(path: Path, heap: HeapConfig, where: str) -> HeapRows:
     Args:
         path: The file.
         heap: The heap of the scene.
-        where: The text with which error messages begin.
+        where: The text at the beginning of error messages.
 
     Raises:
         SceneKeyError: The file is missing, was not written by `sceniris-gym settle`, or has other objects.
@@ -144,7 +144,7 @@ class HeapPoses:
     Attributes:
         pos: Position of the object's root [m], shape (nrow, 3).
         quat: Orientation of the object, wxyz, shape (nrow, 4).
-        stream: The random stream that draws the row, the same for all objects of the heap.
+        stream: The random stream that draws the row. All objects of a heap share it.
         together: All bodies that settled together: the bodies of the objects, the filled body, and all bodies that are
             fixed to the filled body.
         settled_with: Identifies the shapes and masses of the settled bodies, see the function `settled_with`.

@@ -60,8 +60,8 @@ class LayoutTable:
         status: Codes of `layout.layouts.LayoutStatus`, shape (nrow,), int32.
         attempts: Number of candidates drawn for the layout, shape (nrow,), int32.
         start: Index of the kind of start in the scene file, -1 for scenes without starts, shape (nrow,), int32.
-        grasp: The accepted grasp of each reach target, as an index into its grasps, -1 for absent objects, shape
-            (nrow, nreach), int32.
+        grasp: The accepted grasp of each reach target, as an index into the grasps of the target, shape (nrow, nreach),
+            int32. It is -1 for absent objects.
         grasp_pose: The TCP's pose in the accepted grasp, world frame, position [m] and orientation (wxyz), nan without
             a grasp, shape (nrow, nreach, 7), float32.
         grasp_qpos: The arm's joints [rad or m] in the accepted grasp, nan for tiers that use only the arm's map, shape
@@ -145,7 +145,7 @@ class LayoutTable:
         return replace(self, **{name: getattr(self, name)[rows] for name in COLUMNS})
 
     def chunks(self, size: int) -> Iterator[tuple[int, LayoutTable]]:
-        """Yield the first row index and the rows of each chunk of at most `size` rows.
+        """Yield chunks of at most `size` rows, each with the index of its first row.
 
         Raises:
             ArgumentError: The size is not an integer of at least 1.

@@ -41,7 +41,7 @@ class SceneModel(RefusesOldNames):
         couplings: Joints that follow others, drivers first. A linear coupling is reversed if the scene draws its
             follower by name, but not its driver.
         apart: The robots that are not in the scene, each as a separate model in which the robot is 'robot'.
-        former_hash: The scene's hash in version 0.1.0, None if it is the same.
+        former_hash: The scene's hash in version 0.1.0, or None if that hash is the same.
         draws: The physics and appearance that resets draw.
         shared: The scene in which all variants of an object share a body, None if no object has variants.
     """
@@ -132,7 +132,7 @@ class SceneModel(RefusesOldNames):
         raise UnknownNameError("body" if parts else "support", parent, where, [*of_object, *still])
 
     def parts(self, name: str) -> dict[str, int]:
-        """Return the bodies inside an object, without its root: ids by the names inside the object."""
+        """Return the ids of the bodies inside an object, except its root, by their names inside the object."""
         found = self._inside(name, np.arange(self.mjm.nbody), self.mjm.body)
         return {local: i for local, i in found.items() if i != self.bodies[name]}
 
@@ -174,23 +174,23 @@ class SceneModel(RefusesOldNames):
         return [support.body] if support.owner is None else self.subtree(support.owner)
 
     def joints(self, name: str) -> dict[str, int]:
-        """Return the joints inside an object or a robot, except freejoints: ids by the names inside it."""
+        """Return the ids of the joints inside an object or a robot, except freejoints, by their names inside it."""
         found = self._inside(name, self.mjm.jnt_bodyid, self.mjm.joint)
         return {local: i for local, i in found.items() if self.mjm.jnt_type[i] != mujoco.mjtJoint.mjJNT_FREE}
 
     def sites(self, name: str) -> dict[str, int]:
-        """Return the sites inside an object or a robot: ids by the names inside it."""
+        """Return the ids of the sites inside an object or a robot, by their names inside it."""
         found = self._inside(name, self.mjm.site_bodyid, self.mjm.site)
         return {local: i for local, i in found.items() if local}
 
     def _inside(self, name: str, bodies: np.ndarray, element: Callable[[int], Any]) -> dict[str, int]:
-        """Return the elements inside an object or a robot, given the body of each: ids by the names inside it."""
+        """Return ids of elements inside an object or robot, by local name. `bodies` has the body of each element."""
         prefix = f"{self._prefix(name)}/"
         ids = np.flatnonzero(np.isin(bodies, self.subtree(name))).tolist()
         return {element(i).name.removeprefix(prefix): i for i in ids}
 
     def joint_configs(self, name: str) -> dict[int, JointConfig]:
-        """Return the drawn joints of an object or a robot, with their words: by id, in ascending order.
+        """Return how each drawn joint of an object or a robot is drawn, by joint id in ascending order.
 
         A joint's own name takes precedence over a pattern, and an earlier pattern over a later pattern. Joints without
         a matching name or pattern are left out, and keep their home position. Patterns skip joints that follow others.

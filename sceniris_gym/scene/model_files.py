@@ -47,7 +47,7 @@ def load_model(path: Path, where: str, repaired: Callable[[str], str] | None = N
 
     Args:
         path: The file.
-        where: The text with which error messages begin.
+        where: The text at the beginning of error messages.
         repaired: Converts the text of the file to a text that MuJoCo can read.
 
     Raises:
@@ -185,7 +185,7 @@ def _size(element: ElementTree.Element, where: str, models: dict[str | None, Cou
 
     Args:
         element: The element.
-        where: The text with which error messages begin.
+        where: The text at the beginning of error messages.
         models: The sizes of models that may be attached, by name. Models without a name are under None.
 
     Raises:
@@ -202,12 +202,14 @@ def _size(element: ElementTree.Element, where: str, models: dict[str | None, Cou
         size["made"] += size.pop("written", 0)
     for kind, most in _MOST.items():
         if size[kind] > most:
-            raise SceneFileError(f"{where}: <{element.tag}> makes {size[kind]:,} parts, should be at most {most:,}.")
+            raise SceneFileError(
+                f"{where}: <{element.tag}> makes {size[kind]:,} parts. It should make {most:,} at most."
+            )
     return size
 
 
 def _referring(spec: mujoco.MjSpec) -> Iterator[tuple[Any, str, str]]:
-    """Yield each element with a file, the file's subfolder of the model's folder, and the file."""
+    """Yield each element that names a file, the subfolder of the file in the model's folder, and the file's name."""
     referring: list[tuple[Any, str, list[str]]] = [
         *((element, "meshdir", [element.file]) for element in (*spec.meshes, *spec.hfields, *spec.skins)),
         *((texture, "texturedir", [texture.file, *texture.cubefiles]) for texture in spec.textures),

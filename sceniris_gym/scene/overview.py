@@ -91,7 +91,7 @@ class Overview:
         return np.array([np.mean([free(at, eye) for at in points]) if points else 1.0 for eye in eyes])
 
     def _box(self, name: str) -> _Box | None:
-        """Return a box around the range of an object's pivot, enlarged by part of its size, None if it stays."""
+        """Return a box around the range of an object's pivot, plus part of its size, or None if the object stays."""
         part = self.config.parts[name]
         if not part.is_placed:
             return None

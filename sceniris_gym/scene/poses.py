@@ -41,7 +41,7 @@ def pose_address(scene: SceneModel, name: str, where: str) -> PoseAddress:
         return PoseAddress("mocap", int(mjm.body_mocapid[body]))
     if not is_static(mjm)[body]:
         raise NotSupportedError(
-            f"{where}: '{name}' hangs on joints, and layouts hold their positions, not its pose. Use its joints."
+            f"{where}: '{name}' hangs on joints, so layouts store joint positions instead of its pose. Use the joints."
         )
     return PoseAddress("body", body)
 
@@ -52,7 +52,7 @@ def joint_address(scene: SceneModel, name: str, where: str) -> tuple[int, int]:
     Args:
         scene: The scene.
         name: The joint's name in the model, `object/joint`, or the name inside its object if it is unique.
-        where: The text with which error messages begin.
+        where: The text at the beginning of error messages.
 
     Raises:
         UnknownNameError: The joint does not exist, or several objects have a joint of that name.

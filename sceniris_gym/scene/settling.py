@@ -92,7 +92,7 @@ class _Drop:
         geoms = np.flatnonzero(np.isin(mjm.geom_bodyid, walls) & collides)
         if not len(geoms):
             raise SceneKeyError(
-                f"{where}.fill: '{heap.fill}' has no geoms that collide, so nothing can lie in it. Add geoms that "
+                f"{where}.fill: '{heap.fill}' has no geoms that collide, so no object can lie in it. Add geoms that "
                 "collide."
             )
         self.low, self.high = upright_box(mjm, scene.home, geoms)

@@ -76,7 +76,7 @@ class SharedBodies:
     Args:
         full: The first assembly, compiled.
         variants: Object -> names of its variants, which are bodies.
-        where: The text with which error messages begin.
+        where: The text at the beginning of error messages.
 
     Raises:
         SceneKeyError: All contact bits are in use.
@@ -162,13 +162,13 @@ class SharedBodies:
 def check_variants(
     spec: mujoco.MjSpec, mjm: mujoco.MjModel, variants: Mapping[str, tuple[str, ...]], where: str
 ) -> None:
-    """Check that each variant is one rigid body, to which no other element of the model refers.
+    """Check that each variant is one rigid body, and that no other element of the model refers to it.
 
     Args:
         spec: The scene with all variants.
         mjm: The scene, compiled.
         variants: Object -> names of its variants, which are bodies.
-        where: The text with which error messages begin.
+        where: The text at the beginning of error messages.
 
     Raises:
         SceneKeyError: The model already has a body of a name that the simulation needs.
