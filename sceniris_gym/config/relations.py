@@ -142,7 +142,7 @@ class Relation(Section):
         return f"{self.word} {' and '.join(self.anchors)}"
 
     def heading(self, robots: Container[str]) -> float:
-        """Return the heading [rad] of the relation's direction in its frame, from x towards y. 0 if it has none.
+        """Return the heading [rad] of the direction in its frame, from x towards y, or 0 without a direction.
 
         Args:
             robots: Names of the scene's robots. Robots look along their +x.
@@ -205,7 +205,7 @@ class Sector(Relation):
 class Direction(Sector):
     """The object is on one side of another object, or in a `direction` [x, y] from that object.
 
-    Its direction may deviate from this side or direction by at most `angle` [degrees], by default 90.
+    Seen from the other object, it may be up to `angle` [degrees] off this direction, by default 90.
 
     Attributes:
         of: The anchor of a `direction`.

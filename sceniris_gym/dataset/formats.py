@@ -50,8 +50,8 @@ def poses_by_name(compiled: CompiledScene, rows: np.ndarray) -> dict[str, np.nda
         rows: Rows of a part, shape (n,).
 
     Returns:
-        Position [m] and orientation (wxyz) of each root body, shape (n, 7), float32. An absent
-        object has the pose of its parking place.
+        Position [m] and orientation (wxyz) of each root body, shape (n, 7), float32. An absent object has
+        the pose of its parking place.
     """
     states = (rows["qpos"], rows["mocap_pos"], rows["mocap_quat"])
     return {

@@ -39,8 +39,8 @@ class DatasetWriter:
         plan: The plan of the data set.
         folder: The folder, created if missing.
         shard: The parts that this process writes.
-        resume: Continue an incomplete data set. Processes with different shards of one data set
-            always continue it.
+        resume: Continue an incomplete data set. Processes that write different
+            shards of one data set always continue it.
 
     Raises:
         DatasetError: The folder holds a data set and `resume` is false, or it holds a data set with another plan.
