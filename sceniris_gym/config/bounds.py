@@ -1,6 +1,6 @@
-"""Bounds of scenes, batches, and the numbers in scene files and models. Device code is compiled with these bounds.
+"""Limits on the sizes of scenes and batches, and on numbers in scene files and models. Device code depends on them.
 
-Positions end where single precision gets coarse. The other bounds are far above any sensible value.
+The limit on positions keeps single precision fine enough. All other limits are far above any sensible value.
 """
 
 from dataclasses import dataclass
@@ -9,13 +9,13 @@ MOST_FAR = 100.0
 """Largest distance [m] of placed objects from the world's origin, along each axis. Single precision resolves 8 um
 there."""
 MOST_WIDE = 1000.0
-"""Largest distance [m] from the world's origin, along each axis, of any part of a geom near the origin. Single
-precision resolves 61 um there, which limits the accuracy of distances in layouts. `oddities.py` warns if this matters.
-A plane makes better ground, because it has no corners."""
+"""Largest distance [m], along each axis, between the world's origin and any part of a geom that comes near the origin.
+Single precision resolves 61 um there, which limits the accuracy of distances in layouts. `oddities.py` warns if this
+matters. For a large ground, a plane is better, because it has no corners."""
 STANDING_GAP = 5.0e-3
-"""Largest gap [m] for putting an object down. Objects with a larger gap are dropped, and need not stand."""
+"""Largest gap [m] above the support of an object that is put down. With a larger gap, it is dropped and may fall."""
 LEAST_GAP = 2.0e-5
-"""Smallest height over a support [m]. Closer objects could touch it by rounding."""
+"""Smallest gap [m] between an object and its support. With a smaller gap, rounding could make them touch."""
 
 
 @dataclass(frozen=True)
@@ -27,12 +27,12 @@ class Bound:
     unit: str
 
     def holds(self, value: float) -> bool:
-        """Return whether a value is within the bound. NaN is not."""
+        """Return whether a value is within the bound. For NaN, return False."""
         return self.low <= value <= self.high
 
     @property
     def advice(self) -> str:
-        """The advice of errors, which begins with "should"."""
+        """The advice for error messages, such as "should be from 0 to 10 m"."""
         return f"should be from {self.low:g} to {self.high:g} {self.unit}".rstrip()
 
 
@@ -58,8 +58,8 @@ BOUNDS = {
     "iterations": Bound(0.0, 1.0e5, ""),
     "impedance ratio": Bound(1.0e-6, 1.0e6, ""),
 }
-"""The kinds of numbers. In scene files, these are all numbers except fractions, counts and the angle of a relation. In
-models, these are the numbers that MuJoCo does not check."""
+"""The bound of each kind of number. In scene files, all numbers have a bound except fractions, counts and the angles of
+relations. In models, the bounds are for numbers that MuJoCo does not check."""
 
 
 MOST_ATTEMPTS = 10_000
@@ -74,14 +74,14 @@ four half-planes each, and up to 23 after cuts by three such relations and a hul
 MAX_FOOT = 24
 """Maximum number of corners of an object's foot, and of a convex part of its support."""
 MAX_LEVELS = 12
-"""Maximum number of free objects that stand on each other."""
+"""Maximum number of free objects in a tower, where each object stands on the one below."""
 
 MAX_POINTS = 4096
 """Maximum number of points of a region `points`. Every draw searches all of them."""
 
 MAX_PIECES = 65536
-"""Maximum number of pieces of a region after cuts by the object's relations, over all combinations. Every draw cuts and
-measures each piece."""
+"""Maximum number of pieces of a region after all relations of the object cut it. Every draw cuts and measures each
+piece."""
 
 MOST_WORLDS = 1 << 24
 """Maximum number of worlds in a batch: far more than fit on a GPU, even for scenes of a few objects."""

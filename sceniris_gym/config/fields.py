@@ -44,7 +44,7 @@ def listed(value: Any) -> Any:
 
 
 def must(holds: Callable[[Any], bool], advice: str) -> AfterValidator:
-    """Return the validator that requires `holds`. `advice` begins with "should"."""
+    """Return a validator that rejects a value if `holds` is False for it. `advice` begins with "should"."""
 
     def check(value: Any) -> Any:
         if not holds(value):
@@ -55,7 +55,7 @@ def must(holds: Callable[[Any], bool], advice: str) -> AfterValidator:
 
 
 def within(kind: str) -> AfterValidator:
-    """Return the validator for the bound of a kind of number in `BOUNDS`."""
+    """Return a validator that checks a number against the bound of its kind in `BOUNDS`."""
     return must(BOUNDS[kind].holds, BOUNDS[kind].advice)
 
 
@@ -104,15 +104,15 @@ def _model(model: Any) -> Any:
 
 
 class MemberName(str):
-    """The name of an object's variant, 'object/variant', as written by `config.variants`."""
+    """The full name of a variant, 'object/variant'. Only `config.variants` makes such names."""
 
     __slots__ = ()
 
 
 def object_name(name: str) -> str:
-    """Return the name of an object, a group or a variant, after a check."""
+    """Check the name of an object, a group or a variant, and return it."""
     if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_-]*", name):
-        instead = f"; an object of any name can be the body '{name}', by 'body'" if "/" in name else ""
+        instead = f". To use this body, choose another name and write 'body: {name}'" if "/" in name else ""
         raise wrong(f"should be a name of letters, digits, '_' and '-'{instead}")
     if name in (FLOOR, ROBOT, "world", "anchor", "support"):
         raise wrong("should be a different name: this one is reserved")
@@ -159,8 +159,8 @@ Model = Annotated[Any, BeforeValidator(_model)]
 where_now: ContextVar[str | None] = ContextVar("where_now", default=None)
 """The file or the class that is being read, or None."""
 
-# Error types of this module. UNKNOWN_KEY has the context key and valid. ADVICE has the context advice (a phrase that
-# begins with "should") and hint (a guess at the intended word).
+# Error types of this module. The context of UNKNOWN_KEY has `key` and `valid`. The context of ADVICE has `advice` (a
+# phrase that begins with "should") and `hint` (a guess at the intended word).
 UNKNOWN_KEY, ADVICE = "unknown_key", "advice"
 DRAWN = ("weight", "split")
 """Words that set how a variant is drawn."""
@@ -182,7 +182,7 @@ _SHOULD = {
     "literal_error": "should be {expected}",
     ADVICE: "{advice}",
 }
-"""Advice by the type of pydantic's error, with fields of the error's context."""
+"""The advice for each type of pydantic error. The context of the error fills in the braces."""
 _VARIANT = re.compile(r"^(objects\.[^./]*)/[^.]*")
 
 
@@ -208,13 +208,13 @@ def _told(error: ValidationError | UnicodeError, where: str) -> str:
             # errors shared by all variants of an object are reported once
             told = (f"{path if len(own) > 1 else own[0]}: {sentence}" for (path, sentence), own in found.items())
             return "\n".join(f"{where}: {line}" for line in told)
-    return f"{where}: a name or a value has a character that is not text."
+    return f"{where}: a name or a value has a character that is not text. Remove it."
 
 
 def _path(error: ErrorDetails) -> str:
     match error["loc"]:
         case ("groups", group, "weights" | "splits" as word, member) if str(member).startswith(f"{group}/"):
-            return f"objects.{member}.{word.removesuffix('s')}"  # the key in the file of a variant's weight
+            return f"objects.{member}.{word.removesuffix('s')}"  # a variant's weight, by its key in the scene file
     return ".".join(str(key) for key in error["loc"] if not str(key).startswith("[")) or "scene"
 
 
@@ -234,7 +234,7 @@ def _sentence(error: ErrorDetails) -> str:
     hint = context.get("hint", "")
     if kind == "literal_error" and isinstance(error["input"], str):
         hint = did_you_mean(error["input"], re.findall(r"'([^']*)'", str(context["expected"])))
-    # The first few words of a whole scene do not help.
+    # A quote from the beginning of a whole scene would not help.
     subject = "it" if not error["loc"] and isinstance(error["input"], dict) else short(error["input"])
     return f"{subject} {advice}.{hint}"
 

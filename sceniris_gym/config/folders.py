@@ -25,14 +25,14 @@ def files_of(pattern: str) -> list[Path]:
     Files with unprintable names are left out, with a warning.
 
     Raises:
-        PydanticCustomError: The pattern matches no file, or has '*' in a folder.
+        PydanticCustomError: The pattern matches no file, or has '*' in the name of a folder.
     """
     if is_pattern(str(Path(pattern).parent)):
         raise wrong("should have '*' only in the file name, not in a folder")
     found = sorted(path for path in Path(pattern).parent.glob(Path(pattern).name) if path.suffix == ".xml")
     named = [path for path in found if path.name.isprintable()]
     if not named:
-        raise wrong("should match MJCF files, as `sceniris-gym import` writes them")
+        raise wrong("should match MJCF files (.xml), such as the files that `sceniris-gym import` writes")
     if len(named) < len(found):
         odd = ascii(next(path.name for path in found if path not in named))
         warnings.warn(ModelWarning(f"{pattern}: files with unprintable names are left out: {odd}"), stacklevel=2)
@@ -59,7 +59,7 @@ def with_tags(files: Iterable[Path], tags: Any) -> list[Path]:
 
 
 def _tags(asset: Path) -> set[str]:
-    """Return the tags in the manifest of an asset, an empty set without a manifest."""
+    """Return the tags in the manifest of an asset, or an empty set if it has no manifest."""
     path = asset.with_suffix("") / MANIFEST
     try:
         told = json.loads(read_bytes(path)).get("tags", ())

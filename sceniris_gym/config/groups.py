@@ -14,9 +14,9 @@ SPLITS = ("train", "eval")
 _Weight = Annotated[Number, Field(ge=0.0), within("weight")]
 _Count = Annotated[int, Strict(), Field(ge=0)]
 PLACING = ("on", "inside", "region", "relations", "joints", "ratio_on_support", "gap")
-"""Words that objects of a heap cannot have."""
+"""Keys that objects of a heap cannot have, because the heap places them."""
 _THINNEST = 2.0e-4
-"""Smallest width of an offset [m], as for any distance."""
+"""Smallest width [m] of the interval `offset`, the same as for other intervals of distances."""
 
 _OFFSET_ADVICE = f"should be [low, high] with 0 <= low and high at least {_THINNEST} m above it"
 
@@ -50,7 +50,7 @@ class GroupConfig(Section):
     splits: dict[str, Literal["train", "eval"]] = Field(default_factory=dict)
 
     def weights_in(self, split: str) -> list[float]:
-        """Return the weights of the members in a split, 'train' or 'eval', 0 for members that it does not draw."""
+        """Return the weight of each member in a split, 'train' or 'eval': 0 if the split never draws it."""
         return [self.weights.get(n, 1.0) if self.splits.get(n, split) == split else 0.0 for n in self.of]
 
     @property
@@ -80,7 +80,7 @@ class GroupConfig(Section):
 
 
 class HeapConfig(Section):
-    """Objects in a container. Each layout draws a row of a file with their settled poses.
+    """Objects that lie in a container. A file holds rows of their settled poses, and each layout draws a row.
 
     Attributes:
         fill: The container: an object, or a body of an object, as in `on`.
@@ -94,9 +94,9 @@ class HeapConfig(Section):
 
 
 def with_places(scene: Any) -> Any:
-    """Return the words of a scene with the objects of heaps `in` their containers, in any orientation.
+    """Return the words of a scene in which all objects of heaps are `in` their container, with `orientation: any`.
 
-    Later checks report a value that is not a scene, and unknown names.
+    If the value is not a scene, or a name is unknown, a later check reports this.
     """
     placed, heaps = named_things(scene, "heaps")
     for words, things in heaps:
@@ -108,7 +108,7 @@ def with_places(scene: Any) -> Any:
 
 
 def named_things(scene: Any, key: str) -> tuple[dict[str, Any], list[tuple[Mapping, list[str]]]]:
-    """Return the objects of a scene, and the words of each heap or stack with the names of its objects.
+    """Return the objects of a scene, and a pair for each heap or stack: its words and the names of its objects.
 
     Values of wrong types are left out. Later checks report them.
     """
@@ -144,9 +144,10 @@ class StackConfig(Section):
 
 
 def with_chains(scene: Any) -> Any:
-    """Return the words of a scene with each object of a stack `on` the object below, and `near` it by the offset.
+    """Return the words of a scene in which each object of a stack is `on` the object below.
 
-    Later checks report objects that already have a support, unknown names, and a value that is not a scene.
+    If the stack has an `offset`, the object is also `near` the object below, at this distance. Later checks report
+    objects that already have a support, unknown names, and a value that is not a scene.
     """
     placed, stacks = named_things(scene, "stacks")
     for words, things in stacks:

@@ -1,4 +1,4 @@
-"""Finding, reading and merging scene files before validation, and paths as users write them."""
+"""Finds, reads and merges scene files before they are validated, and resolves the paths in them."""
 
 import re
 from collections.abc import Mapping
@@ -78,7 +78,7 @@ def read_scene(scene: str | Path | Mapping, files: list[Path] | None = None) -> 
 def scene_files(scene: str | Path) -> list[Path]:
     """Return the files of a scene and of its bases, as far as they can be found."""
     found: list[Path] = []
-    with suppress(ScenirisError):  # the later reading of the scene reports the wrong file
+    with suppress(ScenirisError):  # a wrong file is reported later, when the scene is read
         read_scene(scene, found)
     return found
 
@@ -86,7 +86,7 @@ def scene_files(scene: str | Path) -> list[Path]:
 def merge(base: Mapping, child: Mapping, path: tuple[str, ...] = ()) -> dict:
     """Return `base` updated with the keys of `child`, recursively.
 
-    If the key of `child` excludes other keys (such as `on` and `in`), it replaces them.
+    If a key of `child` excludes a key of `base`, as `on` excludes `in`, it replaces that key.
     """
     merged = dict(base)
     group = _one_of(path)
@@ -215,7 +215,7 @@ def _read_yaml(path: Path) -> dict:
 
 
 def _resolve_paths(data: dict, folder: Path, where: str) -> dict:
-    """Return the scene with absolute paths, which stay valid after merging."""
+    """Return the scene with absolute paths. They stay valid when the scene is merged into a base in another folder."""
 
     def resolved(part: Any, *keys: str) -> Any:
         found = {key: part[key] for key in keys if key in part} if isinstance(part, Mapping) else {}
@@ -241,7 +241,9 @@ def _resolve_paths(data: dict, folder: Path, where: str) -> dict:
 
 
 def expanded_size(text: str) -> int:
-    """Return the number of values in a YAML text, `MOST_VALUES` + 1 for more or for a value that contains itself.
+    """Return the number of values in a YAML text with its aliases expanded, or 0 if the text has no anchors.
+
+    If there are more than `MOST_VALUES`, or a value contains itself, `MOST_VALUES` + 1 is returned.
 
     Raises:
         YAMLError: The text is not YAML.
@@ -255,7 +257,7 @@ def expanded_size(text: str) -> int:
 def _size(node: Node, known: dict[int, int]) -> int:
     if id(node) in known:
         return known[id(node)]
-    known[id(node)] = MOST_VALUES + 1  # until it is counted, because an alias inside itself would never end
+    known[id(node)] = MOST_VALUES + 1  # until the node is counted: an alias of the node inside itself would never end
     if isinstance(node, MappingNode):
         parts = [part for pair in node.value for part in pair]
     else:
@@ -268,7 +270,7 @@ def user_path(text: str | Path, folder: Path, where: str) -> Path:
     """Return a path with `~` expanded. Relative paths are below `folder`.
 
     Raises:
-        SceneFileError: The text is not a path, its `~user` does not exist, or file systems reject it.
+        SceneFileError: The text is not a path, its `~user` does not exist, or the file system rejects it.
     """
     try:
         path = folder / Path(text).expanduser()

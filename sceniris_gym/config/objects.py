@@ -25,10 +25,11 @@ _REACH_WORDS = ("tier", "by", "grasp")
 
 
 class JointConfig(Section):
-    """The draw of one joint position at a reset. Give exactly one of the words.
+    """How a reset draws one joint position. Give exactly one of these keys.
 
-    `fraction` [low, high] of the joint's limits, `range` [low, high] in m or rad, `choice` of values and `value` in
-    m or rad, and `noise` n: uniform in [home - n, home + n], clipped to the limits.
+    `fraction`: [low, high] as fractions of the joint's limits. `range`: [low, high] in m or rad. `choice`: a list of
+    values in m or rad. `value`: one value in m or rad. `noise`: a number n in m or rad, for a uniform draw between
+    home - n and home + n that is clipped to the joint's limits.
     """
 
     one_of = JOINT_FORMS
@@ -40,10 +41,11 @@ class JointConfig(Section):
 
 
 class RegionConfig(Section):
-    """A part of the support, in its body frame (world frame for the floor). Give exactly one of the words.
+    """A part of the support, in the frame of the support's body, or in the world frame for the floor.
 
-    `box` ((x, y), (x, y)) [m], `fraction` ((x, y), (x, y)) of the support's bounds, `polygon` ((x, y), ...) [m], or
-    `points` ((x, y), ...) [m]. An object without a support takes a `box` or `points` of (x, y, z) in the world frame.
+    Give exactly one of these keys. `box`: two corners ((x, y), (x, y)) [m]. `fraction`: two corners as fractions of the
+    support's bounds. `polygon`: corners ((x, y), ...) [m]. `points`: positions ((x, y), ...) [m] to choose from. For an
+    object without a support, the region is a `box` or `points` of (x, y, z) in the world frame.
     """
 
     one_of = REGION_FORMS
@@ -59,7 +61,7 @@ class RegionConfig(Section):
 
     @property
     def corners(self) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
-        """The low and the high corner [m] of the box, or of the upright box around the points, None for other forms."""
+        """The low and high corner [m] of the `box`, or of the axis-aligned box around the `points`. Otherwise None."""
         if self.points is None:
             return self.box
         axes = list(zip(*self.points, strict=True))
@@ -117,18 +119,21 @@ class ObjectConfig(Section):
 
     @property
     def is_placed(self) -> bool:
-        """True if a reset draws the object's pose. Otherwise, the object keeps its pose of the model."""
+        """True if a reset draws the object's pose. Otherwise, the object keeps its pose from the model."""
         return self.kind != "static" and (self.support is not None or self.region is not None)
 
     @property
     def has_to_stand(self) -> bool:
-        """True if the object has to stay in place: free, a gap of at most `STANDING_GAP`, not in any orientation."""
+        """True if a free object has to stay where it is put.
+
+        Then it has `stands`, a support, a gap of at most `STANDING_GAP`, and an orientation other than 'any'.
+        """
         is_put_down = self.kind == "free" and self.support is not None and self.gap <= STANDING_GAP
         return self.stands and is_put_down and self.drawn_orientation.kind != "any"
 
     @property
     def is_turned(self) -> bool:
-        """True if the object may lie on different sides: free, and in a drawn stable pose or allowed to fall."""
+        """True if a placed free object may lie on different sides: its stable pose is drawn, or it may fall over."""
         is_drawn = self.drawn_orientation.kind == "stable" or not self.has_to_stand
         return is_drawn and self.is_placed and self.kind == "free"
 
@@ -146,7 +151,7 @@ class ObjectConfig(Section):
 
     @property
     def needs(self) -> tuple[str, ...]:
-        """The objects placed before this object ('robot' for the robot): its support, then all objects it names."""
+        """The names placed before this object: its support, then all objects and robots that its words name."""
         owner = [] if self.support is None else [self.support.parent.split("/")[0]]
         names = [*owner, *(name for _, name in self.references)]
         return tuple(dict.fromkeys(name for name in names if name != FLOOR))
@@ -185,12 +190,12 @@ class ObjectConfig(Section):
                 "should have a region in two dimensions: a 3D box or 3D points are for an object without a support"
             )
         if not words and self.region is not None and not self.region.is_3d:
-            raise wrong("should name its support ('on', 'inside' or 'in'), or have a 3D box or 3D points as its region")
+            raise wrong("should have a support ('on', 'inside' or 'in'), or its region should be a 3D box or 3D points")
         if not words and self.ratio_on_support > 0.0:
             raise wrong("should have a 'ratio_on_support' only with a support ('on', 'inside' or 'in')")
         if not words and self.relations and self.region is None:
             raise wrong(
-                "should have a support ('on', 'inside' or 'in'), or a 3D box or 3D points as its region, for its "
+                "should have a support ('on', 'inside' or 'in') or a 3D region (box or points), because it has "
                 "relations"
             )
         joined = [relation for relation in self.relations if isinstance(relation, Joined)]
@@ -211,5 +216,5 @@ class ObjectConfig(Section):
             if word in said and getattr(self, word) is not None and "reachable" not in said:
                 raise wrong(f"should have '{word}' only together with 'reachable'")
         if not words and any(relation.reference_frame == "support" for relation in self.relations):
-            raise wrong("should name its support ('on', 'inside' or 'in'), as the frame of one of its relations")
+            raise wrong("should name its support ('on', 'inside' or 'in'), because a relation has 'frame: support'")
         return self

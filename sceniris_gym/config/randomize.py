@@ -1,4 +1,4 @@
-"""Draws of physics and looks at every reset: `DrawConfig`, and the words of objects, lights, cameras and scenes."""
+"""Physics and appearance that resets draw: `DrawConfig`, and the words for objects, lights, cameras and scenes."""
 
 from dataclasses import dataclass
 from math import inf
@@ -12,7 +12,7 @@ from sceniris_gym.config.section import Section
 
 End = Literal["least", "most"]
 Ends = End | tuple[End, ...]
-"""An end of a drawn range, for all components of a field or for each of them."""
+"""An end of a drawn range: one for all components of a field, or one for each component."""
 DEVIATIONS = 3.0
 """Standard deviations at which normal distributions are cut off."""
 
@@ -25,12 +25,12 @@ class Word:
         field: The drawn field of the model.
         width: Number of drawn components of an element.
         first: The first drawn component.
-        least, most: Bounds of the values, or of each component.
+        least, most: Bounds of all components, or a tuple with a bound for each component.
         follow: Fields that keep their ratio to the drawn field, as (field, first component, width).
-        shared: Number of components that share a single drawn number, from the first drawn component on, None for all.
-        form: The only form that the word takes, None for any form.
-        weak: The end with heavy or slippery objects, soft contacts, or the weakest actuators.
-        loose: The end with the least resistance of a joint.
+        shared: If the scene gives a single number, it applies to this many components, from `first` on. None means all.
+        form: The only form of draw that the word takes, such as 'choice', None if it takes any form.
+        weak: The end of the range with heavier or more slippery objects, softer contacts, or weaker actuators.
+        loose: The end of the range at which a joint resists least.
     """
 
     field: str
@@ -107,7 +107,7 @@ _Chosen = Annotated[bool, Strict()] | Annotated[str, Strict()] | _Vector
 
 
 class DrawConfig(Section):
-    """The draw of a value at every reset. Give exactly one of `scale`, `add`, `abs` and `choice`.
+    """How every reset draws a value. Give exactly one of `scale`, `add`, `abs` and `choice`.
 
     `scale` and `add` are relative to the value of the model, while `abs` and `choice` replace it. [low, high] are the
     ends of a `uniform` or `log_uniform` distribution. For a `normal` distribution, they are the mean and the standard
@@ -142,7 +142,7 @@ class DrawConfig(Section):
         if self.choice is not None and self.distribution != "uniform":
             raise wrong("should have 'choice' or 'distribution', not both: a choice is always uniform")
         if self.distribution == "normal" and min(high, default=0.0) < 0.0:
-            raise wrong("should have a mean and a standard deviation of 0 or more")
+            raise wrong("should be [mean, standard deviation] with a standard deviation of 0 or more")
         if self.distribution != "normal" and any(a > b for a, b in zip(low, high, strict=True)):
             raise wrong("should be [low, high] with low <= high")
         if self.distribution == "log_uniform" and min(low, default=1.0) <= 0.0:

@@ -21,21 +21,21 @@ from sceniris_gym.config.section import Section, check_one_of
 HEADINGS = {"right": 0.0, "back": 0.5 * math.pi, "left": math.pi, "front": -0.5 * math.pi}
 """Heading [rad] of each side, from x towards y."""
 ROBOT_HEADINGS = {"front": 0.0, "left": 0.5 * math.pi, "back": math.pi, "right": -0.5 * math.pi}
-"""Heading [rad] of each side of a robot. It looks along the x axis of its base, with its left side along y."""
+"""Heading [rad] of each side of a robot. A robot looks along the x axis of its base, and its left side is along y."""
 FRAMES = ("anchor", "support", "world")
-"""Frames of a relation other than objects."""
+"""The values of `frame` in a relation that are not names of objects."""
 
 # A band is drawn from slices that contain it. Below this half width [m], too few drawn points lie in the band, partly
 # because of rounding.
 _LEAST_TOLERANCE = 1.0e-4
 # Half of the thinnest wedge [rad] that two directions may share: about a tenth of a degree.
 _LEAST_ANGLE = 1.0e-3
-_THIN_BAND = "too few of the points drawn for a thinner band would lie in it"
+_THIN_BAND = "too few sampled points would lie in a thinner band"
 _WIDE_ENOUGH = must(lambda half: half >= _LEAST_TOLERANCE, f"should be at least {_LEAST_TOLERANCE:g} m: {_THIN_BAND}")
 
 
 class Distance(Section):
-    """An interval of distances [m]: from `min` to `max`, or `equal` within `tolerance` (0.01)."""
+    """An interval of distances [m]: from `min` to `max`, or within `tolerance` (default 0.01) of `equal`."""
 
     min: Length | None = None
     max: Length | None = None
@@ -95,7 +95,7 @@ class Relation(Section):
         half_angle: Maximum angle between the heading and the direction from the anchor to the object [rad].
         low, high: Interval of the distance from the anchor [m].
         by_bounds: Whether the region depends on the bounds of both objects.
-        has_own_width: Whether the region has the width of the object itself.
+        has_own_width: Whether the region's width is the width of the placed object.
     """
 
     type: ClassVar[RelationType]
@@ -142,7 +142,7 @@ class Relation(Section):
         return f"{self.word} {' and '.join(self.anchors)}"
 
     def heading(self, robots: Container[str]) -> float:
-        """Return the heading of the direction in its frame [rad], from x towards y, 0 without a direction.
+        """Return the heading [rad] of the direction in its frame, from x towards y, or 0 without a direction.
 
         Args:
             robots: Names of the scene's robots. Robots look along their +x.
@@ -203,7 +203,9 @@ class Sector(Relation):
 
 
 class Direction(Sector):
-    """On a side of an object, or in a `direction` [x, y] from it, within `angle` [degrees] (90).
+    """The object is on one side of another object, or in a `direction` [x, y] from that object.
+
+    Seen from the other object, it may be up to `angle` [degrees] off this direction, by default 90.
 
     Attributes:
         of: The anchor of a `direction`.
@@ -238,7 +240,7 @@ class Direction(Sector):
         return self._side_heading(self.word.removesuffix("_of"), robots)
 
     def excludes(self, other: Relation) -> bool:
-        """Return whether two directions share at most a line, if they have the same anchor and frame."""
+        """Return whether two directions have the same anchor and frame, and share at most a line."""
         if not isinstance(other, Direction) or (self.anchors, self.frame) != (other.anchors, other.frame):
             return False
         apart = abs(math.remainder(self.heading(()) - other.heading(()), 2.0 * math.pi))
@@ -254,7 +256,7 @@ class Direction(Sector):
 
 
 class Near(Sector):
-    """Around an object, up to a maximum distance."""
+    """The object is near another object, up to a maximum distance and in any direction."""
 
     one_of = ("near",)
     near: str
@@ -264,14 +266,14 @@ class Near(Sector):
     @model_validator(mode="after")
     def _is_limited(self) -> Near:
         if self.high == math.inf:
-            raise wrong("should have a 'distance' with 'max' or 'equal' with 'near'")
+            raise wrong("should have a 'distance' with 'max' or 'equal', because 'near' needs a limit")
         return self
 
 
 class Between(Relation):
-    """Within the hull of objects, or on a strip between objects on a line.
+    """The object is within the hull of its anchors, or on a strip between anchors that lie on a line.
 
-    The strip is `width` [m] wide. The default width is the shorter edge of the object's footprint.
+    The strip is `width` [m] wide. The default width is the shorter edge of the placed object's footprint.
     """
 
     one_of = ("between",)
@@ -282,7 +284,7 @@ class Between(Relation):
 
     @property
     def has_own_width(self) -> bool:
-        """True if the strip has the width of the object itself."""
+        """True if the strip has the width of the placed object."""
         return self.width is None
 
 
@@ -300,7 +302,10 @@ class Connection(Section):
 
 
 class Joined(Relation):
-    """Joined to an object at a site of each, `gap` [m] (0) apart along the x axis of the other object's site."""
+    """The object is joined to another object: a site of the one meets a site of the other.
+
+    The sites are `gap` [m] (0) apart, along the x axis of the other object's site.
+    """
 
     one_of = ("beside",)
     type = RelationType.JOINED
@@ -316,7 +321,10 @@ class Joined(Relation):
 
 
 class Beside(Relation):
-    """Side by side with an object: the bounds are `gap` [m] apart, and the wider span contains the narrower."""
+    """The object is side by side with another object, with `gap` [m] between their bounds.
+
+    Along the side where they meet, the span of the wider object contains the span of the narrower object.
+    """
 
     one_of = ("beside",)
     type = RelationType.BESIDE

@@ -21,7 +21,7 @@ from sceniris_gym.config.variants import variants_of
 _BASE = ("base", "roll", "pitch", "yaw")
 """Words for the fixed pose of an added robot."""
 _DRAWS = ("on", "inside", "in_", "region", "relations", "orientation", "gap")
-"""Words that draw the base instead."""
+"""Words for a base whose pose is drawn."""
 
 
 class TcpConfig(Section):
@@ -61,9 +61,9 @@ class RobotConfig(Section):
     """A robot: an `asset`, by name or the path of an MJCF or URDF file, or a body of the scene's model as `in_model`.
 
     The robot stands at `base` (x, y, z) [m], rotated by `roll`, `pitch` and `yaw` [degrees] about x, then y, then z of
-    the world. It starts from `keyframe`, by default 'home', or from `qpos0` without such a keyframe. A robot of the
-    model keeps its pose there. With `on`, `inside`, `in` or a `region`, the base is drawn in every world like the pose
-    of a fixture, by the words of an object.
+    the world. It starts from `keyframe`, by default 'home'. If no keyframe is given and 'home' does not exist, it
+    starts from `qpos0`. A robot that is `in_model` keeps its pose from the model. With `on`, `inside`, `in` or a
+    `region`, the base is drawn in every world like the pose of a fixture, by the words of an object.
 
     `tcp` is the tool centre point, by default the site 'tcp'. `map` is the file of the reachability map, by default the
     map of a shipped asset. Placed objects keep `clearance` [m] from the robot. With `in_scene: false`, the scene only
@@ -95,14 +95,14 @@ class RobotConfig(Section):
     _called: str | None = PrivateAttr(None)
 
     def called(self, name: str) -> RobotConfig:
-        """Return the robot with its name in `robots`."""
+        """Return a copy of the robot that stores its name in `robots`."""
         named = self.model_copy()
         named._called = name
         return named
 
     @property
     def placing(self) -> ObjectConfig | None:
-        """The words, as of an object, that draw the base, None if the base is fixed."""
+        """The words that draw the base, in the form of an object, or None if the base is fixed."""
         given = [word for word in _DRAWS if word in self.model_fields_set]
         if not given:
             return None
@@ -111,7 +111,7 @@ class RobotConfig(Section):
 
     @property
     def key(self) -> str:
-        """The key of the robot's source, for messages."""
+        """The key of the robot's source in messages, such as 'robot.asset'."""
         return f"{self.section}.{self.given(ROBOT_FORMS)[0]}"
 
     @property
@@ -140,7 +140,7 @@ class RobotConfig(Section):
         given = [word for word in _BASE if word in self.model_fields_set]
         start = [word for word in (*given, "keyframe") if word in self.model_fields_set]
         if self.in_model is not None and start:
-            raise wrong(f"should have no '{start[0]}': a robot of the model keeps its pose there")
+            raise wrong(f"should have no '{start[0]}': a robot 'in_model' keeps its pose from the model")
         if not self.in_scene and (self.in_model is not None or self.joints or self.clearance or self.randomize):
             raise wrong("should be an 'asset' without 'joints', 'clearance' and 'randomize' if 'in_scene' is false")
         try:
@@ -150,7 +150,7 @@ class RobotConfig(Section):
         if placing is not None and given:
             raise wrong(f"should have no '{given[0]}': its base is drawn. Use 'region' and 'orientation' instead")
         if placing is not None and not placing.is_placed:
-            raise wrong("should name its support ('on', 'inside' or 'in'), or have a 3D box as its region")
+            raise wrong("should have a support ('on', 'inside' or 'in') or a 3D region, because its base is drawn")
         return self
 
 
@@ -170,10 +170,10 @@ class StartConfig(Section):
         robot: The pose of the arm: its start pose ('home'), the pre-grasp of an object ('pregrasp'), or the grasp with
             the fingers closed on it ('grasp').
         of: The object to grasp, with or without variants.
-        grasp: A glob that selects grasps by the names of their sites, with or without 'grasp_', None for all grasps.
+        grasp: A glob for the names of grasp sites, written with or without 'grasp_'. None selects all grasps.
         lift: Minimum and maximum height [m] that the object is lifted straight up.
         robot_joints: Draws of the arm's joints, by name or pattern. The hand holds the object in the drawn pose.
-        place: Markers of the objects that start at a marker, by object.
+        place: Object -> the marker at which the object starts.
         joints: Draws of objects' joints, by 'object/joint'. They replace the usual draws.
     """
 

@@ -20,18 +20,18 @@ from sceniris_gym.config.variants import check_shared, with_members, with_varian
 _FILES = ("asset", "map", "rows")
 """Keys of objects, robots and heaps that name files."""
 _HASHED_AS = {"site": "my", "of_site": "its", "angle": "turn"}
-"""Words of a connection, and the older words that hashes keep for them."""
+"""Keys of a `Connection` -> their former names, which hashes still use."""
 _WRITTEN = TypeAdapter(dict[str, Any])
-"""The words of a scene. Some may be parts made in Python."""
+"""Converts the words of a scene to plain values. Some words may be parts made in Python."""
 
 
 class SceneConfig(SceneWords):
     """A whole, validated scene, made by `SceneConfig.load` from a file, a name or a dict, or directly in Python.
 
-    `model` is the path of an MJCF file, a `mujoco.MjSpec` or a `mujoco.MjModel`, None for a scene of only assets.
+    `model` is the path of an MJCF file, a `mujoco.MjSpec` or a `mujoco.MjModel`. None means that all parts are assets.
 
     Raises:
-        SceneKeyError: A key or a value is wrong, or objects are placed relative to each other.
+        SceneKeyError: A key or a value is wrong, or objects are placed relative to each other in a cycle.
         UnknownNameError: A support, or an object that another refers to, is not in the scene.
     """
 
@@ -76,7 +76,7 @@ class SceneConfig(SceneWords):
         return self._where
 
     def needs(self, name: str) -> tuple[str, ...]:
-        """Return the names placed before an object or a robot: all names it refers to, and its robot's drawn base.
+        """Return the names placed before an object or a robot: all it refers to, and its robot if the base is drawn.
 
         If the base itself refers to the object, directly or through others, the base is placed after the object.
         """
@@ -103,7 +103,7 @@ class SceneConfig(SceneWords):
         return by if by in self.all_robots else next(iter(self.all_robots))
 
     def with_shared_objects(self) -> SceneConfig:
-        """Return the scene with each object's variants merged into one object, by the words of the first variant."""
+        """Return the scene in which one object, with the words of the first variant, replaces all variants."""
         objects = {self.owners.get(name, name): part for name, part in reversed(self.objects.items())}
         groups = {name: group for name, group in self.groups.items() if name not in self.variants}
         fields = {name: getattr(self, name) for name in self.model_fields_set}
@@ -121,7 +121,7 @@ class SceneConfig(SceneWords):
 
     @property
     def is_randomized(self) -> bool:
-        """True if physics or looks are drawn."""
+        """True if physics or appearance is drawn."""
         parts = (*self.objects.values(), *self.all_robots.values())
         return self.randomize is not None or any(part.randomize for part in parts)
 

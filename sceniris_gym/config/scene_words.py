@@ -1,4 +1,4 @@
-"""The words of a whole scene and the names in it: `SceneWords`. Cameras: `CameraConfig`."""
+"""`SceneWords`: the words of a whole scene and the names in it. `CameraConfig`: a camera of the scene."""
 
 from functools import cached_property
 from typing import Annotated, Any, Literal, Self
@@ -96,12 +96,12 @@ class SceneWords(Section):
 
     @property
     def all_robots(self) -> dict[str, RobotConfig]:
-        """The robots by the names for objects to use: the names in `robots`, or 'robot' for a single `robot`."""
+        """The robots, by the names that objects use for them: the keys of `robots`, or 'robot' for a single `robot`."""
         return self.robots if self.robot is None else {ROBOT: self.robot}
 
     @cached_property
     def parts(self) -> dict[str, ObjectConfig]:
-        """The objects, followed by the robots with a drawn base, in the words of objects."""
+        """The objects, followed by the robots whose base is drawn. Each has the form of an object."""
         drawn = {name: robot.placing for name, robot in self.all_robots.items()}
         return {**self.objects, **{name: part for name, part in drawn.items() if part is not None}}
 
@@ -117,7 +117,7 @@ class SceneWords(Section):
 
     @cached_property
     def absent(self) -> dict[str, str]:
-        """The objects that may be absent, and the group of each object."""
+        """The group of each object that may be absent, by the object's name."""
         return {name: label for label, group in self.groups.items() if not group.always_whole for name in group.of}
 
     def key(self, name: str) -> str:

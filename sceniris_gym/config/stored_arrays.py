@@ -1,4 +1,4 @@
-"""Untrusted NumPy files: reading does not execute code, and allocates memory only for the file's contents."""
+"""Reads untrusted NumPy files, without executing code and without allocating more memory than their contents need."""
 
 import math
 import zipfile
@@ -34,7 +34,7 @@ def _from_list(value: Any) -> np.ndarray:
 
 
 Array = Annotated[np.ndarray, PlainValidator(_from_list), PlainSerializer(_as_list)]
-"""An array that pydantic writes to JSON and reads back. The numbers keep their bits."""
+"""An array that pydantic writes to JSON and reads back. The numbers stay exactly the same."""
 
 
 def read_array(path: Path) -> np.ndarray:

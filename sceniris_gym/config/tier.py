@@ -8,7 +8,10 @@ TierWord = Literal["map", "map_strict", "ik", "clear"]
 
 
 class Verdict(IntEnum):
-    """A map's verdict on a pose. NO, YES: all corners of the pose's cell agree. MIXED_*: decided by interpolation."""
+    """A map's verdict on a pose.
+
+    NO and YES: all corners of the map's cell around the pose agree. MIXED_NO and MIXED_YES: interpolation decided.
+    """
 
     NO = 0
     MIXED_NO = 1
@@ -45,7 +48,7 @@ class Tier(IntEnum):
 
     @property
     def least_verdict(self) -> Verdict:
-        """The lowest verdict of the arm's map that keeps a candidate.
+        """The lowest verdict of the arm's map with which a candidate is kept.
 
         Tiers with inverse kinematics decide later. For them, the map only rules out poses with the verdict NO.
         """

@@ -1,4 +1,4 @@
-"""Checks of names in a scene: all references exist, are suitable, and can be placed first."""
+"""Checks of names in a scene: each reference exists, is suitable, and can be placed before the object that names it."""
 
 import graphlib
 from collections.abc import Container, Iterable
@@ -105,8 +105,8 @@ def check_variant_has_asset(scene: SceneWords, name: str, where: str) -> None:
     """
     if scene.objects[name].asset is None and (owner := scene.owners.get(name)) is not None:
         raise SceneKeyError(
-            f"{where}: objects.{owner}.variants: '{name.partition('/')[2]}' has no asset. Name one there, or name an "
-            f"asset for all variants in 'objects.{owner}'."
+            f"{where}: objects.{owner}.variants: '{name.partition('/')[2]}' has no asset. Give this variant "
+            f"an 'asset', or give 'objects.{owner}' an 'asset' for all variants."
         )
 
 
@@ -179,7 +179,7 @@ def _check_absent(scene: SceneWords, key: str, part: ObjectConfig, where: str) -
     if support is not None and owner in absent:
         raise SceneKeyError(
             f"{where}: {key}.{support.word}: '{owner}' may be absent, as it is in the group "
-            f"'{absent[owner]}'. It cannot support objects: name another support."
+            f"'{absent[owner]}'. So it cannot support objects. Name another support."
         )
     if part.joined_to in scene.variants:
         raise SceneKeyError(
@@ -208,8 +208,8 @@ def _check_heaps(scene: SceneWords, where: str) -> None:
             given = thing.model_fields_set.intersection(PLACING)
             if thing.in_ != part.fill or thing.drawn_orientation.kind != "any" or given:
                 raise SceneKeyError(
-                    f"{where}: objects.{name}: should have no place of its own (on, inside, in, region, relations, "
-                    f"ratio_on_support, orientation, joints, gap), as the heap '{heap}' puts it into '{part.fill}'."
+                    f"{where}: objects.{name}: should not say where it is placed (on, inside, in, region, relations, "
+                    f"ratio_on_support, orientation, joints, gap): the heap '{heap}' puts it into '{part.fill}'."
                 )
         owner = part.fill.split("/")[0]
         if owner in things:
@@ -218,8 +218,8 @@ def _check_heaps(scene: SceneWords, where: str) -> None:
             )
         if owner in scene.objects and scene.objects[owner].drawn_orientation.kind in ("any", "stable"):
             raise SceneKeyError(
-                f"{where}: objects.{owner}.orientation: should keep it upright, as the heap '{heap}' fills it. Give "
-                "it a yaw, or 'fixed'."
+                f"{where}: objects.{owner}.orientation: should keep it upright, because the heap '{heap}' fills "
+                "it. Write 'fixed', or a yaw."
             )
 
 

@@ -21,12 +21,12 @@ from sceniris_gym.config.loader import HOLDOUT, OF_VARIANTS, TAGS, VARIANTS, mer
 from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.errors import check_names
 
-# Words whose list means variants.
+# Words that make variants if their value is a list.
 _LISTS = ("asset", "scale")
 # Words that all variants have to share, and the advice for errors.
 _SHARED = {
-    "kind": "should be the kind of the other variants, because they share one body",
-    "randomize": "should be the draws of the other variants, because they share one body. A task can draw for a single "
+    "kind": "should be the same for all variants, because they share one body",
+    "randomize": "should be the same for all variants, because they share one body. A task can draw for a single "
     "variant by State.scale_field, in on_reset",
 }
 
@@ -196,7 +196,7 @@ def _stem(asset: Any) -> str:
 
 
 def _scaled(at: tuple[str, ...], variants: Mapping[str, Mapping], shared: dict) -> dict[str, Mapping]:
-    """Return the variants with lists of scales expanded, of the object or of a variant."""
+    """Return the variants. A list of scales, of the object or of a variant, becomes one variant for each scale."""
     common = listed(shared.get("scale"))
     if isinstance(common, list | tuple):
         del shared["scale"]

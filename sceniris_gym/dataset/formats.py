@@ -50,8 +50,8 @@ def poses_by_name(compiled: CompiledScene, rows: np.ndarray) -> dict[str, np.nda
         rows: Rows of a part, shape (n,).
 
     Returns:
-        Position [m] and orientation (wxyz) of each root body, shape (n, 7), float32. For an absent object, the pose of
-        its parking place.
+        Position [m] and orientation (wxyz) of each root body, shape (n, 7), float32. An absent object has
+        the pose of its parking place.
     """
     states = (rows["qpos"], rows["mocap_pos"], rows["mocap_quat"])
     return {
@@ -112,7 +112,7 @@ def as_json(compiled: CompiledScene, rows: np.ndarray) -> bytes:
 
 
 def as_usd(compiled: CompiledScene, rows: np.ndarray) -> bytes:
-    """Encode a stage over the scene's stage, as `usd_stage.part_bytes` describes."""
+    """Encode a USD stage that builds on the scene's stage. `usd_stage.part_bytes` describes it."""
     from sceniris_gym.dataset import usd_stage
 
     return usd_stage.part_bytes(compiled, rows)
@@ -123,4 +123,4 @@ FORMATS: dict[str, tuple[str, Encoder]] = {
     "npz": (".npz", as_npz),
     "usd": (".usdc", as_usd),
 }
-"""The suffix of parts, and their encoder, by format."""
+"""The file suffix and the encoder of each format."""

@@ -18,7 +18,7 @@ from sceniris_gym.program.compiled import USER_SPLITS, CompiledScene
 
 MANIFEST, SCENE, SCENE_USD = "dataset.json", "scene.zip", "scene.usdc"
 PART_ROWS = 1 << 16
-"""Rows of a part, for every process. The last part may have fewer."""
+"""Number of rows of a part. It is the same in every process. The last part may have fewer rows."""
 FORMAT = 3
 
 _FIELDS = {
@@ -37,7 +37,7 @@ _RIGHT = {
     },
     **{"sha256": _SUM, "scene_sha256": _SUM, "rows": _POSITIVE, "valid": _COUNT, "first_pass_valid": _COUNT},
 }
-"""Field -> pattern of its values, and the pattern in words for errors."""
+"""Field -> pattern of its values, and a description of the pattern for error messages."""
 _FILE = re.compile(r"\w[\w.-]{0,200}", re.ASCII)
 """The name of a file in the folder of the manifest."""
 _RECORD = {"sha256": str, "files": dict, "rows": int, "valid": int, "first_pass_valid": int}
@@ -145,7 +145,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
             "repeat its command with --resume."
         ) from None
     except (OSError, ValueError, RecursionError) as error:
-        raise DatasetError(f"{path}: cannot be read ({error}). Write it by `sceniris-gym generate`.") from error
+        raise DatasetError(f"{path}: cannot be read ({error}). Generate the data set again.") from error
 
 
 def read_record(path: Path) -> dict[str, Any] | None:
@@ -160,7 +160,7 @@ def checked(path: Path, told: Any, fields: dict[str, type]) -> dict[str, Any]:
     """Return `told` if it is a mapping with valid values in all of these fields.
 
     Raises:
-        DatasetError: It is not such a mapping.
+        DatasetError: `told` is not a mapping, or a field is missing or has a wrong value.
     """
     for name, kind in fields.items():
         value = told.get(name) if isinstance(told, dict) else None
@@ -169,9 +169,9 @@ def checked(path: Path, told: Any, fields: dict[str, type]) -> dict[str, Any]:
             raise DatasetError(f"{path}: '{name}' should be {advice}, got {value!s:.80}.")
     for name, digest in told["files"].items():
         if not _FILE.fullmatch(name) or not isinstance(digest, str):
-            raise DatasetError(f"{path}: 'files' should map names of files in its folder to sums, got {name!r:.80}.")
+            raise DatasetError(f"{path}: 'files' should map file names in its folder to checksums, got {name!r:.80}.")
     if fields is _RECORD and not told["first_pass_valid"] <= told["valid"] <= told["rows"]:
-        raise DatasetError(f"{path}: 'valid' should be 'first_pass_valid' to 'rows', got {told['valid']}.")
+        raise DatasetError(f"{path}: 'valid' should be between 'first_pass_valid' and 'rows', got {told['valid']}.")
     if fields is _FIELDS:
         for record in told["parts"]:
             checked(path, record, _RECORD)

@@ -20,7 +20,7 @@ from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.progress import tell
 from sceniris_gym.scene.layout_table import COLUMNS, LayoutTable
 
-_OPEN = 64  # open memory maps, because each keeps a file open
+_OPEN = 64  # maximum number of open memory maps, because each keeps a file open
 _AGAIN = "Remove the file, and repeat the data set's `sceniris-gym generate` with --resume."
 
 
@@ -29,7 +29,7 @@ class LayoutDataset(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
 
     Args:
         folder: The folder.
-        columns: The columns of `LayoutTable` to return per layout, None for all stored columns.
+        columns: The columns of `LayoutTable` to return per layout. None returns all stored columns.
 
     Attributes:
         manifest: The contents of `dataset.json`: the scene and its hash, the split, seed, names and columns.
@@ -61,9 +61,14 @@ class LayoutDataset(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
         try:
             row = row_of(self.manifest["columns"])
         except (TypeError, ValueError, KeyError, AttributeError, SyntaxError, OverflowError) as error:
-            raise DatasetError(f"{self.folder / MANIFEST}: 'columns' cannot be read ({error}).") from error
+            raise DatasetError(
+                f"{self.folder / MANIFEST}: 'columns' cannot be read ({error}). Generate the data set again."
+            ) from error
         if row.hasobject or not row.names:
-            raise DatasetError(f"{self.folder / MANIFEST}: 'columns' should be columns of numbers.")
+            raise DatasetError(
+                f"{self.folder / MANIFEST}: 'columns' is damaged: each should have a name and a numeric dtype. "
+                "Generate the data set again."
+            )
         return row
 
     def _check_parts(self) -> None:
@@ -71,7 +76,8 @@ class LayoutDataset(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
         rows = [part["rows"] for part in self.manifest["parts"]]
         if min(rows, default=0) < 1 or sum(rows) != self.manifest["layouts"]:
             raise DatasetError(
-                f"{self.folder / MANIFEST}: its parts should add up to {short(self.manifest['layouts'])} rows."
+                f"{self.folder / MANIFEST}: the rows of its parts should add up to {short(self.manifest['layouts'])}. "
+                "Generate the data set again."
             )
         paths = [self.folder / part_name(part) for part in range(len(rows))]
         sizes = [path.stat().st_size if path.is_file() else -1 for path in paths]
@@ -135,14 +141,14 @@ class LayoutDataset(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
         return asked.astype(np.int64) % len(self)
 
     def __call__(self, compiled: CompiledScene, num_envs: int) -> StoredLayouts:
-        """Return a source of these layouts, which makes a data set a `layout_source` of environments."""
+        """Return a source of these layouts. So a data set can be the `layout_source` of environments."""
         return StoredLayouts(compiled, self.table(), num_envs)
 
     def table(self, first: int = 0, count: int | None = None) -> LayoutTable:
         """Return `count` rows (None: all) from row `first` on as a LayoutTable, as `StoredLayouts` takes it.
 
         Raises:
-            ArgumentError: The rows are out of range, or the data set was opened with `columns` that a table lacks.
+            ArgumentError: The rows are out of range, or the data set was opened with only some of its `columns`.
             ArgumentTypeError: `first` or `count` is not an integer.
         """
         try:

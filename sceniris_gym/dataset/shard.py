@@ -24,7 +24,7 @@ class Shard:
 
     @property
     def device(self) -> str | None:
-        """The GPU of this process if torchrun started it and every process has a GPU, None for the default device."""
+        """The GPU of this process if torchrun started it and every process has a GPU. None means the default device."""
         return Rank.current().device if self.size > 1 else None
 
     @classmethod

@@ -18,7 +18,7 @@ from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.poses import body_poses, product, rotated
 
 WORLD = "/World"
-_SEEN_GROUPS = 3  # MuJoCo shows the groups below, and higher groups are colliders, which USD calls guides
+_SEEN_GROUPS = 3  # MuJoCo shows lower groups. This and higher groups are colliders, which USD calls guides
 _ENDLESS = 10.0  # m, half the edge of a plane without end
 _UNSET = (0.5, 0.5, 0.5, 1.0)  # MuJoCo's colour of geoms without rgba, which take the material's colour
 _SCALAR = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
@@ -51,8 +51,8 @@ def scene_bytes(compiled: CompiledScene) -> bytes:
 def part_bytes(compiled: CompiledScene, rows: np.ndarray) -> bytes:
     """Return the stage of a part as the bytes of a .usdc file. It refers to `scene.usdc` in the same folder.
 
-    Time i is row i. It sets the poses of bodies, makes absent objects invisible, and gives `/World` the attributes
-    `layout:seed`, `layout:episode` and `layout:valid`, and bodies the attributes `joint:NAME` [rad or m].
+    Time i is row i. The stage sets the poses of bodies and makes absent objects invisible. `/World` gets the attributes
+    `layout:seed`, `layout:episode` and `layout:valid`. Bodies get the attributes `joint:NAME` [rad or m].
     """
     mjm, paths = compiled.mjm, body_paths(compiled)
     layer = _new_layer()
@@ -96,7 +96,7 @@ def _local(mjm: mujoco.MjModel, body: int, name: str) -> str:
 
 
 def _free_path(folder: str, name: str, taken: set[str]) -> str:
-    """Return a free path for a name in a folder, and mark it as taken."""
+    """Return a path in a folder that is not taken yet, for a name, and mark the path as taken."""
     path = first = folder + Tf.MakeValidIdentifier(name)
     number = 1
     while path in taken:
@@ -123,7 +123,7 @@ def _seen_from(
 
 
 def _write(layer: Any, prim: str, name: str, kind: Any, values: list, *, custom: bool = False) -> None:
-    """Write an attribute: a sample per row, or a default if all samples are equal."""
+    """Write an attribute: one sample per row, or only a default value if all samples are equal."""
     spec = Sdf.CreatePrimInLayer(layer, prim)
     attribute = Sdf.AttributeSpec(spec, name, kind, Sdf.VariabilityVarying, custom)
     if all(value == values[0] for value in values):

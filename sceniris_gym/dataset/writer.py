@@ -39,7 +39,8 @@ class DatasetWriter:
         plan: The plan of the data set.
         folder: The folder, created if missing.
         shard: The parts that this process writes.
-        resume: Continue an incomplete data set. Processes with different shards of one data set always do.
+        resume: Continue an incomplete data set. Processes that write different
+            shards of one data set always continue it.
 
     Raises:
         DatasetError: The folder holds a data set and `resume` is false, or it holds a data set with another plan.
@@ -162,7 +163,7 @@ class DatasetWriter:
             write_text(self._progress / f"{part:05}.json", json.dumps(record))
         elif record != self._manifest["parts"][part]:
             raise DatasetError(
-                f"{self.folder / manifest.part_name(part)}: was missing, and the new file should match the checksum in "
+                f"{self.folder / manifest.part_name(part)}: was missing, and the new file differs from the checksum in "
                 f"{manifest.MANIFEST}. Make it with the same versions of sceniris_gym and its libraries as the other "
                 "parts."
             )
@@ -216,6 +217,6 @@ def _write(path: Path, *pieces: bytes | memoryview) -> str:
 
 
 def _sync(file: Any) -> None:
-    """Wait until a file is on disk, because after a crash its record must not exist without it."""
+    """Wait until a file is on disk. Otherwise, a crash could leave the record of a file without the file."""
     file.flush()
     os.fsync(file.fileno())

@@ -27,7 +27,7 @@ EDIT_SPEC = "Call edit_spec(spec, scene) on the MjSpec before it is compiled, an
 
 
 def instead_of_variants(name: str, members: Sequence[str]) -> str:
-    """Return the advice to put all variants of an object into one model, for worlds that share the model."""
+    """Return the advice for worlds that share a model: put all variants of an object into this model as bodies."""
     first, more = [member.partition("/")[2] for member in members[:4]], ["..."] if len(members) > 4 else []
     group = f"groups: {{{name}: {{of: [{', '.join(first + more)}], count: 1}}}}"
     return f"Or have a body for each variant, and a group that makes one of them present: {group}. {EDIT_SPEC}"
@@ -40,7 +40,7 @@ def adopt_body(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: str)
         spec: The specification.
         name: The object, or the robot.
         config: The words of the object or robot.
-        where: The file and the key of these words, the beginning of errors.
+        where: The file and the key of these words. Error messages begin with it.
 
     Raises:
         UnknownNameError: The model has no such body.
@@ -56,7 +56,7 @@ def adopt_body(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: str)
 
 
 def check_bodies(mjm: mujoco.MjModel, config: SceneConfig) -> None:
-    """Check that a model in memory has the bodies of a scene, with suitable joints, and its parking ground.
+    """Check that a model in memory has the bodies of a scene with suitable joints, and a parking ground if needed.
 
     Raises:
         UnknownNameError: The model has no such body.
@@ -180,9 +180,9 @@ def _check_kind(name: str, parent: str, joints: list[int], kind: str, where: str
             f"<freejoint name=\"{name}\"/> {instead}, or make it 'static' and draw its joints by 'joints'."
         )
     if kind == "static" and free in joints:
-        raise SceneKeyError(f"{where}: body '{name}' has a freejoint; its kind should be 'free'.")
+        raise SceneKeyError(f"{where}: body '{name}' has a freejoint, so its kind should be 'free'.")
     if kind in _MOCAP and joints:
         raise SceneKeyError(
-            f"{where}: body '{name}' should have no joint of its own to be a '{kind}'. Remove the joint, or move "
-            "it to a child body."
+            f"{where}: body '{name}' should have no joints at its root to be a '{kind}'. Remove the joints, or move "
+            "them to a child body."
         )

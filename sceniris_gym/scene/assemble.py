@@ -24,7 +24,7 @@ MARK_GROUP = 4
 """Group of the geoms that show a marker. They appear in pictures, but are not part of the placed object."""
 
 _OF_JOINTS = ("actuators", "tendons", "equalities")
-"""Elements that refer to joints. They get lost with the joints of a variant."""
+"""Elements that refer to joints. If a variant loses its joints, it also loses these elements."""
 
 _AT_ONCE = 24
 """Number of variants per intermediate model: about the square root of the largest number of variants."""
@@ -41,7 +41,7 @@ class Home:
 def attach_object(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: str, owner: str = "") -> Home:
     """Attach the asset of an object as a body of the object's kind, and return its start pose.
 
-    Names of a variant omit the name of its `owner`.
+    If the object is a variant of `owner`, the names of its elements omit the prefix `owner/`.
 
     Raises:
         NotSupportedError: A variant is soft.
@@ -78,10 +78,10 @@ def attach_variants(
     """Attach the variants of an object, as in `attach_object`, and return their start poses.
 
     Without `bodies`, attach only the elements that the bodies refer to, such as meshes. MuJoCo traverses a whole model
-    whenever it attaches another or deletes a body, so groups of variants are first collected in small models.
+    each time it attaches another model or deletes a body. So groups of variants are first collected in small models.
 
     Raises:
-        NotSupportedError: Variants have actuators, tendons or equalities of joints that variants lose.
+        NotSupportedError: Variants have actuators, tendons or equalities that refer to joints which variants lose.
     """
     homes, names = [], list(members)
     for first in range(0, len(names), _AT_ONCE):
@@ -221,14 +221,14 @@ def _rotation(config: RobotConfig) -> np.ndarray:
 def attach(
     spec: mujoco.MjSpec, child: mujoco.MjSpec, name: str, frame: mujoco.MjsFrame, where: str, *, around: bool = False
 ) -> mujoco.MjsBody:
-    """Attach an asset as one body of that name: its only body, or a new body around all of its bodies.
+    """Attach an asset as one body called `name`: the only body of the asset, or a new body around all of its bodies.
 
     Args:
         spec: The scene.
         child: The asset.
         name: The body's name, and the prefix of all names inside.
         frame: The frame of the scene to attach the asset to.
-        where: The beginning of errors.
+        where: The text at the beginning of error messages.
         around: Make a new body, even around a single body.
     """
     world = child.worldbody
@@ -246,13 +246,13 @@ def attach(
         things = ", ".join(f"{body}: {{on: floor}}" for body in loose if body != robot)
         use = f"robot: {{in_model: {robot}}}, objects: {{{things}}}"
         raise SceneKeyError(
-            f"{where}: an asset should have one body below its worldbody, or several that stay together, found "
-            f"{[body.name for body in tops]}, and {loose} move freely. Use the file as the scene's 'model', and "
-            f"its bodies by name: {use if jointed[robot] else f'objects.{name}: {{body: {loose[0]}}}'}."
+            f"{where}: an asset should have one body below its worldbody, or several without freejoints and mocap. "
+            f"This asset has {[body.name for body in tops]}, of which {loose} move freely. Use the file as the scene's "
+            f"'model', and its bodies by name: {use if jointed[robot] else f'objects.{name}: {{body: {loose[0]}}}'}."
         )
     for element in (*(world.geoms if tops else planes), *world.sites, *world.cameras, *world.lights):
         child.delete(element)  # the asset's floor and lights for viewing
-    child.option, child.visual = spec.option, spec.visual  # the scene's apply; MuJoCo warns of others
+    child.option, child.visual = spec.option, spec.visual  # the scene's options apply, and MuJoCo would warn of others
     _keep_files_apart(spec, child, name)
     if len(tops) == 1 and not around:
         tops[0].name = tops[0].name or "/"  # differs from all names of the asset, unlike `name`
@@ -296,7 +296,7 @@ def _rename(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str) -> None:
 
 
 def make_kind(spec: mujoco.MjSpec, root: mujoco.MjsBody, name: str, kind: str, where: str) -> None:
-    """Make a child of the world an object of a kind: add a freejoint, make a mocap body, or leave it.
+    """Make a child of the world an object of a kind: add a freejoint, make a mocap body, or leave the body as it is.
 
     Raises:
         SceneKeyError: The body has joints that an object of this kind cannot have.

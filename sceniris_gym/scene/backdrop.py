@@ -1,4 +1,4 @@
-"""Solver options, the floor, lights, and the camera of a scene."""
+"""Adds solver options, the floor, lights and the overview camera to a scene."""
 
 import mujoco
 import numpy as np

@@ -47,7 +47,7 @@ def build_model(scene: SceneLike, overrides: Mapping[str, Any] | None = None) ->
         overrides: Parts of the scene to replace, by dotted keys: {"objects.apple.clearance": 0.01}.
 
     Raises:
-        ArgumentError: A SceneModel with overrides.
+        ArgumentError: `scene` is a SceneModel, and `overrides` are given.
         SceneFileError: A file is missing, or MuJoCo cannot read or compile it.
         UnknownNameError: An asset, body, joint or keyframe does not exist.
         SceneKeyError: An object cannot be of its kind. Joint values are outside the joint's limits. A joint that
@@ -73,7 +73,7 @@ def build_model(scene: SceneLike, overrides: Mapping[str, Any] | None = None) ->
 
 
 def build_variants(config: SceneConfig, simulated: SceneConfig) -> SceneModel:
-    """Return a scene of two MjModels of the user.
+    """Return a scene made of two MjModels that the user gives.
 
     Args:
         config: The scene with all variants. They are bodies of its MjModel, by their names.
@@ -85,7 +85,7 @@ def build_variants(config: SceneConfig, simulated: SceneConfig) -> SceneModel:
 
 
 def _with_shared_bodies(config: SceneConfig) -> SceneModel:
-    """Return a scene from files or a MjSpec, with its simulated scene if objects have variants."""
+    """Build a scene from files or a MjSpec. If objects have variants, also build the scene that is simulated."""
     scene = _built(config)
     if not config.variants:
         return scene
@@ -95,7 +95,7 @@ def _with_shared_bodies(config: SceneConfig) -> SceneModel:
 
 
 def _built(config: SceneConfig, full: SceneModel | None = None) -> SceneModel:
-    """Return a scene from files or a MjSpec, or its simulated scene if `full` is the scene with all variants."""
+    """Build a scene from files or a MjSpec. If `full` has all variants, build the scene that is simulated instead."""
     shared = None if full is None else SharedBodies(full.mjm, config.variants, config.where)
     spec, homes = _assemble(config, shared)
     if full is not None:
@@ -130,14 +130,14 @@ def _built(config: SceneConfig, full: SceneModel | None = None) -> SceneModel:
 
 
 def _taken(config: SceneConfig, model: mujoco.MjModel) -> SceneModel:
-    """Return the scene of a copied MjModel. The original stays unchanged."""
+    """Return the scene of a MjModel. The scene has a copy, so the original stays unchanged."""
     check_additions(config)
     check_bodies(model, config)
     number_check.check_numbers(model, config.where)
     mjm = copy.copy(model)
     qpos, ctrl = _home(mjm, [], config)
     key = _keyframe(mjm, config)
-    if key >= 0:  # mocap bodies take their poses of the keyframe, as in a model from a file
+    if key >= 0:  # mocap bodies take their poses from the keyframe, as in a model from a file
         mocap = np.flatnonzero(mjm.body_mocapid >= 0)
         mjm.body_pos[mocap] = mjm.key_mpos[key].reshape(-1, 3)[mjm.body_mocapid[mocap]]
         mjm.body_quat[mocap] = mjm.key_mquat[key].reshape(-1, 4)[mjm.body_mocapid[mocap]]
@@ -148,7 +148,7 @@ def _taken(config: SceneConfig, model: mujoco.MjModel) -> SceneModel:
 def _scene(
     config: SceneConfig, spec: mujoco.MjSpec | None, mjm: mujoco.MjModel, home: _Home, tcps: dict[str, str]
 ) -> SceneModel:
-    """Return the scene of a compiled model, after a check of all names that the scene refers to."""
+    """Check all names that a scene refers to in its compiled model, and return the scene."""
     bodies = {name: mjm.body(part.body or name).id for name, part in config.objects.items()}
     bodies |= {name: mjm.body(robot.name).id for name, robot in config.all_robots.items()}
     identity, former = scene_hash(config, mjm, home[0])
@@ -173,7 +173,7 @@ def _apart(robot: RobotConfig, config: SceneConfig) -> SceneModel:
 
 
 def _tcps(spec: mujoco.MjSpec | None, mjm: mujoco.MjModel, qpos: np.ndarray, config: SceneConfig) -> dict[str, str]:
-    """Return the names of the robots' tool centre points, after a check that the robots' bodies exist."""
+    """Check that the robots' bodies exist, and return the name of each robot's tool centre point."""
     bodies, found = [mjm.body(i).name for i in range(1, mjm.nbody)], {}
     for name, robot in config.all_robots.items():
         if not robot.in_scene:

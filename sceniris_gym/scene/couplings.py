@@ -29,12 +29,12 @@ class Coupling:
     Attributes:
         label: The equality's name in errors.
         follower: The joint that follows.
-        driver: The joint it follows, None if it is held.
+        driver: The joint that the follower follows, or None if the follower is held.
         adr: Address of the follower in qpos.
-        driver_adr: Address of the driver in qpos, or of the follower if it is held.
+        driver_adr: Address of the driver in qpos, or the address of the follower if the follower is held.
         origin: Position x0 of the driver [m or rad].
         offset: Position y0 + a0 of the follower [m or rad] when the driver is at x0.
-        coef: a1 to a4, zeros if it is held.
+        coef: a1 to a4, or zeros if the follower is held.
         limits: Limits of the follower [m or rad], infinite if it is unlimited.
     """
 
@@ -70,7 +70,7 @@ def joint_couplings(mjm: mujoco.MjModel, where: str) -> tuple[Coupling, ...]:
 
     Args:
         mjm: The model.
-        where: The beginning of errors.
+        where: The text at the beginning of error messages.
 
     Raises:
         SceneKeyError: Two equalities determine the same joint, or joints follow each other in a cycle.
@@ -134,7 +134,7 @@ def equality_label(mjm: mujoco.MjModel, eq: int) -> str:
 
 
 def equality_errors(mjm: mujoco.MjModel, states: np.ndarray) -> np.ndarray:
-    """Return MuJoCo C's error of each equality in states (n, nq) [m or rad], shape (n, neq), 0 if inactive."""
+    """Return MuJoCo C's error of each equality in states (n, nq) [m or rad], shape (n, neq). Inactive ones have 0."""
     alone = copy.copy(mjm)
     alone.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)  # objects may lie on top of each other
     data, missed = mujoco.MjData(alone), np.zeros((len(states), mjm.neq))

@@ -1,4 +1,4 @@
-"""Draws of a scene's physics and looks, resolved to single values of model fields: `FieldDraw`."""
+"""`FieldDraw`: a draw of a scene's physics or appearance, resolved to single values of a model field."""
 
 import copy
 import fnmatch
@@ -19,10 +19,10 @@ from sceniris_gym.scene.support import subtree
 _PHYSICS = [word for kind in ("object", "scene") for word in WORDS[kind].values() if word.field != "geom_rgba"]
 LEAST: dict[str, Ends] = {word.field: "least" for word in _PHYSICS}
 MOST: dict[str, Ends] = {word.field: "most" for word in _PHYSICS}
-"""The ends of all drawn physics."""
+"""The low and the high end of each physics field that can be drawn."""
 WEAK: dict[str, Ends] = {word.field: word.weak for word in _PHYSICS if word.weak}
 LOOSE: dict[str, Ends] = {word.field: word.loose for word in _PHYSICS if word.loose}
-"""The ends named by `Word.weak` and `Word.loose`."""
+"""The ends that `Word.weak` and `Word.loose` name, for each field."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ def drawn_fields(draws: tuple[FieldDraw, ...]) -> list[str]:
 
 
 def simple_bodies(config: SceneConfig, mjm: mujoco.MjModel) -> list[str]:
-    """Return the simple bodies with a drawn centre of mass, which need a full mass matrix."""
+    """Return the bodies that MuJoCo marks as simple, but that need a full mass matrix for a drawn centre of mass."""
     parts = {part.body or name: part for name, part in config.objects.items()}
     parts |= {robot.name: robot for robot in config.all_robots.values()}
     drawn = [mjm.body(name).id for name, part in parts.items() if "ipos" in part.randomize]
@@ -72,7 +72,7 @@ def simple_bodies(config: SceneConfig, mjm: mujoco.MjModel) -> list[str]:
 
 
 def nominal_values(mjm: mujoco.MjModel, field: str) -> np.ndarray:
-    """Return a field of the model, shape (n, width). For geoms, colours include the colours of materials."""
+    """Return a field of the model, shape (n, width). A geom without a colour has the colour of its material."""
     values = np.array(getattr(mjm.opt if field in OPTIONS else mjm, field), float)
     if field == "geom_rgba":  # MuJoCo's default grey gives way to the colour of the material
         of_material = (values == (0.5, 0.5, 0.5, 1.0)).all(axis=1) & (mjm.geom_matid >= 0)
@@ -85,8 +85,8 @@ def field_draws(config: SceneConfig, mjm: mujoco.MjModel, bodies: Mapping[str, i
 
     Raises:
         UnknownNameError: The model has no such light, camera, material or texture, or MuJoCo no such field.
-        SceneKeyError: A draw without effect, values out of range, or a wrong number of values.
-        ArgumentError: Steps leave the field out.
+        SceneKeyError: A draw has no effect, its values are out of range, or their number is wrong.
+        ArgumentError: A field is 0 in the whole model, so steps leave it out.
     """
     draws = {written[1]: _resolved(mjm, *written) for written in _written(config, mjm, bodies)}
     drawn: dict[object, str] = {}
@@ -100,7 +100,7 @@ def field_draws(config: SceneConfig, mjm: mujoco.MjModel, bodies: Mapping[str, i
 def _written(
     config: SceneConfig, mjm: mujoco.MjModel, bodies: Mapping[str, int]
 ) -> Iterator[tuple[str, str, Word, DrawConfig, list[int]]]:
-    """Yield the draws as written: name, place for messages, word, distribution, and rows of the field."""
+    """Yield each draw as written: its name, its place for messages, its word, its distribution and its rows."""
     for name, part in {**config.objects, **config.all_robots}.items():
         for key, draw in part.randomize.items():
             word, where = WORDS["object"][key], f"{config.where}: {config.key(name)}.randomize.{key}"
@@ -124,14 +124,14 @@ def _written(
 
 
 def _resolved(mjm: mujoco.MjModel, name: str, where: str, word: Word, config: DrawConfig, rows: list[int]) -> FieldDraw:
-    """Return a draw of these rows, without rows that it cannot change."""
+    """Return the draw of `rows`, without the rows that the draw cannot change."""
     check_field(word.field, mjm, where)
     values = nominal_values(mjm, word.field)
     if word.form not in {None, config.form}:
         _refuse(f"{where}.{config.form}", f"it should be given by '{word.form}'.")
     rows = [row for row in rows if _has_effect(mjm, word.field, row)]
     if word.field in {"body_mass", "body_ipos"} and not mjm.body_weldid[rows].any():
-        rows = []  # they never move
+        rows = []  # the bodies never move
     if word.field == "actuator_delay":  # limited by the number of samples in MuJoCo's history
         longest = min((mjm.actuator_history[row, 0] for row in rows), default=0) * mjm.opt.timestep
         word = replace(word, most=float(longest))
@@ -204,7 +204,7 @@ def _choice(mjm: mujoco.MjModel, word: Word, config: DrawConfig, where: str) -> 
 
 
 def _ends(draw: FieldDraw, values: np.ndarray) -> np.ndarray:
-    """Return the extreme values of a draw, shape (nend, nrow or 1, ncomponent or 1). Rotations have angles."""
+    """Return the extreme values of a draw, shape (nend, nrow or 1, ncomponent or 1). For rotations: angles."""
     config = draw.config
     ends = draw.choice if config.choice is not None else np.array(config.ends)
     if config.distribution == "normal":
@@ -240,7 +240,7 @@ def at_ends(mjm: mujoco.MjModel, draws: tuple[FieldDraw, ...], **ends: Ends) -> 
 
 
 def corners(draws: tuple[FieldDraw, ...], field: str) -> list[tuple[End, ...]]:
-    """Return all combinations of ends of a field's drawn components, where the worse end is unknown."""
+    """Return all combinations of ends of a field's drawn components, for a field whose worse end is unknown."""
     ends: tuple[End, End] = ("least", "most")
     count = max((1 + int(draw.components.max()) for draw in draws if draw.word.field == field), default=0)
     return list(product(ends, repeat=count))

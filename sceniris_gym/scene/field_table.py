@@ -33,7 +33,7 @@ LEFT_OUT_AT_ZERO = (
 )
 """Fields that mujoco_warp leaves out of its steps if all their values in the model are zero."""
 _SELDOM_FULL = ("body_ipos", "body_iquat")
-"""Fields that can break the sparser mass matrix of bodies that MuJoCo marks as simple."""
+"""Fields that may not vary for bodies that MuJoCo marks as simple, because their mass matrix is sparser."""
 
 JOINT_TRANSMISSIONS = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
 _KINDS = {"jnt": "joint", "dof": "joint", "cam": "camera", "mat": "material", "tex": "texture", "eq": "equality"}
@@ -58,15 +58,15 @@ def check_field(name: str, mjm: mujoco.MjModel, where: str) -> None:
 def field_rows(mjm: mujoco.MjModel, bodies: Mapping[str, int], field: str, name: str, where: str) -> int | slice:
     """Return the rows of a field for a name: the number of a single row, or a slice of consecutive rows.
 
-    For an object or a robot, body fields have the row of its root body. Fields of geoms, joints and actuators have the
-    rows of all elements inside.
+    For an object or a robot, a body field has only the row of the root body. Fields of geoms, joints and actuators have
+    the rows of all elements inside the object or robot.
 
     Args:
         mjm: The model.
         bodies: Root bodies of objects and robots by their names.
         field: The field.
         name: The element, object or robot.
-        where: The beginning of errors.
+        where: The text at the beginning of error messages.
 
     Raises:
         UnknownNameError: The field has no rows for that name.
@@ -91,7 +91,7 @@ def field_rows(mjm: mujoco.MjModel, bodies: Mapping[str, int], field: str, name:
     if np.any(np.diff(ids) != 1):
         raise ArgumentError(
             f"{where} of '{field}': the {kind}s of '{name}' are not consecutive in the model. Name one "
-            "of them, or set the field of all."
+            "of them, or set the whole field."
         )
     if field in _SELDOM_FULL and np.any(mjm.body_simple[ids]):
         raise ArgumentError(
@@ -120,7 +120,7 @@ def rows_inside(mjm: mujoco.MjModel, field: str, body: int) -> list[int]:
 
 
 def _actuator_body(mjm: mujoco.MjModel, actuator: int) -> int:
-    """Return the body that an actuator moves, for a tendon the first body it moves, -1 if there is no body."""
+    """Return the body that an actuator moves, or -1 if there is none. For a tendon, it is the tendon's first body."""
     kind, target = mjm.actuator_trntype[actuator], mjm.actuator_trnid[actuator, 0]
     if kind == mujoco.mjtTrn.mjTRN_TENDON:
         first = mjm.tendon_adr[target]

@@ -23,7 +23,7 @@ STILL = 1e-2
 
 # Geom fields that affect how an object comes to rest.
 _GEOM = ("geom_type", "geom_size", "geom_pos", "geom_quat", "geom_contype", "geom_conaffinity", "geom_friction")
-_AROUND = 1e-3  # m by which the surface of all rows extends beyond the roots
+_AROUND = 1e-3  # m, by which the surface of a heap extends beyond the roots of its objects
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class HeapRows:
     settled_with: str
 
     def write(self, path: Path) -> None:
-        """Write the heaps as a .npz file, the same bytes for the same rows."""
+        """Write the heaps as a .npz file. The same rows give the same bytes."""
         rows = replace(self, pos=self.pos.astype(np.float32), quat=self.quat.astype(np.float32))
         with path.open("wb") as file:
             np.savez(file, **vars(rows))
@@ -55,7 +55,7 @@ def read_rows(path: Path, heap: HeapConfig, where: str) -> HeapRows:
     Args:
         path: The file.
         heap: The heap of the scene.
-        where: The beginning of errors.
+        where: The text at the beginning of error messages.
 
     Raises:
         SceneKeyError: The file is missing, was not written by `sceniris-gym settle`, or has other objects.
@@ -76,7 +76,7 @@ def read_rows(path: Path, heap: HeapConfig, where: str) -> HeapRows:
     if rows.names != heap.of:
         listed = ", ".join(rows.names)
         raise SceneKeyError(
-            f"{where}.rows: '{path}' has heaps of {listed}, but the scene's heap is of {', '.join(heap.of)}. {mend}"
+            f"{where}.rows: '{path}' has heaps of {listed}, but the heap in the scene has {', '.join(heap.of)}. {mend}"
         )
     return rows
 
@@ -132,7 +132,7 @@ def rigid_thing(scene: SceneModel, name: str, where: str) -> list[int]:
     bodies = scene.subtree(name)
     if scene.config.objects[name].kind != "free" or scene.mjm.body_jntnum[bodies[1:]].any():
         raise NotSupportedError(
-            f"{where}.of: '{name}' should be 'free' and have no joints inside: heaps are of rigid objects."
+            f"{where}.of: '{name}' should be 'free' and have no joints inside, because heaps consist of rigid objects."
         )
     return bodies
 
@@ -144,8 +144,9 @@ class HeapPoses:
     Attributes:
         pos: Position of the object's root [m], shape (nrow, 3).
         quat: Orientation of the object, wxyz, shape (nrow, 4).
-        stream: The random stream that draws the row, the same for all objects of the heap.
-        together: All bodies that settled together: of the objects, and fixed to the filled body.
+        stream: The random stream that draws the row. All objects of a heap share it.
+        together: All bodies that settled together: the bodies of the objects, the filled body, and all bodies that are
+            fixed to the filled body.
         settled_with: Identifies the shapes and masses of the settled bodies, see the function `settled_with`.
         support: The support that the heap fills.
         surface: A rectangle around the roots in all rows, seen from above, at the height of the highest root.
@@ -164,7 +165,7 @@ def heap_poses(scene: SceneModel) -> dict[str, HeapPoses]:
     """Read the settled poses of all objects of heaps, by name.
 
     Raises:
-        SceneKeyError: A heap has no rows, or rows of other objects.
+        SceneKeyError: A heap has no rows, or its rows are for other objects.
         NotSupportedError: An object has inner joints, or a heap fills the world.
     """
     found: dict[str, HeapPoses] = {}
@@ -172,7 +173,7 @@ def heap_poses(scene: SceneModel) -> dict[str, HeapPoses]:
         where = f"{scene.config.where}: heaps.{key}"
         if heap.rows is None:
             raise SceneKeyError(
-                f"{where}.rows: is missing. Make rows with `sceniris-gym settle SCENE -o ROWS.npz`, and name the file."
+                f"{where}.rows: is missing. Run `sceniris-gym settle SCENE -o ROWS.npz`, and write 'rows: ROWS.npz'."
             )
         rows = read_rows(Path(heap.rows), heap, where)
         body = filled_body(scene, heap, where)

@@ -24,13 +24,14 @@ _NO_MATTER = frozenset(
 )
 """Elements of MJCF that do not affect layouts."""
 _SEEN_IN_URDF = frozenset(("visual", "material"))
-"""Elements with another meaning in a URDF: geoms without collisions, if the compiler keeps them."""
+"""Elements that are geoms without collisions in a URDF, if the compiler keeps them."""
 _OPTIONS = frozenset(("gravity", "o_margin"))
 """Attributes of `option` that affect layouts. The others only affect the simulation. All flags of `option` count."""
 _LOOKS = frozenset(("rgb1", "rgb2", "material", "texcoord", "texuniform"))
-"""Attributes that only affect looks. `rgba` counts: with `geometry: visual`, invisible geoms are no obstacles."""
+"""Attributes that only affect appearance. `rgba` also affects layouts: with `geometry: visual`, invisible geoms are no
+obstacles."""
 _SEEN = frozenset(("camera", "light", "texture", "material"))
-"""Elements of MJCF that affect pictures. They count in scenes whose looks or physics are drawn."""
+"""Elements of MJCF that affect pictures. They count in scenes whose appearance or physics is drawn."""
 
 _ARRAYS = (
     *("body_parentid", "body_pos", "body_quat", "body_ipos", "body_mass", "body_mocapid", "body_gravcomp"),
@@ -63,8 +64,8 @@ def scene_hash(config: SceneConfig, mjm: mujoco.MjModel, home_qpos: np.ndarray) 
 
     The hash covers the words of the scene that differ from their defaults, the files of its model and its assets, the
     rows of heaps, and the arm's reachability map if objects are `reachable`. It leaves out file names, cameras, lights
-    and looks, unless `randomize` draws physics or looks. It leaves out solver options, except the options that affect
-    standing objects, in scenes where an object could fall.
+    and appearance, unless `randomize` draws physics or appearance. It also leaves out solver options. But in scenes
+    where an object could fall, it covers the options that affect standing objects.
 
     Args:
         config: The scene as written.
@@ -134,7 +135,7 @@ def map_of(robot: RobotConfig) -> Path | None:
 
 
 def _update_from_file(update: Callable[[bytes], None], path: Path, drawn: bool) -> None:
-    """Add the contents of a file and of its referenced files: meshes as bytes, and looks only if drawn."""
+    """Add the contents of a file and of its referenced files: meshes as bytes, and appearance only if `drawn`."""
     root = model_tree(path, path.parent, set())
     keeps_visuals = root.tag == "robot" and any(c.get("discardvisual") == "false" for c in root.iter("compiler"))
     no_matter = _NO_MATTER - _SEEN if drawn else _NO_MATTER

@@ -1,4 +1,4 @@
-"""`LayoutTable`: layouts on the host, to be stored, written to files, audited or drawn.
+"""`LayoutTable`: layouts on the host, to be stored, written to files, audited or shown in pictures.
 
 This module depends only on MuJoCo states, so that code that judges layouts shares no code with the generator.
 """
@@ -21,8 +21,9 @@ class Column(NamedTuple):
     """The form of a column.
 
     Attributes:
-        part: The part of a layout that the column belongs to: its "key", the key of the "draw" of physics and looks,
-            its "pose" in a world, its "grasp", a "count" of the work to make it, or a "table" for derived values.
+        part: The part of a layout that the column belongs to: its "key", the key of the "draw" of physics and
+            appearance, its "pose" in a world, its "grasp", a "count" of the work to make it, or a "table" for derived
+            values.
         dtype: NumPy's name of the column's type.
         shape: Shape of a row, as numbers and names of widths.
         blank: The value of an unknown entry.
@@ -34,7 +35,7 @@ class Column(NamedTuple):
     blank: float = 0
 
     def row(self, widths: Mapping[str, int]) -> tuple[int, ...]:
-        """Return the shape of a row for widths given by name. A missing width is 0."""
+        """Return the shape of a row. `widths` maps names of widths to numbers. A missing width is 0."""
         return tuple(widths.get(width, 0) if isinstance(width, str) else width for width in self.shape)
 
     def blanks(self, nrow: int) -> np.ndarray:
@@ -50,7 +51,7 @@ class LayoutTable:
 
     Attributes:
         seed: Seed of the world, shape (nrow,), uint64.
-        draw_seed, draw_episode, draw_stream: The key that draws physics and looks, as in `Layouts`, shape (nrow,),
+        draw_seed, draw_episode, draw_stream: The key that draws physics and appearance, as in `Layouts`, shape (nrow,),
             uint64 and int32. An unknown `draw_episode` is -1.
         episode: Episode of the world, -1 if unknown, shape (nrow,), int32.
         qpos: Joint positions [m, rad], quaternions wxyz, shape (nrow, nq).
@@ -59,8 +60,8 @@ class LayoutTable:
         status: Codes of `layout.layouts.LayoutStatus`, shape (nrow,), int32.
         attempts: Number of candidates drawn for the layout, shape (nrow,), int32.
         start: Index of the kind of start in the scene file, -1 for scenes without starts, shape (nrow,), int32.
-        grasp: The accepted grasp of each reach target, as an index into its grasps, -1 for absent objects, shape
-            (nrow, nreach), int32.
+        grasp: The accepted grasp of each reach target, as an index into the grasps of the target, shape (nrow, nreach),
+            int32. It is -1 for absent objects.
         grasp_pose: The TCP's pose in the accepted grasp, world frame, position [m] and orientation (wxyz), nan without
             a grasp, shape (nrow, nreach, 7), float32.
         grasp_qpos: The arm's joints [rad or m] in the accepted grasp, nan for tiers that use only the arm's map, shape
@@ -120,7 +121,7 @@ class LayoutTable:
 
     @classmethod
     def concatenate(cls, tables: Sequence[LayoutTable]) -> LayoutTable:
-        """Return the rows of all tables, at least one, as one table.
+        """Return the rows of one or more tables as one table.
 
         Raises:
             ArgumentError: The sequence is empty, or has values of another type.
@@ -132,7 +133,7 @@ class LayoutTable:
         first, *others = ((table.scene, table.split, table.params) for table in tables)
         if any(other != first for other in others) or len(widths) > 1:
             raise SceneMismatchError(
-                "LayoutTable.concatenate: the tables should be of one scene, split and set of params."
+                "LayoutTable.concatenate: all tables should have the same scene, split, params and widths."
             )
         return replace(tables[0], **{name: np.concatenate([getattr(t, name) for t in tables]) for name in COLUMNS})
 
@@ -144,7 +145,7 @@ class LayoutTable:
         return replace(self, **{name: getattr(self, name)[rows] for name in COLUMNS})
 
     def chunks(self, size: int) -> Iterator[tuple[int, LayoutTable]]:
-        """Yield the first row index and the rows of each chunk of at most `size` rows.
+        """Yield chunks of at most `size` rows, each with the index of its first row.
 
         Raises:
             ArgumentError: The size is not an integer of at least 1.
@@ -177,8 +178,8 @@ def row_numbers(index: Any, nrow: int, name: str) -> np.ndarray:
     """Return the numbers of the rows that a NumPy index selects, shape (n,). An integer selects one row.
 
     Raises:
-        IndexError: An integer beyond the rows. Python ends loops by this error.
-        ArgumentError: Any other invalid index.
+        IndexError: The index is an integer beyond the rows. Python ends `for` loops by this error.
+        ArgumentError: The index is invalid for another reason.
     """
     try:
         return np.arange(nrow)[index].reshape(-1)

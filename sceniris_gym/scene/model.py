@@ -33,7 +33,7 @@ class SceneModel(RefusesOldNames):
         mjm: The compiled model.
         bodies: Root body id of every object and robot, by name. A single robot is 'robot'.
         keyframe: The keyframe of `mjm` that is the start pose, -1 if the start pose is `qpos0`.
-        home_qpos: Start pose, shape (nq,). Free objects have their poses of the model. Joints that follow others have
+        home_qpos: Start pose, shape (nq,). Free objects have their poses from the model. Joints that follow others have
             the positions given by the equalities.
         home_ctrl: Controls of the start pose, shape (nu,).
         hash: Identifies the scene by 16 hexadecimal digits, equal for equal scenes in every process.
@@ -41,8 +41,8 @@ class SceneModel(RefusesOldNames):
         couplings: Joints that follow others, drivers first. A linear coupling is reversed if the scene draws its
             follower by name, but not its driver.
         apart: The robots that are not in the scene, each as a separate model in which the robot is 'robot'.
-        former_hash: The scene's hash in version 0.1.0, None if it is the same.
-        draws: The physics and looks that resets draw.
+        former_hash: The scene's hash in version 0.1.0, or None if that hash is the same.
+        draws: The physics and appearance that resets draw.
         shared: The scene in which all variants of an object share a body, None if no object has variants.
     """
 
@@ -89,7 +89,7 @@ class SceneModel(RefusesOldNames):
         if found == self.former_hash:
             return (
                 "was made by version 0.1.0 or before, whose layouts of this scene differ. The scene's hash was "
-                f"{found}, and is {self.hash}. Use that version, or make it again."
+                f"{found} then, and is {self.hash} now. Use that version, or make it again."
             )
         return f"is of scene {found}, and this one is {self.hash}. {cure}"
 
@@ -98,7 +98,7 @@ class SceneModel(RefusesOldNames):
 
         Args:
             found: The hash of the data's scene.
-            what: The data's name, the beginning of the error.
+            what: The name of the data. The error message begins with it.
             cure: See `mismatch`.
 
         Raises:
@@ -112,7 +112,7 @@ class SceneModel(RefusesOldNames):
         return (self.apart[robot], ROBOT) if robot in self.apart else (self, robot)
 
     def support(self, parent: str, where: str) -> Support:
-        """Return the support named 'floor', 'object' or 'object/body', or after a static geom or body of the model.
+        """Return the support of a name: 'floor', an object, 'object/body', or a static geom or body of the model.
 
         Raises:
             UnknownNameError: The scene has no support of that name.
@@ -132,7 +132,7 @@ class SceneModel(RefusesOldNames):
         raise UnknownNameError("body" if parts else "support", parent, where, [*of_object, *still])
 
     def parts(self, name: str) -> dict[str, int]:
-        """Return the bodies inside an object, without its root: ids by the names inside the object."""
+        """Return the ids of the bodies inside an object, except its root, by their names inside the object."""
         found = self._inside(name, np.arange(self.mjm.nbody), self.mjm.body)
         return {local: i for local, i in found.items() if i != self.bodies[name]}
 
@@ -170,42 +170,42 @@ class SceneModel(RefusesOldNames):
         return ContactRules(self.mjm, "physics")
 
     def around(self, support: Support) -> list[int]:
-        """Return the bodies that may cover a support: all bodies of its object, or its body if it has no object."""
+        """Return the bodies that may cover a support: all bodies of the object that has it, or else only its body."""
         return [support.body] if support.owner is None else self.subtree(support.owner)
 
     def joints(self, name: str) -> dict[str, int]:
-        """Return the joints inside an object or a robot, except freejoints: ids by the names inside it."""
+        """Return the ids of the joints inside an object or a robot, except freejoints, by their names inside it."""
         found = self._inside(name, self.mjm.jnt_bodyid, self.mjm.joint)
         return {local: i for local, i in found.items() if self.mjm.jnt_type[i] != mujoco.mjtJoint.mjJNT_FREE}
 
     def sites(self, name: str) -> dict[str, int]:
-        """Return the sites inside an object or a robot: ids by the names inside it."""
+        """Return the ids of the sites inside an object or a robot, by their names inside it."""
         found = self._inside(name, self.mjm.site_bodyid, self.mjm.site)
         return {local: i for local, i in found.items() if local}
 
     def _inside(self, name: str, bodies: np.ndarray, element: Callable[[int], Any]) -> dict[str, int]:
-        """Return the elements inside an object or a robot, given the body of each: ids by the names inside it."""
+        """Return ids of elements inside an object or robot, by local name. `bodies` has the body of each element."""
         prefix = f"{self._prefix(name)}/"
         ids = np.flatnonzero(np.isin(bodies, self.subtree(name))).tolist()
         return {element(i).name.removeprefix(prefix): i for i in ids}
 
     def joint_configs(self, name: str) -> dict[int, JointConfig]:
-        """Return the drawn joints of an object or a robot, with their words: by id, in ascending order.
+        """Return how each drawn joint of an object or a robot is drawn, by joint id in ascending order.
 
         A joint's own name takes precedence over a pattern, and an earlier pattern over a later pattern. Joints without
         a matching name or pattern are left out, and keep their home position. Patterns skip joints that follow others.
 
         Raises:
             UnknownNameError: A name or a pattern matches no joint.
-            SceneKeyError: A fraction for a joint without limits, values outside the joint's limits, noise around a
-                start pose outside the limits, or a joint that follows another.
-            NotSupportedError: A ball joint.
+            SceneKeyError: A joint has a fraction but no limits, values outside its limits, or noise around a start pose
+                outside its limits. Or it follows another joint.
+            NotSupportedError: A joint is a ball joint.
         """
         where = f"{self.config.where}: {self.config.key(name)}.joints"
         return self.resolve_joints(name, self._joint_words(name), where)
 
     def resolve_joints(self, name: str, words: Mapping[str, JointConfig], where: str) -> dict[int, JointConfig]:
-        """Return the joints of an object or a robot that `words` choose by name or pattern, see `joint_configs`."""
+        """Return the joints that names and patterns in `words` select in an object or a robot, see `joint_configs`."""
         joints, following = self.joints(name), {c.follower: c for c in self.couplings}
         found: dict[int, JointConfig] = {}
         for word in sorted(words, key=lambda word: word not in joints):  # names first, then patterns as written
@@ -262,12 +262,12 @@ def refuse_follower(mjm: mujoco.MjModel, coupling: Coupling, where: str) -> NoRe
 
 
 def check_joint(mjm: mujoco.MjModel, home_qpos: np.ndarray, joint: int, config: JointConfig, where: str) -> None:
-    """Check that a joint can be drawn by the words of a scene file.
+    """Check that a joint can be drawn as `config` says.
 
     Raises:
-        NotSupportedError: A ball joint.
-        SceneKeyError: A fraction for a joint without limits, values outside the limits, or noise around a start pose
-            outside the limits.
+        NotSupportedError: The joint is a ball joint.
+        SceneKeyError: The joint has a fraction but no limits, values outside its limits, or noise around a start pose
+            outside its limits.
     """
     name = mjm.joint(joint).name
     if mjm.jnt_type[joint] == mujoco.mjtJoint.mjJNT_BALL:

@@ -1,7 +1,7 @@
 """Models from MJCF and URDF files, with the contents of all referenced files in `MjSpec.assets`.
 
-So the scene can be moved, and written as a zip file that unpacks into one folder. A model may attach other models
-(`<model>` and `<attach>`), with files in their own folders. A URDF may name its meshes by package.
+With these contents, a scene can be moved, and written as a zip file that unpacks into one folder. A model may attach
+other models (`<model>` and `<attach>`), with files in their own folders. A URDF may name its meshes by package.
 """
 
 import io
@@ -28,8 +28,8 @@ THINGS = (".obj", ".stl", ".ply", ".off", ".glb", ".gltf", ".dae", ".usd", ".usd
 _COLLADA = ".dae"
 MODEL_FOLDERS = ("meshdir", "assetdir", "texturedir")
 """Attributes of `compiler` that name folders."""
-# Elements whose short text makes large models: their multiplying attributes, and the most parts that MuJoCo makes in
-# some seconds.
+# Elements whose short text can make a large model, with the attributes that multiply its size. `_MOST` is the number of
+# parts that MuJoCo makes in some seconds.
 _GROWING = {"hfield": ("nrow", "ncol"), "texture": ("width", "height"), "attach": ()}
 _GROWING |= dict.fromkeys(("replicate", "composite", "flexcomp"), ("count",))
 _MOST = {"hfield": 1 << 26, "texture": 1 << 28, "made": 20_000}
@@ -47,7 +47,7 @@ def load_model(path: Path, where: str, repaired: Callable[[str], str] | None = N
 
     Args:
         path: The file.
-        where: The beginning of errors.
+        where: The text at the beginning of error messages.
         repaired: Converts the text of the file to a text that MuJoCo can read.
 
     Raises:
@@ -95,12 +95,12 @@ def load_model(path: Path, where: str, repaired: Callable[[str], str] | None = N
 
 
 def renamed(file: str, prefix: str) -> str:
-    """Return a file's name with a prefix and without folders. MuJoCo also searches files without their folders."""
+    """Return a file's name with a prefix and without folders. MuJoCo also finds a file without its folder."""
     return prefix + file.rpartition("/")[2]
 
 
 def file_of(uri: str, folder: Path) -> Path | None:
-    """Return the file of a mesh that a URDF in a folder names, None if it does not exist.
+    """Return the file of a mesh that a URDF in `folder` names, or None if the file does not exist.
 
     A package is searched in the folders above the URDF: a folder with the package's name, or with the same files.
     """
@@ -128,14 +128,14 @@ def model_tree(path: Path, folder: Path, seen: set[Path]) -> ElementTree.Element
 
     Raises:
         OSError: The path or an included path is not a file.
-        SceneFileError: A file is not well-formed XML, which MuJoCo could read differently, or is included twice.
+        SceneFileError: A file is included twice, or is not well-formed XML. MuJoCo could read such XML differently.
     """
     if path.resolve() in seen:
         raise SceneFileError(f"{path}: is included twice, or by itself. Include each file once.")
     seen.add(path.resolve())
     try:
         text = _APART.sub(_without_comment, read_bytes(path).lstrip())
-        root = ElementTree.fromstring(_DOCTYPE.sub(b"<<", text))  # rejected: MuJoCo reads on inside of it
+        root = ElementTree.fromstring(_DOCTYPE.sub(b"<<", text))  # rejected: MuJoCo reads its contents
     except (ElementTree.ParseError, ValueError, LookupError) as error:  # LookupError: unknown encoding
         raise SceneFileError(f"{path}: should be MJCF or URDF in well-formed XML, found: {error}.") from None
     for parent in list(root.iter()):
@@ -149,7 +149,7 @@ def _without_comment(found: re.Match[bytes]) -> bytes:
 
 
 def _read(path: Path, prefix: str, folders: list[tuple[str, Path]], above: tuple[Path, ...] = ()) -> Counter[str]:
-    """Append the name prefix and the folder of a model, and of all models that it attaches.
+    """Append the name prefix and the folder of a model to `folders`, and of all models that it attaches.
 
     Returns:
         The size of the compiled model, see `_size`.
@@ -185,7 +185,7 @@ def _size(element: ElementTree.Element, where: str, models: dict[str | None, Cou
 
     Args:
         element: The element.
-        where: The beginning of errors.
+        where: The text at the beginning of error messages.
         models: The sizes of models that may be attached, by name. Models without a name are under None.
 
     Raises:
@@ -202,12 +202,14 @@ def _size(element: ElementTree.Element, where: str, models: dict[str | None, Cou
         size["made"] += size.pop("written", 0)
     for kind, most in _MOST.items():
         if size[kind] > most:
-            raise SceneFileError(f"{where}: <{element.tag}> makes {size[kind]:,} parts, should be at most {most:,}.")
+            raise SceneFileError(
+                f"{where}: <{element.tag}> makes {size[kind]:,} parts. It should make {most:,} at most."
+            )
     return size
 
 
 def _referring(spec: mujoco.MjSpec) -> Iterator[tuple[Any, str, str]]:
-    """Yield each element with a file, the file's subfolder of the model's folder, and the file."""
+    """Yield each element that names a file, the subfolder of the file in the model's folder, and the file's name."""
     referring: list[tuple[Any, str, list[str]]] = [
         *((element, "meshdir", [element.file]) for element in (*spec.meshes, *spec.hfields, *spec.skins)),
         *((texture, "texturedir", [texture.file, *texture.cubefiles]) for texture in spec.textures),

@@ -1,4 +1,4 @@
-"""A check for numbers in a model that MuJoCo accepts, but that no simulation can use."""
+"""Finds numbers in a model that MuJoCo accepts, but a simulation cannot use."""
 
 import mujoco
 import numpy as np
@@ -29,7 +29,7 @@ def check_numbers(mjm: mujoco.MjModel, where: str) -> None:
     Infinity is accepted where MuJoCo uses it for the absence of a limit, such as in `range`.
 
     Raises:
-        SceneKeyError: The first such number. The message names its field and element.
+        SceneKeyError: A number is wrong. The message names the first wrong field and its element.
     """
     for name in (name for name in dir(mjm.opt) if not name.startswith("_")):
         bound, values = BOUNDS.get(_OPTIONS.get(name, "")), np.atleast_1d(getattr(mjm.opt, name))

@@ -1,4 +1,4 @@
-"""The overview camera of a scene, which sees all places of objects past the robots, and the geoms in pictures."""
+"""The overview camera of a scene, placed so that robots do not hide objects. Also: which geoms pictures show."""
 
 import copy
 
@@ -23,7 +23,7 @@ _HEADINGS = (
     *((0.45, 1.0), (-0.45, 1.0), (1.0, 0.45), (-1.0, 0.45)),
 )
 _NEARLY = 0.05
-# Slopes of the view: into a drawer over its face, and for scenes without drawers.
+# Slopes of the view: steep enough to see into a drawer over its front, and the slope for scenes without drawers.
 _INTO_DRAWERS, _ELSEWHERE = np.tan(np.radians(62.0)), np.tan(np.radians(42.0))
 _SHOWN = (0, 1, 2)
 _GRID = np.linspace(0.1, 0.9, 4)
@@ -78,7 +78,7 @@ class Overview:
         return [box for name in self.config.parts if (box := self._box(name)) is not None]
 
     def _shares_seen(self, eyes: list[np.ndarray]) -> np.ndarray:
-        """Return the fraction of the places that each eye sees past the geoms that stay in place."""
+        """Return the fraction of the places that no geom hides from each eye. Only geoms that stay are considered."""
         mjm = copy.copy(self.mjm)
         mjm.geom_group[self.of_placed] = HIDDEN_GROUP
         groups, hit = np.isin(np.arange(6), _SHOWN).astype(np.uint8), np.zeros(1, np.int32)
@@ -91,7 +91,7 @@ class Overview:
         return np.array([np.mean([free(at, eye) for at in points]) if points else 1.0 for eye in eyes])
 
     def _box(self, name: str) -> _Box | None:
-        """Return the box around an object's pivot range and part of its size, None if the object stays."""
+        """Return a box around the range of an object's pivot, plus part of its size, or None if the object stays."""
         part = self.config.parts[name]
         if not part.is_placed:
             return None
@@ -145,8 +145,8 @@ class Overview:
 def picture_groups(mjm: mujoco.MjModel) -> np.ndarray:
     """Return the group of each geom, shape (ngeom,), with shapes for collisions in HIDDEN_GROUP.
 
-    A colliding geom is hidden if its body also has visible geoms without collisions in another group. All geoms of the
-    world are drawn: visual geoms of the world do not replace its floor.
+    A colliding geom is hidden if its body also has visible geoms without collisions in another group. Geoms of the
+    world body always appear, because its visual geoms do not replace its floor.
     """
     groups = mjm.geom_group.copy()
     visible = np.isin(groups, VISIBLE_GROUPS) & (mjm.geom_rgba[:, 3] > 0.0)

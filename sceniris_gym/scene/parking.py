@@ -62,7 +62,7 @@ def has_parking_ground(mjm: mujoco.MjModel, nslot: int, where: str) -> bool:
 
 
 def is_parked(points: np.ndarray) -> np.ndarray:
-    """Return which points [m], shape (..., 3), lie on the parking ground, shape (...), bool."""
+    """Return whether each point [m], shape (..., 3), lies on the parking ground: bool, shape (...)."""
     return np.all(points[..., :2] > PARKING_FROM - 0.5 * PARKING_SPACING, axis=-1)
 
 

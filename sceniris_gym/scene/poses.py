@@ -1,4 +1,4 @@
-"""Addresses of poses in layouts, by names of the scene, and poses of a body in many layouts, by MuJoCo's kinematics."""
+"""Where layouts store the poses of objects, and the poses of a body in many layouts, by MuJoCo's kinematics."""
 
 from typing import Literal, NamedTuple
 
@@ -13,7 +13,7 @@ _WIDTHS = {mujoco.mjtJoint.mjJNT_FREE: 7, mujoco.mjtJoint.mjJNT_BALL: 4}
 
 
 class PoseAddress(NamedTuple):
-    """The address of an object's pose.
+    """The place of an object's pose in a layout.
 
     Attributes:
         kind: "qpos", "mocap", or "body" for an object that never moves.
@@ -29,7 +29,7 @@ def pose_address(scene: SceneModel, name: str, where: str) -> PoseAddress:
 
     Raises:
         UnknownNameError: The scene has no such object.
-        NotSupportedError: Joints determine the pose of the body.
+        NotSupportedError: The pose of the body depends on joints other than a freejoint.
     """
     if name not in scene.bodies:
         raise UnknownNameError("object", name, where, [*scene.bodies, *scene.config.variants])
@@ -41,7 +41,7 @@ def pose_address(scene: SceneModel, name: str, where: str) -> PoseAddress:
         return PoseAddress("mocap", int(mjm.body_mocapid[body]))
     if not is_static(mjm)[body]:
         raise NotSupportedError(
-            f"{where}: '{name}' hangs on joints, and layouts hold their positions, not its pose. Use its joints."
+            f"{where}: '{name}' hangs on joints, so layouts store joint positions instead of its pose. Use the joints."
         )
     return PoseAddress("body", body)
 
@@ -52,7 +52,7 @@ def joint_address(scene: SceneModel, name: str, where: str) -> tuple[int, int]:
     Args:
         scene: The scene.
         name: The joint's name in the model, `object/joint`, or the name inside its object if it is unique.
-        where: The beginning of errors.
+        where: The text at the beginning of error messages.
 
     Raises:
         UnknownNameError: The joint does not exist, or several objects have a joint of that name.
@@ -117,7 +117,7 @@ def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def rotated(vector: np.ndarray, quat: np.ndarray) -> np.ndarray:
-    """Rotate one vector or each of several by quaternions (wxyz), shape (nrow, 3)."""
+    """Rotate one vector, or one vector per row, by quaternions (wxyz) of shape (nrow, 4). Return shape (nrow, 3)."""
     axis = quat[:, 1:]
     twice = 2.0 * np.cross(axis, np.broadcast_to(vector, axis.shape))
     return vector + quat[:, :1] * twice + np.cross(axis, twice)

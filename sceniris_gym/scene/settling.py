@@ -1,4 +1,4 @@
-"""Heaps, settled by MuJoCo C: objects fall into a container until they lie still inside."""
+"""Settles heaps with MuJoCo C: objects fall into a container until they lie still inside."""
 
 import copy
 
@@ -92,7 +92,7 @@ class _Drop:
         geoms = np.flatnonzero(np.isin(mjm.geom_bodyid, walls) & collides)
         if not len(geoms):
             raise SceneKeyError(
-                f"{where}.fill: '{heap.fill}' has no geoms that collide, so nothing can lie in it. Add geoms that "
+                f"{where}.fill: '{heap.fill}' has no geoms that collide, so no object can lie in it. Add geoms that "
                 "collide."
             )
         self.low, self.high = upright_box(mjm, scene.home, geoms)
@@ -101,7 +101,7 @@ class _Drop:
         self.sizes = np.array([away[root == thing].max(initial=0.01) for thing in self.things])
 
     def dropped(self, rng: np.random.Generator) -> mujoco.MjData | None:
-        """Drop the objects. Return the state with all of them at rest in the container, or None if some are not."""
+        """Drop the objects. Return the state with all of them at rest in the container, or None if any is not."""
         mjm, data = self.mjm, mujoco.MjData(self.mjm)
         data.qpos[:] = self.home
         height = self.high[2]
@@ -124,9 +124,9 @@ class _Drop:
         return data if self._lies(data) else None
 
     def _lies(self, data: mujoco.MjData) -> bool:
-        """Return whether the objects are inside, do not penetrate too deeply, and stay in place when released at rest.
+        """Return whether the objects are in the container, hardly penetrate, and stay in place when released at rest.
 
-        A layout stores only their poses, without velocities and without the forces of the previous step.
+        They are released without velocities and previous forces, because a layout stores only their poses.
         """
         tried = mujoco.MjData(self.mjm)
         tried.qpos[:] = data.qpos.astype(np.float32)  # the precision of layouts
@@ -137,7 +137,7 @@ class _Drop:
         mujoco.mj_kinematics(self.mjm, data)
         mujoco.mj_collision(self.mjm, data)
         moved = np.linalg.norm(tried.xpos[self.things] - before, axis=1).max()
-        centers, top = data.xipos[self.things], self.high + np.outer(self.sizes, [0.0, 0.0, 1.0])  # may stick out there
+        centers, top = data.xipos[self.things], self.high + np.outer(self.sizes, [0.0, 0.0, 1.0])  # may stick out
         inside = ((centers >= self.low) & (centers <= top)).all()
         return bool(
             self._is_still(tried) and moved < _MOVED and -min(data.contact.dist, default=0.0) < DEEPEST and inside

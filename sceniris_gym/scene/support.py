@@ -13,8 +13,8 @@ class Support:
 
     Attributes:
         body: Id of the support's body, 0 for the world.
-        owner: The object that has the support, None for the floor and for static geoms and bodies outside objects.
-        geom: Id of the geom if the support is a single geom, None for a whole body or the floor.
+        owner: The object that has the support. None if it is the floor, or a static geom or body outside objects.
+        geom: Id of the geom if the support is a single geom. None if it is a whole body or the floor.
         is_floor: Whether the support is the ground workspace, the scene's `floor`.
     """
 
@@ -42,7 +42,7 @@ def static_supports(mjm: mujoco.MjModel, bodies: Mapping[str, int]) -> dict[str,
 
 
 def is_static(mjm: mujoco.MjModel) -> np.ndarray:
-    """Return which bodies never move, shape (nbody,): fixed to the world, and not below a mocap body."""
+    """Return which bodies never move, shape (nbody,): bodies fixed to the world, but not to a mocap body."""
     return (mjm.body_weldid == 0) & (mjm.body_mocapid[mjm.body_rootid] < 0)
 
 

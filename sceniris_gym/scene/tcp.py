@@ -26,11 +26,11 @@ def tcp_site(spec: mujoco.MjSpec | None, mjm: mujoco.MjModel, qpos: np.ndarray, 
     Without `tcp` in the scene, the name of the robot's site 'tcp' is returned. That site need not exist.
 
     Args:
-        spec: The specification that may get a new site, None for a model that cannot be edited.
+        spec: The specification that may get a new site, or None if the model cannot be edited.
         mjm: The model compiled from `spec`.
         qpos: The start pose, shape (nq,). The closing axis of the fingers is measured in this pose.
         config: The robot.
-        where: The beginning of errors.
+        where: The text at the beginning of error messages.
 
     Raises:
         UnknownNameError: The robot has no such site or body.
@@ -64,7 +64,7 @@ def tcp_site(spec: mujoco.MjSpec | None, mjm: mujoco.MjModel, qpos: np.ndarray, 
 
 
 def _found(mjm: mujoco.MjModel, root: int, words: TcpConfig, prefix: str, where: str) -> tuple[int, int | None]:
-    """Return the body, and its site if the scene names a site."""
+    """Return the body that carries the tool centre point, and the site if the scene names a site."""
     inside = subtree(mjm, root)
     sites = {mjm.site(i).name: i for i in range(mjm.nsite) if int(mjm.site_bodyid[i]) in inside}
     bodies = {mjm.body(b).name: b for b in inside}

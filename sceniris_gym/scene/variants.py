@@ -44,7 +44,7 @@ _TOLD = 5  # most files of an object that a warning names
 def geom_classes(mjm: mujoco.MjModel) -> list[tuple[int, ...]]:
     """Return the class of each geom: its values of the fields `CLASS`, the same in all worlds.
 
-    Groups are the groups of pictures, with all visible groups merged into one.
+    The geom group is the group for pictures. All visible groups count as one.
     """
     groups = picture_groups(mjm)
     groups[np.isin(groups, VISIBLE_GROUPS)] = VISIBLE_GROUPS[0]
@@ -76,7 +76,7 @@ class SharedBodies:
     Args:
         full: The first assembly, compiled.
         variants: Object -> names of its variants, which are bodies.
-        where: The beginning of errors.
+        where: The text at the beginning of error messages.
 
     Raises:
         SceneKeyError: All contact bits are in use.
@@ -96,7 +96,7 @@ class SharedBodies:
         mjm = self._full
         bodies = [mjm.body(member).id for member in self._variants[name]]
         mocap = bool(mjm.body_mocapid[bodies[0]] >= 0)
-        # An inertia that keeps the body from being simple: MuJoCo omits elements of a simple body's mass matrix.
+        # With this inertia, the body is not simple: MuJoCo omits elements of a simple body's mass matrix.
         shared = spec.worldbody.add_body(
             name=name,
             pos=mjm.body_pos[bodies[0]],
@@ -162,16 +162,16 @@ class SharedBodies:
 def check_variants(
     spec: mujoco.MjSpec, mjm: mujoco.MjModel, variants: Mapping[str, tuple[str, ...]], where: str
 ) -> None:
-    """Check that variants are rigid bodies without references to them.
+    """Check that each variant is one rigid body, and that no other element of the model refers to it.
 
     Args:
         spec: The scene with all variants.
         mjm: The scene, compiled.
         variants: Object -> names of its variants, which are bodies.
-        where: The beginning of errors.
+        where: The text at the beginning of error messages.
 
     Raises:
-        SceneKeyError: The simulation adds a body of a name that is taken.
+        SceneKeyError: The model already has a body of a name that the simulation needs.
         NotSupportedError: A variant has joints or several bodies, or an element of the model refers to it.
     """
     if mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_BODY, _HULLS) >= 0:
@@ -211,7 +211,7 @@ def _geoms(mjm: mujoco.MjModel, body: int) -> list[int]:
 def without_broken(config: SceneConfig) -> SceneConfig:
     """Return the scene without files of folders that MuJoCo cannot load, or that are not a single rigid body.
 
-    Warns of the files that are left out. Returns the same scene if all files are suitable.
+    A warning names the files that are left out. If all files are suitable, the same scene is returned.
 
     Raises:
         SceneFileError: A folder has no suitable file.
@@ -230,7 +230,7 @@ def without_broken(config: SceneConfig) -> SceneConfig:
                 broken[member] = str(error)
         where = f"{config.where}: objects.{name}.asset"
         if len(broken) == len(members):
-            raise SceneFileError(f"{where}: no file of the folder can be a variant. The first: {broken[members[0]]}")
+            raise SceneFileError(f"{where}: no file of the folder can be a variant. First: {broken[members[0]]}")
         if broken:
             told = "\n".join(["", *list(broken.values())[:_TOLD]])
             more = f"\n{len(broken) - _TOLD} more" if len(broken) > _TOLD else ""

@@ -78,7 +78,7 @@ WRONG: dict[str, tuple] = {
     "name of an attached body": (
         {"objects.cab/cup": {"on": "floor"}},
         SceneKeyError,
-        ["objects.cab/cup", "letters, digits", "can be the body 'cab/cup', by 'body'"],
+        ["objects.cab/cup", "letters, digits", "write 'body: cab/cup'"],
     ),
     "taken name": (
         {"objects.floor": {"asset": "apple"}},

@@ -120,8 +120,8 @@ HEAPS_WRONG: dict[str, tuple[dict[str, Any], type[ScenirisError], str]] = {
     "a thing of a group": (
         {"groups": {"some": {"of": ["a"], "count": 1}}}, SceneKeyError, "'a' is also in the group 'some'",
     ),
-    "a place of its own": ({"objects.a.on": "floor"}, SceneKeyError, r"objects\.a: should have no place of its own"),
-    "a turn of its own": ({"objects.a.orientation": "fixed"}, SceneKeyError, "should have no place of its own"),
+    "a place of its own": ({"objects.a.on": "floor"}, SceneKeyError, r"objects\.a: should not say where it is placed"),
+    "a turn of its own": ({"objects.a.orientation": "fixed"}, SceneKeyError, "should not say where it is placed"),
     "a heap in a heap": (
         {"heaps.other": {"fill": "a", "of": ["c"]}, "objects.c": {"asset": "lemon"}}, SceneKeyError, "object of a heap",
     ),

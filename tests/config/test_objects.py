@@ -51,7 +51,7 @@ WRONG: dict[str, tuple] = {
     "2D points without support": (
         {"objects.goal.region.points": [[0, 0], [1, 1]]},
         SceneKeyError,
-        ["objects.goal:", "name its support", "3D points"],
+        ["objects.goal:", "should have a support", "3D points"],
     ),
     "3D box on a support": (
         {"objects.apple.region.box": [[0, 0, 0], [1, 1, 1]]},
@@ -61,7 +61,7 @@ WRONG: dict[str, tuple] = {
     "2D box without support": (
         {"objects.goal.region.box": [[0, 0], [1, 1]]},
         SceneKeyError,
-        ["objects.goal:", "name its support"],
+        ["objects.goal:", "should have a support"],
     ),
     "3D box too far away": (
         {"objects.goal.region.box": [[0, 0, 0], [1, 101, 1]]},
@@ -144,7 +144,7 @@ WRONG_RELATIONS: dict[str, tuple] = {
     "relations of what is not placed": (
         {"objects.goal": {"kind": "marker", "on": None, "relations": [NEAR]}},
         SceneKeyError,
-        ["objects.goal:", "should have a support", "or a 3D box or 3D points as its region"],
+        ["objects.goal:", "should have a support", "or a 3D region (box or points), because it has relations"],
     ),
     "the support's frame without a support": (
         {
@@ -156,7 +156,7 @@ WRONG_RELATIONS: dict[str, tuple] = {
             }
         },
         SceneKeyError,
-        ["objects.goal:", "should name its support", "the frame of one of its relations"],
+        ["objects.goal:", "should name its support", "a relation has 'frame: support'"],
     ),
 }
 

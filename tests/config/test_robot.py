@@ -55,12 +55,12 @@ def test_a_robot_of_one_kind_replaces_one_of_another():
 
 WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "two sources": ({"asset": "panda", "in_model": "a"}, "exactly one of asset, in_model, but has asset and in_model"),
-    "a base in the model": ({"in_model": "panda", "base": [0, 0, 1]}, "have no 'base': a robot of the model"),
+    "a base in the model": ({"in_model": "panda", "base": [0, 0, 1]}, "have no 'base': a robot 'in_model' keeps"),
     "no model to be in": ({"in_model": "panda"}, "'in_model' only together with 'model'"),
     "a TCP nowhere": ({"asset": "panda", "tcp": {"offset": [0, 0, 0.1]}}, "robot.tcp: .* the 'site' or the 'body'"),
     "an unknown word": ({"asset": "panda", "tcp": {"bodi": "hand"}}, "robot.tcp.bodi: unknown key. Did you mean"),
     "a clearance below 0": ({"asset": "panda", "clearance": -0.1}, "robot.clearance"),
-    "drawn nowhere": ({"asset": "panda", "gap": 0.1}, r"should name its support \('on', 'inside' or 'in'\)"),
+    "drawn nowhere": ({"asset": "panda", "gap": 0.1}, r"should have a support \('on', 'inside' or 'in'\)"),
     "drawn and fixed": ({"asset": "panda", "on": "floor", "yaw": 90.0}, "have no 'yaw': its base is drawn"),
     "on something unknown": ({"asset": "panda", "on": "shelf"}, "robot.on: unknown support 'shelf'"),
     "words that exclude each other": ({"asset": "panda", "on": "floor", "in": "floor"}, "should have only one of on"),

@@ -172,15 +172,15 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "a pattern of folders": ({"objects.other": {"asset": "/*/can.xml", "on": "table"}}, "not in a folder"),
     "two kinds": (
         {"objects.target.variants.mug.kind": "fixture"},
-        r"objects\.target\.variants\.mug\.kind: .*the kind of",
+        r"objects\.target\.variants\.mug\.kind: .*should be the same for all variants",
     ),
     "two draws": (
         {"objects.target.variants.mug.randomize": {"mass": {"scale": [0.5, 2]}}},
-        r"objects\.target\.variants\.mug\.randomize: .*the draws of.*State\.scale_field",
+        r"objects\.target\.variants\.mug\.randomize: .*the same for all variants.*State\.scale_field",
     ),
     "two kinds by the names of variants": (
         {"objects.target/mug.kind": "fixture"},
-        r"objects\.target\.variants\.mug\.kind: .*the kind of",
+        r"objects\.target\.variants\.mug\.kind: .*should be the same for all variants",
     ),
     "in a heap": (
         {"heaps.pile": {"of": ["target"], "fill": "can"}},

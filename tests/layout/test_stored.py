@@ -286,7 +286,7 @@ def test_a_table_of_a_scene_with_equal_shapes_is_refused(crane: CompiledScene, t
     with pytest.raises(SceneMismatchError, match="StoredLayouts: table is of scene 0123"):
         StoredLayouts(crane, replace(table, scene="0123"), 4)
     StoredLayouts(crane, replace(table, scene=""), 4)
-    with pytest.raises(SceneMismatchError, match="of one scene, split and set of params"):
+    with pytest.raises(SceneMismatchError, match="should have the same scene, split, params"):
         LayoutTable.concatenate([table, replace(table, split="eval")])
 
 

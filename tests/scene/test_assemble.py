@@ -94,7 +94,7 @@ BAD_ASSETS = {
     "two free bodies": (
         BALL.replace("</worldbody>", "<body name='c'><freejoint/><geom size='.1'/></body></worldbody>"),
         SceneKeyError,
-        r"one body.*'b', 'c'.*and \['c'\] move freely.*'model'.*objects\.a: {body: c}",
+        r"one body.*'b', 'c'.*of which \['c'\] move freely.*'model'.*objects\.a: {body: c}",
     ),
     "a missing mesh": (
         BALL.replace("<worldbody>", "<asset><mesh name='m' file='m.obj'/></asset><worldbody>"),
@@ -127,9 +127,9 @@ def test_a_bad_asset_is_refused_by_its_object(folder: Path, text: str, error: ty
     [
         ({"dest": {"kind": "static"}}, UnknownNameError, r"objects\.dest: unknown body .*mean 'desk'"),
         ({"drawer": {"kind": "static"}}, SceneKeyError, "'drawer' should be a child of the world, not of 'desk'"),
-        ({"stone": {"kind": "static"}}, SceneKeyError, "'stone' has a freejoint; its kind should be 'free'"),
+        ({"stone": {"kind": "static"}}, SceneKeyError, "'stone' has a freejoint, so its kind should be 'free'"),
         ({"desk": {}}, SceneKeyError, "'desk' should have a freejoint"),
-        ({"door": {"kind": "fixture"}}, SceneKeyError, "'door' should have no joint of its own"),
+        ({"door": {"kind": "fixture"}}, SceneKeyError, "'door' should have no joints at its root"),
         ({"desk": {"asset": "ball"}}, SceneKeyError, "has a body of this name"),
         (
             {"door": {"kind": "static", "joints": {"swing": {"fraction": [0, 1]}}}},

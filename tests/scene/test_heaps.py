@@ -41,7 +41,7 @@ def test_files_that_do_not_fit_are_refused(tmp_path: Path):
     with pytest.raises(SceneKeyError, match="holds no settled heaps"):
         read_rows(tmp_path / "none.npz", HEAP, "here")
     HeapRows(("b", "a"), ROWS.pos, ROWS.quat, "").write(tmp_path / "other.npz")
-    with pytest.raises(SceneKeyError, match="has heaps of b, a, but the scene's heap is of a, b"):
+    with pytest.raises(SceneKeyError, match="has heaps of b, a, but the heap in the scene has a, b"):
         read_rows(tmp_path / "other.npz", HEAP, "here")
 
 
@@ -109,5 +109,5 @@ def test_things_of_a_heap_are_not_kept_apart_from_each_other_or_from_the_bin():
 
 def test_a_heap_without_rows_is_told_how_to_make_them():
     """By the key that is missing."""
-    with pytest.raises(SceneKeyError, match=r"heaps\.pile\.rows: is missing. Make rows with `sceniris-gym settle"):
+    with pytest.raises(SceneKeyError, match=r"heaps\.pile\.rows: is missing. Run `sceniris-gym settle"):
         build_plan(build_model(SceneConfig.load(words(folder(), rows=None))))

@@ -108,7 +108,7 @@ def test_tables_that_cannot_be_joined_or_cut_are_refused():
     for wrong in ([], None, [3]):
         with pytest.raises(ArgumentError, match="tables should be a list of one LayoutTable or more"):
             LayoutTable.concatenate(wrong)  # type: ignore[arg-type]
-    with pytest.raises(SceneMismatchError, match="of one scene, split and set of params"):
+    with pytest.raises(SceneMismatchError, match="should have the same scene, split, params"):
         LayoutTable.concatenate(states)
     for size in (0, -1, None, "x"):
         with pytest.raises(ArgumentError, match="size should be an integer of at least 1"):

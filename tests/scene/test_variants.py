@@ -146,7 +146,9 @@ def test_bodies_of_a_model_are_no_variants(compiled: bool):
     spec = on_a_table("thing/cube", "thing/brick")
     words = {"thing": {"variants": {"cube": {}, "brick": {}}, "on": "table"}}
     config = SceneConfig.load({"model": spec.compile() if compiled else spec, "objects": words})
-    with pytest.raises(SceneKeyError, match=r"objects\.thing\.variants: 'cube' has no asset\. Name one there"):
+    with pytest.raises(
+        SceneKeyError, match=r"objects\.thing\.variants: 'cube' has no asset\. Give this variant an 'asset'"
+    ):
         build_model(config)
 
 
@@ -226,7 +228,7 @@ def test_files_of_each_folder_are_left_out(tmp_path: Path):
 
 def test_a_folder_without_a_sound_file_is_refused(tmp_path: Path):
     """With the first reason."""
-    with pytest.raises(SceneFileError, match=r"no file of the folder can be a variant\. The first: .*thing/cut"):
+    with pytest.raises(SceneFileError, match=r"no file of the folder can be a variant\. First: .*thing/cut"):
         build_model(scene(tmp_path, BROKEN))
 
 
