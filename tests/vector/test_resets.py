@@ -201,7 +201,7 @@ def test_a_reseed_shows_once_its_layout_is_served(make_env):
         (["a:train:0:0"] * 2, SceneMismatchError, "is of scene"),
         (LayoutId("a", "train", 0, 0), SceneMismatchError, "is of scene"),
         (["nonsense"] * 2, ArgumentError, "should be scenehash"),
-        ([7, 8], ArgumentError, "should be scenehash"),
+        ([7, 8], ArgumentError, "a sequence of them"),
         ([None], ArgumentError, "or 2, one for each world, got 1"),
         (3, ArgumentError, "a sequence of them"),
         ({"seed": 0}, ArgumentError, "keys 'seed' and 'episode'"),
