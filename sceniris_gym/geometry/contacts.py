@@ -45,7 +45,7 @@ class ContactRules:
         return bits != 0 or any(geom in pair for pair in self._paired)
 
     def is_explicit(self, a: int, b: int) -> bool:
-        """Return whether geoms of two classes are an explicit `<pair>`, which ignores excludes and parents."""
+        """Return whether geoms of two classes form an explicit `<pair>`. Such a pair ignores excludes and parents."""
         return bool(self._paired) and frozenset((a, b)) in self._paired
 
     def excludes(self, body: int, other: int) -> bool:

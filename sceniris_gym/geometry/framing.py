@@ -52,7 +52,7 @@ def box_corners(center: np.ndarray, half: np.ndarray) -> np.ndarray:
 
 
 def geom_corners(mjm: mujoco.MjModel, data: mujoco.MjData, geoms: np.ndarray) -> np.ndarray:
-    """Return the corners [m] of the boxes of geoms in the world, shape (8 n, 3)."""
+    """Return the corners [m] of the bounding boxes of n geoms, world frame, shape (8 n, 3)."""
     found = [np.zeros((0, 3))]
     for geom in geoms:
         box = box_corners(mjm.geom_aabb[geom, :3], mjm.geom_aabb[geom, 3:])
@@ -61,12 +61,12 @@ def geom_corners(mjm: mujoco.MjModel, data: mujoco.MjData, geoms: np.ndarray) ->
 
 
 def upright_box(mjm: mujoco.MjModel, data: mujoco.MjData, geoms: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the lower and the upper corner [m] of the box along the world's axes around the boxes of geoms.
+    """Return the lower and the upper corner [m] of one box, along the world's axes, that encloses some geoms.
 
     Args:
         mjm: The model.
         data: Its state, with the poses of geoms up to date.
-        geoms: Numbers of at least one geom, without planes.
+        geoms: Ids of at least one geom. Planes are not allowed.
     """
     mats = data.geom_xmat[geoms].reshape(-1, 3, 3)
     middle = data.geom_xpos[geoms] + np.einsum("gij,gj->gi", mats, mjm.geom_aabb[geoms, :3])

@@ -86,7 +86,7 @@ class Piece:
 
     @functools.cached_property
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """The lower and the upper corner [m] of the convex form's bounding box in the body's frame.
+        """The lower and the upper corner [m] of the bounding box of the convex form, in the body's frame.
 
         Cached, because a scene of 1,000 objects reads them two million times.
         """
@@ -135,7 +135,7 @@ def extract_pieces(
     Args:
         mjm: The model.
         geometry: "physics" or "visual".
-        bodies: Only pieces of these bodies, by default of all.
+        bodies: Bodies whose pieces are returned. If None, the pieces of all bodies are returned.
         where: The beginning of errors about a body, by its id.
 
     Raises:

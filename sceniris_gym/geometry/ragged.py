@@ -20,6 +20,6 @@ def addressed(name: str, lists: Iterable) -> tuple[list, dict[str, np.ndarray]]:
 
 
 def columns(prefix: str, rows: Sequence, **widths: int) -> dict[str, np.ndarray]:
-    """Return a field `{prefix}_{name}` for each attribute of the rows. `widths` are the numbers of components."""
+    """Return a field `{prefix}_{name}` for each attribute of the rows. `widths` has its number of components."""
     shapes = {name: (-1,) if width == 1 else (-1, width) for name, width in widths.items()}
     return {f"{prefix}_{name}": np.reshape([getattr(r, name) for r in rows], shape) for name, shape in shapes.items()}

@@ -1,4 +1,4 @@
-"""Poses of an object's orientation: as authored, or its stable poses with their probabilities."""
+"""The poses in which an object can rest: as authored, or its stable poses with their probabilities."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class StablePose:
         quat: Orientation of its root, wxyz.
         pivot: Bottom centre of its bounds in its root's frame [m].
         bounds: Bounds in xy around the pivot [m]: low x, low y, high x, high y.
-        probability: Its probability in a draw.
+        probability: Probability that a layout draws this pose.
     """
 
     quat: np.ndarray
@@ -273,7 +273,7 @@ def weights(mjm: mujoco.MjModel) -> np.ndarray:
 
 
 def _center_of_weight(home: mujoco.MjData, root: int) -> np.ndarray:
-    """Return the centre of weight [m] of a body and its descendants, the centre of mass without `gravcomp`."""
+    """Return the centre of weight [m] of a body and its descendants. Without `gravcomp`, it is the centre of mass."""
     mjm = home.model
     inside = mjm.body_rootid == root
     weight = weights(mjm)[inside]
@@ -285,7 +285,7 @@ def _center_of_weight(home: mujoco.MjData, root: int) -> np.ndarray:
 def heading_of(mat: np.ndarray) -> float:
     """Return the heading [rad] of a body with orientation `mat`, shape (3, 3): its x axis, seen from above.
 
-    If the x axis points straight up or down, the heading is the y axis's minus a right angle.
+    If the x axis points straight up or down, the heading is the direction of the y axis minus a right angle.
     """
     if np.abs(mat[:2, 0]).sum() < _UPRIGHT:
         return float(np.arctan2(-mat[0, 1], mat[1, 1]))

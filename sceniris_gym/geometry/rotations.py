@@ -35,7 +35,7 @@ def quaternion(mat: np.ndarray) -> np.ndarray:
 
 
 def _computed(size: int, function: Callable[..., None], *inputs: Any) -> np.ndarray:
-    """Return the result, shape (size,), that a function of MuJoCo writes into its first argument."""
+    """Call a function of MuJoCo, and return the result, shape (size,), that it writes into its first argument."""
     result = np.empty(size)
     function(result, *inputs)
     return result

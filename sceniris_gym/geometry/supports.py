@@ -151,9 +151,9 @@ def crop(
 def _kept(
     surfaces: list[SupportSurface], keep: Polygon | None, points: Points | None, erosion: float
 ) -> list[SupportSurface]:
-    """Return the surfaces with their regions eroded, without empty ones.
+    """Return the surfaces with their regions eroded. Surfaces with an empty region are left out.
 
-    A region keeps its part in `keep`, or the `points` that are on it.
+    Each region is cut to `keep`. If `points` are given, the region becomes the points that lie on it.
     """
     found = []
     for surface in surfaces:
@@ -253,5 +253,5 @@ def _shadow(mesh: trimesh.Trimesh, z: float) -> shapely.Geometry | None:
 
 
 def _parts(geometry: shapely.Geometry) -> MultiPolygon:
-    """Return the areas of any geometry, without lines and points."""
+    """Return the parts of a geometry that have an area. Lines and points are left out."""
     return MultiPolygon([g for g in shapely.get_parts(geometry) if isinstance(g, Polygon) and g.area > 0.0])

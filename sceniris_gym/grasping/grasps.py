@@ -4,7 +4,7 @@ A grasp is a frame midway between the fingertips, with +z along the approach axi
 define grasps as sites `grasp_*`. Because the gripper's fingers are interchangeable, each site is also used with half a
 rotation about its approach axis. For an asset without such sites, grasps are generated from the geometry for each of
 its possible poses: from above with 8 yaws, the same tilted by 15, 30 and 45 degrees, and from the side if the object is
-taller than wide. Grasps that need a wider opening than the gripper's are dropped.
+taller than wide. Grasps that need more than the gripper's widest opening are dropped.
 """
 
 import math
@@ -38,7 +38,7 @@ _UPS = ((1, 0, 0, 0), (0, 1, 0, 0), (1, 0, -1, 0), (1, 0, 1, 0), (1, 1, 0, 0), (
 
 
 def comes_from_below(approach_z: float) -> bool:
-    """Return whether an approach axis with this z component, world frame, comes through the support."""
+    """Return whether an approach axis with this z component (world frame) would come through the support."""
     return approach_z > MOST_RISING
 
 
@@ -138,7 +138,7 @@ class Graspable:
         return GraspSet(tuple(grasps), tuple(zip(adr.tolist(), num.tolist(), strict=True)))
 
     def _named(self, groups: list[list[Grasp]], pattern: str) -> list[list[Grasp]]:
-        """Return the grasps with names that match a glob. A site's half rotation matches together with the site."""
+        """Return the grasps with names that match a glob. If a site matches, so does its grasp with half a rotation."""
         known = {g.name: g.name.removesuffix(_ROLLED) for group in groups for g in group}
         found = {name for name, site in known.items() if matches(site, pattern)}
         if known and not found:

@@ -37,7 +37,7 @@ class Grip:
         share: Opening of the gripper, from 0 (closed) to 1 (open).
         pos: Position [m] of the TCP, midway between the contacts, in the frame of the grasp's body, shape (3,).
         fits: Whether fingers touch the object from both sides without pushing it away.
-        lifts: Whether the fingers hold the object in its placed orientation. False if not tested.
+        lifts: Whether the fingers hold the object in the orientation in which it is placed. False if not tested.
         holds: Whether the fingers hold the object under gravity in any direction. False if not tested.
     """
 

@@ -133,7 +133,7 @@ def _rounded(values: Any) -> list:
 
 
 class Places:
-    """Translates a problem into the words of a scene file: supports, regions, orientations and joints."""
+    """Translates a problem into the keys of a scene file: supports, regions, orientations and joints."""
 
     def __init__(self, problem: Problem, surface: str, space: Workspace, spec: mujoco.MjSpec, widen: float) -> None:
         self._problem, self._surface, self._space, self._spec, self._widen = problem, surface, space, spec, widen
@@ -171,7 +171,7 @@ class Places:
         return found
 
     def _place(self, predicate: Predicate) -> dict[str, Any]:
-        """Return the words of the object or fixture that an `On` or `In` of the start places."""
+        """Return the scene file entry of the object or fixture that an `On` or `In` of the start places."""
         (name, target), where = predicate.names, predicate.where
         check_names("thing", [name], where, self._yaw)
         region = self._problem.regions.get(target)
@@ -213,7 +213,7 @@ class Places:
         return {"on": f"{target}/{INNER}", **self._within(name, yaw), **middle, **gap}
 
     def _on_site(self, name: str, region: Region, word: str, where: str) -> dict[str, Any]:
-        """Return the words of an object on or in a site.
+        """Return the scene file entry of an object on or in a site.
 
         As in LIBERO, positions lie in a rectangle around the site's centre. Its sides are half as long as the site's,
         less the object's radius at each end.

@@ -47,7 +47,7 @@ class Entry:
 
     Attributes:
         name: Name of the object, or 'robot'.
-        words: Its words in the scene file.
+        words: Its keys and values in the scene file.
         notes: Comments above the entry.
         why: Why the entry is commented out, or "" if it is active.
     """
@@ -103,7 +103,7 @@ class FirstScene:
             entry.why = out.get(entry.name, entry.why)
 
     def let_overhang(self, name: str) -> bool:
-        """Let an object hang over the edge of its support, and add a comment. Return False if it may already."""
+        """Let an object overhang its support, and add a comment. Return False if the object already may overhang."""
         for entry in self.objects:
             if entry.name == name and _WHOLLY in entry.words:
                 del entry.words[_WHOLLY]
@@ -219,7 +219,7 @@ class _Bodies:
         return f"Geom {geom} of body '{label}' beneath it cannot be a support: it moves or has no name."
 
     def _standing(self, support: FoundSupport, body: int) -> dict[str, Any]:
-        """Return the words that place a body on a support, without overhang unless the support is endless."""
+        """Return the keys that place a body on a support. Overhang is off, unless the support is endless."""
         words: dict[str, Any] = {"on" if support.open_above else "in": support.name}
         if support.is_endless or max(support.extent) > _LARGE:
             mat = self.data.xmat[support.body].reshape(3, 3)
@@ -275,7 +275,7 @@ def reach_note(mjm: mujoco.MjModel, base: str, tcp: str) -> str:
 
 
 def _names(mjm: mujoco.MjModel, bodies: Iterable[int]) -> dict[str, int]:
-    """Return bodies by their object's name in the scene file, derived from the name or the id of the body."""
+    """Return the bodies by object name. The object name comes from the name or the id of the body."""
     found: dict[str, int] = {}
     for body in bodies:
         parts = mjm.body(body).name.split("/")

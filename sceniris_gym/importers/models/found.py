@@ -169,7 +169,7 @@ class FoundSupport:
         name: Name in a scene file.
         body: Id of its body.
         surfaces: Level surfaces, lowest first. May be empty.
-        open_above: Whether the surfaces are open above. If so, objects stand 'on' the support, otherwise 'in' it.
+        open_above: Whether the surfaces are open above. Objects then stand 'on' the support, and otherwise 'in' it.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""Measures the distance between convex parts and the surface that they replace, in both directions.
+"""Measures how far convex parts are from the surface that they replace, and the surface from the parts.
 
 The error is the larger of two distances: from the surface to the parts, and from the outside of the parts to the
 surface. The outside consists of all points that a ball can touch, with the tolerance as its diameter. A gap between

@@ -1,6 +1,6 @@
 """Finds an object's unit of length and up axis: from the user, the file, a prompt, or a guess.
 
-The manifest records the source.
+The manifest records where the unit and the axis came from.
 """
 
 import sys
@@ -28,7 +28,7 @@ Ask = Callable[[str], str]
 
 
 def ask_on_terminal() -> Ask | None:
-    """Return a function that prompts on the terminal, or None without a terminal."""
+    """Return a function that prompts on the terminal, or None if there is no terminal."""
     if not (sys.stdin.isatty() and sys.stderr.isatty()):
         return None
 
