@@ -54,7 +54,7 @@ class LayoutFunction:
         split: "train" or "eval", which share no layouts.
 
     Raises:
-        NotSupportedError: The scene has words of `randomize`.
+        NotSupportedError: The scene has settings of `randomize`.
     """
 
     def __init__(self, compiled: CompiledScene, *, split: str = "train") -> None:
@@ -89,7 +89,7 @@ class LayoutFunction:
         return FreshLayouts(qpos, pos, quat, status == int(LayoutStatus.FALLBACK))
 
     def _call(self, words: Any, episode: Any, where: Any) -> list[Any]:
-        """Return poses and statuses of layouts for arguments of one leading shape."""
+        """Return the poses and statuses of layouts. All arguments have the same leading shape."""
         _check_device(self.compiled)
         lead, mjm = episode.shape, self.compiled.mjm
         nworld = math.prod(lead)
@@ -120,7 +120,7 @@ class LayoutAutoResetWrapper:
         split: "train" or "eval", which share no layouts.
         full_reset: Reset the environments in every step, and take `info` (for example targets) and the rest of the
             state of finished worlds from this reset, as BraxAutoResetWrapper does with this argument.
-        observe: Function of a world's (data, info) that returns its observation. None takes the method `_get_obs`.
+        observe: Function of (data, info) of one world that returns the observation. None: the method `_get_obs`.
         update: Function of a world's (mjx.Model, mjx.Data) that updates the derived quantities for observations. None
             is `mjx.forward`. Without observed sensors, `mjx.kinematics` is faster.
 
@@ -251,12 +251,12 @@ def _placing(compiled: CompiledScene) -> Callable[[Any, FreshLayouts], Any]:
 
 
 def _where(mask: Any, new: Any, old: Any) -> Any:
-    """Return the leaves of `new` for masked worlds and of `old` for the others."""
+    """Return leaves that come from `new` in masked worlds, and from `old` in all other worlds."""
     return jax.vmap(lambda one, a, b: jax.tree.map(lambda x, y: jnp.where(one, x, y), a, b))(mask, new, old)
 
 
 def _check_device(compiled: CompiledScene) -> None:
-    """Refuse a scene on a GPU where JAX computes on the CPU, and the reverse."""
+    """Raise if the scene and JAX are on different devices: one on a GPU, the other on the CPU."""
     device = jax.config.jax_default_device
     platform = jax.default_backend() if device is None else getattr(device, "platform", device)
     if (platform == "cpu") != (compiled.device == "cpu"):

@@ -126,7 +126,7 @@ class Chain:
         return at, np.concatenate([along, around], axis=2).transpose(0, 2, 1)
 
     def _within(self, q: np.ndarray) -> np.ndarray:
-        """Return joints clamped to limits, hinges without limits wrapped to [-pi, pi]."""
+        """Return joints clamped to their limits. Hinges without limits are wrapped to [-pi, pi] instead."""
         laps = np.where(np.isfinite(self.lower) | self._slide, 0.0, np.round(q / (2.0 * np.pi)))
         return np.clip(q - 2.0 * np.pi * laps, self.lower, self.upper)
 

@@ -106,7 +106,7 @@ class ContactAudit:
                     yield Contact(row, geoms, owners, depth, self.at_home.get(geoms))
 
     def _touching_at_home(self, placed: Mapping[str, int]) -> dict[tuple[int, int], float]:
-        """Return geoms that touch at home -> depth [m], after moving each placed object far from all others."""
+        """Return pairs of geoms that touch at home -> depth [m]. Placed objects are first moved far from all others."""
         mjm, owner, data = self.tree.mjm, self.tree.owner, home_of(self.tree.mjm, self.tree.keyframe)
         for i, body in enumerate(placed.values(), start=1):
             away = [_APART * i, 0.0, _APART]
@@ -147,7 +147,7 @@ class ContactTally:
         self.deepest: Contact | None = None
 
     def add(self, start: int, contacts: Iterable[Contact]) -> list[Contact]:
-        """Count contacts, whose rows begin at `start`, and return the missed collisions."""
+        """Count contacts, and return the missed collisions. `start` is added to the rows of the contacts."""
         missed = []
         for c in contacts:
             if self._visual or c.home is not None:

@@ -81,7 +81,7 @@ class Solid:
 
 @dataclass(frozen=True)
 class Poses:
-    """World poses of geoms and bodies in some layouts: positions (nrow, n, 3) [m], rotations (nrow, n, 3, 3)."""
+    """Poses of geoms and bodies in each layout, world frame: positions (nrow, n, 3) [m], rotations (nrow, n, 3, 3)."""
 
     geom_xpos: np.ndarray
     geom_xmat: np.ndarray
@@ -105,7 +105,7 @@ def poses_of(mjm: mujoco.MjModel, table: LayoutTable) -> Poses:
 def home_of(mjm: mujoco.MjModel, keyframe: str | None = None) -> mujoco.MjData:
     """Return the data at a keyframe, 'home' by default, with poses and subtree masses.
 
-    Without a keyframe of this name, return the default state.
+    If the model has no keyframe of this name, return the default state.
     """
     data = mujoco.MjData(mjm)
     home = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_KEY, keyframe or "home")
@@ -166,7 +166,7 @@ def _mesh(mjm: mujoco.MjModel, mesh: int, *, hull: bool) -> tuple[np.ndarray, np
 
 
 def solid_of(mjm: mujoco.MjModel, geom: int, *, hull: bool) -> Solid:
-    """Return the solid of a geom. For a mesh, return the convex hull with `hull`, and the rendered surface without.
+    """Return the solid of a geom. A mesh becomes its convex hull if `hull` is true, else its rendered surface.
 
     Raises:
         NotSupportedError: The geom has a type that the audit does not support (height field, signed distance field).

@@ -62,7 +62,7 @@ class JudgedScene:
         return self.tree.owner[self.mjm.geom_bodyid[solid.geom]]
 
     def at_home(self, geom: int, body: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return position [m] (3,) and rotation (3, 3) of a geom in the frame of a body at the start pose."""
+        """Return a geom's position [m] (3,) and rotation (3, 3) in a body's frame, both at the start pose."""
         home, back = self.home, self.home.xmat[body].reshape(3, 3).T
         return back @ (home.geom_xpos[geom] - home.xpos[body]), back @ home.geom_xmat[geom].reshape(3, 3)
 
@@ -230,7 +230,7 @@ class Outlines:
         return np.min(low, axis=0), np.max(high, axis=0)
 
     def _with_joints_at_home(self, name: str, poses: Poses) -> Poses:
-        """Return a copy of the poses with the geoms of an object as with its joints at home."""
+        """Return a copy of the poses in which the geoms of one object are posed with the object's joints at home."""
         root, pos, mat = self.scene.bodies[name], poses.geom_xpos.copy(), poses.geom_xmat.copy()
         for solid in self._solids[name]:
             at, rotation = self.scene.at_home(solid.geom, root)

@@ -108,7 +108,7 @@ def _section(triangles: np.ndarray, z: float) -> shapely.Geometry:
 
 
 def _shadow(triangles: np.ndarray, z: float) -> shapely.Geometry:
-    """Return the vertical projection of the part of a closed surface above `z`, its section included."""
+    """Return the vertical projection of a closed surface's part above `z`, together with the section at `z`."""
     seen = triangles[(triangles[:, :, 2] > z).any(1)]
     return shapely.union_all([*(_clipped(triangle, z) for triangle in seen), _section(triangles, z)])
 

@@ -141,7 +141,7 @@ class Gripper:
         for row, eq in np.argwhere(missed > equality_errors(mjm, qpos[None]) + _KEPT):
             raise NotSupportedError(
                 f"arm '{arm.name}': opening its gripper would break {equality_label(mjm, eq)} by {missed[row, eq]:.3g} "
-                "m or rad: fingers that are joined to a loop cannot be measured. Let one finger joint drive the others "
+                "m or rad: fingers that form a closed loop cannot be measured. Let one finger joint drive the others "
                 "by <equality><joint>, with the motion of the loop, or leave out 'reachable'."
             )
 

@@ -65,7 +65,7 @@ class PlaceLayouts(ManagerTermBase, RefusesOldNames):
 
     Raises:
         SceneKeyError: An object of the scene is not the root of an entity.
-        NotSupportedError: The scene has words of `randomize`, or an object with variants that is not an entity with
+        NotSupportedError: The scene has settings of `randomize`, or an object with variants that is not an entity with
             variants.
         ScenirisError: The scene cannot be used, for the reasons that `compile_scene` lists.
         SceneMismatchError: Startup events changed the model that layouts depend on. Raised in the first reset.
@@ -327,7 +327,7 @@ def _as_model(scene: Any, env: Any) -> SceneModel:
 
 
 def _roots(compiled: CompiledScene, env: Any) -> dict[str, Any]:
-    """Return the entities whose poses are placed, by the names of their objects.
+    """Return the entities that layouts place, by the name of their object in the scene.
 
     Raises:
         SceneKeyError: An object is not an entity.

@@ -311,7 +311,7 @@ def _support_line(support: FoundSupport) -> str:
         return f"{flow(support.name)}: endless; give a region"
     x, y = support.extent
     high = ", ".join(f"{s.height:.3g}" for s in support.surfaces)
-    covered = "" if support.open_above else "; covered, so `in` in place of `on`"
+    covered = "" if support.open_above else "; covered, so write `in` instead of `on`"
     return f"{flow(support.name)}: {x:.3g} x {y:.3g} m, {support.area:.3g} m2, at z = {high} m of its body{covered}"
 
 
