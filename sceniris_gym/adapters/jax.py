@@ -261,8 +261,8 @@ def _check_device(compiled: CompiledScene) -> None:
     platform = jax.default_backend() if device is None else getattr(device, "platform", device)
     if (platform == "cpu") != (compiled.device == "cpu"):
         raise SceneMismatchError(
-            f"LayoutFunction: the compiled scene is on {compiled.device} and should be where JAX computes, on "
-            f"{platform}: compile_scene(scene, {'cpu' if platform == 'cpu' else 'cuda:0'!r})."
+            f"LayoutFunction: the compiled scene is on {compiled.device}, but JAX computes on "
+            f"{platform}. Compile it there: compile_scene(scene, {'cpu' if platform == 'cpu' else 'cuda:0'!r})."
         )
 
 

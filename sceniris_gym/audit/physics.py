@@ -40,7 +40,7 @@ class Settling:
 
 @contextmanager
 def without_log() -> Iterator[None]:
-    """Keep MuJoCo and its threads from writing a log file of warnings into the working folder."""
+    """Prevent MuJoCo and its threads from writing a log file of warnings into the working folder."""
     before = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(lambda _: None)
     try:
@@ -183,7 +183,7 @@ class Equalities:
     Attributes:
         broken: Number of layouts with an error above `BROKEN`.
         worst: The largest error [m or rad].
-        name: The equality with the largest error, by its number if it has no name. Empty without an error.
+        name: Name of the equality with the largest error, or its number if it has no name. Empty if there is no error.
     """
 
     broken: int

@@ -79,7 +79,7 @@ def excess(scene: JudgedScene, seen: Seen) -> Excess:
 
 
 def _is_complete(relation: Relation, seen: Seen) -> np.ndarray:
-    """Return a mask of the rows with enough of a relation's objects, shape (nrow,)."""
+    """Return a mask of the rows that have enough of the anchors and the object of `frame`, shape (nrow,)."""
     enough = np.sum([seen.present[anchor] for anchor in relation.anchors], axis=0) >= relation.least_anchors
     return np.all([enough, *(seen.present[name] for key, name in relation.references if key == "frame")], axis=0)
 
@@ -118,7 +118,7 @@ def _off_between(relation: Between, name: str, scene: JudgedScene, seen: Seen) -
 
 @_missed.register
 def _off_beside(relation: Beside, name: str, scene: JudgedScene, seen: Seen) -> dict[str, np.ndarray]:
-    """Return the larger of two errors: in the gap, and the part of the narrower bounds beyond the wider bounds."""
+    """Return the larger of two errors: of the gap, and how far the narrower bounds reach beyond the wider bounds."""
     own, anchor, heading = seen.outlines[name], seen.outlines[relation.beside], _heading(relation, name, scene, seen)
     side = np.stack([np.cos(heading), np.sin(heading)], 1)
     across = np.stack([-side[:, 1], side[:, 0]], 1)
@@ -150,7 +150,7 @@ def _heading(relation: Relation, name: str, scene: JudgedScene, seen: Seen) -> n
 
 
 def _site(name: str, word: str, scene: JudgedScene, seen: Seen) -> tuple[np.ndarray, np.ndarray]:
-    """Return the position of an object's site from above [m], and its x axis, shape (nrow, 2) each."""
+    """Return the position [m] of an object's site and the site's x axis, both seen from above, shape (nrow, 2)."""
     mjm, poses = scene.mjm, seen.poses
     inside = mjm.body(scene.bodies[name]).name.rpartition("/")[0] or name
     sites = {mjm.site(i).name: i for i in range(mjm.nsite)}
@@ -254,7 +254,7 @@ class OrientationAudit:
 
 
 def _center_of_weight(home: mujoco.MjData, root: int) -> np.ndarray:
-    """Return the centre [m] of the weight of a root and all bodies below it, less the weight that `gravcomp` bears."""
+    """Return the centre of weight [m] of a root and all bodies below it. Weight that `gravcomp` bears is left out."""
     mjm = home.model
     weight = np.where(mjm.body_rootid == root, mjm.body_mass * (1.0 - mjm.body_gravcomp), 0.0)
     if not mjm.body_gravcomp.any() or weight.sum() <= 0.0:

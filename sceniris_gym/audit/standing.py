@@ -41,7 +41,7 @@ class Misplaced:
 
 
 class HeapAudit:
-    """Judges heaps by the file of their settled rows, without code of the generator.
+    """Compares heaps with the file of their settled rows. This class shares no code with the generator.
 
     Args:
         scene: The scene.
@@ -238,7 +238,7 @@ class StandingAudit:
 
 
 def _in_space(part: ObjectConfig, points: np.ndarray) -> np.ndarray:
-    """Return a mask of the points (n, 3) in the object's box in space, or at one of its points there."""
+    """Return a mask of the points (n, 3) that lie in the object's 3D region: in its box, or at one of its points."""
     assert part.region is not None
     if part.region.points is not None:
         return _at_one_of(part.region.points, points)

@@ -98,8 +98,8 @@ class Cameras:
         data: The worlds.
         shots: The pictures to take, by camera.
         looks: Appearance of the pictures.
-        nworld: Number of worlds in pictures, from the first world on, None for all.
-        differ: Fields of the model with a row per world. With a single world, their shape does not show it.
+        nworld: Number of worlds to picture, starting with the first world. None: all worlds.
+        differ: Fields of the model with a row per world. If there is one world, their shape does not show this.
         where: Beginning of an error message.
         graph: Capture the launches into a graph and replay it.
 

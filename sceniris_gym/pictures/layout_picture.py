@@ -34,7 +34,7 @@ _INK, _PAPER = (40, 44, 50), (255, 255, 255)
 def render(
     mjm: mujoco.MjModel, table: LayoutTable, *, size: tuple[int, int] = SIZE, device: str | None = None
 ) -> np.ndarray:
-    """Render all layouts with one camera, as near as possible with all visible geoms of all layouts in the picture.
+    """Render all layouts with one camera, as near as it can be while it sees all visible geoms of all layouts.
 
     Args:
         mjm: The model. Its camera 'overview' gives the field of view.
@@ -123,7 +123,7 @@ def _poses(mjm: mujoco.MjModel, table: LayoutTable) -> dict[str, np.ndarray]:
 
 
 def _corners(mjm: mujoco.MjModel, poses: dict[str, np.ndarray]) -> np.ndarray:
-    """Return the corners of the boxes of all visible geoms in all layouts [m], world frame, shape (n, 3).
+    """Return the corners [m] of the bounding boxes of the visible geoms in all layouts, world frame, shape (n, 3).
 
     Geoms of absent objects are left out. They are parked far away and would make everything else a few pixels wide.
     """

@@ -185,7 +185,7 @@ def test_words_of_randomize_are_refused(mid: CompiledScene):
 
 def test_a_scene_on_another_device_is_refused(mid: CompiledScene):
     """JAX computes on the CPU here."""
-    with pytest.raises(SceneMismatchError, match=r"on cuda:0 and should be where JAX computes, on cpu.*'cpu'\)"):
+    with pytest.raises(SceneMismatchError, match=r"on cuda:0, but JAX computes on cpu.*'cpu'\)"):
         LayoutFunction(replace(mid, device="cuda:0")).qpos(jnp.array(SEEDS), 0)
 
 

@@ -210,7 +210,7 @@ class _Cut:
 
 
 def _of_piece(piece: trimesh.Trimesh, closed: bool, allowed: float) -> _Cut:
-    """Cut a connected piece. A solid is cut once, because its parts are split later, a shell until its parts fit."""
+    """Cut a connected piece. A shell is cut until its parts fit. A solid is cut once: its parts are split later."""
     hull = [splitting.small_hull(piece.vertices, allowed)]
     measure = Measure(piece, allowed)
     error = 0.0 if float(piece.extents.max()) < allowed else measure.fit(hull).error

@@ -1,4 +1,4 @@
-"""Imports an object: reads, scales, repairs, cuts it into convex parts, simulates how it rests, and writes an asset."""
+"""Imports an object: scales and repairs it, cuts it into convex parts, simulates how it rests, and writes an asset."""
 
 import hashlib
 import json
@@ -235,7 +235,7 @@ def _read(source: Path) -> Thing:
 
 
 def _written(link: Link, solid: Solid | None, parts: Parts | None, density: float, where: str) -> Link:
-    """Return a link for the asset, with an inertia, and with its convex parts as solids."""
+    """Return the link as the asset has it: with an inertia, and with convex parts as solids."""
     if solid is None or parts is None:
         return replace(link, inertia=link.inertia or _FRAME)
     hulls = tuple(Surface(np.asarray(part.vertices), np.asarray(part.faces)) for part in parts.meshes)

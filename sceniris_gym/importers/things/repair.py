@@ -30,7 +30,7 @@ class Solid:
         mesh: The mesh [m], with merged vertices.
         closed: Whether the mesh encloses a volume. A shell does not.
         report: The repairs, in words.
-        patches: A visual surface with the triangles that close holes. Empty without visible triangles.
+        patches: A visual surface with the triangles that close holes. Empty if all these triangles have zero area.
     """
 
     mesh: trimesh.Trimesh

@@ -66,7 +66,7 @@ class Excess:
 
 
 def split(parts: Sequence[trimesh.Trimesh], excess: Excess, most: int) -> list[trimesh.Trimesh]:
-    """Split parts that stick out, and their pieces, until all parts fit or the number of parts reaches `most`.
+    """Split parts that stick out of the solid, again and again, until all parts fit or there are `most` parts.
 
     Args:
         parts: Convex parts that cover the solid.

@@ -26,7 +26,9 @@ def read_usd(path: Path) -> Thing:
     try:
         stage = Usd.Stage.Open(str(path))
     except Tf.ErrorException as error:
-        raise SceneFileError(f"{path}: usd-core cannot read it: {str(error).strip().splitlines()[-1]:.200}") from None
+        raise SceneFileError(
+            f"{path}: usd-core cannot read it. Export it again. Reason: {str(error).strip().splitlines()[-1]:.200}"
+        ) from None
     if errors := stage.GetCompositionErrors():
         raise SceneFileError(
             f"{path}: the stage refers to a missing or invalid file: {str(errors[0]).strip(' .'):.300}. Put the file "
