@@ -78,10 +78,10 @@ def expected(compiled: CompiledScene) -> list[bytes]:
     return made(compiled, None, N)
 
 
-@pytest.mark.parametrize("name", SCENES)
-def test_the_scenes_are_as_hard_as_they_should_be(name: str, tmp_path: Path):
+def test_the_scenes_are_as_hard_as_they_should_be(compiled: CompiledScene, request: pytest.FixtureRequest):
     """Many worlds of some start anew, and many of one fall back."""
-    generator = LayoutGenerator(SCENES[name](tmp_path, "cpu"), N, seed=21)
+    name = request.node.callspec.params["compiled"]
+    generator = LayoutGenerator(compiled, N, seed=21)
     generator.generate()
     fresh = generator.layouts.status.cpu().numpy() == LayoutStatus.VALID
     assert (fresh.mean() < 0.9) == (name == "tray")
@@ -185,10 +185,15 @@ def _combs(folder: Path, device: str, geometry: str) -> CompiledScene:
     return _compile(words, device, bank=4)
 
 
-@pytest.mark.parametrize("geometry", ["physics", "visual"])
-def test_combs_within_each_other_keep_their_distance(geometry: str, tmp_path: Path):
+@pytest.fixture(scope="module", params=["physics", "visual"])
+def combs(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> CompiledScene:
+    """Two combs, by their collision shapes and as they look."""
+    return _combs(tmp_path_factory.mktemp("combs"), "cpu", request.param)
+
+
+def test_combs_within_each_other_keep_their_distance(combs: CompiledScene):
     """Pegs of 4 mm on a grid of 20 mm and 1 mm between them: the offset in x or in y is at least 5 mm."""
-    generator = LayoutGenerator(_combs(tmp_path, "cpu", geometry), 50)
+    generator = LayoutGenerator(combs, 50)
     generator.generate()
     fresh = generator.layouts.status.cpu().numpy() == LayoutStatus.VALID
     offset = np.abs(generator.layouts.qpos.cpu().numpy()[fresh, :2])
@@ -269,19 +274,17 @@ def _test_all(program: Program, layouts: LayoutsView, search: Search, hit: wp.ar
     )
 
 
-@pytest.mark.parametrize("geometry", ["physics", "visual"])
-def test_a_lane_by_itself_finds_the_same_collisions(geometry: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_lane_by_itself_finds_the_same_collisions(combs: CompiledScene, monkeypatch: pytest.MonkeyPatch):
     """All candidates of a wave again, as where the stacks of a block have no room."""
-    compiled = _combs(tmp_path, "cpu", geometry)
     # no peg encloses another, and asking it of a million pairs for each candidate takes 19 s
     monkeypatch.setattr("sceniris_gym.layout.generate.launch_test_containment", lambda _: None)
-    generator = LayoutGenerator(compiled, 100, size=replace(default_size("cpu"), candidates=400, busy=400))
+    generator = LayoutGenerator(combs, 25, size=replace(default_size("cpu"), candidates=100, busy=100))
     generator.generate()
     search = generator._work.search
     wave = search.queue.numpy()[search.source.numpy()[0], : search.rows.numpy()[0]]
     num = int(search.row_trials.numpy()[wave].sum())
     hit = wp.zeros(num, dtype=bool, device="cpu")
-    inputs = [compiled.program, generator.layouts.view, search, hit]
+    inputs = [combs.program, generator.layouts.view, search, hit]
     wp.launch(_test_all, dim=num, inputs=inputs, device="cpu")
     causes = search.cause.numpy()[:num]
     assert ((causes == Cause.COLLISION) == hit.numpy()).all()
