@@ -127,11 +127,27 @@ def test_the_audit_shares_no_code_with_the_generator():
     assert not [name for path in sources for name in imports(path) if name.startswith("sceniris_gym.layout")]
 
 
-def test_importing_the_package_loads_nothing_heavy():
+@pytest.fixture(scope="module")
+def loaded() -> list[set[str]]:
+    """Return the modules that a fresh interpreter has after each step: the package, layouts, a reset."""
+    steps = (
+        "import sys, sceniris_gym",
+        "from sceniris_gym import LayoutGenerator, ResetRandomizer, compile_scene, make_worlds;"
+        "compiled = compile_scene({'objects': {}}, 'cpu');"
+        "generator = LayoutGenerator(compiled, 2); generator.generate();"
+        "generator.layouts.ids('train'), generator.rejection_counts(), generator.table()",
+        "ResetRandomizer(compiled, *make_worlds(compiled, 2)).reset([1])",
+    )
+    code = "".join(f"{step}\nprint('\\nloaded:', *sys.modules)\n" for step in steps)
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    return [set(line.split()) for line in out.splitlines() if line.startswith("loaded:")]
+
+
+def test_importing_the_package_loads_nothing_heavy(loaded: list[set[str]]):
     """Only gymnasium and what it needs: no torch, warp, mujoco, trimesh or pydantic."""
-    loaded = loaded_by("import sceniris_gym")
-    assert "gymnasium" in loaded
-    assert not loaded & {"torch", "warp", "mujoco", "mujoco_warp", "trimesh", "shapely", "scipy", "pydantic", "tyro"}
+    heavy = {"torch", "warp", "mujoco", "mujoco_warp", "trimesh", "shapely", "scipy", "pydantic", "tyro"}
+    assert "gymnasium" in loaded[0]
+    assert not loaded[0] & heavy
 
 
 def test_public_modules_are_attributes_of_the_package():
@@ -143,26 +159,17 @@ def test_public_modules_are_attributes_of_the_package():
     )
 
 
-def test_scenes_and_layouts_are_made_without_torch():
+def test_scenes_and_layouts_are_made_without_torch(loaded: list[set[str]]):
     """From the scene to a table on the host, with ids and counts: only who reads a tensor loads torch."""
-    loaded = loaded_by(
-        "from sceniris_gym import LayoutGenerator, compile_scene;"
-        "generator = LayoutGenerator(compile_scene({'objects': {}}, 'cpu'), 2); generator.generate();"
-        "generator.layouts.ids('train'), generator.rejection_counts(), generator.table()"
-    )
-    assert "warp" in loaded
-    assert "torch" not in loaded
+    assert "warp" in loaded[1]
+    assert "torch" not in loaded[1]
 
 
-def test_a_randomizer_resets_without_torch():
+def test_a_randomizer_resets_without_torch(loaded: list[set[str]]):
     """Only a snapshot, or who reads a tensor, loads it."""
-    loaded = loaded_by(
-        "from sceniris_gym import ResetRandomizer, compile_scene, make_worlds;"
-        "compiled = compile_scene({'objects': {}}, 'cpu');"
-        "ResetRandomizer(compiled, *make_worlds(compiled, 2)).reset([1])"
-    )
-    assert "mujoco_warp" in loaded
-    assert "torch" not in loaded
+    assert len(loaded) == 3
+    assert "mujoco_warp" in loaded[2]
+    assert "torch" not in loaded[2]
 
 
 def test_a_second_start_imports_what_it_uses(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
