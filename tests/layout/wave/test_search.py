@@ -278,7 +278,7 @@ def test_a_lane_by_itself_finds_the_same_collisions(combs: CompiledScene, monkey
     """All candidates of a wave again, as where the stacks of a block have no room."""
     # no peg encloses another, and asking it of a million pairs for each candidate takes 19 s
     monkeypatch.setattr("sceniris_gym.layout.generate.launch_test_containment", lambda _: None)
-    generator = LayoutGenerator(combs, 25, size=replace(default_size("cpu"), candidates=100, busy=100))
+    generator = LayoutGenerator(combs, 100, size=replace(default_size("cpu"), candidates=400, busy=400))
     generator.generate()
     search = generator._work.search
     wave = search.queue.numpy()[search.source.numpy()[0], : search.rows.numpy()[0]]
