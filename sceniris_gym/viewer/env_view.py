@@ -43,7 +43,6 @@ class EnvView:
         self.requests = Requests()
         self.ids = [self._own_id(text) for text in ids]
         self.first = 0
-        self._pasted: LayoutId | None = None
         self._wrong = ""  # the error of the pasted id, until the next action of a user
         self.running, self.speed = True, 1.0
         self._plotted = 0.0
@@ -55,22 +54,26 @@ class EnvView:
         self._plots = Plots(server, names, lambda: self.requests.put("part", self._plots.draw))
         self.start(0)
 
-    def start(self, first: int) -> None:
-        """Begin an episode in each world, with layouts from number `first` on. Chosen layouts repeat after the last."""
+    def start(self, first: int, pasted: LayoutId | None = None) -> None:
+        """Start an episode in each world. Chosen layouts repeat after the last.
+
+        Args:
+            first: The number of the first world's layout. The next worlds take the next layouts.
+            pasted: A layout for the first world instead.
+        """
         self.first, envs = max(first, 0), self.envs
         numbers = range(self.first, self.first + envs.num_envs)
         chosen = [LayoutId(envs.compiled.hash, envs.split, i, 0) for i in numbers]
         if self.ids:
             chosen = [self.ids[i % len(self.ids)] for i in numbers]
-        if self._pasted is not None:
-            chosen[0], self._pasted = self._pasted, None
-        self._observation, _ = self.envs.reset(options={LAYOUTS: chosen})
-        self._ended = np.zeros(self.envs.num_envs, bool)
-        self._success = np.zeros(self.envs.num_envs, bool)
+        if pasted is not None:
+            chosen[0] = pasted
+        self._observation, _ = envs.reset(options={LAYOUTS: chosen})
+        self._ended, self._success = np.zeros((2, envs.num_envs), bool)
         self._step = 0
         self._plots.clear()
         name = chosen[0]
-        self._id.value = self.envs.compiled.layout_id(name.seed, name.episode, name.split, name.params)
+        self._id.value = envs.compiled.layout_id(name.seed, name.episode, name.split, name.params)
         self._show(0.0)
         self._tell()
 
@@ -78,6 +81,7 @@ class EnvView:
         """Handle requests, and continue the episodes unless they are paused."""
         seconds = _IDLE if not self.running else _LOOK if self._ended.all() else 0.0
         for action in self.requests.take(seconds):
+            self._wrong = ""
             self._try(action)
         if self.running:
             self._try(self.step if not self._ended.all() else lambda: self.start(self.first + self.envs.num_envs))
@@ -89,7 +93,7 @@ class EnvView:
         except Exception as error:
             self.running = False
             if not isinstance(error, ScenirisError):
-                traceback.print_exc(file=sys.stderr)
+                traceback.print_exc()
             print(f"{type(error).__name__}: {error}", file=sys.stderr, flush=True)
             self._status.content = f"**Stopped: {type(error).__name__}: {error}**"
 
@@ -139,29 +143,17 @@ class EnvView:
         )
 
     def _add_controls(self) -> None:
-        gui = self._gui
+        gui, num = self._gui, self.envs.num_envs
         self._status = gui.add_markdown("")
         self._id = gui.add_text("layout", "", hint="The layout of the first world.")
-
-        @self._id.on_update
-        def _(event: Any) -> None:
-            if event.client is not None:
-                self.requests.put("id", lambda: self._play_id(event.target.value))
-
-        steps = {"◀ layout": -self.envs.num_envs, "layout ▶": self.envs.num_envs}
-        arrows = gui.add_button_group(" ", tuple(steps))
-        arrows.on_click(lambda event: self.requests.put(None, partial(self._move, steps[event.target.value])))
+        self.requests.put_changes(self._id, "id", self._play_id)
+        self.requests.put_moves(gui, "layout", lambda step: self.start(self.first + step * num))
         buttons = gui.add_button_group("  ", ("Pause", "Step", "Play"))
         buttons.on_click(lambda event: self.requests.put(None, partial(self._press, event.target.value)))
         speed = gui.add_slider("speed", 0.1, 1.0, 0.1, 1.0)
         speed.on_update(lambda _: setattr(self, "speed", float(speed.value)))
 
-    def _move(self, step: int) -> None:
-        self._wrong = ""
-        self.start(self.first + step)
-
     def _press(self, button: str) -> None:
-        self._wrong = ""
         self.running = button == "Play"
         if button == "Step":
             self.step()
@@ -173,5 +165,4 @@ class EnvView:
         except ScenirisError as error:
             self._wrong = str(error)
             return self._tell()
-        self._pasted, self._wrong = found, ""
-        return self.start(self.first)
+        return self.start(self.first, found)

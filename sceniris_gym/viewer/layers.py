@@ -16,7 +16,6 @@ from shapely.geometry import MultiPolygon, Point, Polygon
 from sceniris_gym.config.relations import Sector
 from sceniris_gym.errors import ScenirisError
 from sceniris_gym.geometry.pieces import PieceType, extract_pieces
-from sceniris_gym.geometry.supports import triangulate
 from sceniris_gym.pictures.reach_picture import reached_share
 from sceniris_gym.program.reach import load_map, robot_arm
 from sceniris_gym.reach.map import ReachMap
@@ -77,9 +76,8 @@ def sketch_relations(world: ShownWorld, only: str | None = None) -> Sketch:
             if isinstance(relation, Sector) and relation.high == math.inf:
                 apex = Point(*world.standing(anchors[0])[0][:2])
                 area = area.intersection(apex.buffer(apex.distance(Point(*at[:2])) + _BEYOND))
-            triangles = triangulate(MultiPolygon([p for p in shapely.get_parts(area) if isinstance(p, Polygon)]))
-            points = np.c_[triangles.reshape(-1, 2), np.full(3 * len(triangles), height)]
-            sketch.surfaces.append((points, np.arange(len(points)).reshape(-1, 3), colour, 0.3))
+            area = MultiPolygon([p for p in shapely.get_parts(area) if isinstance(p, Polygon)])
+            sketch.area(area, height, colour, 0.3)
             tip = _above(world, name)
             sketch.arrows += [(np.stack([_tail(world, anchor, tip), tip]), colour) for anchor in anchors]
             sketch.labels.append((f"{name}: {relation.summary}", tip + [0.0, 0.0, _LINE * (i + 1)]))

@@ -1,7 +1,7 @@
 """The controls of the page of a scene."""
 
 import html
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -39,6 +39,7 @@ class Panel:
 
     def __init__(self, server: viser.ViserServer, requests: Requests, commands: Any, num: int) -> None:
         self._gui, self._ask, self._do = server.gui, requests.put, commands
+        self._on, self._add_arrows = requests.put_changes, partial(requests.put_moves, server.gui)
         self._where = Where()
         self._message = self._gui.add_html("")
         self._add_layout(num)
@@ -91,17 +92,6 @@ class Panel:
         self._candidate.value = i + 1 if num else 1
         self._why.content = f"<div style='{_BOX}{_BAD if num else _GOOD}'>{html.escape(text)}</div>"
 
-    def _on(self, handle: Any, about: str, action: Callable[[Any], None]) -> Any:
-        """Request an action with the new value when a user changes a control, but not when this program does."""
-
-        @handle.on_update
-        def _(event: Any) -> None:
-            if event.client is not None:
-                value = event.target.value
-                self._ask(about, lambda: action(value))
-
-        return handle
-
     def _add_layout(self, num: int) -> None:
         gui = self._gui
         with gui.add_folder("Layout"):
@@ -118,12 +108,6 @@ class Panel:
             numbers = sorted({*NUMBERS, str(num)}, key=int)
             self._number = gui.add_dropdown("worlds", numbers, initial_value=str(num))
             self._on(self._number, "worlds", lambda num: self._do.show_worlds(int(num)))
-
-    def _add_arrows(self, what: str, move: Callable[[int], None]) -> None:
-        """Add buttons that move by -1 and by 1."""
-        steps = {f"◀ {what}": -1, f"{what} ▶": 1}
-        arrows = self._gui.add_button_group(" ", tuple(steps))
-        arrows.on_click(lambda event: self._ask(None, partial(move, steps[event.target.value])))
 
     def _go_to_number(self, text: str, what: str) -> None:
         text = text.strip()

@@ -12,7 +12,6 @@ from shapely.geometry.base import BaseGeometry
 
 from sceniris_gym.config.relations import Beside, Between, Joined, Relation, Sector
 from sceniris_gym.geometry.pieces import PieceType
-from sceniris_gym.geometry.supports import triangulate
 from sceniris_gym.program.device import Cover
 from sceniris_gym.program.plan import PlacedObject
 from sceniris_gym.viewer.shown import ShownWorld
@@ -54,9 +53,7 @@ def sketch_regions(world: ShownWorld, only: str | None = None) -> Sketch:
     # With many regions, each is lower and more transparent, so that the stack looks like a few.
     lift, opacity = 2.0 * _LIFT / max(len(found), 2), 0.45 / math.sqrt(max(len(found) / 3.0, 1.0))
     for i, ((_, height), (_, left)) in enumerate(found.items()):
-        triangles = triangulate(left)
-        points = np.c_[triangles.reshape(-1, 2), np.full(3 * len(triangles), height + (i + 1) * lift)]
-        sketch.surfaces.append((points, np.arange(len(points)).reshape(-1, 3), PALETTE[i % len(PALETTE)], opacity))
+        sketch.area(left, height + (i + 1) * lift, PALETTE[i % len(PALETTE)], opacity)
     sketch.labels += _labels([(names, left, height) for (_, height), (names, left) in found.items()])
     return sketch
 

@@ -8,6 +8,7 @@ import io
 import socket
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
@@ -181,6 +182,34 @@ class Requests:
             self._waiting.pop(key, None)
             self._waiting[key] = action
             self._new.notify()
+
+    def put_changes(self, handle: Any, about: str, action: Callable[[Any], None]) -> Any:
+        """Add a request with the new value whenever a user changes a control, but not when the program changes it.
+
+        Args:
+            handle: The control, which is returned.
+            about: The subject of the requests.
+            action: The work to do with the value.
+        """
+
+        @handle.on_update
+        def _(event: Any) -> None:
+            if event.client is not None:
+                self.put(about, partial(action, event.target.value))
+
+        return handle
+
+    def put_moves(self, gui: viser.GuiApi, name: str, move: Callable[[int], None]) -> None:
+        """Add two buttons to the page. They request a move by -1 and by 1.
+
+        Args:
+            gui: The controls of the page.
+            name: The name of the moved value on the buttons.
+            move: The work to do with -1 or 1.
+        """
+        steps = {f"◀ {name}": -1, f"{name} ▶": 1}
+        arrows = gui.add_button_group(" ", tuple(steps))
+        arrows.on_click(lambda event: self.put(None, partial(move, steps[event.target.value])))
 
     def take(self, seconds: float) -> list[Callable[[], None]]:
         """Return the waiting requests in order. If the queue is empty, wait up to `seconds` [s] for a request."""

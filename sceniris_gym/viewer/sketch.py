@@ -5,6 +5,9 @@ from typing import Any
 
 import numpy as np
 import viser
+from shapely.geometry import MultiPolygon
+
+from sceniris_gym.geometry.supports import triangulate
 
 Colour = tuple[int, int, int]
 
@@ -20,6 +23,7 @@ PALETTE: tuple[Colour, ...] = (BLUE, GREEN, VIOLET, (180, 120, 30), (20, 150, 16
 
 _THICK = 0.006  # of a world's size: two or three pixels if the whole world is in view
 _SLIM = 16.0  # length of a short arrow over its radius
+_FLAT = {"side": "double", "flat_shading": True, "cast_shadow": False, "receive_shadow": False}
 
 
 @dataclass
@@ -45,6 +49,12 @@ class Sketch:
         for a, b in zip(ring, np.roll(ring, -1, axis=0), strict=True):
             self.lines.append((np.stack([a, b]), colour))
 
+    def area(self, region: MultiPolygon, height: float, colour: Colour, opacity: float) -> None:
+        """Add a horizontal surface with the outline of a region [m], at a height [m]."""
+        triangles = triangulate(region)
+        points = np.c_[triangles.reshape(-1, 2), np.full(3 * len(triangles), height)]
+        self.surfaces.append((points, np.arange(len(points)).reshape(-1, 3), colour, opacity))
+
     def draw(self, server: viser.ViserServer, name: str, origin: np.ndarray, size: float = 1.0) -> None:
         """Show the sketch on the page below `/name`, and remove an earlier sketch of this name.
 
@@ -56,20 +66,12 @@ class Sketch:
         """
         scene, thick = server.scene, _THICK * size
         with server.atomic():
-            erase(server, name)
+            scene.remove_by_name(f"/{name}")  # with all shapes below it
             scene.add_frame(f"/{name}", show_axes=False, position=origin)
             for i, (vertices, faces, colour, opacity) in enumerate(self.surfaces):
-                scene.add_mesh_simple(
-                    f"/{name}/surface{i}",
-                    vertices.astype(np.float32),
-                    faces.astype(np.uint32),
-                    color=colour,
-                    opacity=None if opacity >= 1.0 else opacity,
-                    side="double",
-                    flat_shading=True,
-                    cast_shadow=False,
-                    receive_shadow=False,
-                )
+                looks: Any = {"color": colour, "opacity": None if opacity >= 1.0 else opacity, **_FLAT}
+                mesh = vertices.astype(np.float32), faces.astype(np.uint32)
+                scene.add_mesh_simple(f"/{name}/surface{i}", *mesh, **looks)
             if self.lines:
                 points = np.stack([line for line, _ in self.lines]).astype(np.float32)
                 colours = np.repeat(np.stack([_linear(c) for _, c in self.lines])[:, None], 2, axis=1)
@@ -88,9 +90,3 @@ class Sketch:
 def _linear(colour: Colour) -> np.ndarray:
     """Return a colour in linear light, shape (3,). viser expects it for lines and arrows, and sRGB for other shapes."""
     return np.round(255.0 * (np.array(colour) / 255.0) ** 2.2).astype(np.uint8)
-
-
-def erase(server: viser.ViserServer, name: str) -> None:
-    """Remove a sketch from the page, if it exists."""
-    if server.scene.get_handle_by_name(f"/{name}") is not None:
-        server.scene.remove_by_name(f"/{name}")

@@ -19,7 +19,7 @@ from sceniris_gym.viewer.panel import Panel
 from sceniris_gym.viewer.scene_file import LoadedScene, SceneFile
 from sceniris_gym.viewer.server import Requests
 from sceniris_gym.viewer.shown import Player, ShownWorld
-from sceniris_gym.viewer.sketch import Sketch, erase
+from sceniris_gym.viewer.sketch import Sketch
 from sceniris_gym.viewer.worlds import Worlds, view_direction
 
 _FRAME = 1.0 / 60.0  # s between pictures of physics
@@ -269,16 +269,16 @@ class SceneView:
             if sketch is not None and name in self._layers and self._player is None:
                 self._sketch(f"layer_{name}", sketch(world, self._only))
             else:
-                erase(self.server, f"layer_{name}")
+                self.server.scene.remove_by_name(f"/layer_{name}")
         if self._geometry == SEEN or self._player is not None:
-            erase(self.server, _PIECES)
+            self.server.scene.remove_by_name(f"/{_PIECES}")
         else:
             opacity = 1.0 if self._geometry == COLLIDED else 0.5
             self._sketch(_PIECES, sketch_pieces(world, opacity))
 
     def _show_candidate(self, world: ShownWorld, candidate: Candidate | None, before: Sequence[int]) -> None:
         if candidate is None:
-            erase(self.server, _CANDIDATE)
+            self.server.scene.remove_by_name(f"/{_CANDIDATE}")
             text = "This layout rejected no candidates." if self._candidates == [] else "Switch them on to see them."
             self.panel.set_candidates(0, 0, text)
             return
@@ -288,7 +288,7 @@ class SceneView:
         self.panel.set_candidates(len(self._candidates or ()), self._candidate, text)
 
     def _show_slices(self, world: ShownWorld) -> None:
-        erase(self.server, _SLICE)
+        self.server.scene.remove_by_name(f"/{_SLICE}")
         if REACH not in self._layers:
             return
         self.server.scene.add_frame(f"/{_SLICE}", show_axes=False, position=self._worlds.origins[0])

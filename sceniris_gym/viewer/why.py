@@ -8,10 +8,11 @@ import numpy as np
 from sceniris_gym.geometry.framing import box_corners
 from sceniris_gym.layout.blame import Hit
 from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.scene.overview import VISIBLE_GROUPS
 from sceniris_gym.viewer.deck import Candidate
 from sceniris_gym.viewer.shown import ShownWorld
 from sceniris_gym.viewer.sketch import GREY, ORANGE, RED, Colour, Sketch
-from sceniris_gym.viewer.worlds import SEEN_GROUPS, body_mesh
+from sceniris_gym.viewer.worlds import body_mesh
 
 _MOST_HITS = 3
 _ABOVE = 0.15  # m from a candidate to its label
@@ -48,7 +49,7 @@ def bodies_before(world: ShownWorld, candidate: Candidate, direction: np.ndarray
         direction: From the scene to the eye, shape (3,).
     """
     mjm, own = world.compiled.mjm, {0, *world.compiled.scene.subtree(candidate.name)}
-    groups = np.isin(np.arange(mujoco.mjNGROUP), SEEN_GROUPS).astype(np.uint8)
+    groups = np.isin(np.arange(mujoco.mjNGROUP), VISIBLE_GROUPS).astype(np.uint8)
     low, high = world.box(candidate.name)
     found, geom = set(), np.zeros(1, np.int32)
     for at in [(low + high) / 2.0, *box_corners((low + high) / 2.0, (high - low) / 2.0)]:

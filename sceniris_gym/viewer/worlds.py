@@ -19,7 +19,7 @@ from sceniris_gym.program.plan import slot_names
 from sceniris_gym.scene.assemble import MARK_GROUP
 from sceniris_gym.scene.backdrop import OVERVIEW
 from sceniris_gym.scene.model import SceneModel
-from sceniris_gym.scene.overview import FOVY, Overview
+from sceniris_gym.scene.overview import FOVY, VISIBLE_GROUPS, Overview
 from sceniris_gym.viewer.server import MOST_SHOWN, address, close_server, light, open_server
 
 if TYPE_CHECKING:
@@ -31,8 +31,6 @@ if TYPE_CHECKING:
 _GAP = 0.12  # between worlds, as a fraction of their size
 _FLOOR = (0.80, 0.83, 0.86, 1.0)
 _ENDLESS = 4.0  # m, width of a drawn plane without sizes
-SEEN_GROUPS = (0, 1, 2, MARK_GROUP)
-"""The groups of geoms that are drawn."""
 _ASPECT = 1.2
 _ALIKE = 0.25  # if its bounds move by less than this fraction of a scene's size, users' cameras stay
 _FEW = 8
@@ -75,7 +73,6 @@ class Worlds:
                     group.handle.lod = ((_FAR * self.size, _COARSE),) if many else "off"
             light(server)  # replaces the lights of mjviser before the page draws with them
         self._scene.camera_tracking_enabled = False
-        self._visible: bool | None = None
         shape = (num, mjm.nbody)
         self._xpos, self._xmat = np.zeros((*shape, 3)), np.zeros((*shape, 3, 3))
         self._mocap_pos, self._mocap_quat = np.zeros((num, mjm.nmocap, 3)), np.zeros((num, mjm.nmocap, 4))
@@ -113,10 +110,7 @@ class Worlds:
 
     def show_visuals(self, visible: bool) -> None:
         """Show or hide the worlds, for layers that replace their geometry."""
-        if visible == self._visible:
-            return
-        self._visible = visible
-        for group in SEEN_GROUPS:
+        for group in VISIBLE_GROUPS:
             self._scene.geom_groups_visible[group if group < 3 else 2] = visible
         self._scene._sync_visibilities()
 
@@ -223,7 +217,7 @@ def drawn_model(mjm: mujoco.MjModel) -> mujoco.MjModel:
 
 def _triangles(mjm: mujoco.MjModel, body: int) -> int:
     """Return the number of triangles of a body's visible meshes."""
-    seen = (mjm.geom_bodyid == body) & np.isin(mjm.geom_group, SEEN_GROUPS)
+    seen = (mjm.geom_bodyid == body) & np.isin(mjm.geom_group, VISIBLE_GROUPS)
     meshes = mjm.geom_dataid[seen & (mjm.geom_type == mujoco.mjtGeom.mjGEOM_MESH)]
     return int(mjm.mesh_facenum[meshes].sum())
 
@@ -232,7 +226,7 @@ def body_mesh(mjm: mujoco.MjModel, geoms: np.ndarray) -> tuple[np.ndarray, np.nd
     """Return vertices (n, 3) [m] in the body's frame and faces (m, 3) of the visible geoms, None without any."""
     from mjviser.conversions import merge_geoms
 
-    seen = [int(g) for g in geoms if mjm.geom_group[g] in SEEN_GROUPS and mjm.geom_rgba[g, 3] > 0.0]
+    seen = [int(g) for g in geoms if mjm.geom_group[g] in VISIBLE_GROUPS and mjm.geom_rgba[g, 3] > 0.0]
     seen = [g for g in seen if mjm.geom_type[g] != mujoco.mjtGeom.mjGEOM_PLANE]
     if not seen:
         return None

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sceniris_gym.viewer.sketch import BLUE, PALETTE, RED, Sketch, erase
+from sceniris_gym.viewer.sketch import BLUE, PALETTE, RED, Sketch
 from tests.viewer.pages import page
 
 pytest.importorskip("mjviser", reason="needs the extra 'viewer'")
 from viser import ArrowsHandle
 
 
-def test_what_is_drawn_is_on_the_page_until_it_is_erased():
+def test_a_drawn_sketch_is_on_the_page_until_it_is_drawn_again():
     """Surfaces, lines, arrows, axes and words; drawn again they replace what was there."""
     sketch = Sketch()
     triangle = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
@@ -32,9 +32,6 @@ def test_what_is_drawn_is_on_the_page_until_it_is_erased():
         assert frame.position == pytest.approx([1.0, 2.0, 3.0])
         Sketch().draw(server, "layer", np.zeros(3))
         assert all(server.scene.get_handle_by_name(f"/layer/{name}") is None for name in names)
-        erase(server, "layer")
-        erase(server, "layer")
-        assert server.scene.get_handle_by_name("/layer") is None
 
 
 def test_red_is_only_for_what_is_wrong():
