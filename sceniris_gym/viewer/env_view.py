@@ -74,7 +74,7 @@ class EnvView:
         self._plots.clear()
         name = chosen[0]
         self._id.value = envs.compiled.layout_id(name.seed, name.episode, name.split, name.params)
-        self._show(0.0)
+        self._window.show(envs.batch, envs.randomizer.layouts, 0.0)
         self._tell()
 
     def tick(self) -> None:
@@ -110,7 +110,7 @@ class EnvView:
         self._ended |= (terminated | truncated).cpu().numpy()
         self._step += 1
         self._stepped = True
-        self._show(self.envs.state.dt / self.speed)
+        self._window.show(self.envs.batch, self.envs.randomizer.layouts, self.envs.state.dt / self.speed)
         if self._ended.all() or time.monotonic() - self._plotted > _PLOTTED:
             self._draw()
 
@@ -122,9 +122,6 @@ class EnvView:
     def _own_id(self, text: str) -> LayoutId:
         cure = "Open its environment, with the same changes of the scene, and start the viewer with its --split."
         return LayoutId.of_scene(text, self.envs.compiled.scene, cure, self.envs.split)
-
-    def _show(self, seconds: float) -> None:
-        self._window.show(self.envs.batch, self.envs.randomizer.layouts, seconds)
 
     def _draw(self) -> None:
         self._plotted = time.monotonic()

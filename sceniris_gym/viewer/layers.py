@@ -54,8 +54,7 @@ def sketch_pieces(world: ShownWorld, opacity: float = 1.0) -> Sketch:
     for number, body in enumerate(sorted({p.body for p in pieces})):
         if meshes := [p.mesh for p in pieces if p.body == body and p.mesh is not None and p.type != PieceType.PLANE]:
             vertices, faces = trimesh.util.append_faces([m.vertices for m in meshes], [m.faces for m in meshes])
-            rotation, at = data.xmat[body].reshape(3, 3), data.xpos[body]
-            sketch.surfaces.append((vertices @ rotation.T + at, faces, PALETTE[number % len(PALETTE)], opacity))
+            sketch.surfaces.append((world.from_body(body, vertices), faces, PALETTE[number % len(PALETTE)], opacity))
     return sketch
 
 
@@ -142,18 +141,18 @@ def nearest_to(world: ShownWorld, name: str) -> Nearest | None:
     """
     mjm, data, scene = world.compiled.mjm, world.data, world.compiled.scene
     own = set(scene.subtree(name))
-    ground = world.placed(name).ground
-    heaps = world.compiled.config.heaps.values()
-    heaped = [body for heap in heaps if name in heap.of for other in heap.of for body in scene.subtree(other)]
-    aside = {*own, *([] if ground is None else [ground]), *heaped, *world.hidden_bodies()}
+    heaped = {other for heap in world.compiled.config.heaps.values() if name in heap.of for other in heap.of}
+    aside = {*own, world.placed(name).ground, *world.hidden_bodies()}
+    aside |= {body for body, other in scene.owners.items() if other in heaped}
     collides = np.flatnonzero((mjm.geom_contype | mjm.geom_conaffinity) != 0).tolist()
     body_of, grounds = mjm.geom_bodyid.tolist(), {other: world.placed(other).ground for other in world.placed_names}
-    carriers = {body: g for other, g in grounds.items() if g is not None for body in scene.subtree(other)}
     best, found = _LOOKED, None
     for a in (g for g in collides if body_of[g] in own):
         for b in (g for g in collides if body_of[g] not in aside):
             apart = np.linalg.norm(data.geom_xpos[a] - data.geom_xpos[b]) - mjm.geom_rbound[a] - mjm.geom_rbound[b]
-            if carriers.get(body_of[b]) == body_of[a] or (mjm.geom_rbound[b] > 0.0 and apart > best):
+            if grounds.get(scene.owners.get(body_of[b], "")) == body_of[a] or (
+                mjm.geom_rbound[b] > 0.0 and apart > best
+            ):
                 continue
             ends = np.zeros(6)
             distance = mujoco.mj_geomDistance(mjm, data, a, b, best, ends)
@@ -166,9 +165,8 @@ def _owner(world: ShownWorld, geom: int) -> str:
     """Return the owner of a geom by its name in a scene file: an object, or a geom or body that never moves."""
     scene = world.compiled.scene
     body = int(scene.mjm.geom_bodyid[geom])
-    objects = (name for name in scene.bodies if body in scene.subtree(name))
     own = scene.mjm.geom(geom).name if scene.mjm.body_weldid[body] == 0 else ""
-    return next(objects, "") or own or (scene.mjm.body(body).name if body else "static geometry")
+    return scene.owners.get(body) or own or (scene.mjm.body(body).name if body else "static geometry")
 
 
 def sketch_names(world: ShownWorld, only: str | None = None) -> Sketch:

@@ -89,22 +89,17 @@ class Plots:
             return
         if kept is not None:
             kept[1].remove()
-        series: Any = (
-            {"label": "step"},
-            *(
-                {"label": name, "width": 1.5, "stroke": _COLOURS[i % _MOST], "dash": _DASHES if i >= _MOST else ()}
-                for i, name in enumerate(names)
-            ),
-        )
+        series: list[Any] = [{"label": "step"}]
+        for i, name in enumerate(names):
+            dash = _DASHES if i >= _MOST else ()
+            series.append({"label": name, "width": 1.5, "stroke": _COLOURS[i % _MOST], "dash": dash})
         of_success = chart == "success"
         scales: Any = {"x": {"time": False}, "y": {"range": (-0.1, 1.1)} if of_success else {}}
-        axes: Any = (
-            {"incrs": _STEPS, "space": 40, "ticks": {"show": False}},
-            {"size": _SIDE, "ticks": {"show": False}},
-        )
+        ticks = {"show": False}
+        axes: Any = ({"incrs": _STEPS, "space": 40, "ticks": ticks}, {"size": _SIDE, "ticks": ticks})
         looks: Any = {"scales": scales, "axes": axes, "padding": (12, 16, 0, 0), "height": 120 if of_success else 200}
         with self._folders[chart]:
-            handle = self._gui.add_uplot(data, series, legend={"show": not of_success}, **looks)
+            handle = self._gui.add_uplot(data, tuple(series), legend={"show": not of_success}, **looks)
         self._charts[chart] = names, handle
 
 

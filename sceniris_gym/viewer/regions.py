@@ -117,8 +117,7 @@ def cover_over(world: ShownWorld, placed: PlacedObject, height: float) -> BaseGe
     found = []
     for piece in compiled.plan.pieces:
         if piece.body in parent and piece.type != PieceType.PLANE and piece.mesh is not None:
-            rotation, at = world.data.xmat[piece.body].reshape(3, 3), world.data.xpos[piece.body]
-            triangles = np.asarray(piece.mesh.triangles) @ rotation.T + at
+            triangles = world.from_body(piece.body, np.asarray(piece.mesh.triangles))
             whole = compiled.config.geometry == "physics"  # then pieces are convex
             found += [_above(some, height + _OVER) for some in ([triangles] if whole else triangles[:, None])]
     return shapely.union_all(found)

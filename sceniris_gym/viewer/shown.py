@@ -89,6 +89,10 @@ class ShownWorld:
             return at, at
         return upright_box(mjm, data, geoms)
 
+    def from_body(self, body: int, points: np.ndarray) -> np.ndarray:
+        """Transform points (..., 3) [m] from a body's frame to the world's frame."""
+        return points @ self.data.xmat[body].reshape(3, 3).T + self.data.xpos[body]
+
     def placed(self, name: str) -> PlacedObject:
         """Return the plan of a placed object."""
         return self.compiled.plan.objects[self.compiled.placed.index(name)]
@@ -162,19 +166,21 @@ class Player:
         """Take a single step of physics."""
         mujoco.mj_step(self.mjm, self.data)
 
-    def target_ranges(self) -> list[tuple[str, float, float]]:
-        """Return name, least and greatest control per actuator. Without limits, take the joint's range, or +-1."""
-        ranges = []
-        for i in range(self.mjm.nu):
-            low, high = self.mjm.actuator_ctrlrange[i]
-            if not self.mjm.actuator_ctrllimited[i]:
-                low, high = -1.0, 1.0
-                joint = int(self.mjm.actuator_trnid[i, 0])
-                of_joint = self.mjm.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT
-                if of_joint and self.mjm.jnt_limited[joint]:
-                    low, high = self.mjm.jnt_range[joint]
-            ranges.append((self.mjm.actuator(i).name or f"actuator {i}", float(low), float(high)))
-        return ranges
+
+def target_ranges(mjm: mujoco.MjModel) -> list[tuple[str, float, float]]:
+    """Return the name, the least and the greatest control of each actuator.
+
+    An actuator without limits gets the range of its joint. If the joint has no limits either, the range is -1 to 1.
+    """
+    ranges = []
+    for i in range(mjm.nu):
+        low, high, joint = -1.0, 1.0, int(mjm.actuator_trnid[i, 0])
+        if mjm.actuator_ctrllimited[i]:
+            low, high = mjm.actuator_ctrlrange[i]
+        elif mjm.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT and mjm.jnt_limited[joint]:
+            low, high = mjm.jnt_range[joint]
+        ranges.append((mjm.actuator(i).name or f"actuator {i}", float(low), float(high)))
+    return ranges
 
 
 def _closed_fingers(compiled: CompiledScene, table: LayoutTable) -> tuple[np.ndarray, np.ndarray]:

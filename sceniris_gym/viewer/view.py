@@ -9,6 +9,7 @@ from dataclasses import replace
 import viser
 
 from sceniris_gym.errors import InfeasibleSceneError, ScenirisError
+from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.progress import listening
 from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.viewer import why
@@ -18,7 +19,7 @@ from sceniris_gym.viewer.layers import COLLIDED, LAYERS, PARKED, REACH, SEEN, Re
 from sceniris_gym.viewer.panel import Panel
 from sceniris_gym.viewer.scene_file import LoadedScene, SceneFile
 from sceniris_gym.viewer.server import Requests
-from sceniris_gym.viewer.shown import Player, ShownWorld
+from sceniris_gym.viewer.shown import Player, ShownWorld, target_ranges
 from sceniris_gym.viewer.sketch import Sketch
 from sceniris_gym.viewer.worlds import Worlds, view_direction
 
@@ -92,16 +93,14 @@ class SceneView:
             self.panel.say(str(loaded.error), bad=True)
             return
         self.loaded = loaded
-        self.deck = LayoutDeck(loaded.compiled, self.num)
         self._only = self._only if self._only in loaded.compiled.object_names else None
-        self._counted = False
         self._slices = ReachSlice.of(loaded.compiled.scene)
-        ranges = Player(loaded.compiled, self.deck.make(self.where)[:1]).target_ranges()
         shown = self._candidates is not None
         self._candidates = None
-        self.panel.set_scene(list(loaded.compiled.object_names), self._only, ranges, bool(self._slices))
-        self._draw_worlds()
-        if isinstance(loaded.error, InfeasibleSceneError) or shown:
+        ranges = target_ranges(loaded.compiled.mjm)
+        self.panel.set_scene(loaded.compiled.object_names, self._only, ranges, bool(self._slices))
+        self._draw_worlds(loaded.compiled)
+        if loaded.error is not None or shown:
             self.panel.rejected.value = True
             self.show_rejected(True)
 
@@ -127,9 +126,7 @@ class SceneView:
         """Show this number of worlds."""
         self.num = num
         if self._ready:
-            self.deck = LayoutDeck(self.deck.compiled, num)
-            self._counted = False
-            self._draw_worlds()
+            self._draw_worlds(self.deck.compiled)
 
     def show_layer(self, name: str, shown: bool) -> None:
         """Show or hide a layer."""
@@ -218,10 +215,11 @@ class SceneView:
             self._told = time.monotonic()
             self.panel.say(f"The scene is being compiled ({what}: {done} of {total}). {_KERNELS}")
 
-    def _draw_worlds(self) -> None:
+    def _draw_worlds(self, compiled: CompiledScene) -> None:
         """Replace all worlds on the page, for another model or another number of worlds."""
+        self.deck, self._counted = LayoutDeck(compiled, self.num), False
         self.server.scene.reset()
-        worlds = Worlds(self.server, self.deck.compiled.scene, self.num)
+        worlds = Worlds(self.server, compiled.scene, self.num)
         worlds.aim(open_pages=not self._ready or not worlds.is_like(self._worlds))
         self._worlds, self._ready = worlds, True
         self.go(self.where)

@@ -119,8 +119,7 @@ def _add_body(sketch: Sketch, world: ShownWorld, body: int, colour: Colour, opac
     mesh = body_mesh(mjm, np.flatnonzero(mjm.geom_bodyid == body))
     if mesh is not None:
         vertices, faces = mesh
-        mat, pos = world.data.xmat[body].reshape(3, 3), world.data.xpos[body]
-        sketch.surfaces.append((vertices @ mat.T + pos, faces, colour, opacity))
+        sketch.surfaces.append((world.from_body(body, vertices), faces, colour, opacity))
 
 
 def _edges_of_box(world: ShownWorld, geom: int) -> np.ndarray:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sceniris_gym.viewer.layers import sketch_relations
-from sceniris_gym.viewer.shown import Player, ShownWorld
+from sceniris_gym.viewer.shown import Player, ShownWorld, target_ranges
 from tests.viewer.worlds_on_show import world_of
 
 GROUPED = {
@@ -111,7 +111,7 @@ def test_the_arm_holds_its_pose_and_follows_its_targets(player: Player):
     for _ in range(10):
         player.advance(0.05)
     assert player.data.qpos[adr] == pytest.approx(start, abs=0.02)
-    names = [name for name, _, _ in player.target_ranges()]
+    names = [name for name, _, _ in target_ranges(player.mjm)]
     joint = player.mjm.joint("panda/joint1").id
     first = next(i for i in range(player.mjm.nu) if player.mjm.actuator_trnid[i, 0] == joint)
     player.data.ctrl[first] = start + 0.4
@@ -129,10 +129,7 @@ def test_targets_have_ranges_also_where_controls_have_no_limits():
         f'<mujoco><compiler angle="radian"/><worldbody><body>{joint}<geom size="0.1"/><site name="tip"/></body>'
         f"</worldbody><actuator>{motors}</actuator></mujoco>"
     )
-    world = world_of("mid")
-    player = Player(world.compiled, world.table)
-    player.mjm = mjm
-    (first, low, high), (second, *ends) = player.target_ranges()
+    (first, low, high), (second, *ends) = target_ranges(mjm)
     assert (low, high) == pytest.approx((-0.5, 0.5))
     assert (first, second, ends) == ("actuator 0", "push", [-1.0, 1.0])
 
