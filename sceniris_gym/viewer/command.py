@@ -1,4 +1,4 @@
-"""The `view` command: shows a scene, or a policy in an environment, on a page until Ctrl-C."""
+"""The `view` command, which shows a scene or a policy on a page until Ctrl-C."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from sceniris_gym.viewer.server import import_ahead
 if TYPE_CHECKING:
     import viser
 
-_KERNELS = "The first time this compiles kernels, which takes a minute or two."
+_KERNELS = "The first start compiles kernels, which takes a minute or two."
 
 
 def view_scene(
     server: viser.ViserServer, scene: str, changes: Mapping[str, Any], *, split: str, seed: int, episode: int, num: int
 ) -> None:
-    """Show a scene on a page, and serve it until Ctrl-C."""
-    print(f"Open the page in a browser to see '{scene}'. Ctrl-C closes it.", file=sys.stderr, flush=True)
+    """Show a scene on a page until Ctrl-C."""
+    print(f"Open the page in a browser to see '{scene}'. Ctrl-C closes the page.", file=sys.stderr, flush=True)
     with uncollected():
         drawing = import_ahead()
         from sceniris_gym.config.loader import read_scene, shipped
@@ -52,8 +52,8 @@ def view_env(
     changes: Mapping[str, Any],
     trust: bool = False,
 ) -> None:
-    """Show how a policy plays an environment on a page, and serve it until Ctrl-C."""
-    print(f"Open the page in a browser to see '{env}'. Ctrl-C closes it.", file=sys.stderr, flush=True)
+    """Show on a page how a policy plays an environment, until Ctrl-C."""
+    print(f"Open the page in a browser to see '{env}'. Ctrl-C closes the page.", file=sys.stderr, flush=True)
     import gymnasium
 
     import sceniris_gym  # noqa: F401, registers the environments

@@ -1,4 +1,4 @@
-"""The layouts on the page: made by seed and episode, with the rejected candidates."""
+"""The layouts on the page, made from a seed and an episode, and their rejected candidates."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from sceniris_gym.program.device import Cause
 from sceniris_gym.scene.layout_table import LayoutTable
 
 MOST_RECORDED = 1024
-_COUNTED = 256  # layouts behind the first table of rejections of a scene
+_COUNTED = 256  # number of layouts that fill a scene's first table of rejections
 
 
 @dataclass(frozen=True)
 class Where:
-    """The choice of layouts on the page: world i has seed + i.
+    """Split, seed and episode of the layouts on the page. World i has seed + i.
 
     Attributes:
         split: "train" or "eval".
@@ -40,21 +40,21 @@ class Where:
     episode: int = 0
 
     def moved(self, seeds: int = 0, episodes: int = 0) -> Where:
-        """Return the choice moved by a number of seeds and episodes, within their bounds."""
+        """Add numbers to the seed and the episode. A result out of range becomes the nearest valid number."""
         seed = min(max(self.seed + seeds, 0), 2**64 - 1)
         return replace(self, seed=seed, episode=min(max(self.episode + episodes, 0), 2**31 - 1))
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A rejected candidate for the place of an object.
+    """A rejected candidate for the pose of an object.
 
     Attributes:
         name: The object.
         number: Index of the object in placement order. The objects before it already had a place.
         cause: Why the candidate was rejected, in lower case.
         count: Number of candidates of this object in this layout with the same cause.
-        state: The state with the object at the candidate, one row.
+        state: The state of the world with the object at the rejected place, one row.
     """
 
     name: str
@@ -68,7 +68,7 @@ class LayoutDeck:
     """Makes layouts of a compiled scene: for many worlds, or for one world with its rejected candidates.
 
     Args:
-        compiled: The scene. A scene without layouts is only uploaded, and has no bank.
+        compiled: The scene. If it can have no layouts, it was only uploaded to the device, and has no bank.
         num: Number of worlds.
     """
 
@@ -86,12 +86,12 @@ class LayoutDeck:
         return table
 
     def stands(self, split: str) -> tuple[np.ndarray, np.ndarray]:
-        """Return the `ShownWorld.stands` of the first world, from the latest `make`."""
+        """Return `ShownWorld.stands` for the first world and the layout of the latest `make`."""
         view = self._generator(split).layouts.view
         return view.pivot_pose.numpy()[0].copy(), view.bounds.numpy()[0].copy()
 
     def count_ahead(self) -> None:
-        """Make layouts only for the table of rejections, with seeds far from users' seeds."""
+        """Make layouts that only fill the table of rejections. Their seeds are far from the seeds that users choose."""
         generator = LayoutGenerator(self.compiled, _COUNTED, seed=1 << 62)
         generator.generate()
         self._count(generator, generator.table())
@@ -123,24 +123,24 @@ class LayoutDeck:
 
     @cached_property
     def _blame(self) -> Blame:
-        """Finds the geoms that candidates hit."""
+        """The search for the geoms that candidates hit."""
         return Blame(self.compiled)
 
     def find(self, text: str) -> Where:
-        """Return the choice that shows the layout with an id.
+        """Return the choice of the layout with an id.
 
         Raises:
             ArgumentError: The text does not have the form of an id.
             SceneMismatchError: The layout belongs to another scene.
             NotSupportedError: The id has params that differ from the scene file.
         """
-        name = LayoutId.of_scene(text.strip(), self.compiled.scene, "Open its scene.")
+        name = LayoutId.of_scene(text.strip(), self.compiled.scene, "Open the scene of this layout.")
         if name.params:
             raise NotSupportedError("the page shows only layouts without params. Use `sceniris-gym replay` for others.")
         return Where(name.split, name.seed, name.episode)
 
     def table(self) -> Mapping[str, Mapping[str, int]]:
-        """Return the numbers of rejected candidates so far by object and cause, without empty rows and columns."""
+        """Return the number of rejected candidates so far by object and cause, without empty rows and columns."""
         seen = {c for c in Cause if self.counts[:, c].any()}
         rows = ((name, self.counts[i]) for i, name in enumerate(self.compiled.placed))
         return {name: {c.name.lower(): int(row[c]) for c in sorted(seen)} for name, row in rows if row.any()}

@@ -1,4 +1,4 @@
-"""The page of an environment: a policy plays chosen layouts in turn."""
+"""The page of an environment, where a policy plays one layout after another."""
 
 import sys
 import time
@@ -27,13 +27,13 @@ _FIRST = " The first step takes longer, because it compiles or loads the kernels
 
 
 class EnvView:
-    """Plays a policy in the thread that calls `tick`, and shows its episodes.
+    """Plays a policy and shows the episodes. All work is done in the thread that calls `tick`.
 
     Args:
         server: The page.
         envs: The environment, without autoreset.
         policy: The policy, None for random actions.
-        ids: Layouts to play in turn. If empty, the seeds 0, 1, 2, ...
+        ids: Ids of layouts to play, one after another. If empty, the layouts have the seeds 0, 1, 2, ...
     """
 
     def __init__(
@@ -87,7 +87,7 @@ class EnvView:
             self._try(self.step if not self._ended.all() else lambda: self.start(self.first + self.envs.num_envs))
 
     def _try(self, action: Callable[[], None]) -> None:
-        """Run an action. An error, for example in the policy, stops the episode and appears on the page and stderr."""
+        """Run an action. An error, for example in the policy, stops the episodes and appears on page and stderr."""
         try:
             action()
         except Exception as error:
@@ -98,7 +98,7 @@ class EnvView:
             self._status.content = f"**Stopped: {type(error).__name__}: {error}**"
 
     def step(self) -> None:
-        """Take one control step."""
+        """Take one control step in all worlds."""
         with torch.inference_mode():
             actions = self._actions()
             self._observation, _, terminated, truncated, info = self.envs.step(actions)

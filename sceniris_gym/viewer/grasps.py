@@ -1,4 +1,4 @@
-"""The layer of grasps: the grasps that qualified a layout, and the arm in these grasps."""
+"""The layer of grasps: the accepted grasp of each reachable object, and the arm in these grasps."""
 
 from dataclasses import replace
 
@@ -19,7 +19,7 @@ _RESTARTS = 64
 
 
 def sketch_grasps(world: ShownWorld, only: str | None = None) -> Sketch:
-    """Draw the axes of the grasp of each reach target (blue: the approach), and an arrow from the pre-grasp to it."""
+    """Draw the axes of each reach target's grasp, and an arrow from the pre-grasp. The approach axis is blue."""
     sketch = Sketch()
     for k, target in enumerate(_targets(world)):
         pose = grasp_pose(world, k)
@@ -35,7 +35,7 @@ def sketch_grasps(world: ShownWorld, only: str | None = None) -> Sketch:
 
 
 def grasp_pose(world: ShownWorld, k: int) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return the TCP's position [m] and orientation in the grasp of reach target `k`, None if the target is absent."""
+    """Return the TCP's position [m] and orientation (wxyz) in the grasp of reach target `k`, None if it is absent."""
     if world.table.grasp.shape[1] <= k or world.table.grasp[0, k] < 0:
         return None
     pose = world.table.grasp_pose[0, k].astype(float)
@@ -43,7 +43,7 @@ def grasp_pose(world: ShownWorld, k: int) -> tuple[np.ndarray, np.ndarray] | Non
 
 
 def poses_of_arm(world: ShownWorld) -> list[str]:
-    """Return the poses for `with_arm`: the start, and grasp and pre-grasp of each target if the model has its arm."""
+    """Return the poses for `with_arm`: start, and grasp and pre-grasp of each target that the model's arms reach."""
     reaching, apart = world.compiled.reaching, world.compiled.scene.apart
     names = [
         target.name
@@ -56,7 +56,8 @@ def poses_of_arm(world: ShownWorld) -> list[str]:
 def with_arm(world: ShownWorld, pose: str) -> LayoutTable | None:
     """Return the layout with the arm in a pose of `poses_of_arm`, None if inverse kinematics fail.
 
-    The layout stores the joints of its grasps. If only the arm's map was tested, inverse kinematics solve for them.
+    The layout stores the arm's joint positions in its grasps. If the layout was only tested with the arm's map, inverse
+    kinematics compute these positions.
     """
     reaching = world.compiled.reaching
     if pose == START or reaching is None:

@@ -1,4 +1,4 @@
-"""The layers over the first world, by name."""
+"""The layers that are drawn over the first world."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ from sceniris_gym.viewer.regions import relation_area, sketch_regions
 from sceniris_gym.viewer.shown import ShownWorld
 from sceniris_gym.viewer.sketch import GREEN, GREY, PALETTE, RED, Sketch
 
-_MOST = 2.0  # m, half the edge of a drawn plane without a size
-_LIFT = 0.004  # m above the height of the object's pivot
+_MOST = 2.0  # m, half the edge of the square that is drawn for an endless plane
+_LIFT = 0.004  # m from the object's pivot up to the area of the first relation, and from each area to the next
 _OVER = 0.02  # m, height of the ends of arrows above an object
 _LINE = 0.06  # m, distance between the labels of an object's relations
-_BEYOND = 0.15  # m, extent of an endless area beyond the object
+_BEYOND = 0.15  # m, an endless area is drawn up to this distance behind the object
 _LOOKED = 0.3  # m, greatest distance of a neighbour that is drawn
-_ROUNDING = 1.0e-6  # m
+_ROUNDING = 1.0e-6  # m, tolerance of distances
 _ABOVE = 0.06  # m, height of a label above its line
 # a slice of the reach map
 _PIXELS = 96
@@ -84,13 +84,16 @@ def sketch_relations(world: ShownWorld, only: str | None = None) -> Sketch:
 
 
 def _above(world: ShownWorld, name: str) -> np.ndarray:
-    """Return a point (3,) [m] above an object's pivot and the whole object, so that the object hides no arrow."""
+    """Return the end (3,) [m] of an object's arrows: above the pivot, and so high that the object hides no arrow."""
     at = world.standing(name)[0]
     return np.array([at[0], at[1], max(at[2], world.box(name)[1][2]) + _OVER])
 
 
 def _tail(world: ShownWorld, anchor: str, tip: np.ndarray) -> np.ndarray:
-    """Return the start of an arrow from an anchor to `tip`: above the anchor, or at the side of a higher anchor."""
+    """Return the start of an arrow from an anchor to `tip`.
+
+    The start is above the anchor. If the anchor is higher than `tip`, the start is at the side of the anchor.
+    """
     low, high = world.box(anchor, root_alone=True)
     tail = _above(world, anchor)
     if tip[2] >= high[2] or np.all((low[:2] <= tip[:2]) & (tip[:2] <= high[:2])):
@@ -103,7 +106,7 @@ def _tail(world: ShownWorld, anchor: str, tip: np.ndarray) -> np.ndarray:
 
 
 def sketch_clearances(world: ShownWorld, only: str | None = None) -> Sketch:
-    """Draw a line from each placed object to its nearest neighbour except the support, red if they are too near."""
+    """Draw a line from each placed object to its nearest neighbour. The line is red if the distance is too small."""
     sketch, drawn, config = Sketch(), set(), world.compiled.config
     clearances = {name: part.clearance for name, part in {**config.objects, **config.all_robots}.items()}
     for name in [only] if only is not None else world.placed_names:
@@ -124,8 +127,8 @@ class Nearest:
 
     Attributes:
         other: The name of the neighbour, an object, a geom or a body.
-        ends: The shortest line from the object to the neighbour, (2, 3) [m].
-        distance: The length of that line [m], negative if they overlap.
+        ends: Ends of the shortest line from the object to the neighbour, (2, 3) [m].
+        distance: Length of this line [m], negative if the object and the neighbour overlap.
     """
 
     other: str
@@ -134,7 +137,7 @@ class Nearest:
 
 
 def nearest_to(world: ShownWorld, name: str) -> Nearest | None:
-    """Return the nearest colliding neighbour of an object, None if all are far.
+    """Return the nearest neighbour that can collide with an object, None if no neighbour is within 0.3 m.
 
     The object's support, the objects on it, and the objects of its heap are left out, because `clearance` does not
     apply to them.
@@ -162,7 +165,7 @@ def nearest_to(world: ShownWorld, name: str) -> Nearest | None:
 
 
 def _owner(world: ShownWorld, geom: int) -> str:
-    """Return the owner of a geom by its name in a scene file: an object, or a geom or body that never moves."""
+    """Return the name of a geom's object. If it has no object, return the name of the static geom or of the body."""
     scene = world.compiled.scene
     body = int(scene.mjm.geom_bodyid[geom])
     own = scene.mjm.geom(geom).name if scene.mjm.body_weldid[body] == 0 else ""
@@ -183,7 +186,7 @@ def sketch_names(world: ShownWorld, only: str | None = None) -> Sketch:
 
 @dataclass(frozen=True)
 class ReachSlice:
-    """A slice of the map of an arm.
+    """A horizontal slice of an arm's reach map.
 
     Attributes:
         map: The arm's map.
@@ -195,7 +198,7 @@ class ReachSlice:
 
     @classmethod
     def of(cls, scene: SceneModel) -> list[ReachSlice]:
-        """Return a slice for each robot of a scene with a map."""
+        """Return a slice for each robot that has a map."""
         found = []
         for name, robot in scene.config.all_robots.items():
             with contextlib.suppress(ScenirisError):
@@ -210,10 +213,10 @@ class ReachSlice:
         return -self.map.u_low
 
     def picture(self, data: mujoco.MjData, height: float) -> np.ndarray:
-        """Return the picture at a height [m] of the world, (n, n, 4) uint8. More reached approaches are more opaque.
+        """Return the picture of the slice at a height [m] in the world, (n, n, 4) uint8.
 
-        The picture is `2 * span` wide, around the axis of the arm's first joint, with the base's x to the right and y
-        up.
+        A pixel is more opaque where the arm reaches more approach directions. The picture is a square with the edge
+        `2 * span` [m] around the axis of the arm's first joint. The x axis of the base points right, its y axis up.
         """
         ticks = (np.arange(_PIXELS) + 0.5) / _PIXELS * 2.0 * self.span - self.span
         across, up = np.meshgrid(ticks, ticks[::-1])
@@ -225,24 +228,24 @@ class ReachSlice:
         return picture
 
     def pose(self, data: mujoco.MjData, height: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return the middle of the slice [m] and its orientation (wxyz)."""
+        """Return the position of the slice's middle [m] and its orientation (wxyz)."""
         axis = data.xmat[self.body].reshape(3, 3) @ [*self.map.arm.axis_xy, 0.0]
         return np.array([*(data.xpos[self.body] + axis)[:2], height]), data.xquat[self.body]
 
 
 PARKED, REACH = "parked objects", "reach map"
 SEEN, COLLIDED, BOTH = "what is seen", "what collides", "both"
-"""The drawn geometry of the worlds. Colliding geometry is only drawn in the first world."""
+"""The choices of geometry to draw. Colliding geometry is only drawn in the first world."""
 LAYERS: dict[str, tuple[Callable[[ShownWorld, str | None], Sketch] | None, str]] = {
     "names": (sketch_names, "The name of every object."),
-    "regions": (sketch_regions, "The region of each object's pivot, in this world's joint state."),
-    "relations": (sketch_relations, "An arrow from each anchor, and the area that a relation leaves."),
-    "clearances": (sketch_clearances, "From each object to its nearest neighbour, and the clearance. Red: too near."),
-    "grasps": (sketch_grasps, "The grasps that qualified the layout. Blue is the approach."),
-    PARKED: (None, "Absent members of groups, in a row in front of the scene."),
-    REACH: (None, "A slice of the arm's reachability map, at the height below."),
+    "regions": (sketch_regions, "Where the pivot of each object may be, given the joints of this world."),
+    "relations": (sketch_relations, "An arrow from each anchor, and the area in which the relation holds."),
+    "clearances": (sketch_clearances, "The distance to each nearest object, and the least distance. Red: too near."),
+    "grasps": (sketch_grasps, "The grasp for which each reachable object was accepted. Blue is the approach axis."),
+    PARKED: (None, "Objects that their group left out, in a row in front of the scene."),
+    REACH: (None, "A slice of the arm's reach map, at the height that the slider sets."),
 }
-"""Layer -> its function, and its hint. The function sketches all objects of a world, or one object.
+"""Name of a layer -> its function, and its hint. The function takes a world, and one object or None for all objects.
 
-Layers without a function move bodies, or are a picture.
+A layer has no function if it moves bodies or is a picture.
 """

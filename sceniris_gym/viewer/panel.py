@@ -1,4 +1,4 @@
-"""The controls of the page of a scene."""
+"""The controls on the page of a scene."""
 
 import html
 from collections.abc import Iterable, Sequence
@@ -31,7 +31,7 @@ class Panel:
         num: Number of worlds at first.
 
     Attributes:
-        rejected: The checkbox of rejected candidates.
+        rejected: The checkbox that shows rejected candidates.
         table: The table of rejection counts.
         play: The button that runs or pauses physics.
         arm: The list of the arm's poses.
@@ -53,7 +53,7 @@ class Panel:
         self._targets: list[Any] = []
 
     def say(self, text: str, *, bad: bool = False, notices: Sequence[str] = ()) -> None:
-        """Show a message above all controls, red with `bad`, and warnings below it."""
+        """Show a message above all controls, and warnings below the message. With `bad`, the message is red."""
         boxes = [f"<div style='{_BOX}{_BAD if bad else _GOOD}'>{html.escape(text)}</div>"]
         boxes += [f"<div style='{_BOX}{_WARNED}'>{html.escape(notice)}</div>" for notice in notices]
         self._message.content = "".join(boxes)
@@ -61,7 +61,14 @@ class Panel:
     def set_scene(
         self, names: Sequence[str], only: str | None, targets: Sequence[tuple[str, float, float]], has_map: bool
     ) -> None:
-        """Offer the objects of a scene with `only` selected, its actuators with their ranges, and its map."""
+        """Update the controls for another scene.
+
+        Args:
+            names: The objects of the scene, to select from.
+            only: The selected object, None for all objects.
+            targets: Name, least and greatest control of each actuator.
+            has_map: True if the scene has a reach map.
+        """
         self._object.options = (ALL, *names)
         self._object.value = ALL if only is None else only
         self._layers[REACH].disabled = self._height.disabled = not has_map
@@ -72,7 +79,7 @@ class Panel:
         self._no_targets.visible = not targets
 
     def set_where(self, where: Where, layout_id: str, poses: Sequence[str]) -> None:
-        """Show the choice of layouts and the id of the first layout, and offer the poses of its arm."""
+        """Show the choice of layouts and the id of the first layout, and offer the poses of the arm in it."""
         self._where = where
         self._split.value, self._seed.value, self._episode.value = where.split, str(where.seed), str(where.episode)
         self._id.value = layout_id
@@ -81,12 +88,12 @@ class Panel:
         self.arm.disabled = len(poses) < 2
 
     def set_targets(self, values: Iterable[float]) -> None:
-        """Show the controls of the actuators."""
+        """Move the sliders to the current controls of the actuators."""
         for handle, value in zip(self._targets, values, strict=True):
             handle.value = min(max(float(value), handle.min), handle.max)
 
     def set_candidates(self, num: int, i: int, text: str) -> None:
-        """Show the number of rejected candidates, the index of the shown candidate, and its cause."""
+        """Show the number of rejected candidates, the index `i` of the shown candidate, and its explanation."""
         self._candidate.max = max(num, 1)
         self._candidate.disabled = num < 2
         self._candidate.value = i + 1 if num else 1
@@ -120,7 +127,7 @@ class Panel:
     def _add_layers(self) -> None:
         gui = self._gui
         self._layers = {}
-        geometry = gui.add_dropdown("geometry", (SEEN, COLLIDED, BOTH), hint="Of the first world, one colour per body.")
+        geometry = gui.add_dropdown("geometry", (SEEN, COLLIDED, BOTH), hint="Only the first world shows collisions.")
         self._on(geometry, "geometry", self._do.show_geometry)
         for name, (_, hint) in LAYERS.items():
             handle = gui.add_checkbox(name, False, hint=hint)
@@ -129,7 +136,7 @@ class Panel:
         self._on(self._height, "height", self._do.move_slice)
         self._object: Any = gui.add_dropdown("layers of", (ALL,), hint="Show the layers of one object, or of all.")
         self._on(self._object, "object", lambda name: self._do.look_at_object(None if name == ALL else name))
-        self.arm: Any = gui.add_dropdown("arm in", (START,), hint="The arm jumps into the grasps of this layout.")
+        self.arm: Any = gui.add_dropdown("arm in", (START,), hint="Move the arm into a grasp of this layout.")
         self._on(self.arm, "arm", self._do.move_arm)
 
     def _add_why(self) -> None:
@@ -146,7 +153,7 @@ class Panel:
         gui = self._gui
         self._play_tab = gui.add_folder("Physics of the first world")
         with self._play_tab:
-            self.play = gui.add_button("Play", hint="MuJoCo C steps from this layout on.")
+            self.play = gui.add_button("Play", hint="Step the first world with MuJoCo C from this layout on.")
             self.play.on_click(lambda _: self._ask("play", lambda: self._do.play(self.play.label == "Play")))
             buttons = gui.add_button_group("   ", ("Step", "Reset"))
             actions = {"Step": self._do.step, "Reset": self._do.reset_play}

@@ -8,22 +8,22 @@ from typing import Any
 import numpy as np
 import viser
 
-_KEPT = 300  # steps
+_KEPT = 300  # last steps that the plots show
 _COLOURS = ("#266ebe", "#28965a", "#8250aa", "#b4781e", "#1496a0", "#aa3c78", "#5a7828", "#555b63")
-_MOST = len(_COLOURS)  # curves of a plot of the observation, so that each has a separate colour
-_DASHES = (6, 4)  # of reward terms that reuse a colour
-_SIDE = 64  # pixels left of a plot, for labels as long as '-0.001'
-_STEPS = (1, 2, 5, 10, 20, 50, 100)  # between two labels
+_MOST = len(_COLOURS)  # curves in a plot of the observation, at most one per colour
+_DASHES = (6, 4)  # pixels of line and gap, for reward terms that reuse a colour
+_SIDE = 64  # pixels left of a plot, wide enough for the label '-0.001'
+_STEPS = (1, 2, 5, 10, 20, 50, 100)  # possible numbers of steps between two labels
 _Shapes = Sequence[tuple[str, tuple[int, ...]]]
-_NOTHING = np.full(2, np.nan)  # an empty curve, as a line needs two steps
+_NOTHING = np.full(2, np.nan)  # an empty curve, because a line needs two steps
 
 
 @dataclass(frozen=True)
 class Part:
-    """The part of the observation that one plot shows.
+    """A part of the observation that fits into one plot.
 
     Attributes:
-        name: The task's name, with an index for a row of an array.
+        name: The task's name of the array. If the part is a row of the array, the name has the index of the row.
         first: Index of its first component in the flat observation.
         labels: A label for each component, such as "[0]".
     """
@@ -64,7 +64,7 @@ class Plots:
         self._steps.append((number, dict(rewards), success, np.array(observation, float)))
 
     def clear(self) -> None:
-        """Forget all steps, as at the start of an episode."""
+        """Remove all steps, because a new episode starts."""
         self._steps.clear()
         self.draw()
 
@@ -104,7 +104,7 @@ class Plots:
 
 
 def parts_of(shapes: _Shapes) -> list[Part]:
-    """Cut an observation into parts that fit into a plot: rows of arrays, and pieces of long rows."""
+    """Cut an observation into parts that each fit into one plot: rows of arrays, and pieces of long rows."""
     parts, first = [], 0
     for name, shape in shapes:
         width = shape[-1] if shape else 1

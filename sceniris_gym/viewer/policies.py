@@ -20,7 +20,7 @@ from sceniris_gym.training.records import PICKLE, of_a_run, read_checkpoint
 Policy = Callable[[dict[str, Tensor]], Any]
 """Takes the observation groups of all worlds, each (num_envs, size), and returns actions, (num_envs, action size)."""
 GROUP = "policy"
-"""The observation group that a policy sees."""
+"""The observation group that a policy gets."""
 FORMS = "a checkpoint of rsl-rl (.pt), a model of Stable-Baselines3 (.zip), or 'module:function'"
 
 _ALGORITHMS = ("PPO", "A2C", "SAC", "TD3", "DDPG")
@@ -32,13 +32,13 @@ def policy_of(name: str, device: str = "cpu", *, trust: bool = False) -> Policy:
 
     Args:
         name: The path of a .pt or .zip file, or 'module:function'. A .pt should be a checkpoint of rsl-rl's MLPModel
-            with its default activation. For a .zip, a VecNormalize in the same folder normalises the observations, if
-            it is saved as normalize.pkl or vecnormalize.pkl.
+            with its default activation. If the folder of a .zip has a normalize.pkl or vecnormalize.pkl, this
+            VecNormalize normalises the observations.
         device: The device of the observations, as torch names it.
-        trust: Read a .zip and its VecNormalize, which executes code in them.
+        trust: Allow to read a .zip and its VecNormalize, which executes the code in these files.
 
     Raises:
-        ArgumentError: The name has another form, or the file cannot be used, or is a .zip and not trusted.
+        ArgumentError: The name has another form, the file cannot be used, or it is a .zip and `trust` is False.
         MissingExtraError: The library of the policy is not installed.
     """
     path = Path(name)
@@ -94,7 +94,7 @@ def _of_rsl_rl(path: Path, device: str) -> Policy:
 def _of_stable_baselines(path: Path, device: str) -> Policy:
     stable_baselines3 = import_extra("stable_baselines3", "sb3")
     if not zipfile.is_zipfile(path):
-        raise ArgumentError(f"--policy {path}: should be a saved model of Stable-Baselines3.")
+        raise ArgumentError(f"--policy {path}: should be a .zip that Stable-Baselines3 saved.")
     why = ""
     for name in _ALGORITHMS:  # the file does not name its algorithm
         try:
@@ -103,7 +103,7 @@ def _of_stable_baselines(path: Path, device: str) -> Policy:
         except Exception as error:
             why = str(error).splitlines()[0] if str(error) else type(error).__name__
     else:
-        raise ArgumentError(f"--policy {path}: should be a model of {', '.join(_ALGORITHMS)}, got an error: {why}.")
+        raise ArgumentError(f"--policy {path}: should be a model of {', '.join(_ALGORITHMS)}. Loading failed: {why}.")
     normalized = _normalization(path)
 
     def policy(observation: dict[str, Tensor]) -> Any:
@@ -113,7 +113,7 @@ def _of_stable_baselines(path: Path, device: str) -> Policy:
 
 
 def _normalization(path: Path) -> Callable[[np.ndarray], Any]:
-    """Return the normalisation of observations for a model, from the VecNormalize saved in its folder."""
+    """Return the function that normalises a model's observations: the VecNormalize in its folder, or the identity."""
     beside = [path.with_name(name) for name in _NORMALIZATIONS if path.with_name(name).is_file()]
     if not beside:
         return lambda seen: seen

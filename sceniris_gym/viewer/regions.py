@@ -1,4 +1,4 @@
-"""The layer of regions: the parts of supports that an object's pivot may occupy, in the state of one world."""
+"""The layer of regions: where the pivots of objects may be on their supports, in the state of one world."""
 
 import math
 from collections.abc import Sequence
@@ -18,17 +18,17 @@ from sceniris_gym.viewer.shown import ShownWorld
 from sceniris_gym.viewer.sketch import GREY, PALETTE, Sketch
 
 Standing = tuple[np.ndarray, np.ndarray]
-"""Place of an object, its pivot [m] and heading [rad], and its bounds around the pivot [m], as in `Plan`."""
-_FAR = 20.0  # m, radius of a relation without a greatest distance
+"""An object's pivot [m] with its heading [rad], shape (4,), and its bounds [m] from the pivot, as in `Plan`."""
+_FAR = 20.0  # m, radius of the area of a relation without a greatest distance
 _ARC = 128  # segments of a half circle
 _LINE = 0.002  # m, half width of a line
-_ALIKE = 0.75  # two regions with this overlap share a label, as a fraction of the larger region
+_ALIKE = 0.75  # least overlap of two regions that share a label, as a fraction of the larger region
 _MOST_NAMED = 5
-_CROWDED = 0.2  # m, nearer labels are moved apart
-_SITE = 0.005  # m, radius of the discs for points and for sites that meet
+_CROWDED = 0.2  # m, labels that are nearer to each other are moved apart
+_SITE = 0.005  # m, radius of the discs that stand for points and for joined sites
 _LIFT = 0.002  # m, height of a region above its surface, and above the region before it
-_OVER = 1e-4  # m above a surface, where a cover begins, as in the generator
-_THIN = 1e-9  # m2, a smaller outline is a face seen edge-on
+_OVER = 1e-4  # m, only geometry at least this high above a surface covers it, as in the generator
+_THIN = 1e-9  # m2, an outline with a smaller area is a face seen from its edge
 
 
 def sketch_regions(world: ShownWorld, only: str | None = None) -> Sketch:
@@ -50,7 +50,7 @@ def sketch_regions(world: ShownWorld, only: str | None = None) -> Sketch:
                 sketch.labels.append((f"no region for {name}", np.array([at.x, at.y, height])))
             else:
                 found.setdefault((left.normalize().wkb, height), ([], left))[0].append(name)
-    # With many regions, each is lower and more transparent, so that the stack looks like a few.
+    # Many regions are drawn closer together and more transparent, so that the stack looks like a few regions.
     lift, opacity = 2.0 * _LIFT / max(len(found), 2), 0.45 / math.sqrt(max(len(found) / 3.0, 1.0))
     for i, ((_, height), (_, left)) in enumerate(found.items()):
         sketch.area(left, height + (i + 1) * lift, PALETTE[i % len(PALETTE)], opacity)
@@ -80,10 +80,11 @@ def _labels(regions: list[tuple[list[str], MultiPolygon, float]]) -> list[tuple[
 
 
 def regions_left(world: ShownWorld, name: str) -> list[tuple[MultiPolygon, MultiPolygon, float]]:
-    """Return the outline of each surface under an object, the area left for its pivot, and the height [m].
+    """Return the outline, the area for the object's pivot, and the height [m] of each surface that may support it.
 
-    Outlines and areas [m] are in the world frame, seen from above. The test for a cover takes the pivot on the surface.
-    Distances between bounds hold for any heading of the object, so their rings are a little too large.
+    Outlines and areas [m] are in the world frame, seen from above. The test for a cover assumes that the pivot is on
+    the surface. If a relation measures distances between bounds, its area covers all headings of the object, so it is a
+    little too large.
     """
     placed = world.placed(name)
     relations = [relation_area(world, name, relation) for relation in placed.config.relations]
@@ -102,7 +103,7 @@ def regions_left(world: ShownWorld, name: str) -> list[tuple[MultiPolygon, Multi
 
 
 def is_covered_rightly(world: ShownWorld, placed: PlacedObject, region: BaseGeometry, height: float) -> BaseGeometry:
-    """Return the part of a region at a height [m] with the cover that an object requires, seen from above."""
+    """Return the part of a region, at a height [m], that is covered or open above, as an object requires."""
     if placed.cover == Cover.EITHER or region.is_empty:
         return region
     cover = cover_over(world, placed, height)
@@ -110,7 +111,7 @@ def is_covered_rightly(world: ShownWorld, placed: PlacedObject, region: BaseGeom
 
 
 def cover_over(world: ShownWorld, placed: PlacedObject, height: float) -> BaseGeometry:
-    """Return the outline, seen from above, of the parts of a support's object above a height [m] of the world."""
+    """Return the outline, seen from above, of all parts of the supporting object that are above a height [m]."""
     compiled = world.compiled
     assert placed.support is not None
     parent = compiled.scene.around(placed.support)
@@ -124,7 +125,7 @@ def cover_over(world: ShownWorld, placed: PlacedObject, height: float) -> BaseGe
 
 
 def _above(triangles: np.ndarray, height: float) -> BaseGeometry:
-    """Return the hull, seen from above, of the parts of triangles (n, 3, 3) above a height."""
+    """Return the convex hull, seen from above, of those parts of triangles (n, 3, 3) [m] that are above a height."""
     ends = np.stack([triangles, np.roll(triangles, 1, axis=1)], axis=2).reshape(-1, 2, 3)
     above = ends[:, :, 2] > height
     one, other = ends[above[:, 0] != above[:, 1]].transpose(1, 0, 2)
@@ -144,7 +145,7 @@ def _areas(region: BaseGeometry) -> MultiPolygon:
 
 
 def relation_area(world: ShownWorld, name: str, relation: Relation) -> BaseGeometry | None:
-    """Return the area of the plane that a relation leaves for an object, None if the relation does not apply."""
+    """Return the area that a relation allows for an object's pivot, None if the relation does not apply."""
     frames = [other for key, other in relation.references if key == "frame"]
     anchors = [world.standing(anchor) for anchor in relation.anchors if world.is_shown(anchor)]
     if len(anchors) < relation.least_anchors or not all(map(world.is_shown, frames)):
@@ -154,7 +155,7 @@ def relation_area(world: ShownWorld, name: str, relation: Relation) -> BaseGeome
 
 
 def _frame_heading(world: ShownWorld, name: str, relation: Relation) -> float:
-    """Return the heading [rad] of a relation's frame."""
+    """Return the heading [rad] of a relation's frame in the world."""
     if relation.reference_frame == "world":
         return 0.0
     if relation.reference_frame == "support":
@@ -166,13 +167,13 @@ def _frame_heading(world: ShownWorld, name: str, relation: Relation) -> float:
 
 @singledispatch
 def area_of(relation: Relation, own: Standing, anchors: Sequence[Standing], heading: float) -> BaseGeometry:
-    """Return the area of the plane that a relation leaves for an object.
+    """Return the area, seen from above, that a relation allows for an object's pivot.
 
     Args:
         relation: The relation.
-        own: Place and bounds of the object.
-        anchors: Places and bounds of the present anchors.
-        heading: The heading [rad] of the relation in the world.
+        own: Pivot and bounds of the object.
+        anchors: Pivots and bounds of the present anchors.
+        heading: The direction of the relation in the world, as a heading [rad].
     """
     raise NotImplementedError(f"no area of {type(relation).__name__}")
 
@@ -202,7 +203,10 @@ def _joined(relation: Joined, own: Standing, anchors: Sequence[Standing], headin
 
 @area_of.register
 def _beside(relation: Beside, own: Standing, anchors: Sequence[Standing], heading: float) -> BaseGeometry:
-    """Return the line of pivots that put the bounds a gap apart, with the narrower in the span of the wider."""
+    """Return the line of pivots at which the gap between the bounds has the required width.
+
+    Along this line, the narrower bounds stay within the span of the wider bounds.
+    """
     side = np.array([math.cos(heading), math.sin(heading)])
     along = np.array([-side[1], side[0]])
     offset = _extent(anchors[0], side)[1] + relation.gap - _extent(own, side)[0]
@@ -222,7 +226,7 @@ def _wedge(apex: np.ndarray, axis: float, half_angle: float, low: float, high: f
 
 
 def _extent(standing: Standing, along: np.ndarray) -> tuple[float, float]:
-    """Return the least and greatest coordinate [m] of bounds along a direction of the world, from the pivot."""
+    """Return the least and greatest coordinate [m] of bounds along a direction of the world, relative to the pivot."""
     (*_, heading), bounds = standing
     c, s = math.cos(heading), math.sin(heading)
     corners = np.array([[x, y] for x in bounds[[0, 2]] for y in bounds[[1, 3]]]) @ np.array([[c, s], [-s, c]])
@@ -231,10 +235,10 @@ def _extent(standing: Standing, along: np.ndarray) -> tuple[float, float]:
 
 
 def _radius(bounds: np.ndarray) -> float:
-    """Return the distance [m] of the furthest corner of bounds from the pivot."""
+    """Return the distance [m] from the pivot to the furthest corner of the bounds."""
     return float(np.linalg.norm(np.maximum(np.abs(bounds[:2]), np.abs(bounds[2:]))))
 
 
 def _outside(bounds: np.ndarray) -> float:
-    """Return the distance [m] of bounds from the pivot, 0 if the pivot is inside."""
+    """Return the distance [m] from the pivot to the bounds, 0 if the pivot is inside the bounds."""
     return float(np.linalg.norm(np.maximum(np.maximum(bounds[:2], -bounds[2:]), 0.0)))

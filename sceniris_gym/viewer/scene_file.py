@@ -1,4 +1,4 @@
-"""The scene on the page: compiled from a file, and again after a change of the file or its assets."""
+"""The scene on the page, which is compiled again after each change of its file or assets."""
 
 import contextlib
 import re
@@ -28,7 +28,7 @@ class LoadedScene:
     """The outcome of reading and compiling a scene file.
 
     Attributes:
-        compiled: The scene, None if it cannot be read. A scene without layouts has no bank.
+        compiled: The scene, None if it cannot be read. If the scene can have no layouts, it has no bank.
         error: The error in the scene, or None.
         notices: Warnings about the scene.
     """
@@ -39,7 +39,7 @@ class LoadedScene:
 
 
 class SceneFile:
-    """A scene by name or path, with changes, on the CPU.
+    """A scene by name or path, with changes, which is compiled for the CPU.
 
     Args:
         scene: Name of a shipped scene, or a path.
@@ -87,7 +87,7 @@ class SceneFile:
 
 
 def _files_of(config: SceneConfig) -> list[Path]:
-    """Return the model files of a scene, and all files in models from outside the package."""
+    """Return the model files of a scene. Of models outside the package, also return all files that they name."""
     parts = [*config.objects.values(), *config.all_robots.values()]
     assets = sorted({part.asset for part in parts if part.asset is not None})
     of_package = shipped("assets", ".xml")  # building the model rejects unknown names
@@ -100,7 +100,10 @@ def _files_of(config: SceneConfig) -> list[Path]:
 
 
 def _add_referred(path: Path, folders: tuple[Path, ...], found: dict[Path, None]) -> None:
-    """Add a model and the files that it names, in every possible folder, even if they do not exist."""
+    """Add a model file to `found`, and the files that it names, even if they do not exist.
+
+    A named file is added once for each folder that may contain it.
+    """
     if path in found:
         return
     found[path] = None

@@ -41,16 +41,16 @@ _EVERYWHERE = ("0.0.0.0", "::")
 
 
 def open_server(host: str = HOST, port: int = PORT, origins: Sequence[str] = ()) -> viser.ViserServer:
-    """Open an empty page. It answers only requests to an address of this page, and rejects requests of other sites.
+    """Open an empty page. The page only answers requests to its addresses, and rejects requests from other sites.
 
     Args:
         host: Address to listen on. "0.0.0.0" admits all machines.
         port: Port to listen on, or the next free port.
-        origins: Other addresses of the page in a browser, such as "https://hub.example.org".
+        origins: Further addresses at which browsers may open the page, such as "https://hub.example.org".
 
     Raises:
         MissingExtraError: viser or mjviser is not installed.
-        ArgumentError: This machine does not have that address.
+        ArgumentError: `host` is not an address of this machine.
     """
     for package in ("viser", "mjviser"):
         if importlib.util.find_spec(package) is None:
@@ -67,7 +67,7 @@ def open_server(host: str = HOST, port: int = PORT, origins: Sequence[str] = ())
 
 
 def _check_host(host: str) -> None:
-    """Reject an address that is not of this machine, because viser would wait forever."""
+    """Reject a host that is not an address of this machine, because viser would wait for it forever."""
     try:
         family, kind, *_, at = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[0]
         with socket.socket(family, kind) as probe:
@@ -79,14 +79,14 @@ def _check_host(host: str) -> None:
 def refusal(headers: Mapping[str, str], host: str, origins: Sequence[str]) -> str | None:
     """Return why a request is rejected, None if it is accepted.
 
-    Another site may send requests to this machine from the user's browser, also by a domain name that resolves to this
-    machine. The headers of the browser show both: `Origin` is the site, `Host` is the name. If other machines reach the
-    page, its numeric addresses are accepted, too, because a site cannot have such a name.
+    Another site may send requests to this page from the user's browser. It may also use a domain name that resolves to
+    this machine. The browser's headers show both: `Origin` is the site, and `Host` is the name in the request. If other
+    machines can reach the page, numeric addresses are accepted too, because a site cannot use them as its name.
 
     Args:
         headers: The headers of the request.
         host: The address of the listening socket.
-        origins: Other addresses of the page in a browser.
+        origins: Further addresses at which browsers may open the page.
     """
     try:
         asked = headers.get("Host", "").lower()
@@ -115,7 +115,7 @@ def _is_loopback(name: str) -> bool:
 
 @contextlib.contextmanager
 def _refusing(host: str, origins: Sequence[str]) -> Iterator[None]:
-    """Make a server that viser starts in the block answer 403 to requests and handshakes that `refusal` rejects."""
+    """Make servers that viser starts in this block answer 403 to the requests that `refusal` rejects."""
     from websockets.asyncio import server
 
     serve = server.serve
@@ -135,7 +135,7 @@ def _refusing(host: str, origins: Sequence[str]) -> Iterator[None]:
 
 
 def light(server: viser.ViserServer) -> None:
-    """Light the page, mostly from the front left, before a pale background."""
+    """Set a pale background, and lights that mostly come from the front left."""
     scene = server.scene
     scene.configure_environment_map(None)
     scene.configure_default_lights(enabled=False)
@@ -157,14 +157,14 @@ def address(server: viser.ViserServer) -> str:
 
 
 def import_ahead() -> threading.Thread:
-    """Start to import mjviser in a thread, because its trimesh takes a second."""
+    """Start to import mjviser in a thread, because importing trimesh, which mjviser needs, takes a second."""
     thread = threading.Thread(target=importlib.import_module, args=("mjviser",), daemon=True)
     thread.start()
     return thread
 
 
 class Requests:
-    """Queue of requests with only the latest per subject, so that dragging a slider does not fill it."""
+    """Queue with only the latest request about each subject, so that dragging a slider does not fill the queue."""
 
     def __init__(self) -> None:
         self._waiting: dict[object, Callable[[], None]] = {}
@@ -174,7 +174,7 @@ class Requests:
         """Add a request.
 
         Args:
-            about: The subject. It replaces a waiting request with the same subject. None keeps all requests.
+            about: The subject. The request replaces a waiting request about the same subject. None replaces no request.
             action: The work to do.
         """
         key = object() if about is None else about

@@ -1,4 +1,4 @@
-"""One world in the state of its layout, for the layers, and in motion, for the player."""
+"""One world on the page, which layers show in the state of its layout, and which physics can step."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,7 +14,7 @@ from sceniris_gym.program.plan import PlacedObject
 from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.scene.parking import PARKING_FROM
 
-_LONGEST = 0.1  # s of physics between two pictures, so that a slow machine falls behind but does not freeze
+_LONGEST = 0.1  # s of physics between two pictures: a slow machine loses real time, but the page does not freeze
 
 
 @dataclass(frozen=True)
@@ -25,8 +25,8 @@ class ShownWorld:
         compiled: The scene.
         table: The layout, one row.
         unplaced: Objects without a place yet, which are not drawn.
-        stands: Pivots [m] with headings [rad], and bounds, of all `Plan.columns` from the generator, shape (ncolumn, 4)
-            each. None for a state that the generator does not have. Then they are computed from the state.
+        stands: Pivots [m] with headings [rad], and bounds [m], of all `Plan.columns`, shape (ncolumn, 4) each, from the
+            generator. If None, because the generator does not have this state, they are computed from the state.
     """
 
     compiled: CompiledScene
@@ -63,7 +63,7 @@ class ShownWorld:
         return self.is_present(name) and self.own(name) not in self.unplaced
 
     def standing(self, name: str) -> tuple[np.ndarray, np.ndarray]:
-        """Return pivot [m] with heading [rad], and bounds, of an object for relations, as in `Plan.pivot_pose`."""
+        """Return an object's pivot [m] with its heading [rad], and its bounds [m], as relations use them."""
         plan, name = self.compiled.plan, self.own(name)
         column = plan.columns.index(self.compiled.config.owners.get(name, name))
         if self.stands is not None:
@@ -80,7 +80,7 @@ class ShownWorld:
         return np.array([*self.data.xpos[root] + mat @ poses[best].pivot, heading]), poses[best].bounds
 
     def box(self, name: str, root_alone: bool = False) -> tuple[np.ndarray, np.ndarray]:
-        """Return the corners [m] of the upright box around an object, or around only its root body."""
+        """Return two opposite corners [m] of the upright box around an object, or only around its root body."""
         mjm, data, name = self.compiled.mjm, self.data, self.own(name)
         bodies = [self.compiled.scene.bodies[name]] if root_alone else self.compiled.scene.subtree(name)
         geoms = np.flatnonzero(np.isin(mjm.geom_bodyid, bodies))
@@ -99,12 +99,12 @@ class ShownWorld:
 
     @property
     def placed_names(self) -> list[str]:
-        """Objects and robots with a place in this world, of all that layouts place, in the order of the scene file."""
+        """The placed objects and robots that this world shows, in the order of the scene file."""
         parts = self.compiled.config.parts
         return [name for name in parts if parts[name].is_placed and self.is_shown(name)]
 
     def hidden_bodies(self, with_absent: bool = True) -> list[int]:
-        """Return the bodies of objects that are not drawn."""
+        """Return the bodies of objects that have no place yet, and optionally of absent objects."""
         names = [*self.unplaced, *(self.absent if with_absent else [])]
         return [body for name in names for body in self.compiled.scene.subtree(name)]
 
@@ -120,7 +120,7 @@ class ShownWorld:
 
 
 class Player:
-    """Steps one world from its layout on.
+    """Steps one world with MuJoCo C, from its layout on.
 
     Args:
         compiled: The scene.
@@ -184,7 +184,10 @@ def target_ranges(mjm: mujoco.MjModel) -> list[tuple[str, float, float]]:
 
 
 def _closed_fingers(compiled: CompiledScene, table: LayoutTable) -> tuple[np.ndarray, np.ndarray]:
-    """Return addresses in qpos of the fingers that hold an object in a layout, and their closed positions."""
+    """Return the qpos addresses of fingers that hold an object in a layout, and the closed positions of these fingers.
+
+    Both arrays are empty if the layout starts without a held object.
+    """
     if compiled.config.start and compiled.reaching is not None:
         kind = compiled.config.start[table.start[0]]
         for name in kind.targets(compiled.config.groups) if kind.robot == "grasp" else ():

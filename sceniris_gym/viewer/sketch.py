@@ -1,4 +1,4 @@
-"""Sketches of layers: surfaces, lines, arrows, axes and labels, as arrays, and drawn on the page."""
+"""Sketches that the page draws over a world: surfaces, lines, arrows, axes and labels, as arrays."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -12,7 +12,7 @@ from sceniris_gym.geometry.supports import triangulate
 Colour = tuple[int, int, int]
 
 RED: Colour = (214, 39, 40)
-"""Only for errors."""
+"""Only for rejected candidates and distances that are too small."""
 ORANGE: Colour = (240, 140, 20)
 BLUE: Colour = (38, 110, 190)
 GREEN: Colour = (40, 150, 90)
@@ -21,8 +21,8 @@ GREY: Colour = (120, 126, 134)
 PALETTE: tuple[Colour, ...] = (BLUE, GREEN, VIOLET, (180, 120, 30), (20, 150, 160), (170, 60, 120), (90, 120, 40))
 """Colours of objects, without red."""
 
-_THICK = 0.006  # of a world's size: two or three pixels if the whole world is in view
-_SLIM = 16.0  # length of a short arrow over its radius
+_THICK = 0.006  # thickness of lines over a world's size: two or three pixels if the whole world is in view
+_SLIM = 16.0  # length of a short arrow over the radius of its shaft
 _FLAT = {"side": "double", "flat_shading": True, "cast_shadow": False, "receive_shadow": False}
 
 

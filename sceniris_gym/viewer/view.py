@@ -26,7 +26,7 @@ from sceniris_gym.viewer.worlds import Worlds, view_direction
 _FRAME = 1.0 / 60.0  # s between pictures of physics
 _IDLE = 0.25  # s between checks of the scene's files
 _TOLD = 0.25  # s between two reports of progress
-_KERNELS = "The first time this compiles kernels, which takes a minute."
+_KERNELS = "The first start compiles kernels, which takes a minute."
 _TRIED = "The tab 'Why' shows the rejected candidates in red."
 _CANDIDATE, _SLICE, _PIECES = "candidate", "slice", "pieces"  # names of sketches on the page
 
@@ -105,7 +105,7 @@ class SceneView:
             self.show_rejected(True)
 
     def go(self, where: Where) -> None:
-        """Show another layout."""
+        """Show the layouts of another choice."""
         if not self._ready:
             return
         self.where, self._pose = where, START
@@ -246,7 +246,10 @@ class SceneView:
         self._show_player()
 
     def _first_world(self) -> tuple[ShownWorld, Candidate | None]:
-        """Return the world for layers: with the shown candidate, or of the layout in the selected pose of the arm."""
+        """Return the first world, and the rejected candidate that it shows, if any.
+
+        Without a candidate, the world is in its layout, with the arm in the selected pose.
+        """
         if self._candidates:
             candidate = self._candidates[self._candidate]
             return why.world_of(self.deck.compiled, candidate), candidate
@@ -254,7 +257,7 @@ class SceneView:
         if self._pose != START:
             moved = with_arm(world, self._pose)
             if moved is None:
-                self.panel.say(f"Inverse kinematics found no joints for the {self._pose}.", bad=True)
+                self.panel.say(f"Inverse kinematics found no solution for the {self._pose}.", bad=True)
             else:
                 world = replace(world, table=moved)
         return world, None
@@ -277,7 +280,7 @@ class SceneView:
     def _show_candidate(self, world: ShownWorld, candidate: Candidate | None, before: Sequence[int]) -> None:
         if candidate is None:
             self.server.scene.remove_by_name(f"/{_CANDIDATE}")
-            text = "This layout rejected no candidates." if self._candidates == [] else "Switch them on to see them."
+            text = "This layout rejected no candidates." if self._candidates == [] else "Tick the box to see them."
             self.panel.set_candidates(0, 0, text)
             return
         hits = self.deck.hits(candidate) if candidate.cause == "collision" else []
@@ -319,7 +322,7 @@ class SceneView:
         self.panel.play.label = "Play"
 
     def _first_candidate(self) -> int:
-        """Return the index of the first candidate on the page: of the blamed object, if no layout can be made."""
+        """Return the index of the candidate to show first: if the scene has no layout, one of the blamed object."""
         error = self.loaded.error if self._ready else None
         blamed = (error.name, error.cause) if isinstance(error, InfeasibleSceneError) else None
         return next((i for i, c in enumerate(self._candidates or ()) if (c.name, c.cause) == blamed), 0)

@@ -19,9 +19,9 @@ _ABOVE = 0.15  # m from a candidate to its label
 _MOST_BEFORE = 20  # greatest number of surfaces along a ray
 _BEYOND = 1e-4  # m behind a surface, where the next ray starts
 CAUSES = {
-    "overhead": "above it, 'on' requires open space, and 'inside' requires a cover of the same object",
+    "overhead": "'on' requires open space above it, and 'inside' requires a part of its container above it",
     "footprint": "part of it hangs over the edge of its support",
-    "collision": "it would touch an obstacle, or be nearer than its clearance",
+    "collision": "it would touch an obstacle, or be nearer to one than its clearance",
     "empty": "its region and relations leave no area of its support",
     "region": "its relations do not hold at any point of the remaining region",
     "unreachable": "all of its grasps are out of the arm's reach",
@@ -34,7 +34,7 @@ CAUSES = {
 
 
 def world_of(compiled: CompiledScene, candidate: Candidate) -> ShownWorld:
-    """Return the world at the trial of a candidate. Later objects have no place yet."""
+    """Return the world at the moment when a candidate was tried. Objects that are placed later have no place yet."""
     later = compiled.placed[candidate.number + 1 :]
     drawn = {name for name in later if name in compiled.config.parts and compiled.config.parts[name].is_placed}
     return ShownWorld(compiled, candidate.state, frozenset(drawn))
@@ -44,7 +44,7 @@ def bodies_before(world: ShownWorld, candidate: Candidate, direction: np.ndarray
     """Return the bodies that hide a candidate, such as the front of a drawer around it.
 
     Args:
-        world: The world at the trial of the candidate.
+        world: The world of the candidate, from `world_of`.
         candidate: The candidate.
         direction: From the scene to the eye, shape (3,).
     """
@@ -97,7 +97,7 @@ def explain(compiled: CompiledScene, candidate: Candidate, hits: Sequence[Hit]) 
 
 
 def worst_by_body(mjm: mujoco.MjModel, hits: Sequence[Hit]) -> list[Hit]:
-    """Return the worst hit with each other body, sorted from the worst on, at most three."""
+    """Return the worst hit with each other body, at most three hits, the worst first."""
     first = {int(mjm.geom_bodyid[hit.geoms[1]]): hit for hit in reversed(hits)}
     return [hit for hit in hits if first[int(mjm.geom_bodyid[hit.geoms[1]])] is hit][:_MOST_HITS]
 

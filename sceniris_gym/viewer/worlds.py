@@ -1,4 +1,4 @@
-"""The worlds on the page, drawn by mjviser from one model on a square grid, and the page of an environment."""
+"""The worlds on the page, which mjviser draws from one model on a square grid, and the page of an environment."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ _GAP = 0.12  # between worlds, as a fraction of their size
 _FLOOR = (0.80, 0.83, 0.86, 1.0)
 _ENDLESS = 4.0  # m, width of a drawn plane without sizes
 _ASPECT = 1.2
-_ALIKE = 0.25  # if its bounds move by less than this fraction of a scene's size, users' cameras stay
+_ALIKE = 0.25  # users' cameras stay if the scene's bounds move by less than this fraction of its size
 _FEW = 8
 """Up to this number of worlds, all are drawn in full."""
 _FAR, _COARSE = 2.0, 0.2
-"""Worlds farther than the first number of scene sizes are drawn with the second number's fraction of triangles."""
+"""Worlds that are more than `_FAR` scene sizes away are drawn with the fraction `_COARSE` of their triangles."""
 _MANY = 1000
 """A body of fewer triangles, such as a board or a box, is always drawn in full."""
 # The place of hidden bodies [m], out of view of all cameras.
@@ -99,7 +99,7 @@ class Worlds:
         self._mocap_quat[i] = data.mocap_quat
 
     def is_like(self, other: Worlds) -> bool:
-        """Return whether the other worlds have the same number and nearly the same size."""
+        """Return True if `other` has the same number of worlds, with nearly the same bounds."""
         most = _ALIKE * (other.high - other.low).max()
         ends = np.abs(np.stack([self.low - other.low, self.high - other.high]))
         return self.num == other.num and bool(ends.max() <= most)
@@ -109,15 +109,15 @@ class Worlds:
         self._scene.update_from_arrays(self._xpos, self._xmat, self._mocap_pos, self._mocap_quat)
 
     def show_visuals(self, visible: bool) -> None:
-        """Show or hide the worlds, for layers that replace their geometry."""
+        """Show or hide the geometry of all worlds. It is hidden while a layer replaces it."""
         for group in VISIBLE_GROUPS:
             self._scene.geom_groups_visible[group if group < 3 else 2] = visible
         self._scene._sync_visibilities()
 
     def aim(self, open_pages: bool = True) -> None:
-        """Point the cameras of new pages, and with `open_pages` of open pages, at all worlds.
+        """Point cameras at all worlds, from the direction of the model's camera 'overview'.
 
-        The direction is from the model's camera.
+        New browser windows start with this view. With `open_pages`, open browser windows also change to it.
         """
         points = (self._seen[None] + self.origins[:, None]).reshape(-1, 3)
         eye, axes = frame(points, view_direction(self.mjm), FOVY, _ASPECT)
@@ -158,8 +158,8 @@ class Window:
         """Show the current state of the worlds, and wait until `seconds` have passed since the last call.
 
         Args:
-            batch: The worlds. This waits for their device.
-            layouts: Their layouts, for the present objects.
+            batch: The worlds. The call waits for their device.
+            layouts: The layouts of the worlds, which name the present objects.
             seconds: Time that has passed in the worlds [s].
         """
         data = batch.data
@@ -189,7 +189,7 @@ def view_direction(mjm: mujoco.MjModel) -> np.ndarray:
 
 
 def grid_origins(num: int, size: np.ndarray) -> np.ndarray:
-    """Return the places of worlds [m] around the origin, row by row from the back left on, shape (num, 3)."""
+    """Return the origins of worlds [m] on a centred grid, row by row from the back left, shape (num, 3)."""
     columns = math.ceil(math.sqrt(num))
     rows = math.ceil(num / columns)
     i = np.arange(num)
@@ -223,7 +223,7 @@ def _triangles(mjm: mujoco.MjModel, body: int) -> int:
 
 
 def body_mesh(mjm: mujoco.MjModel, geoms: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return vertices (n, 3) [m] in the body's frame and faces (m, 3) of the visible geoms, None without any."""
+    """Return vertices (n, 3) [m] in the body's frame and faces (m, 3) of visible geoms, None if no geom is visible."""
     from mjviser.conversions import merge_geoms
 
     seen = [int(g) for g in geoms if mjm.geom_group[g] in VISIBLE_GROUPS and mjm.geom_rgba[g, 3] > 0.0]

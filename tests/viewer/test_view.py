@@ -216,7 +216,7 @@ def test_what_is_on_show_is_what_is_played(view: SceneView, times: list[float]):
     assert has_names(view)
     assert times[-1] == 0.0
     view.move_arm(START)
-    assert "Switch them on to see them" in text(view.server)
+    assert "Tick the box to see them" in text(view.server)
     assert not control(view.server, "rejected candidates").value
 
 
@@ -270,7 +270,7 @@ def test_controls_say_what_is_on_show_after_a_reload(view: SceneView, path: Path
     assert (control(view.server, "layers of").value, drawn[-1]) == ("pear", "pear")
     saved(view, path, SCENE.replace("pear", "orange"))
     assert control(view.server, "rejected candidates").value
-    assert "Switch them on to see them" not in text(view.server)
+    assert "Tick the box to see them" not in text(view.server)
     assert (control(view.server, "layers of").value, drawn[-1]) == (ALL, None)
     view.show_rejected(False)
     assert control(view.server, "candidate").value == 1
