@@ -127,7 +127,7 @@ class LayoutDeck:
         return Blame(self.compiled)
 
     def find(self, text: str) -> Where:
-        """Return the choice of the layout with an id.
+        """Return the split, the seed and the episode of a layout by its id.
 
         Raises:
             ArgumentError: The text does not have the form of an id.

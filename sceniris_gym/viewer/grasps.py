@@ -35,7 +35,7 @@ def sketch_grasps(world: ShownWorld, only: str | None = None) -> Sketch:
 
 
 def grasp_pose(world: ShownWorld, k: int) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return the TCP's position [m] and orientation (wxyz) in the grasp of reach target `k`, None if it is absent."""
+    """Return the TCP's pose in the grasp of reach target `k`, [m] and wxyz, None if the target is absent."""
     if world.table.grasp.shape[1] <= k or world.table.grasp[0, k] < 0:
         return None
     pose = world.table.grasp_pose[0, k].astype(float)

@@ -20,8 +20,6 @@ _MODELS = (".xml", ".mjcf", ".urdf")
 _FILE = re.compile(r"""\bfile\w*\s*=\s*["']([^"']+)["']""")
 _FOLDER = re.compile(r"""\b(?:mesh|texture|asset)dir\s*=\s*["']([^"']+)["']""")
 
-Stamps = dict[Path, tuple[int, int]]
-
 
 @dataclass(frozen=True)
 class LoadedScene:
@@ -48,7 +46,7 @@ class SceneFile:
 
     def __init__(self, scene: str, changes: Mapping[str, Any]) -> None:
         self.scene, self.changes = scene, changes
-        self._stamps: Stamps = {}
+        self._stamps: dict[Path, tuple[int, int]] = {}
         self._files: list[Path] = []
 
     def load(self) -> LoadedScene:
@@ -77,7 +75,7 @@ class SceneFile:
         """Return True if a file of the scene changed since it was loaded."""
         return self._read_stamps() != self._stamps
 
-    def _read_stamps(self) -> Stamps:
+    def _read_stamps(self) -> dict[Path, tuple[int, int]]:
         stamps = {}
         for path in self._files:
             with contextlib.suppress(OSError):  # an editor may be replacing the file

@@ -137,7 +137,6 @@ class Player:
         self.data = mujoco.MjData(compiled.mjm)
         self._closed = _closed_fingers(compiled, table)
         self.running, self.speed = False, 1.0
-        self._debt = 0.0
         self.reset()
 
     def reset(self) -> None:
