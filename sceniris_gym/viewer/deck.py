@@ -6,12 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
-import mujoco
 import numpy as np
 import warp as wp
 
 from sceniris_gym.errors import NotSupportedError
-from sceniris_gym.layout.blame import Blame, Hit
+from sceniris_gym.layout.blame import Blame
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layout_id import LayoutId
 from sceniris_gym.layout.layouts import LayoutStatus
@@ -114,15 +113,8 @@ class LayoutDeck:
             found.append(Candidate(name, number, Cause(cause).name.lower(), int(counts[number, cause]), state))
         return found
 
-    def hits(self, candidate: Candidate) -> list[Hit]:
-        """Return the collisions of a candidate, the worst first."""
-        data = mujoco.MjData(self.compiled.mjm)
-        candidate.state.put(data, 0)
-        mujoco.mj_kinematics(self.compiled.mjm, data)
-        return self._blame.hits(data, candidate.number)
-
     @cached_property
-    def _blame(self) -> Blame:
+    def blame(self) -> Blame:
         """The search for the geoms that candidates hit."""
         return Blame(self.compiled)
 

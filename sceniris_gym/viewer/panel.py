@@ -44,12 +44,9 @@ class Panel:
         self._message = self._gui.add_html("")
         self._add_layout(num)
         tabs = self._gui.add_tab_group()
-        with tabs.add_tab("Layers"):
-            self._add_layers()
-        with tabs.add_tab("Why"):
-            self._add_why()
-        with tabs.add_tab("Play"):
-            self._add_play()
+        for title, add in (("Layers", self._add_layers), ("Why", self._add_why), ("Play", self._add_play)):
+            with tabs.add_tab(title):
+                add()
         self._targets: list[Any] = []
 
     def say(self, text: str, *, bad: bool = False, notices: Sequence[str] = ()) -> None:

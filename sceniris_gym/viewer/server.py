@@ -214,8 +214,6 @@ class Requests:
     def take(self, seconds: float) -> list[Callable[[], None]]:
         """Return the waiting requests in order. If the queue is empty, wait up to `seconds` [s] for a request."""
         with self._new:
-            if not self._waiting:
-                self._new.wait(seconds)
-            taken = list(self._waiting.values())
-            self._waiting.clear()
-        return taken
+            self._new.wait_for(lambda: self._waiting, seconds)
+            taken, self._waiting = self._waiting, {}
+        return list(taken.values())

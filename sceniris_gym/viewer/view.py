@@ -283,7 +283,7 @@ class SceneView:
             text = "This layout rejected no candidates." if self._candidates == [] else "Tick the box to see them."
             self.panel.set_candidates(0, 0, text)
             return
-        hits = self.deck.hits(candidate) if candidate.cause == "collision" else []
+        hits = self.deck.blame.hits(world.data, candidate.number) if candidate.cause == "collision" else []
         self._sketch(_CANDIDATE, why.sketch_candidate(world, candidate, hits, before))
         text = why.explain(self.deck.compiled, candidate, hits)
         self.panel.set_candidates(len(self._candidates or ()), self._candidate, text)

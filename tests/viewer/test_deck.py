@@ -8,6 +8,7 @@ import pytest
 from sceniris_gym.errors import ArgumentError, SceneMismatchError
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.viewer.deck import LayoutDeck, Where
+from sceniris_gym.viewer.why import world_of
 from tests.viewer.worlds_on_show import compiled_scene
 
 SCENE = "clutter"
@@ -64,7 +65,7 @@ def test_what_collides_is_found_and_what_hangs_over_an_edge_hits_nothing():
     collided = [c for c in candidates if c.cause == "collision"]
     assert collided
     for candidate in collided:
-        hits = deck.hits(candidate)
+        hits = deck.blame.hits(world_of(deck.compiled, candidate).data, candidate.number)
         assert hits
         assert all(hit.distance <= hit.margin + 1e-4 for hit in hits)
         assert hits == sorted(hits, key=lambda hit: hit.distance - hit.margin)

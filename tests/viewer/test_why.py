@@ -39,7 +39,7 @@ def test_a_candidate_is_red_and_later_objects_are_not_there(deck: LayoutDeck):
     pytest.importorskip("mjviser", reason="needs the extra 'viewer'")
     for candidate in deck.rejected(Where())[:8]:
         world = world_of(deck.compiled, candidate)
-        hits = deck.hits(candidate) if candidate.cause == "collision" else []
+        hits = deck.blame.hits(world.data, candidate.number) if candidate.cause == "collision" else []
         sketch = sketch_candidate(world, candidate, hits)
         assert {colour for _, _, colour, _ in sketch.surfaces} == {RED}
         middle = np.concatenate([vertices for vertices, _, _, _ in sketch.surfaces]).mean(axis=0)
@@ -77,7 +77,7 @@ def test_what_hides_a_candidate_is_found_and_drawn_as_glass():
 def test_words_name_object_cause_count_and_what_is_in_the_way(deck: LayoutDeck):
     """For a collision: which bodies, how deep, and how far they should be apart; each other body once."""
     candidate = next(c for c in deck.rejected(Where()) if c.cause == "collision")
-    hits = deck.hits(candidate)
+    hits = deck.blame.hits(world_of(deck.compiled, candidate).data, candidate.number)
     text = explain(deck.compiled, candidate, hits)
     assert text.startswith(f"{candidate.name}: collision (")
     worst = worst_by_body(deck.compiled.mjm, hits)
