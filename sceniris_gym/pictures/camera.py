@@ -132,10 +132,8 @@ class Cameras:
         self.model, self.nworld = model, nworld or data.nworld
         shots = in_model_order(mjm, shots, where)
         self.names = ("", *scene.bodies)
-        numbers = {name: i for i, name in enumerate(self.names)}
-        owner = [numbers[scene.owners.get(int(body), "")] for body in mjm.geom_bodyid]
+        owner = [self.names.index(scene.owners.get(int(body), "")) for body in mjm.geom_bodyid]
         self._tracks = bool(np.isin([*mjm.cam_mode, *mjm.light_mode], _TRACKING).any())
-        sizes = [shot.size for shot in shots.values()]
         # 7 bytes per value, which is written twice, and 48 bytes per pixel to sort the rays
         needed = sum(math.prod(shot.size) * (48 + 7 * self.nworld * len(shot.data)) for shot in shots.values())
         check_memory(f"{where}: {self.nworld} pictures", needed, str(device), "Use smaller pictures, or fewer worlds.")
@@ -144,7 +142,9 @@ class Cameras:
             self._seen = _view(data, self.nworld, self._tracks)
             options = {"background_color": BACKGROUND, "use_precomputed_rays": same}
             self.context = picture_context(mjm, self.nworld, shots, looks, differ, **options)
-            orders = tile_rays(self.context, shots) if same else [np.arange(w * h) for w, h in sizes]
+            orders = (
+                tile_rays(self.context, shots) if same else [np.arange(math.prod(shot.size)) for shot in shots.values()]
+            )
             self._pixels = [wp.array(order, dtype=int) for order in orders]
             self.mask = wp.full(self.nworld, value=True, dtype=wp.bool)
             self._owner = wp.array(owner, dtype=int)

@@ -7,7 +7,6 @@ import numpy as np
 
 from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.layout.reaching.search import PREGRASP_DISTANCE
-from sceniris_gym.program.reach import ReachTarget
 from sceniris_gym.reach.arm import SerialArm
 from sceniris_gym.reach.solve import random_joints, solve
 from sceniris_gym.scene.layout_table import LayoutTable
@@ -20,8 +19,8 @@ _RESTARTS = 64
 
 def sketch_grasps(world: ShownWorld, only: str | None = None) -> Sketch:
     """Draw the axes of each reach target's grasp, and an arrow from the pre-grasp. The approach axis is blue."""
-    sketch = Sketch()
-    for k, target in enumerate(_targets(world)):
+    sketch, reaching = Sketch(), world.compiled.reaching
+    for k, target in enumerate(() if reaching is None else reaching.targets):
         pose = grasp_pose(world, k)
         if pose is None or only not in (None, target.name):
             continue
@@ -44,12 +43,11 @@ def grasp_pose(world: ShownWorld, k: int) -> tuple[np.ndarray, np.ndarray] | Non
 
 def poses_of_arm(world: ShownWorld) -> list[str]:
     """Return the poses for `with_arm`: start, and grasp and pre-grasp of each target that the model's arms reach."""
-    reaching, apart = world.compiled.reaching, world.compiled.scene.apart
-    names = [
-        target.name
-        for k, target in enumerate(_targets(world))
-        if grasp_pose(world, k) is not None and reaching is not None and reaching.arm_of(target).robot not in apart
-    ]
+    reaching = world.compiled.reaching
+    if reaching is None:
+        return [START]
+    present = [target for k, target in enumerate(reaching.targets) if grasp_pose(world, k) is not None]
+    names = [target.name for target in present if reaching.arm_of(target).robot not in world.compiled.scene.apart]
     return [START, *(f"{step} of {name}" for name in names for step in (PREGRASP, GRASP))]
 
 
@@ -77,9 +75,7 @@ def with_arm(world: ShownWorld, pose: str) -> LayoutTable | None:
 
 
 def _solved(world: ShownWorld, arm: SerialArm, k: int, step: str) -> np.ndarray | None:
-    pose = grasp_pose(world, k)
-    assert pose is not None
-    pos, quat = pose
+    pos, quat = np.split(world.table.grasp_pose[0, k].astype(float), [3])
     back = 0.0 if step == GRASP else PREGRASP_DISTANCE
     base = world.data.xpos[arm.base_body], world.data.xquat[arm.base_body]
     inverse, local = (np.empty(3), np.empty(4)), (np.empty(3), np.empty(4))
@@ -88,7 +84,3 @@ def _solved(world: ShownWorld, arm: SerialArm, k: int, step: str) -> np.ndarray 
     starts = np.concatenate([world.data.qpos[None, arm.qposadr], random_joints(arm, _RESTARTS)])
     joints, solved = solve(arm, np.concatenate(local)[None], starts=starts)
     return joints[0] if solved[0] else None
-
-
-def _targets(world: ShownWorld) -> tuple[ReachTarget, ...]:
-    return () if world.compiled.reaching is None else world.compiled.reaching.targets

@@ -178,9 +178,7 @@ def sketch_names(world: ShownWorld, only: str | None = None) -> Sketch:
     for name in world.compiled.object_names:
         if world.is_shown(name) and only in (None, name):
             low, high = world.box(name)
-            middle = (low + high) / 2.0
-            middle[2] = high[2] + 0.01
-            sketch.labels.append((name, middle))
+            sketch.labels.append((name, np.array([*(low + high)[:2] / 2.0, high[2] + 0.01])))
     return sketch
 
 

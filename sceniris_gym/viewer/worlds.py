@@ -94,8 +94,7 @@ class Worlds:
             self._xpos[i, body] = _AWAY
         for body, offset in (moved or {}).items():
             self._xpos[i, body] += offset
-        mocap = np.flatnonzero(self.mjm.body_mocapid >= 0)
-        self._mocap_pos[i, self.mjm.body_mocapid[mocap]] = self._xpos[i, mocap]
+        self._mocap_pos[i] = self._xpos[i, self.mjm.body_mocapid >= 0]  # MuJoCo numbers them in the order of bodies
         self._mocap_quat[i] = data.mocap_quat
 
     def is_like(self, other: Worlds) -> bool:
@@ -148,9 +147,7 @@ class Window:
         self._worlds = Worlds(self.server, scene, self.num)
         self._worlds.aim()
         self._simulated = scene.sim_bodies
-        mocap = np.flatnonzero(scene.mjm.body_mocapid >= 0)
-        self._mocap = np.zeros(len(mocap), int)
-        self._mocap[scene.mjm.body_mocapid[mocap]] = scene.sim.mjm.body_mocapid[scene.sim_bodies[mocap]]
+        self._mocap = scene.sim.mjm.body_mocapid[scene.sim_bodies[scene.mjm.body_mocapid >= 0]]
         self._bodies = [scene.subtree(name) for name in slot_names(scene.config)]
         self._due = time.monotonic()
 
