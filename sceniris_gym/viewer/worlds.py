@@ -18,6 +18,7 @@ from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.program.plan import slot_names
 from sceniris_gym.scene.assemble import MARK_GROUP
 from sceniris_gym.scene.backdrop import OVERVIEW
+from sceniris_gym.scene.draws import nominal_values
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.overview import FOVY, VISIBLE_GROUPS, Overview
 from sceniris_gym.viewer.server import MOST_SHOWN, address, close_server, light, open_server
@@ -41,6 +42,8 @@ _MANY = 1000
 """A body of fewer triangles, such as a board or a box, is always drawn in full."""
 # The place of hidden bodies [m], out of view of all cameras.
 _AWAY = np.array([0.0, 0.0, -1.0e5])
+_COLOUR_ROLES = [int(mujoco.mjtTextureRole.mjTEXROLE_RGB), int(mujoco.mjtTextureRole.mjTEXROLE_RGBA)]
+_TEXTURED = (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_HFIELD)  # geoms whose textures mjviser draws
 
 
 class Worlds:
@@ -198,10 +201,17 @@ def grid_origins(num: int, size: np.ndarray) -> np.ndarray:
 def drawn_model(mjm: mujoco.MjModel) -> mujoco.MjModel:
     """Return a copy of a model that mjviser draws completely for every world.
 
-    From the model itself, mjviser would draw static bodies only once, and planes as one endless grid. The copy also
-    protects the model's `vis`, which mjviser changes.
+    From the model itself, mjviser would draw static bodies only once, planes as one endless grid, and geoms in the
+    colour of their material, even if they have a separate colour. It would also leave out the textures of primitives.
+    The copy shows such a texture by its mean colour. It also protects the model's `vis`, which mjviser changes.
     """
     drawn = copy.copy(mjm)
+    drawn.geom_rgba[:] = nominal_values(mjm, "geom_rgba")
+    for geom in np.flatnonzero(mjm.geom_matid >= 0):
+        texture = int(mjm.mat_texid[mjm.geom_matid[geom], _COLOUR_ROLES].max())
+        if texture < 0 or mjm.geom_type[geom] not in _TEXTURED:
+            drawn.geom_matid[geom] = -1
+            drawn.geom_rgba[geom, :3] *= 1.0 if texture < 0 else _mean_colour(mjm, texture)
     drawn.body_weldid[drawn.body_weldid == 0] = -1
     drawn.geom_group[drawn.geom_group == MARK_GROUP] = 2
     planes = drawn.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
@@ -210,6 +220,13 @@ def drawn_model(mjm: mujoco.MjModel) -> mujoco.MjModel:
     endless = planes & (drawn.geom_size[:, 0] <= 0.0)
     drawn.geom_size[endless, :2] = _ENDLESS / 2.0
     return drawn
+
+
+def _mean_colour(mjm: mujoco.MjModel, texture: int) -> np.ndarray:
+    """Return the mean colour of a texture, 0 to 1, shape (3,), or (1,) if the texture is grey."""
+    channels, begin = int(mjm.tex_nchannel[texture]), int(mjm.tex_adr[texture])
+    end = begin + int(mjm.tex_height[texture] * mjm.tex_width[texture]) * channels
+    return mjm.tex_data[begin:end].reshape(-1, channels)[:, :3].mean(axis=0) / 255.0
 
 
 def _triangles(mjm: mujoco.MjModel, body: int) -> int:

@@ -155,3 +155,24 @@ def test_the_page_of_an_environment_keeps_to_real_time():
         for _ in range(5):
             window.show(batch, layouts, 0.04)
         assert time.monotonic() - began > 0.15
+
+
+def test_geoms_have_the_colours_of_mujoco():
+    """The colour of a geom comes before its material, and a texture that mjviser cannot draw becomes its mean."""
+    mjm = mujoco.MjModel.from_xml_string(
+        "<mujoco><asset>"
+        "<texture name='tiles' type='2d' builtin='checker' width='4' height='4' rgb1='1 0 0' rgb2='0 0 1'/>"
+        "<material name='tiles' texture='tiles'/><material name='green' rgba='0 1 0 1'/>"
+        "</asset><worldbody>"
+        "<geom name='tiled' type='box' size='.1 .1 .1' material='tiles'/>"
+        "<geom name='plain' type='box' size='.1 .1 .1' material='green'/>"
+        "<geom name='own' type='box' size='.1 .1 .1' material='green' rgba='1 0 0 1'/>"
+        "</worldbody></mujoco>"
+    )
+    from mjviser.conversions import create_primitive_mesh
+
+    drawn = drawn_model(mjm)
+    colours = {"tiled": [0.5, 0.0, 0.5, 1.0], "plain": [0.0, 1.0, 0.0, 1.0], "own": [1.0, 0.0, 0.0, 1.0]}
+    for name, colour in colours.items():
+        visual: Any = create_primitive_mesh(drawn, mjm.geom(name).id).visual
+        assert visual.vertex_colors[0] / 255.0 == pytest.approx(colour, abs=0.01), name
