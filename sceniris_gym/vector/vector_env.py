@@ -127,7 +127,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
     Raises:
         ScenirisError: The scene cannot be used, for the reasons that `compile_scene` lists.
         TaskError: A method of the task returns a wrong type or shape. Raised here, or in the first step.
-        FixedError: An attribute that captured graphs use is replaced. Raised at this later assignment.
+        FixedError: You assign to an attribute that captured graphs use. Raised at this assignment, not here.
         ContactBudgetError: The worlds have more contacts than `nconmax` leaves room for. Raised in the first reset.
     """
 
