@@ -1,4 +1,4 @@
-"""`Buffer`: levels and their values on the device, and the kernels that choose and update them."""
+"""`Buffer`: levels with their success rates or scores on the device, and kernels that choose and update levels."""
 
 from typing import Any, NamedTuple
 
@@ -17,20 +17,20 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 _LEARNABILITY, _CUSTOM = (wp.constant(SCORES.index(name)) for name in ("learnability", "custom"))
 _MOST_FLOAT = wp.constant(float(np.finfo(np.float32).max))
 BINS = wp.constant(512)
-"""Bins of scores."""
+"""Number of bins into which scores are sorted."""
 EMPTY = wp.constant(-1)
 """The age of a slot without a level."""
 NO_SLOT = wp.constant(-1)
 """Fills the list of vacant slots."""
 NO_END = wp.constant(-1)
-"""The boundary of a level that is not at an end of an ADR interval."""
-_SHARE = 4  # most levels per world that can be inserted between two refreshes
-_LOWEST = 4  # one in four places can change its level between two refreshes
+"""The `boundary` of a level that is not at an end of an ADR interval."""
+_SHARE = 4  # most levels that each world can insert between two refreshes
+_LOWEST = 4  # at most a quarter of the slots can get a new level between two refreshes
 
 
 @wp.struct
 class Buffer:
-    """The levels of a buffer and the current and next levels of the worlds, as kernels take them."""
+    """The levels of a buffer, and the current and next levels of the worlds, as arguments of kernels."""
 
     # of each level:
     seed: wp.array[wp.uint64]
@@ -77,19 +77,19 @@ class Buffer:
 
 
 class Episodes(NamedTuple):
-    """Finished episodes, one row per episode.
+    """Finished episodes, one per row.
 
     Attributes:
-        level: Index of the level in the buffer when it was played, -1 for a fresh level, shape (n,), int32. Rows with
-            -2 do not count.
+        level: Index that the level had in the buffer when it was played, or -1 for a fresh level, shape (n,), int32.
+            Rows with -2 (layouts from the bank) do not count.
         seed: Seed of the level, shape (n,), uint64.
         episode: Episode of the level, shape (n,), int32. Rows with an invalid episode do not count.
         outcome: 1 for a success and 0 for a failure, or the score if scores are "custom", shape (n,), float32.
-        param: Param values of the level, shape (n, nvalue), float32. None is for worlds without params.
+        param: Param values of the level, shape (n, nvalue), float32. None if the worlds have no params.
         mask: Rows that count, shape (n,), bool. None counts all rows.
         status: Status of the layouts, shape (n,), int32. Layouts from the bank do not count. None counts as valid.
-        boundary: Index of the level's interval end, otherwise -1, shape (n,), int32. The success also counts for this
-            end. Custom scores do not change if this is given.
+        boundary: Index of the ADR interval end at which the level is, otherwise -1, shape (n,), int32. The success also
+            counts for this end. If `boundary` is given, custom scores do not change.
     """
 
     level: wp.array
@@ -104,7 +104,7 @@ class Episodes(NamedTuple):
 
 @wp.func
 def score_of(buffer: Buffer, value: float) -> float:
-    """Return the score of a level by its value, at least 0."""
+    """Return the score, at least 0, of a level with this value."""
     if buffer.score == _CUSTOM:
         return wp.max(value, 0.0)
     return (1.0 - value) * wp.where(buffer.score == _LEARNABILITY, value, 1.0)
@@ -147,7 +147,7 @@ def _choose(
 
 
 def launch_choose(buffer: Buffer, mask: wp.array | None, stream: int, replay_prob: float) -> None:
-    """Serve the masked worlds the levels chosen for them, and choose the levels after these.
+    """Give each masked world the level that was chosen for it earlier, and choose its next level.
 
     Args:
         buffer: The buffer.
@@ -178,9 +178,9 @@ def _forget(
 
 
 def launch_forget(buffer: Buffer, seeds: wp.array | None, mask: wp.array | None) -> None:
-    """Drop the choices for the masked worlds, and draw their fresh levels by new seeds if `seeds` are given.
+    """Drop the chosen next levels of the masked worlds. If `seeds` are given, draw later fresh levels with them.
 
-    Their next levels have the params of fresh levels.
+    The next levels of these worlds are fresh.
 
     Args:
         buffer: The buffer.
@@ -205,7 +205,7 @@ def _set_params(
     if level >= 0:
         buffer.next_param[worldid, k] = buffer.param[level, k]
         return
-    # a fresh level: its world's params, in the present intervals, or in a band at the end of an interval
+    # a fresh level has the params of its world, within the present intervals, or in a band at the end of an interval
     value = buffer.base_param[worldid, k]
     for i in range(buffer.column.shape[0]):
         if buffer.column[i] == k:
@@ -218,13 +218,13 @@ def _set_params(
 
 
 def _launch_set_params(buffer: Buffer, mask: wp.array | None) -> None:
-    """Write the params of the next levels of the masked worlds, with one thread per number."""
+    """Write the params of the masked worlds' next levels, with one thread per number."""
     wp.launch(_set_params, buffer.next_param.shape, inputs=[mask], outputs=[buffer], device=buffer.base.device)
 
 
 @wp.func
 def _moved(buffer: Buffer, value: float, outcome: float) -> float:
-    """Return the value of a level after an outcome, which moves a success rate and replaces a custom score."""
+    """Return the value of a level after an outcome. An outcome moves a success rate, but replaces a custom score."""
     return wp.where(buffer.score == _CUSTOM, outcome, value + buffer.alpha * (outcome - value))
 
 
@@ -285,13 +285,13 @@ def _update(
 
 
 def launch_update(buffer: Buffer, episodes: Episodes) -> None:
-    """Update levels by the outcomes of episodes, or insert them."""
+    """Update levels by the outcomes of episodes. Insert levels that are not in the buffer."""
     dim, device = episodes.level.shape[0], buffer.base.device
     wp.launch(_update, dim, inputs=list(episodes), outputs=[buffer], device=device)
 
 
 def create_buffer(replay: LevelReplay, layouts: LayoutsView) -> Buffer:
-    """Allocate an empty buffer for the worlds of some layouts. Its choices are the next layouts of these worlds."""
+    """Allocate an empty buffer for the worlds of `layouts`. Its choices are the next layouts of these worlds."""
     capacity, nworld, device = replay.capacity, layouts.next_param.shape[0], layouts.next_param.device
     shapes = {
         "seed episode value age cumulative": capacity,
@@ -315,9 +315,9 @@ def create_buffer(replay: LevelReplay, layouts: LayoutsView) -> Buffer:
 
 
 def bounds_of(buffer: Buffer) -> dict[str, tuple[Any, Any]]:
-    """Return the least and greatest allowed value of each array of a buffer, by name, to validate a stored state.
+    """Return the least and greatest allowed value of each array of a buffer, by name, to check a stored state.
 
-    Kernels use some of the values as indices.
+    The check is necessary because kernels use some of these values as indices.
     """
     of_words = {name: getattr(buffer, name).numpy() for name in ("column", "other", "least", "most", "delta", "band")}
     return {

@@ -12,31 +12,34 @@ from sceniris_gym.layout.masks import as_count
 SCORES = ("learnability", "failure", "custom")
 PRIORITIZATIONS = ("rank", "proportional", "uniform")
 FRESH = -1
-"""The level of a world whose layout does not come from the buffer."""
+"""The level of a world with a fresh layout, which comes neither from the buffer nor from the bank."""
 FROM_BANK = -2
-"""The level of a world whose layout comes from the bank. It does not count."""
+"""The level of a world with a layout from the bank. Such episodes do not count."""
 _MOST = 1 << 24
 
 
 @dataclass(frozen=True)
 class ADR:
-    """Automatic domain randomisation: intervals of params that widen with success and narrow with failure.
+    """Automatic domain randomisation: success widens the intervals of params, and failure narrows them.
 
-    Some fresh levels use one end of one interval. After enough of their episodes, this end moves outwards if they
-    succeed and inwards if they fail (OpenAI et al., "Solving Rubik's Cube with a Robot Hand", 2019, section 5).
-    The end stays between its value in `init_range` and the scene file's.
+    Some fresh levels test one end of one interval. After `queue_length` episodes at an end, the end moves outwards if
+    their success rate is high, and inwards if it is low (OpenAI et al., "Solving Rubik's Cube with a Robot Hand", 2019,
+    section 5). An end always stays between its value in `init_range` and its value in the scene file.
 
     Attributes:
-        init_range: First interval of each param, such as {"groups.clutter.count": [1, 2]}.
-        delta: Size of a move, as a fraction of the scene file's interval, and at least 1 for a count.
-        boundary_fraction: Probability that a fresh level is at an end: within `delta` of it, or at a count's exact end.
-        threshold_low: An end moves inwards at this success rate and below.
-        threshold_high: An end moves outwards at this success rate and above.
-        queue_length: Number of episodes at an end before it may move.
+        init_range: Interval of each param at the start, such as {"groups.clutter.count": [1, 2]}.
+        delta: Distance by which an end moves, as a fraction of the length of the scene file's interval. For a count, at
+            least 1.
+        boundary_fraction: Probability that a fresh level is at an end of an interval. The param is then within `delta`
+            of the end, or, for a count, equal to the end.
+        threshold_low: An end moves inwards if the success rate is at most this.
+        threshold_high: An end moves outwards if the success rate is at least this.
+        queue_length: Number of episodes that are counted at an end before it may move.
 
     Raises:
         ArgumentTypeError: `init_range` is not a mapping.
-        ArgumentError: `init_range` is empty, a fraction is not from 0 to 1, or threshold_low is above threshold_high.
+        ArgumentError: `init_range` is empty, a fraction is not from 0 to 1, `delta` is 0, or `threshold_low` is above
+            `threshold_high`.
         ArgumentError: `queue_length` is not an integer of at least 1.
     """
 
@@ -50,7 +53,7 @@ class ADR:
     def __post_init__(self) -> None:
         check_type(self.init_range, Mapping, "ADR: init_range")
         if not self.init_range:
-            raise ArgumentError("ADR: init_range should name a param.")
+            raise ArgumentError("ADR: init_range should name at least one param: {'groups.clutter.count': [1, 2]}.")
         _check_fractions(self, "delta", "boundary_fraction", "threshold_low", "threshold_high")
         if self.delta == 0.0 or self.threshold_low > self.threshold_high:
             raise ArgumentError(f"ADR: delta should be above 0, and threshold_low at most threshold_high, got {self}.")
@@ -59,22 +62,25 @@ class ADR:
 
 @dataclass(frozen=True)
 class LevelReplay:
-    """Prioritized level replay: selects the levels that worlds replay, and their frequency.
+    """Prioritized level replay: which levels worlds replay, and how often.
 
     Attributes:
-        score: "learnability" or "failure", which follow successes, or "custom", which `LevelSampler.update` sets.
+        score: How levels are scored: by "learnability" or "failure", which follow from the successes of episodes, or
+            "custom", by scores that you pass to `LevelSampler.update`.
         replay_prob: Probability that a reset replays a level. Otherwise the reset takes a fresh level.
-        capacity: Number of levels in the buffer. A level takes 24 bytes on the device, and 4 for each value of its
-            params. New levels fill the buffer first and then replace the levels with the lowest scores. The candidates
-            for replacement are updated at every refresh of the weights.
-        prioritization: "rank" weighs levels by rank^(-1 / temperature), the best first. "proportional" weighs them by
-            score^(1 / temperature), and "uniform" equally. Scores within 4% of each other may count as equal.
+        capacity: Number of levels in the buffer. A level takes 24 bytes on the device, and 4 more for each value of its
+            params. New levels first fill the buffer, and then replace the levels with the lowest scores. Each refresh
+            of the weights finds these levels again.
+        prioritization: "rank" weighs levels by rank^(-1 / temperature), where the highest score has rank 1.
+            "proportional" weighs them by score^(1 / temperature). "uniform" gives all levels the same weight. Scores
+            that differ by less than 4% may count as equal.
         temperature: See `prioritization`.
-        staleness_coef: Fraction of the weight that depends on the time since a level was last chosen, in refreshes.
-        alpha: Weight of the newest episode in a success rate, which begins at 0.5.
-        refresh_interval: Number of calls of `reset` between two refreshes of the weights, each for any number of
-            worlds. An environment makes one such call in each step.
-        adr: Moves the intervals of fresh levels, an ADR or a mapping of its fields.
+        staleness_coef: Fraction of a level's weight that depends on its staleness: the number of refreshes since the
+            level was last chosen.
+        alpha: Weight of the newest episode in the success rate of a level. The rate begins at 0.5.
+        refresh_interval: Number of resets from one refresh of the weights to the next. A call of `reset` counts once,
+            for any number of worlds. An environment makes one such call in each step.
+        adr: An ADR, a mapping of its fields, or None. The ADR sets the params of fresh levels.
 
     Raises:
         UnknownNameError: `score` or `prioritization` has another name.
@@ -112,7 +118,8 @@ LevelReplay.__init__ = refuses_old_names(LevelReplay.__init__)
 def as_curriculum(value: Any, where: str) -> LevelReplay | None:
     """Return a LevelReplay, given as an instance, a mapping of its fields, or an ADR. None stays None.
 
-    An ADR or a mapping of its fields becomes a LevelReplay that never replays. `where` names the argument in errors.
+    For an ADR or a mapping of its fields, return a LevelReplay that never replays levels. `where` names the argument in
+    errors.
 
     Raises:
         ArgumentTypeError, UnknownNameError: See `as_config`.
@@ -127,7 +134,7 @@ def as_curriculum(value: Any, where: str) -> LevelReplay | None:
 
 
 def _check_fractions(settings: ADR | LevelReplay, *names: str) -> None:
-    """Check that fields are numbers from 0 to 1."""
+    """Check that the named fields are numbers from 0 to 1."""
     for name in names:
         value = getattr(settings, name)
         if not isinstance(value, int | float) or not 0.0 <= value <= 1.0:

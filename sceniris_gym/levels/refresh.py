@@ -1,4 +1,4 @@
-"""Update the buffer from counted outcomes: weights of levels, vacant slots, and ends of ADR intervals."""
+"""Update the weights of levels, the vacant slots and the ends of ADR intervals from the counted outcomes."""
 
 import numpy as np
 import warp as wp
@@ -13,14 +13,14 @@ from sceniris_gym.program.device import fill_struct
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _TOTAL = wp.constant(float(1 << 30))  # sum of all weights, within an int32
-_UNIT = wp.constant(float(2.0**-32))  # of sums of weights: integers, so that the order of adding does not matter
+_UNIT = wp.constant(float(2.0**-32))  # sums of weights are integers in this unit, so their order does not matter
 _OCTAVES = wp.constant(8.0)  # bins cover scores from 2^8 down to 2^-24, and the outer bins hold all scores beyond
 _BINS_OF_OCTAVE = wp.constant(16.0)
 
 
 @wp.func
 def _bin(buffer: Buffer, i: int) -> int:
-    """Return the bin of a level by its score, with sixteen bins per power of two. An empty slot has BINS."""
+    """Return the bin of a level by its score, with sixteen bins per power of two, or BINS for an empty slot."""
     if buffer.age[i] < 0:
         return BINS
     octave = wp.log2(wp.max(score_of(buffer, buffer.value[i]), 1.0e-30))
@@ -29,7 +29,7 @@ def _bin(buffer: Buffer, i: int) -> int:
 
 @wp.func
 def _is_vacant(buffer: Buffer, b: int) -> bool:
-    """Return True if the levels of a bin may be replaced: empty slots first, then the lowest scores."""
+    """Return whether new levels may take the slots of a bin: empty slots first, then slots with the lowest scores."""
     filled, room = buffer.better[BINS - 1], buffer.vacant.shape[0]
     if filled < buffer.age.shape[0]:
         return b == BINS
@@ -59,7 +59,7 @@ def _weigh(
     number = buffer.count[b]
     if number == 0:
         return
-    # Relative to the best bin's weight. All levels of a bin have the bin's mean rank.
+    # Weights are relative to the weight of the best bin. All levels of a bin get the mean rank of the bin.
     best = wp.lower_bound(buffer.better, 1)
     rank = float(buffer.better[b] - number) + 0.5 * float(number + 1)
     weight = wp.pow(0.5 * float(buffer.better[best] + 1) / rank, rank_power)
@@ -100,7 +100,7 @@ def _fill(
 
 
 def launch_refresh(buffer: Buffer, replay: LevelReplay) -> None:
-    """Update the weights of all levels, and list the slots of the lowest scores."""
+    """Update the weights of all levels, and list the slots that new levels may take."""
     capacity, device = replay.capacity, buffer.base.device
     for array in (buffer.count, buffer.ages, buffer.total_weight, buffer.total_age, buffer.inserted):
         array.zero_()
@@ -139,23 +139,23 @@ def _move(
 
 
 def launch_move(buffer: Buffer, adr: ADR) -> None:
-    """Move the interval ends with enough counted episodes."""
+    """Move each interval end at which enough episodes were counted."""
     inputs, device = [adr.queue_length, adr.threshold_low, adr.threshold_high], buffer.base.device
     wp.launch(_move, buffer.column.shape[0], inputs=inputs, outputs=[buffer], device=device)
 
 
 def set_ranges(buffer: Buffer, adr: ADR, table: ParamTable) -> None:
-    """Set the intervals of a buffer to `init_range`.
+    """Set the intervals of a buffer to the `init_range` of an ADR.
 
     Raises:
-        UnknownNameError, ArgumentError: A param that is not in the table, not an interval, or beyond the scene file's
-            limits.
+        UnknownNameError, ArgumentError: A param is not in the table, is not an interval, or has a range beyond the
+            scene file's limits.
     """
     names, parts = ("column", "other", "present", "least", "most", "delta", "band"), []
     for name, value in adr.init_range.items():
         param = table.param(name, "ADR")
         if param.half == 0:
-            raise ArgumentError(f"ADR: {name} should be an interval.")
+            raise ArgumentError(f"ADR: {name} should be a param whose value is an interval.")
         start, limit, is_count = param.checked(value, 1)[0], param.default, param.form == "count"
         own = np.arange(len(limit))
         other, outwards = np.roll(own, param.half), np.where(own < param.half, -1.0, 1.0)

@@ -26,17 +26,17 @@ LEVEL_STREAM = (1 << STREAM_BITS) - 4
 
 
 class LevelSampler(Chooser, StaysHere):
-    """A `Chooser` that replays layouts according to the outcomes of earlier episodes.
+    """A `Chooser` that replays layouts by the outcomes of earlier episodes.
 
-    A level is one layout, identified by its seed, episode and params. A world's next level is chosen when its current
-    episode begins, so that it can be prefetched. An outcome counts for the next choice, which decides the level after
-    the next. Only calls that document it wait for the device.
+    A level is one layout, identified by its seed, episode and params. A world's next level is chosen when the world's
+    current episode begins, so that the next level can be prefetched. The outcome of an episode counts for the next
+    choice, which decides the level after the next. A method waits for the device only if its documentation says so.
 
-    Choices are a pure function of the worlds' seeds and of all outcomes, except for a race on a GPU: if several worlds
-    finish the same level in one step, only one outcome may count.
+    Choices are a pure function of the worlds' seeds and of all outcomes. There is one exception, on a GPU: if several
+    worlds finish the same level in one step, it may happen that only one of the outcomes counts, and which one varies.
 
-    Weights are refreshed after every `LevelReplay.refresh_interval` calls of `reset`, each for any number of worlds.
-    During a capture, they are not. Choices use the weights of the latest refresh.
+    Weights are refreshed after every `LevelReplay.refresh_interval` calls of `reset`. A call counts once, for any
+    number of worlds. During a capture, weights are not refreshed. Choices use the weights of the latest refresh.
 
     Args:
         replay: The settings.
@@ -44,8 +44,8 @@ class LevelSampler(Chooser, StaysHere):
         split: Split of the layouts.
 
     Attributes:
-        level: Index in the buffer of each world's level, -1 for a fresh level, shape (nworld,), int32.
-        boundary: Index of the ADR interval end of each world's level, otherwise -1, shape (nworld,), int32.
+        level: Index of each world's level in the buffer, or -1 for a fresh level, shape (nworld,), int32.
+        boundary: Index of the ADR interval end at which each world's level is, otherwise -1, shape (nworld,), int32.
         size: Number of levels in the buffer. Waits for the device.
     """
 
@@ -73,7 +73,7 @@ class LevelSampler(Chooser, StaysHere):
         return {"level": self.level, "boundary": self.boundary}
 
     def launch_choose(self, mask: wp.array | None) -> None:
-        """Serve the masked worlds the levels chosen for them, and choose the levels after these."""
+        """Give each masked world the level that was chosen for it earlier, and choose its next level."""
         if self.replay.adr is not None:
             launch_move(self._buffer, self.replay.adr)
         launch_choose(self._buffer, mask, self._stream, self.replay.replay_prob)
@@ -84,11 +84,11 @@ class LevelSampler(Chooser, StaysHere):
         launch_forget(self._buffer, None, mask)
 
     def launch_forget(self, seeds: wp.array | None, mask: wp.array | None) -> None:
-        """See `Chooser`. If `seeds` are given, later fresh levels of the worlds are drawn by these seeds."""
+        """See `Chooser`. If `seeds` are given, later fresh levels of the masked worlds are drawn with these seeds."""
         launch_forget(self._buffer, seeds, mask)
 
     def launch_finish(self, success: wp.array, finished: wp.array) -> None:
-        """Count the outcomes of episodes, except on layouts from the bank.
+        """Count the outcomes of episodes. Episodes on layouts from the bank do not count.
 
         Args:
             success: 1 for worlds that succeeded, 0 for the others, shape (nworld,), float32.
@@ -99,11 +99,11 @@ class LevelSampler(Chooser, StaysHere):
         launch_update(buffer, played._replace(mask=finished, status=layouts.status, boundary=buffer.boundary))
 
     def insert(self, layouts: Any, scores: Any) -> None:
-        """Insert levels, replacing levels with lower scores, and refresh the weights.
+        """Insert levels, and refresh the weights. In a full buffer, they replace levels with lower scores.
 
         Args:
-            layouts: See `update`. All count as new to the buffer, whatever their `level`, except layouts from the bank
-                (-2), which do not count. There may be more layouts than worlds.
+            layouts: See `update`. All layouts count as new to the buffer, also if they have a `level`. Layouts from the
+                bank (`level` -2) are left out. There may be more layouts than worlds.
             scores: See `update`.
 
         Raises:
@@ -131,7 +131,7 @@ class LevelSampler(Chooser, StaysHere):
 
     @property
     def ranges(self) -> dict[str, np.ndarray]:
-        """The current ADR intervals by name of the param. Waits for the device."""
+        """The current ADR intervals, by the name of the param. Waits for the device."""
         row = self.layouts.params.default[None].copy()
         row[0, self._buffer.column.numpy()] = self._buffer.present.numpy()
         named = self.layouts.params.named(row)
@@ -143,19 +143,22 @@ class LevelSampler(Chooser, StaysHere):
         A level that has left the buffer is inserted again, and replaces a level with a lower score.
 
         Args:
-            layouts: `info["layout"]`, or a mapping with integer arrays `seed`, `episode` and `level` of shape (n,), and
-                with `params`, values by name. Rows with `level` -2 (layouts from the bank) or an episode below 0 do not
-                count. Without `level`, layouts are new to the buffer. Without `params`, they have the scene file's
-                values. A layout id or a sequence of ids is also accepted.
-            scores: Finite floats of at least 0, shape (n,), such as the regret or the mean value loss of each episode.
-                If `score` is "learnability" or "failure": 1 for a success, 0 for a failure. Other numbers do not count.
-            worlds: Worlds that count, if the arrays have a row per world: booleans, ids or a slice. None counts all
-                rows.
+            layouts: `info["layout"]`, or another mapping with integer arrays `seed`, `episode` and `level` of shape
+                (n,), and with `params`, arrays of values by name. Rows with `level` -2 (layouts from the bank) or an
+                episode below 0 do not count. If `level` is left out, all layouts count as new to the buffer. If
+                `params` is left out, the layouts have the scene file's values. A layout id or a sequence of ids is also
+                accepted.
+            scores: Finite floats of at least 0, shape (n,). If `LevelReplay.score` is "custom", these are the scores,
+                such as the regret or the mean value loss of each episode. If it is "learnability" or "failure", pass 1
+                for a success and 0 for a failure. Rows with negative or infinite scores or NaN do not count.
+            worlds: Worlds whose rows count, as booleans, ids or a slice. The arrays should then have a row for each
+                world. None counts all rows.
 
         Raises:
-            ArgumentError: The arrays have different lengths, or `worlds` is given without a row per world.
-            UnknownNameError: A param that the worlds do not have.
-            SceneMismatchError: An id of another scene or split.
+            ArgumentError: The arrays have different lengths, or `worlds` is given but the arrays do not have a row for
+                each world.
+            UnknownNameError: `params` names a param that the worlds do not have.
+            SceneMismatchError: A layout id is from another scene or split.
         """
         self._score("LevelSampler.update", layouts, scores, worlds, are_new=False)
 
@@ -171,7 +174,7 @@ class LevelSampler(Chooser, StaysHere):
         found[0] = found[0] if "level" in given else np.full(np.shape(found[1]), FRESH)
         shapes = [tuple(np.shape(values)) for values in found]
         if len({*shapes}) != 1 or len(shapes[0]) != 1:
-            raise ArgumentError(f"{where}: layouts and scores should have one length, shape (n,), got shapes {shapes}.")
+            raise ArgumentError(f"{where}: layouts and scores should have the same shape (n,), got shapes {shapes}.")
         found[0] = found[0].clip(FROM_BANK, FRESH) if are_new else found[0]
         arrays = [*map(self._column, found, (wp.int32, wp.uint64, wp.int32, wp.float32))]
         rows = self.layouts.params.rows(given.get("params", {}), shapes[0][0])
@@ -191,14 +194,14 @@ class LevelSampler(Chooser, StaysHere):
                 launch_refresh(self._buffer, self.replay)
 
     def _named(self, ids: Any, name: str) -> dict[str, Any]:
-        """Return the layouts of ids as a mapping."""
+        """Return the layouts with these ids, as a mapping."""
         found = layouts_of_ids(ids, self.layouts, self.split, name)
         if not found.given.all():
             raise ArgumentError(f"{name} should be ids, got None.")
         return {"seed": found.seed, "episode": found.episode, "params": self.layouts.params.named(found.param)}
 
     def _column(self, values: Any, dtype: type) -> wp.array:
-        """Return a column on the device. Seeds keep their 64 bits."""
+        """Return a column of numbers on the device, converted to `dtype`. Seeds keep their 64 bits."""
         is_whole = values.dtype.kind in "biu" if isinstance(values, np.ndarray) else not values.is_floating_point()
         if dtype is not wp.float32 and not is_whole:
             raise ArgumentError("LevelSampler: levels, seeds and episodes should be integers.")
@@ -220,9 +223,9 @@ class LevelSampler(Chooser, StaysHere):
             launch_refresh(self._buffer, self.replay)
 
     def state(self) -> dict[str, np.ndarray]:
-        """Return the buffer, and the current and next levels of the worlds, for `restore`. Waits for the device.
+        """Return the buffer, and the worlds' current and next levels, for `restore`. Waits for the device.
 
-        `source` has the hash of the scene, the split and the names of the params.
+        The array `source` holds the hash of the scene, the split and the names of the params.
         """
         arrays = {name: getattr(self._buffer, name).numpy().copy() for name in bounds_of(self._buffer)}
         source = self.layouts.compiled.hash, self.split, *self.layouts.params.names
@@ -234,7 +237,7 @@ class LevelSampler(Chooser, StaysHere):
         Raises:
             SceneMismatchError: The state has another scene, split or set of params.
             ArgumentError: An array of the state is missing, has another shape or type, or has a value out of range.
-            ArgumentTypeError: Not a mapping.
+            ArgumentTypeError: The state is not a mapping.
         """
         check_type(state, Mapping, "LevelSampler.restore: state")
         where, own, bounds = "LevelSampler.restore", self.state(), bounds_of(self._buffer)

@@ -1,4 +1,4 @@
-"""Actuators of joints: `PositionActuators` set targets of an arm's joints, `Fingers` describe the hand's actuators."""
+"""`PositionActuators` set the targets of an arm's joints. `Fingers` describe a hand and its actuators."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from sceniris_gym.sim.rest import CTRL_HOLDS, affine_law, rest_map
 from sceniris_gym.sim.versions import actuator_controls, actuator_outputs
 from sceniris_gym.vector.readings import as_columns
 
-# Smallest motion [m] across the approach axis that opens or closes a finger.
+# Smallest motion of a finger across the approach axis [m] that counts as opening or closing.
 _STILL = 1e-4
-# Smallest difference [m or rad] between lengths of an actuator that is more than rounding.
+# A change of an actuator's length that is smaller than this [m or rad] is rounding.
 _SAME = 1e-9
 
 
 class PositionActuators:
-    """The position actuators of some joints, one each, whatever their names, gears and tendons.
+    """The position actuators of some joints, one for each joint. They may have any names, gears and tendons.
 
-    A control `bias + scale * q` holds its joint at q (see `rest_map`).
+    The control `bias + scale * q` holds a joint at the position q (see `rest_map`).
 
     Args:
         mjm: The model.
@@ -38,7 +38,8 @@ class PositionActuators:
         where: The beginning of errors.
 
     Attributes:
-        lower, upper: Limits of the targets [rad or m], within the limits of controls and joints, shape (njoint,).
+        lower, upper: Limits of the targets [rad or m], shape (njoint,). They satisfy the limits of the controls and of
+            the joints.
 
     Raises:
         ArmError: A joint does not have exactly one position actuator that drives only this joint.
@@ -68,12 +69,12 @@ class PositionActuators:
         self._law = tensor(bias), tensor(self._scale)
 
     def targets(self, ctrl: Tensor) -> Tensor:
-        """Return the targets that controls (num_envs, nu) stand for [rad or m], shape (num_envs, njoint)."""
+        """Return the joint targets [rad or m] that `ctrl` (num_envs, nu) sets, shape (num_envs, njoint)."""
         bias, scale = self._law
         return (ctrl[:, self._columns] - bias) / scale
 
     def set_targets(self, ctrl: Tensor, targets: Tensor) -> None:
-        """Write the controls of targets (num_envs, njoint), kept within their limits, into `ctrl` (num_envs, nu)."""
+        """Clip the targets (num_envs, njoint) to their limits, and write their controls into `ctrl` (num_envs, nu)."""
         bias, scale = self._law
         ctrl[:, self._columns] = bias + scale * targets.clamp(self.lower, self.upper)
 
@@ -81,11 +82,11 @@ class PositionActuators:
         """Return how far joints lag behind their targets at full force and speed [rad or m], shape (njoint,).
 
         At full speed, the joint's damping d balances the full torque T, so the speed is v = T / d. With the gear g from
-        joint to actuator, the actuator's law T / g = kp g lead - kv g v gives lead = T / (kp g^2) + kv v / kp. The
-        lead is infinite for a joint and an actuator without a force limit.
+        joint to actuator, the actuator's force is T / g = kp g lead - kv g v, which gives lead = T / (kp g^2) + kv v /
+        kp. Without a force limit of the joint or the actuator, the lead is infinite.
 
         Args:
-            speed: The full speed of joints without damping [rad/s or m/s], shape (njoint,).
+            speed: The full speed to use for joints without damping [rad/s or m/s], shape (njoint,).
         """
         mjm, i, joints = self._mjm, self._actuators, self._joints
         stiffness, speed_gain = -mjm.actuator_biasprm[i, 1], -mjm.actuator_biasprm[i, 2]
@@ -116,17 +117,17 @@ def _check_number(mjm: mujoco.MjModel, joint: int, found: Sequence[int], where: 
 
 @dataclass(frozen=True)
 class Fingers:
-    """The fingers of a hand that actuators move by joints, by tendons of any kind, or by equalities of joints.
+    """The fingers of a hand. Actuators move them directly at a joint, through a tendon, or through joint equalities.
 
     Attributes:
-        joints: Ids of the joints that carry a whole finger. A joint that another finger joint carries is left out.
+        joints: Ids of the first joint of each finger. Joints further along a finger are left out.
         closed_qpos: Positions of these joints when the hand is closed [m or rad], shape (njoint,).
-        width: Sideways motion of each finger per unit of its joint [m/m or m/rad], shape (njoint,). It is the mean
-            between closed and open, at the geom nearest to the TCP, and negative if a growing joint closes the finger.
-            None for linkages, where a `connect` or a `weld` moves the fingers.
+        width: Sideways motion of each finger per unit of its joint [m/m or m/rad], shape (njoint,). It is the mean over
+            the way from closed to open, at the finger's geom nearest to the TCP. It is negative if the finger closes as
+            the joint position grows. None for linkages, because a `connect` or a `weld` moves their fingers.
         controls: Columns of the actuators in `ctrl`, ascending.
         closed: Controls that close the hand, shape (ncontrol,).
-        opened: Controls that open it, shape (ncontrol,).
+        opened: Controls that open the hand, shape (ncontrol,).
     """
 
     joints: tuple[int, ...]
@@ -138,12 +139,12 @@ class Fingers:
 
     @classmethod
     def find(cls, scene: SceneModel, tcp: int, arm: Sequence[int]) -> Fingers | None:
-        """Find the fingers that the last joint of an arm carries. Return None if no actuator opens and closes a finger.
+        """Find the fingers beyond the last joint of an arm. Return None if no actuator opens and closes a finger.
 
         A hand opens as its fingers move away from the approach axis, which is the z axis of the TCP.
 
         Args:
-            scene: The scene. The joints outside the fingers are in the scene's start pose.
+            scene: The scene. Its start pose sets the joints outside the fingers.
             tcp: Id of the site that is the tool centre point.
             arm: Ids of the arm's joints, from base to tip.
         """
@@ -202,10 +203,10 @@ def _seen(mjm: mujoco.MjModel, data: mujoco.MjData, tcp: int, qpos: np.ndarray) 
 
 
 def _ends(mjm: mujoco.MjModel, actuator: int, short: float, long: float) -> tuple[float, float]:
-    """Return the controls with which an actuator closes and opens a hand, or nan for an actuator without a fixed gain.
+    """Return an actuator's controls that close and open a hand, or two NaN if the actuator has no fixed gain.
 
-    The controls of a position actuator hold the lengths `short` (closed) and `long` (open). The controls of other
-    actuators are the ends of the control range, which are infinite without a range.
+    For a position actuator, these controls hold its lengths `short` (closed) and `long` (open). For any other actuator,
+    they are the ends of its control range, or infinite if it has no range.
     """
     control = actuator_controls(mjm)[0][actuator]
     low, high = mjm.actuator_ctrlrange[control] if mjm.actuator_ctrllimited[control] else (-np.inf, np.inf)

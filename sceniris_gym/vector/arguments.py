@@ -1,4 +1,4 @@
-"""Checks and conversions of the arguments of an environment: tasks, scenes, sizes, seeds, reset masks, actions."""
+"""Checks and conversions of an environment's arguments: tasks, scenes, groups, seeds, reset masks, actions."""
 
 import importlib
 from collections.abc import Mapping, Sequence
@@ -29,7 +29,7 @@ def as_task(task: Task | type[Task] | str) -> Task:
     """Return a Task, given as an instance, a class, or "module:Class".
 
     Raises:
-        ArgumentError: The text has another form, or cannot be imported.
+        ArgumentError: The string has another form, or Python cannot import the class.
         ArgumentTypeError: The value has another type.
     """
     if isinstance(task, str):
@@ -45,12 +45,12 @@ def as_task(task: Task | type[Task] | str) -> Task:
 
 
 def as_compiled_scene(scene: Any, overrides: Mapping[str, Any] | None, device: str | None) -> CompiledScene:
-    """Compile a scene in any other form, or return a CompiledScene unchanged.
+    """Return a CompiledScene unchanged, or compile a scene given in another form.
 
-    Device None is cuda:0, or cpu without a GPU.
+    If `device` is None, the scene is compiled for cuda:0, or for cpu if there is no GPU.
 
     Raises:
-        ArgumentError: Overrides or another device are given for a CompiledScene.
+        ArgumentError: A CompiledScene is given together with overrides or another device.
         ScenirisError: As in compile_scene.
     """
     if isinstance(scene, CompiledScene):
@@ -77,7 +77,7 @@ def as_groups(value: str | Sequence[str] | None) -> tuple[str, ...] | None:
     """Return names of observation groups, given as a sequence or as a single name. None selects all groups.
 
     Raises:
-        ArgumentError: The sequence is empty, or an entry is not a name.
+        ArgumentError: The sequence is empty, or an entry is not a string.
     """
     if value is None:
         return None
@@ -93,18 +93,18 @@ def as_groups(value: str | Sequence[str] | None) -> tuple[str, ...] | None:
 def as_reset_seeds(
     seed: Any, num_envs: int, rank: Rank, *, first: bool, mask: np.ndarray | None = None
 ) -> ChosenLayouts | None:
-    """Return the first layouts of seeds, for the worlds with a seed, or None without any seed.
+    """Return episode 0 of the seed of each world that gets a seed. Return None if `seed` is None.
 
     Args:
-        seed: None, an integer (world i gets seed + i), or num_envs entries that are integers or None. With a mask, the
-            sequence may also have an entry for each masked world in order.
+        seed: None, an integer (world i gets seed + i), or a sequence of num_envs entries, each an integer or None. With
+            a mask, the sequence may also have one entry for each masked world, in order.
         num_envs: Number of worlds.
-        rank: The process, which shifts an integer seed into its separate range of seeds.
-        first: Draw a seed for each None in a sequence, as the first reset does.
+        rank: The process. Each process shifts an integer seed into a separate range of seeds.
+        first: Whether this is the first reset, which draws a seed for each None in a sequence.
         mask: The worlds to reset, shape (num_envs,), bool, or None for all worlds.
 
     Raises:
-        ArgumentError: The seed has another form or range.
+        ArgumentError: The seed has another form, or is out of range.
     """
     if seed is None:
         return None
@@ -145,8 +145,8 @@ def as_reset_mask(options: Mapping[str, Any] | None, num_envs: int) -> np.ndarra
 def as_action(actions: Any, space: Space, device: torch.device) -> Tensor:
     """Return the actions of all worlds on the device, detached and clipped to [-1, 1], with 0 for NaN.
 
-    A NaN would stay in the controls until the world's next reset. A gradient graph would stay attached to the tensors
-    of the task.
+    A NaN would stay in the controls until the next reset of its world. If actions kept their gradient graph, the task's
+    tensors would stay attached to this graph.
 
     Raises:
         ArgumentError: The actions have the wrong shape, or are not real numbers.
@@ -160,7 +160,7 @@ def as_action(actions: Any, space: Space, device: torch.device) -> Tensor:
     if given.shape != space.shape:
         raise ArgumentError(f"actions should have shape {space.shape}, got {tuple(given.shape)}.")
     if given.is_complex():
-        raise ArgumentError("actions should be real numbers, got complex ones. Give their real part, or their size.")
+        raise ArgumentError("actions should be real numbers, got complex ones. Pass their real parts.")
     return given.to(torch.float32).nan_to_num(nan=0.0).clamp(-1.0, 1.0)
 
 
@@ -170,5 +170,5 @@ def fresh_seeds(count: int) -> np.ndarray:
 
 
 def fresh_seed() -> int:
-    """Draw one seed as `fresh_seeds` does."""
+    """Draw one seed, as `fresh_seeds` does."""
     return int(fresh_seeds(1)[0])

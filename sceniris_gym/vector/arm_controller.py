@@ -1,4 +1,4 @@
-"""`ArmController`: moves a robot's arm by joints or by tool, and its gripper."""
+"""`ArmController`: moves the joints or the tool of a robot's arm, and the robot's gripper."""
 
 import mujoco
 import numpy as np
@@ -20,36 +20,36 @@ TOOL_STEP = 0.02
 """Largest change of the tool's target along an axis, and of a slide's target, in a control step [m]: 1 m/s at 50 Hz."""
 
 TOOL_LEAD = 0.05
-"""Largest lead of the tool's target over the tool along an axis [m]."""
+"""Largest distance along an axis by which the tool's target may be ahead of the tool [m]."""
 
 YAW_STEP = 0.1
 """Largest change of the tool's target yaw in a control step [rad]."""
 
 YAW_LEAD = 0.3
-"""Largest lead of the target yaw over the tool's yaw [rad]."""
+"""Largest angle by which the target yaw may be ahead of the tool's yaw [rad]."""
 
 YAW_LIMIT = 1.7
-"""Default limit of the target yaw [rad] to either side. A gripper looks the same after a rotation by pi."""
+"""Default limit of the target yaw in both directions [rad]. A gripper is symmetric under a rotation by pi."""
 
 DAMPING = 1e-3
-"""Damping of the inverse kinematics [m^2]. Its root, 3 cm/rad, is about a tenth of a joint's lever on the tool."""
+"""Damping of the inverse kinematics [m^2]. The root, 3 cm/rad, is about a tenth of a joint's lever on the tool."""
 
 POSTURE_GAIN = 0.1
-"""Fraction of the way back to the home pose that the joints move in a step, within the null space of the tool."""
+"""Fraction of the way to the home pose that the joints move in each step, within the null space of the tool."""
 
 
 class ArmController:
-    """Controller of a robot of the scene, in all worlds of a State at once and without host synchronisation.
+    """Controller of one robot, in all worlds of a State at once and without host synchronisation.
 
     The arm is the chain of hinges and slides from the robot's root body to its tool centre point (`tcp` in the scene,
     by default the site 'tcp'). Each joint needs a separate position actuator, which may act through a tendon and with
-    any gear. The gripper consists of the limited joints beyond the arm's last joint that actuators open and close,
-    directly, through tendons or through equalities of joints. Names inside the robot do not matter.
+    any gear. The gripper consists of limited joints beyond the arm's last joint. Actuators open and close these joints
+    directly, through tendons or through joint equalities. The names of the robot's joints and actuators do not matter.
 
     Args:
         s: The worlds.
-        name: The robot's name in `robots`. A single robot has the name of its asset or root body, such as 'panda', and
-            is the default.
+        name: The robot's name in `robots` of the scene. If the scene has only one robot, None selects this robot, and
+            its name is the name of its asset or root body, such as 'panda'.
 
     Attributes:
         name: The robot's name.
@@ -57,9 +57,9 @@ class ArmController:
         joint_ids: Ids of these joints in the model, from base to tip, for `State.qpos` and `State.put_joints`:
             `s.put_joints(arm.joint_ids, s.pregrasp_qpos("can"), mask)`.
         has_gripper: Whether `grip` and `width` can be used.
-        lead: Largest lead of a joint's target over the joint [rad or m], shape (joints,), enough for its actuator to
-            reach full force and speed. With a larger lead, a target would only take longer to come back. The lead is
-            infinite without a force limit.
+        lead: How far a joint's target may be ahead of the joint [rad or m], shape (joints,). At this lead, the actuator
+            reaches its full force and speed. With a larger lead, the target would only take longer to reverse. The lead
+            is infinite if neither the joint nor its actuator has a force limit.
         tool_target: Target of the tool for `move_tool`: x, y, z [m] and yaw [rad] in the base frame, shape
             (num_envs, 4). In a scene with several robots, x, y and z are in the world frame, and the yaw is relative to
             the yaw of the robot's base.
@@ -121,11 +121,12 @@ class ArmController:
     def width(self, s: State) -> Tensor:
         """Return the opening of the gripper [m], 0 when it is closed, shape (num_envs,).
 
-        The opening is the sum of the sideways motions of all fingers. It is exact for fingers on slides, and
-        proportional to the angle for fingers on hinges.
+        The opening is the sum of the sideways motions of all fingers. For fingers on slides, it is exact. For fingers
+        on hinges, it is an approximation proportional to the angle.
 
         Raises:
-            ArmError: The robot has no gripper, or its fingers hang on linkages that a `connect` or a `weld` closes.
+            ArmError: The robot has no gripper, or its fingers are parts of linkages, which a `connect` or a `weld`
+                closes.
         """
         fingers = self._gripper()
         if self._width is None:
@@ -136,7 +137,7 @@ class ArmController:
         return ((s.qpos(fingers.joints) - self._closed_qpos) * self._width).sum(dim=1)
 
     def move_joints(self, s: State, action: Tensor) -> None:
-        """Change the targets of the joints by `action` times JOINT_STEP, or TOOL_STEP for slides.
+        """Change the joint targets by `action` times JOINT_STEP for hinges, and `action` times TOOL_STEP for slides.
 
         Args:
             s: The worlds.
@@ -147,19 +148,19 @@ class ArmController:
         self.set_targets(s, moved.clamp(qpos - self.lead, qpos + self.lead))
 
     def start(self, s: State, mask: Tensor) -> None:
-        """Set the tool's target to the tool's pose in the masked worlds, after their reset."""
+        """Set the tool's target to the tool's pose in the masked worlds. Call this method after their reset."""
         self.tool_target.copy_(torch.where(mask[:, None], self._tool_now(s), self.tool_target))
 
     @refuses_old_names
     def move_tool(
         self, s: State, action: Tensor, lowest: float = 0.0, yaw_range: tuple[float, float] = (-YAW_LIMIT, YAW_LIMIT)
     ) -> None:
-        """Move the tool, which points down, along the axes of the base frame, and rotate it about the vertical.
+        """Move the tool along the axes of the base frame, and rotate it about the vertical. The tool points down.
 
-        The target changes by `action` times TOOL_STEP and YAW_STEP, and leads the tool by at most TOOL_LEAD and
-        YAW_LEAD. Joint targets follow by damped least squares, dq = J^T (J J^T + lambda I)^-1 e (Wampler 1986), plus
-        the null-space part of a step towards the home pose, which does not move the tool. A scene with several robots
-        uses the world's axes.
+        The target changes by `action` times TOOL_STEP and YAW_STEP, and is ahead of the tool by at most TOOL_LEAD and
+        YAW_LEAD. Joint targets follow by damped least squares, dq = J^T (J J^T + lambda I)^-1 e (Wampler 1986), plus a
+        step towards the home pose. Only the null-space part of this step is used, so it does not move the tool. In a
+        scene with several robots, the tool moves along the world's axes.
 
         Args:
             s: The worlds.
@@ -197,7 +198,7 @@ class ArmController:
     def grip(self, s: State, action: Tensor) -> None:
         """Set the gripper's target from -1 (closed) to 1 (open), shape (num_envs,).
 
-        For other actuators than position actuators, -1 and 1 are the ends of the control range.
+        If the gripper's actuators are not position actuators, -1 and 1 are the ends of their control ranges.
 
         Raises:
             ArmError: The robot has no gripper.
@@ -222,13 +223,13 @@ class ArmController:
         return torch.cat([pose[:, :3], yaw[:, None]], dim=1)
 
     def _facing(self, s: State) -> Tensor:
-        """Return the yaw of the robot's base in a scene with several robots [rad], shape (num_envs,)."""
+        """Return the yaw of the robot's base [rad], shape (num_envs,). Only for scenes with several robots."""
         assert self._base is not None
         return rotations.yaw(s.pose(self._base)[:, 3:])
 
 
 def _find_robot(scene: SceneModel, name: str | None, where: str) -> str:
-    """Return the key in `SceneConfig.all_robots` of the robot that a user names, or of the only robot."""
+    """Return a robot's key in `SceneConfig.all_robots`, by the name that a user gave, or for the only robot."""
     robots = scene.config.all_robots
     if not robots:
         raise ArmError(
@@ -250,7 +251,7 @@ def _find_robot(scene: SceneModel, name: str | None, where: str) -> str:
 
 
 def _arm_joints(scene: SceneModel, robot: str, where: str) -> tuple[int, ...]:
-    """Return the ids of the joints from the root body of a robot to its tool centre point, from base to tip."""
+    """Return the ids of the joints from a robot's root body to its tool centre point, in this order."""
     mjm, root, tcp = scene.mjm, scene.bodies[robot], scene.tcps[robot]
     section = scene.config.all_robots[robot].section
     site = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_SITE, tcp)

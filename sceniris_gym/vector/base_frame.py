@@ -1,4 +1,4 @@
-"""`BaseFrame`, the frame of a fixed robot base, and `DrawnBaseFrame`, the frame of a base that layouts move."""
+"""`BaseFrame`: the frame of a fixed robot base. `DrawnBaseFrame`: the frame of a base that each layout places."""
 
 import mujoco
 import numpy as np
@@ -15,9 +15,9 @@ UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 class BaseFrame:
     """The frame of the robot's base, or the world frame in a scene without a robot or with several robots.
 
-    A change of frame is linear in position and quaternion, and so is a constant rotation relative to the body. The
-    matrices are computed once: a pose takes one product with a 7 x 7 matrix, and a pair of vectors one product with a
-    6 x 6 matrix.
+    A change of frame is affine in position and quaternion, so its matrices are computed once. Then a pose takes one
+    product with a 7 x 7 matrix, and a pair of vectors takes one product with a 6 x 6 matrix. The 7 x 7 matrix can also
+    contain a constant rotation relative to the body, such as the rotation of a site.
 
     Args:
         mjm: The model.
@@ -37,7 +37,7 @@ class BaseFrame:
         self.body = self.seen(UPRIGHT)
 
     def seen(self, quat: np.ndarray) -> Tensor:
-        """Return the matrix for `pose` of a frame rotated by `quat` (wxyz) relative to its body, shape (7, 7)."""
+        """Return the argument of `pose` for a frame rotated by `quat` (wxyz) relative to its body, a (7, 7) matrix."""
         columns = [product(product(self._to_base, unit), quat) for unit in np.eye(4)]
         return torch.block_diag(self._tensor(self._turn), self._tensor(np.stack(columns, axis=1)))
 
@@ -52,11 +52,11 @@ class BaseFrame:
         return transform(self.body if seen is None else seen, torch.cat([position, quat], dim=-1)) + self._offset
 
     def to_world(self, pose: Tensor) -> Tensor:
-        """Return poses of bodies in the world frame, given in the base frame as `pose` returns them, shape (..., 7)."""
+        """Convert poses of bodies from the base frame to the world frame, the inverse of `pose`, shape (..., 7)."""
         return transform(self.body.T, pose - self._offset)
 
     def vectors(self, first: Tensor, second: Tensor) -> Tensor:
-        """Return two vectors of the world frame, each of shape (..., 3), in the base frame: shape (..., 6)."""
+        """Convert two vectors (..., 3) from the world frame to the base frame, joined to shape (..., 6)."""
         return transform(self._pair, torch.cat([first, second], dim=-1))
 
     def _tensor(self, array: np.ndarray) -> Tensor:
@@ -64,11 +64,11 @@ class BaseFrame:
 
 
 class DrawnBaseFrame(BaseFrame):
-    """The frame of a base with another pose in each world.
+    """The frame of a robot base that has a separate pose in each world.
 
     Args:
-        position: Positions of the base [m], shape (num_envs, 3), as a view of the simulation's state.
-        quat: Orientations of the base (wxyz), shape (num_envs, 4), also a view.
+        position: Positions of the base [m], shape (num_envs, 3). A view of the simulation's state.
+        quat: Orientations of the base (wxyz), shape (num_envs, 4). Also a view.
     """
 
     def __init__(self, position: Tensor, quat: Tensor) -> None:
@@ -86,28 +86,28 @@ class DrawnBaseFrame(BaseFrame):
         return torch.cat([rotate(back, position - at), turned], dim=-1)
 
     def to_world(self, pose: Tensor) -> Tensor:
-        """Return poses of bodies in the world frame, as `BaseFrame.to_world` does."""
+        """Convert poses of bodies to the world frame, as `BaseFrame.to_world` does."""
         at, turned = self._over(self._at, pose), self._over(self._turned, pose)
         return torch.cat([at + rotate(turned, pose[..., :3]), multiply(turned, pose[..., 3:])], dim=-1)
 
     def vectors(self, first: Tensor, second: Tensor) -> Tensor:
-        """Return two vectors of the world frame in the base frame, as `BaseFrame.vectors` does."""
+        """Convert two vectors to the base frame, as `BaseFrame.vectors` does."""
         back = conjugate(self._over(self._turned, first))
         return torch.cat([rotate(back, first), rotate(back, second)], dim=-1)
 
     def _over(self, base: Tensor, values: Tensor) -> Tensor:
-        """Return a part of the base's pose that broadcasts against `values` (num_envs, ..., n)."""
+        """Return `base`, shape (num_envs, m), reshaped to broadcast against `values`, shape (num_envs, ..., n)."""
         return base.reshape(len(base), *[1] * (values.ndim - 2), base.shape[-1])
 
 
 def base_frame(scene: SceneModel, device: torch.device, xpos: Tensor, xquat: Tensor) -> BaseFrame:
-    """Return the frame of a scene's robot.
+    """Return the frame of a scene's robot, or the world frame unless the scene has exactly one robot.
 
     Args:
         scene: The scene.
         device: Torch device.
-        xpos: Positions of all bodies [m], shape (num_envs, nbody, 3), as a view of the simulation's state.
-        xquat: Orientations of all bodies (wxyz), shape (num_envs, nbody, 4), also a view.
+        xpos: Positions of all bodies [m], shape (num_envs, nbody, 3). A view of the simulation's state.
+        xquat: Orientations of all bodies (wxyz), shape (num_envs, nbody, 4). Also a view.
     """
     robots = list(scene.config.all_robots)
     if len(robots) != 1:

@@ -1,4 +1,4 @@
-"""`Bounds` returns the lowest corners of boxes around bodies, and `ContactSensor` the pairs of bodies that touch."""
+"""`Bounds` finds the lowest corners of boxes around bodies. `ContactSensor` finds the pairs of bodies that touch."""
 
 from collections.abc import Sequence
 
@@ -16,12 +16,13 @@ from sceniris_gym.vector.variants import Boxes
 class Bounds:
     """The smallest box around each of several bodies, along the axes of the body's frame.
 
-    A box contains the body's colliding geoms, in the present variant, but not the geoms of its children. The boxes are
-    computed once, on the host. `lowest` does not synchronise with the host.
+    A box contains the colliding geoms of the body, but not the geoms of its child bodies. If the object has variants,
+    the geoms are the present variant's. The boxes are computed once, on the host. `lowest` does not synchronise with
+    the host.
 
     Args:
         s: The worlds.
-        names: A name of a body or several.
+        names: The name of a body, or several names.
 
     Raises:
         ArgumentTypeError: `names` has another type.
@@ -37,12 +38,12 @@ class Bounds:
     def lowest(self, poses: Tensor) -> Tensor:
         """Return the height of the lowest corner of each box [m], shape (num_envs, len(names)).
 
-        The height is z + r . c - |r| . h, with r the third row of the body's rotation matrix, c the box's centre and h
-        its half extents. The corner is never above the body's lowest point, and has the same height if the box is
-        level.
+        The height is z + r . c - |r| . h, with r the third row of the body's rotation matrix, c the centre of the box
+        and h its half extents. The corner is never above the lowest point of the geoms. Both have the same height if
+        the box is level.
 
         Args:
-            poses: Poses of the same names from `State.poses`, shape (num_envs, len(names), 7).
+            poses: Poses of the same bodies from `State.poses`, shape (num_envs, len(names), 7).
         """
         lower, upper = self._boxes.corners()
         middle, half = 0.5 * (lower + upper), 0.5 * (upper - lower)
@@ -51,7 +52,7 @@ class Bounds:
 
 
 class ContactSensor:
-    """Finds the pairs of bodies of two lists that touch, in all worlds and without host synchronisation.
+    """Finds which bodies of one list touch which bodies of another, in all worlds and without host synchronisation.
 
     The last physics step of a control step has already found these contacts, so the sensor adds no collision detection.
     The contacts are one physics step old, unless the task needs "contacts". After a reset, the sensor returns no
@@ -59,8 +60,8 @@ class ContactSensor:
 
     Args:
         s: The worlds.
-        primary: A name of a body or several. The geoms of a body count, but not the geoms of its children.
-        secondary: A name of another body or several, by the same rule.
+        primary: The name of a body, or several names. The geoms of a body count, but not the geoms of its child bodies.
+        secondary: The name of another body, or several names. The same geoms count.
 
     Raises:
         UnknownNameError: The scene has no such body, or an argument has an old name.
@@ -94,7 +95,7 @@ class ContactSensor:
 
 
 def _places(s: State, names: Sequence[str]) -> Tensor:
-    """Return the index in `names` of each geom's body, or -1, shape (ngeom,)."""
+    """Return for each geom the index of its body in `names`, or -1 if its body is not in `names`, shape (ngeom,)."""
     mjm = s.mjm
     places = torch.full((mjm.ngeom,), -1, dtype=torch.long)
     for place, name in enumerate(names):

@@ -1,4 +1,4 @@
-"""`evaluate`: results of a policy on layouts of your choice, episode by episode."""
+"""`evaluate`: runs a policy on layouts of your choice, and returns the result of each episode."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ class EpisodeResult(RefusesOldNames):
         success_once: Any step was a success.
         total_reward: Sum of the rewards.
         length: Number of control steps.
-        fallback: The search for the seed failed, so the layout came from the fallback bank.
+        fallback: The search for this seed and episode failed, so the layout came from the fallback bank.
     """
 
     id: str
@@ -46,24 +46,26 @@ def evaluate(
 ) -> list[EpisodeResult]:
     """Run one episode from each layout, in batches of `num_envs` worlds.
 
-    If the policy treats each world independently, only the rounding of rewards depends on `num_envs`.
+    If the policy treats each world independently, the results do not depend on `num_envs`, except for the rounding of
+    rewards.
 
     Args:
-        policy: Takes observations of all worlds as `envs` returns them, and returns actions.
-        envs: A SceneVectorEnv with max_episode_steps, or wrappers around it that pass on `info`. The last episodes may
-            be unfinished, so reset `envs` before further use.
-        layouts: A layout id or several, of the scene and split of `envs`. Alternatively `info["layout"]`, or
-            a mapping with `seed`, `episode` and optional `params` of any length. Or a number n for episode 0 of the
-            seeds 0 to n - 1, which are rows of stored layouts. None is `num_envs`. If `envs` has a curriculum, layouts
-            without `params` have the scene file's values, and the curriculum counts the episodes.
+        policy: A function that takes the observations of all worlds, as `envs` returns them, and returns the actions.
+        envs: A SceneVectorEnv with max_episode_steps, or wrappers around it that pass on `info`. Afterwards, some
+            worlds may be in the middle of an episode, so reset `envs` before further use.
+        layouts: One of these. A layout id or several, from the scene and split of `envs`. `info["layout"]`, or another
+            mapping with arrays `seed`, `episode` and optionally `params`, all of one length. A number n, for episode 0
+            of the seeds 0 to n - 1 (if `envs` serves stored layouts, for their first n rows). None, which stands for
+            the number `num_envs`. If `envs` has a curriculum, layouts without `params` have the scene file's values,
+            and the curriculum counts the episodes.
 
     Returns:
         A result for each layout, in the same order.
 
     Raises:
-        ArgumentError: `envs` is another environment, or lacks max_episode_steps. The number of layouts is negative. An
-            id is malformed.
-        SceneMismatchError: An id is of another scene or split.
+        ArgumentError: `envs` is not such an environment, or lacks max_episode_steps. The number of layouts is negative.
+            An id is malformed.
+        SceneMismatchError: An id is from another scene or split.
     """
     inner = envs.unwrapped if isinstance(envs, VectorEnv) else None
     if not isinstance(inner, SceneVectorEnv):
@@ -80,10 +82,10 @@ def evaluate(
 
 
 def _batches(layouts: Any, inner: SceneVectorEnv) -> Iterator[tuple[Any, int]]:
-    """Yield a layout for each world, as `reset` takes them, and the number of worlds that count."""
+    """Yield batches of layouts, one per world, as `reset` takes them, each with the number of worlds that count."""
     number, where = inner.num_envs, "evaluate: layouts"
     if isinstance(layouts, Iterable) and not isinstance(layouts, Mapping):
-        cure = f"{where} should be of the environment's scene and split."
+        cure = f"{where} should be from the environment's scene and split."
         texts = [layouts] if isinstance(layouts, str) else layouts
         ids = [LayoutId.of_scene(text, inner.compiled.scene, cure, inner.split) for text in texts]
         for first in range(0, len(ids), number):
@@ -101,7 +103,7 @@ def _batches(layouts: Any, inner: SceneVectorEnv) -> Iterator[tuple[Any, int]]:
 
 
 def _run(policy: Callable[[Any], Any], envs: VectorEnv, inner: SceneVectorEnv, layouts: Any) -> list[EpisodeResult]:
-    """Run one episode in each world."""
+    """Run one episode in each world, and return its result."""
     observation, info = envs.reset(options={LAYOUTS: layouts})
     names, fallback = inner.layout_ids(), _tensor(info["layout"]["fallback"], inner)
     running = torch.ones_like(fallback)

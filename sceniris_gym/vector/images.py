@@ -1,4 +1,4 @@
-"""`Images`: the observation group `images`, pictures of all worlds by cameras of the scene."""
+"""`Images`: the observation group `images`, which has pictures of all worlds from the scene's cameras."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -22,16 +22,17 @@ Pictures = dict[str, dict[str, Tensor]]
 
 
 class Images:
-    """The latest pictures of all worlds. The pictures of a world depend only on its episode, not on other worlds.
+    """The latest pictures of all worlds. A world's pictures do not depend on other worlds.
 
     Args:
         batch: The worlds.
-        shots: The pictures to take, by the names of cameras.
+        shots: The pictures to take, by the name of the camera.
         every: Control steps between two pictures of a world, counted from its reset.
         graph: Capture the launches into a graph and replay it.
 
     Attributes:
-        names: Names by value of a segmentation image: "" for the surroundings, then objects and robots.
+        names: The name for each value of a segmentation image: first "" for the surroundings, then the names of objects
+            and robots.
 
     Raises:
         UnknownNameError: The scene has no such camera.
@@ -72,7 +73,7 @@ class Images:
         )
 
     def due(self, elapsed: Tensor) -> Tensor:
-        """Return the worlds whose next picture is due, by the control steps since their reset, (num_envs,), bool."""
+        """Return which worlds need a new picture `elapsed` control steps after their reset, shape (num_envs,), bool."""
         return elapsed % self._every == 0
 
     def take(self, mask: Tensor, copy: bool) -> Pictures:
@@ -80,7 +81,7 @@ class Images:
 
         Args:
             mask: Which worlds, shape (num_envs,), bool. Other worlds keep their latest pictures.
-            copy: Return copies, which are never written to again.
+            copy: Whether to return copies, which later pictures do not overwrite.
         """
         for cameras, its_mask in zip(self._cameras, self._masks, strict=True):
             its_mask.copy_(mask)
@@ -92,15 +93,15 @@ class Images:
 
 
 def picture_names(images: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the entries of the group `images`, or of its space, by names such as 'wrist/rgb'."""
+    """Return the pictures of the group `images`, or their spaces, by names such as 'wrist/rgb'."""
     return {f"{camera}/{kind}": image for camera, of_camera in images.items() for kind, image in of_camera.items()}
 
 
 def as_channels(pictures: Mapping[str, Tensor]) -> Tensor:
-    """Return the pictures of a camera as one tensor for a convolution, (num_envs, channels, height, width) float32.
+    """Return one camera's pictures as a tensor for a convolution, shape (num_envs, channels, height, width), float32.
 
-    Colours are scaled to [0, 1]. Distances [m] and segmentation values do not change. The channels have the order of
-    the pictures.
+    Colours are scaled to [0, 1]. Distances [m] and segmentation values do not change. The channels follow the order of
+    `pictures`.
 
     Raises:
         ArgumentError: There are no pictures.

@@ -15,23 +15,24 @@ from sceniris_gym.vector.names import SCALAR, find_body, find_element
 from sceniris_gym.vector.state import State
 
 _WHERE = "LiberoGoal"
-_BESIDE = 0.03  # greatest horizontal distance of the origins of an object and its support [m]
-_ABOVE = 0.1  # greatest height above a site for an object on it [m]
-_BELOW = 0.005  # greatest depth below the top of a site for an object on it [m]
-_UNDER = 0.01  # greatest depth below the bottom of a site for an object in it [m]
+_BESIDE = 0.03  # greatest horizontal distance [m] between the origins of an object and its support
+_ABOVE = 0.1  # greatest height [m] above the top of a site at which an object is on the site
+_BELOW = 0.005  # greatest depth [m] below the top of a site at which an object is on the site
+_UNDER = 0.01  # greatest depth [m] below the bottom of a site at which an object is in the site
 
 
 class LiberoGoal:
-    """Evaluates the predicates of a goal as LIBERO does, by torch operations without host synchronisation.
+    """Evaluates the predicates of a goal as LIBERO does, in torch operations without host synchronisation.
 
     - `On(a, b)`: a and b touch, b's origin is not above a's origin, and their horizontal distance is less than 3 cm.
     - `On(a, REGION)`: a's origin is within the site's rectangle, from 5 mm below its top to 10 cm above. Also, a
       touches the object with the site, unless that object is the work surface.
     - `In(a, REGION)`: a's origin is in the box around the site, extended by 1 cm downwards.
-    - `Open` and `Turnon`: any joint is beyond the near end of the range that the same word draws at the start. `Close`
-      and `Turnoff`: all joints are.
+    - `Open` and `Turnon`: at least one joint is beyond the near end of the range from which the same predicate draws an
+      initial state. For `Close` and `Turnoff`, all joints are.
 
-    Origins come from LIBERO's models, and contacts from the last physics step, as in `ContactSensor`.
+    Each origin is the body origin in LIBERO's model of the object. Contacts come from the last physics step, as in
+    `ContactSensor`.
 
     Args:
         s: The worlds, with a scene from `read_bddl` or `sceniris-gym init`.
@@ -78,7 +79,7 @@ class LiberoGoal:
         touch = None if region.boxes else self._touch(s, name, region.target)
 
         def test(s: State) -> Tensor:
-            # as LIBERO does: the site's rotation matrix, not its inverse
+            # LIBERO multiplies by the site's rotation matrix, not by its inverse
             away = self._xpos[:, own] - self._site_pos[:, site]
             away = (self._site_mat[:, site] @ away[:, :, None]).squeeze(2)
             height = away[:, 2] - size[2]

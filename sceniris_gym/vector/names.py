@@ -1,4 +1,4 @@
-"""Names that tasks give to bodies, joints, sites and actuators, looked up in the model of a scene."""
+"""Look up bodies, joints, sites and actuators in a scene's model by the names that tasks use."""
 
 from collections.abc import Iterable
 
@@ -17,14 +17,14 @@ SCALAR = (SLIDE, int(mujoco.mjtJoint.mjJNT_HINGE))
 
 
 def unknown(scene: SceneModel, kind: str, name: str, where: str, valid: Iterable[str]) -> UnknownNameError:
-    """Return the error for a name that a scene does not have, with the caller `where`."""
+    """Return the error for a name that a scene does not have. `where` names the caller."""
     return UnknownNameError(kind, name, f"scene '{scene.config.name}': {where}", valid)
 
 
 def find_body(scene: SceneModel, name: str, where: str) -> int:
-    """Return the id of a body, by the scene's name of an object or a robot, or by its name in the model.
+    """Return the id of a body, by the name of an object or a robot in the scene, or by the body's name in the model.
 
-    The lookups of this module take the caller as `where`, for errors.
+    All lookups of this module take the name of their caller as `where`, for error messages.
 
     Raises:
         UnknownNameError: The scene has no such body.
@@ -43,7 +43,7 @@ def _body(scene: SceneModel, name: str) -> int:
 
 
 def find_element(scene: SceneModel, kind: str, name: str, where: str) -> int:
-    """Return the id of a 'site' or an 'actuator' by its name in the model, or raise as `find_body` does."""
+    """Return the id of an element (kind 'site' or 'actuator') by its name in the model. Raise as `find_body` does."""
     mjm = scene.mjm
     number = mujoco.mj_name2id(mjm, getattr(mujoco.mjtObj, f"mjOBJ_{kind.upper()}"), name)
     if number < 0:
@@ -53,7 +53,7 @@ def find_element(scene: SceneModel, kind: str, name: str, where: str) -> int:
 
 
 def find_free_dof(scene: SceneModel, body: int, where: str) -> int:
-    """Return the address of the first of the six velocities of a free object, or raise as `find_body` does."""
+    """Return the address of a free object's first velocity, of six. Raise as `find_body` does."""
     mjm = scene.mjm
     joint = int(mjm.body_jntadr[body])
     if joint < 0 or mjm.jnt_type[joint] != FREE:
@@ -66,7 +66,7 @@ def find_joints(scene: SceneModel, name: Joints, where: str) -> list[int]:
     """Return the ids of a joint, or of all hinges and slides inside an object, a robot or a body.
 
     Raises:
-        UnknownNameError: The scene has no such name, or its body has no hinges and slides.
+        UnknownNameError: The scene has no such name, or the named body contains no hinges and slides.
     """
     if not isinstance(name, str):
         return list(name)

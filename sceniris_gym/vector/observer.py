@@ -1,4 +1,4 @@
-"""`Observer`: the observations of a task as flat groups, with their spaces, sensor noise and pictures."""
+"""`Observer`: a task's observations as flat groups, with spaces, sensor noise and pictures."""
 
 from typing import Any
 
@@ -14,13 +14,13 @@ from sceniris_gym.vector.state import State
 from sceniris_gym.vector.task import Observation, Task, check_observation
 
 RANDOMIZED = "randomized"
-"""Name of the randomized physics and looks in the group `critic`."""
+"""Name under which the group `critic` has the drawn numbers of the physics and the appearance."""
 Names = dict[str, list[tuple[str, tuple[int, ...]]]]
-"""Group -> (name, shape in one world) of its tensors, in the order of their concatenation."""
+"""For each group, the name and the shape in one world of each tensor, in the order of concatenation."""
 
 
 def chosen(observation: Observation, groups: tuple[str, ...] | None) -> Observation:
-    """Return the named groups of an observation in this order, or all groups if `groups` is None.
+    """Return the groups named in `groups`, in this order, or all groups if `groups` is None.
 
     Raises:
         UnknownNameError: The observation has no such group.
@@ -32,7 +32,7 @@ def chosen(observation: Observation, groups: tuple[str, ...] | None) -> Observat
 
 
 def flatten(observation: Observation, out: dict[str, Tensor] | None = None) -> dict[str, Tensor]:
-    """Concatenate the tensors of each group: shape (num_envs, size), float32.
+    """Concatenate the tensors of each group to one tensor of shape (num_envs, size), float32.
 
     Args:
         observation: An observation of a task.
@@ -52,7 +52,7 @@ def names_of(observation: Observation) -> Names:
 
 
 def observation_space(observation: dict[str, Tensor]) -> spaces.Dict:
-    """Return the space of one world for flat groups of shape (num_envs, size)."""
+    """Return the space of one world's observation, for flat groups of shape (num_envs, size)."""
     return spaces.Dict({g: spaces.Box(-np.inf, np.inf, t.shape[1:], np.float32) for g, t in observation.items()})
 
 
@@ -71,7 +71,8 @@ class Observer:
         action_size: Length of an action.
         groups: The groups to observe, or None for all groups.
         sensing: Noise, delay and dropout, or None.
-        copy: Return new tensors every time, rather than one of two buffers and the latest pictures.
+        copy: Return new tensors in every call. If false, `flat` returns one of two buffers, and `pictures` the latest
+            pictures, and later calls overwrite them.
 
     Attributes:
         sensors: Applies `sensing` to observations and actions, or None.
@@ -80,7 +81,7 @@ class Observer:
 
     Raises:
         TaskError: The task's observation has a wrong type or shape.
-        UnknownNameError: The task's observation has no such group.
+        UnknownNameError: The task's observation lacks a group of `groups`.
     """
 
     def __init__(
@@ -106,7 +107,7 @@ class Observer:
         self._kept = None if copy else (flat, {group: torch.empty_like(t) for group, t in flat.items()})
 
     def flat(self, buffer: int) -> dict[str, Tensor]:
-        """Return the flat groups, in new tensors or in one of the two buffers."""
+        """Return the flat groups, in new tensors or in the buffer with the number `buffer`, 0 or 1."""
         observation = self._of_task()
         if self.sensors is not None:
             observation = self.sensors(self._state, observation)
@@ -114,14 +115,14 @@ class Observer:
         return flatten(observation, None if self._kept is None else self._kept[buffer])
 
     def pictures(self, mask: Tensor | None = None, *, copy: bool = False) -> dict[str, Any]:
-        """Take pictures of the masked worlds, by default of all worlds that are due, and return the group `images`."""
+        """Take pictures of the masked worlds (None: all worlds with a picture due), and return the group `images`."""
         if self._images is None:
             return {}
         due = self._images.due(self._state.elapsed) if mask is None else mask
         return {GROUP: self._images.take(due, copy or self._copy)}
 
     def _of_task(self) -> Observation:
-        """Return the task's observation, with the numbers that the scene has drawn added to the group `critic`."""
+        """Return the task's observation, with the numbers of the scene's draws added to the group `critic`."""
         observation, draws = self._task.observe(self._state), self._state.scene.draws
         if not draws or "critic" not in observation:
             return observation

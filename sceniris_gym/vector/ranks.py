@@ -1,4 +1,4 @@
-"""`Rank`: one of the processes that train together under `torchrun`, with its own device and seeds."""
+"""`Rank`: one of the processes that train together under `torchrun`, each with a separate device and range of seeds."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import warp as wp
 
 SEEDS = 1 << 40
-"""Number of seeds in the separate range of each process."""
+"""Number of seeds in the range of each process."""
 
 
 @dataclass(frozen=True)
@@ -17,8 +17,8 @@ class Rank:
     """One of the processes that train together.
 
     Attributes:
-        number: Number of this process among all, from 0.
-        local: Number of this process on its host, from 0.
+        number: Number of this process among all processes, starting at 0.
+        local: Number of this process on its host, starting at 0.
         size: Number of all processes.
     """
 
@@ -28,7 +28,7 @@ class Rank:
 
     @classmethod
     def current(cls) -> Rank:
-        """Return the rank of this process from torchrun's RANK, LOCAL_RANK and WORLD_SIZE, by default the only rank."""
+        """Return this process's rank from torchrun's RANK, LOCAL_RANK and WORLD_SIZE, or the only rank without them."""
         names = ("RANK", "LOCAL_RANK", "WORLD_SIZE")
         if any(not os.environ.get(name, "").isdecimal() for name in names):
             return cls()
@@ -36,15 +36,15 @@ class Rank:
 
     @property
     def device(self) -> str | None:
-        """The GPU of this process. None for the usual default, with a single process or without a GPU for this rank."""
+        """The GPU of this process, or None (the usual default) if there is only one process or no GPU for this rank."""
         return f"cuda:{self.local}" if self.size > 1 and self.local < wp.get_cuda_device_count() else None
 
     def own_seed(self, seed: int) -> int:
-        """Return the seed of this process's first world if all processes are given the same `seed`, modulo 2^64."""
+        """Return the seed of this process's first world, modulo 2^64, if all processes get the same `seed`."""
         return (seed + self.number * SEEDS) % (1 << 64)
 
     def tell(self, device: str) -> None:
-        """Print the device and the seeds of this process to stderr, if there are other processes."""
+        """If there are other processes, print the device of this process and the offset of its seeds to stderr."""
         if self.size > 1:
             print(
                 f"sceniris_gym: rank {self.number} of {self.size} uses {device}, and adds {self.number} * 2^40 to "

@@ -1,4 +1,4 @@
-"""`Readings`: the worlds as a task reads them, in torch tensors by name and in the robot's base frame."""
+"""`Readings`: the worlds as a task reads them, by name, as torch tensors in the robot's base frame."""
 
 from collections.abc import Callable, Hashable, Sequence
 from typing import Any
@@ -57,7 +57,7 @@ class Readings(RefusesOldNames):
         return self._base.pose(self._xpos[:, body], self._xquat[:, body])
 
     def present(self, names: Sequence[str]) -> Tensor:
-        """Return which objects are present rather than left out by their groups, shape (num_envs, len(names)), bool."""
+        """Return which objects are present, shape (num_envs, len(names)), bool. Groups leave out the other objects."""
 
         def find() -> Tensor:
             objects = list(self.scene.config.objects)
@@ -67,7 +67,7 @@ class Readings(RefusesOldNames):
 
         present = self._layouts.present
         columns = self._once(find, "present", *names)
-        if self.variants.names:  # an extra column of ones: some variant of such an object is always present
+        if self.variants.names:  # an extra column of ones: objects with variants are always present
             present = torch.cat([present, torch.ones_like(present[:, :1])], dim=1)
         return present[:, columns] > 0
 
@@ -76,7 +76,8 @@ class Readings(RefusesOldNames):
 
         Args:
             name: An object with variants.
-            one_hot: Return a 1 in the column of that variant and 0 in the other columns, instead of its number.
+            one_hot: Instead of the variant's number, return a row for each world, with 1 in the column of this variant
+                and 0 elsewhere.
 
         Returns:
             Shape (num_envs,), int64, or with `one_hot` shape (num_envs, number of variants), float32.
@@ -92,9 +93,10 @@ class Readings(RefusesOldNames):
         return torch.nn.functional.one_hot(index, len(self.variants.scene.config.variants[name])).float()
 
     def extent(self, name: str) -> Tensor:
-        """Return the edges [m] of the smallest box around a body, along the axes of its frame, shape (num_envs, 3).
+        """Return the edge lengths [m] of the smallest box around a body, along the body's axes, shape (num_envs, 3).
 
-        The box contains the body's colliding geoms, in the present variant, but not the geoms of its children.
+        The box contains the colliding geoms of the body, but not the geoms of its child bodies. If the object has
+        variants, the geoms are the present variant's.
 
         Raises:
             UnknownNameError: The scene has no such body.
@@ -138,49 +140,52 @@ class Readings(RefusesOldNames):
 
         bodies, dofs = self._once(find, "velocities", *names)
         linear, angular = self._qvel[:, dofs].split(3, dim=-1)
-        # MuJoCo keeps the angular velocity of a free joint in the body's own frame
+        # in MuJoCo, the angular velocity of a free joint is in the body's frame
         angular = rotations.rotate(self._xquat[:, bodies], angular)
         return self._base.vectors(linear, angular)
 
     def qpos(self, name: Joints) -> Tensor:
         """Return positions [m or rad] of the hinges and slides inside an object or a robot, or of one joint.
 
-        Shape (num_envs, number of joints), in the order of the model. A tuple of joint ids sets its own order.
+        Shape (num_envs, number of joints). Joints have the order of the model, or of `name` if it is a tuple of joint
+        ids.
         """
         return self._qpos[:, self._span("qpos", name)]
 
     def qvel(self, name: Joints) -> Tensor:
-        """Return velocities [m/s or rad/s] of the same joints as qpos."""
+        """Return velocities [m/s or rad/s] of the joints whose positions `qpos` returns, in the same shape."""
         return self._qvel[:, self._span("qvel", name)]
 
     def grasp(self, name: str) -> Tensor:
-        """Return the TCP pose of the grasp that makes an object's layout reachable, shape (num_envs, 7).
+        """Return the TCP pose of the grasp with which the arm reaches an object, shape (num_envs, 7).
 
-        Position [m] and orientation (wxyz), with the approach along +z and the closing axis along +y. The pose moves
-        with the object. It is NaN if the object is absent, or if its present variant does not have to be reachable.
+        Position [m] and orientation (wxyz). The gripper approaches along the +z axis of this pose, and its fingers
+        close along the +y axis. The layout determines the grasp, and the pose moves with the object. It is NaN in
+        worlds where the object is absent, or where its present variant does not have to be reachable.
         """
         return self._target(name, "grasp").pose(self._base, self._xpos, self._xquat)
 
     def grasp_qpos(self, name: str) -> Tensor:
-        """Return the arm's joints [rad or m] in the pose `grasp`, at the object's start pose, shape (num_envs, joints).
+        """Return the arm's joint positions [rad or m] for `grasp` at the object's start pose, shape (num_envs, joints).
 
-        NaN where `grasp` is NaN, and for objects whose reachability is decided by the arm's map only.
+        NaN where `grasp` is NaN, and for objects with a tier of `reachable` below `ik`, which only use the arm's map.
         """
         return self._target(name, "grasp_qpos").joints("grasp_qpos")
 
     def pregrasp_qpos(self, name: str) -> Tensor:
-        """Return the arm's joints [rad or m] at the pre-grasp, 8 cm back along the approach, shape (num_envs, joints).
+        """Return the arm's joint positions [rad or m] at the pre-grasp, shape (num_envs, joints).
 
-        NaN where `grasp_qpos` is NaN, and for objects with a tier of `reachable` below `clear`.
+        The pre-grasp is 8 cm before the grasp, along the approach. NaN where `grasp_qpos` is NaN, and for objects whose
+        tier of `reachable` is not `clear`.
         """
         return self._target(name, "pregrasp_qpos").joints("pregrasp_qpos")
 
     def jacobian(self, site: str, name: Joints) -> Tensor:
-        """Return the Jacobian of a site, shape (num_envs, 6, number of joints), linear above angular.
+        """Return the Jacobian of a site, shape (num_envs, 6, number of joints): three linear, then three angular rows.
 
-        The Jacobian times qvel is the site's linear [m/s] and angular [rad/s] velocity in the robot's base frame. The
-        column of a hinge is (a x (p - o), a) for its axis a, its anchor o and the site's position p. The column of a
-        slide is (a, 0). Joints that do not carry the site have columns of zeros.
+        The Jacobian times the joint velocities is the site's linear [m/s] and angular [rad/s] velocity in the robot's
+        base frame. The column of a hinge is (a x (p - o), a) for its axis a, its anchor o and the site's position p.
+        The column of a slide is (a, 0). Joints that do not carry the site have columns of zeros.
 
         Args:
             site: The site.
@@ -220,7 +225,7 @@ class Readings(RefusesOldNames):
         return self._once(find, array, name)
 
     def _jacobian_columns(self, site: int, name: Joints) -> tuple[Tensor, Tensor | None]:
-        """Return the joints of a Jacobian, and flags: hinges that carry the site, then slides that carry it.
+        """Return the joints of a Jacobian, and flags of the hinges that carry the site and of the slides that carry it.
 
         The flags are 0 or 1, shape (2, number of joints, 1), or None if all joints are hinges that carry the site.
         """
@@ -234,7 +239,7 @@ class Readings(RefusesOldNames):
 
 
 def as_columns(numbers: list[int], device: torch.device) -> slice | Tensor:
-    """Return columns as a slice if they are consecutive, so that indexing gives a view."""
+    """Return columns as a slice if they are consecutive, because a slice indexes a view, or else as a tensor."""
     first = numbers[0]
     if numbers == list(range(first, first + len(numbers))):
         return slice(first, first + len(numbers))

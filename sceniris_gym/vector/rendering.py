@@ -1,4 +1,4 @@
-"""`Rendering`: pictures of an environment, or a page in the browser that shows it."""
+"""`Rendering`: shows an environment in pictures, or on a page in the browser."""
 
 from importlib.metadata import entry_points
 from typing import Any
@@ -17,12 +17,12 @@ from sceniris_gym.vector.settings import RenderConfig, as_size
 RENDER_MODES = ["rgb_array", "human"]
 """Values of `render_mode`, in addition to None."""
 PAGES = "sceniris_gym.pages"
-"""Entry points of installed packages that open the page of mode "human". The viewer registers such an entry point."""
+"""The group of entry points that open the page of mode "human". This package's viewer registers one."""
 _LOOKS = Looks(shadows=True)
 
 
 class Rendering:
-    """Takes pictures of the first worlds of a batch, or shows them on a page. Creates camera and page on first use.
+    """Takes pictures of the first worlds of a batch, or shows them on a page. Camera and page are made on first use.
 
     Args:
         mode: "rgb_array", "human" or None.
@@ -53,10 +53,10 @@ class Rendering:
         return tuple(self._camera.images[self.camera]["rgb"].numpy())
 
     def show(self, batch: Batch, layouts: Layouts, seconds: float) -> None:
-        """Update the page in mode "human", `seconds` after the last call in simulated time. Waits for the device.
+        """In mode "human", update the page, `seconds` of simulated time after the last call. Waits for the device.
 
         Raises:
-            MissingExtraError: No installed package opens such a page.
+            MissingExtraError: No installed package can open such a page.
         """
         if self.mode != "human":
             return

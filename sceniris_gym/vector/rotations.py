@@ -1,4 +1,4 @@
-"""Quaternions in MuJoCo's order (w, x, y, z), in few batched torch operations, because each is a launch on a GPU."""
+"""Quaternions in MuJoCo's order (w, x, y, z), in few batched torch operations, as each operation launches a kernel."""
 
 import functools
 
@@ -16,7 +16,7 @@ def conjugate(quat: Tensor) -> Tensor:
 
 
 def multiply(left: Tensor, right: Tensor) -> Tensor:
-    """Return the rotation `right` followed by `left`, wxyz, shapes (..., 4) that broadcast."""
+    """Return the product `left` times `right`, which rotates by `right` first, wxyz. Shapes (..., 4) broadcast."""
     partner, sign = _product(right.device)
     return transform(sign * right[..., partner], left)
 
@@ -24,7 +24,7 @@ def multiply(left: Tensor, right: Tensor) -> Tensor:
 def rotate(quat: Tensor, vector: Tensor) -> Tensor:
     """Rotate vectors, shape (..., 3), by unit quaternions wxyz, shape (..., 4).
 
-    v + 2 (w (u x v) + u x (u x v)), with u the vector part.
+    A vector v becomes v + 2 (w (u x v) + u x (u x v)), with w the scalar part and u the vector part of the quaternion.
     """
     w, axis = quat[..., :1], quat[..., 1:].expand(*vector.shape[:-1], 3)
     turned = torch.linalg.cross(axis, vector.expand_as(axis))
@@ -32,9 +32,9 @@ def rotate(quat: Tensor, vector: Tensor) -> Tensor:
 
 
 def transform(matrix: Tensor, vector: Tensor) -> Tensor:
-    """Return matrix times vector, shapes (..., n, m) and (..., m) that broadcast.
+    """Return matrix times vector. Shapes (..., n, m) and (..., m) broadcast.
 
-    This sums products in full precision, because users may have enabled TF32 for matrix products.
+    The products are summed in full precision. A matrix product would not be, if a user has enabled TF32.
     """
     return (matrix * vector.unsqueeze(-2)).sum(dim=-1)
 
@@ -47,13 +47,13 @@ def _product(device: torch.device) -> tuple[Tensor, Tensor]:
 
 
 def yaw(quat: Tensor) -> Tensor:
-    """Return the angle of the x axis about the vertical [rad], shape (...,)."""
+    """Return the angle by which a rotation turns the x axis about the vertical [rad], shape (...,)."""
     w, x, y, z = quat.unbind(dim=-1)
     return torch.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
 def axes(quat: Tensor) -> Tensor:
-    """Return the x axis and the z axis of rotated frames, shape (..., 6).
+    """Return the x axis, then the z axis of rotated frames, shape (..., 6).
 
     The axes are a continuous function of the rotation, unlike quaternions, where q and -q are the same rotation (Zhou
     et al., "On the Continuity of Rotation Representations in Neural Networks", 2019).

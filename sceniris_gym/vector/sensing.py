@@ -22,22 +22,25 @@ POLICY = "policy"
 
 @dataclass(frozen=True)
 class Sensing:
-    """Noise, delay and dropout of the group `policy`, and delay of actions. They depend only on seed, episode and step.
+    """Noise, delay and dropout of the group `policy`, and delay of actions, drawn by seed, episode and step only.
 
     Attributes:
-        noise: Standard deviation of Gaussian noise, by the name of an observation, in its unit. An observation of shape
-            (rows, columns) is a table: its rows of zeros, the slots of absent objects, stay zero.
-        delay: Least and greatest delay [control steps], drawn uniformly for each episode. The first observation is
-            repeated until the delay has passed.
-        dropout: Probability in each step that an observation repeats its previous value, for each name independently.
-        late: Names of the observations that are delayed and dropped. None selects all observations.
-        encoder_bias: Greatest offset, by the name of an observation, in its unit. The offset of each number is drawn
-            uniformly for each episode.
-        action_delay: Least and greatest delay of actions [control steps], drawn uniformly for each episode. The first
-            action is repeated until the delay has passed.
+        noise: Standard deviation of Gaussian noise, by the name of an observation, in the observation's unit. An
+            observation of shape (rows, columns) is a table with a row for each slot. Rows of zeros belong to absent
+            objects and stay zero.
+        delay: Least and greatest delay [control steps]. The delay is drawn uniformly for each episode. The first
+            observation is repeated until the delay has passed.
+        dropout: Probability that an observation repeats its previous value. Each observation is drawn independently in
+            each step.
+        late: Names of the observations to which `delay` and `dropout` apply. None selects all observations.
+        encoder_bias: Greatest offset, by the name of an observation, in the observation's unit. For each episode, each
+            number of the observation gets an offset drawn uniformly between minus and plus this value.
+        action_delay: Least and greatest delay of actions [control steps]. The delay is drawn uniformly for each
+            episode. The first action is repeated until the delay has passed.
 
     Raises:
-        ArgumentError: A standard deviation or a delay is below 0, or a probability is outside of [0, 1).
+        ArgumentError: A standard deviation, an offset or a delay is below 0, a least delay is above its greatest delay,
+            or the dropout is outside of [0, 1).
         ArgumentTypeError: `noise` or `encoder_bias` is not a mapping of numbers. A delay is not a pair. `dropout` is
             not a number. `late` is not a tuple of names.
     """
@@ -59,7 +62,7 @@ class Sensing:
         if not _is_number(self.dropout):
             raise ArgumentTypeError(f"sensing: dropout should be a number, got {short(self.dropout)}.")
         if not (self.late is None or (isinstance(self.late, tuple) and all(isinstance(n, str) for n in self.late))):
-            raise ArgumentTypeError(f"sensing: late should be a list of names or None, got {short(self.late)}.")
+            raise ArgumentTypeError(f"sensing: late should be a tuple of names or None, got {short(self.late)}.")
         for word, delay in (("delay", self.delay), ("action_delay", self.action_delay)):
             if not (isinstance(delay, tuple) and len(delay) == 2):
                 raise ArgumentTypeError(f"sensing: {word} should be a pair (low, high), got {short(delay)}.")
@@ -75,7 +78,7 @@ def _is_number(value: Any) -> bool:
 
 
 def _there(values: Tensor) -> Tensor:
-    """Return a mask of the values to add noise to: all values except rows of zeros in a table (empty slots)."""
+    """Return a mask of the values that get noise: all values except a table's rows of zeros, which are empty slots."""
     if values.ndim < 3:
         return torch.ones_like(values, dtype=torch.bool)
     return (values != 0.0).any(dim=-1, keepdim=True).expand_as(values)
@@ -84,16 +87,17 @@ def _there(values: Tensor) -> Tensor:
 class Sensors:
     """Applies a Sensing to the observations of all worlds, without host synchronisation.
 
-    A second call in the same step returns the same values, so worlds outside a reset mask keep their observations.
+    A second call in the same step returns the same values. So a partial reset does not change the observations of the
+    other worlds.
 
     Args:
         s: The worlds.
         sensing: Noise, delay and dropout.
-        observation: An observation of the task, for its names and shapes.
+        observation: An observation of the task, which sets the names and shapes.
         action_size: Length of an action.
 
     Raises:
-        UnknownNameError: The group `policy` does not exist, or has no observation of a given name.
+        UnknownNameError: The task has no group `policy`, or the group lacks an observation that `sensing` names.
     """
 
     def __init__(

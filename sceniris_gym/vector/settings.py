@@ -27,12 +27,13 @@ class SimConfig:
     Attributes:
         nconmax: Contacts per world. None leaves room for a busy scene, as in `make_worlds`.
         njmax: Constraint rows per world. None leaves room for a busy scene.
-        nvmax: Maximum number of awake degrees of freedom of a world, if the task's `options` let bodies sleep. None is
-            the number of the scene.
+        nvmax: Maximum number of degrees of freedom that are awake in a world, if the task's `options` let bodies sleep.
+            None takes the scene's number of degrees of freedom.
         graph: Capture steps and resets into graphs, and replay them.
-        prefetch: Make the next layout of every world during the steps before its reset. None prefetches on a GPU,
-            unless a layout_source is given. A wp.Stream prefetches on this stream. See `ResetRandomizer`.
-        copy: Return tensors that are never overwritten. Otherwise, observations are valid until the next call.
+        prefetch: True makes the next layout of every world during the steps before its reset. None does so only on a
+            GPU and without a layout_source. A wp.Stream also does so, on that stream. See `ResetRandomizer`.
+        copy: Return observations in new tensors, which are never overwritten. If false, observations are valid only
+            until the next call.
 
     Raises:
         ArgumentError: `nconmax`, `njmax` or `nvmax` is neither a positive integer nor None.
@@ -60,8 +61,8 @@ class RenderConfig:
     """The pictures that `render` returns, or the page of render_mode "human".
 
     Attributes:
-        num_envs: Number of worlds to show, from the first one on. None shows all worlds, as wrappers that record videos
-            expect. The page shows at most 64.
+        num_envs: Number of worlds to show, starting with world 0. None shows all worlds, as wrappers that record videos
+            expect. The page shows at most 64 worlds.
         size: Width and height of a picture [pixels].
         camera: Name of the camera.
 
@@ -88,10 +89,9 @@ class ImageConfig:
     Attributes:
         cameras: Images by camera: {"overview": {"size": (width, height), "data": kinds}}, with kinds out of "rgb" (the
             default), "depth" and "segmentation".
-        every: Control steps between two images of a world, counted from its reset, which always takes an image. Steps
-            in between observe the latest image.
-        final: Also take images of the last state of each episode, for `final_obs`. Without it, `final_obs` has no
-            images.
+        every: Number of control steps from one image of a world to the next. Each reset takes an image and restarts the
+            count. The other steps observe the latest image again.
+        final: Also take images of the last state of each episode, for `final_obs`. If false, `final_obs` has no images.
 
     Raises:
         ArgumentError: `every` is not a positive integer.
@@ -109,7 +109,7 @@ class ImageConfig:
 
 
 def as_settings(default: _Settings, given: Any, where: str) -> _Settings:
-    """Return the user's settings. A mapping replaces its fields in the task's settings, and an instance replaces all.
+    """Return the task's settings with the fields of a given mapping, or the given instance instead of them.
 
     Args:
         default: The settings of the task.
@@ -124,8 +124,8 @@ def as_settings(default: _Settings, given: Any, where: str) -> _Settings:
 def as_image_config(default: ImageConfig | None, given: Any) -> ImageConfig | None:
     """Return the user's images: an ImageConfig, a mapping of its fields, or its `cameras`.
 
-    None selects the images of the task, and an empty mapping selects no images. Images without cameras take the
-    cameras of the task. Raises the errors of `as_shots`.
+    None selects the images of the task, and an empty mapping selects no images. If the given images have no cameras,
+    the result has the cameras of the task. Raises the errors of `as_shots`.
     """
     if given is None or given == {}:
         return default if given is None else None
@@ -139,13 +139,13 @@ def as_image_config(default: ImageConfig | None, given: Any) -> ImageConfig | No
 
 
 def as_shots(images: Any) -> dict[str, tuple[Shot, Looks]]:
-    """Return the pictures to take by the names of cameras: {"wrist": {"size": (84, 84), "data": ("rgb", "depth")}}.
+    """Return the pictures of each camera, from a mapping {"wrist": {"size": (84, 84), "data": ("rgb", "depth")}}.
 
     Raises:
         ArgumentError: The images have another form. A camera has no size or no kind of picture. A size is not an
             integer, or out of range.
         ArgumentTypeError: `shadows` or `thin` is not a boolean.
-        UnknownNameError: A word or a kind does not exist.
+        UnknownNameError: A key or a kind of picture does not exist.
     """
     if not isinstance(images, Mapping) or not images or not all(isinstance(v, Mapping) for v in images.values()):
         form = "{'camera': {'size': (width, height), 'data': ('rgb',)}}"
@@ -154,7 +154,7 @@ def as_shots(images: Any) -> dict[str, tuple[Shot, Looks]]:
 
 
 def _as_shot(settings: Mapping[str, Any], where: str) -> tuple[Shot, Looks]:
-    check_names("word", settings, where, _SETTINGS)
+    check_names("key", settings, where, _SETTINGS)
     if "size" not in settings:
         raise ArgumentError(f"{where} should have a 'size', (width, height) in pixels.")
     data = settings.get("data", ("rgb",))
@@ -169,10 +169,10 @@ def _as_shot(settings: Mapping[str, Any], where: str) -> tuple[Shot, Looks]:
 
 
 def as_size(value: Any, name: str) -> tuple[int, int]:
-    """Return width and height.
+    """Return an image size as its width and height [pixels].
 
     Raises:
-        ArgumentError: The value is not a pair. A number is not an integer, or out of range.
+        ArgumentError: The size is not a pair. Its width or height is not an integer, or is out of range.
     """
     try:
         width, height = value

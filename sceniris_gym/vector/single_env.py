@@ -35,7 +35,7 @@ class SceneEnv(Fixed, gymnasium.Env):
         self._np_random, self._np_random_seed = self.envs.np_random, self.envs.np_random_seed
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Give the world a fresh layout: episode 0 of `seed`, or the next episode if `seed` is None.
+        """Give the world the layout of episode 0 of `seed`, or of its next episode if `seed` is None.
 
         options={"layouts": id} selects the layout with this id, and {"state": snapshot} restores a snapshot.
         """
@@ -45,7 +45,7 @@ class SceneEnv(Fixed, gymnasium.Env):
         return _first(observation), _first(info)
 
     def set_param(self, name: str, value: Any) -> None:
-        """Change a part of the scene file from the next layout on, as `SceneVectorEnv.set_param` does."""
+        """Give a param a new value from the next layout on, as `SceneVectorEnv.set_param` does."""
         self.envs.set_param(name, value)
 
     def layout_id(self) -> str:
@@ -53,7 +53,7 @@ class SceneEnv(Fixed, gymnasium.Env):
         return self.envs.layout_ids()[0]
 
     def redraw(self, objects: str | Sequence[str]) -> None:
-        """Give objects new places in the middle of the episode, as `SceneVectorEnv.redraw` does."""
+        """Move objects to new places in the middle of the episode, as `SceneVectorEnv.redraw` does."""
         self.envs.redraw(objects)
 
     def snapshot(self) -> Snapshot:
@@ -61,7 +61,7 @@ class SceneEnv(Fixed, gymnasium.Env):
         return self.envs.snapshot()
 
     def set_wrapper_attr(self, name: str, value: Any, *, force: bool = True) -> bool:
-        """Set a param (a name with a dot) or an attribute. Gymnasium's SyncVectorEnv.set_attr calls this method."""
+        """Set a param, whose name has a dot, or an attribute. Gymnasium's SyncVectorEnv.set_attr calls this method."""
         if "." not in name:
             return super().set_wrapper_attr(name, value, force=force)
         self.set_param(name, value)

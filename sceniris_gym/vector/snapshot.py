@@ -1,4 +1,4 @@
-"""The memory of a task, as snapshots of an environment have it."""
+"""The memory of a task: the tensors that a snapshot of an environment copies."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ from sceniris_gym.vector.state import State
 from sceniris_gym.vector.variants import VariantView
 
 _FOREIGN = ("torch", "warp", "mujoco", "mujoco_warp", "numpy", "gymnasium")
-"""Packages whose objects are no memory of a task."""
+"""Packages whose objects are not searched for the memory of a task."""
 
 
 def versions(live: Mapping[str, Tensor]) -> dict[str, tuple[Tensor, int]]:
-    """Return all tensors with the versions that torch counts at each write, for `written`."""
+    """Return each tensor with its version, which torch increments at each write. `written` compares these versions."""
     return {name: (tensor, tensor._version) for name, tensor in live.items()}
 
 
 def written(live: Mapping[str, Tensor], made: Mapping[str, tuple[Tensor, int]]) -> dict[str, Tensor]:
-    """Return the tensors that were written to or replaced since they were `made`.
+    """Return the tensors that were written to or replaced since `versions` returned `made`.
 
-    Other tensors with a row for each world, such as indices and tables, do not belong to an episode.
+    Unchanged tensors, such as indices and tables, do not belong to an episode, even if they have a row for each world.
     """
     kept = [name for name, (tensor, version) in made.items() if live.get(name) is tensor and tensor._version == version]
     return {name: tensor for name, tensor in live.items() if name not in kept}
 
 
 def memory_rows(memory: Mapping[str, Any], num_envs: int) -> dict[str, Tensor]:
-    """Return the tensors with `num_envs` rows in objects, and in their containers and helpers, by name."""
+    """Return all tensors with `num_envs` rows, by name, in the given objects and in the objects that these contain."""
     return dict(pair for name, value in memory.items() for pair in _memory(value, num_envs, name, set()))
 
 

@@ -19,12 +19,12 @@ from sceniris_gym.vector.writers import JointWriter, PoseWriter
 class State(Readings):
     """The state of all worlds by name, as tensors on the environment's device.
 
-    Some tensors are views, which later steps overwrite, so clone a tensor to keep its values.
+    Some of these tensors are views, which later steps overwrite. To keep the values of a tensor, clone it.
 
-    Use the names of the scene: an object, a robot (a single robot also by the name of its asset), or `object/part` for
-    the bodies, sites, joints and actuators inside. A scene with a `model` also has all names of that model. An unknown
-    name raises UnknownNameError. Poses and velocities are in the robot's base frame, or in the world frame if the scene
-    has no robot or several robots.
+    Names are the names of the scene: an object, a robot, or `object/part` for the bodies, sites, joints and actuators
+    inside an object or a robot. A single robot also has the name of its asset. In a scene with a `model`, all names of
+    that model also work. An unknown name raises UnknownNameError. Poses and velocities are in the robot's base frame,
+    or in the world frame if the scene has no robot or several robots.
 
     Args:
         batch: The worlds.
@@ -36,14 +36,16 @@ class State(Readings):
         num_envs: Number of worlds.
         device: Torch device.
         elapsed: Control steps since the reset of each world, shape (num_envs,), int32.
-        ctrl: Controls, a view to write to, shape (num_envs, nu).
+        ctrl: Controls, shape (num_envs, nu). Write to this view to set them.
         control_range: Lower and upper limits of the controls, shape (nu, 2).
         dt: Duration of a control step [s].
-        seed: Seed of each world's layout, shape (num_envs,), int64 (from 2^63 on as its two's complement).
+        seed: Seed of each world's layout, shape (num_envs,), int64. A seed from 2^63 on appears as its two's
+            complement.
         episode: Episode of each world's layout, -1 before the first reset, shape (num_envs,), int32.
-        start: Index of each world's kind of start in the scene file, -1 without `start`, shape (num_envs,), int32.
-        layout_status: 0 for no layout yet, 1 for a valid layout, 2 for a layout from the fallback bank, shape
-            (num_envs,), int32.
+        start: Index of each world's kind of start in the scene file's list `start`, or -1 if the file has no such list,
+            shape (num_envs,), int32.
+        layout_status: Status of each world's layout, shape (num_envs,), int32: 0 before the first layout, 1 for a valid
+            layout, 2 for a layout from the fallback bank.
         layout_param: Values of the params of each layout, shape (num_envs, nvalue).
     """
 
@@ -53,10 +55,10 @@ class State(Readings):
         return {name: wp.to_torch(array) for name, array in self._batch.fields.rows.items()}
 
     def put_joints(self, name: Joints, qpos: Tensor, mask: Tensor) -> None:
-        """Set joint positions in a task's `on_reset`, at rest and held by their position actuators.
+        """Set joint positions in a task's `on_reset`. The joints are then at rest, and position actuators hold them.
 
-        `s.put_joints("panda", s.pregrasp_qpos("can"), mask)` starts an episode at the pre-grasp. All quantities that
-        the task reads are up to date afterwards. Collisions at the new positions are not checked.
+        `s.put_joints("panda", s.pregrasp_qpos("can"), mask)` starts an episode at the pre-grasp. The call updates all
+        quantities that the task reads. It does not check for collisions at the new positions.
 
         Args:
             name: The joints, as in `qpos`.
@@ -76,11 +78,11 @@ class State(Readings):
         self._batch.update()
 
     def put_pose(self, name: str, pose: Tensor, mask: Tensor) -> None:
-        """Set the pose of a free object or a marker in a task's `on_reset`, at rest and awake.
+        """Set the pose of a free object or a marker in a task's `on_reset`. The object is then at rest and awake.
 
-        The joints inside the object keep their positions. All quantities that the task reads are up to date afterwards.
-        `grasp` has moved with the object, but `grasp_qpos` and `pregrasp_qpos` still belong to the layout's pose.
-        Collisions at the new pose are not checked, and objects that stand on the object stay where they are.
+        The joints inside the object keep their positions, and objects that stand on it stay where they are. The call
+        updates all quantities that the task reads, but does not check for collisions at the new pose. `grasp` moves
+        with the object, but `grasp_qpos` and `pregrasp_qpos` still belong to the object's pose in the layout.
 
         Args:
             name: A free object, a marker, or another free or mocap body of the scene's `model`.
@@ -103,9 +105,9 @@ class State(Readings):
         self._batch.update()
 
     def sleep(self, names: Sequence[str], mask: Tensor) -> None:
-        """Put free objects to sleep in a task's `on_reset`, until an awake object touches them.
+        """Put free objects to sleep in a task's `on_reset`. They sleep until an awake object touches them.
 
-        This needs SLEEPING in the task's `options`. Without it the call has no effect, and the objects settle as usual.
+        The task's `options` must contain SLEEPING. Otherwise the call has no effect, and the objects settle as usual.
 
         Args:
             names: Free objects at rest that do not support each other.
@@ -127,17 +129,18 @@ class State(Readings):
         awake[:, trees] = torch.where(mask[:, None], 0, awake[:, trees])
 
     def model_field(self, name: str, of: str | None = None) -> Tensor:
-        """Return a field of the physics model with a row for each world, to write to in `Task.on_reset`.
+        """Return a field of the physics model with a row for each world. Write to it in `Task.on_reset`.
 
         Name the field in `Task.model_fields`, or call this method in `Task.bind`. All other fields have one row for all
-        worlds. Quantities that MuJoCo derives from the field, such as the inverse weights of bodies, are updated after
-        `on_reset`. Independent fields keep their values: to make a body heavier, also write "body_inertia", or call
-        `scale_field`, which scales both.
+        worlds. After `on_reset`, quantities that MuJoCo derives from the field, such as the inverse weights of bodies,
+        are updated. Other fields keep their values: to make a body heavier, write both "body_mass" and "body_inertia",
+        or call `scale_field`, which scales both.
 
         Args:
             name: The field, by its name in mujoco_warp's Model: "body_mass", "geom_friction", "gravity".
-            of: An element of the model, an object or a robot. For an object or a robot, a field of bodies has the row
-                of the root body, and other fields have the rows of all geoms, joints or actuators inside.
+            of: An element of the model, an object or a robot, or None for the whole field. For an object or a robot, a
+                field of bodies has only the row of the root body, and any other field has the rows of all geoms, joints
+                or actuators inside.
 
         Returns:
             A view that steps read, in the units of MuJoCo, shape (num_envs, number of elements, ...), or
@@ -145,17 +148,18 @@ class State(Readings):
 
         Raises:
             UnknownNameError: There is no such field or element, or layouts depend on it.
-            ArgumentError: The call comes after `bind`. Steps leave the field out, because it is 0 in the whole model.
+            ArgumentError: The field is first requested after `bind`. The field is 0 in the whole model, so steps leave
+                it out.
         """
         return self._once(
             lambda: wp.to_torch(self._batch.fields.ask(name, of, where="State.model_field")), "f", name, of
         )
 
     def scale_field(self, name: str, of: str, factor: Tensor, mask: Tensor) -> None:
-        """Set part of a model field to the model's values times a factor, in a task's `on_reset`.
+        """Set some rows of a model field to the model's values times a factor, in a task's `on_reset`.
 
-        As with the word `scale` of a scene file, only sliding friction is scaled, inertias follow masses, and bias
-        gains follow the gains of their actuators.
+        As with the word `scale` in a scene file, inertias are scaled with masses, and bias gains with the gains of
+        their actuators. Of the frictions, only sliding friction is scaled.
 
         Args:
             name: A field of `Task.model_fields`, or a field that `Task.bind` got from `model_field`.
@@ -165,16 +169,16 @@ class State(Readings):
             mask: Which worlds, shape (num_envs,), bool.
 
         Raises:
-            UnknownNameError, ArgumentError: As in `model_field`, or for factors or a mask of another shape.
+            UnknownNameError, ArgumentError: As in `model_field`. The factors or the mask have another shape.
         """
         self._batch.fields.scale(name, of, factor, wp.from_torch(mask, dtype=wp.bool), "State.scale_field")
 
     def randomized(self, name: str) -> Tensor:
         """Return the numbers that `randomize` of the scene has drawn for this episode, shape (num_envs, n).
 
-        These are factors for `scale`, terms for `add`, and values for `abs` and `choice`. For a `choice` among values
-        of several numbers each, such as colours, it is the index in the list, shape (num_envs, 1). The group `critic`
-        also has all of these numbers, under the name "randomized".
+        The numbers are factors for `scale`, terms for `add`, and values for `abs` and `choice`. If the values of a
+        `choice` have several numbers each, such as colours, this method returns the index of the value in the list,
+        shape (num_envs, 1). The group `critic` also has the numbers of all draws, under the name "randomized".
 
         Args:
             name: The name of the draw: "can.mass", "robot.gains", "gravity", "lights.lamp.diffuse".
@@ -198,8 +202,8 @@ class State(Readings):
     def random(self, name: str, shape: int | Sequence[int] = (), *high: float) -> Tensor:
         """Draw uniform numbers in [0, 1) for this episode, shape (num_envs, *shape).
 
-        The numbers depend only on the world's seed and episode, and the name. `uniform` has limits. A third argument is
-        refused.
+        The numbers depend only on the seed and episode of the world, and on `name`. For other limits than 0 and 1,
+        scale these numbers. `uniform` takes limits, but draws new numbers in each step. A third argument is refused.
 
         Raises:
             ArgumentTypeError: `name` is not a string, as in the former `random(n, low, high)`.

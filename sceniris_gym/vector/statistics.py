@@ -1,4 +1,4 @@
-"""`Outcome`, the results of a control step, and `EpisodeStatistics`, sums over finished episodes, read on request."""
+"""`Outcome`: the results of a control step. `EpisodeStatistics`: sums over finished episodes, read on request."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ COUNTS = ("episodes", "length", "success", "broken")
 
 
 def finite_rows(tensors: Iterable[Tensor]) -> Tensor:
-    """Return whether each row is finite in all tensors, which have shape (nrow, n) each: (nrow,), bool."""
+    """Return which rows are finite in all tensors, shape (nrow,), bool. Each tensor has shape (nrow, n)."""
     # one sum replaces a test of every number, because x - x is 0 only if x is finite
     total = torch.stack([tensor.sum(dim=1) for tensor in tensors]).sum(dim=0)
     return total - total == 0.0
@@ -25,8 +25,8 @@ class Outcome(NamedTuple):
     Attributes:
         terms: Names of the reward terms.
         gained: Values of the reward terms, shape (nterm, num_envs), float32.
-        success: Worlds with the goal reached, shape (num_envs,), bool.
-        broken: Worlds with numbers that are not finite, shape (num_envs,), bool.
+        success: Worlds that have reached the goal, shape (num_envs,), bool.
+        broken: Worlds that have numbers that are not finite, shape (num_envs,), bool.
         terminated: Worlds whose episode is terminated, shape (num_envs,), bool.
         truncated: Worlds whose episode is truncated, shape (num_envs,), bool.
     """
@@ -44,12 +44,12 @@ class Outcome(NamedTuple):
         return self.terminated | self.truncated
 
     def breaking(self, mask: Tensor) -> Outcome:
-        """Return an outcome with the masked worlds broken: terminated, with reward 0."""
+        """Return the outcome with the masked worlds marked as broken: terminated, with reward 0."""
         gained = torch.where(mask, 0.0, self.gained)
         return self._replace(gained=gained, broken=self.broken | mask, terminated=self.terminated | mask)
 
     def without(self, mask: Tensor) -> Outcome:
-        """Return an outcome without the masked worlds: reward 0, and all flags false."""
+        """Return the outcome without the masked worlds: their rewards are 0, and all their flags are false."""
         flags = (flag & ~mask for flag in self[2:])
         return Outcome(self.terms, torch.where(mask, 0.0, self.gained), *flags)
 
@@ -72,8 +72,9 @@ class EpisodeStatistics:
         device: Torch device.
 
     Attributes:
-        names: Names of the sums: "episodes", "length" [control steps], "success" (at the last step), "broken"
-            (ended because a number was not finite), and the reward terms, which are known after the first step.
+        names: Names of the sums: "episodes" (number of episodes), "length" [control steps], "success" (episodes whose
+            last step was a success), "broken" (episodes that ended because a number was not finite), and the reward
+            terms. The names of the reward terms are known after the first step.
         finished: Worlds whose episode finished in the last step, shape (num_envs,), bool.
     """
 
@@ -115,14 +116,14 @@ class EpisodeStatistics:
         return self._sums.sum(dim=1)
 
     def latest(self) -> Tensor:
-        """Return the same sums over the episodes that finished in the last step, unaffected by `clear`."""
+        """Return the same sums, only over the episodes that finished in the last step. `clear` does not affect them."""
         return self._latest.sum(dim=1)
 
     def read(self, clear: bool = True) -> dict[str, Any]:
         """Return the means over the finished episodes. Waits for the device.
 
         Args:
-            clear: Set the sums to 0, so that the next call covers later episodes only.
+            clear: Also set the sums to 0, so that the next call covers only later episodes.
 
         Returns:
             `return`, `length` [control steps], `success` (fraction of the episodes whose last step was a success) and
@@ -145,5 +146,5 @@ class EpisodeStatistics:
         }
 
     def clear(self) -> None:
-        """Set the sums to 0. Running episodes later count in full, with the steps before this call."""
+        """Set the sums to 0. When a running episode finishes, it counts in full, with the steps before this call."""
         self._sums.zero_()

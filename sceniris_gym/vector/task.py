@@ -1,4 +1,4 @@
-"""`Task`: a scene with observations, rewards and ends of episodes. Functions check the first results of a task."""
+"""`Task`: a scene with observations, rewards and ends of episodes. Also checks of the first values that it returns."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -20,14 +20,14 @@ TAKEN = (*COUNTS, "return")
 
 
 def regrouped(observation: Observation, policy: Sequence[str], more: Sequence[str]) -> Observation:
-    """Split the group `critic`: `policy` names the tensors of both groups, `more` the tensors of `critic` only."""
+    """Return the groups `policy` and `critic` from the tensors in `critic`. Only `critic` gets the tensors `more`."""
     seen = observation["critic"]
     shown = {name: seen[name] for name in policy}
     return {"policy": shown, "critic": shown | {name: seen[name] for name in more}}
 
 
 FRICTION_PYRAMIDS: dict[str, Any] = {"cone": mujoco.mjtCone.mjCONE_PYRAMIDAL, "impratio": 1.0}
-"""Options for tasks without a grip: a step takes half the time, but objects slip slowly in a long grip."""
+"""Options for tasks that do not grip objects: a step takes half the time, but objects slip slowly in a long grip."""
 
 
 class Task:
@@ -38,17 +38,17 @@ class Task:
 
     Attributes:
         scene: The name of a shipped scene, or the path of a scene file.
-        needs: Quantities that the task reads and kinematics does not update, out of "velocity", "contacts", "sensors"
-            (values of sensors) and "dynamics" (all results of a forward pass).
+        needs: Derived quantities that the task reads, in addition to the poses, which are always up to date:
+            "velocity", "contacts", "sensors" (values of sensors) or "dynamics" (all results of a forward pass).
         substeps: Physics steps in a control step.
         action_size: Length of an action. None takes the number of controls of the scene.
-        model_fields: Fields of the physics model with a row for each world, to write to in `on_reset` through
+        model_fields: Fields of the physics model that get a row for each world. `on_reset` writes to these rows through
             `State.model_field`.
-        options: Fields of MjOption to change from the scene's values in the physics of this task. Layouts do not depend
-            on them.
+        options: Fields of MjOption, by name, with other values than the scene's. They change the physics of this task,
+            but not its layouts.
         images: Camera images that environments of this task observe, or None.
-        sim_config: SimConfig of environments of this task, with the contacts and constraint rows that the scene needs.
-            An environment with another scene ignores `nconmax`, `njmax` and `nvmax`.
+        sim_config: SimConfig of environments of this task, with enough room for the contacts and constraint rows of the
+            task's scene. An environment with another scene ignores `nconmax`, `njmax` and `nvmax`.
     """
 
     scene: str = ""
@@ -66,7 +66,7 @@ class Task:
     def observe(self, s: State) -> Observation:
         """Return the observations: {group: {name: tensor of shape (num_envs, ...)}}.
 
-        The group `policy` is for the actor, `critic` for the critic in training.
+        The actor sees the group `policy`. In training, the critic sees the group `critic`.
         """
         raise NotImplementedError
 
@@ -94,14 +94,14 @@ class Task:
         s.ctrl.copy_(lower + (action + 1.0) * 0.5 * (upper - lower))
 
     def on_reset(self, s: State, mask: Tensor) -> None:
-        """React to the reset of the worlds in `mask`, shape (num_envs,), bool. Do not change other worlds."""
+        """Prepare the worlds of `mask` after their reset, shape (num_envs,), bool. Do not change other worlds."""
 
 
 def check_observation(task: Task, observation: Any, num_envs: int) -> None:
     """Check that an observation is {group: {name: tensor of shape (num_envs, ...)}}.
 
     Raises:
-        TaskError: It has another form. The message names the task and the returned type.
+        TaskError: The observation has another form. The message names the task and the returned type.
     """
     form = f"{{group: {{name: tensor of shape ({num_envs}, ...)}}}}, where an actor sees the group 'policy'"
     _check(task, "observe", observation, form, depth=2, fits=lambda t: t.shape[:1] == (num_envs,))
@@ -113,7 +113,7 @@ def check_outcome(task: Task, reward: Any, success: Any, terminated: Any, num_en
     Reward terms must not have names of statistics.
 
     Raises:
-        TaskError: One of them has another form. The message names the task, the method and the returned type.
+        TaskError: The reward or a flag has another form. The message names the task, the method and the returned type.
     """
     form = f"{{name: tensor of shape ({num_envs},)}}"
     _check(task, "reward", reward, form, depth=1, fits=lambda t: t.shape == (num_envs,))
@@ -133,7 +133,7 @@ def _check(task: Task, method: str, value: Any, form: str, depth: int, fits: Cal
 
 
 def _first_wrong(value: Any, depth: int, fits: Callable[[Tensor], bool]) -> str | None:
-    """Describe the first part that is not a mapping down to `depth`, or not a fitting tensor there. None if all fit."""
+    """Describe the first wrong part: not a mapping above `depth`, or not a tensor that `fits` at `depth`."""
     if depth == 0:
         return None if isinstance(value, Tensor) and fits(value) else _described(value)
     if not isinstance(value, Mapping) or not value:

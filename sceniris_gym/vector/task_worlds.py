@@ -19,7 +19,7 @@ from sceniris_gym.vector.task import Task, check_outcome
 
 
 class TaskWorlds:
-    """The worlds of a task. Its methods launch on the device and do not wait for it.
+    """The worlds of a task. Methods launch on the device and do not wait for the device.
 
     Args:
         task: The task.
@@ -38,7 +38,7 @@ class TaskWorlds:
         self._task, self._is_checked = task, False
 
     def bind(self) -> None:
-        """Give the task its state, and the model the fields that the task writes to."""
+        """Bind the task to the worlds, and give a row per world to each model field that the task writes to."""
         for name in self._task.model_fields:
             self.batch.fields.ask(name, where="Task.model_fields")
         self._task.bind(self.state)
@@ -55,7 +55,7 @@ class TaskWorlds:
             self.randomizer.refresh()
 
     def judge(self, action: Tensor, most: int | None) -> Outcome:
-        """Return the results of the step that `action` took, in episodes of at most `most` steps."""
+        """Return the results of the step that took `action`. `most` limits the steps of an episode, None does not."""
         s, task = self.state, self._task
         terms, success, terminated = task.reward(s, action), task.success(s), task.terminated(s)
         if not self._is_checked:
@@ -74,12 +74,12 @@ class TaskWorlds:
             pipeline.launch_finish(wp.from_torch(outcome.success.float()), wp.from_torch(self.statistics.finished))
 
     def live(self, **memory: Any) -> dict[str, Tensor]:
-        """Return all tensors whose rows a snapshot may copy, including the tensors of an additional `memory`."""
+        """Return all tensors whose rows a snapshot may copy, including the tensors of any objects in `memory`."""
         rows = self.randomizer._live | {"elapsed": self.state.elapsed}
         return rows | memory_rows({"task": self._task, **memory}, self.batch.nworld)
 
     def restore(self, snapshot: Any, live: Mapping[str, Tensor], worlds: np.ndarray | None) -> Tensor:
-        """Write a snapshot into its own worlds, or into these in order, and return their mask. See `put`."""
+        """Write a snapshot into its own worlds, or into `worlds` in order, and return the mask of these worlds."""
         due = self.randomizer._put_back(snapshot, live, worlds, "options['state']")
         self.batch.update()
         self.statistics.start(due)

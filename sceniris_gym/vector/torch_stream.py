@@ -1,4 +1,4 @@
-"""Launches of Warp on the stream of torch."""
+"""Warp launches on torch's stream."""
 
 from contextlib import AbstractContextManager, nullcontext
 from functools import cache
@@ -8,11 +8,11 @@ import warp as wp
 
 
 def on_torch_stream(device: wp.Device) -> AbstractContextManager:
-    """Run Warp's launches on torch's current stream of a device, in order with torch's launches."""
+    """Return a context in which Warp launches on torch's current stream of a device, in order with torch's launches."""
     if not device.is_cuda:
         return nullcontext()
     stream = torch.cuda.current_stream(wp.device_to_torch(device))
-    # Warp finds a capture by its Stream object, so a caller's capture on this stream needs the same object
+    # Warp finds a capture by its Stream object, so keep the object: the caller may be capturing on this stream
     if device.stream.cuda_stream == stream.cuda_stream:
         return nullcontext()
     return wp.ScopedStream(_as_warp_stream(stream), sync_enter=False)

@@ -1,4 +1,4 @@
-"""`VariantView`: the present variants of all worlds. `Boxes` and `TargetGrasps`: boxes and grasps of these variants."""
+"""`VariantView`: the present variants in all worlds. `Boxes` and `TargetGrasps`: their boxes and grasps."""
 
 from collections.abc import Sequence
 
@@ -19,7 +19,7 @@ class VariantView:
     """The present variants of objects in all worlds.
 
     Args:
-        scene: The scene, with all variants.
+        scene: The scene with all variants.
         variant: The present variant of each object with variants, shape (num_envs, number of these objects), int32.
             None in a scene without variants.
         device: Torch device.
@@ -33,7 +33,7 @@ class VariantView:
         self._variant = torch.zeros(1, 0, dtype=torch.int32, device=device) if variant is None else variant
 
     def index(self, name: str | None) -> Tensor:
-        """Return the number of an object's present variant, 0 without a name, shape (num_envs,), int64."""
+        """Return the number of an object's present variant, shape (num_envs,), int64. All zeros if `name` is None."""
         if name is None:
             return torch.zeros(len(self._variant), dtype=torch.int64, device=self.device)
         return self._variant[:, self.names.index(name)].long()
@@ -42,13 +42,13 @@ class VariantView:
 class Boxes:
     """The smallest box around each of several bodies, along the axes of the body's frame.
 
-    A box contains the body's colliding geoms, but not the geoms of its children. The boxes are computed once, on the
-    host.
+    A box contains the colliding geoms of the body, but not the geoms of its child bodies. The boxes are computed once,
+    on the host.
 
     Args:
         view: The present variants.
         bodies: Bodies of the simulated scene.
-        where: The beginning of errors.
+        where: The beginning of error messages.
 
     Raises:
         NotSupportedError: A body has no geom that collides.
@@ -64,9 +64,9 @@ class Boxes:
         self._table = torch.tensor(np.reshape(table, (-1, most, 2, 3)), dtype=torch.float32, device=view.device)
 
     def corners(self) -> tuple[Tensor, Tensor]:
-        """Return the lower and the upper corners [m], shape (num_envs, number of bodies, 3) each.
+        """Return the lower and the upper corners of the boxes [m], shape (num_envs, number of bodies, 3) each.
 
-        If no body has variants, the shapes lack the first dimension, because all worlds have the same boxes.
+        If no body has variants, all worlds have the same boxes, so the shapes are (number of bodies, 3).
         """
         boxes = self._table[:, 0]
         if any(self._names):
@@ -87,16 +87,16 @@ def _corners(scene: SceneModel, body: int, where: str) -> tuple[np.ndarray, np.n
 
 
 class TargetGrasps:
-    """The accepted grasps of a reachable object, or of its present variant.
+    """The grasp of a reachable object, or of its present variant, in each world's layout.
 
     Args:
         layouts: The layouts of the worlds.
         view: The present variants.
         name: The object.
-        where: Name of the caller in an error.
+        where: Name of the caller, for error messages.
 
     Raises:
-        UnknownNameError: The object does not have to be reachable, or does not exist.
+        UnknownNameError: The scene has no such object, or the object does not have to be reachable.
     """
 
     def __init__(self, layouts: Layouts, view: VariantView, name: str, where: str) -> None:
@@ -113,7 +113,7 @@ class TargetGrasps:
         self._rows = torch.arange(len(layouts.grasp), device=device)
         sets = [targets[i].grasp_set.grasps for i in found]
         grasps = [grasp for one in sets for grasp in one]
-        # at most one variant is present, so one grasp list for all variants and an offset for each will do
+        # at most one variant is present, so all variants share one list of grasps, in which each has an offset
         self._first = torch.tensor(np.cumsum([0, *map(len, sets[:-1])]), device=device)
         self._body = torch.tensor(scene.sim_bodies[[grasp.body for grasp in grasps]], device=device)
         self._pos, self._quat = (
@@ -122,14 +122,14 @@ class TargetGrasps:
         )
 
     def pose(self, base: BaseFrame, xpos: Tensor, xquat: Tensor) -> Tensor:
-        """Return the TCP pose of the grasp, shape (num_envs, 7), NaN in worlds without a grasp.
+        """Return the TCP pose of the grasp, shape (num_envs, 7). It is NaN in worlds without a grasp.
 
         Args:
-            base: The frame of the pose.
+            base: The frame in which to return the pose.
             xpos: Positions of all bodies in the world frame [m], shape (num_envs, nbody, 3).
             xquat: Orientations of all bodies in the world frame (wxyz), shape (num_envs, nbody, 4).
         """
-        own = self._grasp[:, self._columns]  # index in the grasp set of each variant, -1 without a grasp
+        own = self._grasp[:, self._columns]  # index in the grasp set of each variant, or -1 if there is no grasp
         chosen = torch.where(own >= 0, own + self._first, -1).amax(dim=1)
         i = chosen.clamp(min=0).long()
         xpos, xquat = xpos[self._rows, self._body[i]], xquat[self._rows, self._body[i]]

@@ -58,73 +58,76 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
     """A vector environment of `num_envs` worlds on one device, each with a fresh layout at every reset.
 
     Observations are a dict of groups (`policy`, `critic`), each of shape (num_envs, size). `observation_names` lists
-    the parts of each group in order. Wrappers that take a single array, such as Gymnasium's NormalizeObservation, go
-    around FlattenObservation, which joins the groups, or around a wrapper that selects one group.
+    the parts of each group in order. Some wrappers, such as Gymnasium's NormalizeObservation, need a single array. Put
+    them around FlattenObservation, which joins the groups, or around a wrapper that selects one group.
 
-    `images` adds a group `images`, with a tensor of shape (num_envs, height, width, channels) for each camera and kind
-    of picture: `observation["images"]["overview"]["rgb"]` (3 channels, uint8), `["depth"]` (1 channel, float32:
-    distance along the camera's axis [m], 0 for the background) and `["segmentation"]` (1 channel, int32: an index into
-    `images.names`). Pictures are taken after resets, so they never show the previous layout.
+    The argument `images` adds a group `images`. For each camera and kind of picture, this group has a tensor of shape
+    (num_envs, height, width, channels): `observation["images"]["overview"]["rgb"]` (3 channels, uint8), `["depth"]` (1
+    channel, float32: distance along the camera's axis [m], 0 for the background) and `["segmentation"]` (1 channel,
+    int32: an index into `images.names`). Pictures are taken after resets, so they never show the previous layout.
 
-    `info["layout"]` has `seed`, `episode` and `fallback` (the layout came from the fallback bank) of each world. If
-    objects have variants, it also has `variants`: the number of the present variant, by object. After a step, `info`
-    also has `success`, `reward_terms` and `broken` (below) of that step. With SAME_STEP it has `final_obs` and
-    `final_info` for all worlds, valid only in the worlds with `_final_obs`. `seed` is an int64, because torch lacks
-    uint64 arithmetic: seeds from 2^63 on appear as their two's complement, and `int(seed) % 2**64` is the seed.
+    `info["layout"]` has the `seed` and the `episode` of each world's layout, and `fallback`, which is true if the
+    layout came from the fallback bank. If objects have variants, `info["layout"]` also has `variants`: for each object,
+    the number of its present variant. After a step, `info` also has the `success`, `reward_terms` and `broken` (below)
+    of this step. With the autoreset mode SAME_STEP, `info` has `final_obs` and `final_info` for all worlds, but only
+    the worlds in `_final_obs` have valid entries. Seeds are int64, because torch lacks uint64 arithmetic. A seed from
+    2^63 on appears as its two's complement, and `int(seed) % 2**64` recovers the seed.
 
     Under `torchrun` each process takes the GPU of its LOCAL_RANK and adds RANK * 2^40 to integer seeds, so that no two
     processes get the same layout from `reset(seed=0)`. Lists of seeds are used without this offset.
 
     `reset(seed=np_random_seed)` gives the same layouts again, from episode 0 on. `np_random_seed` is the last seed
-    given, or the seed drawn for a first reset without a seed. It becomes -1, Gymnasium's value for an unknown seed,
-    once a list or a mask has seeded worlds separately.
+    given. If the first reset has no seed, `np_random_seed` is the seed drawn for that reset. After a list or a mask has
+    seeded worlds separately, `np_random_seed` is -1, Gymnasium's value for an unknown seed.
 
     `statistics` sums up finished episodes on the device, and `statistics.read()` returns their means.
 
-    `compiled`, `randomizer` and similar attributes cannot be replaced, because captured steps and resets, including
-    your own graphs, use the arrays of the original scene. Make another environment instead.
+    `compiled`, `randomizer` and similar attributes cannot be replaced, because captured graphs, including your own, use
+    the arrays of the original scene. To change such an attribute, make another environment.
 
     A world is `broken` if its positions, velocities, activations, controls, rewards or observations are not finite. A
-    broken world terminates in the same step, with reward 0, and `statistics` counts it. With autoreset DISABLED, a
-    finished world keeps running until it is reset.
+    broken world terminates in the same step, with reward 0, and `statistics` counts it. If autoreset is DISABLED, a
+    finished world keeps running until you reset the world.
 
     Args:
         task: A Task, its class, or "module:Class".
         num_envs: Number of worlds.
         scene: The scene to use instead of the task's scene: a name, path, mapping, SceneConfig or CompiledScene.
         overrides: Parts of the scene to change, by dotted keys: {"objects.apple.clearance": 0.01}.
-        device: "cpu" or "cuda:0". None takes cuda:0 (cuda:LOCAL_RANK under torchrun), or cpu without a GPU.
-        split: "train" or "eval", which share no layouts and no random numbers. The split of a layout_source, if it has
-            one, takes precedence.
+        device: "cpu" or "cuda:0". None takes cuda:0 (under torchrun cuda:LOCAL_RANK), or cpu if there is no GPU.
+        split: "train" or "eval", which share no layouts and no random numbers. If the layout_source has a split, that
+            split is used instead.
         layout_source: A LayoutSource, a LayoutTable or LayoutDataset whose rows are served, or a function
             `(compiled, num_envs)` that returns a LayoutSource. None makes a LayoutGenerator.
-        curriculum: Chooses the next layout of each world by the outcomes of earlier episodes: a LevelReplay, an ADR,
-            or a mapping of the fields of one. `info["layout"]` then has `level`: the layout's index in the level
-            buffer, -1 for a fresh layout, and -2 for a layout from the fallback bank.
-        params: Names of parts of the scene file that `set_param` can change, or patterns such as "objects.*.region"
-            (docs/levels.md). Not with a layout_source. `info["layout"]` then has `params`, their values by name.
+        curriculum: A LevelReplay, an ADR, or a mapping of the fields of one. It chooses the next layout of each world
+            by the outcomes of earlier episodes. `info["layout"]` then has `level`: the index of each world's layout in
+            the level buffer, -1 for a fresh layout, or -2 for a layout from the fallback bank.
+        params: Names of the parts of the scene file that `set_param` can change, or patterns such as "objects.*.region"
+            (docs/levels.md). `info["layout"]` then has `params`, the values of these parts by name. Params cannot be
+            combined with a layout_source.
         max_episode_steps: Control steps after which an episode is truncated. None sets no limit.
         autoreset_mode: An AutoresetMode, or its value.
         observation_groups: The groups to observe, such as ("policy",), or the name of a single group. None observes
             all groups.
-        sensing: Noise, delay and dropout of the group `policy`, and delay of actions: a Sensing, a mapping of its
-            fields, or None.
+        sensing: A Sensing, a mapping of its fields, or None: noise, delay and dropout of the group `policy`, and delay
+            of actions.
         output: "torch" (tensors on `device`) or "numpy".
-        images: Camera images to observe: an ImageConfig, a mapping of its fields, or only its `cameras`:
-            {"overview": {"size": (width, height), "data": kinds}}. None takes the task's `images`. A mapping
-            replaces only its fields in them. An ImageConfig replaces them, but takes the task's cameras if it has
-            none. An empty mapping observes no images.
+        images: Camera images to observe: an ImageConfig, a mapping of its fields, or only its `cameras`: {"overview":
+            {"size": (width, height), "data": kinds}}. None takes the task's `images`. A mapping changes only its own
+            fields in the task's `images`. An ImageConfig replaces the task's `images`, but an ImageConfig without
+            cameras takes the task's cameras. With an empty mapping, there are no images.
         render_mode: "rgb_array" makes `render` return pictures. "human" shows every reset and step on a page in the
             browser, in real time (extra `viewer`). None renders no pictures.
-        render_config: Size, camera and number of worlds of these pictures: a RenderConfig, or a mapping of its fields.
-        sim_config: Room for contacts, graphs, prefetching and copies: a SimConfig, or a mapping of its fields. A
-            SimConfig replaces the task's `sim_config`, and a mapping replaces only its fields. Environments with
-            another scene than the task's ignore the task's `nconmax`, `njmax` and `nvmax`.
+        render_config: A RenderConfig, or a mapping of its fields: size and camera of the pictures of `render`, and the
+            number of worlds that they show.
+        sim_config: A SimConfig, or a mapping of its fields: room for contacts, graphs, prefetching and copies. A
+            SimConfig replaces the task's `sim_config`, and a mapping changes only its own fields. If the environment's
+            scene is not the task's, the task's `nconmax`, `njmax` and `nvmax` are ignored.
 
     Raises:
         ScenirisError: The scene cannot be used, for the reasons that `compile_scene` lists.
         TaskError: A method of the task returns a wrong type or shape. Raised here, or in the first step.
-        FixedError: Raised on assignment to an attribute that captured graphs already use.
+        FixedError: You assign to an attribute that captured graphs use. Raised at this assignment, not here.
         ContactBudgetError: The worlds have more contacts than `nconmax` leaves room for. Raised in the first reset.
     """
 
@@ -232,16 +235,19 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         """Give worlds fresh layouts, chosen layouts, or a stored state.
 
         Args:
-            seed: World i gets seed + i and starts at episode 0. A list of num_envs seeds gives world i seed[i]. With
-                None, also in a list, a world takes its next episode. In the first reset, None takes np_random_seed, and
-                each None in a list draws a seed.
+            seed: An integer, a list of num_envs integers, or None. If it is an integer, world i gets seed + i. If it is
+                a list, world i gets seed[i]. With a mask, the list may also have one entry for each masked world, in
+                order. A world with a seed starts at episode 0. None, also as an entry of a list, gives a world its next
+                episode. In the first reset, None stands for np_random_seed, and each None in a list for a seed drawn at
+                random.
             options: {"reset_mask": mask} resets, and reseeds, only the masked worlds. The other worlds do not change.
                 The mask is an array of booleans (numpy, torch or Warp), shape (num_envs,), true for at least one world.
                 {"layouts": ids} gives world i the layout with id `ids[i]`, or its next layout if `ids[i]` is None. A
-                single id is for all worlds, and `info["layout"]` of any `info` also works. The world's later resets
-                continue from that episode. {"state": snapshot} restores worlds to the state at the call of `snapshot`.
-                Each row restores its own world, or with a mask the rows restore the masked worlds in order. {"params":
-                {name: value}} sets params of the masked worlds before their layouts are chosen, as `set_param` does.
+                single id is for all worlds. You can also pass `info["layout"]` of any `info` as the ids. Later resets
+                of a world continue from the episode of its id. {"state": snapshot} restores worlds to their state at
+                the call of `snapshot`. Without a mask, each row of the snapshot restores the world that it was copied
+                from. With a mask, the rows restore the masked worlds in order. {"params": {name: value}} sets params of
+                the worlds to reset, as `set_param` does, before their layouts are chosen.
 
         Raises:
             ArgumentTypeError: The options are not a mapping. The mask is not an array of booleans.
@@ -258,13 +264,13 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         kept, params = given.get(STATE), given.get(PARAMS)
         if not self._ready and (mask is not None or kept is not None):
             raise gymnasium.error.ResetNeeded(
-                "The first reset() should be of all worlds. Leave out reset_mask and state."
+                "The first reset() should give all worlds new layouts. Leave out reset_mask and state."
             )
         source, chosen = self.randomizer.pipeline, None
         if given.get(LAYOUTS) is not None:
             chosen = source.chosen(given[LAYOUTS], mask, f"options['{LAYOUTS}']")
         if sum(part is not None for part in (seed, chosen, kept)) > 1:
-            raise ArgumentError(f"reset should have one of seed, options['{LAYOUTS}'] and options['{STATE}'].")
+            raise ArgumentError(f"reset should have at most one of seed, options['{LAYOUTS}'] and options['{STATE}'].")
         due = torch.ones_like(self._autoreset) if mask is None else torch.from_numpy(mask).to(self.device)
         if params is not None and chosen is not None and chosen.param is not None:
             raise ArgumentError(f"reset: options['{LAYOUTS}'] already has params. Leave out options['{PARAMS}'].")
@@ -289,16 +295,17 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
 
     @exclusive
     def redraw(self, objects: str | Sequence[str], worlds: Any = None) -> None:
-        """Give objects new places in some worlds, in the middle of their episodes.
+        """Move objects to new places, in the middle of an episode, in some worlds or in all.
 
-        The episodes continue, and the rest of each world keeps its state, including the memory of the task. From the
-        first call on, `info["layout"]` has `redraws`, the number of redraws of each world since its reset, and
-        `redraw_failed`: the latest redraw found no valid places, so its objects stayed where they were. The seed, the
-        episode, the number of redraws and the state before the redraw determine the new places, which the layout id
-        does not record. See `ResetRandomizer.redraw` for the rules.
+        The episodes continue, and the rest of each world keeps its state, including the memory of the task. After the
+        first call, `info["layout"]` also has `redraws`, the number of redraws of each world since its reset, and
+        `redraw_failed`, which is true for a world if its latest redraw found no valid places. The objects then stayed
+        where they were. The seed, the episode, the number of redraws and the state before the redraw determine the new
+        places. The layout id does not record these places. See `ResetRandomizer.redraw` for the rules.
 
         Args:
-            objects: Names of placed objects, each with all objects that the scene puts on it.
+            objects: Names of placed objects. If you name an object, also name all objects that the scene puts on this
+                object.
             worlds: None for all worlds, booleans of shape (num_envs,) that may all be false, ids of worlds of shape
                 (k,), or a slice.
 
@@ -318,11 +325,11 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
     def snapshot(self, worlds: Any = None) -> Snapshot:
         """Copy the state of worlds, for `reset(options={"state": snapshot})`.
 
-        A snapshot has the physics, the layout and the choice of the next layout, the steps since the reset, and the
-        memory of the task. The memory is every tensor of the task and its helpers with `num_envs` rows that torch has
-        modified. On a CPU, a restored episode continues bit for bit. On a GPU, the restored state has the same bits,
-        but later steps differ by rounding, as between any two runs. Statistics count a restored episode from the
-        restore on.
+        A snapshot has the physics, the present layout, the choice of the next layout, the steps since the reset, and
+        the memory of the task. The memory is every tensor of the task and its helpers with `num_envs` rows that torch
+        has modified. On a CPU, a restored episode continues bit for bit. On a GPU, the restored state has the same
+        bits, but the following steps may differ by rounding, as in any two runs on a GPU. In `statistics`, the rewards
+        of a restored episode count from the restore on, but its length includes the steps before the snapshot.
 
         Args:
             worlds: As in `redraw`. Ids set the order of the rows.
@@ -336,14 +343,14 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
 
     @exclusive
     def set_param(self, name: str, value: Any, worlds: Any = None) -> None:
-        """Change a part of the scene file in some worlds, from their next layouts on.
+        """Change a param, which is a part of the scene file, in some worlds or in all, from their next layouts on.
 
         Args:
             name: One of the environment's `params`, such as "groups.clutter.count".
-            value: Numbers within the value of the scene file: [low, high] for an interval or a count, a number for a
-                clearance, one number for each member for weights. The box of a region is its low corner, then its
-                high corner, also if the scene file has another form. Joint positions are in m or rad. Alternatively a
-                value for each world, shape (num_envs, ...).
+            value: A value within the limits that the scene file sets: [low, high] for an interval or a count, a number
+                for a clearance, or a number for each member for weights. Write the box of a region as its low corner
+                and its high corner, even if the scene file has another form. Joint positions are in m or rad. To give
+                each world another value, pass an array of shape (num_envs, ...).
             worlds: As in `redraw`.
 
         Raises:
@@ -356,10 +363,10 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             self.randomizer.set_param(name, value, worlds)
 
     def set_attr(self, name: str, values: Any) -> None:
-        """Set a param (a name with a dot) or an attribute of the environment in all worlds.
+        """Set an attribute of the environment, or a param in all worlds. The name of a param has a dot.
 
         Raises:
-            UnknownNameError: The name is not in `params` or SETTABLE, which a subclass may extend.
+            UnknownNameError: The name is neither in `params` nor in SETTABLE. A subclass may extend SETTABLE.
             ArgumentError: A value that the param cannot have.
             FixedError: An attribute that cannot be changed.
         """
@@ -375,13 +382,13 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         """Return the ids of the present layouts, one per world. Waits for the device.
 
         Args:
-            info: Another `info` of `reset` or `step`, for the ids of its layouts. Its `final_info` has the layouts of
-                the episodes that ended.
+            info: An earlier `info` of `reset` or `step`, to get the ids of the layouts in this `info`. Pass
+                `info["final_info"]` for the layouts of the episodes that ended in the step.
         """
         if info is None:
             return self.randomizer.layout_ids()
         if not isinstance(info, Mapping) or "layout" not in info:
-            raise ArgumentError("layout_ids: info should be an info of reset or step, or its 'final_info'.")
+            raise ArgumentError("layout_ids: info should be an info that reset or step returned, or its 'final_info'.")
         layout = {"params": {}, **info["layout"]}
         found, _ = layouts_of_mapping(layout, self.randomizer.layouts, "layout_ids: info['layout']")
         keys: Any = found.seed, found.episode, found.param
@@ -392,7 +399,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         return self._worlds.live(sensors=self._observer.sensors, due=self._autoreset)
 
     def _reseed(self, seed: Any, chosen: ChosenLayouts | None, mask: np.ndarray | None) -> None:
-        """Choose the layouts that the next reset of the masked worlds serves, by the arguments of `reset`."""
+        """Choose the layouts that the next reset gives to the masked worlds, from the arguments of `reset`."""
         if seed is None and not self._ready:
             # np_random_seed is -1 after a generator was assigned to np_random
             seed = arguments.fresh_seed() if self.np_random_seed == -1 else self.np_random_seed
@@ -436,8 +443,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
     def render(self) -> tuple[np.ndarray, ...] | None:
         """Return pictures of the first `render_config.num_envs` worlds, each (height, width, 3) uint8.
 
-        Only render_mode "rgb_array" takes pictures. Otherwise the result is None, and "human" updates the page, as
-        every reset and step does.
+        The render_mode "rgb_array" returns pictures, and all other modes return None. In the mode "human", this method
+        updates the page, as every reset and step does.
         """
         with self._launching():
             self.rendering.show(self.batch, self.randomizer.layouts, 0.0)
@@ -448,7 +455,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         self.rendering.close()
 
     def _outcome(self, action: Tensor) -> tuple[dict[str, Any], Any, Any, Any, dict[str, Any]]:
-        """Return the results of the step, and reset the worlds that are due."""
+        """Return the results of the step, and reset the worlds that the autoreset mode selects."""
         outcome, observer = self._worlds.judge(action, self.max_episode_steps), self._observer
         same_step, due = self.autoreset_mode is AutoresetMode.SAME_STEP, torch.zeros_like(self._autoreset)
         if self.autoreset_mode is AutoresetMode.NEXT_STEP:
@@ -474,7 +481,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         return tuple(self._returned(value) for value in returned)  # type: ignore[return-value]
 
     def _returned(self, value: Any) -> Any:
-        """Return tensors, and dicts of them, as the `output` of the environment."""
+        """Return a tensor or a dict of tensors, converted to NumPy if the environment's `output` is "numpy"."""
         if self.output == "torch":
             return value
         if isinstance(value, dict):

@@ -1,4 +1,4 @@
-"""`JointWriter` sets joint positions and the controls that hold them, `PoseWriter` poses of free and mocap bodies."""
+"""`JointWriter` sets joint positions and controls that hold them. `PoseWriter` sets poses of free and mocap bodies."""
 
 from collections.abc import Sequence
 
@@ -19,9 +19,10 @@ from sceniris_gym.sim.write import StateWriter, poses_of
 
 
 class JointWriter:
-    """Writes positions of some hinges and slides, zero velocities, and the controls and activations that hold them.
+    """Writes positions of hinges and slides, zero velocities, and the controls and activations that hold these joints.
 
-    The controls and activations are the same as at a reset, and also fill the histories of delayed actuators.
+    A reset would write the same controls and activations for these positions. They also fill the histories of delayed
+    actuators.
 
     Args:
         mjm: The model.
@@ -38,14 +39,14 @@ class JointWriter:
         self._poses = poses_of(d)
 
     def write(self, qpos: Tensor, mask: Tensor) -> None:
-        """Set the joints of masked worlds to `qpos`, shape (num_envs, njoint). Other worlds do not change."""
+        """Set the joints to `qpos`, shape (num_envs, njoint), in the masked worlds. Other worlds do not change."""
         self._mask.copy_(mask)
         self._qpos[:, self._columns] = torch.where(mask[:, None], qpos, self._qpos[:, self._columns])
         self._writer.launch(self._poses)
 
 
 class PoseWriter:
-    """Writes the pose of a free body or a mocap body, at rest and awake.
+    """Writes the pose of a free body or a mocap body. The body is then at rest and awake.
 
     Args:
         batch: The worlds.
@@ -53,7 +54,7 @@ class PoseWriter:
         device: Torch device.
 
     Attributes:
-        owner: The object with this root body, or None for a body of the scene's `model` outside the objects.
+        owner: The object whose root body this is, or None for another body of the scene's `model`.
 
     Raises:
         ArgumentError: The body is a robot, a fixture or a static object, or hangs on joints.
@@ -100,7 +101,7 @@ class PoseWriter:
 
 
 def _refused(scene: SceneModel, owner: str | None, body: int) -> str | None:
-    """Return the reason against setting the pose of a body, or None for a free or mocap body."""
+    """Return why the pose of a body cannot be set, or None for a free body or a mocap body."""
     mjm, joint = scene.mjm, int(scene.mjm.body_jntadr[body])
     if owner in scene.config.all_robots:
         return "a robot (set its joints with State.put_joints)"

@@ -36,7 +36,7 @@ def test_wrong_words_are_refused(words, error, match):
 
 def test_an_adr_without_a_param_is_refused():
     """There would be no end for a fresh level to be at."""
-    with pytest.raises(ArgumentError, match="init_range should name a param"):
+    with pytest.raises(ArgumentError, match="init_range should name at least one param"):
         ADR({})
     with pytest.raises(ArgumentTypeError, match="init_range should be a Mapping"):
         ADR(["groups.clutter.count"])  # type: ignore[arg-type]

@@ -135,7 +135,7 @@ def test_wrong_values_are_named():
         ({"noise": {"time": "a lot"}}, "noise should map names to numbers"),
         ({"delay": 2}, "delay should be a pair"),
         ({"dropout": "x"}, "dropout should be a number"),
-        ({"late": "time"}, "late should be a list of names"),
+        ({"late": "time"}, "late should be a tuple of names"),
     ):
         with pytest.raises(ArgumentTypeError, match=text):
             as_config(Sensing, other, "sensing")

@@ -183,7 +183,7 @@ def test_wrong_snapshots_are_refused(make_env):
     kept = envs.snapshot()
     with pytest.raises(gymnasium.error.ResetNeeded, match="Leave out"):
         make_env(2).reset(options={"state": kept})
-    with pytest.raises(ArgumentError, match="should have one of seed"):
+    with pytest.raises(ArgumentError, match="should have at most one of seed"):
         envs.reset(seed=1, options={"state": kept})
     with pytest.raises(ArgumentTypeError, match="should be a Snapshot"):
         envs.reset(options={"state": {}})
