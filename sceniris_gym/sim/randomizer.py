@@ -39,8 +39,6 @@ from sceniris_gym.sim.write import poses_of
 if TYPE_CHECKING:
     from sceniris_gym.sim.snapshot import Snapshot
 
-_SCOPES = ("world", "scene")
-
 
 class ResetRandomizer(Fixed, StaysHere):
     """Resets selected worlds to fresh layouts. The state of all other worlds stays bitwise unchanged.
@@ -174,7 +172,7 @@ class ResetRandomizer(Fixed, StaysHere):
         self.pipeline, self.levels = make_pipeline(compiled, data.nworld, where, params=params, **own)
         self.layouts = self.pipeline.layouts
         check_fit(compiled, model, data, self.layouts, mjm)
-        check_names("scope", [scope], "ResetRandomizer: scope", _SCOPES)
+        check_names("scope", [scope], "ResetRandomizer: scope", ("world", "scene"))
         self.fields = self._shared or ModelFields(compiled.scene, model, data, grow=False)
         needs = as_names(needs, "ResetRandomizer: needs")
         self.fields.columns.use_params(self.layouts.params)

@@ -1,7 +1,7 @@
 """The options of a run, and the PPO settings of each shipped task."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -52,18 +52,17 @@ class Settings:
         return self.entropy + (last - self.entropy) * min(1.0, env_steps / (1e6 * self.cooling))
 
 
+_OBJECTS = Settings(gamma=0.985, entropy=0.003, steps=32)
 SETTINGS = {
     "TabletopReach-v0": Settings(),
     "TabletopReachEasy-v0": Settings(),
     "TabletopReachPixels-v0": Settings(epochs=2, teacher=2.0),
-    "TabletopLift-v0": Settings(gamma=0.985, entropy=0.003, steps=32),
-    "TabletopLiftEasy-v0": Settings(gamma=0.985, entropy=0.003, steps=32),
-    "TabletopLiftAny-v0": Settings(gamma=0.985, entropy=0.003, steps=32),
-    "ClutterPush-v0": Settings(gamma=0.985, entropy=0.003, steps=32),
-    "DrawerPick-v0": Settings(gamma=0.985, entropy=0.005, steps=32),
-    "ClutterExtract-v0": Settings(
-        hidden=(512, 256, 128), gamma=0.985, entropy=0.003, last_entropy=0.0005, init_std=0.6, steps=32
-    ),
+    "TabletopLift-v0": _OBJECTS,
+    "TabletopLiftEasy-v0": _OBJECTS,
+    "TabletopLiftAny-v0": _OBJECTS,
+    "ClutterPush-v0": _OBJECTS,
+    "DrawerPick-v0": replace(_OBJECTS, entropy=0.005),
+    "ClutterExtract-v0": replace(_OBJECTS, hidden=(512, 256, 128), last_entropy=0.0005, init_std=0.6),
 }
 """Tuned settings by task. Every other task uses the defaults."""
 
