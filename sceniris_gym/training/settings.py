@@ -29,7 +29,7 @@ class Settings:
         mini_batches: parts of a pass
         desired_kl: target KL divergence of the adaptive learning rate
         teacher: minutes to train a teacher first, for a policy that sees images. The teacher sees the critic's
-            observations and no images, and the policy imitates it. 0 for no teacher, so that PPO trains the policy
+            observations and no images, and the policy imitates it. If 0, PPO trains the policy without a teacher
     """
 
     __pydantic_config__ = ConfigDict(extra="forbid", allow_inf_nan=False)
@@ -68,11 +68,11 @@ SETTINGS = {
 
 
 def settings_of(task: str, changes: Sequence[str] = ()) -> Settings:
-    """Return the tuned or default settings of a task, with `changes` as KEY=VALUE, the value in YAML.
+    """Return the tuned or default settings of a task, with `changes`, each as KEY=VALUE with the value in YAML.
 
     Raises:
         UnknownNameError: A setting is unknown.
-        SceneKeyError: A change has another form, or its value has the wrong type or is out of range.
+        SceneKeyError: A change is not of the form KEY=VALUE, or its value has the wrong type or is out of range.
     """
     tuned, changed = asdict(SETTINGS.get(task, Settings())), read_changes(changes)
     check_names("setting", changed, "--set", tuned)
@@ -95,13 +95,13 @@ class Options:
 
     Attributes:
         task: id of a task of this package, or MODULE:ID of your task, which MODULE registers on import
-        seed: number of the run, which keeps layout seeds of different runs at least 16 * 2^20 apart
+        seed: number of the run. The layout seeds of two runs are at least 16 * 2^20 apart if their numbers differ
         num_envs: number of worlds
         minutes: time of training, without compilation and evaluations
         million_steps: also stop after this number of control steps of all worlds together, in millions
         out: folder for config.json, log.jsonl, model.pt and judged.json
         resume: continue from the checkpoint in the folder, if it exists
-        trust: read a checkpoint with more than weights, which executes code in it
+        trust: read a checkpoint with more than weights, although that executes its code
         device: cpu, cuda:0, ..., by default cuda:0 if available, otherwise cpu
         bank: replay this number of stored layouts instead of fresh layouts
         curriculum: replay layouts by "learnability" or "failure" (see docs/levels.md), by default only fresh layouts

@@ -96,7 +96,7 @@ class Run:
 
     @property
     def finished(self) -> bool:
-        """True if the time is up or all steps are taken."""
+        """True if the time is up or all control steps are taken."""
         options = self.options
         most = math.inf if options.million_steps is None else 1e6 * options.million_steps
         return self.seconds >= 60.0 * options.minutes or self.env_steps >= most
@@ -119,7 +119,7 @@ class Run:
                 self._judge()
             if judged or self.seconds - self.saved_at >= options.save_every:
                 self._save()
-        if not evaluations(options.out):  # resumed beyond a new, earlier end
+        if not evaluations(options.out):  # the checkpoint was already beyond the end of this run
             self._judge()
         return evaluations(options.out)[-1]
 
@@ -242,7 +242,7 @@ class Run:
 
 
 def _own_sources(task: str) -> list[Path]:
-    """Return the file of a task outside this package."""
+    """Return the source file of a task outside this package, or no file for a task of this package."""
     if ":" not in task:
         return []
     file = inspect.getsourcefile(type(as_task(spec_of(task).kwargs["task"])))
