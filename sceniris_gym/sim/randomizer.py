@@ -63,19 +63,19 @@ class ResetRandomizer(Fixed, StaysHere):
 
     Args:
         compiled: The compiled scene, on the device of `data`.
-        model: mujoco_warp Model made from `compiled.sim_mjm`, or from a model with the same bodies, joints and geoms:
-            their order, types, sizes and places determine layouts. Masses, frictions, gains and options may differ. If
-            objects have variants, use the Model of `make_worlds`.
+        model: mujoco_warp Model made from `compiled.sim_mjm`, or from a model with the same bodies, joints and geoms,
+            because their order, types, sizes and places determine layouts. Masses, frictions, gains and options may
+            differ. If objects have variants, use the Model of `make_worlds`.
         data: mujoco_warp Data of the worlds. `make_worlds` leaves room for the contacts of most scenes, and
-            `check_budget` checks the room.
+            `check_budget` checks whether the room is enough.
         seed: An integer (world i gets seed + i), or a sequence with one seed per world. Not used with a layout_source.
         split: Split of the layouts, "train" or "eval". The two splits use different random numbers. The split of a
             layout_source takes precedence.
         prefetch: Make the next layout of every world in advance, so that a reset only copies it. On a GPU, prefetching
             runs concurrently with the following steps. The layouts do not change. Prefetching allocates a second
             generator (88 MB for 4,096 worlds of `mid`, 640 MB of `kitchen_reset`). None prefetches on a GPU, unless a
-            layout_source is given. Pass a wp.Stream to choose the stream. A reset in your
-            own graph makes its layouts without prefetching.
+            layout_source is given. Pass a wp.Stream to choose the stream. A reset in your own graph makes its
+            layouts without prefetching.
         layout_source: A LayoutSource, a LayoutTable or LayoutDataset whose rows are served, or a function
             `(compiled, nworld)` that returns a LayoutSource. None makes a LayoutGenerator with `seed`, `split` and
             `prefetch`.
@@ -103,7 +103,7 @@ class ResetRandomizer(Fixed, StaysHere):
         redraw_status: `LayoutStatus` of each world's latest redraw, VALID or KEPT, or NONE before the first redraw,
             shape (nworld,), int32.
         redrawer: The launches of `redraw`, a `Redrawer`.
-        variants: Number of the present variant of each object with variants, in the order of the scene file, shape
+        variants: For each object with variants, the index of its present variant in the scene file's list, shape
             (nworld, number of objects with variants), int32. Columns follow `SceneConfig.variants`.
 
     Raises:
@@ -201,7 +201,7 @@ class ResetRandomizer(Fixed, StaysHere):
 
         Args:
             worlds: A mask of booleans, shape (nworld,), or ids of worlds in any order, shape (k,), or a slice. None
-                resets all worlds. A mask may be false for all worlds. Masks and ids may be sequences, or numpy, torch
+                selects all worlds. A mask may be false for all worlds. Masks and ids may be sequences, or numpy, torch
                 or Warp arrays.
             seed: An integer (world i gets seed + i), or a sequence with one seed per chosen world in order, or with one
                 per world. The chosen worlds start at episode 0.

@@ -135,8 +135,8 @@ class VariantWriter:
 
     Attributes:
         places: Variants and simulated addresses of the places of layouts.
-        variant: Number of the present variant of each object, in the order of the scene file, shape (nworld, number of
-            objects with variants), int32. Columns follow `SceneConfig.variants`.
+        variant: For each object with variants, the index of its present variant in the scene file's list, shape
+            (nworld, number of such objects), int32. Columns follow `SceneConfig.variants`.
 
     Raises:
         SceneMismatchError: The Model has one row for all worlds.

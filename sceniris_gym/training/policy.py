@@ -57,7 +57,7 @@ def load_policy(run: str | Path, device: str | None = None, *, trust: bool = Fal
 
     Args:
         run: The folder that `sceniris-gym train --out` made.
-        device: "cpu" or "cuda:0". None is cuda:0 if there is one, else cpu.
+        device: "cpu" or "cuda:0". None takes cuda:0 if there is a GPU, and cpu otherwise.
         trust: Also read a checkpoint that holds pickled objects, although these can run any code.
 
     Raises:

@@ -22,11 +22,11 @@ class Settings:
         gamma: discount of a control step
         entropy: weight of the entropy bonus at the start
         last_entropy: weight of the entropy bonus at the end of a linear decay, None for a constant weight
-        cooling: millions of control steps of the decay
+        cooling: length of the decay, in millions of control steps
         init_std: standard deviation of the actions at the start
         steps: control steps of each world between two updates
-        epochs: passes over these steps per update
-        mini_batches: parts of a pass
+        epochs: passes over the collected steps per update
+        mini_batches: number of mini-batches per pass
         desired_kl: target KL divergence of the adaptive learning rate
         teacher: minutes to train a teacher first, for a policy that sees images. The teacher sees the critic's
             observations and no images, and the policy imitates it. If 0, PPO trains the policy without a teacher
@@ -106,7 +106,7 @@ class Options:
         bank: replay this number of stored layouts instead of fresh layouts
         curriculum: replay layouts by "learnability" or "failure" (see docs/levels.md), by default only fresh layouts
         uniform: place uniformly, without checks for collisions and reach
-        reachable: keep `reachable` of the scene's objects
+        reachable: train on layouts that fulfil `reachable` of the scene's objects
         judged: task whose layouts evaluate the policy, by default the trained task
         changes: change a setting, e.g. gamma=0.99 or hidden=[256, 128]
         layouts: number of layouts in each evaluation
@@ -142,7 +142,7 @@ class Options:
             ArgumentError: The message names the option and its valid values.
         """
         if self.bank is not None and (self.bank < 1 or self.uniform):
-            raise ArgumentError(f"--bank should be 1 or more layouts, without --uniform, got {self.bank}.")
+            raise ArgumentError(f"--bank should be 1 or more layouts, and used without --uniform, got {self.bank}.")
         for name, value in (("minutes", self.minutes), ("million_steps", self.million_steps)):
             if value is not None and not value > 0.0:
                 raise ArgumentError(f"--{name.replace('_', '-')} {value}: should be above 0.")

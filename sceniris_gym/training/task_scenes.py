@@ -58,7 +58,10 @@ def spec_of(task: str) -> EnvSpec:
 
 
 def scene_of(task: str, *, reachable: bool) -> SceneConfig:
-    """Return the scene of a task. Without `reachable`, remove `reachable` of objects and the starts with a target."""
+    """Return the scene of a task.
+
+    If `reachable` is false, objects need not be reachable, and the scene has no starts with a target.
+    """
     kwargs = spec_of(task).kwargs
     scene = SceneConfig.load(kwargs.get("scene") or as_task(kwargs["task"]).scene, kwargs.get("overrides"))
     if reachable:

@@ -5,9 +5,9 @@ every 20 seconds and after every evaluation), `judged.json` (the last evaluation
 with a hash of the sources. The clock starts after compilation, and stops during evaluations, which judging.py
 describes.
 
-A resumed run continues from the checkpoint. The log is cut off there, and unfinished episodes are dropped. Every world
-starts its next episode with the same number of elapsed steps. Runs that resume from the same checkpoint see the same
-data, but not the data of an uninterrupted run.
+A resumed run continues from the checkpoint. The log is cut off at the checkpoint, and unfinished episodes are dropped.
+Every world starts its next episode with the number of elapsed steps that it had at the checkpoint. Runs that resume
+from the same checkpoint see the same data, but not the data of an uninterrupted run.
 """
 
 import inspect
