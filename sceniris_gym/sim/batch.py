@@ -30,14 +30,14 @@ NEEDS: dict[str, tuple[Callable[[mjw.Model, mjw.Data], None], ...]] = {
 """Quantities that a step or a reset can update, and the functions that compute them."""
 
 LINE_SEARCH = 20
-"""Limit of line-search iterations, below MuJoCo's default: in a batch one slow world stalls all others."""
+"""Limit of line-search iterations. It is below MuJoCo's default, because one slow world stalls the whole batch."""
 
 # Maximum number of contacts or constraint rows per world. Higher numbers need gigabytes for a single world.
 _MOST_ROWS = 1 << 20
 
 
 def updater(needs: Iterable[str]) -> Callable[[mjw.Model, mjw.Data], None]:
-    """Return a function that updates `needs` (keys of NEEDS). It always runs kinematics.
+    """Return a function that updates kinematics and the quantities in `needs`, which are keys of NEEDS.
 
     Raises:
         UnknownNameError: NEEDS has no such key.
@@ -56,7 +56,7 @@ def updater(needs: Iterable[str]) -> Callable[[mjw.Model, mjw.Data], None]:
 
 
 def with_options(mjm: mujoco.MjModel, options: Mapping[str, Any]) -> mujoco.MjModel:
-    """Return a copy of the model with these fields of MjOption, or the model itself if `options` is empty.
+    """Return a copy of the model with these values in its MjOption, or the model itself if `options` is empty.
 
     Raises:
         UnknownNameError: MjOption has no such field.
@@ -77,16 +77,17 @@ class Batch(Fixed):
         scene: The scene.
         nworld: Number of worlds.
         device: Warp device, or None for Warp's current device.
-        nconmax: Contacts per world. All worlds share a pool of nworld * nconmax. None takes `default_budget`.
-        njmax: Constraint rows per world. None takes `default_budget`.
+        nconmax: Contacts per world. All worlds share a pool of nworld * nconmax. None takes the number from
+            `default_budget`.
+        njmax: Constraint rows per world. None takes the number from `default_budget`.
         nvmax: Maximum number of awake degrees of freedom in a world, if bodies sleep. None allows all.
         needs: Quantities to update after every control step, keys of NEEDS.
         substeps: Physics steps in a control step.
-        options: Fields of MjOption that differ from the scene's.
+        options: Values of MjOption's fields by name, instead of the scene's values.
         graph: Capture the control step into a graph and replay it.
 
     Attributes:
-        scene: The simulated scene. The variants of an object share a body there.
+        scene: The simulated scene. All variants of an object share one body in this scene.
         full_scene: The scene that the caller passed, with all variants.
         model: mujoco_warp Model.
         data: mujoco_warp Data.
@@ -145,7 +146,7 @@ class Batch(Fixed):
             one = mjw.make_data(mjm, 1, nconmax=nconmax, njmax=njmax)
             parts = [value for part in (one, one.contact, one.efc) for value in vars(part).values()]
             needed = nworld * sum(part.capacity for part in parts if isinstance(part, wp.array))
-            check_memory(f"{where}: {nworld} worlds", needed, str(self.device), "Use fewer, or another device.")
+            check_memory(f"{where}: {nworld} worlds", needed, str(self.device), "Use fewer worlds, or another device.")
             self.data = mjw.make_data(mjm, nworld, **room)
         self.fields = ModelFields(scene, self.model, self.data, grow=True)
         self.substeps, self._update = substeps, partial(updater(needs), self.model, self.data)

@@ -11,23 +11,25 @@ from sceniris_gym.errors import ContactBudgetError
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.sim.versions import OverflowType
 
-# Geoms of a body tree carry it together if their lowest points differ by less than this [m].
+# Geoms carry a body tree together if their lowest points differ by less than this [m].
 _SAME_HEIGHT = 0.002
 
 
 def default_budget(mjm: mujoco.MjModel, scene: SceneModel | None = None) -> tuple[int, int]:
     """Return contacts and constraint rows per world (nconmax, njmax) that leave room for a busy scene.
 
-    Contacts: 16, plus four for every body that can move and collide, plus four for every geom that such a body stands
-    on (a plate may have a dozen). If a body stands on a free object, one of its geoms may lie across several geoms of
-    that object, so it counts six: plates on plates had up to 5.5 contacts per geom. Rows: one for every edge of the
-    friction pyramids, every limit and every friction loss, and six for every equality.
+    Contacts: 16, plus four for each body that can move and collide, plus four for each geom at the bottom of such a
+    body (a plate may have a dozen). If a body stands on a free object, its bottom geoms may lie across several geoms of
+    that object. Such a geom counts six, because stacked plates had up to 5.5 contacts per geom.
+
+    Constraint rows: one for each edge of a contact's friction pyramid, or for each dimension of an elliptic contact.
+    Each limit and each friction loss adds one row, and each equality adds six.
 
     Args:
         mjm: The simulated model.
-        scene: The scene of the model. Objects that may lie on another side count with the side that has most geoms.
-            Objects with variants count with the variant that stands on most geoms. Without a scene, all objects count
-            in the model's pose.
+        scene: The scene of the model. An object that may lie on another side counts with the side that has the most
+            geoms. An object with variants counts with the variant that has the most bottom geoms. If None, each object
+            counts in its pose in the model.
     """
     moving = np.unique(mjm.geom_bodyid[(mjm.geom_contype != 0) | (mjm.geom_conaffinity != 0)])
     moving = [b for b in moving if mjm.body_weldid[b] != 0 or mjm.body_mocapid[b] >= 0]
@@ -47,11 +49,13 @@ def default_budget(mjm: mujoco.MjModel, scene: SceneModel | None = None) -> tupl
 
 
 def _geoms_across(scene: SceneModel, stood_on: np.ndarray) -> int:
-    """Sum the bottom geoms of free objects on other free objects, each limited by the geoms of the support.
+    """Count the bottom geoms of all free objects that stand on free objects.
+
+    An object counts at most as many geoms as its support has.
 
     Args:
         scene: The scene.
-        stood_on: Geoms that the tree of each root body stands on, shape (nbody,).
+        stood_on: Number of bottom geoms of the tree of each root body, shape (nbody,).
     """
     mjm, objects, found = scene.mjm, scene.config.objects, 0
     collides = (mjm.geom_contype != 0) | (mjm.geom_conaffinity != 0)
@@ -64,10 +68,10 @@ def _geoms_across(scene: SceneModel, stood_on: np.ndarray) -> int:
 
 
 def _geoms_stood_on(mjm: mujoco.MjModel, turned: Collection[int]) -> np.ndarray:
-    """Count the geoms at the bottom of each tree of moving bodies by its root, shape (nbody,).
+    """Count the bottom geoms of each tree of moving bodies, by the root of the tree, shape (nbody,).
 
-    The trees are in the model's pose. The trees of `turned` roots may also lie on any side of any of their geoms, and
-    count with the largest number.
+    A tree is in its pose in the model. If its root is in `turned`, the tree may also lie on any side of any of its
+    geoms, and its count is the largest over all these poses.
     """
     data = mujoco.MjData(mjm)
     mujoco.mj_kinematics(mjm, data)
@@ -93,7 +97,7 @@ def check_budget(m: mjw.Model, d: mjw.Data) -> None:
     Runs kinematics and collision for the current state, and reads the overflow flags of earlier steps.
 
     Raises:
-        ContactBudgetError: They did not fit. The message names the argument to raise and its new value.
+        ContactBudgetError: Contacts or rows did not fit. The message names the argument to increase and its new value.
     """
     with wp.ScopedDevice(d.qpos.device):
         mjw.kinematics(m, d)

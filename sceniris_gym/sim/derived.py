@@ -1,9 +1,9 @@
 """Derived fields of worlds that differ in masses, centres of mass, armatures, gears, cameras or lights.
 
-MuJoCo computes them in `mj_setConst`. Inverse weights are the diagonal of J M^-1 J^T at qpos0, for the Jacobians J of
-bodies (at their centres of mass), joints and tendons, and the norm of M^-1 J^T for actuators. All worlds have the same
-poses at qpos0, so the Jacobians at the origins of bodies are computed once, on the host. M couples degrees of freedom
-only within a kinematic tree.
+MuJoCo computes these fields in `mj_setConst`. For bodies (at their centres of mass), joints and tendons with Jacobian
+J, inverse weights are the diagonal of J M^-1 J^T at qpos0, with the mass matrix M. For actuators, `actuator_acc0` is
+the norm of M^-1 J^T. All worlds have the same poses at qpos0, so the Jacobians at the origins of bodies are computed
+once, on the host. M couples degrees of freedom only within a kinematic tree.
 """
 
 from collections.abc import Container
@@ -20,7 +20,7 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 _LEAST = wp.constant(1.0e-15)
 """Smallest divisor in MuJoCo (mjMINVAL)."""
 _SLIDES = wp.constant(2)
-"""Value of `body_simple` for a single body on slides. MuJoCo computes its weight from the mass without armature."""
+"""Value of `body_simple` for a single body on slides. MuJoCo computes the weights of this body without armature."""
 _LANES = 128
 """Lanes that share a world."""
 
@@ -36,7 +36,7 @@ FOLLOWS = {
     **dict.fromkeys(("cam_pos0", "cam_poscom0", "cam_mat0"), ("cam_pos", "cam_quat", *_CENTERS)),
     **dict.fromkeys(("light_pos0", "light_poscom0", "light_dir0"), ("light_pos", "light_dir", *_CENTERS)),
 }
-"""Sources of each derived field. Fields with the same sources have a row for each world together."""
+"""Sources of each derived field. If a source has a row for each world, so do all fields derived from it."""
 
 
 @wp.func
@@ -67,7 +67,7 @@ def _jacobian(w: Derived, worldid: int, row: int, dofid: int) -> wp.vec3:
 
 @wp.func
 def _armature(w: Derived, worldid: int, row: int) -> float:
-    """Return the armature of a tendon, or of an actuator, reflected to its joint or tendon by the squared gear."""
+    """Return the armature of a tendon, or the armature of an actuator times its squared gear."""
     nactuator = w.actuator_gear.shape[1]
     actuatorid = row + 2 * nactuator - w.jacobian.shape[0]
     if actuatorid < 0:
@@ -82,7 +82,7 @@ def _mass_matrix(w: Derived, worldid: int, i: int, j: int) -> float:
     """Return an element of M, with i >= j."""
     lower = w.dof_bodyid[i]
     total = float(0.0)
-    for bodyid in range(lower, w.body_end[lower]):  # bodies that i moves, with zeros if j does not
+    for bodyid in range(lower, w.body_end[lower]):  # bodies that i moves, but bodies that j does not move add 0
         q = w.body_iquat[worldid % w.body_iquat.shape[0], bodyid]
         inertia = w.body_inertia[worldid % w.body_inertia.shape[0], bodyid]
         rotation = wp.transpose(w.xmat[bodyid] * quat_mat(wp.vec4(q[0], q[1], q[2], q[3])))
@@ -114,7 +114,7 @@ def _eliminate(old: wp.array2d[float], i: int, k: int, pivot: int, step: int) ->
 
 @wp.func
 def _write_weight(w: Derived, worldid: int, row: int):
-    """Write J M^-1 J^T of a row of Jacobians, or the norm of M^-1 J^T of an actuator."""
+    """Write the inverse weight J M^-1 J^T of a Jacobian row, or for an actuator the norm of M^-1 J^T."""
     weight = float(0.0)
     square = float(0.0)
     for i in range(w.moved[row][0], w.moved[row][1]):
@@ -158,7 +158,10 @@ def _subtree(w: Derived, worldid: int, bodyid: int) -> wp.vec4:
 
 @wp.func
 def _from_center(w: Derived, worldid: int, bodyid: int, targetbodyid: int, offset: wp.vec3) -> wp.vec3:
-    """Return a point of a body relative to the centre of mass of the target's subtree, or of the body's subtree."""
+    """Return a point of a body relative to a centre of mass.
+
+    The centre belongs to the subtree of the target or, without a target, to the subtree of the body.
+    """
     subtree = _subtree(w, worldid, wp.where(targetbodyid >= 0, targetbodyid, bodyid))
     return w.xpos[bodyid] + offset - wp.vec3(subtree[0], subtree[1], subtree[2])
 

@@ -1,4 +1,4 @@
-"""Constants for derived fields: poses and Jacobians at qpos0, and the memory layout of M."""
+"""Constants for derived fields: poses and Jacobians at qpos0, and the memory layout of the mass matrix M."""
 
 import copy
 
@@ -15,22 +15,23 @@ from sceniris_gym.sim.versions import actuator_outputs
 class Derived:
     """Poses and Jacobians at qpos0 in the world frame, the fields of a Model by name, and scratch memory.
 
-    The rows of Jacobians are, in this order: linear velocities of body origins, angular velocities of bodies, degrees
-    of freedom, tendons, actuators by the first three elements of their gears, and actuators by the last three.
+    The Jacobian rows are, in this order: the linear velocity of each body's origin, the angular velocity of each body,
+    each degree of freedom, each tendon, each actuator for the first three elements of its gear, and each actuator for
+    the last three elements.
 
     Attributes:
-        body_end: End of a body's subtree: the number after its last body, shape (nbody,).
-        dof_block: Range of the degrees of freedom in the tree of a degree of freedom: the first and the end, shape
-            (nv,).
+        body_end: End of a body's subtree: the id after the last body of the subtree, shape (nbody,).
+        dof_block: For each degree of freedom, the range of all degrees of freedom in its tree: the first, and the one
+            after the last, shape (nv,).
         xpos, xmat: Poses of bodies, shape (nbody,).
-        jacobian: Rows of Jacobians, shape (nrow, nv). The three degrees of freedom of a ball joint, or of a free
-            joint's rotation or translation, share a weight, so each of their rows has all three columns, with
-            one axis per column.
-        moved: Range of the degrees of freedom in the trees of a row: the first and the end, for all but the last rows
-            of actuators.
+        jacobian: Rows of Jacobians, shape (nrow, nv). The three degrees of freedom of a ball joint share one inverse
+            weight. The same holds for the rotation and for the translation of a free joint. Each of these rows
+            therefore has entries in all three columns, along one axis per column.
+        moved: Range of degrees of freedom that includes all trees with an effect on a row: the first, and the one after
+            the last. The rows for the last three elements of gears are left out.
         geared: Rows of tendons and actuators whose armature adds to M.
-        inverse: First M and then its inverse, and scratch memory of the same size, shape (nworld, 2, nv, most degrees
-            of freedom of a tree). A row has the columns of its kinematic tree.
+        inverse: M, which the kernel replaces by its inverse, and scratch memory of the same size. Shape (nworld, 2, nv,
+            degrees of freedom of the largest tree). The row of a degree of freedom has only the columns of its tree.
     """
 
     # Tables
@@ -92,7 +93,7 @@ def derived_tables(mjm: mujoco.MjModel, nworld: int) -> Derived:
     t.jacobian = wp.array(rows, dtype=wp.vec3, ndim=2)
     depends = np.any(rows != 0.0, axis=2)
     for first, number in ((0, mjm.nbody), (len(rows) - 2 * len(driven), len(driven))):
-        depends[first : first + number] |= depends[first + number : first + 2 * number]  # of both halves
+        depends[first : first + number] |= depends[first + number : first + 2 * number]  # of both rows
     moved = [(trees[on, 0].min(), trees[on, 1].max()) if on.any() else (0, 0) for on in depends]
     t.moved = wp.array(moved[: len(rows) - len(driven)], dtype=wp.vec2i, ndim=1)
     t.geared = wp.array(2 * mjm.nbody + mjm.nv + np.flatnonzero(transmissions), dtype=int)

@@ -18,11 +18,11 @@ _FIELDS = (
     *("geom_size", "geom_pos", "geom_quat", "mesh_vert"),
 )
 _KINDS = {"jnt": "joint", "qpos0": "joint", "mesh": "vertex"}
-"""Kinds of elements by prefix of a field, where the two differ."""
+"""Kind of element by the prefix of a field, if the prefix is not the kind itself."""
 _SIZES_OF = (0, 0, 1, 2, 3, 2, 3, 0)
 """Number of sizes that affect collisions, by geom type. Planes are infinite, and meshes collide by their vertices."""
 _TOLERANCE = 1.0e-6
-"""Largest difference [m, or of an axis or quaternion] that is treated as rounding to single precision."""
+"""Largest difference that counts as rounding to single precision: metres, or components of axes and quaternions."""
 _CURE_OF_VARIANTS = "Objects have variants, so make Model and Data from it: sceniris_gym.make_worlds(compiled, nworld)."
 _CURE = "Make Model and Data from it: sceniris_gym.make_worlds(compiled, nworld)."
 
@@ -73,7 +73,7 @@ def check_model(compiled: CompiledScene, mjm: mujoco.MjModel, where: str, cure: 
 
 
 class _MisfitError(Exception):
-    """A difference between models. Its text is the middle of the final message."""
+    """A difference between two models. The final message has this text between `where` and the cure."""
 
 
 def _check_model(compiled: CompiledScene, m: mjw.Model | mujoco.MjModel, mjm: mujoco.MjModel | None) -> None:
@@ -106,9 +106,9 @@ def _check_names(ours: mujoco.MjModel, theirs: mujoco.MjModel) -> None:
 
 
 def _check_field(m: mjw.Model | mujoco.MjModel, mjm: mujoco.MjModel, field: str, shared: list[int]) -> None:
-    """Compare a field, in all worlds if it has a row for each. Of `qpos0`, compare one reference per joint.
+    """Compare a field, in all worlds if it has a row for each world. For `qpos0`, compare one value per joint.
 
-    Bodies shared by variants are not compared by their geoms, which depend on the present variant.
+    If variants share a body, its geoms are not compared, because they depend on the present variant.
     """
     prefix = field.partition("_")[0]
     kind, wanted, found = _KINDS.get(prefix, prefix), np.asarray(getattr(mjm, field), float), getattr(m, field)
@@ -138,7 +138,7 @@ def _check_field(m: mjw.Model | mujoco.MjModel, mjm: mujoco.MjModel, field: str,
 
 
 def _placed_anew(mjm: mujoco.MjModel, nrow: int) -> np.ndarray:
-    """Return the bodies whose pose in the model has no effect: mocap bodies, and free bodies if worlds differ."""
+    """Mark the bodies whose pose in the model has no effect: mocap bodies and, with several rows, free bodies."""
     anew = mjm.body_mocapid >= 0
     if nrow > 1:
         anew[mjm.jnt_bodyid[mjm.jnt_type == mujoco.mjtJoint.mjJNT_FREE]] = True

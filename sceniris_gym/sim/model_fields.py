@@ -19,7 +19,7 @@ from sceniris_gym.sim.rest import GAINS, launch_holding, scene_rest
 from sceniris_gym.sim.variants import fields_of_variants
 
 NAMED = "named_by_make_worlds"
-"""Attribute of a Model with the field names passed to `make_worlds`."""
+"""Attribute that `make_worlds` sets on a Model: the names of its argument `fields`."""
 _BEFORE = "rows_before_draws"
 """Attribute of a Model with the values of its fields before any draw, by name."""
 
@@ -69,7 +69,7 @@ class ModelFields:
 
         Raises:
             UnknownNameError: There is no such field or name.
-            ArgumentError: Steps leave the field out, or the call comes too late.
+            ArgumentError: Steps do not read the field, or the call comes too late.
             SceneMismatchError: The Model has one row for all worlds.
         """
         check_field(name, self._scene.mjm, where)
@@ -106,7 +106,7 @@ class ModelFields:
         return self._known[name]
 
     def _before(self, name: str, *, every: bool = False) -> wp.array:
-        """Return a copy of a field's first row, or of every row, from before any randomizer drew into the Model."""
+        """Return a copy of a field's first row, or of all rows if `every`, as they were before any draw."""
         array, kept = getattr(owner(self._model, name), name), vars(self._model).setdefault(_BEFORE, {})
         if name not in kept:
             made = kept[name] = wp.clone(array if every else array[:1]) if array.size else array
@@ -115,10 +115,10 @@ class ModelFields:
         return kept[name]
 
     def scale(self, name: str, of: str, factor: Any, mask: wp.array, where: str) -> None:
-        """Set part of a field to its nominal values times a factor of each world, in the masked worlds.
+        """In each masked world, set part of a field to its nominal values times the world's factor.
 
-        The same components change as with `scale` in a scene file: sliding friction only, and colours without their
-        transparency. Inertias follow masses, and bias gains follow actuator gains.
+        The same components change as with `scale` in a scene file. Of frictions, only the sliding friction changes,
+        and colours keep their transparency. Inertias follow masses, and bias gains follow actuator gains.
 
         Args:
             name: A field that was requested before.
@@ -132,7 +132,7 @@ class ModelFields:
             ArgumentError: Factors or mask have another shape, or the first call with these names is inside a capture.
         """
         if self.ask(name, of, where=where).dtype in (wp.int32, wp.bool):
-            raise ArgumentError(f"{where}: '{name}' has no numbers to scale. Write into model_field('{name}').")
+            raise ArgumentError(f"{where}: '{name}' has no floats to scale. Write into model_field('{name}').")
         for argument, given in (("factor", factor), ("mask", mask)):
             if (shape := getattr(given, "shape", type(given).__name__)) != (self._nworld,):
                 raise ArgumentError(f"{where}: {argument} should have shape ({self._nworld},), got {shape}.")
@@ -172,8 +172,8 @@ class ModelFields:
     def launch_draw(self, mask: wp.array, layouts: LayoutsView, rows: wp.array | None = None) -> None:
         """Draw the scene's `randomize` in the masked worlds. See `WorldColumns.launch`.
 
-        Derived fields are computed on a second stream until `launch_wait`, concurrently with the launches in between.
-        Controls are computed on the current stream.
+        A second stream computes derived fields, concurrently with all launches up to `launch_wait`. The current stream
+        computes controls.
         """
         if not self._scene.draws:
             return
@@ -191,7 +191,7 @@ class ModelFields:
 
     @property
     def rows(self) -> dict[str, wp.array]:
-        """Arrays with a row for each world, by name: fields, drawn numbers, and laws of controls if gains differ."""
+        """Arrays with a row for each world, by name: fields, drawn numbers and, if gains differ, `RestMap.law`."""
         found = {name: self._known[name] for name, made in self._nominal.items() if made.size}
         found |= {f"drawn.{name}": array for name, array in self.columns.numbers.items()}
         return found | ({"rest": self.rest.law} if self._has_gains else {})
@@ -212,7 +212,7 @@ class ModelFields:
     def close(self) -> None:
         """Reject requests of other fields from now on, and let `check` detect replaced arrays.
 
-        Of a Model that may grow, `check` then covers all fields, otherwise only requested fields.
+        If fields of the Model may grow, `check` covers all fields. Otherwise, it covers only requested fields.
         """
         if self._closed:
             return
@@ -233,7 +233,7 @@ class ModelFields:
 
 
 def _word(name: str) -> Word:
-    """Return how a field of objects is scaled: like its word in a scene file, or as a whole if it has no word."""
+    """Return how a field of objects is scaled: as by its key in a scene file, or as a whole without such a key."""
     return next((word for word in WORDS["object"].values() if word.field == name), Word(name, 0))
 
 

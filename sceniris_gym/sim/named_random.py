@@ -1,4 +1,4 @@
-"""Uniform random numbers of worlds outside of layouts: per step for tasks, or per episode by name."""
+"""Uniform random numbers for tasks and users, in each world: per control step, or per episode by name."""
 
 import warp as wp
 
@@ -10,7 +10,7 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
 def task_stream(split: str, stream: int) -> int:
-    """Return the Philox stream of a task's own `stream`, 0 to 2^24 - 1, in a split."""
+    """Return the Philox stream in a split for the number of a task's stream, from 0 to 2^24 - 1."""
     as_count(stream, "stream", 0, (1 << STREAM_BITS) - 1)
     return TASK_STREAM + (SPLITS[split] << STREAM_BITS) + stream
 
@@ -42,14 +42,16 @@ def _draw_uniform(
 def draw_uniform(
     seed: wp.array, episode: wp.array, trial: wp.array | int, stream: int, low: float, high: float, values_out: wp.array
 ) -> None:
-    """Fill `values_out` (nworld, n) with uniform numbers in [low, high), a pure function of the other arguments.
+    """Fill `values_out` (nworld, n) with uniform numbers in [low, high).
+
+    The numbers depend only on the other arguments.
 
     Args:
         seed: Seed of each world, shape (nworld,), uint64.
         episode: Episode of each world, shape (nworld,), int32.
-        trial: Control steps since the reset, shape (nworld,), int32. Or one number for all worlds, such as a name's
-            hash.
-        stream: Philox stream, see task_stream and named_stream.
+        trial: Control steps of each world since its reset, shape (nworld,), int32, or one integer for all worlds, such
+            as the hash of a name.
+        stream: Philox stream, see `task_stream` and `named_stream`.
         low: Lower bound, inclusive.
         high: Upper bound, exclusive.
         values_out: Array to fill, shape (nworld, n), float32.
@@ -61,6 +63,6 @@ def draw_uniform(
 
 
 def draw_named(seed: wp.array, episode: wp.array, split: str, name: str, values_out: wp.array) -> None:
-    """Fill `values_out` with uniform numbers in [0, 1) by name. See `draw_uniform`."""
+    """Fill `values_out` with uniform numbers in [0, 1) that depend on `name`. See `draw_uniform`."""
     check_type(name, str, "random: name")
     draw_uniform(seed, episode, name_hash(name), named_stream(split), 0.0, 1.0, values_out)

@@ -1,4 +1,4 @@
-"""Origins of worlds. Resets add them to the positions that they write."""
+"""Origins of worlds, which resets add to all positions that they write."""
 
 import warnings
 from typing import Any
@@ -17,13 +17,14 @@ def as_origins(origins: Any, nworld: int, device: wp.Device) -> wp.array:
     """Return the origins of worlds [m], world frame, as a Warp array on `device`, shape (nworld,), vec3.
 
     Args:
-        origins: A Warp array, a torch tensor or a numpy array, shape (nworld, 3). Floats on the device are not copied.
+        origins: A Warp array, a torch tensor or a numpy array, shape (nworld, 3). Dense float32 arrays on the device
+            are not copied.
         nworld: Number of worlds.
         device: The target device.
 
     Raises:
-        ArgumentTypeError: Not an array of floats.
-        ArgumentError: Wrong shape.
+        ArgumentTypeError: `origins` is not an array of floats.
+        ArgumentError: `origins` has another shape.
     """
     if isinstance(origins, wp.array):
         found = origins
@@ -45,8 +46,8 @@ def as_origins(origins: Any, nworld: int, device: wp.Device) -> wp.array:
 def warn_of_origins(scene: SceneModel, origins: np.ndarray, where: str) -> None:
     """Warn of geoms that are fixed to the world, because layouts at other origins do not fit around them.
 
-    A geom is fixed to the world if its tree has no free and no mocap body. Only geoms that collide count. Planes do not
-    count, because they look the same from every origin.
+    A geom is fixed to the world if its tree has no free body and no mocap body. Only geoms that collide count. Planes
+    do not count, because they look the same from every origin.
 
     Args:
         scene: The scene.
@@ -65,7 +66,7 @@ def warn_of_origins(scene: SceneModel, origins: np.ndarray, where: str) -> None:
     more = f" and {len(found) - len(named)} more" if len(found) > len(named) else ""
     message = (
         f"{where}: layouts move to the origins of their worlds, but some geometry stays fixed to the world: geoms "
-        f"{', '.join(named)}{more}. Unless they look the same from every origin, layouts do not fit around them. Put "
-        "them on mocap bodies that move to the origins, too, or set all origins to 0."
+        f"{', '.join(named)}{more}. Layouts do not fit around these geoms, unless the geoms look the same from every "
+        "origin. Put the geoms on mocap bodies that also move to the origins, or set all origins to 0."
     )
     warnings.warn(ModelWarning(message), stacklevel=5)

@@ -39,8 +39,6 @@ from sceniris_gym.sim.write import poses_of
 if TYPE_CHECKING:
     from sceniris_gym.sim.snapshot import Snapshot
 
-_SCOPES = ("world", "scene")
-
 
 class ResetRandomizer(Fixed, StaysHere):
     """Resets selected worlds to fresh layouts. The state of all other worlds stays bitwise unchanged.
@@ -56,34 +54,34 @@ class ResetRandomizer(Fixed, StaysHere):
 
     The arrays in `STATE_FIELDS` are the state of a world, so the other worlds continue as if no reset had happened. A
     reset also updates computed arrays in all worlds: world poses (xpos, geom_xpos, site_xmat, ...) and the quantities
-    in `needs`. In a bare loop of `mjw.step`, computed arrays are one step older than qpos. There, a reset also changes
-    them in the other worlds.
+    in `needs`. After `mjw.step`, computed arrays are one step older than qpos. If your loop does not update them, a
+    reset therefore changes their values in the other worlds, too.
 
     After a reset, `data.contact` has no contacts of the selected worlds, and `data.nacon` does not count them. Contacts
-    of the other worlds keep their values, but may move within the list. If `needs` has "contacts", "sensors" or
-    "dynamics", collision detection runs again for all worlds.
+    of the other worlds keep their values, but may move to other places in the list. If `needs` has "contacts",
+    "sensors" or "dynamics", collision detection runs again for all worlds.
 
     Args:
         compiled: The compiled scene, on the device of `data`.
-        model: mujoco_warp Model made from `compiled.sim_mjm`, or from a model with the same bodies, joints and geoms:
-            their order, types, sizes and places determine layouts. Masses, frictions, gains and options may differ. If
-            objects have variants, use the Model of `make_worlds`.
+        model: mujoco_warp Model made from `compiled.sim_mjm`, or from a model with the same bodies, joints and geoms,
+            because their order, types, sizes and places determine layouts. Masses, frictions, gains and options may
+            differ. If objects have variants, use the Model of `make_worlds`.
         data: mujoco_warp Data of the worlds. `make_worlds` leaves room for the contacts of most scenes, and
-            `check_budget` checks the room.
-        seed: Seed of world 0, so that world i has seed + i, or a sequence with one seed per world. Not used with a
-            layout_source.
+            `check_budget` checks whether the room is enough.
+        seed: An integer (world i gets seed + i), or a sequence with one seed per world. Not used with a layout_source.
         split: Split of the layouts, "train" or "eval". The two splits use different random numbers. The split of a
             layout_source takes precedence.
         prefetch: Make the next layout of every world in advance, so that a reset only copies it. On a GPU, prefetching
             runs concurrently with the following steps. The layouts do not change. Prefetching allocates a second
             generator (88 MB for 4,096 worlds of `mid`, 640 MB of `kitchen_reset`). None prefetches on a GPU, unless a
-            layout_source is given. Pass a wp.Stream to choose the stream. If your own graph captures a reset, the graph
-            makes layouts in place.
+            layout_source is given. Pass a wp.Stream to choose the stream. A reset in your own graph makes its
+            layouts without prefetching.
         layout_source: A LayoutSource, a LayoutTable or LayoutDataset whose rows are served, or a function
             `(compiled, nworld)` that returns a LayoutSource. None makes a LayoutGenerator with `seed`, `split` and
             `prefetch`.
         curriculum: Chooses the next layout of each world by the outcomes of earlier episodes: a LevelReplay, an ADR, or
-            a mapping of the fields of either. With None, each world plays the episodes of its seed in order.
+            a mapping with the fields of one of these classes. With None, each world plays the episodes of its seed in
+            order.
         params: Names or patterns of the params of the worlds, see `LayoutSource.set_params`. Not with a layout_source.
         scope: "world" resets whole worlds. "scene" writes only the scene's objects and robots, their velocities, and
             the controls that hold them. Clocks and everything else in the world stay unchanged.
@@ -92,7 +90,7 @@ class ResetRandomizer(Fixed, StaysHere):
             device. Geoms fixed to the world do not move, and a ModelWarning names them.
         needs: Quantities that a reset updates in addition to world poses: "velocity", "contacts", "sensors" or
             "dynamics".
-        mjm: The MjModel behind `model`, to also compare names, which a mujoco_warp Model does not keep.
+        mjm: The MjModel of `model`. If given, its names are compared, too. A mujoco_warp Model does not keep names.
         graph: Capture the reset into a graph and replay it.
 
     Attributes:
@@ -105,14 +103,15 @@ class ResetRandomizer(Fixed, StaysHere):
         redraw_status: `LayoutStatus` of each world's latest redraw, VALID or KEPT, or NONE before the first redraw,
             shape (nworld,), int32.
         redrawer: The launches of `redraw`, a `Redrawer`.
-        variants: Number of the present variant of each object with variants, as listed in the scene file, shape
+        variants: For each object with variants, the index of its present variant in the scene file's list, shape
             (nworld, number of objects with variants), int32. Columns follow `SceneConfig.variants`.
 
     Raises:
         ArgumentTypeError: `compiled`, `model`, `data`, `layout_source` or `prefetch` has another type.
         SceneMismatchError: Model, data or layout_source belong to another scene, device or number of worlds.
-        ArgumentError: Both `layout_source` and `prefetch` or `params`, or a stream of another device.
-        ArgumentTypeError, ArgumentError: `origins` has no floats, or another shape.
+        ArgumentError: `layout_source` is given together with `prefetch` or `params`, or the stream belongs to another
+            device.
+        ArgumentTypeError, ArgumentError: `origins` does not hold floats, or has another shape.
         UnknownNameError: `scope` is not "world" or "scene".
         FixedError: Raised on assignment to an attribute that captured graphs already use.
     """
@@ -131,7 +130,7 @@ class ResetRandomizer(Fixed, StaysHere):
 
     @classmethod
     def of_batch(cls, batch: Batch, compiled: CompiledScene, **arguments: Any) -> ResetRandomizer:
-        """Return a randomizer for a Batch. Both share one `ModelFields`, which may still give fields more rows."""
+        """Return a randomizer for a Batch. It uses the Batch's `fields`, which can still get a row for each world."""
         made = cls.__new__(cls)
         made._shared = batch.fields
         made.__init__(compiled, batch.model, batch.data, **arguments)
@@ -174,7 +173,7 @@ class ResetRandomizer(Fixed, StaysHere):
         self.pipeline, self.levels = make_pipeline(compiled, data.nworld, where, params=params, **own)
         self.layouts = self.pipeline.layouts
         check_fit(compiled, model, data, self.layouts, mjm)
-        check_names("scope", [scope], "ResetRandomizer: scope", _SCOPES)
+        check_names("scope", [scope], "ResetRandomizer: scope", ("world", "scene"))
         self.fields = self._shared or ModelFields(compiled.scene, model, data, grow=False)
         needs = as_names(needs, "ResetRandomizer: needs")
         self.fields.columns.use_params(self.layouts.params)
@@ -201,11 +200,11 @@ class ResetRandomizer(Fixed, StaysHere):
         """Reset worlds to their next layouts, or to layouts that you choose.
 
         Args:
-            worlds: The worlds to reset, all if None: a mask of booleans, shape (nworld,), which may be all false, or
-                ids of worlds, shape (k,), in any order, or a slice. Masks and ids may be sequences, or numpy, torch or
-                Warp arrays.
-            seed: World i gets seed + i and starts at episode 0. Or a seed for each chosen world in order, or for each
-                world.
+            worlds: A mask of booleans, shape (nworld,), or ids of worlds in any order, shape (k,), or a slice. None
+                selects all worlds. A mask may be false for all worlds. Masks and ids may be sequences, or numpy, torch
+                or Warp arrays.
+            seed: An integer (world i gets seed + i), or a sequence with one seed per chosen world in order, or with one
+                per world. The chosen worlds start at episode 0.
             layouts: A layout id, a sequence of ids (None keeps a world's next layout), or a mapping {"seed": ...,
                 "episode": ...}. Later episodes continue from there. See `LayoutSource.reseed`.
 
@@ -250,10 +249,10 @@ class ResetRandomizer(Fixed, StaysHere):
     def redraw(self, objects: str | Sequence[str], worlds: Any = None) -> None:
         """Move objects to new, valid places in some worlds, in the middle of their episodes.
 
-        Everything else in `data` stays bitwise unchanged and acts as an obstacle, a relation anchor, or a support if it
-        is level. The named objects start at rest. Their joints return to the home pose unless the scene draws
-        them. The result is a pure function of scene, split, seed, episode, state, and number of the redraw since the
-        reset (`redraw_count`).
+        Everything else in `data` stays bitwise unchanged. All other bodies act as obstacles, as anchors of relations
+        and, if they are level, as supports. The named objects start at rest. Their joints return to the home pose
+        unless the scene draws them. The result is a pure function of scene, split, seed, episode, state, and number of
+        the redraw since the reset (`redraw_count`).
 
         If no place is found, the world keeps its state, `redraw_status` is `LayoutStatus.KEPT`, and `redrawer.kept`
         counts the failure.
@@ -261,7 +260,7 @@ class ResetRandomizer(Fixed, StaysHere):
         Without `needs`, a redraw updates only the world poses of the named objects, and `data.contact` still lists the
         contacts of the last step. With `needs`, it updates the world poses of all bodies and the needed quantities.
 
-        Seeds, episodes and presence come from `layouts`, even in worlds that `write` has reset.
+        Seeds, episodes and the presence of objects come from `layouts`, even in worlds that `write` has reset.
 
         The first call for a set of objects prepares their search on the host. Later calls only launch kernels, so they
         can be captured in a graph.
@@ -296,7 +295,8 @@ class ResetRandomizer(Fixed, StaysHere):
 
         Raises:
             UnknownNameError: There is no such field or element, or layouts depend on the field.
-            ArgumentError: The call comes too late, steps leave the field out, or the rows of `of` are not consecutive.
+            ArgumentError: The call comes too late, steps do not read the field, or the rows of `of` are not
+                consecutive.
             SceneMismatchError: The Model has one row for all worlds.
         """
         return wp.to_torch(self.fields.ask(name, of, where="ResetRandomizer.model_field"))
@@ -352,7 +352,7 @@ class ResetRandomizer(Fixed, StaysHere):
 
         Raises:
             SceneMismatchError: The layouts belong to another scene, or were drawn with other params.
-            UnknownNameError, ArgumentError: The scene does not have these params, or not these values of them.
+            UnknownNameError, ArgumentError: The scene does not have these params, or they cannot have these values.
             ArgumentError, ArgumentTypeError: The rows are not integers, have the wrong shape or do not exist.
         """
         stored = stored_rows(layouts, self.layouts, str(self.device))
@@ -371,7 +371,7 @@ class ResetRandomizer(Fixed, StaysHere):
         snapshot with the same bits. On a GPU, the state has the same bits, and later steps differ by rounding.
 
         Args:
-            worlds: As in `reset`. The rows of the snapshot have the order of ids.
+            worlds: As in `reset`. If these are ids, the rows of the snapshot have the order of the ids.
 
         Raises:
             ArgumentTypeError, ArgumentError: As in `reset`.
@@ -390,9 +390,11 @@ class ResetRandomizer(Fixed, StaysHere):
         the same step.
 
         Args:
-            snapshot: A snapshot by this or another randomizer with the same scene, split, params and model fields, and
-                like this one with a curriculum or without. Its positions are absolute, so they include `origins`.
-            worlds: As in `reset`, a world for each row, in the order of ids. None writes each row into its own world.
+            snapshot: A snapshot by this randomizer, or by one with the same scene, split, params and model fields.
+                If one of the two randomizers has a curriculum, the other needs one, too. Positions in a snapshot are
+                absolute, so they include `origins`.
+            worlds: As in `reset`, with one world for each row. Ids may have any order. None writes each row into its
+                original world.
 
         Raises:
             ArgumentTypeError: The value is not a Snapshot.
@@ -454,8 +456,8 @@ class ResetRandomizer(Fixed, StaysHere):
         at long intervals.
 
         Raises:
-            ContactBudgetError: The room was too small. The message names the argument of `mjw.make_data` to raise and
-                its new value.
+            ContactBudgetError: The room was too small. The message names the argument of `mjw.make_data` to increase
+                and its new value.
         """
         check_budget(self.model, self.data)
 

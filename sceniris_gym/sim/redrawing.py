@@ -38,7 +38,7 @@ class Redrawer:
     Args:
         simulation: The worlds.
         layouts: The latest layouts of the worlds.
-        alone: Update only the poses of the redrawn bodies. False updates all arrays computed from the state.
+        alone: Update only the world poses of the redrawn bodies. False calls `simulation.refresh`.
         graph: Capture the launches into a graph and replay it.
 
     Attributes:
@@ -48,7 +48,7 @@ class Redrawer:
         status: `LayoutStatus` of each world's latest redraw, VALID or KEPT, or NONE before the first redraw, shape
             (nworld,), int32.
         kept: Running count of redraws that found no place, shape (1,), int32.
-        prepared: Launches by the tuple of object names that the caller passed.
+        prepared: The launches for each tuple of object names that a caller passed.
     """
 
     number, status, kept = (TensorView(lambda redrawer, name: getattr(redrawer.counts, name)) for _ in range(3))
@@ -76,7 +76,7 @@ class Redrawer:
         if key not in self.prepared:
             names = chosen_objects(self._simulation.compiled, key, self._where)
             if self._device.is_capturing:
-                cure = "call it once with these objects before the capture, because the first call compiles."
+                cure = "redraw these objects once before the capture, because the first call prepares their search."
                 raise ArgumentError(f"{self._where}: {cure}")
             self.prepared[key] = self._prepare(names)
         fill_mask(mask, self.mask)

@@ -24,7 +24,7 @@ LANES = 32
 
 @wp.struct
 class Words:
-    """Memory of a contact field: the address of the first contact's value, and the 32-bit words per contact."""
+    """Memory of a contact field: address of the first contact's value, and number of 32-bit words per contact."""
 
     address: wp.uint64
     width: int
@@ -45,7 +45,7 @@ def _list_movers(kept: wp.array[int], rank: wp.array[int], mover_out: wp.array[i
     conid = wp.tid()
     room = rank.shape[0]
     total = rank[room - 1]
-    # a count above the room means that contacts were lost, so it stays unless this drop makes room
+    # a count above the room means that contacts were lost, so it stays, unless this drop frees enough room
     if conid == 0 and total < wp.min(nacon_out[0], room):
         nacon_out[0] = total
     if conid >= total and kept[conid] != 0:
@@ -108,7 +108,7 @@ class ContactList:
 
     Args:
         d: The Data. Launches use its arrays in place. The constructor allocates three integers per contact.
-        mask: Worlds to drop contacts of, shape (nworld,), bool. Every launch reads it.
+        mask: Worlds whose contacts are dropped, shape (nworld,), bool. Every launch reads it.
     """
 
     def __init__(self, d: mjw.Data, mask: wp.array) -> None:
@@ -135,7 +135,7 @@ class ContactList:
 
 @dataclass(frozen=True)
 class Simulation:
-    """The simulated worlds of a scene, and all parts that write into them.
+    """The simulated worlds of a scene, with everything that is needed to write into them.
 
     Attributes:
         compiled: The scene.
@@ -143,7 +143,7 @@ class Simulation:
         data: Data of the worlds. Launches use its arrays in place.
         split: The split of the layouts.
         rest: Controls and activations at rest.
-        refresh: Updates the arrays computed from the state, after each write.
+        refresh: Called after each write, to update the arrays computed from the state.
         origins: Origins of the worlds [m], shape (nworld,), vec3, or None for the world frame.
         variants: The writer of variants, or None in a scene without variants.
     """
@@ -166,7 +166,7 @@ class ResetWriter:
         fields: The fields of the Model that have a row for each world.
         mask: Worlds to write into, shape (nworld,), bool. Every launch reads it.
         whole: Reset whole worlds. False resets only the objects and robots of the scene.
-        count: A counter of each world that a reset sets to 0, shape (nworld,), int32.
+        count: Counters, one per world, that a reset sets to 0, shape (nworld,), int32.
 
     Attributes:
         contacts: The contacts of all worlds.
@@ -195,7 +195,7 @@ class ResetWriter:
         """Write layouts into the masked worlds.
 
         Args:
-            layouts: The layouts. Without `param`, draws use the ranges of the scene file.
+            layouts: The layouts. If they have no values in `param`, draws use the ranges of the scene file.
             rows: Row of `layouts` for each masked world, shape (nworld,), int32. None gives world i row i.
         """
         m, d, poses, pose_rows = self._simulation.model, self._simulation.data, poses_of(layouts), rows

@@ -46,7 +46,7 @@ class RestMap:
         sampleadr: Addresses in `history` of the past controls of delayed actuators.
         sampled: Number of the control at each of these addresses.
         closing: For each kind of start, the arm that holds an object, or -1. Empty in scenes without such starts.
-        closed: Positions of each arm's closed fingers in qpos, nan elsewhere, shape (narm, nq).
+        closed: Positions in qpos of each arm's closed fingers, nan for all other joints, shape (narm, nq).
     """
 
     rowadr: wp.array[int]
@@ -74,13 +74,17 @@ def rest_value(rest: RestMap, worldid: int, elemid: int, qpos: wp.array[float]) 
 
 @wp.func
 def control_at_start(rest: RestMap, worldid: int, elemid: int, kind: int, qpos: wp.array[float]) -> float:
-    """Return the control or activation `elemid` of a world with this kind of start, or -1 without starts."""
+    """Return the control or activation `elemid` of a world.
+
+    If the start holds an object, the result closes its gripper. `kind` is the kind of the start, or -1 if the scene has
+    no starts.
+    """
     arm = int(-1)
     if kind >= 0 and kind < rest.closing.shape[0]:
         arm = rest.closing[kind]
     term = rest.rowadr[elemid]
     if arm >= 0 and term < rest.rowadr[elemid + 1]:
-        if not wp.isnan(rest.closed[arm, rest.qposadr[term]]):  # it drives only fingers
+        if not wp.isnan(rest.closed[arm, rest.qposadr[term]]):  # the element drives only fingers
             return rest_value(rest, worldid, elemid, rest.closed[arm])
     return rest_value(rest, worldid, elemid, qpos)
 
@@ -153,7 +157,7 @@ def rest_map(
 
 
 def _length_terms(mjm: mujoco.MjModel, actuator: int) -> list[tuple[int, float]] | None:
-    """Return (qpos address, factor) pairs that sum to an actuator's length over its gear, or None if not a sum."""
+    """Return (qpos address, factor) of each term in an actuator's length over its gear, or None if it is no sum."""
     trntype, target = int(mjm.actuator_trntype[actuator]), int(mjm.actuator_trnid[actuator, 0])
     if trntype in JOINT_TRANSMISSIONS:
         joints, arms = np.array([target]), np.ones(1)
@@ -171,7 +175,7 @@ def _length_terms(mjm: mujoco.MjModel, actuator: int) -> list[tuple[int, float]]
 def history_samples(mjm: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
     """Return the addresses in `history` of the past controls of delayed actuators, and the control at each address.
 
-    The part of an actuator with n samples of m controls has two numbers, then n times, then n x m controls.
+    For an actuator with n samples of m controls, `history` has two numbers, then n times, then n x m controls.
 
     Returns:
         Two arrays of shape (n,), int32.
@@ -204,7 +208,7 @@ def close_grippers(rest: RestMap, compiled: CompiledScene) -> None:
         if i in arm and not np.isin(rest.qposadr.numpy(), own).any():
             raise NotSupportedError(
                 f"{compiled.config.where}: start: the gripper of '{one.robot}' has no position actuator that would "
-                "keep it closed. Give it one, as in <position joint=...>, or start from 'home' or 'pregrasp'."
+                "keep it closed. Give the gripper one, as in <position joint=...>, or start from 'home' or 'pregrasp'."
             )
     with wp.ScopedDevice(rest.law.device):
         rest.closing, rest.closed = wp.array(arm, dtype=int), wp.array(closed, dtype=float, ndim=2)
@@ -212,7 +216,7 @@ def close_grippers(rest: RestMap, compiled: CompiledScene) -> None:
 
 @wp.func
 def _follow(values: wp.array[float], at: int, before: float, now: float):
-    """Replace a control that held the pose up to rounding."""
+    """Set a value to `now` if it equals `before` up to rounding."""
     if wp.abs(values[at] - before) <= 1.0e-6 * wp.max(1.0, wp.abs(before)):
         values[at] = now
 
@@ -259,7 +263,7 @@ def _hold_anew(
 
 
 def launch_holding(rest: RestMap, m: mjw.Model, d: mjw.Data, mask: wp.array) -> None:
-    """Recompute the laws of controls and activations from gains, and the controls that hold the present pose.
+    """Recompute `rest.law` from the gains, then the controls and activations that hold the present pose.
 
     Args:
         rest: The controls at rest, with a row for each world.

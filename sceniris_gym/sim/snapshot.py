@@ -1,4 +1,4 @@
-"""`Snapshot`: the state of worlds in the middle of their episodes, stored to continue from there again."""
+"""`Snapshot`: the state of worlds in the middle of their episodes, stored to continue them later."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from sceniris_gym.scene.layout_table import row_numbers
 
 _FINITE = ("data.", "layout.qpos", "layout.mocap")
 _WERE_FINITE = "finite"
-"""Name of a snapshot's flags of finite rows, with a column for each float tensor, sorted by name."""
+"""Name of the tensor that marks a snapshot's finite rows, with a column for each float tensor, sorted by name."""
 _INDICES = {f"layout.{name}": name for name in (*INTEGERS, "attempts", "next_episode")} | {
     "data.tree_asleep": "tree_asleep",
     "elapsed": "elapsed",
@@ -30,13 +30,13 @@ _INDICES = {f"layout.{name}": name for name in (*INTEGERS, "attempts", "next_epi
 
 @dataclass(frozen=True)
 class Snapshot:
-    """The state of worlds, a row for each.
+    """The state of worlds, with a row for each world.
 
     Attributes:
-        source: Hash of the scene, split and params of the layouts.
+        source: Hash of the scene, split of the layouts, and names of their params.
         worlds: World of each row, shape (nrow,), int64.
         rows: Tensors of shape (nrow, ...) by name: the state in mujoco_warp's Data, the layout, the choice of the next
-            layout, fields of the Model, and flags of the finite rows. Snapshots of an environment also have the steps
+            layout, fields of the Model, and marks of the finite rows. Snapshots of an environment also have the steps
             since the reset and the memory of the task.
     """
 
@@ -53,12 +53,12 @@ class Snapshot:
 
 
 def on_warp_stream(device: wp.Device) -> AbstractContextManager:
-    """Run torch's launches on a device on Warp's current stream, in order with Warp's launches."""
+    """Run torch's launches on Warp's current stream of a device, so that they keep their order with Warp's launches."""
     return torch.cuda.stream(wp.stream_to_torch(device)) if device.is_cuda else nullcontext()
 
 
 def live_tensors(arrays: Mapping[str, wp.array], nworld: int) -> dict[str, Tensor]:
-    """Return new tensors in the memory of arrays, with a row for each world, by name. Empty arrays are left out."""
+    """Return the first `nworld` rows of arrays as new tensors in the same memory, by name, without empty arrays."""
     # new tensors, because torch does not count the writes of Warp: see `written` in vector/snapshot.py
     tensors = {name: wp.to_torch(array)[:nworld] for name, array in arrays.items() if array.size}
     # torch cannot index uint64
@@ -66,14 +66,14 @@ def live_tensors(arrays: Mapping[str, wp.array], nworld: int) -> dict[str, Tenso
 
 
 def take(source: tuple[str, ...], live: Mapping[str, Tensor], worlds: np.ndarray) -> Snapshot:
-    """Return the rows of these worlds, copied."""
+    """Return a snapshot of these worlds, with copies of their rows."""
     chosen = torch.from_numpy(worlds.astype(np.int64)).to(live["data.time"].device)
     rows = {name: tensor[chosen] for name, tensor in live.items()}
     return Snapshot(source, chosen, {**rows, _WERE_FINITE: _are_finite(rows)})
 
 
 def _are_finite(rows: Mapping[str, Tensor]) -> Tensor:
-    """Return which rows of each tensor of floats, sorted by name, are finite, shape (nrow, n), bool."""
+    """Return which rows are finite, with a column for each float tensor, sorted by name, shape (nrow, n), bool."""
     floats = [rows[name] for name in sorted(rows) if rows[name].is_floating_point()]
     return torch.stack([values[..., None].isfinite().flatten(1).all(dim=1) for values in floats], dim=1)
 
@@ -87,15 +87,15 @@ def check_rows(snapshot: Any, source: tuple[str, ...], live: Mapping[str, Tensor
 
     Args:
         snapshot: The snapshot, as a user gave it.
-        source: Hash of the scene, split and params of the layouts.
+        source: Hash of the scene, split of the layouts, and names of their params.
         live: The tensors to write to, by name.
         layouts: The layouts of the worlds.
         name: The snapshot in errors.
 
     Raises:
         ArgumentTypeError: The value is not a Snapshot.
-        SceneMismatchError: The snapshot is of another scene, split or task, or of worlds with other params. It has
-            non-finite values, or indices out of range.
+        SceneMismatchError: The snapshot comes from another scene, split or task, or from worlds with other params. Or
+            it has non-finite values, or indices out of range.
         ArgumentError: A param cannot have its value.
     """
     check_type(snapshot, Snapshot, name)
@@ -109,11 +109,11 @@ def check_rows(snapshot: Any, source: tuple[str, ...], live: Mapping[str, Tensor
     if snapshot.source != source or not (has_rows and wanted.items() <= found.items() and _WERE_FINITE in found):
         got = "other rows" if snapshot.source == source else short(snapshot.source)
         parts = "scene, split, task and params" if "elapsed" in live else "scene, split and params"
-        raise SceneMismatchError(f"{name} should be a snapshot of this {parts}, got {got}. Take one of these worlds.")
+        raise SceneMismatchError(f"{name} should be a snapshot of this {parts}, got {got}. Snapshot these worlds.")
     # infinities in the memory of a task are legitimate, and so are the NaNs of a layout without a grasp
     state = {key: values for key, values in snapshot.rows.items() if key.startswith(_FINITE)}
     if not (torch.equal(_are_finite(snapshot.rows), rows[_WERE_FINITE]) and _are_finite(state).all()):
-        raise SceneMismatchError(f"{name} should have finite numbers, got NaN or inf. Drop the broken worlds.")
+        raise SceneMismatchError(f"{name} should have finite numbers, got NaN or inf. Leave out the broken worlds.")
     numbers = {column: snapshot.rows[key].cpu().numpy() for key, column in _INDICES.items() if key in snapshot.rows}
     check_numbers(layouts.compiled, numbers, name)
     for key in live.keys() & {"layout.param", "layout.next_param"}:
@@ -121,7 +121,9 @@ def check_rows(snapshot: Any, source: tuple[str, ...], live: Mapping[str, Tensor
 
 
 def put(snapshot: Snapshot, live: Mapping[str, Tensor], worlds: np.ndarray | None, name: str) -> Tensor:
-    """Write a snapshot into these worlds in order, by default its own, and return the mask of these worlds.
+    """Write the rows of a snapshot into `worlds`, in order, and return the mask of these worlds.
+
+    If `worlds` is None, each row goes into its original world.
 
     Raises:
         ArgumentError: The number of rows differs from the number of worlds. A world does not exist, or occurs twice.
@@ -131,7 +133,7 @@ def put(snapshot: Snapshot, live: Mapping[str, Tensor], worlds: np.ndarray | Non
     if len(chosen) != len(snapshot):
         raise ArgumentError(f"{name} should have {len(chosen)} rows, one per chosen world, got {len(snapshot)}.")
     if len(chosen.unique()) != len(chosen) or ((chosen < 0) | (chosen >= nworld)).any():
-        raise ArgumentError(f"{name} should be of different worlds below {nworld}, got {chosen.tolist()}.")
+        raise ArgumentError(f"{name} should go into different worlds below {nworld}, got {chosen.tolist()}.")
     for key, tensor in live.items():
         tensor[chosen] = snapshot.rows[key].to(device)
     return torch.zeros(nworld, dtype=torch.bool, device=device).index_fill_(0, chosen, True)

@@ -1,4 +1,4 @@
-"""Layouts for a randomizer: the pipeline that supplies resets, and checked stored layouts."""
+"""Layouts for a randomizer: the pipeline that gives layouts to resets, and checked stored layouts."""
 
 import inspect
 from collections.abc import Callable, Mapping, Sequence
@@ -55,7 +55,8 @@ def make_pipeline(
 
     Raises:
         ArgumentTypeError: `layout_source`, `curriculum` or `prefetch` is of another type.
-        ArgumentError: Both a source and `prefetch` or `params`, a stream of another device, or an unknown split.
+        ArgumentError: A source is given together with `prefetch` or `params`, both the source and `curriculum` choose
+            layouts, the stream belongs to another device, or the split is unknown.
     """
     check_prefetch(prefetch, f"{where}: prefetch")
     replay = as_curriculum(curriculum, f"{where}: curriculum")
@@ -118,7 +119,7 @@ def stored_rows(layouts: Layouts | LayoutTable, own: Layouts, device: str) -> La
     """Return the parts of stored layouts that a reset writes, on a device.
 
     Args:
-        layouts: The layouts, in any memory.
+        layouts: The layouts, on the device or on the host.
         own: Layouts of the worlds to write into.
         device: The device of the result.
 
@@ -126,7 +127,8 @@ def stored_rows(layouts: Layouts | LayoutTable, own: Layouts, device: str) -> La
         ArgumentTypeError: `layouts` has another type.
         SceneMismatchError: The layouts belong to another scene, or have impossible rows. Or their physics or appearance
             was drawn with params that the worlds do not have.
-        UnknownNameError, ArgumentError: The layouts have params, or values of params, that the scene does not have.
+        UnknownNameError, ArgumentError: The scene does not have the params of the layouts, or they cannot have these
+            values.
     """
     if not isinstance(layouts, Layouts | LayoutTable):
         raise ArgumentTypeError(f"layouts should be Layouts or a LayoutTable, got {type(layouts)}.")
@@ -139,7 +141,7 @@ def stored_rows(layouts: Layouts | LayoutTable, own: Layouts, device: str) -> La
         params = layouts.params.names
     if params != known and {*params, *known} & set(own.params.of_draws.values()):
         raise SceneMismatchError(
-            f"layouts: were drawn with the params {list(params)}, and these worlds have {list(known)}. Make the "
+            f"layouts were drawn with the params {list(params)}, but these worlds have {list(known)}. Make the "
             f"randomizer with params={list(params)}."
         )
     names = ("param", *columns("draw", "pose")) if params == known else columns("draw", "pose")

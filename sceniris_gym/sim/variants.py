@@ -22,20 +22,20 @@ from sceniris_gym.sim.write import Poses, poses_of
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _LANES = 512
-"""Lanes that read or write a world. Many, because each waits for memory at every word."""
+"""Lanes that read or write a world together. They are many, because each lane waits for memory at every word."""
 _BODY = ("mass", "inertia", "ipos", "iquat", "invweight0", "subtreemass", "gravcomp")
 _DOF = ("invweight0", "armature", "damping", "dampingpoly", "frictionloss")
 _GEOM = (
     *("dataid", "matid", "solmix", "solref", "solimp", "size", "aabb", "rbound", "pos", "quat", "friction"),
     *("margin", "gap", "surfacevel", "adhesion", "rgba"),
 )
-# Values of a geom that a variant does not use. Without a mesh and with this margin [m], it cannot collide.
+# Values of a geom that a variant does not use. Without a mesh and with this margin [m], the geom cannot collide.
 _UNUSED = {"dataid": -1, "matid": -1, "margin": -1.0e6, "rgba": 0.0}
 _FAR = 1.0e6  # coordinates of absent variants [m], beyond the origins of all worlds
 
 
 def fields_of_variants() -> tuple[str, ...]:
-    """Return the names of fields in which variants differ and which this version of mujoco_warp has."""
+    """Return the names of the fields that may differ between variants, if this version of mujoco_warp has them."""
     named = (("body", _BODY), ("dof", _DOF), ("geom", _GEOM))
     known = mjw.Model.__dataclass_fields__
     return tuple(name for kind, fields in named for field in fields if (name := f"{kind}_{field}") in known)
@@ -43,7 +43,7 @@ def fields_of_variants() -> tuple[str, ...]:
 
 @wp.struct
 class Places:
-    """Variants and simulated addresses of the slots, joint positions and mocap bodies of layouts.
+    """Variants of slots, joint positions and mocap bodies of layouts, and addresses of the last two in the simulation.
 
     A kind is (object, number of its variant), or (-1, -1) if no variant owns the place.
     """
@@ -79,7 +79,7 @@ def _write_variants(
     table: wp.array2d[int],
     words: wp.array[Word],
     arrays: wp.array[Array],
-    # Bodies with variants, and the mass of all others:
+    # Bodies with variants, and the mass of all other bodies:
     bodies: wp.array[int],
     mass: float,
     # In:
@@ -130,13 +130,13 @@ class VariantWriter:
         scene: A scene with variants.
         m: Model of the simulated scene. Fields in which variants differ have a row for each world, see `make_worlds`.
         nworld: Number of worlds.
-        varied: `ModelFields.varied`, nominal copies of these fields. They receive the same values, except that colours
-            are the visible colours.
+        varied: `ModelFields.varied`, nominal copies of these fields. They receive the same values, except that their
+            colours are the visible colours, which may come from materials.
 
     Attributes:
         places: Variants and simulated addresses of the places of layouts.
-        variant: Number of the present variant of each object, as listed in the scene file, shape (nworld, number of
-            objects with variants), int32. Columns follow `SceneConfig.variants`.
+        variant: For each object with variants, the index of its present variant in the scene file's list, shape
+            (nworld, number of such objects), int32. Columns follow `SceneConfig.variants`.
 
     Raises:
         SceneMismatchError: The Model has one row for all worlds.
@@ -198,9 +198,9 @@ def _places(scene: SceneModel) -> Places:
 
 
 def _words(scene: SceneModel, arrays: Sequence[wp.array]) -> list[wp.array]:
-    """Return a table of values, shape (most variants, nword), the words, and the memory of `arrays`.
+    """Return a table of values, the words, and the memory of `arrays`.
 
-    The arrays are fields of the Model, followed by their nominal copies.
+    The arrays are fields of the Model, followed by their nominal copies. Table: shape (most variants, nword).
     """
     names, words, columns = fields_of_variants(), [], []
     for k, (name, members) in enumerate(scene.config.variants.items()):

@@ -33,13 +33,14 @@ def make_worlds(
         compiled: The compiled scene.
         nworld: Number of worlds.
         fields: Names of fields to write to by world, such as "body_mass". See `ResetRandomizer.model_field`.
-        nconmax: Contacts per world. None leaves room for a busy scene. Objects with `orientation: stable`, and objects
-            that fall, count with the side that has most geoms. Variants count with the variant that has most.
+        nconmax: Contacts per world. None leaves room for a busy scene. An object with `orientation: stable`, or one
+            that may fall, counts with the side that has the most geoms. An object with variants counts with the variant
+            that has the most geoms at its bottom.
         njmax: Constraint rows per world. None leaves room for a busy scene.
 
     Raises:
         ArgumentTypeError: `compiled` is not a CompiledScene.
-        ArgumentError: A number is not a positive integer. Steps do not read a field.
+        ArgumentError: A number is not a positive integer, or steps do not read one of the fields.
         UnknownNameError: A field does not exist, or layouts depend on it.
         NotSupportedError: MuJoCo-Warp cannot simulate the model.
     """

@@ -152,12 +152,12 @@ class StateWriter:
         d: Data of the worlds. Launches use its arrays in place.
         mask: Worlds to write into, shape (nworld,), bool. Every launch reads it.
         rest: Controls and activations at rest.
-        bodies: Ids of the bodies to write. None writes whole worlds, or `joints`.
+        bodies: Ids of the bodies to write. None writes `joints` if given, otherwise whole worlds.
         joints: Ids of the joints to write, instead of bodies.
         origins: Origins of the worlds [m], shape (nworld,), vec3, or None. Every launch reads them and adds them to the
             positions of free bodies and mocap bodies.
         plastic: Plastic references of springs at home, shape (nplastic,), for whole worlds.
-        count: A counter of each world that a launch sets to 0, shape (nworld,), int32.
+        count: Counters, one per world, that a launch sets to 0, shape (nworld,), int32.
     """
 
     def __init__(
@@ -211,8 +211,8 @@ class StateWriter:
         Args:
             poses: The poses to write.
             rows: Row of `poses` for each masked world, shape (nworld,), int32. None gives world i row i.
-            start: Kind of start of each row of layouts, shape (nrow,), int32. None leaves grippers at the pose's
-                positions.
+            start: Kind of start of each row of layouts, shape (nrow,), int32. With None, the controls of
+                grippers hold the positions of the pose.
             start_rows: Row of `start` for each masked world, as `rows`.
         """
         inputs, device = [*self._inputs, start, start_rows, rows, poses], self._outputs[0].device

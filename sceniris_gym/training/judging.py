@@ -1,7 +1,7 @@
 """Evaluation of a policy on layouts that its training has not seen.
 
-The deterministic policy runs the first episodes of valid layouts of the split "eval", and of layouts that are placed
-uniformly without checks. An episode counts as a success if the task succeeds at its last step.
+The deterministic policy runs one episode in each layout. The layouts are valid layouts of the split "eval", and layouts
+that are placed uniformly without checks. An episode counts as a success if the task succeeds at its last step.
 """
 
 import math
@@ -31,7 +31,7 @@ TARGETS = {
     "DrawerPick-v0": ("banana",),
     "TabletopLift-v0": ("block", "can", "lemon"),
 }
-"""Task -> its target objects. A task that chooses one per episode lists them in the order of its `chosen`."""
+"""Target objects of each task. If the task chooses one per episode, they have the order of its `chosen`."""
 
 
 def judges_of(task: str, layouts: int, device: str | None) -> dict[str, RslRlVecEnvWrapper]:

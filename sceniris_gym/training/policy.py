@@ -16,7 +16,7 @@ from sceniris_gym.training.task_scenes import make_env, scene_of
 
 
 class Policy:
-    """A trained policy. Call it with observations; it returns actions.
+    """A trained policy. It is called with observations and returns actions.
 
     Args:
         run: The folder of a run.
@@ -26,8 +26,8 @@ class Policy:
         trust: As in `load_policy`.
 
     Attributes:
-        task: Id of the task that it was trained on.
-        device: Where its networks are. Observations should be there, too.
+        task: Id of the training task.
+        device: Device of the networks. Observations should be on the same device.
     """
 
     def __init__(self, run: Path, task: str, settings: Settings, env: RslRlVecEnvWrapper, *, trust: bool) -> None:
@@ -43,7 +43,7 @@ class Policy:
             return self._act(seen).clamp(-1.0, 1.0)
 
     def export(self, path: str | Path) -> None:
-        """Write the deterministic policy as TorchScript, with its normalisation of observations.
+        """Write the deterministic policy as TorchScript, including its normalisation of observations.
 
         `torch.jit.load(path)` takes the flat group `policy`, shape (n, size), and returns actions before they are
         clipped to [-1, 1].
@@ -57,8 +57,8 @@ def load_policy(run: str | Path, device: str | None = None, *, trust: bool = Fal
 
     Args:
         run: The folder that `sceniris-gym train --out` made.
-        device: "cpu" or "cuda:0". None is cuda:0 if there is one, else cpu.
-        trust: Also read a checkpoint that holds pickled objects, which can run any code.
+        device: "cpu" or "cuda:0". None takes cuda:0 if there is a GPU, and cpu otherwise.
+        trust: Also read a checkpoint that holds pickled objects, although these can run any code.
 
     Raises:
         ArgumentError: The folder has no run, or its checkpoint cannot be read.

@@ -89,7 +89,7 @@ def read_checkpoint(file: Path, device: str, *, trust: bool = False) -> Any:
 
 
 def scene_of_run(folder: Path) -> str | None:
-    """Return the hash of the scene of the run in a folder, None for a run of version 0.1.0, which wrote no hash."""
+    """Return the hash of the scene of the run in a folder, or None for a run of version 0.1.0, which wrote no hash."""
     return read_parts(folder).get("scene", {}).get("hash")
 
 
@@ -125,7 +125,7 @@ def success_interval(successes: int, number: int) -> tuple[float, float]:
 
 
 def source_hash(*more: Path, package: Path = PACKAGE) -> str:
-    """Return the hash of package, tasks and assets, equal in a repository and in an installed wheel.
+    """Return the hash of package, tasks and assets. A repository and its installed wheel have the same hash.
 
     Args:
         more: Other files with an effect on results.

@@ -29,7 +29,7 @@ class Keypoints(nn.Sequential):
         channels: Channels of the pictures of shape (n, channels, height, width), float32.
     """
 
-    output_channels = None  # CNNModel's sign of a flat output
+    output_channels = None  # CNNModel takes None as the mark of a flat output
     output_dim = 2 * POINTS
 
     def __init__(self, channels: int) -> None:
@@ -46,7 +46,7 @@ class Keypoints(nn.Sequential):
 class SpatialSoftmax(nn.Module):
     """Expected position of each channel's activation in the picture, shape (n, 2 * channels): first y, then x.
 
-    The softmax over the pixels of a channel is a distribution of positions. The first row and column are at -1, the
+    The softmax over the pixels of a channel gives each position a probability. The first row and column are at -1, the
     last row and column at 1.
     """
 

@@ -1,7 +1,7 @@
 """The options of a run, and the PPO settings of each shipped task."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -22,14 +22,14 @@ class Settings:
         gamma: discount of a control step
         entropy: weight of the entropy bonus at the start
         last_entropy: weight of the entropy bonus at the end of a linear decay, None for a constant weight
-        cooling: millions of control steps of the decay
+        cooling: length of the decay, in millions of control steps
         init_std: standard deviation of the actions at the start
         steps: control steps of each world between two updates
-        epochs: passes over these steps per update
-        mini_batches: parts of a pass
+        epochs: passes over the collected steps per update
+        mini_batches: number of mini-batches per pass
         desired_kl: target KL divergence of the adaptive learning rate
         teacher: minutes to train a teacher first, for a policy that sees images. The teacher sees the critic's
-            observations and no images, and the policy imitates it. 0 for no teacher, so that PPO trains the policy
+            observations and no images, and the policy imitates it. If 0, PPO trains the policy without a teacher
     """
 
     __pydantic_config__ = ConfigDict(extra="forbid", allow_inf_nan=False)
@@ -52,28 +52,27 @@ class Settings:
         return self.entropy + (last - self.entropy) * min(1.0, env_steps / (1e6 * self.cooling))
 
 
+_OBJECTS = Settings(gamma=0.985, entropy=0.003, steps=32)
 SETTINGS = {
     "TabletopReach-v0": Settings(),
     "TabletopReachEasy-v0": Settings(),
     "TabletopReachPixels-v0": Settings(epochs=2, teacher=2.0),
-    "TabletopLift-v0": Settings(gamma=0.985, entropy=0.003, steps=32),
-    "TabletopLiftEasy-v0": Settings(gamma=0.985, entropy=0.003, steps=32),
-    "TabletopLiftAny-v0": Settings(gamma=0.985, entropy=0.003, steps=32),
-    "ClutterPush-v0": Settings(gamma=0.985, entropy=0.003, steps=32),
-    "DrawerPick-v0": Settings(gamma=0.985, entropy=0.005, steps=32),
-    "ClutterExtract-v0": Settings(
-        hidden=(512, 256, 128), gamma=0.985, entropy=0.003, last_entropy=0.0005, init_std=0.6, steps=32
-    ),
+    "TabletopLift-v0": _OBJECTS,
+    "TabletopLiftEasy-v0": _OBJECTS,
+    "TabletopLiftAny-v0": _OBJECTS,
+    "ClutterPush-v0": _OBJECTS,
+    "DrawerPick-v0": replace(_OBJECTS, entropy=0.005),
+    "ClutterExtract-v0": replace(_OBJECTS, hidden=(512, 256, 128), last_entropy=0.0005, init_std=0.6),
 }
 """Tuned settings by task. Every other task uses the defaults."""
 
 
 def settings_of(task: str, changes: Sequence[str] = ()) -> Settings:
-    """Return the tuned or default settings of a task, with `changes` as KEY=VALUE, the value in YAML.
+    """Return the tuned or default settings of a task, with `changes`, each as KEY=VALUE with the value in YAML.
 
     Raises:
         UnknownNameError: A setting is unknown.
-        SceneKeyError: A change has another form, or its value has the wrong type or is out of range.
+        SceneKeyError: A change is not of the form KEY=VALUE, or its value has the wrong type or is out of range.
     """
     tuned, changed = asdict(SETTINGS.get(task, Settings())), read_changes(changes)
     check_names("setting", changed, "--set", tuned)
@@ -96,18 +95,18 @@ class Options:
 
     Attributes:
         task: id of a task of this package, or MODULE:ID of your task, which MODULE registers on import
-        seed: number of the run, which keeps layout seeds of different runs at least 16 * 2^20 apart
+        seed: number of the run. The layout seeds of two runs are at least 16 * 2^20 apart if their numbers differ
         num_envs: number of worlds
         minutes: time of training, without compilation and evaluations
         million_steps: also stop after this number of control steps of all worlds together, in millions
         out: folder for config.json, log.jsonl, model.pt and judged.json
         resume: continue from the checkpoint in the folder, if it exists
-        trust: read a checkpoint with more than weights, which executes code in it
+        trust: read a checkpoint with more than weights, although that executes its code
         device: cpu, cuda:0, ..., by default cuda:0 if available, otherwise cpu
         bank: replay this number of stored layouts instead of fresh layouts
         curriculum: replay layouts by "learnability" or "failure" (see docs/levels.md), by default only fresh layouts
         uniform: place uniformly, without checks for collisions and reach
-        reachable: keep `reachable` of the scene's objects
+        reachable: train on layouts that fulfil `reachable` of the scene's objects
         judged: task whose layouts evaluate the policy, by default the trained task
         changes: change a setting, e.g. gamma=0.99 or hidden=[256, 128]
         layouts: number of layouts in each evaluation
@@ -143,7 +142,7 @@ class Options:
             ArgumentError: The message names the option and its valid values.
         """
         if self.bank is not None and (self.bank < 1 or self.uniform):
-            raise ArgumentError(f"--bank should be 1 or more layouts, without --uniform, got {self.bank}.")
+            raise ArgumentError(f"--bank should be 1 or more layouts, and used without --uniform, got {self.bank}.")
         for name, value in (("minutes", self.minutes), ("million_steps", self.million_steps)):
             if value is not None and not value > 0.0:
                 raise ArgumentError(f"--{name.replace('_', '-')} {value}: should be above 0.")

@@ -15,14 +15,14 @@ from sceniris_gym.vector.arguments import as_task
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 
 NAMESPACE = "sceniris_gym/"
-"""Namespace of this package's ids, which task names omit."""
+"""Namespace of this package's ids. Names of tasks omit this namespace."""
 
 SEED_SPACING = 1 << 20
 """Least spacing between the seeds of experiments, so that their worlds do not share layouts."""
 
 
 def registered_id(task: str) -> str:
-    """Return the id of a task. For MODULE:ID, import MODULE first, also from the working directory.
+    """Return the id of a task. For MODULE:ID, first import MODULE, which may be in the working directory.
 
     Raises:
         ArgumentError: The module cannot be imported.
@@ -58,7 +58,10 @@ def spec_of(task: str) -> EnvSpec:
 
 
 def scene_of(task: str, *, reachable: bool) -> SceneConfig:
-    """Return the scene of a task. Without `reachable`, it also has no kinds of `start` with a target."""
+    """Return the scene of a task.
+
+    If `reachable` is false, objects need not be reachable, and the scene has no starts with a target.
+    """
     kwargs = spec_of(task).kwargs
     scene = SceneConfig.load(kwargs.get("scene") or as_task(kwargs["task"]).scene, kwargs.get("overrides"))
     if reachable:

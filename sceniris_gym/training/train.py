@@ -5,9 +5,9 @@ every 20 seconds and after every evaluation), `judged.json` (the last evaluation
 with a hash of the sources. The clock starts after compilation, and stops during evaluations, which judging.py
 describes.
 
-A resumed run continues from the checkpoint. The log is cut off there, and unfinished episodes are dropped. Every world
-starts its next episode with the same number of elapsed steps. Runs that resume from the same checkpoint see the same
-data, but not the data of an uninterrupted run.
+A resumed run continues from the checkpoint. The log is cut off at the checkpoint, and unfinished episodes are dropped.
+Every world starts its next episode with the number of elapsed steps that it had at the checkpoint. Runs that resume
+from the same checkpoint see the same data, but not the data of an uninterrupted run.
 """
 
 import inspect
@@ -96,7 +96,7 @@ class Run:
 
     @property
     def finished(self) -> bool:
-        """True if the time is up or all steps are taken."""
+        """True if the time is up or all control steps are taken."""
         options = self.options
         most = math.inf if options.million_steps is None else 1e6 * options.million_steps
         return self.seconds >= 60.0 * options.minutes or self.env_steps >= most
@@ -119,7 +119,7 @@ class Run:
                 self._judge()
             if judged or self.seconds - self.saved_at >= options.save_every:
                 self._save()
-        if not evaluations(options.out):  # resumed beyond a new, earlier end
+        if not evaluations(options.out):  # the checkpoint was already beyond the end of this run
             self._judge()
         return evaluations(options.out)[-1]
 
@@ -242,7 +242,7 @@ class Run:
 
 
 def _own_sources(task: str) -> list[Path]:
-    """Return the file of a task outside this package."""
+    """Return the source file of a task outside this package, or no file for a task of this package."""
     if ":" not in task:
         return []
     file = inspect.getsourcefile(type(as_task(spec_of(task).kwargs["task"])))

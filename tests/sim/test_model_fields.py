@@ -176,7 +176,7 @@ def test_factors_of_another_shape_or_of_no_numbers_are_errors(make):
     ones = wp.ones(NWORLD, dtype=float)
     with pytest.raises(ArgumentError, match=r"mask should have shape \(5,\), got \(2,\)"):
         randomizer.fields.scale("body_mass", "block", ones, wp.ones(2, dtype=wp.bool), "scale_field")
-    with pytest.raises(ArgumentError, match=r"'geom_matid' has no numbers to scale"):
+    with pytest.raises(ArgumentError, match=r"'geom_matid' has no floats to scale"):
         randomizer.scale_field("geom_matid", "block", ones)
 
 
