@@ -55,7 +55,7 @@ class PlacedObject:
         joint_ranges: The draws of its joints.
         followers: Couplings of joints that follow drawn joints, drivers before their followers.
         footprint: If `ratio_on_support` is 1, the hull of all its pieces, which must lie on the support as a whole.
-            None if it has only one piece, or drawn joints: each piece is then a separate footprint.
+            None if it has only one piece, or drawn joints. In both cases, each piece is a separate footprint.
         stable_poses: The poses of its orientation, empty for STATIC.
         support: The support that carries it. None if its region is in space, or for STATIC.
         tilts: Whether the support may lean in drawn states.

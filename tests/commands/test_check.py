@@ -66,7 +66,7 @@ def test_layouts_are_made_once_and_their_rejections_name_what_is_in_the_way(
     assert found["rejections"]["b"]["collision"] > 20
     assert list(found["in_the_way"]) == ["b"]
     assert "of body 'b' and geom '1' of body 'a'" in found["in_the_way"]["b"]
-    assert "100% of them" in found["in_the_way"]["b"]
+    assert "100% of collisions" in found["in_the_way"]["b"]
 
 
 def _counted(function: Callable, calls: list) -> Callable:

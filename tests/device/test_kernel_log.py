@@ -34,5 +34,5 @@ def test_each_device_is_told_of_once(capsys: pytest.CaptureFixture, monkeypatch:
     for device in ("cpu", "cuda:0", "cpu"):
         tell_of_compiling(device, 3)
     said = capsys.readouterr().err.splitlines()
-    assert ["'cpu' (3 modules" in line for line in said] == [True, False]
-    assert ["'cuda:0' (3 modules" in line for line in said] == [False, True]
+    assert ["'cpu': 3 modules" in line for line in said] == [True, False]
+    assert ["'cuda:0': 3 modules" in line for line in said] == [False, True]

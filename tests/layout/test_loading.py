@@ -53,5 +53,5 @@ def test_it_is_said_before_kernels_are_compiled(
     monkeypatch.setattr(wp.config, "kernel_cache_dir", str(tmp_path))
     load_kernels(generator._work, staged=False)
     number = len(kernel_modules(generator._work, staged=False))
-    assert f"({number} modules of this package" in capsys.readouterr().err
+    assert f": {number} modules of this package" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())

@@ -52,7 +52,7 @@ def test_the_pair_that_is_most_in_the_way_is_told_with_its_share(compiled: Compi
     assert set(found) == set(compiled.placed)
     assert "of body 'a' and geom" in found["a"]
     assert "of body 'post'" in found["a"]
-    assert "; 100% of them)" in found["a"]
+    assert "; 100% of collisions)" in found["a"]
     for number, name in enumerate(compiled.placed):
         rows = np.flatnonzero(rejected.objects == number)[:48]
         hits = [hits_of(row, number) for row in rows.tolist()]
