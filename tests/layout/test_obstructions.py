@@ -60,7 +60,7 @@ def test_the_pair_that_is_most_in_the_way_is_told_with_its_share(compiled: Compi
         most = max(sum(pair in distances for distances in hits) for pair in {p for each in hits for p in each})
         assert len(told) == most
         assert f" ({-1e3 * np.mean(told):.3g} mm deep on average, " in found[name]
-        assert found[name].endswith(f" mm apart is required; {most / len(rows):.0%} of them)")
+        assert found[name].endswith(f" mm apart is required; {most / len(rows):.0%} of collisions)")
 
 
 def test_pairs_are_listed_once_and_no_layout_is_made_again(generator: LayoutGenerator, monkeypatch: pytest.MonkeyPatch):
