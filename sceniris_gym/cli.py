@@ -110,11 +110,11 @@ def generate(
 
     Args:
         out: folder for dataset.json, scene.zip and layouts-*.npy
-        chunk: number of layouts per batch, by default chosen for DEVICE (the layouts do not depend on it)
-        shard: write every K-th part, starting with part R, by default from torchrun or a Slurm array
+        chunk: number of layouts made at once, by default chosen for DEVICE (it does not change the layouts)
+        shard: write every K-th part, starting with part R. By default, torchrun or a Slurm array sets R and K
         format_: additional formats of the parts, one or several
         resume: continue the data set in the folder, if it exists
-        verify: compare the data set in the folder with its checksums, with exit status 1 if a file is damaged
+        verify: compare the files in the folder with their checksums. The exit status is 1 if a file is damaged
     """
     if out is None:
         raise NotSupportedError("generate: should have a folder to write to: -o FOLDER.")
@@ -165,9 +165,9 @@ def audit(
 
     Args:
         rejected: number of rejected candidates to judge
-        settled: number of layouts to step for 0.5 s, by default all
+        settled: number of layouts to simulate for 0.5 s, by default all
         save: write layouts and candidates to this .npz instead of judging them
-        load: judge the layouts and candidates of such a file, on a CPU
+        load: judge the layouts and candidates in a file from --save, on a CPU
     """
     check_counts(1, layouts=layouts)
     check_counts(0, rejected=rejected, settled=settled or 0)
@@ -228,7 +228,7 @@ def replay(
 
     Args:
         layouts: scenehash:split:seed:episode, or a file with one id per line
-        scene: scene of the layouts, unless it is a shipped scene
+        scene: scene of the layouts, needed if it is not a shipped scene
         out: picture to write, by default in demo/
     """
     from sceniris_gym.commands import replay as tool
@@ -295,9 +295,9 @@ def reach(
         out: file to write: the map, the verdicts or the picture
         tier: tier to judge by, by default the arm's
         map_: map file, by default the arm's
-        scene: draw the places that 'reachable' leaves to its objects
+        scene: scene for a picture of its objects' places, with and without 'reachable'
         height: height of the picture's top view, base frame [m]
-        step: step of the map's grid [m], by default 0.025, more for long arms
+        step: step of the map's grid [m], by default 0.025, or more for long arms
         tilt_step: tilt step of the map's grid [degrees]
         seed: seed of the map, or of the first layout
     """
@@ -345,21 +345,21 @@ def view(
 
     Args:
         episode: number of resets since the worlds were seeded
-        split: training or evaluation layouts, by default the split of --layout, or train without it
+        split: training or evaluation layouts, by default the split of the --layout ids, or train if there are none
         env: environment instead of a scene, e.g. sceniris_gym/TabletopLift-v0, or your own as MODULE:ID
         policy: an rsl-rl checkpoint (.pt), an SB3 model (.zip), or module:function, by default random actions
-        layout: layout to play, by id, or a file with one id per line (repeatable)
-        host: address to listen on, 0.0.0.0 for all
-        port: port to listen on, or the next free port
-        allow_origin: address of the page in a browser on another machine, as in https://hub.example.org
-        trust: read a policy's .zip, although that executes its code
+        layout: id of a layout to play, or a file with one id per line (repeatable)
+        host: address to listen on, 0.0.0.0 for all addresses of this machine
+        port: port to listen on. If it is in use, the next free port is taken
+        allow_origin: address under which a browser on another machine opens the page, e.g. https://hub.example.org
+        trust: read a policy's .zip, although this executes code in the file
     """
     if (scene is None) == (env is None):
         raise NotSupportedError("view: should have either a SCENE or --env, as in 'sceniris-gym view mid'.")
     if env is None and (policy or layout or device):
         raise NotSupportedError("view: --policy, --layout and --device belong to --env. Leave them out, or the SCENE.")
     if env is not None and (seed or episode):
-        raise NotSupportedError("view: --seed and --episode belong to a SCENE. Choose an environment's by --layout.")
+        raise NotSupportedError("view: --seed and --episode belong to a SCENE. With --env, choose layouts by --layout.")
     check_counts(1, most=MOST_SHOWN, num_envs=num_envs)
     check_counts(1, most=65535, port=port)
     check_seed(seed)
@@ -450,7 +450,7 @@ def init(
     target = None if out is None else checked_target(out)
     if model.suffix.lower() == ".bddl":
         if target is None:
-            raise NotSupportedError(f"init: the model of {model} needs a folder. Give a scene file: -o FILE.yaml.")
+            raise NotSupportedError(f"init: the model of {model} is written next to the scene file. Give -o FILE.yaml.")
         from sceniris_gym.importers.libero.reader import read_bddl
 
         task = read_bddl(model, assets=assets, widen=widen, clutter=clutter)
@@ -480,7 +480,7 @@ def settle(
     Args:
         heap: heap of the scene, needed if it has several heaps
         rows: number of rows
-        out: .npz to write, by default `rows` of the heap
+        out: .npz to write, by default the file that `rows` of the heap names
     """
     check_counts(1, rows=rows, most=1_000_000)
     check_seed(seed)
@@ -518,9 +518,9 @@ def evaluate(
         run: folder of a training, with its model.pt
         out: JSON file to write, with the result for every layout
         failed: file to write, with the ids of the valid layouts without success, one per line
-        min_success: minimum fraction of valid layouts that end in success, with exit status 1 below it
-        task: the task, by default from RUN, or your own task as MODULE:ID
-        trust: read a checkpoint with more than weights, although that executes its code
+        min_success: least fraction of valid layouts that should end in success. Below it, the exit status is 1
+        task: a registered task, or your own as MODULE:ID, by default the task of RUN
+        trust: read a checkpoint that holds more than weights, although this executes code in the file
     """
     check_counts(1, layouts=layouts)
     check_counts(0, most=1, min_success=min_success or 0.0)
@@ -550,7 +550,7 @@ def _check_options(command: str, arguments: Sequence[str]) -> None:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run a command.
 
-    The exit status is 1 after a bad verdict. After a ScenirisError or an OSError, it is 2 and stderr has the message.
+    The exit status is 1 after a bad verdict, and 2 after a ScenirisError or an OSError, whose message goes to stderr.
     """
     arguments = sys.argv[1:] if arguments is None else list(arguments)
     if arguments == ["--version"]:

@@ -18,9 +18,10 @@ _T = TypeVar("_T")
 
 @functools.cache
 def old_names() -> dict[str, str]:
-    """Return old names and their new names: `A|B` where the new name depends on the place, `A.b` for `b` in A.
+    """Return the new name of each old name. `A|B` is A or B, depending on the place. `A.b` is the part `b` of A.
 
-    An option of a command has the command before it. The old names were never released. Version 1.0 drops this table.
+    The old name of an option starts with its command, as in "train --levels". The old names were never released.
+    Version 1.0 drops this table.
     """
     return json.loads(Path(__file__).with_name("renamed.json").read_text(encoding="utf-8"))
 
@@ -45,7 +46,7 @@ def did_you_mean(name: str, valid: Iterable[str]) -> str:
 
 
 class _Pickled(Exception):
-    """An exception that pickles by its constructor's arguments, which are attributes of the same names."""
+    """An exception that is pickled as the arguments of its constructor. Attributes of the same names hold them."""
 
     def __reduce__(self) -> tuple[Any, ...] | str:
         if "__init__" not in vars(type(self)):
@@ -66,7 +67,7 @@ class SceneFileError(ScenirisError):
 
 
 class SceneKeyError(ScenirisError):
-    """A wrong key or value in a scene, a support without room, or names in a cycle. The message has the key's path."""
+    """A wrong key or value in a scene, a support without room, or a cycle of names. The message has the key's path."""
 
 
 class NotSupportedError(ScenirisError):
@@ -90,9 +91,13 @@ def in_a_cycle(where: str, names: Iterable[str], what: str) -> SceneKeyError:
 
 
 MeshReason = Literal["empty", "flat", "open", "large", "not finite", "sliver", "size", "parts", "refused"]
-"""Why a mesh cannot be used, in this order: it has no faces, no volume, holes that are too large, too many faces, or
-non-finite vertices. It is too thin and light for MuJoCo, or is under 1 mm or over 50 m long. No set of convex parts
-stays near its surface. MuJoCo rejects it."""
+"""The reason why a mesh cannot be used.
+
+A mesh without faces is "empty", and a mesh without volume is "flat". An "open" mesh has holes that are too large. A
+"large" mesh has too many faces. A "not finite" mesh has non-finite vertices. A "sliver" is too thin and light for
+MuJoCo. "size" means a length under 1 mm or over 50 m, "parts" that no set of convex parts stays near the surface, and
+"refused" that MuJoCo rejects the mesh.
+"""
 
 
 class MeshError(ScenirisError):
@@ -110,9 +115,10 @@ class MeshError(ScenirisError):
 
 
 class GraspError(ScenirisError):
-    """An object that the gripper cannot grasp: it has to open by `needed` [m], and its widest opening is `opening` [m].
+    """An object that the gripper cannot grasp.
 
-    `needed` is None if no grasp has a part of the object between the fingers.
+    The gripper would have to open by `needed` [m], but opens by at most `opening` [m]. `needed` is None if no grasp has
+    a part of the object between the fingers.
     """
 
     def __init__(self, text: str, needed: float | None, opening: float) -> None:
@@ -121,7 +127,7 @@ class GraspError(ScenirisError):
 
 
 class InfeasibleSceneError(ScenirisError):
-    """A scene without any valid layout found.
+    """A scene for which no valid layout was found.
 
     Args:
         text: The message.
@@ -146,7 +152,10 @@ class MapError(ScenirisError):
 
 
 class ContactBudgetError(ScenirisError):
-    """A batch without room for all contacts or constraint rows. `budget` is "nconmax" or "njmax", per world."""
+    """A batch without room for all contacts or constraint rows.
+
+    `budget` is "nconmax" or "njmax". `room` and `wanted` are numbers of contacts or rows per world.
+    """
 
     def __init__(self, budget: str, room: int, wanted: int) -> None:
         self.budget, self.room, self.wanted = budget, room, wanted
@@ -165,7 +174,7 @@ class BusyError(ScenirisError, RuntimeError):
 
 
 class FixedError(ScenirisError, AttributeError):
-    """Assignment to the attribute `name` of a class `what`, although captured graphs already use its arrays."""
+    """An assignment to the attribute `name` of a `what`, although captured graphs already use arrays of this object."""
 
     def __init__(self, what: str, name: str, cure: str | None = None) -> None:
         self.what, self.cure = what, cure
@@ -253,7 +262,7 @@ def as_names(value: Any, name: str) -> tuple[str, ...]:
         return (value,)
     names = tuple(value) if isinstance(value, Iterable) else (value,)
     if not all(isinstance(each, str) for each in names):
-        raise ArgumentTypeError(f"{name} should be a name or several, got {type(value)}.")
+        raise ArgumentTypeError(f"{name} should be one name or several names, got {type(value)}.")
     return names
 
 
@@ -265,7 +274,7 @@ class FallbackWarning(ScenirisWarning):
         share: Fraction of the bank's layouts that ran out of restarts, None if attempts ran out.
         name: The object with the most rejections.
         cause: The most frequent cause of these rejections.
-        held: The number of layouts in the smaller of the two banks and the wanted number, if the bank is not full.
+        held: If a bank is not full, the number of layouts in the smaller of the two banks, and the wanted number.
     """
 
     def __init__(
@@ -308,7 +317,7 @@ class MissingExtraError(ScenirisError, ImportError):
 
 
 def import_extra(module: str, extra: str, package: str = "") -> Any:
-    """Import a module of an extra. `package` is its distribution, if its name differs from the module's.
+    """Import a module of an extra. `package` names the distribution if this name differs from the module's.
 
     Raises:
         MissingExtraError: The module is not installed.

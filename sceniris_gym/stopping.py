@@ -1,7 +1,7 @@
 """Ctrl-C and SIGTERM end the program at once, during any work.
 
-The signals do not raise an exception, because libraries catch it during their import, and because it waits until a call
-into C returns. Instead a thread receives the signal, ends child processes, removes temporary files, and exits.
+The signals raise no exception: some libraries would catch an exception during their import, and it would wait until a
+call into C returns. Instead a thread receives the signal, ends child processes, removes temporary files, and exits.
 """
 
 import os
@@ -18,7 +18,7 @@ _WORDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
 # Global, because signals belong to the process: the thread that handles one has to find all temporary objects.
 _temporary: dict[Any, Callable[[Any], object]] = {}
 _making = threading.Lock()
-"""Held while a temporary object is made or removed. The thread that handles a signal takes the lock for good."""
+"""Held while a temporary object is made or removed. The thread that handles a signal never releases it."""
 
 
 @contextmanager

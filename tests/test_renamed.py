@@ -59,6 +59,8 @@ NOT_REFUSED = {
         lambda""",
     "a module or a program that is gone": "randomizer tools dataset train_rsl_rl judging write_dataset",
     "of another library, or in a place where its class is gone": "make_data level serve",
+    "an attribute that is now a tensor": "kept",
+    "a constant of a module that is not public": "TURN_STEP TURN_LEAD TURN_LIMIT",
 }
 """Words of the changelog's old names that nothing can refuse, by the reason."""
 KEYWORDS: dict[str, tuple[Callable[..., Any], str, str]] = {

@@ -29,5 +29,5 @@ def answer(found: Mapping[str, Any], json: bool, report: Callable[[Any], str] = 
 
 
 def verdict(found: Mapping[str, Any], text: str) -> str:
-    """Return the first line of a report with a verdict."""
+    """Return the first line of a report: the verdict, then `text`."""
     return f"{'ok' if found[OK] else 'FAIL'}: {text}"

@@ -32,7 +32,7 @@ PROMISES = {
     "broken_equalities": ("equalities broken", "worst_equality"),
     "unreached": ("grasps out of reach", "unreached_by"),
 }
-"""Finding that breaks a promise -> its text, and the finding with details."""
+"""Finding that is zero if a promise holds -> its text in reports, and the finding with details."""
 
 _WORLDS = 1024  # worlds that are reset until enough candidates were rejected
 _EPISODES = 1000  # greatest number of these resets, for scenes with hardly any rejections
@@ -42,8 +42,8 @@ def rejected_candidates(compiled: CompiledScene, n: int, seed: int, split: str) 
     """Make layouts until n candidates were rejected for collision.
 
     Returns:
-        The layouts with the rejected objects at their candidate poses, and the names of these objects. Fewer than n for
-        a scene with hardly any rejections.
+        The layouts with the rejected objects at their candidate poses, and the names of these objects. For a
+        scene with hardly any rejections, these are fewer than n.
     """
     generator = LayoutGenerator._recording(compiled, _WORLDS, n, seed=seed, split=split)
     for _ in range(_EPISODES):
@@ -55,7 +55,7 @@ def rejected_candidates(compiled: CompiledScene, n: int, seed: int, split: str) 
 
 
 def reach_claims(compiled: CompiledScene, table: LayoutTable) -> list[Claim]:
-    """Return the claims of a table about reach, with the gripper open 1 cm wider than the grasp."""
+    """Return the claims of a table about reach. The gripper is open 1 cm wider than the grasp needs."""
     if compiled.reaching is None:
         return []
     claims = []
@@ -195,7 +195,7 @@ def _check_columns(
 
 
 def _finite(rows: Rows) -> tuple[np.ndarray, np.ndarray, dict[str, str]]:
-    """Return masks of the finite layouts and candidates, and the other rows by column."""
+    """Return masks of the finite layouts and candidates, and the numbers of all other rows by column."""
     found, by = [], {}
     for part, table in (("layouts", rows.table), ("rejected", rows.rejected)):
         known = {name: np.isfinite(getattr(table, name)) for name in ("qpos", "mocap_pos", "mocap_quat")}

@@ -48,7 +48,7 @@ def bench(
         device: Warp's name of the device. None takes "cuda:0" if available, otherwise "cpu".
         seed: Seed of the first world.
         overrides: Parts of the scene to change.
-        picture: PNG to write, of the places that `reachable` permits, or None.
+        picture: PNG to write, or None. It shows the places that `reachable` permits.
     """
     start = time.perf_counter()
     compiled = compile_scene(scene, device, overrides=overrides, cache=False)
@@ -112,7 +112,7 @@ def peak_bytes(device: str) -> int:
 
 
 def _resets(compiled: CompiledScene, generator: LayoutGenerator) -> dict[str, float]:
-    """Return the times [us] to reset all worlds and 2% of the worlds: layouts, the masked write and kinematics."""
+    """Return the times [us] of two resets, of all worlds and of 2%: layouts, the masked write and kinematics."""
     batch = Batch(compiled.scene, generator.nworld, compiled.device)
     randomizer = ResetRandomizer(compiled, batch.model, batch.data, layout_source=generator)
     times = {}
@@ -123,7 +123,7 @@ def _resets(compiled: CompiledScene, generator: LayoutGenerator) -> dict[str, fl
 
 
 def median_time(work: Callable[[], object], device: str, after: Callable[[], object] = lambda: None) -> float:
-    """Return the median time [s] of 20 runs of `work`, after 3 warm-up runs. An untimed `after` follows each run."""
+    """Return the median time [s] of 20 runs of `work`, after 3 warm-up runs. Each of the 20 is followed by `after`."""
     times = []
     for i in range(_WARM_UP + REPEATS):
         wp.synchronize_device(device)

@@ -36,17 +36,17 @@ def evaluate(
         failed: File to write, with the ids of valid layouts without success.
         min_success: Least success rate on valid layouts for a good verdict, or None for no verdict.
         task: The task, as `spec_of` takes it. "" takes the folder's task, if it is registered without an import.
-        trust: Read a checkpoint with more than weights, which executes code in it.
+        trust: Read a checkpoint that holds more than weights, although this executes code in the file.
 
     Raises:
         ArgumentError: The folder holds no run, or names a task of another package, or its checkpoint holds more
             than weights.
-        SceneMismatchError: The run belongs to a version with other layouts of the scene.
+        SceneMismatchError: The run was made by a version in which the scene has other layouts.
         ScenirisError: The task is unknown, or its scene cannot be compiled.
     """
     named, settings = read_config(run)
     if ":" in named and not task:
-        raise ArgumentError(f"{run / CONFIG}: importing its task executes it. Give --task {named} if you trust it.")
+        raise ArgumentError(f"{run / CONFIG}: importing its task executes code. If you trust it, give --task {named}.")
     task = task or named
     scene = build_model(scene_of(task, reachable=True))
     if scene.former_hash is not None and scene_of_run(run) in (None, scene.former_hash):

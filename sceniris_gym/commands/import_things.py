@@ -41,11 +41,11 @@ def import_many(folder: Path, out: Path, options: Options, jobs: int | None, dev
         SceneFileError: The folder holds no files to import.
     """
     if out.suffix == ".xml":
-        raise NotSupportedError(f"--out {out}: a folder of files becomes a folder of assets. Give a folder.")
+        raise NotSupportedError(f"--out {out}: a folder of files becomes a folder of assets. Give a folder, not MJCF.")
     sources = things_in(folder)
     if not sources:
         raise SceneFileError(
-            f"{folder}: should have files to import below it. Give a folder with {', '.join(SUFFIXES)}."
+            f"{folder}: contains no files to import. Give a folder that contains {', '.join(SUFFIXES)}."
         )
     outcomes = import_folder(sources, out, options, jobs=jobs, done=_tell)
     for outcome in outcomes:

@@ -1,10 +1,10 @@
 """The effect of `reachable` on the places of objects: compares a scene with and without it, in numbers and a picture.
 
-For a scene without `reachable`, the picture shows only its places.
+For a scene without `reachable`, the picture shows only the places of its objects.
 
-The fraction of candidates that `reachable` keeps is measured in layouts made without it: in this fraction of them, the
-arm's map accepts a grasp of the object. For the tiers `ik` and `clear`, it is multiplied by the fraction of finished
-layouts that passed the tier.
+The fraction of candidates that `reachable` keeps is measured in layouts made without `reachable`: it is the fraction of
+layouts in which the arm's map accepts a grasp of the object. For the tiers `ik` and `clear`, this fraction is
+multiplied by the fraction of finished layouts that passed the tier.
 """
 
 from collections.abc import Mapping, Sequence
@@ -38,8 +38,8 @@ class Narrowing:
     """Positions of the objects that should be reachable, with and without `reachable`.
 
     Attributes:
-        before: Object name -> world positions [m] in the layouts with the object, shape (n, 2), made without
-            `reachable`. Empty for a scene without `reachable`.
+        before: Object name -> world positions [m], shape (n, 2), in the layouts that are made without `reachable` and
+            contain the object. Empty for a scene without `reachable`.
         after: The same with `reachable`. For a scene without `reachable`, positions of all placed objects.
         kept: Object name -> fraction of its candidates that `reachable` accepts.
         rejections: Rejections per object and cause, with `reachable`.
@@ -172,7 +172,7 @@ def _positions(compiled: CompiledScene, table: LayoutTable, name: str) -> np.nda
 
 
 def _on_map(compiled: CompiledScene, plain: CompiledScene, table: LayoutTable, name: str) -> float:
-    """Return the fraction of layouts where the arm's map accepts a grasp of an object, of all layouts with the object.
+    """Return the fraction of the layouts with an object in which the arm's map accepts a grasp of the object.
 
     `table` holds layouts of `plain`, the scene without `reachable`.
     """

@@ -29,7 +29,7 @@ from sceniris_gym.reach.solve import solve
 from sceniris_gym.scene.build import build_model
 
 _ROUNDING = 1e-5  # m, parts of an arm may overlap by this much more than at home
-_ROUNDS = 32  # attempts at poses whose joints so far make the arm hit itself
+_ROUNDS = 32  # attempts to solve a pose, as long as the arm touches itself with the joints found
 
 
 def read_arm(name: str, changes: Mapping[str, Any] | None = None) -> tuple[mujoco.MjModel, SerialArm]:
@@ -268,7 +268,7 @@ def judge_poses(
 
 
 def _solvable(mjm: mujoco.MjModel, arm: SerialArm, poses: np.ndarray, device: str) -> np.ndarray:
-    """Return a mask of the poses with a solution within limits that keeps the arm off itself, shape (N,), bool."""
+    """Return a mask (N,) of the poses that an arm reaches within its joint limits, without touching itself."""
     reached = np.zeros(len(poses), bool)
     left = np.arange(len(poses))
     flat = np.reshape([[*pose[:3, 3], *quaternion(pose[:3, :3])] for pose in poses], (-1, 7))

@@ -34,7 +34,7 @@ def find_scene(scenehash: str, config: SceneConfig | None = None) -> SceneModel:
 
     Raises:
         UnknownNameError: No scene has this hash.
-        SceneMismatchError: A scene had this hash in a version with other layouts.
+        SceneMismatchError: A scene had this hash in an earlier version, which made other layouts.
     """
     configs = [config] if config is not None else [SceneConfig.load(name) for name in shipped("envs", ".yaml")]
     known = {}
@@ -101,7 +101,7 @@ def shown(ids: Sequence[str], config: SceneConfig | None, picture: Path, device:
 
 
 def describe(compiled: CompiledScene, table: LayoutTable) -> dict:
-    """Return the first layout of a table by names, bit for bit: poses in the world frame, joints in m and rad.
+    """Return the first layout of a table by object name, unrounded: poses in the world frame, joints in m and rad.
 
     `absent` lists the objects of the scene file that are not present.
     """

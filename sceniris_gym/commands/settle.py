@@ -44,4 +44,4 @@ def settle(config: SceneConfig, heap: str | None, num: int, out: Path | None, se
 def report(found: dict[str, Any]) -> str:
     """Return the settled heap as text."""
     things = f"{len(found['things'])} objects"
-    return f"{found['file']}: {found['rows']} heaps of {things}. Set heaps.{found['heap']}.rows to it in the scene."
+    return f"{found['file']}: {found['rows']} heaps of {things}. Set heaps.{found['heap']}.rows to the file."

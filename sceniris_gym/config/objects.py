@@ -25,7 +25,7 @@ _REACH_WORDS = ("tier", "by", "grasp")
 
 
 class JointConfig(Section):
-    """How a reset draws one joint position. Give exactly one of these keys.
+    """The draw of one joint position by a reset. Give exactly one of these keys.
 
     `fraction`: [low, high] as fractions of the joint's limits. `range`: [low, high] in m or rad. `choice`: a list of
     values in m or rad. `value`: one value in m or rad. `noise`: a number n in m or rad, for a uniform draw between

@@ -107,7 +107,7 @@ _Chosen = Annotated[bool, Strict()] | Annotated[str, Strict()] | _Vector
 
 
 class DrawConfig(Section):
-    """How every reset draws a value. Give exactly one of `scale`, `add`, `abs` and `choice`.
+    """The draw of a value by every reset. Give exactly one of `scale`, `add`, `abs` and `choice`.
 
     `scale` and `add` are relative to the value of the model, while `abs` and `choice` replace it. [low, high] are the
     ends of a `uniform` or `log_uniform` distribution. For a `normal` distribution, they are the mean and the standard

@@ -57,7 +57,7 @@ REACH_CAUSES = (Cause.UNREACHABLE, Cause.NO_IK, Cause.BLOCKED)
 
 
 class OrientationType(IntEnum):
-    """How an orientation is drawn: as a yaw added to a pose of the object, uniformly over SO(3), or facing a target."""
+    """The draw of an orientation: a yaw added to a pose of the object, uniform over SO(3), or facing a target."""
 
     YAW = 0
     ANY = 1

@@ -1,4 +1,4 @@
-"""What the worst draws do to standing objects: how deep contacts sink, and how far gravity and wind tilt the load."""
+"""Effects of the worst draws on standing objects: contacts sink deeper, and gravity and wind tilt the load."""
 
 import copy
 from itertools import product

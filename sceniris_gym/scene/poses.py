@@ -1,4 +1,4 @@
-"""Where layouts store the poses of objects, and the poses of a body in many layouts, by MuJoCo's kinematics."""
+"""Addresses of the poses of objects in layouts, and the poses of a body in many layouts, by MuJoCo's kinematics."""
 
 from typing import Literal, NamedTuple
 

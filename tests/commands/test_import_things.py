@@ -36,5 +36,5 @@ def test_a_folder_is_no_asset_and_an_asset_no_folder(tmp_path: Path):
     with pytest.raises(NotSupportedError, match="Give a folder"):
         import_many(tmp_path, tmp_path / "crate.xml", Options(), 1, "cpu")
     (tmp_path / "empty").mkdir()
-    with pytest.raises(SceneFileError, match="should have files to import"):
+    with pytest.raises(SceneFileError, match="contains no files to import"):
         import_many(tmp_path / "empty", tmp_path / "out", Options(), 1, "cpu")

@@ -100,5 +100,5 @@ def test_options_of_problem_files_belong_to_them_alone(tmp_path: Path):
     model.write_text(TABLE)
     with pytest.raises(NotSupportedError, match=r"--assets, --widen and --clutter belong to a problem file"):
         cli.init(model, widen=2.0)
-    with pytest.raises(NotSupportedError, match=r"needs a folder. Give a scene file: -o FILE.yaml"):
+    with pytest.raises(NotSupportedError, match=r"is written next to the scene file. Give -o FILE.yaml"):
         cli.init(write(tmp_path))

@@ -348,7 +348,7 @@ def test_arguments_of_another_type_are_told_by_their_names(crane: CompiledScene,
     [
         ({"params": ("nope",)}, "unknown param 'nope'"),
         ({"params": (REGION,)}, r"params should have shape \(7, 4\), got"),
-        ({"params": 3}, "params should be a name or several"),
+        ({"params": 3}, "params should be one name or several names"),
         (
             {"params": ("objects.thing.reg*",), "param": BOX},
             rf"params should be .*'{REGION}',\).* got 'train' and \('objects",

@@ -96,7 +96,7 @@ def test_a_single_string_is_one_name(compiled):
     s = SceneVectorEnv(Drive, 2, scene=compiled).state
     assert torch.equal(Bounds(s, "can").lowest(s.poses(["can"])), Bounds(s, ["can"]).lowest(s.poses(["can"])))
     assert ContactSensor(s, "banana", "block")(s).shape == (2, 1, 1)
-    with pytest.raises(ArgumentTypeError, match="Bounds: names should be a name or several"):
+    with pytest.raises(ArgumentTypeError, match="Bounds: names should be one name or several names"):
         Bounds(s, 3)  # type: ignore[arg-type]
 
 

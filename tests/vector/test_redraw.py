@@ -18,7 +18,7 @@ def test_an_episode_goes_on_with_its_objects_elsewhere(make_env):
     with pytest.raises(gymnasium.error.ResetNeeded):
         envs.redraw("block")
     for wrong in (3, [["block"]]):
-        with pytest.raises(ArgumentTypeError, match="redraw: objects should be a name or several"):
+        with pytest.raises(ArgumentTypeError, match="redraw: objects should be one name or several names"):
             envs.randomizer.redraw(wrong)
     _, info = envs.reset(seed=2)
     for mask, error in ((torch.ones(4), ArgumentTypeError), (torch.ones(3, dtype=torch.bool), ArgumentError)):

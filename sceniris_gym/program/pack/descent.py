@@ -1,4 +1,4 @@
-"""Where the collision test of `collide/boxes.py` starts: pairs of boxes from the trees of two colliders."""
+"""Start of the collision test of `collide/boxes.py`: pairs of boxes from the trees of two colliders."""
 
 from collections.abc import Collection, Sequence
 
