@@ -1,9 +1,9 @@
-"""`Auditor`: all checks of layouts except reach, as one report.
+"""`Auditor`: one report of all checks of layouts except reach and equalities.
 
-Every pair of geoms gets one verdict. With `geometry: physics`, a contact in MuJoCo C deeper than 0.01 mm is a missed
-collision, and the report lists allowed contacts with the reason. FCL checks the distances that MuJoCo does not report:
-clearances, and fixtures against each other and the static scene. With `geometry: visual`, only FCL decides, on the
-rendered meshes, and the report lists contacts of the colliding shapes as allowed.
+Every pair of geoms gets one verdict. With `geometry: physics`, a contact in MuJoCo C is a missed collision if it is
+more than 0.01 mm deeper than allowed. The report lists allowed contacts with the reason. FCL checks the distances that
+MuJoCo does not report: clearances, and the distances of fixtures from each other and from the static scene. With
+`geometry: visual`, FCL decides on the rendered meshes, and the report lists all contacts in MuJoCo C as allowed.
 """
 
 from collections.abc import Mapping, Sequence
@@ -26,7 +26,7 @@ from sceniris_gym.progress import tell
 from sceniris_gym.scene.layout_table import LayoutTable
 
 CHUNK = 500  # rows judged at once, which bounds the memory for their poses
-FAR = 38.0  # m, parked objects are beyond it along both axes, present ones are nearer to the origin
+FAR = 38.0  # m, parked objects have x and y above this value, present objects do not
 
 
 @dataclass(frozen=True)
@@ -35,18 +35,18 @@ class Report:
 
     Attributes:
         layouts: Number of layouts that were judged.
-        conflicts: Missed collisions, one entry per pair of geoms.
+        conflicts: Missed collisions, one entry per layout and pair of geoms.
         misplaced: Objects in a place that the scene file does not permit.
-        penetration: The deepest contact that is not allowed, or None.
+        penetration: The contact that exceeds its allowed depth most, or None.
         allowed: Pairs of bodies with allowed contacts.
-        kept: Counts for every relation, orientation and group.
+        kept: Counts of checks and violations for every relation, orientation and group.
         settled: Number of layouts that were stepped.
         frozen: Names of joints without a position actuator. They were held still while stepping.
-        moved: Object name -> number of layouts where it moved more than 1 cm while settling.
-        fast: Object name -> number of layouts where it was faster than 1 m/s.
+        moved: Object name -> number of layouts where the object moved more than 1 cm while settling.
+        fast: Object name -> number of layouts where the object was faster than 1 m/s.
         top_speed: The largest speed of any free object [m/s].
-        unstable: Kind of MuJoCo's warning -> number of layouts whose rollout it ended, and the first warning's text.
-            `moved` and `fast` leave these layouts out.
+        unstable: Kind of MuJoCo warning -> number of layouts whose rollout ended with such a warning, and the text of
+            the first warning. `moved` and `fast` do not count these layouts.
     """
 
     layouts: int
@@ -118,8 +118,9 @@ class Auditor:
 
         Args:
             table: The layouts.
-            settled: Number of layouts, from the first on, that are also stepped for half a second to find objects that
-                fall. Layouts where a gripper holds an object in the air are skipped, because the gripper would open.
+            settled: Number of layouts that are also stepped for half a second, to find objects that fall. These are
+                the first layouts of the table, without layouts where a gripper holds an object in the air. Such a
+                gripper would open.
         """
         conflicts: list[Conflict] = []
         misplaced: list[Misplaced] = []
@@ -153,9 +154,9 @@ class Auditor:
         return self._settle(report, table[rows], rows)
 
     def _have_to_stand(self) -> list[str]:
-        """Return the objects that have to stand.
+        """Return the free objects that must not fall.
 
-        Stacks with a randomised centre of mass are left out. A random mass moves the centre of a stack of bodies, too.
+        A stack is left out if its centre of mass is random. If it has several bodies, a random mass is enough for that.
         """
         objects = self.scene.config.objects
         stacks: dict[str, list[str]] = {}
@@ -177,13 +178,16 @@ class Auditor:
         return self._bottom(below) if below in self.free else name
 
     def _settle(self, report: Report, table: LayoutTable, rows: np.ndarray) -> Report:
-        """Return the report with the motion of free objects in layouts, whose numbers in it are `rows` (nrow,)."""
+        """Step the layouts of a table, and return the report with the motion of free objects.
+
+        `rows` (nrow,) gives each layout its number in the report.
+        """
         if not len(table) or not self.free:
             return report
         mjm, owner, config = self.scene.mjm, self.scene.tree.owner, self.scene.config
         joints = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
         driven = mjm.actuator_trnid[np.isin(mjm.actuator_trntype, joints), 0]
-        # robots, and actuated bodies outside the scene's objects
+        # names of the robots, and owners of actuated bodies that are not objects of the scene
         names = {*config.all_robots} | {owner[body] for body in mjm.jnt_bodyid[driven]} - {*config.objects}
         limp = limp_joints(mjm, {body for body, name in enumerate(owner) if name in names})
         motion = settle(mjm, self.free, table, frozen=limp)
@@ -214,10 +218,11 @@ class Auditor:
 
         Args:
             table: The layouts.
-            poses: Poses in them.
+            poses: Poses in the layouts.
 
         Returns:
-            (name, word, unit) -> violation in each row, NaN where the requirement does not apply, shape (nrow,).
+            (object or group, word of the requirement, unit) -> violation in each row, shape (nrow,). NaN in rows where
+            the requirement does not apply.
         """
         seen = self.outlines.see(poses, presence(self.scene.config, table))
         found = relations.excess(self.scene, seen) | self.orientations.excess(seen)
@@ -228,11 +233,11 @@ class Auditor:
 
         Args:
             table: Layouts with the rejected object at its candidate pose.
-            candidate: Name of the rejected object of each row.
-            order: Names of the placed objects in placement order. Objects after the candidate do not count.
+            candidate: Name of the rejected object in each row.
+            order: Names of the placed objects in placement order. Objects after the candidate are ignored.
 
         Returns:
-            The candidates that keep all clearances and have only allowed contacts.
+            The candidates that keep all clearances and have only allowed contacts. Their rejection was a false alarm.
         """
         alarms = []
         names = np.asarray(candidate)
@@ -257,7 +262,7 @@ class Auditor:
 
 
 def presence(config: SceneConfig, table: LayoutTable) -> dict[str, np.ndarray]:
-    """Return name of an object or robot -> mask of the rows where it or a variant is present, shape (nrow,)."""
+    """Return a mask (nrow,) by name of an object or robot: the rows where it or one of its variants is present."""
     names = [*config.objects, *config.all_robots]
     found = {name: table.present[:, i].astype(bool) for i, name in enumerate(names)}
     return found | {name: np.any([found[m] for m in members], axis=0) for name, members in config.variants.items()}

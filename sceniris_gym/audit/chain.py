@@ -10,26 +10,26 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 POSITION = 1e-3
-"""Greatest distance [m] of the TCP from a pose that counts as reached."""
+"""A pose counts as reached if the TCP is nearer to it than this distance [m]."""
 ROTATION = np.radians(0.5)
-"""Greatest angle [rad] between a TCP and a pose that counts as reached."""
+"""A pose counts as reached if the TCP differs from its orientation by less than this angle [rad]."""
 _LEVER = 0.3  # m, weight of a radian of error, about half the length of an arm's link
 # Damping of a step: a fraction of the squared error, plus a constant for singular poses.
 _DAMPING, _LEAST_DAMPING = 0.1, 1.0e-6
-_LONGEST_STEP = 1.0  # [rad, m]
+_LONGEST_STEP = 1.0  # rad or m, greatest motion of a joint in one step
 
 
 class Chain:
-    """The kinematics of an arm, for batches. Forward kinematics agree with MuJoCo's to 1e-14 m.
+    """The kinematics of an arm, for batches of joint positions. TCP positions agree with MuJoCo's to 1e-14 m.
 
     Args:
         mjm: The model with the arm.
         root: Id of the arm's base body.
-        site: Id of the site that is its TCP.
+        site: Id of the site that is the arm's TCP.
 
     Attributes:
         joints: Ids of the n joints from the base to the TCP, shape (n,).
-        lower, upper: Limits of the joints [rad, m], shape (n,). -inf and inf without limits.
+        lower, upper: Limits of the joints [rad or m], shape (n,). -inf and inf for joints without limits.
     """
 
     def __init__(self, mjm: mujoco.MjModel, root: int, site: int) -> None:
@@ -55,20 +55,21 @@ class Chain:
         self._twist[:, :3, 3] = np.where(self._slide[:, None], axis, np.cross(anchor, axis))
 
     def fk(self, q: np.ndarray) -> np.ndarray:
-        """Return poses of the TCP in the base frame, shape (N, 4, 4), at joints of shape (N, n) [rad, m]."""
+        """Return TCP poses in the base frame, shape (N, 4, 4), for joint positions [rad or m], shape (N, n)."""
         return self._placed(q)[0]
 
     def ik(self, poses: np.ndarray, starts: np.ndarray, iterations: int) -> np.ndarray:
-        """Find joints for TCP poses by damped least squares within limits, from each start in turn.
+        """Find joint positions for TCP poses, by damped least squares within the joint limits.
 
         Args:
             poses: TCP poses in the base frame, shape (N, 4, 4).
-            starts: Joints to start from, tried in this order for every pose, shape (K, n).
+            starts: Joint positions at the start of the search, shape (K, n). If a pose is not reached from one start,
+                the next start is tried.
             iterations: Number of steps from each start.
 
         Returns:
-            Joints [rad, m] within limits, shape (N, n), that bring the TCP within POSITION and ROTATION of the pose.
-            NaN if the search fails.
+            Joint positions [rad or m] within limits, shape (N, n), that bring the TCP within POSITION and ROTATION of
+            the pose. NaN if no start reaches the pose.
         """
         found = np.full((len(poses), len(self.joints)), np.nan)
         for start in starts:
@@ -83,13 +84,13 @@ class Chain:
         return found
 
     def random_joints(self, num: int, seed: int = 0) -> np.ndarray:
-        """Return joints drawn uniformly within limits (-pi to pi for a hinge without limits), shape (num, n)."""
+        """Return joint positions drawn uniformly within limits, shape (num, n). Hinges without limits use -pi to pi."""
         lower = np.where(np.isfinite(self.lower), self.lower, -np.pi)
         upper = np.where(np.isfinite(self.upper), self.upper, np.pi)
         return np.random.default_rng(seed).uniform(lower, upper, (num, len(lower)))
 
     def _refined(self, poses: np.ndarray, q: np.ndarray, iterations: int) -> np.ndarray:
-        """Return joints (N, n) moved towards TCP poses (N, 4, 4) within limits.
+        """Return joint positions (N, n) after steps from `q` towards TCP poses (N, 4, 4), within limits.
 
         Damping shrinks with the squared error (T. Sugihara, "Solvability-unconcerned inverse kinematics by the
         Levenberg-Marquardt method", IEEE Transactions on Robotics 27, 2011). A step leaves out joints that it would
@@ -113,7 +114,7 @@ class Chain:
         return self._within(q)
 
     def _placed(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return TCP poses (N, 4, 4) at joints (N, n), and their Jacobians [m, rad] (N, 6, n), in the base frame."""
+        """Return TCP poses (N, 4, 4) and their Jacobians (N, 6, n) at joint positions (N, n), in the base frame."""
         change = q - self._ref
         sine, versine = np.where(self._slide, change, np.sin(change)), 1.0 - np.cos(change)
         motion = np.eye(4) + sine[..., None, None] * self._twist + versine[..., None, None] * self._twist @ self._twist
@@ -126,7 +127,7 @@ class Chain:
         return at, np.concatenate([along, around], axis=2).transpose(0, 2, 1)
 
     def _within(self, q: np.ndarray) -> np.ndarray:
-        """Return joints clamped to their limits. Hinges without limits are wrapped to [-pi, pi] instead."""
+        """Return joint positions clamped to their limits. Hinges without limits are wrapped to [-pi, pi] instead."""
         laps = np.where(np.isfinite(self.lower) | self._slide, 0.0, np.round(q / (2.0 * np.pi)))
         return np.clip(q - 2.0 * np.pi * laps, self.lower, self.upper)
 

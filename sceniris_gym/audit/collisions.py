@@ -1,4 +1,4 @@
-"""Pairs of solids that must be apart, and their distances: missed collisions, and false alarms among candidates."""
+"""Checks the distances between solids: missed collisions of layouts, and false alarms among rejected candidates."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
@@ -18,9 +18,9 @@ class Judged:
 
     Attributes:
         first, second: Indices into the list of solids.
-        clearance: Least distance between them [m], unless one supports the other.
-        owners: Their objects, the same name twice for two parts of an object.
-        margin: Distance at which MuJoCo starts to act on the pair [m].
+        clearance: Least allowed distance between the solids [m]. It does not apply if one supports the other.
+        owners: Names of the objects that own the solids. For two parts of one object, the same name twice.
+        margin: Distance [m] at which MuJoCo's contact of the pair starts to act.
     """
 
     first: int
@@ -62,9 +62,9 @@ def judged_pairs(
 ) -> list[Judged]:
     """List the pairs of solids that a layout must keep apart.
 
-    Contact bits (with "physics"), explicit pairs and exclusions apply. Two bodies that no layout moves are not judged.
-    Fixtures must be apart from each other and from the static scene, although MuJoCo reports no contacts between them.
-    Parts of one object are judged by MuJoCo's rules if a layout draws its joints.
+    MuJoCo's `<pair>` and `<exclude>` apply. With "physics", contact bits also apply. Two bodies that no layout moves
+    are not judged. Fixtures must be apart from each other and from the static scene, although MuJoCo reports no
+    contacts between them. Parts of one object are only judged if layouts draw the object's joints.
 
     Args:
         tree: Owners of the bodies.
@@ -72,10 +72,11 @@ def judged_pairs(
         geometry: "physics" or "visual".
         clearances: Clearance [m] of each placed object. A pair keeps the larger clearance.
         jointed: Names of the objects whose joints are drawn.
-        at_home: Pairs of geoms, the lower id first, that touch at home. They are left to the contacts of MuJoCo C. With
-            "visual", their bodies are not judged at all.
-        placed: Names of the objects that layouts place, None for all. Two other objects keep no clearance. If their
-            joints are not drawn either, they stay as they are at home and are left to the contacts of MuJoCo C.
+        at_home: Pairs of geoms that touch at home, the lower id first. They are not listed, because the contacts of
+            MuJoCo C judge them. With "visual", no geoms of these two bodies are listed.
+        placed: Names of the objects that layouts place, None for all. Two objects that are not placed keep no
+            clearance. If their joints are not drawn either, they stay as at home and are not listed, because the
+            contacts of MuJoCo C judge them.
     """
     mjm = tree.mjm
     touching = {frozenset(mjm.geom_bodyid[list(geoms)].tolist()) for geoms in at_home if geometry == "visual"}
@@ -135,7 +136,7 @@ class Conflict:
         geoms: Ids of the two geoms.
         owners: Names of the two objects.
         distance: Distance [m], at most 0 if the surfaces cross, minus infinity if one solid is inside the other.
-        clearance: Required distance [m], negative if the geoms may be as deep as at home.
+        clearance: Required distance [m]. Negative if the geoms may be as deep as at home.
     """
 
     row: int
@@ -150,9 +151,9 @@ class FalseAlarm:
     """A candidate that was rejected for collision although it keeps all clearances.
 
     Attributes:
-        row: The candidate.
-        owners: Names of the nearest pair, None if all other objects are far.
-        surplus: Distance beyond the clearance [m], infinite if all other objects are far.
+        row: Index of the candidate.
+        owners: Owners of the nearest pair of solids, None if all other objects are far.
+        surplus: Distance of this pair beyond its clearance [m], infinite if all other objects are far.
     """
 
     row: int
@@ -209,8 +210,8 @@ class CollisionAudit:
         Args:
             poses: World poses of the rows, with each candidate at its rejected pose.
             supporting: Object name -> id of the supporting body in each row, shape (nrow,), -1 without support.
-            candidate: Name of the rejected object of each row, shape (nrow,).
-            rank: Placed object -> its number in placement order. Objects after the candidate do not count.
+            candidate: Name of the rejected object in each row, shape (nrow,).
+            rank: Placed object -> its number in placement order. Objects after the candidate are ignored.
         """
         free = np.ones(len(candidate), bool)
         nearest = [FalseAlarm(row, None, np.inf) for row in range(len(candidate))]
@@ -230,7 +231,7 @@ class CollisionAudit:
         return [nearest[row] for row in np.flatnonzero(free)]
 
     def _lifted(self, pair: Judged, supporting: Rows, rows: np.ndarray) -> np.ndarray:
-        """Return 1 or 2 in each of the rows where the other solid's body supports the first or second solid, or 0."""
+        """Return in each of the rows which solid of a pair stands on the other one's body: 1, 2, or 0 for neither."""
         lifted = np.zeros(len(rows), int)
         for side, (solid, other) in enumerate(((pair.first, pair.second), (pair.second, pair.first)), start=1):
             owner = self.tree.owner[self._body[solid]]
@@ -239,7 +240,7 @@ class CollisionAudit:
         return lifted
 
     def _over_halfspace(self, pair: Judged) -> int | None:
-        """Return the solid of a pair whose other solid is a half-space, None without a half-space."""
+        """If one solid of a pair is a half-space, return the index of the other solid. Otherwise return None."""
         if self.solids[pair.first].form is Form.HALFSPACE:
             return pair.second
         return pair.first if self.solids[pair.second].form is Form.HALFSPACE else None
@@ -270,14 +271,14 @@ class CollisionAudit:
 
 
 def takes_part(owners: tuple[str, str], candidate: np.ndarray, rank: Mapping[str, int]) -> np.ndarray:
-    """Return a mask of the rows where two owners are the candidate and an object placed before it, shape (nrow,).
+    """Return a mask of the rows where one owner is the candidate, and the other was placed before it, shape (nrow,).
 
-    A pair of two parts of the candidate counts, too.
+    A pair of two parts of the candidate also counts.
 
     Args:
         owners: Names of the two objects.
-        candidate: Name of the candidate of each row, shape (nrow,).
-        rank: Placed object -> its number in placement order. All other objects always count.
+        candidate: Name of the candidate in each row, shape (nrow,).
+        rank: Placed object -> its number in placement order. All other objects count as placed before the candidate.
     """
     mine = [candidate == owner for owner in owners]
     if owners[0] == owners[1]:

@@ -4,8 +4,8 @@ MuJoCo applies its rules: contact bits, `exclude` and `pair`, margins, parents a
 are allowed:
 
 - An object may be within the contact margin of its support, but must not intersect it.
-- Geoms that touch at home, in a relative pose that placement does not change, may be as deep as at home: links of a
-  robot, doors of a cabinet, a robot and its desk.
+- If two geoms touch at home and placement does not change their relative pose, they may be as deep as at home.
+  Examples: links of a robot, doors of a cabinet, a robot and its desk.
 """
 
 from collections.abc import Collection, Iterable, Iterator, Mapping
@@ -31,9 +31,9 @@ class Contact:
         row: The layout.
         geoms: Ids of the two geoms, the lower one first.
         owners: Names of the two objects.
-        depth: Depth below the margin of the pair, where MuJoCo starts to act [m]. Between an object and its support,
-            depth below 0.
-        home: The depth at home, None if the two geoms are apart there.
+        depth: How much nearer [m] the geoms are than their margin, the distance at which MuJoCo starts to act. Between
+            an object and its support, the depth of the penetration.
+        home: The depth at home [m], None if the two geoms are apart there.
     """
 
     row: int
@@ -74,8 +74,8 @@ class ContactAudit:
         markers: Names of objects that may intersect anything.
 
     Attributes:
-        at_home: Pairs of geoms, the lower id first, that touch at home -> their depth there [m]. The auditor adds pairs
-            of geoms in heaps with their allowed depth, because MuJoCo settled them in contact.
+        at_home: Pair of geoms that touch at home, the lower id first -> their depth at home [m]. The auditor adds the
+            pairs of geoms in heaps with their allowed depth, because MuJoCo settled them in contact.
     """
 
     def __init__(self, tree: Tree, placed: Mapping[str, int], markers: set[str]) -> None:
@@ -177,7 +177,7 @@ def deepest_contacts(mjm: mujoco.MjModel, data: mujoco.MjData) -> dict[tuple[int
     """Return the deepest contact of each pair of geoms at the poses in `data`.
 
     Returns:
-        (geoms, the lower id first) -> distance, and the distance where MuJoCo starts to act [m].
+        Pair of geoms, the lower id first -> their distance, and the distance at which MuJoCo starts to act [m].
     """
     mujoco.mj_comPos(mjm, data)
     mujoco.mj_collision(mjm, data)

@@ -4,10 +4,11 @@ Errors of FCL's algorithms, measured against Minkowski differences in double pre
 
 - Triangle BVH against triangle BVH: errors below 1e-16 m over 1,425 random pairs of hulls and boxes. Boxes, hulls and
   meshes are therefore BVHs here. GJK on `fcl.Convex` was wrong by up to 7e-5 m and is not used.
-- A sphere or capsule is a point or segment (a degenerate triangle in a BVH) widened by its radius: below 1e-16 m.
-- Cylinders and ellipsoids stay FCL primitives: 2e-6 m against a BVH, up to 3e-4 m against each other.
+- A sphere or capsule is a point or segment (a degenerate triangle in a BVH) with a radius: errors below 1e-16 m.
+- Cylinders and ellipsoids stay FCL primitives: errors of 2e-6 m against a BVH, and up to 3e-4 m against each other.
 
-BVHs are hollow: a solid entirely inside another solid touches no triangle, so containment needs the winding number.
+BVHs are hollow: if a solid is entirely inside another solid, it does not touch the triangles of the other solid. The
+winding number therefore tests containment.
 """
 
 import fcl
@@ -56,9 +57,9 @@ class Narrow:
 
 
 def _contains(outer: Solid, inner: Solid, outer_pose: Pose, inner_pose: Pose) -> bool:
-    """Return whether the first vertex of a solid, or its centre, is inside the closed surface of a polyhedron.
+    """Return whether the polyhedron `outer` contains the first vertex of `inner`, or its centre if it has no vertices.
 
-    False if `outer` is not a polyhedron: other forms are already solid in FCL.
+    If `outer` is not a polyhedron, return False, because FCL already treats other forms as solid.
     """
     if outer.form is not Form.POLYHEDRON:
         return False

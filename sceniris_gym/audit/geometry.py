@@ -22,7 +22,7 @@ _VISIBLE_GROUPS = (0, 1, 2)
 
 
 class Form(Enum):
-    """Description of the solid of a geom."""
+    """How a `Solid` describes the shape of its geom."""
 
     POLYHEDRON = "polyhedron"  # closed triangle surface: boxes, hulls of meshes, meshes
     ROUNDED = "rounded"  # all points within `radius` of a point or a segment: spheres, capsules
@@ -44,7 +44,7 @@ class Solid:
 
     Attributes:
         geom: Geom id.
-        form: Kind of its description.
+        form: How the solid is described.
         vertices: Surface vertices of a polyhedron, or the point or segment inside a rounded solid, shape (nvert, 3).
         faces: Triangles of a polyhedron, counter-clockwise seen from outside, shape (nface, 3).
         radius: Radius of a rounded solid, 0 for other forms.
@@ -71,7 +71,7 @@ class Solid:
         object.__setattr__(self, "half", half)
 
     def lowest(self, up: np.ndarray) -> np.ndarray:
-        """Return the least height of the solid along directions `up` (n, 3) in its frame, shape (n,)."""
+        """Return the solid's least coordinate [m] along each unit vector of `up` (n, 3), geom's frame, shape (n,)."""
         if self.form is Form.CYLINDER:
             return -self.size[0] * np.linalg.norm(up[:, :2], axis=1) - self.size[1] * np.abs(up[:, 2])
         if self.form is Form.ELLIPSOID:
@@ -103,7 +103,7 @@ def poses_of(mjm: mujoco.MjModel, table: LayoutTable) -> Poses:
 
 
 def home_of(mjm: mujoco.MjModel, keyframe: str | None = None) -> mujoco.MjData:
-    """Return the data at a keyframe, 'home' by default, with poses and subtree masses.
+    """Return the data at a keyframe, 'home' by default, with poses and the centres of mass of subtrees.
 
     If the model has no keyframe of this name, return the default state.
     """
@@ -132,7 +132,7 @@ def rotation(quat: np.ndarray) -> np.ndarray:
 
 
 def frame(pose: np.ndarray) -> np.ndarray:
-    """Return a pose, position [m] and quaternion (wxyz) of any length, as a homogeneous matrix (4, 4)."""
+    """Return a pose as a homogeneous matrix (4, 4). `pose` (7,) is a position [m] and a quaternion of any length."""
     return np.block([[rotation(pose[3:]), pose[:3, None]], [np.zeros(3), 1.0]])
 
 
@@ -151,7 +151,7 @@ def convex_hull(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _mesh(mjm: mujoco.MjModel, mesh: int, *, hull: bool) -> tuple[np.ndarray, np.ndarray]:
     """Return vertices and triangles of a mesh, or of its collision hull in MuJoCo.
 
-    With `maxhullvert`, the hull has fewer vertices.
+    If the mesh sets `maxhullvert`, this hull is the smaller hull that MuJoCo collides.
     """
     vertadr, faceadr = mjm.mesh_vertadr[mesh], mjm.mesh_faceadr[mesh]
     vertices = mjm.mesh_vert[vertadr : vertadr + mjm.mesh_vertnum[mesh]].astype(float)

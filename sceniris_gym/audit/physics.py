@@ -15,8 +15,8 @@ from sceniris_gym.scene.layout_table import LayoutTable
 SETTLE_SECONDS = 0.5
 STILL = 0.01  # m, greatest motion of a free object at rest
 FAST = 1.0  # m/s
-BROKEN = 2e-4  # m or rad, greatest error of an equality that holds, as keyframes have few digits
-_IMMOVABLE = 1e8  # kg m^2 or kg, a torque of 1,000 N m rotates it by 1e-6 rad in half a second
+BROKEN = 2e-4  # m or rad, an equality may have this error, because keyframes have few digits
+_IMMOVABLE = 1e8  # kg m^2 or kg, armature: 1,000 N m rotate such a joint by 1e-6 rad in half a second
 _FIRST_MOMENT = 0.005  # s, the contact solver's first push does not count as motion
 _THREADS = os.cpu_count() or 1
 _CHUNK = 250  # rows stepped at once, which bounds the memory for their states
@@ -94,7 +94,7 @@ def settle(
 def _first_warning(
     mjm: mujoco.MjModel, data: mujoco.MjData, first: np.ndarray, given: np.ndarray, nstep: int
 ) -> tuple[str, str]:
-    """Repeat a rollout that ended early, and return kind and text of its first warning."""
+    """Repeat a rollout that ended early, and return the kind and the text of its first warning."""
     mujoco.mj_resetData(mjm, data)
     mujoco.mj_setState(mjm, data, first, mujoco.mjtState.mjSTATE_FULLPHYSICS)
     mujoco.mj_setState(mjm, data, given, _GIVEN)
@@ -123,7 +123,7 @@ def _start(mjm: mujoco.MjModel, table: LayoutTable) -> tuple[np.ndarray, np.ndar
 
 
 def hold(mjm: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Set controls: position servos exert no force, other actuators take the controls of the first keyframe."""
+    """Set the controls so that position servos exert no force. Other controls come from the first keyframe."""
     if mjm.nkey:
         data.ctrl[:] = mjm.key_ctrl[0]
     mujoco.mj_fwdPosition(mjm, data)
@@ -164,9 +164,9 @@ def _servos(mjm: mujoco.MjModel) -> np.ndarray:
 
 
 def _prepared(mjm: mujoco.MjModel, joints: Sequence[int]) -> mujoco.MjModel:
-    """Return the model with dense Jacobians, and with enough inertia in some joints to hold them still.
+    """Return a copy of the model with dense Jacobians, in which a huge armature holds some joints still.
 
-    MuJoCo 4.0.0 factorises sparse Jacobians wrongly (google-deepmind/mujoco#3767), so that stacks creep.
+    MuJoCo 4.0.0 factorises sparse Jacobians wrongly (google-deepmind/mujoco#3767), so stacks would creep.
     """
     frozen = copy(mjm)
     frozen.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE

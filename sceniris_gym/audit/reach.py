@@ -1,9 +1,10 @@
-"""Check claims that an arm reaches objects: MuJoCo C tests claimed joints, inverse kinematics tests poses only.
+"""Check claims that an arm reaches objects. Also check the starts of layouts.
 
-Joints, limits and hand come from the MjModel: the chain from the robot's root body to its TCP, a site. Inverse
-kinematics (chain.py) start from random joints. The claim sets the opening of the fingers. In the grasp, only the hand
-may touch the object, and it may touch only the object. The hand is everything that the last joint carries. Parts of the
-robot that touch each other at home may be as deep as at home.
+A claim of the tier `ik` or `clear` has joint positions, which MuJoCo C tests. A claim of a map has only a TCP pose, for
+which inverse kinematics (chain.py) must find joint positions from random starts. The joints are the chain from the
+robot's root body to its TCP, a site. The hand is everything that the last of these joints carries. The claim sets the
+opening of the fingers. For `clear`, only the hand may touch the object in the grasp, and the robot may touch no other
+object. Parts of the robot that touch each other at home may be as deep as at home.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -25,7 +26,7 @@ from sceniris_gym.config.tier import Tier
 from sceniris_gym.scene.layout_table import LayoutTable
 
 BACK = 0.08  # m, distance from the pre-grasp to the grasp along the approach
-_LIMIT = 1e-6  # rad or m
+_LIMIT = 1e-6  # rad or m, claimed joints may exceed their limits by this
 _DEEP = 1e-5  # m, a deeper contact is a collision
 _OFF = 0.03  # m, greatest distance from the TCP of a grasp to the nearest box of the object's geoms
 _STARTS, _STEPS = 64, 40  # of inverse kinematics
@@ -33,18 +34,18 @@ _STARTS, _STEPS = 64, 40  # of inverse kinematics
 
 @dataclass(frozen=True)
 class Claim:
-    """Claim that a robot reaches an object, one entry per row, NaN in rows without a claim.
+    """Claim that a robot reaches an object. Arrays have one entry per row, NaN in rows without a claim.
 
     Attributes:
         name: The object.
         robot: The robot.
-        tier: The grade of proof.
+        tier: The definition of "reachable" that the claim uses.
         pose: TCP in the world frame, position [m] and orientation (w, x, y, z), shape (nrow, 7).
-        qpos: Joints of the arm in the grasp [rad or m], from its base on, shape (nrow, njoint).
-        pregrasp_qpos: The same for the pre-grasp.
+        qpos: Joint positions of the arm in the grasp [rad or m], from the base to the TCP, shape (nrow, njoint).
+        pregrasp_qpos: Joint positions of the arm in the pre-grasp [rad or m], shape (nrow, njoint).
         fingers: Positions of the finger joints, shape (nrow, nfinger).
         finger_adr: Addresses of the finger joints in qpos, shape (nfinger,).
-        pattern: The glob of the word `grasp`, which selects grasps of the object. None for all grasps.
+        pattern: The glob that selects grasps of the object, from the key `grasp` in the scene file. None for all.
     """
 
     name: str
@@ -60,7 +61,7 @@ class Claim:
 
 @dataclass(frozen=True)
 class Unreached:
-    """A wrong claim about reach: row, name of the object, and cause."""
+    """A claim about reach that is wrong: its row, the name of the object, and the cause."""
 
     row: int
     name: str
@@ -75,7 +76,8 @@ class ReachAudit:
         root: Id of the robot's root body.
         bodies: Object name -> root body id.
         tcp: Name of the site that is the robot's tool centre point.
-        chain: The chain of a robot, if the model has only its base body. Its joints are not judged.
+        chain: The kinematics of the arm, if the model has only the robot's base body. Joint positions are then not
+            judged.
     """
 
     def __init__(
@@ -118,7 +120,7 @@ class ReachAudit:
         return found
 
     def _wrong(self, claim: Claim, row: int) -> str | None:
-        """Return the error of a claim about the layout in `data`, as far as known without inverse kinematics."""
+        """Return why a claim about the layout in `data` is wrong, or None. This method runs no inverse kinematics."""
         pose = claim.pose[row]
         if np.isnan(pose).any():
             return "no grasp"
@@ -177,15 +179,15 @@ class ReachAudit:
         return None
 
     def _touching_at_home(self) -> dict[tuple[int, int], float]:
-        """Return pairs of the robot's geoms in contact at home -> their least distance [m]."""
-        alone = copy(self.mjm)  # objects do not collide, because they are at the origin at home
+        """Return pairs of the robot's geoms in contact at home -> their least distance [m], at most 0."""
+        alone = copy(self.mjm)  # collisions of objects are off, because all objects are at the origin at home
         others = ~np.isin(alone.geom_bodyid, list(self._robot))
         alone.geom_contype[others] = alone.geom_conaffinity[others] = 0
         contacts = deepest_contacts(alone, home_of(alone))
         return {geoms: min(dist, 0.0) for geoms, (dist, _) in contacts.items()}
 
     def _distance(self, name: str, point: np.ndarray) -> float:
-        """Return the distance [m] from a point to the nearest box of an object's geoms, 0 without geoms."""
+        """Return the distance [m] from a point to the nearest box of an object's geoms, or 0 if there are no geoms."""
         geoms = np.isin(self.mjm.geom_bodyid, list(self._of[name]))
         center, half = np.split(self.mjm.geom_aabb[geoms], 2, axis=1)
         mat = self.data.geom_xmat[geoms].reshape(-1, 3, 3)
@@ -230,7 +232,7 @@ class StartAudit:
     def moved(self, table: LayoutTable) -> dict[str, np.ndarray]:
         """Return object -> mask of the rows where the start sets its place, shape (nrow,).
 
-        Its support, region, relations and orientation do not apply there.
+        In these rows, the object's support, region, relations and orientation do not apply.
         """
         return _rows(table, self._moved)
 
@@ -246,10 +248,11 @@ class StartAudit:
         return found
 
     def excuses(self, table: LayoutTable, conflict: Conflict, grasped: Rows) -> bool:
-        """Return whether a start permits a conflict: of an arm with its held object, or of a clearance without contact.
+        """Return whether a start permits a conflict.
 
-        Clearances do not apply to an arm away from its start pose, or to an object held in the air: for them, only
-        contact is a conflict. An object at its marker has no clearance to its support, as usual.
+        It permits all conflicts between an arm and the object that this arm holds. If an arm is away from its start
+        pose, or an object is held in the air, their clearances do not apply: only contact is a conflict. The same is
+        true between an object at its marker and the object's support.
         """
         number, owners, config = int(table.start[conflict.row]), set(conflict.owners), self.scene.config
         if number < 0:
@@ -274,8 +277,8 @@ class StartAudit:
 
         Args:
             contacts: The contacts.
-            grasped: As from `grasped`.
-            sides: Filled with the robot's geoms in contact with a held object.
+            grasped: The result of the method `grasped`.
+            sides: This method adds the robot's geoms in contact with a held object.
         """
         for contact in contacts:
             if not self._holds(contact.owners, contact.row, grasped):
@@ -286,7 +289,7 @@ class StartAudit:
                     sides.setdefault((contact.row, other), set()).add(geom)
 
     def check(self, table: LayoutTable, poses: Poses, there: Rows, sides: Sides) -> list[Misplaced]:
-        """Return objects that are not held or not at their marker, as the start requires. `between` fills `sides`."""
+        """Return the objects that should be held or at a marker at the start, but are not. `between` fills `sides`."""
         found = [
             Misplaced(int(row), name, "start")
             for name, rows in self.grasped(table).items()
@@ -302,5 +305,5 @@ class StartAudit:
 
 
 def _rows(table: LayoutTable, named: Sequence[tuple[int, str]]) -> dict[str, np.ndarray]:
-    """Return object -> mask of the rows whose start is listed with the object, shape (nrow,)."""
+    """Return object -> mask (nrow,) of the rows with a start of the object. `named` has (start, object) pairs."""
     return {name: np.isin(table.start, [i for i, other in named if other == name]) for _, name in named}

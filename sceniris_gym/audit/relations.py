@@ -24,8 +24,8 @@ class Kept:
 
     Attributes:
         name: The object or the group.
-        word: The relation (its index among the object's relations, and its word), or a part of the orientation or of
-            the group.
+        word: The requirement: a relation (its index among the object's relations, and its key, such as "0 near"), or a
+            part of the orientation or of the group, such as "yaw" or "count".
         unit: "m", "rad" or "objects".
         checked: Number of rows where the requirement applies.
         broken: Number of rows with a violation above the tolerance of the unit.
@@ -55,9 +55,9 @@ def _counted(key: tuple[str, str, str], amount: np.ndarray) -> Kept:
     return Kept(*key, int(applies.sum()), broken, float(amount.max(initial=-np.inf)), row)
 
 
-THIN = 1e-3  # m, anchors with a thinner hull lie on a line
-_NEARLY_THIN = 1e-5  # m, this near to THIN, the hull and the strip are both right
-_ROUNDING = 1e-6  # m, rounding error of a position in single precision, a large angle close to the anchor
+THIN = 1e-3  # m, if the hull of the anchors is thinner, the anchors count as points of a line
+_NEARLY_THIN = 1e-5  # m, if the hull differs from THIN by less, both the hull and the strip are right
+_ROUNDING = 1e-6  # m, rounding error of a position in single precision, which is a large angle close to the anchor
 _LOWEST = 1e-4  # m, points up to this height above the lowest point carry the object
 _ONE_POINT = 1e-5  # m, pivots up to this distance apart coincide, up to rounding
 
@@ -66,8 +66,8 @@ def excess(scene: JudgedScene, seen: Seen) -> Excess:
     """Measure every relation of every object.
 
     Returns:
-        (object, relation, unit) -> violation in each row [m or rad], shape (nrow,). At most 0 if the relation holds,
-        NaN if it does not apply because an object is absent.
+        (object, relation, unit) -> violation in each row [m or rad], shape (nrow,). At most 0 if the relation holds.
+        NaN if the relation does not apply, because an object is absent.
     """
     found = {}
     for name, part in scene.config.parts.items():
@@ -79,14 +79,17 @@ def excess(scene: JudgedScene, seen: Seen) -> Excess:
 
 
 def _is_complete(relation: Relation, seen: Seen) -> np.ndarray:
-    """Return a mask of the rows that have enough of the anchors and the object of `frame`, shape (nrow,)."""
+    """Return a mask of the rows where enough anchors and the object of `frame` are present, shape (nrow,)."""
     enough = np.sum([seen.present[anchor] for anchor in relation.anchors], axis=0) >= relation.least_anchors
     return np.all([enough, *(seen.present[name] for key, name in relation.references if key == "frame")], axis=0)
 
 
 @singledispatch
 def _missed(relation: Relation, name: str, scene: JudgedScene, seen: Seen) -> dict[str, np.ndarray]:
-    """Return unit -> violation of an object's relation, also for absent objects, except anchors of 'between'."""
+    """Return unit -> violation of an object's relation in each row, shape (nrow,).
+
+    The presence of objects is ignored. Only absent anchors of 'between' are left out.
+    """
     raise NotImplementedError(f"no audit of {type(relation).__name__}")
 
 
@@ -118,7 +121,10 @@ def _off_between(relation: Between, name: str, scene: JudgedScene, seen: Seen) -
 
 @_missed.register
 def _off_beside(relation: Beside, name: str, scene: JudgedScene, seen: Seen) -> dict[str, np.ndarray]:
-    """Return the larger of two errors: of the gap, and how far the narrower bounds reach beyond the wider bounds."""
+    """Return the larger of two errors [m]: in the gap, and in the overlap across the side.
+
+    Across the side, the narrower bounds should not reach beyond the wider bounds.
+    """
     own, anchor, heading = seen.outlines[name], seen.outlines[relation.beside], _heading(relation, name, scene, seen)
     side = np.stack([np.cos(heading), np.sin(heading)], 1)
     across = np.stack([-side[:, 1], side[:, 0]], 1)
@@ -142,7 +148,7 @@ def _off_site(relation: Joined, name: str, scene: JudgedScene, seen: Seen) -> di
 
 
 def _heading(relation: Relation, name: str, scene: JudgedScene, seen: Seen) -> np.ndarray:
-    """Return the heading [rad] of a relation in the world, shape (nrow,)."""
+    """Return the direction from the anchor that a relation requires, as an angle [rad] in the world, shape (nrow,)."""
     headings = {"support": seen.support_heading[name], "world": np.zeros(len(seen.support_heading[name]))}
     frame = relation.reference_frame
     heading = headings[frame] if frame in headings else seen.outlines[frame].heading
@@ -173,8 +179,8 @@ def _rectangles(outline: Outline) -> np.ndarray:
 def _off_hull(point: np.ndarray, anchors: np.ndarray, there: np.ndarray, width: np.ndarray) -> np.ndarray:
     """Return the distance [m] of points from the region of `between`, shape (nrow,).
 
-    The region is the hull of the present anchors. If this hull is thin, it is a strip along the anchors. If the anchors
-    lie at one place, it is a square.
+    The region is the hull of the present anchors. If this hull is thin, the region is a strip along the anchors. If all
+    anchors lie at one place, the region is a square.
 
     Args:
         point: The points [m], shape (nrow, 2).
@@ -223,8 +229,8 @@ class OrientationAudit:
         """Measure the orientation of every placed object.
 
         Returns:
-            (object, word, unit) -> violation in each row [m or rad], shape (nrow,). At most 0 if the orientation is
-            right, NaN if the object is absent.
+            (object, requirement, unit) -> violation in each row [m or rad], shape (nrow,). At most 0 if the orientation
+            is right. NaN if the object is absent.
         """
         found, outlines = {}, seen.outlines
         for name, part in self.scene.placed.items():
@@ -263,7 +269,7 @@ def _center_of_weight(home: mujoco.MjData, root: int) -> np.ndarray:
 
 
 def _off_interval(angle: np.ndarray, rounding: np.ndarray | float, drawn_as: DrawnOrientation) -> np.ndarray:
-    """Return the distance [rad] of angles, known up to `rounding`, from the yaw interval."""
+    """Return how far [rad] angles are outside the yaw interval, minus their rounding error [rad]."""
     low, high = drawn_as.yaw
     return np.abs(_wrapped(angle - (low + high) / 2)) - (high - low) / 2 - rounding
 
@@ -271,7 +277,7 @@ def _off_interval(angle: np.ndarray, rounding: np.ndarray | float, drawn_as: Dra
 def _from_target(own: Outline, target: Outline) -> tuple[np.ndarray, np.ndarray]:
     """Return the angle [rad] from the direction of the target to an object's front (-y), and its rounding error.
 
-    If both are at one point, which `points` allow, the direction is undefined and any angle is right.
+    If both pivots are at one point (possible with `points` as regions), any angle is right.
     """
     to = target.pivot[:, :2] - own.pivot[:, :2]
     apart = np.linalg.norm(to, axis=1)

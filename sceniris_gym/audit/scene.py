@@ -16,7 +16,7 @@ from sceniris_gym.config.scene import SceneConfig
 
 
 class Carrier(NamedTuple):
-    """The carrier of an object.
+    """The body or geom that carries an object.
 
     Attributes:
         body: Id of the body, 0 for the world.
@@ -70,7 +70,7 @@ class JudgedScene:
         """Return the carrier of an object.
 
         Args:
-            parent: The carrier in the scene file: 'floor', 'object', 'object/body', or a geom or body that never moves.
+            parent: Name of the support in the scene file: 'floor', an object, 'object/body', or a geom or body.
         """
         mjm, bodies = self.mjm, self.bodies
         if parent == FLOOR and self.config.floor is not None:
@@ -92,7 +92,7 @@ class JudgedScene:
         return Carrier(body, geom if geom >= 0 else None, nearest)
 
     def hulls(self, solids: list[Solid]) -> dict[str, np.ndarray]:
-        """Return the corners of the convex hulls of placed objects in their roots' frames at home [m], by name.
+        """Return the corners of the convex hull of each placed object [m], in the frame of its root, at home.
 
         Args:
             solids: Solids of the model. An object without solids is a point.
@@ -123,7 +123,8 @@ class Outline:
         pivot: Bottom centre of the bounds [m], world frame, shape (nrow, 3). For a robot, the origin of its base.
         heading: Direction of the root's x axis [rad], shape (nrow,). If the x axis points straight up or down, the
             direction of the y axis minus a right angle.
-        low, high: Bounds [m] around the pivot, along the heading and to the left of it, shape (nrow, 2).
+        low, high: Lower and upper bounds [m] relative to the pivot, shape (nrow, 2). The first coordinate is along the
+            heading, the second is to the left of the heading.
     """
 
     pivot: np.ndarray
@@ -132,14 +133,14 @@ class Outline:
     high: np.ndarray
 
     def corners(self) -> np.ndarray:
-        """Return the corners of the bounds [m] from above, in order around them, shape (nrow, 4, 2)."""
+        """Return the corners of the bounds [m], seen from above, counter-clockwise, shape (nrow, 4, 2)."""
         x = np.stack([self.low[:, 0], self.high[:, 0], self.high[:, 0], self.low[:, 0]], 1)
         y = np.stack([self.low[:, 1], self.low[:, 1], self.high[:, 1], self.high[:, 1]], 1)
         c, s = np.cos(self.heading)[:, None], np.sin(self.heading)[:, None]
         return self.pivot[:, None, :2] + np.stack([c * x - s * y, s * x + c * y], 2)
 
     def span(self, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the least and greatest world coordinate [m] of the bounds along unit vectors (nrow, 2)."""
+        """Return the least and greatest world coordinate [m] of the bounds along a unit vector per row (nrow, 2)."""
         along = np.einsum("nkj,nj->nk", self.corners(), direction)
         return along.min(1), along.max(1)
 
@@ -230,7 +231,7 @@ class Outlines:
         return np.min(low, axis=0), np.max(high, axis=0)
 
     def _with_joints_at_home(self, name: str, poses: Poses) -> Poses:
-        """Return a copy of the poses in which the geoms of one object are posed with the object's joints at home."""
+        """Return a copy of the poses in which the joints of one object are at home."""
         root, pos, mat = self.scene.bodies[name], poses.geom_xpos.copy(), poses.geom_xmat.copy()
         for solid in self._solids[name]:
             at, rotation = self.scene.at_home(solid.geom, root)
@@ -240,7 +241,7 @@ class Outlines:
 
 
 def _heading(mat: np.ndarray) -> np.ndarray:
-    """Return the headings [rad] of rotations (nrow, 3, 3), shape (nrow,)."""
+    """Return the headings [rad] of bodies with rotations `mat` (nrow, 3, 3), shape (nrow,)."""
     x, y = mat[:, :2, 0], mat[:, :2, 1]
     upright = np.linalg.norm(x, axis=1) < _UPRIGHT
     return np.where(upright, np.arctan2(y[:, 1], y[:, 0]) - np.pi / 2, np.arctan2(x[:, 1], x[:, 0]))

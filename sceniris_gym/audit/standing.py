@@ -1,4 +1,4 @@
-"""Check the place of every placed object: on its support, in its region, in its heap, under a roof."""
+"""Check the place of every placed object: its support, its region, its heap, and whether it is covered from above."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -16,9 +16,9 @@ from sceniris_gym.audit.supports import EDGE_TOLERANCE, HEIGHT_TOLERANCE, LevelS
 from sceniris_gym.config.bounds import LEAST_GAP
 from sceniris_gym.config.objects import ObjectConfig
 
-DEEPEST = 1e-3  # m, greatest depth of the soft contacts of a heap
-AS_SETTLED = 1e-5  # m, or per entry of a rotation matrix, greatest difference from a settled row
-_HIGH = 10.0  # m, solids higher above a point do not cover it
+DEEPEST = 1e-3  # m, greatest depth of the soft contacts in a heap
+AS_SETTLED = 1e-5  # greatest difference from a settled row, of a position [m] or an entry of a rotation matrix
+_HIGH = 10.0  # m, a solid that is higher than this above a point does not cover the point
 _AROUND = np.array([[0, 0, 0], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]]) * EDGE_TOLERANCE
 
 
@@ -41,7 +41,7 @@ class Misplaced:
 
 
 class HeapAudit:
-    """Compares heaps with the file of their settled rows. This class shares no code with the generator.
+    """Compares the objects of each heap with the settled rows in its file. It shares no code with the generator.
 
     Args:
         scene: The scene.
@@ -89,12 +89,13 @@ class StandingAudit:
     Args:
         scene: The scene.
         outlines: Outlines of the objects.
-        heaps: The judge of heaps.
+        heaps: The check of heaps.
         pairs: The pairs of solids that must be apart.
 
     Attributes:
         hulls: Object name -> corners of its convex hull in its root's frame at home [m], shape (n, 3).
-        surfaces: Returns the level surfaces of a support for a word and a carrier, in the frame of its body.
+        surfaces: Function of a key ('on', 'in' or 'inside') and a carrier. It returns the level surfaces of the
+            carrier, in the frame of the carrier's body.
     """
 
     def __init__(self, scene: JudgedScene, outlines: Outlines, heaps: HeapAudit, pairs: list[Judged]) -> None:
@@ -104,7 +105,7 @@ class StandingAudit:
         self._narrow = Narrow([*scene.solids, ray])
         self.hulls = scene.hulls(scene.solids)
         self.surfaces = cache(self._surfaces)
-        self._touch: dict[tuple[str, int], float] = {}  # (object, body) -> distance at which the body carries it
+        self._touch: dict[tuple[str, int], float] = {}  # (object, carrying body) -> distance [m] of their contact
         for pair, ends in ((p, ends) for p in pairs for ends in ((p.first, p.second), (p.second, p.first))):
             one, other = (scene.solids[i] for i in ends)
             key = scene.owner(one), int(scene.mjm.geom_bodyid[other.geom])
@@ -127,7 +128,7 @@ class StandingAudit:
             if part.support is None:
                 wrong[name, "support"] = ~_in_space(part, pivots)
                 continue
-            if name in self.scene.config.all_robots:  # stands on its lowest point, which may not be its origin
+            if name in self.scene.config.all_robots:  # a robot stands on its lowest point, which may not be its origin
                 pivots = np.column_stack([pivots[:, :2], self._corners(name, poses)[:, :, 2].min(axis=1)])
             carrier = self.scene.carrier(part.support.parent)
             supporting[name], stands = self._supporting(name, part, carrier, poses, pivots, erosion)
@@ -142,7 +143,7 @@ class StandingAudit:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the supporting body in each row, -1 without support, and whether it carries the required footprint.
 
-        Pivots (nrow, 3) keep a distance `erosion` (nrow,) from the edge of their surface.
+        Pivots (nrow, 3) must be at least `erosion` [m] (nrow,) from the edge of their surface.
         """
         assert part.support is not None
         ground = carrier.body
@@ -163,7 +164,7 @@ class StandingAudit:
         return body, stands
 
     def gap(self, name: str, carrier: Carrier) -> float:
-        """Return the height [m] above the support: the scene file's gap, or more to stay outside MuJoCo's margin."""
+        """Return an object's height [m] above its support: the scene file's gap, or more due to MuJoCo's margin."""
         touch = self._touch.get((name, carrier.body), 0.0)
         return max(self.scene.placed[name].gap, touch + LEAST_GAP if touch > 0.0 else 0.0)
 
@@ -194,12 +195,12 @@ class StandingAudit:
         return found + [surface for surface in rectangles if surface is not None]
 
     def planes(self, carrier: Carrier) -> list[int]:
-        """Return the ids of plane geoms that are a surface of a support."""
+        """Return the ids of the plane geoms of a support."""
         of = self.scene.mjm.geom_bodyid
         return [g for g in self._planes if of[g] == carrier.body and carrier.geom in (None, g)]
 
     def _triangles(self, body: int) -> dict[int, np.ndarray]:
-        """Return geom -> outward triangles (n, 3, 3) of its solid, in the body's frame [m]."""
+        """Return the outward triangles [m] of each geom of a body, by geom id, shape (n, 3, 3), in the body's frame."""
         parts = {}
         for solid in self.scene.solids:
             if self.scene.mjm.geom_bodyid[solid.geom] == body and solid.form is not Form.HALFSPACE:
@@ -211,7 +212,8 @@ class StandingAudit:
     def _wrongly_covered(self, word: str, carrier: Carrier, poses: Poses, pivots: np.ndarray) -> np.ndarray:
         """Return a mask of the rows where the support covers the object but should not, or the reverse, shape (nrow,).
 
-        A ray within the tolerance of an edge is not conclusive, so its four neighbours must agree.
+        A vertical ray may pass an edge within the tolerance. A row is therefore wrong only if the rays from the pivot
+        and from four points around it all agree.
         """
         wrong = np.zeros(len(pivots), bool)
         if word == "in" or carrier.is_ground or (word == "on" and carrier.owner is None):
@@ -247,12 +249,15 @@ def _in_space(part: ObjectConfig, points: np.ndarray) -> np.ndarray:
 
 
 def _at_one_of(allowed: tuple[tuple[float, ...], ...], points: np.ndarray) -> np.ndarray:
-    """Return a mask of the points (n, k) that coincide with an allowed point along each axis."""
+    """Return a mask of the points (n, k) at an allowed point. Each coordinate may differ by the edge tolerance."""
     return np.any([(np.abs(points - np.array(at)) <= EDGE_TOLERANCE).all(axis=1) for at in allowed], axis=0)
 
 
 def _in_region(area: shapely.Geometry, bounds: np.ndarray, part: ObjectConfig, points: np.ndarray) -> np.ndarray:
-    """Return a mask of the points (n, 2) of a surface in the object's region. The support has the `bounds` (4,)."""
+    """Return a mask of the points (n, 2) that are on a surface and in the object's region.
+
+    `bounds` (4,) enclose all surfaces of the support.
+    """
     if (region := part.region) is None:
         return inside(area, points)
     if region.points is not None:

@@ -1,4 +1,4 @@
-"""Level surfaces of bodies, and points inside them, by shapely."""
+"""Finds the level surfaces of bodies, and tests whether points are inside them, with shapely."""
 
 from dataclasses import dataclass
 
@@ -13,7 +13,7 @@ NARROW = 0.02  # m, narrower strips carry no objects
 HEIGHT_TOLERANCE = 1e-4  # m
 EDGE_TOLERANCE = 1e-5  # m
 _SEGMENTS = 128
-_ABOVE = 5e-4  # m, height above a surface of the section through parts that stand on it
+_ABOVE = 5e-4  # m, parts that stand on a surface are cut at this height above it
 
 
 @dataclass(frozen=True)
@@ -21,8 +21,8 @@ class LevelSurface:
     """A level surface of a body.
 
     Attributes:
-        height: Its z [m] in the body's frame.
-        area: The region, in coordinates (x, y) of the body's frame.
+        height: Height z of the surface [m] in the body's frame.
+        area: The area in the coordinates x and y [m] of the body's frame.
     """
 
     height: float
@@ -46,10 +46,10 @@ def surface_of(solid: Solid) -> tuple[np.ndarray, np.ndarray]:
 
 
 def plane_surface(size: np.ndarray, pos: np.ndarray, mat: np.ndarray) -> LevelSurface | None:
-    """Return the rectangle of a plane, None if it is not level. A size of 0 is endless.
+    """Return the rectangle of a plane geom, None if the plane is not level.
 
     Args:
-        size: MuJoCo's sizes of the plane [m].
+        size: MuJoCo's sizes of the plane [m]. 0 is endless, and becomes 10 km to each side.
         pos: Position [m] in the body's frame.
         mat: Orientation in the body's frame, shape (3, 3).
     """
@@ -63,12 +63,12 @@ def plane_surface(size: np.ndarray, pos: np.ndarray, mat: np.ndarray) -> LevelSu
 def level_surfaces(parts: list[np.ndarray], *, open_above: bool, only: list[int] | None = None) -> list[LevelSurface]:
     """Return the level surfaces of a body. Surfaces at the same height are joined.
 
-    Areas under another part of the body that stands on them are excluded.
+    If another part of the body stands on a surface, the area under this part is excluded.
 
     Args:
         parts: Outward triangles (n, 3, 3) of each solid of the body, in the body's frame [m].
         open_above: Whether to exclude all areas below another part of the body.
-        only: Indices among `parts` of the solids to search for surfaces, all if None.
+        only: Indices in `parts` of the solids whose surfaces are returned. None for all.
     """
     triangles = np.concatenate([np.zeros((0, 3, 3)), *(t for i, t in enumerate(parts) if only is None or i in only)])
     normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
@@ -125,9 +125,10 @@ def _clipped(triangle: np.ndarray, z: float) -> shapely.Geometry:
 
 
 def inside(area: shapely.Geometry, points: np.ndarray, erosion: np.ndarray | None = None) -> np.ndarray:
-    """Return a mask of the points (n, 2) in an area and at least `erosion` [m] (n,) from its boundary, if given.
+    """Return a mask of the points (n, 2) in an area, shape (n,).
 
-    Both tests allow the edge tolerance.
+    If `erosion` [m] (n,) is given, a point must also be at least this far from the boundary. Both tests allow the edge
+    tolerance.
     """
     grown = shapely.buffer(area, EDGE_TOLERANCE, join_style="mitre")
     shapely.prepare(grown)

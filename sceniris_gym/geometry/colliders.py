@@ -1,4 +1,4 @@
-"""Colliders: the pieces of each body under one tree of boxes, as arrays and device meshes, and their inner boxes."""
+"""Colliders: the pieces of a body, under a tree of bounding boxes. Also finds a box inside each convex piece."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -16,39 +16,40 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 _GROW = 1.0e-6
 _NO_POINTS, _NO_FACES = np.zeros((0, 3)), np.zeros((0, 3, 3))
 PIECE_LEAF = 1 << 30
-"""Added to the number of a piece that is a leaf among faces."""
+"""If the leaves of a tree are faces, a leaf that is a piece has this value added to its number."""
 
-# Cells along the longest edge of a mesh's bounds in `most_depth`, which is too large by half a cell's diagonal.
+# Cells along the longest edge of a mesh's bounds in `most_depth`. Its result is too large by half a cell's diagonal.
 _CELLS = 24
 # An inner box is smaller than its piece by this length [m] on every side, so that rounding cannot push it out.
 _INSIDE = 2.0e-5
 # A box whose least half extent is below this [m] is dropped, because it proves little.
 _LEAST_HALF = 3.0e-4
-# Each side of a box moves out once for each number, by this fraction of its remaining room.
+# An inner box grows in rounds. In each round, every side moves out by this fraction of the free space in front of it.
 _SHARES = (0.3, 0.3, 0.5, 0.5, 1.0)
 
 Box = tuple[np.ndarray, np.ndarray]
 """Centre and half extents [m], shape (3,) each. Half extents of 0 mark a missing inner box."""
 
 NO_INNER_BOX = np.zeros(3), np.zeros(3)
-"""The box of a piece without an inner box."""
+"""Marks a piece that has no inner box."""
 
 
 @dataclass(frozen=True)
 class Collider:
-    """The solid pieces of one body below one tree of boxes, or one plane.
+    """The solid pieces of one body that have one contact class, under one tree of bounding boxes. Or a single plane.
 
     Attributes:
         body: Id of the body.
-        contact_class: Its class in `ContactRules`.
-        plane: Number of the piece that is a plane, -1 for all others.
-        root: Number of the root of its tree. Nodes are numbered over all colliders.
-        center, half: Boxes of the nodes of its tree [m], shape (n, 3).
-        child: Number of the left child of each node, followed by the right child, or ~leaf, shape (n,).
-        mesh: Its closed surface on the device, None for pieces that collide as convex forms.
-        depth_inside: Upper bound [m] of the distance from the surface to points inside the mesh.
-        points: A point of each closed component of the mesh [m], shape (m, 3).
-        faces: The triangles that are leaves [m], shape (k, 3, 3).
+        contact_class: Contact class of the pieces in `ContactRules`.
+        plane: If the collider is a plane, the number of its piece, else -1.
+        root: Number of the tree's root. Nodes are numbered over all colliders.
+        center, half: Centres and half extents [m] of the boxes of the tree's nodes, shape (n, 3).
+        child: For each node, the number of its left child, shape (n,). The right child has the next number. A leaf
+            stores ~number of its piece or face instead.
+        mesh: Closed surface of the pieces on the device. None if the pieces collide as convex forms.
+        depth_inside: Upper bound [m] of the distance from a point inside the mesh to its surface.
+        points: One point on each closed component of the mesh [m], shape (m, 3).
+        faces: The triangles that are leaves of the tree [m], shape (k, 3, 3).
     """
 
     body: int
@@ -65,10 +66,10 @@ class Collider:
 
 
 def collect_colliders(pieces: list[Piece], visual: bool, device: str) -> list[Collider]:
-    """Return a collider for each body's solid pieces, and one for each plane. Leaves are pieces, or faces if `visual`.
+    """Return a collider for the solid pieces of each body and contact class, and one for each plane.
 
-    Round pieces are always separate leaves, because faces cannot describe them exactly. Their faces are in the mesh of
-    the collider, but only for containment and covers.
+    Leaves are pieces, or faces if `visual`. A round piece is always one leaf, because faces cannot describe it exactly.
+    The mesh of the collider also has faces of round pieces, but they only serve the tests of containment and covers.
     """
     found: list[Collider] = []
     nodes = faces = 0
@@ -90,7 +91,7 @@ def collect_colliders(pieces: list[Piece], visual: bool, device: str) -> list[Co
 
 
 def device_mesh(corners: np.ndarray, device: str) -> wp.Mesh:
-    """Return a mesh on a device, with winding numbers, from the consecutive corners of its triangles, shape (3n, 3)."""
+    """Return a mesh on a device, with winding numbers. `corners` (3n, 3) [m] has three corners of each triangle."""
     return wp.Mesh(
         points=wp.array(corners, dtype=wp.vec3, device=device),
         indices=wp.array(np.arange(len(corners)), dtype=int, device=device),
@@ -99,12 +100,12 @@ def device_mesh(corners: np.ndarray, device: str) -> wp.Mesh:
 
 
 def _of_faces(key: tuple[int, int, int], nodes: int, faces: int, solid: dict[int, Piece], device: str) -> Collider:
-    """Return the collider of a body's visible pieces.
+    """Return the collider of a body's visible pieces, with faces as leaves.
 
     Args:
-        key: The first fields of `Collider`: body, class and plane.
-        nodes: Number of tree nodes of the colliders before it.
-        faces: Number of faces of the colliders before it.
+        key: The first fields of `Collider`: body, contact class and plane.
+        nodes: Number of tree nodes in all previous colliders.
+        faces: Number of faces in all previous colliders.
         solid: The pieces, by their numbers among all pieces.
         device: Warp's name of the device that holds the mesh.
     """
@@ -115,7 +116,7 @@ def _of_faces(key: tuple[int, int, int], nodes: int, faces: int, solid: dict[int
     parts = [part for m in meshes for part in m.split(only_watertight=False)]
     flat = [p.mesh.triangles for p in solid.values() if p.mesh is not None and p.type not in ROUND]
     triangles = np.concatenate([*flat, _NO_FACES])
-    triangles = triangles[~flat_faces(triangles)]  # neighbouring faces have the same edges
+    triangles = triangles[~flat_faces(triangles)]  # the neighbours of a flat face cover its edges
     round_pieces = {i: p.bounds for i, p in solid.items() if p.type in ROUND}
     lower = np.array([*triangles.min(axis=1), *(low for low, _ in round_pieces.values())])
     upper = np.array([*triangles.max(axis=1), *(high for _, high in round_pieces.values())])
@@ -124,7 +125,7 @@ def _of_faces(key: tuple[int, int, int], nodes: int, faces: int, solid: dict[int
         _collider(key, nodes, lower, upper, np.array(leaves)),
         mesh=mesh,
         depth_inside=most_depth(mesh, all_faces.min((0, 1)), all_faces.max((0, 1)), device),
-        # the highest vertex is usually outside the bounds of other meshes, which ends the test of containment early
+        # the highest vertex is usually outside the bounds of other meshes, so the test of containment ends early
         points=np.array([part.vertices[part.vertices[:, 2].argmax()] for part in parts]),
         faces=triangles,
     )
@@ -136,10 +137,10 @@ def _collider(
     """Return a collider, with the tree over its leaves.
 
     Args:
-        key: The first fields of `Collider`: body, class and plane.
-        nodes: Number of tree nodes of the colliders before it.
+        key: The first fields of `Collider`: body, contact class and plane.
+        nodes: Number of tree nodes in all previous colliders.
         lower: Lower corners of the leaves' boxes [m], shape (n, 3).
-        upper: Upper corners [m], shape (n, 3).
+        upper: Upper corners of the leaves' boxes [m], shape (n, 3).
         leaves: Numbers of the leaves, which are pieces or faces, shape (n,).
     """
     center, half, child = build_tree(lower - _GROW, upper + _GROW)
@@ -148,7 +149,7 @@ def _collider(
 
 
 def collider_arrays(colliders: list[Collider]) -> dict[str, np.ndarray]:
-    """Return the fields of `device.Program` for colliders, boxes and faces."""
+    """Return the fields of `device.Program` for colliders, tree nodes and faces."""
     faces = np.concatenate([*(c.faces for c in colliders), _NO_FACES])
     points, addresses = addressed("collider_point", (c.points for c in colliders))
     return {
@@ -167,11 +168,15 @@ def collider_arrays(colliders: list[Collider]) -> dict[str, np.ndarray]:
 
 
 def build_tree(lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Build the tree over leaf boxes [m], shape (n, 3) each, split at the median along the longest axis.
+    """Build a tree over the boxes of leaves. Each node is split at the median along its longest axis.
+
+    Args:
+        lower: Lower corners of the boxes [m], shape (n, 3).
+        upper: Upper corners of the boxes [m], shape (n, 3).
 
     Returns:
-        Its nodes, with the root first and each right child directly after its left sibling: centres and half extents
-        of their boxes [m], shape (m, 3) each, and the number of the left child of each, or ~leaf, shape (m,).
+        Centres and half extents [m] of the nodes' boxes, shape (m, 3) each, and the number of each node's left child,
+        or ~leaf, shape (m,). The root is first. A right child directly follows its left sibling.
     """
     middle = 0.5 * (lower + upper)
     order = np.arange(len(lower))
@@ -222,13 +227,13 @@ def _measure_depth(
 
 
 def most_depth(mesh: wp.Mesh, lower: np.ndarray, upper: np.ndarray, device: str) -> float:
-    """Return an upper bound [m] of the distance from the surface of a closed mesh to points inside it.
+    """Return an upper bound [m] of the distance from a point inside a closed mesh to its surface.
 
     Args:
         mesh: The mesh, with winding numbers.
-        lower: Lower corner of its bounds [m], shape (3,).
-        upper: Upper corner of its bounds [m], shape (3,).
-        device: Warp's name of its device.
+        lower: Lower corner of the mesh's bounds [m], shape (3,).
+        upper: Upper corner of the mesh's bounds [m], shape (3,).
+        device: Warp's name of the device that holds the mesh.
     """
     cell = max(float((upper - lower).max()) / _CELLS, 1e-6)
     dim = np.maximum(np.ceil((upper - lower) / cell), 1).astype(int)
@@ -237,8 +242,8 @@ def most_depth(mesh: wp.Mesh, lower: np.ndarray, upper: np.ndarray, device: str)
     wp.launch(
         _measure_depth, dim=dim.tolist(), inputs=[mesh.id, wp.vec3(*lower), cell, most], outputs=[depth], device=device
     )
-    # A point inside is within half a diagonal of its cell's centre. If that centre is outside the mesh, the point is
-    # also within half a diagonal of the surface.
+    # The depth is measured at the centres of cells. A point inside the mesh is at most half a diagonal from the centre
+    # of its cell. If this centre is outside the mesh, the point is also at most half a diagonal from the surface.
     return float(depth.numpy()[0]) + 0.5 * np.sqrt(3.0) * cell
 
 
@@ -259,7 +264,7 @@ def inner_box(piece: Piece) -> Box:
 
 
 def _hull_inner_box(piece: Piece) -> Box:
-    """Return the inner box of a hull. It starts in the middle with the bounds' proportions, then its sides move out."""
+    """Return the inner box of a hull. The box starts in the middle with the bounds' proportions. Then it grows."""
     if piece.mesh is None:
         return NO_INNER_BOX
     triangles = (piece.mesh.triangles - piece.pos) @ matrix(piece.quat)
@@ -269,7 +274,7 @@ def _hull_inner_box(piece: Piece) -> Box:
     normals = normals[solid] / lengths[solid, None]
     limits = np.einsum("nij,nj->ni", triangles[solid], normals).max(axis=1)
     lower, upper = piece.vertices.min(axis=0), piece.vertices.max(axis=0)
-    # also limit the box by the bounds, because faces with almost no area may be missing from the surface
+    # the bounds also limit the box, because faces with almost no area may be missing from the surface
     normals, limits = np.vstack([normals, np.eye(3), -np.eye(3)]), np.concatenate([limits, upper, -lower])
     middles = [0.5 * (lower + upper), np.zeros(3)]
     sizes = [((limits - normals @ m) / (np.abs(normals) @ (upper - lower))).min() for m in middles]

@@ -1,4 +1,4 @@
-"""MuJoCo's contact rules: the pairs of geoms that collide, and the distance at which their contact acts."""
+"""MuJoCo's contact rules: which pairs of geoms collide, and at which distance their contact acts."""
 
 from functools import cache
 
@@ -7,10 +7,10 @@ import numpy as np
 
 
 class ContactRules:
-    """The contact rules of a model, by class: geoms of one class collide with the same others at the same distance.
+    """The contact rules of a model, by contact class: geoms of one class collide with the same geoms, equally far away.
 
-    Explicit `<pair>`s take precedence over contact bits, and have separate margins. `PairRules` of
-    `program/pack/pairs.py` combines them with excludes, parents and static geoms.
+    Explicit `<pair>`s take precedence over contact bits, and have separate margins. `PairRules` in
+    `program/pack/pairs.py` combines these rules with excludes, parents and static geoms.
 
     Args:
         mjm: The model.
@@ -19,14 +19,14 @@ class ContactRules:
     Attributes:
         classes: Contact class of each geom, shape (ngeom,).
         meet: Returns whether geoms of two classes collide, by an explicit pair or matching contact bits.
-        distance: Returns the distance [m] at which a contact of geoms of two classes acts, 0 without margins.
+        distance: Returns the distance [m] at which a contact of geoms of two classes acts. 0 if they have no margin.
     """
 
     def __init__(self, mjm: mujoco.MjModel, geometry: str) -> None:
         self._mjm, self._visual = mjm, geometry == "visual"
         self._paired: dict[frozenset[int], float] = {}
         self._excluded = {int(signature) for signature in mjm.exclude_signature}
-        # cached, because scenes have a million pairs
+        # cached, because a scene can have a million pairs
         self.meet, self.distance = cache(self._work_out_meet), cache(self._work_out_distance)
         if self._visual:
             self.classes = np.zeros(mjm.ngeom, int)

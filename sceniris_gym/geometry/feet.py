@@ -1,4 +1,4 @@
-"""Feet: the part of an object's underside that carries it, seen from above."""
+"""Feet: the foot of an object is the part of its underside that carries it, seen from above."""
 
 from collections.abc import Callable
 
@@ -9,30 +9,31 @@ from shapely.geometry import MultiPoint
 from sceniris_gym.config.bounds import MAX_FOOT
 from sceniris_gym.geometry.resting_poses import ROCKING
 
-# Points up to this height [m] above the lowest point are on the same level.
+# Points up to this height [m] above the lowest point are on its level.
 _FLAT = 2.0e-4
-# The lean that measures a foot moves a point by at most this [m]. A lean by the rocking angle would move a chair on its
-# back by up to 3 cm.
+# To measure a foot, the object leans. A point moves by at most this distance [m]. If a chair on its back leaned by the
+# rocking angle, a point would move by up to 3 cm.
 _MOVE = 3.0e-3
-# Number of directions of a curved foot, angles [rad] of the successively finer searches for its narrowest direction,
-# and the foot's least reach [m].
+# For a curved foot: number of directions, half ranges [rad] of the successively finer searches for its narrowest
+# direction, and least distance [m] from the middle of the foot to its edge.
 _SIDES, _SPANS, _POINT = 360, np.radians([180.0, 1.0, 0.01, 1.0e-4, 1.0e-6]), 1.0e-7
 # A foot is curved if its area at a fifth of the lean is less than this fraction of its area at the whole lean.
 _SHARE = 0.5
 
 
 def flat_foot(pieces: list[np.ndarray]) -> list[np.ndarray]:
-    """Return the foot of convex pieces on level ground, empty if it is curved and therefore rolls as it leans.
+    """Return the foot of each convex piece on level ground. If the underside is curved, there is no flat foot.
 
-    The object leans in all directions by the rocking angle of stable poses, or by less if a point would move by 3 mm. A
-    piece has a foot if it touches the ground upright or during such a lean. The corners of the foot are the points that
-    touch the ground as the piece leans by this angle.
+    The object leans in all directions by the rocking angle of stable poses, or by less if a point would move by more
+    than 3 mm. A piece has a foot if it touches the ground while the object is upright or leans. The corners of the foot
+    are the piece's lowest points when it leans by this angle.
 
     Args:
         pieces: Vertices of each piece [m], z up, shape (n, 3).
 
     Returns:
-        The corners [m] of each piece with a foot, counter-clockwise, at most `MAX_FOOT`, shape (m, 2).
+        For each piece that has a foot, the corners of the foot [m], counter-clockwise, at most `MAX_FOOT`, shape
+        (m, 2). Empty if the underside is curved, because the object would roll.
     """
     points = np.concatenate(pieces)
     owner = np.repeat(np.arange(len(pieces)), [len(piece) for piece in pieces])
@@ -50,13 +51,13 @@ def flat_foot(pieces: list[np.ndarray]) -> list[np.ndarray]:
 def curved_foot(lowest: Callable[[np.ndarray], np.ndarray], angle: float) -> np.ndarray:
     """Return the corners [m] of a curved foot, shape (n, 2).
 
-    A lean by the angle in any direction raises a centre of mass that is inside the corners by more than its height
-    times the tangent of half the angle.
+    If the centre of mass is above the foot, a lean by `angle` in any direction raises it by more than its height times
+    the tangent of half the angle.
 
     Args:
-        lowest: Function of upward directions, shape (n, 3), that returns the height of the lowest point along each [m],
-            shape (n,), relative to a point of the ground below.
-        angle: The angle [rad].
+        lowest: Function of upward directions, shape (n, 3). It returns the height [m] of the object's lowest point
+            along each direction, shape (n,), relative to a point on the ground below the object.
+        angle: Angle of the lean [rad].
     """
 
     def reach(angles: np.ndarray) -> np.ndarray:
@@ -64,7 +65,7 @@ def curved_foot(lowest: Callable[[np.ndarray], np.ndarray], angle: float) -> np.
         level = -np.sin(angle) * np.stack([np.cos(angles), np.sin(angles)])
         return -lowest(np.column_stack([*level, upward])) / np.sin(angle)
 
-    narrow = 0.0  # the narrowest direction, which has to be exact because a roller rolls along it
+    narrow = 0.0  # direction in which the foot is narrowest, which has to be exact because a roller rolls along it
     for span in _SPANS:
         tries = narrow + span * np.linspace(-1.0, 1.0, _SIDES + 1)
         narrow = tries[(reach(tries) + reach(tries + np.pi)).argmin()]
@@ -79,18 +80,18 @@ def curved_foot(lowest: Callable[[np.ndarray], np.ndarray], angle: float) -> np.
 
 
 def _touching(points: np.ndarray, lean: float) -> np.ndarray:
-    """Return the index of the lowest of `points` (n, 3) after a lean [rad] in each direction, shape (MAX_FOOT,)."""
+    """Return the index of the lowest of `points` (n, 3) for a lean [rad] in each direction, shape (MAX_FOOT,)."""
     return (points[:, 2:] * np.cos(lean) - points[:, :2] @ (np.sin(lean) * around(MAX_FOOT)).T).argmin(axis=0)
 
 
 def _corners(points: np.ndarray, lean: float) -> np.ndarray:
-    """Return the corners of the foot of a piece, shape (n, 2): its points (n, 3) that are lowest after a lean [rad]."""
+    """Return the corners of a piece's foot, shape (n, 2): those `points` (m, 3) that are lowest during a lean [rad]."""
     found = points[_touching(points, lean), :2]
     kept = found[(found != np.roll(found, 1, axis=0)).any(axis=1)]
     return kept if len(kept) else found[:1]
 
 
 def around(number: int) -> np.ndarray:
-    """Return evenly spaced directions all around, shape (number, 2). An offset keeps them off the axes."""
+    """Return evenly spaced unit vectors on a circle, shape (number, 2). An offset keeps them off the axes."""
     angle = 2.0 * np.pi * (np.arange(number) + 0.47) / number
     return np.stack([np.cos(angle), np.sin(angle)], axis=1)

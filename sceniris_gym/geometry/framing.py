@@ -1,4 +1,4 @@
-"""Placement of a camera that just sees some points, and upright boxes around geoms."""
+"""Places a camera so that it just sees some points, and finds upright boxes around geoms."""
 
 import mujoco
 import numpy as np
@@ -10,9 +10,9 @@ _UP = np.array([0.0, 0.0, 1.0])
 def frame(points: np.ndarray, backward: np.ndarray, fovy: float, aspect: float) -> tuple[np.ndarray, np.ndarray]:
     """Place a camera so that it just sees all points.
 
-    With the eye at height t along the viewing direction, a point (x, y, z) in the camera's axes is seen if
-    |x - u| <= (t - z) tan(fovx / 2), and the same for y. The camera takes the least t that has a solution, and the
-    middle of the remaining interval of u.
+    Let (u, v, t) be the position of the eye in the camera's axes. A point (x, y, z) in these axes is seen if
+    |x - u| <= (t - z) tan(fovx / 2), and the same for y and v. The camera takes the least t that has a solution, then
+    the middle of the possible intervals of u and v.
 
     Args:
         points: The points to see [m], world frame, shape (n, 3).
@@ -37,7 +37,7 @@ def camera_axes(backward: np.ndarray, up: np.ndarray = _UP) -> np.ndarray:
 
     Args:
         backward: Direction opposite to the viewing direction, of any length, shape (3,).
-        up: Upward direction in pictures, not parallel to `backward`, shape (3,).
+        up: Direction that should point up in the picture, not parallel to `backward`, shape (3,).
     """
     backward = backward / np.linalg.norm(backward)
     right = np.cross(up, backward)
@@ -61,11 +61,11 @@ def geom_corners(mjm: mujoco.MjModel, data: mujoco.MjData, geoms: np.ndarray) ->
 
 
 def upright_box(mjm: mujoco.MjModel, data: mujoco.MjData, geoms: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the lower and the upper corner [m] of one box, along the world's axes, that encloses some geoms.
+    """Return the lower and the upper corner [m] of the box along the world's axes that encloses all given geoms.
 
     Args:
         mjm: The model.
-        data: Its state, with the poses of geoms up to date.
+        data: State of the model, with up-to-date poses of the geoms.
         geoms: Ids of at least one geom. Planes are not allowed.
     """
     mats = data.geom_xmat[geoms].reshape(-1, 3, 3)

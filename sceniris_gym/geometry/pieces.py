@@ -1,8 +1,8 @@
-"""Pieces: the geoms of a model, in the shapes that collide or that are rendered.
+"""Pieces: a piece is a geom of the model, in the shape that collides or that is rendered.
 
 `geometry: physics` uses the geoms that MuJoCo collides, with convex hulls of meshes. `geometry: visual` uses the
-visible geoms (groups 0 to 2): meshes and boxes as closed triangle meshes, and round primitives. In both cases a piece
-also has a convex form for its extents and shadow.
+visible geoms (groups 0 to 2): meshes and boxes as closed triangle meshes, and round primitives. In both cases, a piece
+also has a convex form, which gives its extents and its shadow.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 class PieceType(IntEnum):
-    """Kinds of convex pieces. All are centred at their frame. SEGMENT is only for tests and never an obstacle."""
+    """Kinds of convex pieces. Each piece is centred at its frame. SEGMENT is only for tests and never an obstacle."""
 
     SPHERE = 0
     CAPSULE = 1
@@ -39,7 +39,7 @@ class PieceType(IntEnum):
 
 
 ROUND = (PieceType.SPHERE, PieceType.CAPSULE, PieceType.CYLINDER, PieceType.ELLIPSOID)
-"""Kinds that triangles cannot describe exactly."""
+"""Kinds of pieces that triangles cannot describe exactly."""
 
 _TYPES = {
     mujoco.mjtGeom.mjGEOM_PLANE: PieceType.PLANE,
@@ -51,27 +51,28 @@ _TYPES = {
     mujoco.mjtGeom.mjGEOM_MESH: PieceType.HULL,
 }
 _VISIBLE_GROUPS = range(3)
-# A triangle is flat if its height is less than this fraction of its longest edge, which is rounding in float32.
+# A triangle is flat if its height is less than this fraction of its longest edge. The fraction allows for float32.
 _FLAT = 4.0e-7
-# Primitives smaller than the first number [m] are enlarged for tessellation. A power of two keeps their bits.
+# Primitives smaller than the first number [m] are enlarged by the second number for tessellation. It is a power of two,
+# so that scaling back is exact.
 _SMALL, _ENLARGED = 0.01, 1024.0
 
 
 @dataclass(frozen=True)
 class Piece:
-    """One geom.
+    """One geom as an obstacle.
 
     Attributes:
-        geom: Its id in the MjModel.
-        body: Id of its body.
-        type: Its convex form.
+        geom: Id of the geom in the MjModel.
+        body: Id of the geom's body.
+        type: Kind of the convex form.
         pos: Centre of the convex form [m] in the body's frame, shape (3,).
         quat: Orientation of the convex form in the body's frame, wxyz.
         size: MuJoCo's sizes [m] of a primitive, shape (3,).
         vertices: Vertices [m] of a hull in the piece's frame, shape (n, 3), empty for primitives.
-        mesh: Its closed surface in the body's frame, None for a plane. Round primitives are tessellated. With
+        mesh: Closed surface of the geom in the body's frame, None for a plane. Round primitives are tessellated. With
             `geometry: physics`, the mesh only serves to find flat faces, outlines, and obstacles above a point.
-        contact_class: Its class in `ContactRules`.
+        contact_class: Class of the geom in `ContactRules`.
     """
 
     geom: int
@@ -94,7 +95,7 @@ class Piece:
 
     @property
     def radius(self) -> float:
-        """Radius [m] of the sphere around the frame's origin that encloses the convex form, 1e30 for a plane."""
+        """Radius [m] of a sphere that encloses the convex form, around the piece's origin. 1e30 for a plane."""
         if self.type == PieceType.HULL:
             return float(np.linalg.norm(self.vertices, axis=1).max())
         sx, sy, _ = self.size
@@ -107,7 +108,7 @@ class Piece:
         }.get(self.type, float(np.linalg.norm(self.size)))
 
     def extents(self, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the least and greatest extent [m] of the convex form along the rows of `axes`, in the body's frame."""
+        """Return the least and greatest coordinate [m] of the convex form along each row of `axes` (body's frame)."""
         local = axes @ matrix(self.quat)
         middle = axes @ self.pos
         if self.type == PieceType.HULL:
@@ -136,7 +137,7 @@ def extract_pieces(
         mjm: The model.
         geometry: "physics" or "visual".
         bodies: Bodies whose pieces are returned. If None, the pieces of all bodies are returned.
-        where: The beginning of errors about a body, by its id.
+        where: Id of a body -> beginning of error messages about this body.
 
     Raises:
         MeshError: A mesh is open, flat, or has no faces.
@@ -157,12 +158,12 @@ def extract_pieces(
 
 
 def _check_flexes(mjm: mujoco.MjModel, geometry: str, bodies: set[int] | None, where: Mapping[int, str]) -> None:
-    """Reject flexes that collide, and visible flexes with visual geometry, because they have no fixed shape."""
+    """Reject flexes, which have no fixed shape, if they collide. With visual geometry, also reject visible flexes."""
     for flex in range(mjm.nflex):
         vert, node = mjm.flex_vertadr[flex], mjm.flex_nodeadr[flex]
         nodes = mjm.flex_nodebodyid[node : node + mjm.flex_nodenum[flex]] if mjm.flex_nodenum[flex] else []
         verts = mjm.flex_vertbodyid[vert : vert + mjm.flex_vertnum[flex]]
-        own = {int(body) for body in (*verts, *nodes) if body >= 0}  # bodies of its vertices and nodes
+        own = {int(body) for body in (*verts, *nodes) if body >= 0}  # bodies of the flex's vertices and nodes
         collides = bool(mjm.flex_contype[flex] | mjm.flex_conaffinity[flex])
         visible = mjm.flex_group[flex] in _VISIBLE_GROUPS and mjm.flex_rgba[flex][3] > 0.0
         if (bodies is not None and not bodies & own) or not (collides or (geometry == "visual" and visible)):
@@ -184,7 +185,7 @@ def _piece(mjm: mujoco.MjModel, geom: int, geometry: str, contact_class: int, pr
         geom: Id of the geom.
         geometry: The scene's `geometry`, "physics" or "visual".
         contact_class: The geom's class in `ContactRules`.
-        prefix: The beginning of errors.
+        prefix: Beginning of error messages.
     """
     kind = mujoco.mjtGeom(int(mjm.geom_type[geom]))
     if kind not in _TYPES:
@@ -234,7 +235,7 @@ def convex_hull(points: np.ndarray) -> trimesh.Trimesh:
 
 @functools.lru_cache(maxsize=512)
 def _known_hull(points: bytes) -> trimesh.Trimesh:
-    """Return the convex hull of a mesh, cached for all its geoms. The caller copies it before changes."""
+    """Return the convex hull of a mesh, cached for all geoms of the mesh. The caller must copy it before changes."""
     return convex_hull(np.frombuffer(points).reshape(-1, 3))
 
 
@@ -254,10 +255,10 @@ def mesh_surface(mjm: mujoco.MjModel, mesh: int) -> trimesh.Trimesh:
 
 
 def hull_vertices(mjm: mujoco.MjModel, mesh: int, what: str) -> np.ndarray:
-    """Return the vertices [m] of the convex hull that MuJoCo collides for a mesh, in the geom's frame, shape (n, 3).
+    """Return the vertices [m] of a mesh's convex hull in MuJoCo, in the geom's frame, shape (n, 3).
 
-    For meshes of collision geoms, MuJoCo stores the hull's vertex ids in `mesh_graph` (numvert, numface, numvert edge
-    addresses, numvert ids, ...). Errors begin with `what`.
+    If collision geoms use the mesh, MuJoCo stores the ids of the hull's vertices in `mesh_graph` (numvert, numface,
+    numvert edge addresses, numvert ids, ...). Error messages begin with `what`.
     """
     vertices = mesh_vertices(mjm, mesh)
     graph = mjm.mesh_graphadr[mesh]
@@ -267,29 +268,29 @@ def hull_vertices(mjm: mujoco.MjModel, mesh: int, what: str) -> np.ndarray:
     try:
         return np.asarray(convex_hull(vertices).vertices)
     except ValueError as error:  # qhull rejects flat input
-        raise MeshError(f"{what} has no volume. It should have four points not in one plane.", "flat") from error
+        raise MeshError(f"{what} has no volume. Four of its points should not be in one plane.", "flat") from error
 
 
 def flat_faces(triangles: np.ndarray) -> np.ndarray:
-    """Return a mask, shape (n,), of the triangles, shape (n, 3, 3), that have no area up to rounding."""
+    """Return a mask (n,) of the triangles (n, 3, 3) whose area is zero up to rounding."""
     edges = np.roll(triangles, -1, axis=1) - triangles
     longest = np.einsum("ijk,ijk->ij", edges, edges).max(axis=1)
     return np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) <= _FLAT * longest
 
 
 def _surface(mjm: mujoco.MjModel, mesh: int, what: str) -> trimesh.Trimesh:
-    """Return the triangles of a mesh in the geom's frame, after a check that they form a closed surface."""
+    """Return the triangles of a mesh, in the geom's frame. Raise MeshError if they do not form a closed surface."""
     if mjm.mesh_facenum[mesh] == 0:
-        raise MeshError(f"{what} has no faces. With `geometry: visual` it should be a closed surface.", "empty")
+        raise MeshError(f"{what} has no faces. With `geometry: visual`, a mesh should have a closed surface.", "empty")
     surface = mesh_surface(mjm, mesh)
     surface.merge_vertices(merge_tex=True, merge_norm=True)
-    if not surface.is_watertight:  # flat faces are removed only now, because some surfaces are closed only with them
+    if not surface.is_watertight:  # only now remove flat faces, because some surfaces are not closed without them
         flat = flat_faces(surface.triangles)
         surface.update_faces(~flat)
         surface.metadata["left_out"] = int(flat.sum())
     if not surface.is_watertight:
         raise MeshError(
-            f"{what} is open, so it has no inside. Close it, or use `geometry: physics`, which takes convex hulls.",
+            f"{what} is open, so it has no inside. Close it, or set `geometry: physics`, which uses convex hulls.",
             "open",
         )
     if surface.volume < 0.0:

@@ -1,4 +1,4 @@
-"""Ragged lists as flat arrays, addressed by the start and length of each list as in MuJoCo, and attributes of rows."""
+"""Packs lists of different lengths into one flat list, with the start and length of each list, as MuJoCo does."""
 
 from collections.abc import Iterable, Sequence
 
@@ -6,7 +6,7 @@ import numpy as np
 
 
 def ranges(lists: Iterable) -> tuple[list, np.ndarray, np.ndarray]:
-    """Return all entries in one list, and the address and length of each original list in it."""
+    """Return the entries of all lists as one list, and the start and length of each original list in this list."""
     lists = list(lists)
     num = np.array([len(x) for x in lists], int)
     adr = np.concatenate([[0], np.cumsum(num)[:-1]]) if len(num) else np.zeros(0, int)
@@ -14,12 +14,12 @@ def ranges(lists: Iterable) -> tuple[list, np.ndarray, np.ndarray]:
 
 
 def addressed(name: str, lists: Iterable) -> tuple[list, dict[str, np.ndarray]]:
-    """Return all entries in one list, and their addresses as the fields `{name}adr` and `{name}num`."""
+    """Return the entries of all lists as one list. Also return each list's start `{name}adr` and length `{name}num`."""
     flat, adr, num = ranges(lists)
     return flat, {f"{name}adr": adr, f"{name}num": num}
 
 
 def columns(prefix: str, rows: Sequence, **widths: int) -> dict[str, np.ndarray]:
-    """Return a field `{prefix}_{name}` for each attribute of the rows. `widths` has its number of components."""
+    """Return an array `{prefix}_{name}` for each attribute `name` of the rows. `widths` maps a name to its width."""
     shapes = {name: (-1,) if width == 1 else (-1, width) for name, width in widths.items()}
     return {f"{prefix}_{name}": np.reshape([getattr(r, name) for r in rows], shape) for name, shape in shapes.items()}

@@ -15,7 +15,7 @@ from sceniris_gym.geometry.rotations import matrix, quaternion
 if TYPE_CHECKING:
     import trimesh
 
-# Stable poses that are rarer than the most frequent pose by this factor are left out.
+# A stable pose is left out if its probability is below this fraction of the most frequent pose's probability.
 _RARE = 1.0e-3
 # Greatest number of stable poses. Each of the many narrow faces of a round object is rare, but together they count.
 _MOST_POSES = 256
@@ -26,20 +26,20 @@ _MOST_POSES = 256
 # that balances with its handle up (4.7).
 STABLE_TILT = 5.0
 ROCKING = 2.5
-"""Rocking up to this tilt, in degrees, is part of a pose, as on an uneven bottom."""
-# The same in other states of its joints, where a pose may lean by this angle, in degrees.
+"""An object may rock up to this tilt, in degrees, in its pose, for example on an uneven bottom."""
+# With the joints in other states, a pose may lean by this angle, in degrees.
 _LEANING = 1.0
 # Numbers of tilt directions. A first test with few directions rejects most faces of a round object.
 _SIDES = (24, 360)
 _STEP = 0.1  # degrees, from one tilt to the next
-_COARSE = 0.5  # the same in each of many joint states
+_COARSE = 0.5  # degrees, from one tilt to the next if many joint states are tested
 _FINER = ((24, ROCKING), (24, _STEP), (360, _STEP))  # directions and steps for a curved bottom
 # The object rolls if its centre of mass rises by less than this [m] per step of the tilt.
 _LEAST_RISE = 1.0e-8
 # An x axis with a shorter horizontal part than this points straight up or down, up to rounding.
 _UPRIGHT = 1.0e-3
-# Rounding of the points of a hull that is not closed, as fractions of its size. Points that are too close to each other
-# cost the hull faces, and the stable poses on them.
+# If a hull is not closed, its points are rounded to these fractions of its size. Points that are too close to each
+# other would leave holes in the hull, so stable poses would be missing.
 _ROUND = (1.0e-7, 1.0e-6, 1.0e-5, 1.0e-4)
 
 
@@ -48,9 +48,9 @@ class StablePose:
     """One pose of an object, rotated about the vertical so that its heading is 0.
 
     Attributes:
-        quat: Orientation of its root, wxyz.
-        pivot: Bottom centre of its bounds in its root's frame [m].
-        bounds: Bounds in xy around the pivot [m]: low x, low y, high x, high y.
+        quat: Orientation of the object's root, wxyz.
+        pivot: Bottom centre of the object's bounds [m], in the root's frame.
+        bounds: Bounds of the object in xy, relative to the pivot [m]: low x, low y, high x, high y.
         probability: Probability that a layout draws this pose.
     """
 
@@ -69,9 +69,9 @@ class HomeShape:
     """The pieces of an object in its home state, in the frame of its root.
 
     Args:
-        home: MjData in that state.
-        root: Its root body. `gravcomp` only counts if the root is a child of the world.
-        pieces: Its pieces.
+        home: MjData in the home state.
+        root: Root body of the object. `gravcomp` only counts if the root is a child of the world.
+        pieces: Pieces of the object.
         margins: Distance [m] at which a support carries each piece, shape (npiece,), 0 by default.
     """
 
@@ -84,7 +84,7 @@ class HomeShape:
         self.center_of_mass = back @ (_center_of_weight(home, root) - home.xpos[root])
 
     def stable_pose(self, quat: np.ndarray, probability: float = 1.0) -> StablePose:
-        """Return the pose with the root's orientation `quat` (of heading 0)."""
+        """Return the pose in which the root has the orientation `quat`, whose heading is 0."""
         rotation = matrix(quat)
         if not self._pieces:
             return StablePose(quat, np.zeros(3), np.zeros(4), probability)
@@ -121,7 +121,7 @@ class HomeShape:
         return np.array([mat @ matrix(p.quat)[:, 2] for p, mat in zip(self._pieces, self._mats, strict=True)])
 
     def _carried_points(self) -> np.ndarray:
-        """Return all vertices [m], shape (n, 3), with faces moved out by the excess of a piece's margin."""
+        """Return all vertices [m], shape (n, 3). Pieces with more than the least margin have their faces moved out."""
         more = self.margins - self.margins.min()
         if not more.any():
             return np.concatenate(self.points())
@@ -133,20 +133,20 @@ class HomeShape:
         return np.concatenate(points)
 
     def bottom(self, quat: np.ndarray) -> float:
-        """Return the height [m] of the pose's lowest point over the root with its margin, negative below the root."""
+        """Return the height [m] of the pose's lowest point relative to the root, margins included. Usually below 0."""
         up = matrix(quat)[2:]
         return float((up @ self.center_of_mass - self._height(up))[0])
 
     def holds(self, quat: np.ndarray) -> bool:
-        """Return whether gravity rights a pose after all tilts from 1 to `STABLE_TILT` degrees, in 24 directions."""
+        """Return whether gravity rights a pose after each tilt from 1 to `STABLE_TILT` degrees, in 24 directions."""
         return self._comes_back(matrix(quat), _SIDES[0], np.arange(_LEANING, STABLE_TILT + _COARSE, _COARSE))
 
     def stable(self, where: str) -> list[tuple[np.ndarray, float]]:
         """Return the stable poses on a plane: orientations of the root (wxyz, of heading 0) and their probabilities.
 
-        The poses and their probabilities are the quasi-static estimate of K. Goldberg et al., "Part pose statistics",
-        1999, without poses that tip over or roll at tilts up to `STABLE_TILT`. If many small faces form a curved
-        bottom, the lowest face represents all of them.
+        Poses and probabilities are the quasi-static estimate of K. Goldberg et al., "Part pose statistics", 1999. Poses
+        in which the object tips over or rolls at tilts up to `STABLE_TILT` are left out. If many small faces form a
+        curved bottom, the lowest face represents all of them.
 
         Raises:
             SceneKeyError: No pose is stable, or the centre of mass is outside the hull. The error begins with `where`.
@@ -177,18 +177,18 @@ class HomeShape:
         if not kept:
             raise SceneKeyError(
                 f"{where}: it has no stable pose: in each, a tilt of {STABLE_TILT:g} degrees tips it over or sets it "
-                "rolling, as with a ball. Give it a yaw or 'any', or collision geometry with a flat side."
+                "rolling, as with a ball. Use a yaw or 'any' here, or give it collision geometry with a flat side."
             )
         share = probability[kept] / probability[kept].sum()
         return [(of_heading_zero(transforms[i][:3, :3]), float(p)) for i, p in zip(kept, share, strict=True)]
 
     def _rocking_regions(self, rotations: np.ndarray, probability: np.ndarray, kept: list[int]) -> dict[int, float]:
-        """Return poses on a curved bottom of many small faces. A single face is not stable, but all roll to the lowest.
+        """Return poses on a curved bottom of many small faces. From each of them, the object rolls to the lowest face.
 
         Args:
-            rotations: Orientations that lie on a face, shape (n, 3, 3).
+            rotations: Orientations in which the object lies on a face, shape (n, 3, 3).
             probability: The probability of each orientation.
-            kept: Numbers of the stable orientations. Orientations near them do not form regions.
+            kept: Numbers of the stable orientations. Orientations near these do not form regions.
 
         Returns:
             The lowest pose of each region, with the probability of the whole region.
@@ -213,9 +213,9 @@ class HomeShape:
     def _rocks_back(self, rotation: np.ndarray, sides: int, step: float) -> bool:
         """Return whether gravity rights a pose on a bottom of many small faces, after tilts of up to `STABLE_TILT`.
 
-        On such a bottom, the height of the centre of mass ripples as the object tilts. It therefore has to rise over
-        each span of the angle `ROCKING`, not over each step. The tilts end one span beyond `STABLE_TILT`, so that a
-        ripple at the end does not count either.
+        As the object tilts on such a bottom, its centre of mass goes up and down a little. The centre therefore has to
+        rise over each span of the angle `ROCKING`, but not over each step. The tilts end one span beyond `STABLE_TILT`,
+        so that small waves at the end are also ignored.
 
         Args:
             rotation: The pose, shape (3, 3).
@@ -228,13 +228,13 @@ class HomeShape:
     def _comes_back(self, rotation: np.ndarray, sides: int, degrees: np.ndarray, span: int = 1) -> bool:
         """Return whether gravity rights a pose after all of the given tilts.
 
-        It does if the height of the centre of mass above the lowest point rises over each span of tilts.
+        It does so if the height of the centre of mass above the lowest point increases over each span of tilts.
 
         Args:
             rotation: The pose, shape (3, 3).
             sides: Number of directions of the tilts.
             degrees: The tilts, in ascending order.
-            span: Number of steps between the two tilts of a span.
+            span: Number of steps from the first to the last tilt of a span.
         """
         if len(degrees) > 2 * span + 2 and not self._comes_back(rotation, sides, degrees[-span - 1 :], span):
             return False  # the largest tilts are tested first, because they reject most faces
@@ -246,11 +246,11 @@ class HomeShape:
         return bool((height[span:] - height[:-span] > _LEAST_RISE).all())
 
     def _height(self, up: np.ndarray) -> np.ndarray:
-        """Return the height [m] of the centre of mass over the lowest point for directions `up` in the root's frame."""
+        """Return the height [m] of the centre of mass above the lowest point, for up directions in the root's frame."""
         return up @ self.center_of_mass - self.lowest(up)
 
     def lowest(self, up: np.ndarray) -> np.ndarray:
-        """Return the height [m] of the lowest point, margins included, for directions `up` in the root's frame."""
+        """Return the height [m] of the lowest point, margins included, for up directions in the root's frame."""
         lowest = np.full(len(up), np.inf)
         for p, mat, at, margin in zip(self._pieces, self._mats, self._at, self.margins, strict=True):
             lowest = np.minimum(lowest, p.extents(up @ mat)[0] + up @ at - margin)
@@ -258,7 +258,7 @@ class HomeShape:
 
 
 def _closed_hull(points: np.ndarray) -> trimesh.Trimesh:
-    """Return a closed convex hull of points (n, 3), rounded if some points are too close to each other."""
+    """Return a closed convex hull of points (n, 3). Points that are too close to each other are rounded first."""
     hull, size = convex_hull(points), float(np.ptp(points, axis=0).max())
     for share in _ROUND:
         if hull.is_watertight:
@@ -268,12 +268,12 @@ def _closed_hull(points: np.ndarray) -> trimesh.Trimesh:
 
 
 def weights(mjm: mujoco.MjModel) -> np.ndarray:
-    """Return the mass [kg] of each body under gravity, shape (nbody,). `gravcomp` compensates some of the mass."""
+    """Return the mass [kg] of each body on which gravity acts, without the share of `gravcomp`, shape (nbody,)."""
     return mjm.body_mass * (1.0 - mjm.body_gravcomp)
 
 
 def _center_of_weight(home: mujoco.MjData, root: int) -> np.ndarray:
-    """Return the centre of weight [m] of a body and its descendants. Without `gravcomp`, it is the centre of mass."""
+    """Return the centre of weight [m] of a body and its descendants: the centre of mass if there is no `gravcomp`."""
     mjm = home.model
     inside = mjm.body_rootid == root
     weight = weights(mjm)[inside]

@@ -1,4 +1,4 @@
-"""Unit quaternions (wxyz) and poses as matrices, computed by MuJoCo."""
+"""Converts and multiplies rotations and poses with MuJoCo. Quaternions are unit quaternions (wxyz)."""
 
 from collections.abc import Callable
 from typing import Any
@@ -13,7 +13,7 @@ def matrix(quat: np.ndarray) -> np.ndarray:
 
 
 def pose_matrix(pos: np.ndarray, quat: np.ndarray) -> np.ndarray:
-    """Return a pose, position [m] and wxyz quaternion, as a homogeneous matrix (4, 4)."""
+    """Return the pose with a position [m] and a wxyz quaternion as a homogeneous matrix (4, 4)."""
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = matrix(quat), pos
     return pose
@@ -25,7 +25,7 @@ def product(first: np.ndarray, then: np.ndarray) -> np.ndarray:
 
 
 def of_angles(angles: np.ndarray) -> np.ndarray:
-    """Return the wxyz quaternion of rotations by angles [rad], (3,), about x, then y, then z of the fixed frame."""
+    """Return the wxyz quaternion of rotations about the fixed axes x, then y, then z, by `angles` [rad], shape (3,)."""
     return _computed(4, mujoco.mju_euler2Quat, angles, "XYZ")
 
 
@@ -35,7 +35,7 @@ def quaternion(mat: np.ndarray) -> np.ndarray:
 
 
 def _computed(size: int, function: Callable[..., None], *inputs: Any) -> np.ndarray:
-    """Call a function of MuJoCo, and return the result, shape (size,), that it writes into its first argument."""
+    """Call a MuJoCo function that writes its result into its first argument, and return this result, shape (size,)."""
     result = np.empty(size)
     function(result, *inputs)
     return result

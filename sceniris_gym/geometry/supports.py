@@ -1,4 +1,4 @@
-"""Support surfaces: level faces of a body as polygons, and their regions for an object."""
+"""Support surfaces: level faces of a body as polygons, and the regions on them for the pivot of an object."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ if TYPE_CHECKING:
 
 # Cosine of the greatest slope of a supporting face, 1 degree.
 _COS_MAX_SLOPE = np.cos(np.radians(1.0))
-# Faces of one surface differ by at most this height [m] from the next.
+# If level faces are sorted by height, neighbours with at most this difference [m] belong to one surface.
 _STEP = 2.0e-4
 # A section at this height [m] above a surface finds the pieces that stand on it.
 _ABOVE = 5.0e-4
 # A strip narrower than 2 cm (a rim, the edge of a wall, a handle) is not a support.
 _HALF_WIDTH = 0.01
-# Half the edge [m] of the square that represents an endless plane. Objects are never placed beyond it.
+# Half the edge [m] of the square that represents an endless plane. All placed objects are inside this square.
 _ENDLESS = 4.0 * MOST_FAR
 # A point up to this distance [m] beyond the edge of a surface is still on it, because meshes have single precision.
 _ON_EDGE = 1.0e-6
-# Segments of a quarter circle in an erosion around a corner: an erosion by 4 cm is accurate to 3 um.
+# An erosion rounds corners by this number of segments per quarter circle. An erosion by 4 cm is then accurate to 3 um.
 _ARC = 64
 
 
@@ -43,10 +43,10 @@ class SupportSurface:
 
     Attributes:
         body: Id of the body (0: the world, for the floor).
-        height: Its z [m] in the body's frame.
-        outline: The whole surface [m], xy in the body's frame.
-        region: The part of it for an object's pivot, an area or points.
-        is_endless: Whether it is a plane without sizes. Its outline is then only a part of it.
+        height: Height z of the surface [m] in the body's frame.
+        outline: The whole surface [m], in x and y of the body's frame.
+        region: The part of the surface where an object's pivot may be: an area or points [m].
+        is_endless: Whether the surface is a plane without sizes. The outline is then only a part of the plane.
     """
 
     body: int
@@ -64,10 +64,11 @@ class SupportSurface:
 def level_surfaces(
     body: int, pieces: list[Piece], *, open_above: bool, geom: int | None = None
 ) -> list[SupportSurface]:
-    """Return the level surfaces of one body, or of its geom `geom`, from the pieces of the body, lowest first.
+    """Return the level surfaces of a body, lowest first. If `geom` is given, return only the surfaces of this geom.
 
-    Parts below a piece that stands on them are cut out. With `open_above`, so are parts below any piece of the same
-    body, because the two never move relative to each other. Strips narrower than 2 cm are left out.
+    If a piece of the body stands on a surface, the area below this piece is cut out. With `open_above`, the area below
+    any piece of the body is cut out, because the pieces of a body never move relative to each other. Strips narrower
+    than 2 cm are left out.
     """
     meshes = [p.mesh for p in pieces if p.mesh is not None]
     carrying = [p for p in pieces if geom is None or p.geom == geom]
@@ -85,7 +86,7 @@ def level_surfaces(
 
 
 def _plane_surface(body: int, plane: Piece) -> SupportSurface:
-    """Return the rectangle of a plane. For an endless plane, it extends beyond all places of objects."""
+    """Return the rectangle of a plane. The rectangle of an endless plane is larger than the area of all objects."""
     x, y = (half if half > 0.0 else _ENDLESS for half in plane.size[:2])
     corners = np.array([[-x, -y, 0.0], [x, -y, 0.0], [x, y, 0.0], [-x, y, 0.0]]) @ matrix(plane.quat).T + plane.pos
     seen = MultiPolygon([Polygon(corners[:, :2])])
@@ -93,15 +94,18 @@ def _plane_surface(body: int, plane: Piece) -> SupportSurface:
 
 
 def rectangle(low: Sequence[float] | np.ndarray, high: Sequence[float] | np.ndarray) -> SupportSurface:
-    """Return a rectangle along the world's axes at height 0 from two opposite corners [m]: the ground, or a shadow."""
+    """Return a rectangle at height 0 along the world's axes, for the ground or a shadow.
+
+    `low` and `high` are the x and y [m] of two opposite corners.
+    """
     seen = MultiPolygon([box(low[0], low[1], high[0], high[1])])
     return SupportSurface(0, 0.0, seen, seen)
 
 
 def points_in_space(points: Points) -> list[SupportSurface]:
-    """Return points in space as surfaces, one for each height.
+    """Return surfaces that hold the given points in space. Points of equal height share a surface.
 
-    The outline of a surface is the rectangle around its points, with a margin of 1 cm.
+    The outline of a surface is the rectangle around the surface's points, with a margin of 1 cm.
     """
     found = []
     for z in dict.fromkeys(z for *_, z in points):
@@ -113,37 +117,38 @@ def points_in_space(points: Points) -> list[SupportSurface]:
 def crop(
     surfaces: list[SupportSurface], region: RegionConfig | None, erosions: Sequence[float], where: str
 ) -> list[list[SupportSurface]]:
-    """Return the surfaces with their regions eroded by each of `erosions` [m] and cropped to `region`.
+    """Return the surfaces with their regions cropped to `region`, once for each erosion [m] of the outlines.
 
     Returns:
         For each erosion, the surfaces whose regions are not empty. Equal erosions share one list.
 
     Raises:
-        SceneKeyError: No surface has an area left, or a point is on no surface.
+        SceneKeyError: No surface has an area left, or a point of the region is not on a surface. The error begins with
+            `where`.
     """
-    rounded = [round(erosion, 7) for erosion in erosions]  # poses that differ only by rounding count as one
+    rounded = [round(erosion, 7) for erosion in erosions]  # erosions of poses that differ only by rounding are equal
     erosion, points = min(rounded), None if region is None else region.points
     keep = None if region is None or points is not None else _crop_shape(surfaces, region)
     kept = {e: _kept(surfaces, keep, points, e) for e in set(rounded)}
     x0, y0, x1, y1 = shapely.union_all([s.outline for s in surfaces]).bounds
     spans = f"[{x0:.4g}, {x1:.4g}] x [{y0:.4g}, {y1:.4g}] m"
-    if points is not None:  # each point has to be on a surface after the smallest erosion over all poses
+    if points is not None:  # each point has to be on a surface after the smallest erosion
         used = {tuple(xy) for s in kept[erosion] for xy in shapely.get_coordinates(s.region).tolist()}
         for i, at in ((i, Point(point)) for i, point in enumerate(points) if point not in used):
             beyond = min(s.outline.distance(at) for s in surfaces)
-            said = f"off its surface, by {beyond:.4g} m"
+            said = f"off the surface, by {beyond:.4g} m"
             if beyond <= _ON_EDGE:
-                said = f"nearer to an edge of its surface than the {erosion:.4g} m that 'ratio_on_support' requires"
+                said = f"nearer to an edge of the surface than the {erosion:.4g} m that 'ratio_on_support' requires"
             raise SceneKeyError(
-                f"{where}: the support does not carry point {i} of the region, [{at.x:.4g}, {at.y:.4g}]: it is {said}, "
-                f"which spans {spans} in the support's frame. Move or remove the point."
+                f"{where}: the support does not carry point {i} of the region, [{at.x:.4g}, {at.y:.4g}]. It is {said}. "
+                f"The surface spans {spans} in the support's frame. Move or remove the point."
             )
     elif not any(kept.values()):
         cuts = {f"erosion by {erosion:.4g} m": erosion > 0.0, "cropping to its region": region is not None}
         said = " and ".join(cut for cut, is_made in cuts.items() if is_made)
         raise SceneKeyError(
-            f"{where}: nothing is left of the support after {said}. Its surface spans {spans}. Use a smaller "
-            "ratio_on_support, a region that overlaps it, or a larger support."
+            f"{where}: nothing is left of the support after {said}. The support's surface spans {spans}. Use a smaller "
+            "ratio_on_support, a region that overlaps the surface, or a larger support."
         )
     return [kept[e] for e in rounded]
 
@@ -151,9 +156,10 @@ def crop(
 def _kept(
     surfaces: list[SupportSurface], keep: Polygon | None, points: Points | None, erosion: float
 ) -> list[SupportSurface]:
-    """Return the surfaces with their regions eroded. Surfaces with an empty region are left out.
+    """Return the surfaces with new regions: the outline, eroded [m] and then cut to `keep`.
 
-    Each region is cut to `keep`. If `points` are given, the region becomes the points that lie on it.
+    If `points` are given, a region has those points that lie on the eroded outline. Surfaces with an empty region are
+    left out.
     """
     found = []
     for surface in surfaces:
@@ -188,13 +194,13 @@ def areas(triangles: np.ndarray) -> np.ndarray:
 
 
 def weights(triangles: np.ndarray) -> np.ndarray:
-    """Return the weights of the triangles of a region in a draw: their areas, or 1 for points."""
+    """Return the weights with which triangles of a region are drawn: their areas, or 1 for points."""
     sizes = areas(triangles)
     return np.where(sizes > 0.0, sizes, 1.0)
 
 
 def edges(outline: MultiPolygon) -> np.ndarray:
-    """Return the edges of an outline and its holes [m], shape (n, 2, 2)."""
+    """Return the edges [m] of an outline and of the holes in it, shape (n, 2, 2)."""
     rings = [ring for p in outline.geoms for ring in (p.exterior, *p.interiors)]
     sides = [np.stack([c[:-1], c[1:]], axis=1) for c in (np.asarray(r.coords)[:, :2] for r in rings)]
     return np.concatenate(sides)
@@ -223,7 +229,7 @@ def _levels(meshes: list[trimesh.Trimesh]) -> list[tuple[float, MultiPolygon]]:
     for group in np.split(order, cuts):
         faces = np.asarray(shapely.polygons(triangles[group][:, :, :2]))
         merged = shapely.union_all(faces[shapely.area(faces) > 0.0])
-        # close gaps of up to 2 um, because rounding separates faces of neighbouring geoms
+        # close gaps of up to 2 um, which rounding leaves between faces of neighbouring geoms
         merged = merged.buffer(1e-6, join_style="mitre").buffer(-1e-6, join_style="mitre")
         levels.append((float(heights[group].max()), _parts(merged)))
     return [(z, area) for z, area in levels if not area.is_empty]
@@ -242,7 +248,7 @@ def section(mesh: trimesh.Trimesh, z: float) -> shapely.Geometry | None:
 
 
 def _shadow(mesh: trimesh.Trimesh, z: float) -> shapely.Geometry | None:
-    """Return the shadow of the part of a mesh that is above z."""
+    """Return the vertical shadow of the part of a mesh that is above z."""
     if mesh.bounds[1, 2] <= z:
         return None
     above = mesh.slice_plane([0.0, 0.0, z], [0.0, 0.0, 1.0]) if mesh.bounds[0, 2] < z else mesh

@@ -1,10 +1,10 @@
 """Grasps of an object: TCP poses that an arm should be able to reach.
 
 A grasp is a frame midway between the fingertips, with +z along the approach axis and +y along the closing axis. Assets
-define grasps as sites `grasp_*`. Because the gripper's fingers are interchangeable, each site is also used with half a
-rotation about its approach axis. For an asset without such sites, grasps are generated from the geometry for each of
-its possible poses: from above with 8 yaws, the same tilted by 15, 30 and 45 degrees, and from the side if the object is
-taller than wide. Grasps that need more than the gripper's widest opening are dropped.
+define grasps as sites `grasp_*`. Because the gripper's fingers are interchangeable, each site also gives a second
+grasp, rotated by 180 degrees about the approach axis. If an asset has no such sites, grasps are generated from its
+geometry for each stable pose: from above with 8 yaws, also tilted by 15, 30 and 45 degrees, and from the side if the
+object is taller than wide. Grasps that need more than the gripper's widest opening are dropped.
 """
 
 import math
@@ -29,16 +29,16 @@ YAWS = 8
 TILTS = (0.0, 15.0, 30.0, 45.0)  # degrees from the vertical
 _SIDE = 90.0
 MOST_RISING = math.sin(math.radians(10.0))
-"""Largest z component of an approach axis, which may point upwards by 10 degrees. A steeper approach would come from
-below, through the support."""
+"""Largest z component of an approach axis. The axis may point upwards by 10 degrees. If it were steeper, the gripper
+would come from below, through the support."""
 # Clearance between the fingertips and the support, and between the object and the palm [m].
 _ABOVE = 0.002
-# Rotations that point +z, -z, +x, -x, +y, -y of an object up.
+# Rotations of an object after which its axis +z, -z, +x, -x, +y or -y points up.
 _UPS = ((1, 0, 0, 0), (0, 1, 0, 0), (1, 0, -1, 0), (1, 0, 1, 0), (1, 1, 0, 0), (1, -1, 0, 0))
 
 
 def comes_from_below(approach_z: float) -> bool:
-    """Return whether an approach axis with this z component (world frame) would come through the support."""
+    """Return whether a gripper with this z component of its approach axis (world frame) would cross the support."""
     return approach_z > MOST_RISING
 
 
@@ -47,12 +47,12 @@ class Grasp:
     """A pose of the TCP in the frame of one of the object's bodies.
 
     Attributes:
-        name: Name of the site, with the suffix " rolled" for half a rotation about the approach. For generated grasps,
-            "top", "tilt 15", ... or "side" with the yaw in degrees.
+        name: Name of the site. The grasp that is rotated by 180 degrees has the suffix " rolled". A generated grasp is
+            called "top", "tilt 15", ... or "side", followed by the yaw in degrees.
         body: Id of the body.
         pos: Position [m] in the body's frame, shape (3,).
         quat: Orientation, wxyz.
-        opening: Opening [m] needed to fit the fingers around the object.
+        opening: Opening [m] that the gripper needs to fit around the object.
     """
 
     name: str
@@ -81,7 +81,7 @@ class Graspable:
     Args:
         scene: The scene.
         name: The object.
-        pieces: All obstacles.
+        pieces: All obstacles of the scene.
         home: The model at its start pose.
     """
 
@@ -138,7 +138,7 @@ class Graspable:
         return GraspSet(tuple(grasps), tuple(zip(adr.tolist(), num.tolist(), strict=True)))
 
     def _named(self, groups: list[list[Grasp]], pattern: str) -> list[list[Grasp]]:
-        """Return the grasps with names that match a glob. If a site matches, so does its grasp with half a rotation."""
+        """Return the grasps whose names match a glob. If a site matches, both of its grasps are returned."""
         known = {g.name: g.name.removesuffix(_ROLLED) for group in groups for g in group}
         found = {name for name, site in known.items() if matches(site, pattern)}
         if known and not found:
@@ -173,7 +173,7 @@ class Graspable:
         return found
 
     def _from_above(self, rotation: np.ndarray, tilts: tuple[float, ...], gripper: Gripper) -> list[Grasp]:
-        """Return grasps of the object rotated by `rotation` (3, 3), for tilts [degrees] of the approach from down."""
+        """Return grasps of the object in an orientation (3, 3), for tilts [degrees] of the approach axis from down."""
         found = []
         for tilt in tilts:
             for yaw in np.arange(YAWS) * 360.0 / YAWS:
@@ -217,17 +217,17 @@ class Graspable:
 
 
 def matches(name: str, pattern: str) -> bool:
-    """Return whether a grasp's name matches a glob, without " rolled", and with or without the prefix 'grasp_'."""
+    """Return whether a grasp's name matches a glob. " rolled" is ignored, and the prefix 'grasp_' is optional."""
     name = name.removesuffix(_ROLLED)
     return fnmatchcase(name, pattern) or fnmatchcase(name.removeprefix(PREFIX), pattern)
 
 
 def tcp_axes(yaw: float, tilt: float) -> np.ndarray:
-    """Return TCP axes as columns (3, 3): pointing down, tilted about the closing axis, then rotated about the vertical.
+    """Return the axes of a TCP as columns (3, 3). First it is tilted about its closing axis, then about the vertical.
 
     Args:
-        yaw: Yaw of the closing axis from y [degrees].
-        tilt: Tilt of the approach axis from straight down [degrees]. 90 is level.
+        yaw: Angle from the y axis to the closing axis, about the vertical [degrees].
+        tilt: Angle from straight down to the approach axis [degrees]. 90 is level.
     """
     s, c = np.sin(np.radians(tilt)), np.cos(np.radians(tilt))
     down = np.array([[-c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, -c]])
@@ -236,10 +236,10 @@ def tcp_axes(yaw: float, tilt: float) -> np.ndarray:
 
 
 def section(triangles: np.ndarray, pos: np.ndarray, axes: np.ndarray, gripper: Gripper) -> tuple[float, float] | None:
-    """Return the extent of a solid between the fingers along the closing axis.
+    """Return the extent along the closing axis of the solid between the fingers.
 
-    Only the region within the fingers' width and up to their tips counts. If a finger fits between two parts of the
-    solid, only the part at the TCP, or the nearest part, counts.
+    Only the part of the solid within the fingers' width and up to their tips counts. If a finger fits between two such
+    parts, only the part nearest to the TCP counts.
 
     Args:
         triangles: Closed surfaces [m], shape (n, 3, 3).
@@ -248,7 +248,7 @@ def section(triangles: np.ndarray, pos: np.ndarray, axes: np.ndarray, gripper: G
         gripper: The gripper.
 
     Returns:
-        Smallest and largest coordinate relative to the TCP [m], or None if the open fingers miss the solid.
+        Smallest and largest coordinate [m] relative to the TCP, or None if the solid is not between the open fingers.
     """
     spans = _clipped(triangles, pos, axes, gripper.half_width, gripper.tip)[:, 1]
     if not len(spans):
@@ -264,7 +264,10 @@ def section(triangles: np.ndarray, pos: np.ndarray, axes: np.ndarray, gripper: G
 
 
 def _ahead(triangles: np.ndarray, pos: np.ndarray, axes: np.ndarray, gripper: Gripper) -> tuple[float, float]:
-    """Return the extent of the solid along the approach axis, from the TCP [m], within the fingers' width."""
+    """Return the least and greatest distance [m] of the solid from the TCP along the approach axis.
+
+    Only the part of the solid within the fingers' width counts.
+    """
     spans = _clipped(triangles, pos, axes, gripper.half_width, np.inf)[:, 2]
     return (float(spans[:, 0].min()), float(spans[:, 1].max())) if len(spans) else (0.0, 0.0)
 
@@ -295,7 +298,7 @@ def _clipped(triangles: np.ndarray, pos: np.ndarray, axes: np.ndarray, half_widt
 
 
 def _crossings(triangles: np.ndarray, axis: int, value: float) -> np.ndarray:
-    """Return where the edges of triangles cross the plane of a coordinate, NaN without a crossing, shape (n, 3, 3)."""
+    """Return the points where triangle edges cross the plane `axis` = `value`, NaN if they do not, shape (n, 3, 3)."""
     other = np.roll(triangles, -1, axis=1)
     a, b = triangles[..., axis] - value, other[..., axis] - value
     with np.errstate(divide="ignore", invalid="ignore"):

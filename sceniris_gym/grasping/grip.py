@@ -1,7 +1,7 @@
-"""Grips: how far a gripper closes on an object in each grasp, and the sideways shift that centres the object.
+"""Grips: how far a gripper closes on an object in each grasp, and the sideways shift that centres the gripper on it.
 
 Both fingers close at the same time, so they would push an off-centre object sideways. Distances always use MuJoCo's
-collision geometry, even if `geometry` places the object by another shape, because collision geometry holds the object.
+collision geometry, also with `geometry: visual`, because the fingers hold the object by its collision geometry.
 """
 
 import copy
@@ -19,13 +19,13 @@ from sceniris_gym.grasping.gripper import Gripper, carried
 from sceniris_gym.reach.arm import SerialArm
 
 INSIDE = 3.0e-4
-"""Penetration [m] of each finger at the start. At 0, the object slips by 1 mm before the fingers press."""
+"""Penetration [m] of each finger into the object at the start. With 0, the object would slip by 1 mm at first."""
 _STEPS = 16  # bisection steps: 40 mm of finger travel over 2^16 is 0.6 um
-_FAR = 0.3  # upper bound of distances [m]: the object is between the fingers
-_FITS = 2.0e-4  # largest error of the penetration on either side [m]
-_MOVES = 1.0e-6  # a geom that moves farther than this between closed and open belongs to a finger [m]
-# Duration of the hold test [s], largest motion of the object [m], and multiple of its weight. Starts guarantee 2 mm,
-# which leaves a margin for arms that swing and sag.
+_FAR = 0.3  # m, distances are measured up to this limit, because the object is between the fingers
+_FITS = 2.0e-4  # m, largest error of the penetration on either side
+_MOVES = 1.0e-6  # m, a geom belongs to a finger if it moves farther than this while the gripper opens
+# Hold test: duration [s], largest motion of the object [m], and load as a multiple of the object's weight. For starts,
+# the guaranteed motion is below 2 mm, which leaves a margin for arms that swing and sag.
 _HOLD, _SLIPS, _LOAD = 0.5, 1.0e-3, 2.0
 
 
@@ -36,7 +36,7 @@ class Grip:
     Attributes:
         share: Opening of the gripper, from 0 (closed) to 1 (open).
         pos: Position [m] of the TCP, midway between the contacts, in the frame of the grasp's body, shape (3,).
-        fits: Whether fingers touch the object from both sides without pushing it away.
+        fits: Whether the fingers touch the object from both sides without pushing it away.
         lifts: Whether the fingers hold the object in the orientation in which it is placed. False if not tested.
         holds: Whether the fingers hold the object under gravity in any direction. False if not tested.
     """
@@ -52,7 +52,7 @@ class Fingers:
     """Closes the fingers of a gripper on the objects of its scene.
 
     Args:
-        models: The model with each combination of extreme random parameters that may weaken the hold.
+        models: One copy of the model for each combination of extreme random parameters that may weaken the hold.
         arm: The arm in the model.
         gripper: The arm's gripper.
         home: MjData at the start pose. Joints inside objects keep their positions.
@@ -94,7 +94,7 @@ class Fingers:
         return Grip(high, pos, bool((np.abs(gaps + INSIDE) < _FITS).all()))
 
     def _gaps(self, share: float, shift: float, grasp: Grasp, pairs: list[list[tuple[int, int]]]) -> np.ndarray:
-        """Return the smallest distance [m] from the fingers of each side to an object shifted by `shift` [m]."""
+        """Return the smallest distance [m] of the fingers on each side from an object shifted by `shift` [m]."""
         data, home = self._data, self._home
         self._pose(share)
         at, rotation, there = self._in_hand(grasp, grasp.pos + matrix(grasp.quat)[:, 1] * shift)
@@ -105,7 +105,7 @@ class Fingers:
         return np.array(near)
 
     def _in_hand(self, grasp: Grasp, pos: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return (at, rotation, there): an object at home moves into the hand by `at + rotation @ (x - there)`.
+        """Return (at, rotation, there). `at + rotation @ (x - there)` moves a point x of the object into the hand.
 
         Args:
             grasp: The grasp.
@@ -125,8 +125,8 @@ class Fingers:
             bodies: Bodies of the object, the root first.
             grasp: The grasp.
             grip: The grip of this grasp.
-            downs: Gravity directions in the root's frame, shape (n, 3), or zeros for an object with another support.
-                The hold must pass for all directions.
+            downs: Directions of gravity in the root's frame, shape (n, 3), or zeros if something else carries the
+                object. The fingers must hold the object for all directions.
         """
         return all(self._holds(copy.copy(model), bodies, grasp, grip, downs) for model in self._models)
 
@@ -157,7 +157,7 @@ class Fingers:
         return True
 
     def _seen(self, body: int) -> np.ndarray:
-        """Return the position of a body in the TCP frame [m], shape (3,)."""
+        """Return the position [m] of a body in the TCP frame, shape (3,)."""
         axes = self._data.site_xmat[self._site].reshape(3, 3)
         return axes.T @ (self._data.xpos[body] - self._data.site_xpos[self._site])
 
@@ -171,7 +171,7 @@ class Fingers:
         return np.clip(np.where((bias[:, 1] < 0.0) & (gain > 0.0), rest, 0.0), *limits.T)
 
     def _pose(self, share: float) -> np.ndarray:
-        """Set the opening of the gripper, and return the positions of all geoms in the TCP frame [m], (ngeom, 3)."""
+        """Set the opening of the gripper, and return the positions [m] of all geoms in the TCP frame, (ngeom, 3)."""
         data, (adr, qpos) = self._data, self._gripper.poses(np.array([share]))
         data.qpos[adr] = qpos[0]
         mujoco.mj_kinematics(self._mjm, data)

@@ -1,8 +1,8 @@
 """Measures the gripper of an arm from its geometry: its opening, and the dimensions of its fingers.
 
-Finger joints are the joints of the hand outside the TCP's chain. Joints that follow others through an equality also
-follow here, so one joint opens a gripper with two mirrored fingers. All lengths are in the TCP frame, with +z along the
-approach axis and +y along the closing axis.
+Finger joints are the joints of the hand that do not move the TCP. If an equality makes a joint follow another joint, it
+also follows here, so one joint opens a gripper with two mirrored fingers. All lengths are in the TCP frame, with +z
+along the approach axis and +y along the closing axis.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ from sceniris_gym.scene.couplings import (
 )
 from sceniris_gym.scene.support import subtree
 
-# Opening of a tool without fingers, which may touch objects of any width [m].
+# Opening [m] of a tool without fingers, which may touch objects of any width.
 _NO_LIMIT = 1.0e3
-# Depth of a gripper without a palm behind its TCP [m].
+# Depth [m] of a gripper that has no palm behind its TCP.
 _DEEP = 0.1
-# Largest additional violation of an equality while the gripper opens, compared to the start pose [m or rad], and the
-# number of openings to check.
+# While the gripper opens, the error [m or rad] of an equality may exceed its error in the start pose by the first
+# number. The second number is the number of openings to check.
 _KEPT, _SHARES = 1e-4, 17
-_TIPS = 0.01  # pieces that end within this distance of the farthest piece are fingertips [m]
+_TIPS = 0.01  # m, a piece is a fingertip if it ends at most this far behind the end of the farthest piece
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class Gripper:
         Args:
             mjm: The model.
             arm: The arm in the model.
-            home_qpos: A pose of the model, shape (nq,). Finger joints are measured at their limits instead.
+            home_qpos: A pose of the model, shape (nq,). Its positions of finger joints are ignored.
             pieces: Obstacles of the model.
 
         Raises:
@@ -121,8 +121,8 @@ class Gripper:
             share: Openings from 0 (closed) to 1 (open), shape (n,).
 
         Returns:
-            Addresses in qpos of all moving joints, including followers, shape (nfinger,), and their positions [m or
-            rad], shape (n, nfinger).
+            Addresses in qpos of the finger joints and their followers, shape (nfinger,), and the positions of these
+            joints [m or rad], shape (n, nfinger).
         """
         adr = np.concatenate([self.qposadr, [c.adr for c in self.couplings]]).astype(int)
         qpos = np.zeros((len(share), adr.max(initial=-1) + 1))
@@ -142,12 +142,12 @@ class Gripper:
             raise NotSupportedError(
                 f"arm '{arm.name}': opening its gripper would break {equality_label(mjm, eq)} by {missed[row, eq]:.3g} "
                 "m or rad: fingers that form a closed loop cannot be measured. Let one finger joint drive the others "
-                "by <equality><joint>, with the motion of the loop, or leave out 'reachable'."
+                "by <equality><joint>, as the loop moves them, or leave out 'reachable'."
             )
 
 
 def carried(mjm: mujoco.MjModel, arm: SerialArm) -> set[int]:
-    """Return the bodies that the arm's last joint carries: the joint's body, hand and fingers."""
+    """Return the bodies that the arm's last joint carries: its own body, the hand and the fingers."""
     last = int(np.flatnonzero(mjm.jnt_qposadr == arm.qposadr[-1])[0])
     return set(subtree(mjm, int(mjm.jnt_bodyid[last])))
 
@@ -162,7 +162,7 @@ def finger_joints(
         hand: Bodies that the arm's last joint carries.
         arm: Addresses of the arm's joints in qpos.
         couplings: Joints that follow others. The limits of a follower narrow the range of its driver.
-        home: Pose of all other joints, shape (nq,).
+        home: Pose of the model, which gives the positions of all other joints, shape (nq,).
     """
     scalar = (mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE)
     fingers = np.isin(mjm.jnt_bodyid, list(hand)) & np.isin(mjm.jnt_type, scalar) & ~np.isin(mjm.jnt_qposadr, arm)
@@ -190,13 +190,13 @@ class _Hand:
     home: np.ndarray
 
     def moved_by(self, joints: list[int]) -> np.ndarray:
-        """Return which pieces the joints or their followers move, shape (npiece,), bool."""
+        """Return a mask of the pieces that the joints or their followers move, shape (npiece,)."""
         moving = [*joints, *(c.follower for c in driven_by(self.couplings, joints))]
         bodies = {b for j in moving for b in subtree(self.mjm, int(self.mjm.jnt_bodyid[j]))}
         return np.array([p.body in bodies for p in self.pieces])
 
     def outer_limit(self, joint: int, ends: tuple[float, float]) -> int:
-        """Return which limit (0: lower, 1: upper) of a joint moves its finger farther from the approach axis."""
+        """Return at which limit of a joint (0: lower, 1: upper) its finger is farther from the approach axis."""
         moved, off = self.moved_by([joint]), []
         for value in ends:
             low, high = self._boxes(self.mjm.jnt_qposadr[joint], value)
@@ -204,19 +204,19 @@ class _Hand:
         return int(off[1] > off[0])
 
     def opened(self, fingers: np.ndarray, adr: np.ndarray, qpos: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-        """Return the boxes of all pieces, and the gap between pieces at the TCP, with finger joints at `qpos`."""
+        """Return the boxes of all pieces, and the gap between the pieces at the TCP, for finger joints at `qpos`."""
         low, high = self._boxes(adr, qpos)
         at = _beside(low, high, fingers)
         left = at & (low[:, 1] + high[:, 1] > 0.0)
         right = at & (low[:, 1] + high[:, 1] <= 0.0)
         above, below = low[left, 1].min(initial=np.inf), -high[right, 1].max(initial=-np.inf)
-        if np.isfinite([above, below]).sum() == 1:  # a single finger leaves the same room on the other side
+        if np.isfinite([above, below]).sum() == 1:  # for a single finger, the other side gets the same room
             alone = min(above, below)
             above = below = alone if alone > 0.0 else _NO_LIMIT  # the hull of a hooked finger may contain the TCP
         return low, high, float(np.clip(above + below, 0.0, _NO_LIMIT))
 
     def _boxes(self, adr: np.ndarray, qpos: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
-        """Return the lower and upper corner [m] of each piece with joints at `qpos`, shapes (npiece, 3)."""
+        """Return the lower and upper corners [m] of the pieces' boxes with joints at `qpos`, shapes (npiece, 3)."""
         data = mujoco.MjData(self.mjm)
         data.qpos[:] = self.home
         data.qpos[adr] = qpos
@@ -229,7 +229,7 @@ class _Hand:
 
 
 def _beside(low: np.ndarray, high: np.ndarray, fingers: np.ndarray) -> np.ndarray:
-    """Return which boxes are level with the TCP, or the fingertips if fingers swing open beyond it, bool."""
+    """Return a mask of the boxes level with the TCP. If all fingers swing beyond the TCP, the fingertips count."""
     at = (low[:, 2] <= 0.0) & (high[:, 2] >= 0.0)
     if at.any() or not fingers.any():
         return at
