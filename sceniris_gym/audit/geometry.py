@@ -22,7 +22,7 @@ _VISIBLE_GROUPS = (0, 1, 2)
 
 
 class Form(Enum):
-    """How a `Solid` describes the shape of its geom."""
+    """The form in which a `Solid` describes its geom."""
 
     POLYHEDRON = "polyhedron"  # closed triangle surface: boxes, hulls of meshes, meshes
     ROUNDED = "rounded"  # all points within `radius` of a point or a segment: spheres, capsules

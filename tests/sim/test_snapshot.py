@@ -62,13 +62,14 @@ def _step(randomizer: ResetRandomizer, steps: int = 3) -> None:
 
 def _state(randomizer: ResetRandomizer) -> dict[str, np.ndarray]:
     """Return copies of state, layouts, variants, draws and redraws, a row for each world."""
-    d, m, layouts = randomizer.data, randomizer.model, randomizer.layouts.view
+    d, m, layouts = randomizer.data, randomizer.model, randomizer.layouts
     arrays = {name: getattr(d, name) for name in (*ResetRandomizer.STATE_FIELDS, "xpos")}
     arrays |= {name: getattr(m, name) for name in (*fields_of_variants(), "body_subtreemass")}
-    arrays |= {f"layout {name}": getattr(layouts, name) for name in ("seed", "episode", "qpos", "present", "param")}
     found = {name: array.numpy().copy() for name, array in arrays.items()}
-    names = ("variants", "redraw_count", "redraw_status")
-    return found | {name: getattr(randomizer, name).cpu().numpy().copy() for name in names}
+    tensors = {name: getattr(randomizer, name) for name in ("variants", "redraw_count", "redraw_status")}
+    # without the rows for restarts, of which a GPU has more
+    tensors |= {f"layout {name}": getattr(layouts, name) for name in ("seed", "episode", "qpos", "present", "param")}
+    return found | {name: tensor.cpu().numpy().copy() for name, tensor in tensors.items()}
 
 
 def _assert_same(one: dict[str, np.ndarray], other: dict[str, np.ndarray], rows: Any = slice(None), to: Any = None):
