@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import time
 import warnings
 from collections.abc import Mapping, Sequence
@@ -164,8 +165,10 @@ class Sb3VecEnvWrapper(VecEnv):
 
     def env_method(self, method_name: str, *method_args, indices: VecEnvIndices = None, **method_kwargs) -> list[Any]:
         """Call a method of the environment or its task once, and return its result for every index."""
-        count = len(self._chosen(indices))
-        return [getattr(self._owner(method_name), method_name)(*method_args, **method_kwargs)] * count
+        method, chosen = getattr(self._owner(method_name), method_name), self._chosen(indices)
+        if len(set(chosen)) != self.num_envs and "worlds" in inspect.signature(method).parameters:
+            raise ArgumentError(f"env_method: '{method_name}' takes `worlds`. Pass it instead of indices.")
+        return [method(*method_args, **method_kwargs)] * len(chosen)
 
     def env_is_wrapped(self, wrapper_class: type[gymnasium.Wrapper], indices: VecEnvIndices = None) -> list[bool]:
         """Return True for Monitor, whose `episode` infos the environment provides, and False for all other wrappers."""

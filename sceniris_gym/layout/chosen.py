@@ -121,7 +121,7 @@ def entries_of_worlds(number: int, worlds: Any, nworld: int, name: str) -> np.nd
     ids = as_world_ids(worlds, nworld)
     if number not in (len(ids), nworld):
         many = f"{len(ids)}, one for each chosen world" if len(ids) < nworld else f"{nworld}, one for each world"
-        raise ArgumentError(f"{name} should have a single entry, or {many}, got {number}.")
+        raise ArgumentError(f"{name} should be one value outside of a list, or {many}, got {number}.")
     if number == len(ids):
         if len(np.unique(ids)) < number:
             raise ArgumentError(f"worlds should be different, one for each entry of {name}, got {ids.tolist()}.")
@@ -147,6 +147,8 @@ def layouts_of_mapping(value: Mapping[str, Any], layouts: Layouts, name: str) ->
         if found.dtype.kind not in "iu" or found.shape not in ((), (number,)):
             form = "an integer, or one for each world" if number == 1 else f"an integer, or {number} of them"
             raise ArgumentError(f"{name}['{key}'] should be {form}, got {short(value[key])}.")
+    if (given["seed"] < 0).any() and not hasattr(value["seed"], "dtype"):  # arrays may be in two's complement
+        raise ArgumentError(f"{name}['seed'] should be from 0 to 2^64 - 1, got {short(value['seed'])}.")
     if (given["episode"] < 0).any() or (given["episode"] >= MOST_EPISODES).any():
         raise ArgumentError(f"{name}['episode'] should be from 0 to 2^31 - 2, got {short(value['episode'])}.")
     seed, episode = (np.broadcast_to(found, (number,)) for found in given.values())

@@ -222,6 +222,8 @@ def _as_array(values: Any, name: str) -> Any:
 
 
 def _check_integers(values: Any, name: str, wanted: str = "integers") -> None:
+    if _kind(values) == "warp" and values.dtype not in (wp.int32, wp.bool):
+        raise ArgumentTypeError(f"{name} should be a Warp array of int32, got {values.dtype.__name__}.")
     if "int" not in getattr(values.dtype, "__name__", str(values.dtype)):
         raise ArgumentTypeError(f"{name} should hold {wanted}, got {values.dtype}.")
 

@@ -5,7 +5,7 @@ from typing import Literal, NamedTuple
 import mujoco
 import numpy as np
 
-from sceniris_gym.errors import NotSupportedError, UnknownNameError
+from sceniris_gym.errors import NotSupportedError, UnknownNameError, check_type
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.support import is_static
 
@@ -57,6 +57,7 @@ def joint_address(scene: SceneModel, name: str, where: str) -> tuple[int, int]:
     Raises:
         UnknownNameError: The joint does not exist, or several objects have a joint of that name.
     """
+    check_type(name, str, f"{where}: name")  # mj_name2id would crash
     mjm = scene.mjm
     joint = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_JOINT, name)
     if joint < 0:

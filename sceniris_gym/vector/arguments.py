@@ -109,7 +109,7 @@ def as_reset_seeds(
     if seed is None:
         return None
     given = np.ones(num_envs, bool)
-    if mask is not None and isinstance(seed, Sequence | np.ndarray) and len(seed) == mask.sum() < num_envs:
+    if mask is not None and np.ndim(seed) == 1 and len(seed) == mask.sum() < num_envs:
         seed = [seed[i] for i in entries_of_worlds(len(seed), mask, num_envs, "seed")]
     if isinstance(seed, list | tuple) and len(seed) == num_envs and type(None) in set(map(type, seed)):
         wanted = np.fromiter(seed, dtype=object, count=len(seed))

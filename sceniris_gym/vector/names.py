@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 import mujoco
 
-from sceniris_gym.errors import UnknownNameError
+from sceniris_gym.errors import UnknownNameError, check_type
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.support import subtree
 
@@ -29,6 +29,7 @@ def find_body(scene: SceneModel, name: str, where: str) -> int:
     Raises:
         UnknownNameError: The scene has no such body.
     """
+    check_type(name, str, f"{where}: name")
     body = _body(scene, name)
     if body < 0:
         mjm = scene.mjm
@@ -44,6 +45,7 @@ def _body(scene: SceneModel, name: str) -> int:
 
 def find_element(scene: SceneModel, kind: str, name: str, where: str) -> int:
     """Return the id of an element (kind 'site' or 'actuator') by its name in the model. Raise as `find_body` does."""
+    check_type(name, str, f"{where}: name")
     mjm = scene.mjm
     number = mujoco.mj_name2id(mjm, getattr(mujoco.mjtObj, f"mjOBJ_{kind.upper()}"), name)
     if number < 0:

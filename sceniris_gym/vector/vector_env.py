@@ -275,6 +275,10 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         if params is not None and chosen is not None and chosen.param is not None:
             raise ArgumentError(f"reset: options['{LAYOUTS}'] already has params. Leave out options['{PARAMS}'].")
         self.batch.fields.check()
+        if seed is None and not self._ready:
+            # np_random_seed is -1 after a generator was assigned to np_random
+            seed = arguments.fresh_seed() if self.np_random_seed == -1 else self.np_random_seed
+        own = arguments.as_reset_seeds(seed, self.num_envs, self.rank, first=not self._ready, mask=mask)
         with launches:
             if params is not None:
                 source.set_params(params, mask)
@@ -283,7 +287,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
                 due = self._worlds.restore(kept, written(self._live(), self._made), worlds)
                 source.set_params({} if params is None else params, mask)  # restoring overwrites params
             else:
-                self._reseed(seed, chosen, mask)
+                self._reseed(seed, own, chosen, mask)
                 self._worlds.reset(due.clone())  # a copy, because `on_reset` may overwrite its mask
                 self._autoreset.logical_and_(~due)
             if not self._ready:
@@ -398,12 +402,10 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         """Return all tensors whose rows a snapshot may copy, by name."""
         return self._worlds.live(sensors=self._observer.sensors, due=self._autoreset)
 
-    def _reseed(self, seed: Any, chosen: ChosenLayouts | None, mask: np.ndarray | None) -> None:
-        """Choose the layouts that the next reset gives to the masked worlds, from the arguments of `reset`."""
-        if seed is None and not self._ready:
-            # np_random_seed is -1 after a generator was assigned to np_random
-            seed = arguments.fresh_seed() if self.np_random_seed == -1 else self.np_random_seed
-        own = arguments.as_reset_seeds(seed, self.num_envs, self.rank, first=not self._ready, mask=mask)
+    def _reseed(
+        self, seed: Any, own: ChosenLayouts | None, chosen: ChosenLayouts | None, mask: np.ndarray | None
+    ) -> None:
+        """Choose the layouts that the next reset gives to the masked worlds: `own` by `seed`, or `chosen` by id."""
         for part in filter(None, (own, chosen)):
             given = part.given if mask is None else part.given & mask
             self.randomizer.reseed(layouts=part._replace(given=given))

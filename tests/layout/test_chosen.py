@@ -74,10 +74,16 @@ def test_seeds_in_a_tensor_are_in_twos_complement(empty: CompiledScene):
 @pytest.mark.parametrize(
     ("words", "error", "match"),
     [
-        ({}, ArgumentError, "should have either `seed` or `layouts`"),
-        ({"seed": 1, "layouts": {"seed": 1, "episode": 0}}, ArgumentError, "should have either `seed` or `layouts`"),
-        ({"seed": [1, 2, 3]}, ArgumentError, "seed should have a single entry, or 2, one for each chosen world, got 3"),
-        ({"layouts": []}, ArgumentError, "layouts should have a single entry, or 2, .* got 0"),
+        ({}, ArgumentError, "should have `seed` or `layouts`, got neither"),
+        ({"seed": 1, "layouts": {"seed": 1, "episode": 0}}, ArgumentError, "should have `seed` or `layouts`, got both"),
+        ({"layouts": {"seed": -1, "episode": 0}}, ArgumentError, r"layouts\['seed'\] should be from 0 to 2\^64 - 1"),
+        ({"layouts": {"seed": [0, -1], "episode": 0}}, ArgumentError, r"layouts\['seed'\] should be from 0"),
+        (
+            {"seed": [1, 2, 3]},
+            ArgumentError,
+            "seed should be one value outside of a list, or 2, one for each .* got 3",
+        ),
+        ({"layouts": []}, ArgumentError, "layouts should be one value outside of a list, or 2, .* got 0"),
         ({"layouts": {"seed": 0}}, ArgumentError, "keys 'seed' and 'episode'"),
         ({"layouts": {"seed": 0.5, "episode": 0}}, ArgumentError, r"layouts\['seed'\] should be an integer"),
         ({"layouts": {"seed": [0, 1], "episode": [0] * 4}}, ArgumentError, r"layouts\['seed'\] should be an integer"),

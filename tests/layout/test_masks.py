@@ -158,6 +158,11 @@ def test_integers_that_look_like_a_mask_are_refused(make):
         ([0.5], ArgumentTypeError, "worlds should hold booleans or ids, got float64"),
         ("here", ArgumentTypeError, "worlds should hold booleans or ids, got <U4"),
         ([[0], [0, 1]], ArgumentTypeError, "worlds should be integers"),
+        (
+            wp.zeros(2, dtype=wp.int64, device="cpu"),
+            ArgumentTypeError,
+            "Warp array of int32, got int64",
+        ),
         (slice("a", None), ArgumentError, r"worlds should be a slice of integers, got slice\('a', None, None\): "),
         (slice(0, 2, 0), ArgumentError, r"worlds should be a slice of integers, got slice\(0, 2, 0\): "),
     ],

@@ -7,6 +7,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
+import torch
 
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, SceneMismatchError, UnknownNameError
 from sceniris_gym.layout.layouts import LayoutStatus
@@ -182,3 +183,13 @@ def test_an_evaluation_takes_params_for_all_rows_or_for_each(make_env):  # noqa:
     assert evaluate(lambda _: actions(2), envs, each) == results
     assert all(f"{SLIDE}=" in result.id for result in results)
     assert [result.id.split(":")[2] for result in results] == ["5", "6", "7"]
+
+
+@pytest.mark.parametrize("seed", [-1, "x", [1, 2, 3], np.array(3.5)], ids=str)
+def test_a_reset_with_a_wrong_seed_changes_no_param(make_env, seed):  # noqa: F811
+    """The seed is checked before the params of the same call are set."""
+    envs = make_env(4, params=[SLIDE])
+    before = envs.reset(seed=0)[1]["layout"]["params"][SLIDE].clone()
+    with pytest.raises(ArgumentError, match="seed"):
+        envs.reset(seed=seed, options={"params": {SLIDE: [0.05, 0.06]}})
+    assert torch.equal(envs.reset()[1]["layout"]["params"][SLIDE], before)
