@@ -128,7 +128,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         ScenirisError: The scene cannot be used, for the reasons that `compile_scene` lists.
         TaskError: A method of the task returns a wrong type or shape. Raised here, or in the first step.
         FixedError: You assign to an attribute that captured graphs use. Raised at this assignment, not here.
-        ContactBudgetError: The worlds have more contacts than `nconmax` leaves room for. Raised in the first reset.
+        ContactBudgetError: The first reset has more contacts than `nconmax` leaves room for. After later steps,
+            `randomizer.check_budget()` finds out.
     """
 
     _FIXED = (
