@@ -71,7 +71,7 @@ def uniforms(seed: wp.uint64, episode: int, stream: wp.uint32, trial: int, draw:
 
 
 def named_stream(split: str) -> int:
-    """Return the Philox stream of numbers that are drawn by name in a split."""
+    """Return the Philox stream of a split for draws that are keyed by a name."""
     return NAMED_STREAM + (SPLITS[split] << STREAM_BITS)
 
 

@@ -80,7 +80,7 @@ def curved_foot(lowest: Callable[[np.ndarray], np.ndarray], angle: float) -> np.
 
 
 def _touching(points: np.ndarray, lean: float) -> np.ndarray:
-    """Return the index of the lowest of `points` (n, 3) for a lean [rad] in each direction, shape (MAX_FOOT,)."""
+    """Return the index of the lowest of `points` (n, 3) after a lean [rad] in each of MAX_FOOT directions."""
     return (points[:, 2:] * np.cos(lean) - points[:, :2] @ (np.sin(lean) * around(MAX_FOOT)).T).argmin(axis=0)
 
 

@@ -91,7 +91,7 @@ def _stable_of(program: Program, obj: int, quat: wp.vec4) -> int:
 
 @wp.func
 def _place_anchor(program: Program, layouts: LayoutsView, row: int, obj: int):
-    """Write pivot pose and bounds of an anchor in its current pose. Its pivot belongs to the nearest stable pose."""
+    """Write pivot pose and bounds of an anchor in its current pose, with the pivot of the nearest stable pose."""
     root = program.obj_body[obj]
     quat = layouts.body_quat[row, root]
     pivot_pose = layouts.pivot_pose[row, program.obj_column[obj]]

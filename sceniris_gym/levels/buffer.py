@@ -291,7 +291,7 @@ def launch_update(buffer: Buffer, episodes: Episodes) -> None:
 
 
 def create_buffer(replay: LevelReplay, layouts: LayoutsView) -> Buffer:
-    """Allocate an empty buffer for the worlds of `layouts`. Its choices are the next layouts of these worlds."""
+    """Allocate an empty buffer. It writes its choices into the next-layout arrays of `layouts`."""
     capacity, nworld, device = replay.capacity, layouts.next_param.shape[0], layouts.next_param.device
     shapes = {
         "seed episode value age cumulative": capacity,

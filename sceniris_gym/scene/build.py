@@ -95,7 +95,7 @@ def _with_shared_bodies(config: SceneConfig) -> SceneModel:
 
 
 def _built(config: SceneConfig, full: SceneModel | None = None) -> SceneModel:
-    """Build a scene from files or a MjSpec. If `full` has all variants, build the scene that is simulated instead."""
+    """Build a scene from files or a MjSpec, or the simulated scene if `full`, the scene with all variants, is given."""
     shared = None if full is None else SharedBodies(full.mjm, config.variants, config.where)
     spec, homes = _assemble(config, shared)
     if full is not None:

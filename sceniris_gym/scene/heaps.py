@@ -28,7 +28,7 @@ _AROUND = 1e-3  # m, by which the surface of a heap extends beyond the roots of 
 
 @dataclass(frozen=True)
 class HeapRows:
-    """Settled heaps, with poses relative to the filled body.
+    """Settled heaps, with poses relative to the body that the heap fills.
 
     Attributes:
         names: The objects.
@@ -139,7 +139,7 @@ def rigid_thing(scene: SceneModel, name: str, where: str) -> list[int]:
 
 @dataclass(frozen=True)
 class HeapPoses:
-    """The settled poses of one object of a heap, relative to the filled body.
+    """The settled poses of one object of a heap, relative to the body that the heap fills.
 
     Attributes:
         pos: Position of the object's root [m], shape (nrow, 3).

@@ -32,7 +32,7 @@ _Box = tuple[np.ndarray, np.ndarray]
 
 
 class Overview:
-    """The places of objects in a scene, and all geoms that stay in place.
+    """The places of objects in a scene, and all geoms that never move.
 
     Args:
         config: The scene.
@@ -66,7 +66,7 @@ class Overview:
         return cameras[int(np.flatnonzero(shares >= shares.max() - _NEARLY)[0])]
 
     def seen(self) -> np.ndarray:
-        """Return corners of boxes around all geoms that stay, and around all places of objects [m], shape (n, 3)."""
+        """Return corners of boxes around geoms that never move, and around all places of objects [m], shape (n, 3)."""
         corners = geom_corners(self.mjm, self.data, np.flatnonzero(self.shown & ~self.of_placed))
         boxes = [box_corners((low + high) / 2.0, (high - low) / 2.0) for low, high in self._places()]
         if not len(corners) and not boxes:
@@ -78,7 +78,7 @@ class Overview:
         return [box for name in self.config.parts if (box := self._box(name)) is not None]
 
     def _shares_seen(self, eyes: list[np.ndarray]) -> np.ndarray:
-        """Return the fraction of the places that no geom hides from each eye. Only geoms that stay are considered."""
+        """Return, for each eye, the fraction of places that no geom hides. Only geoms that never move count."""
         mjm = copy.copy(self.mjm)
         mjm.geom_group[self.of_placed] = HIDDEN_GROUP
         groups, hit = np.isin(np.arange(6), _SHOWN).astype(np.uint8), np.zeros(1, np.int32)

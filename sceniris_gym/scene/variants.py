@@ -44,7 +44,7 @@ _TOLD = 5  # most files of an object that a warning names
 def geom_classes(mjm: mujoco.MjModel) -> list[tuple[int, ...]]:
     """Return the class of each geom: its values of the fields `CLASS`, the same in all worlds.
 
-    The geom group is the group for pictures. All visible groups count as one.
+    Of a geom's `group`, only visibility counts: all groups that pictures show are one class.
     """
     groups = picture_groups(mjm)
     groups[np.isin(groups, VISIBLE_GROUPS)] = VISIBLE_GROUPS[0]

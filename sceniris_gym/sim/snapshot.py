@@ -109,7 +109,9 @@ def check_rows(snapshot: Any, source: tuple[str, ...], live: Mapping[str, Tensor
     if snapshot.source != source or not (has_rows and wanted.items() <= found.items() and _WERE_FINITE in found):
         got = "other rows" if snapshot.source == source else short(snapshot.source)
         parts = "scene, split, task and params" if "elapsed" in live else "scene, split and params"
-        raise SceneMismatchError(f"{name} should be a snapshot of this {parts}, got {got}. Snapshot these worlds.")
+        raise SceneMismatchError(
+            f"{name} should be a snapshot of this {parts}, got {got}. Take a new snapshot of these worlds."
+        )
     # infinities in the memory of a task are legitimate, and so are the NaNs of a layout without a grasp
     state = {key: values for key, values in snapshot.rows.items() if key.startswith(_FINITE)}
     if not (torch.equal(_are_finite(snapshot.rows), rows[_WERE_FINITE]) and _are_finite(state).all()):

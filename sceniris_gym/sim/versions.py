@@ -44,7 +44,7 @@ def fields_of_data(*names: str) -> tuple[str, ...]:
 
 
 def actuator_controls(mjm: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
-    """Return the address of each actuator's first control, and its number of controls, which is 1 before 4.0."""
+    """Return the address of each actuator's first control, and its number of controls, which is 1 before MuJoCo 4.0."""
     nactuator = len(mjm.actuator_trntype)
     return (
         getattr(mjm, "actuator_ctrladr", np.arange(nactuator)),

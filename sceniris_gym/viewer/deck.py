@@ -85,7 +85,7 @@ class LayoutDeck:
         return table
 
     def stands(self, split: str) -> tuple[np.ndarray, np.ndarray]:
-        """Return `ShownWorld.stands` for the first world and the layout of the latest `make`."""
+        """Return `ShownWorld.stands` for the layout of the latest `make` in the first world."""
         view = self._generator(split).layouts.view
         return view.pivot_pose.numpy()[0].copy(), view.bounds.numpy()[0].copy()
 

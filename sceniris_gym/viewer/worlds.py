@@ -51,7 +51,7 @@ class Worlds:
 
     Args:
         server: The page.
-        scene: The scene. The page draws a changed copy of its model.
+        scene: The scene. The page draws a modified copy of the scene's model.
         num: Number of worlds.
     """
 

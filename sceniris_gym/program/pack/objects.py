@@ -186,7 +186,7 @@ def _box(config: ObjectConfig) -> tuple:
 
 
 def fill_views(plan: Plan, arm_lists: Mapping[str, np.ndarray], device: str) -> None:
-    """Fill the views of all arms with reach targets.
+    """Fill the view of each arm that has reach targets.
 
     Args:
         plan: The plan of the scene.
