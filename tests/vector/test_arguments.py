@@ -332,7 +332,7 @@ WRONG_CALLS = {
         SLIDE,
         lambda envs: _reset_to(envs, {"seed": 0, "episode": 0, "params": {SLIDE: np.full((2, 2), np.nan)}}),
     ),
-    "redraw": (ArgumentTypeError, "objects should be a name", lambda envs: envs.redraw(3)),
+    "redraw": (ArgumentTypeError, "objects should be one name", lambda envs: envs.redraw(3)),
     "name": (ArgumentTypeError, "random: name should be a str", lambda envs: envs.randomizer.random(3, 3)),
     "shape": (ArgumentError, "random: shape", lambda envs: envs.randomizer.random("a", (10**6, 10**6))),
     "number": (ArgumentError, "uniform: n should be", lambda envs: envs.state.uniform(-1)),
