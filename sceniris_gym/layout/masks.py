@@ -108,7 +108,8 @@ def as_world_ids(worlds: Any, nworld: int) -> np.ndarray:
         return np.flatnonzero(as_host_mask(worlds, nworld, "worlds"))
     _check_ids(worlds)
     found = as_numbers(worlds)
-    as_worlds(found, nworld, "cpu")
+    _refuse_integer_mask(found, nworld)
+    _check_range(found, "worlds", 0, nworld)
     return found
 
 
@@ -234,17 +235,20 @@ def _upload_numbers(values: Any, name: str, least: int, end: int, more: str, dev
     Values on a GPU are not checked, because the host would wait. During a capture, they are not known yet.
     """
     if _is_known(values):
-        found = as_numbers(values)
-        wrong = np.flatnonzero((found < least) | (found >= end))
-        if len(wrong):
-            got = found[wrong[0]]
-            raise ArgumentError(f"{name}[{wrong[0]}] should be from 0 to {end - 1}{more}, got {got}.")
+        _check_range(as_numbers(values), name, least, end, more)
     if _kind(values) == "numpy":
         values = values.astype(np.int32)
     elif _kind(values) == "torch":
         # clamp first, because an out-of-range number must not wrap around to a valid index
         values = values.long().clamp(-1, end).int().contiguous()
     return _to_device(values, wp.int32, device)
+
+
+def _check_range(values: np.ndarray, name: str, least: int, end: int, more: str = "") -> None:
+    wrong = np.flatnonzero((values < least) | (values >= end))
+    if len(wrong):
+        got = values[wrong[0]]
+        raise ArgumentError(f"{name}[{wrong[0]}] should be from 0 to {end - 1}{more}, got {got}.")
 
 
 def _is_known(values: Any) -> bool:

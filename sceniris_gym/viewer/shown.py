@@ -12,7 +12,7 @@ from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.plan import PlacedObject
 from sceniris_gym.scene.layout_table import LayoutTable
-from sceniris_gym.scene.parking import PARKING_FROM
+from sceniris_gym.scene.parking import is_parked
 
 _LONGEST = 0.1  # s of physics between two pictures: a slow machine loses real time, but the page does not freeze
 
@@ -114,7 +114,7 @@ class ShownWorld:
         for i, name in enumerate(self.absent):
             at = np.array([low[0] + 0.15 + 0.3 * i, low[1] - 0.2, low[2]])
             root = self.data.xpos[self.compiled.scene.bodies[name]].copy()
-            root[2] = 0.0 if root[0] > PARKING_FROM / 2.0 else root[2]
+            root[2] = 0.0 if is_parked(root) else root[2]
             offsets |= dict.fromkeys(self.compiled.scene.subtree(name), at - root)
         return offsets
 
