@@ -71,7 +71,7 @@ class RslRlVecEnvWrapper(VecEnv):
         self.num_actions = env.single_action_space.shape[0]
         self.max_episode_length = env.max_episode_steps
         self.cfg = {"task": type(env.task).__name__, "scene": env.compiled.config.name, "num_envs": env.num_envs}
-        self._observation = as_tensordict(env.reset(seed=seed)[0])
+        self._observation = as_tensordict(env.groups_of(env.reset(seed=seed)[0]))
         self.log: dict[str, Tensor] = {}
         self._means = torch.zeros((), device=env.device)
 
@@ -94,7 +94,7 @@ class RslRlVecEnvWrapper(VecEnv):
     ) -> tuple[TensorDict, dict[str, Any]]:
         """Reset worlds as SceneVectorEnv.reset does. The runners of rsl-rl never call this method."""
         observation, info = self.env.reset(seed=seed, options=options)
-        self._observation = as_tensordict(observation)
+        self._observation = as_tensordict(self.env.groups_of(observation))
         return self._observation, info
 
     def get_observations(self) -> TensorDict:
@@ -104,7 +104,7 @@ class RslRlVecEnvWrapper(VecEnv):
     def step(self, actions: Tensor) -> tuple[TensorDict, Tensor, Tensor, dict[str, Any]]:
         """Take one control step and return observations, rewards, dones (long), each (num_envs, ...), and extras."""
         observation, reward, terminated, truncated, info = self.env.step(actions)
-        self._observation = as_tensordict(observation)
+        self._observation = as_tensordict(self.env.groups_of(observation))
         done = terminated | truncated
         self.log = self._finished() | self._resets()
         extras = {"time_outs": truncated & ~terminated, "success": info["success"], "log": self.log}

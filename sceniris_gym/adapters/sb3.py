@@ -56,8 +56,7 @@ class Sb3VecEnvWrapper(VecEnv):
             raise ArgumentTypeError(f"Sb3VecEnvWrapper: env should be a SceneVectorEnv of make_vec, got {short(env)}.")
         if env.autoreset_mode is not AutoresetMode.SAME_STEP or env.output != "torch" or not env.sim_config.copy:
             raise ArgumentError("Sb3VecEnvWrapper: env should have autoreset SAME_STEP, output='torch' and copy=True.")
-        assert isinstance(env.single_observation_space, gymnasium.spaces.Dict)
-        parts = _parts(env.single_observation_space.spaces)
+        parts = _parts(env.groups_of(env.single_observation_space))
         names = [group] if isinstance(group, str) else list(group)
         check_names("observation group", names, f"task {type(env.task).__name__}", parts)
         images = env.image_config
@@ -111,7 +110,7 @@ class Sb3VecEnvWrapper(VecEnv):
                 world may have NaNs, and NaN * 0 would spoil a replay buffer's targets. None selects all worlds, with
                 unchanged values.
         """
-        parts = _parts(observation)
+        parts = _parts(self.env.groups_of(observation))
 
         def part(name: str) -> np.ndarray:
             return to_host(parts[name] if worlds is None else parts[name][worlds].nan_to_num(0.0, 0.0, 0.0))

@@ -36,9 +36,10 @@ class Policy:
         load_checkpoint(self._runner, run / MODEL, str(self.device), trust=trust)
         self._act = self._runner.get_inference_policy(str(self.device))
 
-    def __call__(self, observation: Mapping[str, Any] | TensorDict) -> Tensor:
+    def __call__(self, observation: Mapping[str, Any] | TensorDict | Tensor) -> Tensor:
         """Return actions in [-1, 1], shape (num_envs, size), for observations of SceneVectorEnv on `device`."""
-        seen = observation if isinstance(observation, TensorDict) else as_tensordict(observation)
+        named = {"policy": observation} if isinstance(observation, Tensor) else observation
+        seen = named if isinstance(named, TensorDict) else as_tensordict(named)
         with torch.inference_mode():
             return self._act(seen).clamp(-1.0, 1.0)
 

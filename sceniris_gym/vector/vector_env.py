@@ -58,8 +58,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
     """A vector environment of `num_envs` worlds on one device, each with a fresh layout at every reset.
 
     Observations are a dict of groups (`policy`, `critic`), each of shape (num_envs, size). `observation_names` lists
-    the parts of each group in order. Some wrappers, such as Gymnasium's NormalizeObservation, need a single array. Put
-    them around FlattenObservation, which joins the groups, or around a wrapper that selects one group.
+    the parts of each group in order. Some wrappers, such as Gymnasium's NormalizeObservation, need a single array. Make
+    the environment with `observation_groups="policy"` for them, or put them around FlattenObservation.
 
     The argument `images` adds a group `images`. For each camera and kind of picture, this group has a tensor of shape
     (num_envs, height, width, channels): `observation["images"]["overview"]["rgb"]` (3 channels, uint8), `["depth"]` (1
@@ -107,8 +107,9 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             combined with a layout_source.
         max_episode_steps: Control steps after which an episode is truncated. None sets no limit.
         autoreset_mode: An AutoresetMode, or its value.
-        observation_groups: The groups to observe, such as ("policy",), or the name of a single group. None observes
-            all groups.
+        observation_groups: The groups to observe, such as ("policy", "critic"). None observes all groups. With the name
+            of a single group, such as "policy", observations are the array of this group instead of a dict. If there
+            are images, observations stay a dict.
         sensing: A Sensing, a mapping of its fields, or None: noise, delay and dropout of the group `policy`, and delay
             of actions.
         output: "torch" (tensors on `device`) or "numpy".
@@ -212,7 +213,9 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             size = self.task.action_size or self.compiled.mjm.nu
             more: dict[str, Any] = {"groups": groups, "sensing": wanted, "copy": sim.copy}
             self._observer = Observer(self.task, self.state, self.images, size, **more)
-        self.observation_names, self.single_observation_space = self._observer.names, self._observer.space
+        self.observation_names = self._observer.names
+        self._plain = observation_groups if isinstance(observation_groups, str) and self.images is None else None
+        self.single_observation_space = self._seen(self._observer.space)
         self.single_action_space = action_space(size)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
@@ -296,7 +299,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
                 self._ready = True
             observation = self._observer.flat(0) | self._observer.pictures(due)
             self.rendering.show(self.batch, self.randomizer.layouts, 0.0)
-            return self._returned(observation), self._returned(self._worlds.layout_info())
+            return self._returned(self._seen(observation)), self._returned(self._worlds.layout_info())
 
     @exclusive
     def redraw(self, objects: str | Sequence[str], worlds: Any = None) -> None:
@@ -474,14 +477,21 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         if same_step:
             done, final = outcome.done, self.image_config is not None and self.image_config.final
             info["final_info"] = outcome.info() | self._worlds.layout_info()
-            info["final_obs"] = observation | (observer.pictures(done, copy=True) if final else {})
+            info["final_obs"] = self._seen(observation | (observer.pictures(done, copy=True) if final else {}))
             info["_final_obs"] = info["_final_info"] = done.clone()
             self._worlds.reset(done)
             observation = observer.flat(0)
         info |= self._worlds.layout_info()
         observation |= observer.pictures()
-        returned = (observation, outcome.gained.sum(dim=0), outcome.terminated, outcome.truncated, info)
+        returned = (self._seen(observation), outcome.gained.sum(dim=0), outcome.terminated, outcome.truncated, info)
         return tuple(self._returned(value) for value in returned)  # type: ignore[return-value]
+
+    def groups_of(self, observation: Any) -> Mapping[str, Any]:
+        """Return an observation, or its space, as a dict of groups. With a single group it may be the group itself."""
+        return observation if self._plain is None else {self._plain: observation}
+
+    def _seen(self, groups: Mapping[str, Any]) -> Any:
+        return groups if self._plain is None else groups[self._plain]
 
     def _returned(self, value: Any) -> Any:
         """Return a tensor or a dict of tensors, converted to NumPy if the environment's `output` is "numpy"."""

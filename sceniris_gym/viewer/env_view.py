@@ -105,7 +105,7 @@ class EnvView:
         success = info["success"].cpu().numpy()
         if not self._ended[0]:
             rewards = {name: float(term[0]) for name, term in info["reward_terms"].items()}
-            self._plots.add(rewards, float(success[0]), self._observation[GROUP][0].cpu().numpy())
+            self._plots.add(rewards, float(success[0]), self.envs.groups_of(self._observation)[GROUP][0].cpu().numpy())
         self._success = np.where(self._ended, self._success, success)
         self._ended |= (terminated | truncated).cpu().numpy()
         self._step += 1
@@ -116,7 +116,7 @@ class EnvView:
 
     def _actions(self) -> Any:
         if self.policy is not None:
-            return self.policy(self._observation)
+            return self.policy(self.envs.groups_of(self._observation))
         return 2.0 * torch.rand(self.envs.action_space.shape or (), device=self.envs.device) - 1.0
 
     def _own_id(self, text: str) -> LayoutId:

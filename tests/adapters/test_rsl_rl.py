@@ -51,6 +51,16 @@ def test_sizes_are_those_of_the_environment(env):
     assert env.unwrapped is env.env
 
 
+def test_an_environment_with_a_plain_observation_keeps_the_name_of_its_group(env, reach_scene: CompiledScene):
+    """Its reset and its steps are those of an environment with a dict of groups."""
+    envs = SceneVectorEnv(Reach, 4, scene=reach_scene, max_episode_steps=5, observation_groups="policy")
+    plain = RslRlVecEnvWrapper(envs, seed=3)
+    assert torch.equal(plain.get_observations()["policy"], env.get_observations()["policy"])
+    assert torch.equal(plain.reset(seed=1)[0]["policy"], env.reset(seed=1)[0]["policy"])
+    for _ in range(5):
+        assert torch.equal(plain.step(torch.ones(4, 5))[0]["policy"], env.step(torch.ones(4, 5))[0]["policy"])
+
+
 def test_observations_are_never_overwritten_later(env):
     """All that was handed out in twelve random steps, with resets, is what it was when it came."""
     torch.manual_seed(0)

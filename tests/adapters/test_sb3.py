@@ -96,6 +96,19 @@ def test_it_steps_as_stable_baselines_own_vector_environment(make, reach_scene: 
     assert set(ends) == {True, False}
 
 
+def test_an_environment_with_a_plain_observation_is_taken_too(make):
+    """Steps and last observations are those of an environment with a dict of groups."""
+    plain, other = make(observation_groups="policy"), make()
+    assert plain.observation_space == other.observation_space
+    plain.seed(0)
+    other.seed(0)
+    np.testing.assert_array_equal(plain.reset(), other.reset())
+    for _ in range(MAX_STEPS):
+        (seen, _, _, infos), (wanted, _, _, others) = (envs.step(np.ones((3, 5))) for envs in (plain, other))
+        np.testing.assert_array_equal(seen, wanted)
+    np.testing.assert_array_equal(*(each[0]["terminal_observation"] for each in (infos, others)))
+
+
 def test_infos_of_unfinished_worlds_are_dicts_of_their_own(make):
     """An entry that a wrapper writes into the info of one world does not appear in another."""
     envs = make()

@@ -25,14 +25,6 @@ def make(make_env, mode: AutoresetMode = AutoresetMode.SAME_STEP, **kwargs):
     return make_env(NUM_ENVS, autoreset_mode=mode, max_episode_steps=MAX_STEPS, **{"output": "numpy", **kwargs})
 
 
-def policy_only(envs):
-    """Show the policy's group alone, as wrappers for one array want it."""
-    space = envs.single_observation_space["policy"]
-    return wrappers.TransformObservation(
-        envs, lambda observation: observation["policy"], single_observation_space=space
-    )
-
-
 @MODES
 def test_episode_statistics_agree_with_our_own(make_env, mode):
     """RecordEpisodeStatistics counts the same episodes, returns and lengths as `statistics`, with partial resets."""
@@ -124,7 +116,7 @@ def test_flat_observations_are_normalised(make_env):
 
 def test_observations_are_normalised_where_the_reset_is_a_step_of_its_own(make_env):
     """NormalizeObservation around one group has mean 0 and deviation 1 over what it has seen."""
-    envs = wrappers.NormalizeObservation(policy_only(make(make_env, AutoresetMode.NEXT_STEP)))
+    envs = wrappers.NormalizeObservation(make(make_env, AutoresetMode.NEXT_STEP, observation_groups="policy"))
     seen = [envs.reset(seed=0)[0]]
     rng = np.random.default_rng(0)
     for _ in range(40):

@@ -33,6 +33,7 @@ def test_a_policy_acts_and_is_exported(tmp_path: Path, monkeypatch: pytest.Monke
     with torch.inference_mode():
         wanted = exported(observation["policy"]).clamp(-1.0, 1.0)
     torch.testing.assert_close(policy(observation), wanted)
+    assert torch.equal(policy(observation["policy"]), policy(observation))  # as with observation_groups="policy"
     assert len(evaluate(policy, envs, 4)) == 4
 
 

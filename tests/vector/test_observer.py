@@ -34,11 +34,24 @@ def test_only_the_groups_that_are_asked_for_are_observed(make_env):
     after, *_, info = envs.step(torch.zeros(3, 5))
     assert list(after) == list(info["final_obs"]) == ["policy"]
     assert list(make_env(3, observation_groups=["critic", "policy"]).reset(seed=0)[0]) == ["critic", "policy"]
-    assert list(make_env(3, observation_groups="policy").reset(seed=0)[0]) == ["policy"]
     with pytest.raises(ArgumentError, match="observation_groups"):
         make_env(3, observation_groups=())
     with pytest.raises(UnknownNameError, match=r"unknown observation group 'polcy'. Did you mean 'policy'"):
         make_env(3, observation_groups=("polcy",))
+
+
+def test_a_single_name_of_a_group_gives_its_array(make_env):
+    """In spaces, resets, steps and final observations; adapters still see the group by its name."""
+    envs, whole = (make_env(3, observation_groups=groups, max_episode_steps=1) for groups in ("critic", None))
+    assert envs.single_observation_space == whole.single_observation_space["critic"]
+    assert envs.observation_space.shape == (3, 28)
+    first, _ = envs.reset(seed=0)
+    assert torch.equal(first, whole.reset(seed=0)[0]["critic"])
+    after, *_, info = envs.step(torch.zeros(3, 5))
+    wanted, *_, other = whole.step(torch.zeros(3, 5))
+    assert torch.equal(after, wanted["critic"])
+    assert torch.equal(info["final_obs"], other["final_obs"]["critic"])
+    assert list(envs.groups_of(after)) == list(envs.observation_names) == ["critic"]
 
 
 def test_observations_are_flat_groups_with_named_parts(make_env):

@@ -228,7 +228,7 @@ POISONS = (_poison_ctrl, _poison_act, _poison_reward, _poison_observation)
 @pytest.mark.parametrize("poison", POISONS)
 def test_a_world_is_broken_in_the_step_that_has_the_nan(make_env, poison, mode: str):
     """By controls, activations, rewards or observations: terminated with reward 0, once, and finite after its reset."""
-    envs, value = make_env(2, autoreset_mode=mode, observation_groups="policy"), torch.zeros(2)
+    envs, value = make_env(2, autoreset_mode=mode, observation_groups=("policy",)), torch.zeros(2)
     poison(envs, value)
     envs.reset(seed=0)
     assert not envs.step(actions(2))[-1]["broken"].any()
