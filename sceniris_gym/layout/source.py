@@ -201,8 +201,12 @@ class LayoutSource(StaysHere):
             ArgumentError: A value beyond the limits of the scene file, or a source of stored layouts.
             ArgumentError, ArgumentTypeError: As in `generate`.
         """
+        self._set_params(*self.checked_params(values), self._mask_of(worlds))
+
+    def checked_params(self, values: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray]:
+        """Return the columns and the rows of numbers that `set_params` would write, or raise as `set_params` does."""
         columns, rows = self.layouts.params.part(values, self.layouts.nworld)
-        self._set_params(self._changeable(columns), rows, self._mask_of(worlds))
+        return self._changeable(columns), rows
 
     def _changeable(self, columns: np.ndarray) -> np.ndarray:
         """Return `columns` of params unchanged. Raise if there are any columns, but the layouts keep their params."""

@@ -283,14 +283,15 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             # np_random_seed is -1 after a generator was assigned to np_random
             seed = arguments.fresh_seed() if self.np_random_seed == -1 else self.np_random_seed
         own = arguments.as_reset_seeds(seed, self.num_envs, self.rank, first=not self._ready, mask=mask)
+        if params is not None:
+            source.checked_params(params)  # before anything changes
         with launches:
-            if params is not None:
-                source.set_params(params, mask)
             if kept is not None:
                 worlds = None if mask is None else np.flatnonzero(mask)
                 due = self._worlds.restore(kept, written(self._live(), self._made), worlds)
-                source.set_params({} if params is None else params, mask)  # restoring overwrites params
-            else:
+            if params is not None:
+                source.set_params(params, mask)  # after a restore, which overwrites params
+            if kept is None:
                 self._reseed(seed, own, chosen, mask)
                 self._worlds.reset(due.clone())  # a copy, because `on_reset` may overwrite its mask
                 self._autoreset.logical_and_(~due)

@@ -26,6 +26,20 @@ def _run(envs, steps: int) -> list[torch.Tensor]:
     return [leaf.clone() for k in range(steps) for leaf in leaves(envs.step(actions(envs.num_envs) * (1 + k)))]
 
 
+def test_a_refused_state_or_param_changes_nothing(make_env):
+    """Whichever of the two is wrong, the other has no effect."""
+    envs = make_env(2, params=SLIDE)
+    envs.reset(seed=0)
+    kept = envs.snapshot()
+    envs.reset(seed=5)
+    params, before = envs.randomizer.layouts.view.next_param.numpy().copy(), state(envs)
+    for options in ({"state": 3, "params": {SLIDE: [0.1, 0.11]}}, {"state": kept, "params": {SLIDE: [7.0, 8.0]}}):
+        with pytest.raises(ArgumentError):
+            envs.reset(options=options)
+        assert_equal(state(envs), before)
+        np.testing.assert_array_equal(envs.randomizer.layouts.view.next_param.numpy(), params)
+
+
 @pytest.mark.parametrize("words", [{}, {"sensing": SENSING}, {"sim_config": {"graph": False}}])
 def test_an_episode_goes_on_to_the_same_bits(make_env, words):
     """Observations with noise and delay, rewards, the ends of episodes and the layouts that follow them."""
