@@ -90,6 +90,7 @@ ATTRIBUTES: dict[str, tuple[type, str, str]] = {
     "a randomizer": (ResetRandomizer, "PROMISED", "STATE_FIELDS"),
     "a generator": (LayoutGenerator, "extend", "redraw"),
     "params of a generator": (LayoutGenerator, "set_knobs", "set_params"),
+    "params of a source": (LayoutGenerator, "launch_set_knobs", "launch_set_params"),
     "a task's reading": (State, "parameter", "randomized"),
     "a compiled scene": (CompiledScene, "bank_size", "bank"),
     "a model of a scene": (SceneModel, "support_body", "support"),
