@@ -1,1 +1,1 @@
-"""Layouts, made on the device at every reset: generators, stored and prefetched layouts, and their ids."""
+"""Layouts of worlds: made on the device at every reset, prefetched, or stored. Also the ids of layouts."""

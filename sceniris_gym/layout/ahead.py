@@ -2,10 +2,10 @@
 
 A layout is a pure function of (scene, split, seed, episode), so it can be made as soon as the world's present layout is
 served. On a GPU, prefetching runs on a separate stream, concurrently with the following steps. Making a few layouts
-takes about as long as making many, so a prefetch starts only once a large enough fraction of the worlds waits for
-layouts. The required fraction grows with every prefetch, and drops when a world is reset before its layout is ready. A
-reset never waits for a prefetch. If the layout is not ready, or if the world was reseeded, the reset makes the layout
-in place, with the same result.
+takes about as long as making many, so a prefetch starts only once a large enough fraction of the worlds lacks a
+prefetched layout, or a world has lacked one for many resets. The required fraction grows with every prefetch, and drops
+when a world is reset before its layout is ready. A reset never waits for a prefetch. If the layout is not ready, or if
+the world was reseeded, the reset itself makes the layout, with the same result.
 """
 
 import sys
@@ -49,7 +49,7 @@ _READY = wp.constant(2)
 
 @wp.func
 def _has_other_params(served: LayoutsView, prepared: LayoutsView, worldid: int) -> bool:
-    """Return whether a world's prefetched layout has other params than its next layout should have."""
+    """Return whether a world's prefetched layout has other param values than the world's next layout should have."""
     found = bool(False)
     for k in range(served.next_param.shape[1]):
         if prepared.next_param[worldid, k] != served.next_param[worldid, k]:
@@ -219,17 +219,19 @@ def _finish(
 class Ahead(StaysHere):
     """Prefetches the next layouts of worlds, as a part of a `LayoutPipeline`.
 
-    Prefetching needs the memory of a second maker. While the caller captures a graph, prefetching is off, and the
-    captured graph makes layouts in place.
+    Prefetching needs the memory of a second maker. While the caller captures a graph, prefetching is off, and resets in
+    the captured graph make layouts themselves.
 
     Args:
-        maker: Makes missing layouts in place, between `launch_open` and `launch_close`. Its `twin` prefetches.
+        maker: The source of the layouts. Between `launch_open` and `launch_close`, the maker makes the layouts that are
+            not prefetched. Its `twin` prefetches.
         stream: The stream for prefetching, used only on a GPU. None creates a stream with `side_stream`.
         graph: Whether to capture the launches of a prefetch into a graph and replay it.
 
     Attributes:
         maker: The maker.
-        missing: Worlds whose layouts the maker now makes in place, shape (nworld,), bool.
+        missing: Worlds that have no fitting prefetched layout, so that the maker makes their layouts in the present
+            reset, shape (nworld,), bool.
 
     Raises:
         ArgumentTypeError: A maker without a `twin`, or a stream of another type.
@@ -282,13 +284,13 @@ class Ahead(StaysHere):
         weakref.finalize(self, _wait, self._done, ahead, self._make_graph)
 
     def after_reset(self) -> None:
-        """Start a prefetch if enough worlds wait for layouts. Never waits for the device."""
+        """Start a prefetch if enough worlds lack a prefetched layout. Never waits for the device."""
         if self._works_ahead and not self._device.is_capturing:
             self._launch_begin()
             self._make_beside()
 
     def _launch_begin(self) -> None:
-        """Choose worlds for a prefetch, if enough worlds wait or a world has waited long enough.
+        """Choose worlds for a prefetch, if enough worlds lack a prefetched layout or a world has lacked one for long.
 
         The decision is made on the device, because the host is many steps ahead. `_due` is set last, because a prefetch
         on the other stream may read it at any time.
@@ -303,9 +305,9 @@ class Ahead(StaysHere):
     def _make_beside(self) -> None:
         """Make the layouts of the chosen worlds. On a GPU, this runs concurrently with the following launches.
 
-        If the device is behind the host, the side stream does not wait for this reset, and makes the layouts that are
-        due when it runs. Waiting at every reset would delay each kernel on the GPU. If the device has caught up, this
-        reset may be the last for a while, so the side stream waits for it.
+        If the device is behind the host, the side stream does not wait for this reset: it makes the layouts that are
+        due when the device gets there. Waiting at every reset would delay each kernel on the GPU. If the device has
+        caught up with the host, this reset may be the last for a while, so the side stream waits for the reset.
         """
         if self._stream is None or self._served is None:
             self._make_graph.replay()
@@ -321,15 +323,18 @@ class Ahead(StaysHere):
                 self._stream.record_event(self._done)
 
     def launch_open(self, mask: wp.array | None) -> None:
-        """Find the masked worlds whose next layouts are not ready, and open their keys."""
+        """Find the masked worlds that have no fitting prefetched layout, and store them in `missing`.
+
+        For these worlds, write the seed and episode of the layout that the maker has to make.
+        """
         inputs = [self._layouts.view, self._ahead.layouts.view, mask]
         outputs = [self._stage, self._nwaiting, self._enough, self.missing]
         wp.launch(_find_missing, self._layouts.nworld, inputs=inputs, outputs=outputs, device=self._device)
 
     def launch_close(self, mask: wp.array | None) -> None:
-        """Serve the masked worlds their prefetched or new layouts.
+        """Serve the masked worlds the layouts that were prefetched or that the maker has just made.
 
-        If a layout was made twice, its rejections are counted once.
+        If a layout was prefetched and also made in the reset, its rejections are counted once.
         """
         served, inputs = self._layouts.view, [self._ahead.layouts.view, mask, self.missing]
         dim = (self._layouts.nworld, max(layout_width(served), served.rejections.shape[0]))
@@ -354,7 +359,7 @@ def side_stream(device: wp.Device) -> wp.Stream:
 
 
 def _wait(done: wp.Event | None, *kept: Any) -> None:
-    """Block until the last prefetch is done, and then release `kept`.
+    """Block until the last prefetch is done, and then release `kept`, the objects that own the memory of the prefetch.
 
     During a capture, synchronisation is not allowed, so the memory is kept until a later call.
     """

@@ -19,13 +19,14 @@ _MOST_RESTARTS = 10
 
 
 def find_attempts(compiled: CompiledScene) -> int:
-    """Return the smallest of the numbers 10, 20, 40, ... of attempts at which less than 1% of the worlds restart.
+    """Try 10, 20, 40, ... attempts, and return the first number with which less than 1% of the worlds restart.
 
-    The number depends only on the scene, because seeds and streams are fixed. Worlds that more attempts cannot help, as
-    with an empty region, are not counted. Stages after placing are not run. A layout that succeeds with fewer attempts
-    stays the same with more. Each step therefore retries only the failed worlds, and stops early once too many have
-    failed. If every world fails even with the maximum number of attempts, the minimum is returned, so that compilation
-    rejects the scene sooner.
+    The number depends only on the scene, because seeds and streams are fixed. Worlds that more attempts cannot help,
+    such as worlds with an empty region, are not counted. Stages after placing are not run. A layout that succeeds with
+    fewer attempts stays the same with more attempts, so each step retries only the failed worlds. A step stops early
+    once too many worlds have failed. If every world fails even with the maximum number of attempts, the minimum is
+    returned, so that compilation rejects the scene sooner. If only some worlds restart with the maximum, a
+    FallbackWarning is given and the maximum is returned.
 
     Args:
         compiled: A scene with an empty bank.
@@ -56,7 +57,10 @@ def find_attempts(compiled: CompiledScene) -> int:
 
 
 def _still_failing(trial: CompiledScene, seeds: np.ndarray) -> tuple[np.ndarray, bool]:
-    """Return the seeds of worlds that failed or were skipped, and whether few enough worlds would restart."""
+    """Return the seeds of worlds that still fail, and whether few enough worlds would restart.
+
+    If too many worlds would restart, the remaining worlds are not tried, and the result includes their seeds.
+    """
     left: list[np.ndarray] = []
     restarts = 0
     for start in range(0, len(seeds), _CHUNK):

@@ -48,8 +48,8 @@ class Hit:
         geoms: Ids of the geoms. The first geom belongs to the placed object.
         names: Names of the geoms and their bodies.
         distance: Distance of the geoms [m], negative if they overlap.
-        margin: The least allowed distance [m]. It is negative if the geoms overlap at home, because they may then
-            overlap as deeply in a layout.
+        margin: The least allowed distance [m]. It is negative if the geoms overlap in the home pose, because they may
+            then overlap as deeply in a layout.
     """
 
     geoms: tuple[int, int]
@@ -64,8 +64,8 @@ class Hit:
 class Blame:
     """Finds the colliding geoms of candidates of a compiled scene, one candidate at a time.
 
-    MuJoCo C computes the distances. It uses its collision geoms even with `geometry: visual`. If geoms overlap at home,
-    the depth of their overlap is measured in the same way as at home.
+    MuJoCo C computes the distances, between collision geoms even with `geometry: visual`. If two geoms overlap in the
+    home pose, the depth of their overlap with a candidate is measured by the same method as in the home pose.
     """
 
     def __init__(self, compiled: CompiledScene) -> None:
@@ -117,9 +117,10 @@ def recording(generator: LayoutGenerator) -> LayoutGenerator:
 
 
 def obstructions(generator: LayoutGenerator, name: str | None = None) -> dict[str, str]:
-    """Describe the most frequently colliding pair of geoms, for each object with recorded collisions.
+    """For each object with recorded collisions, describe the pair of geoms that collides most often.
 
-    The description has the mean distance of the pair, and the fraction of candidates that the pair rejects.
+    The result has a text by name of the object. The text has the mean distance of the pair, and the fraction of the
+    object's collisions in which this pair collides.
 
     Args:
         generator: A generator that has recorded candidates. See `recording`.
@@ -149,15 +150,16 @@ def obstructions(generator: LayoutGenerator, name: str | None = None) -> dict[st
 
 
 def infeasible(compiled: CompiledScene, probe: LayoutGenerator, key: str = "") -> InfeasibleSceneError:
-    """Return the error for a scene without a valid layout. It blames the last object with rejected candidates.
+    """Return the error for a scene without a valid layout. The error names the object that could not be placed.
 
-    All objects before this object in placement order could be placed. An object that failed in a stage after placing
-    takes precedence.
+    This is the last object in placement order that has rejected candidates, because all objects before it could be
+    placed. However, an object that failed in a stage after placing takes precedence.
 
     Args:
         compiled: The scene.
         probe: A generator that has recorded candidates and made no valid layout. See `recording`.
-        key: The choice that all layouts have in common, such as ": start.1".
+        key: Text after the scene's name in the message, such as ": start.1". It names the variant, group member or kind
+            of start that all tried layouts had.
     """
     counts = probe.rejection_counts()
     late = {name: {c: n for c, n in causes.items() if c in _LATE} for name, causes in counts.items()}
@@ -184,7 +186,7 @@ def infeasible(compiled: CompiledScene, probe: LayoutGenerator, key: str = "") -
 
 
 def _rejections(counts: Mapping[str, Mapping[str, int]]) -> str:
-    """List the objects with the most rejections, by cause."""
+    """Return a text with the objects that have the most rejections, and the number of their rejections by cause."""
     rejected = {obj: sum(by_cause.values()) for obj, by_cause in counts.items() if any(by_cause.values())}
     worst = sorted(rejected, key=rejected.__getitem__)[-_MOST_NAMED:]
     rows = [f"{obj}: " + ", ".join(f"{c} {n}" for c, n in counts[obj].items() if n) for obj in rejected if obj in worst]
@@ -194,7 +196,10 @@ def _rejections(counts: Mapping[str, Mapping[str, int]]) -> str:
 
 
 def _of_leaning(support: str, orientation: str) -> str:
-    """Return the advice for a support that leans in most worlds. It belongs to an object with this `orientation`."""
+    """Return the advice for a support that leans in most worlds.
+
+    `orientation` is the kind of orientation of the object that the support belongs to.
+    """
     better = "Restrict the joints that move it to states in which it is level."
     if orientation in ("any", "stable"):
         owner = support.split("/")[0]
@@ -209,8 +214,8 @@ def _of_collision(room: str | None, joined: str | None) -> str:
     """Return the advice for an object that collides.
 
     Args:
-        room: The advice for its full support, from `_room`.
-        joined: Name of the joined object, if any.
+        room: The advice of `_room`, or None if the support of the object is not full.
+        joined: Name of the object to which the object is joined, or None.
     """
     if joined is None:
         return room or _PLAIN
@@ -221,7 +226,7 @@ def _of_collision(room: str | None, joined: str | None) -> str:
 
 
 def _room(compiled: CompiledScene, name: str) -> str | None:
-    """Return the advice for a support that is full before all of its objects are placed, or None if it is not full.
+    """Return the advice if an object's support is full before all of the support's objects are placed, otherwise None.
 
     If equal objects are placed at random, one after another, the fraction of a large area that they fill does not
     depend on the size of the area (random sequential adsorption, Feder 1980). The required area is therefore
@@ -253,11 +258,11 @@ def _leaning_support(compiled: CompiledScene, probe: LayoutGenerator, name: str)
 
 
 def _geom_margins(rules: PairRules, ground: int | None, pairs: Sequence[Pair]) -> dict[tuple[int, int], float]:
-    """Return the least allowed distance [m] of each tested pair of geoms.
+    """Return the least allowed distance [m] of each pair of geoms that is tested for one placed object.
 
     Args:
         rules: Rules of the pairs.
-        ground: Body of the object's support.
+        ground: Body that supports the object, or None.
         pairs: The tested pairs of the object.
     """
     found: dict[tuple[int, int], float] = {}

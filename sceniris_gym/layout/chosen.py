@@ -37,7 +37,7 @@ class ChosenLayouts(NamedTuple):
     param: np.ndarray | None = None
 
     def of_rows(self, rows: np.ndarray) -> ChosenLayouts:
-        """Return the layouts of these rows, shape (n,)."""
+        """Return the chosen layouts in these rows. `rows` are indices, shape (n,)."""
         episode, param = (part if part is None else part[rows] for part in (self.episode, self.param))
         return ChosenLayouts(self.seed[rows], self.given[rows], episode, param)
 
@@ -51,7 +51,7 @@ def as_layouts(
         value: A layout id for all chosen worlds, a sequence of ids (None keeps a world's next layout), or a mapping
             with "seed", "episode" and optional "params". Other keys are ignored. A sequence has one entry per chosen
             world, in their order, or one entry per world. ChosenLayouts are not parsed again.
-        layouts: The layouts of these worlds.
+        layouts: The present layouts of all worlds.
         split: Split of the worlds.
         served: `LayoutSource.served` of the source of these layouts.
         worlds: The chosen worlds. See `as_worlds`.
@@ -114,7 +114,11 @@ def seeds_on_device(seed: Any, nworld: int, device: Any, worlds: Any = None) -> 
 
 
 def entries_of_worlds(number: int, worlds: Any, nworld: int, name: str) -> np.ndarray:
-    """Return the index of each world's entry, shape (nworld,). Entries are one per chosen world, or one per world."""
+    """Return, for each world, the index of its entry in a list of `number` entries, shape (nworld,).
+
+    The list has one entry per chosen world, in their order, or one entry per world. The index of a world that is not
+    chosen has no meaning.
+    """
     every = np.arange(nworld)
     if number == nworld and is_mask(worlds):  # avoids a copy of a mask on a device
         return every
@@ -159,7 +163,7 @@ def layouts_of_mapping(value: Mapping[str, Any], layouts: Layouts, name: str) ->
 
 
 def layouts_of_ids(ids: Any, layouts: Layouts, split: str, name: str) -> ChosenLayouts:
-    """Return the layouts of one id or a sequence of ids, one row per id. Entries of None have no layout.
+    """Return the layouts of one id or a sequence of ids, one row per id. For None in the sequence, `given` is false.
 
     Args:
         ids: The ids.
@@ -199,7 +203,10 @@ def layouts_of_ids(ids: Any, layouts: Layouts, split: str, name: str) -> ChosenL
 
 
 def _of_ids(value: Any, layouts: Layouts, split: str, served: Served, name: str) -> tuple[ChosenLayouts, bool]:
-    """Return the layouts of ids, one row per id, and whether there is a single id. Raise if the source lacks an id."""
+    """Return the layouts of ids, one row per id, and whether there is a single id.
+
+    Raise if the source would serve another layout than an id asks for.
+    """
     found = layouts_of_ids(value, layouts, split, name)
     seed, given, episode, param = found
     assert episode is not None

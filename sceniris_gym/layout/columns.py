@@ -1,6 +1,6 @@
-"""Columns of layouts by part, for all code that stores, copies or serves layouts.
+"""Names and types of the columns of layouts, for all code that stores, copies or serves layouts.
 
-The fields of `LayoutTable` are the only list: hand-written copies of a list miss the next new column.
+The fields of `LayoutTable` are the only list of columns. A second list, written by hand, would miss new columns.
 """
 
 from sceniris_gym.program.compiled import CompiledScene
@@ -11,9 +11,9 @@ NEXT = ("next_seed", "next_episode", "next_param")
 
 
 def columns(*parts: str) -> tuple[str, ...]:
-    """Return the names of the columns that belong to these parts, see `Column.part`.
+    """Return the names of the columns that belong to the given parts. `Column.part` explains the parts.
 
-    Without arguments, return all columns that `Layouts` has, which are all except the part "table".
+    Without arguments, return the columns of all parts except "table". These are the columns of `Layouts`.
     """
     return tuple(name for name, c in COLUMNS.items() if (c.part in parts if parts else c.part != "table"))
 

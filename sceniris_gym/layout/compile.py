@@ -92,7 +92,9 @@ copyreg.pickle(CompiledScene, lambda compiled: (compile_scene, (compiled.config,
 
 
 def device_name(device: Any, where: str = "compile_scene") -> str:
-    """Return Warp's name of a device, which is given by name or as a torch or Warp device. None: the preferred one.
+    """Return Warp's name of a device, which is given by name, or as a torch or Warp device.
+
+    None stands for Warp's preferred device.
 
     Raises:
         UnknownNameError: There is no such device.
@@ -147,7 +149,7 @@ def _with_bank(compiled: CompiledScene) -> CompiledScene:
 
 
 def _within_budget(compiled: CompiledScene) -> CompiledScene:
-    """Return the scene with restarts reduced to the probe's budget.
+    """Return the scene with fewer restarts, so that filling the bank stays within the budget of candidates.
 
     The budget counts candidates rather than time, so that every computer accepts the same scenes.
     """
@@ -158,7 +160,7 @@ def _within_budget(compiled: CompiledScene) -> CompiledScene:
 
 
 def _probed_worlds(compiled: CompiledScene, size: int) -> int:
-    """Return the number of worlds of a probe for `size` layouts."""
+    """Return the number of worlds of a `_Probe` that should make `size` layouts."""
     return min(size, max(_BUDGET // compiled.attempts, 1))
 
 
@@ -172,10 +174,10 @@ class _Probe:
         self.made = self.failed = self.first = 0
 
     def fill(self, rounds: int, most: int = 0) -> list[tuple[np.ndarray, ...]]:
-        """Make layouts until the bank is full, and return its rows.
+        """Make layouts until the bank is full, and return the rows of the bank.
 
-        Stop after `rounds` rounds. If no layout was found in these rounds, continue until the first layout, but for at
-        most `most` rounds in total.
+        Stop after `rounds` rounds at the latest. However, if these rounds find no layout, continue until the first
+        layout, but for at most `most` rounds in total. Also stop once too many candidates were drawn.
         """
         layouts, nworld = self.generator.layouts, self.generator.nworld
         rounds, most = (-(-number * self.size // nworld) for number in (rounds, most))
@@ -196,13 +198,13 @@ class _Probe:
 
 
 def _with_all_choices(compiled: CompiledScene, probe: _Probe) -> list[tuple[np.ndarray, ...]]:
-    """Return the rows of a split's bank, and add rows with the choices that are missing in the bank.
+    """Return the rows of a split's bank, with added rows for the choices that no row has yet.
 
-    A probe favours all missing choices together. If the probe finds none of them, the next probe favours only the first
-    missing choice.
+    A choice is a group member, a variant, or a kind of start. A new probe favours all missing choices together. If the
+    probe finds none of them, the next probe favours only the first missing choice.
 
     Raises:
-        InfeasibleSceneError: A choice has no valid layout.
+        InfeasibleSceneError: There is a choice without a valid layout.
     """
     config, split, rows, before = compiled.config, probe.generator.split, list(probe.found), 0
     while (number := len(lacking := _lacking_choices(compiled, split, rows))) > 0:
@@ -220,7 +222,10 @@ def _with_all_choices(compiled: CompiledScene, probe: _Probe) -> list[tuple[np.n
 
 
 def _lacking_choices(compiled: CompiledScene, split: str, rows: list[tuple[np.ndarray, ...]]) -> np.ndarray:
-    """Return choices that a split may draw but the rows lack: indices of group members, then of kinds of start."""
+    """Return the numbers of the choices that a split may draw, but that no row has.
+
+    First all group members are numbered, and then all kinds of start.
+    """
     program, kinds = compiled.program, np.arange(len(compiled.config.start))
     present, start = (np.stack([row[BANKED.index(name)] for row in rows]) for name in ("present", "start"))
     group, weight = program.group.numpy()[0], program.group_weight.numpy()[0, :, SPLITS[split] % 2]
@@ -229,7 +234,11 @@ def _lacking_choices(compiled: CompiledScene, split: str, rows: list[tuple[np.nd
 
 
 def _favouring(compiled: CompiledScene, choices: np.ndarray) -> CompiledScene:
-    """Return the scene with weights that favour these choices. Nearly all layouts then have one, or one per group."""
+    """Return the scene with weights that favour these choices.
+
+    Nearly every layout then has a favoured member of each group that has one, and a favoured kind of start if there is
+    one.
+    """
     made, starts = copied(Program, compiled.program), compiled.starts
     group, weight = made.group.numpy()[0].copy(), made.group_weight.numpy()[0].copy()
     members, kinds = choices[choices < len(weight)], choices[choices >= len(weight)] - len(weight)

@@ -150,7 +150,7 @@ class LayoutGenerator(Fixed, LayoutSource):
         return self.layouts.nworld
 
     def launch_generate(self, mask: wp.array | None) -> None:
-        """See `LayoutSource`. The first kernel of `launch_make` opens the keys."""
+        """See `LayoutSource`. The first kernel of `launch_make` sets the seed and episode of the next layouts."""
         self.launch_make(mask)
         launch_close(self.layouts.view, mask, self.size.block_dim)
 
@@ -159,13 +159,14 @@ class LayoutGenerator(Fixed, LayoutSource):
 
         Args:
             mask: Selected worlds, shape (nworld,), bool. None selects all.
-            prepare: A function that launches kernels, which fill the rows of these worlds before placing begins.
+            prepare: A function that launches kernels. These kernels fill the rows of the selected worlds before placing
+                begins.
         """
         self._begin(mask, prepare)
         self._try_restarts(self._stage)
 
     def launch_placing(self, mask: wp.array | None) -> None:
-        """Advance the masked worlds and place their objects, without the reach stage."""
+        """Advance the masked worlds by one episode and place their objects, without the reach stage."""
         self._begin(mask)
         self._try_restarts(None)
         launch_close(self.layouts.view, mask, self.size.block_dim)
@@ -306,7 +307,7 @@ class LayoutGenerator(Fixed, LayoutSource):
 
 
 class _PartGenerator(LayoutGenerator):
-    """Generator of some objects. `masses` are `body_mass` and `body_ipos` of a Model, or None to draw masses."""
+    """A generator that places only some objects, for a `Redraw`. `masses` is as in `make_redraw`."""
 
     def __init__(self, *given: Any, masses: tuple[wp.array, wp.array] | None, **options: Any) -> None:
         self._masses = masses
@@ -324,7 +325,8 @@ def make_redraw(
 ) -> Redraw:
     """Return a `Redraw` of the objects that `chosen_objects` returned.
 
-    `masses` are `body_mass` and `body_ipos` of the Model to simulate. None draws masses from the scene file.
+    `masses` are `body_mass` and `body_ipos` of the simulated Model. If `masses` is None, masses are drawn as the scene
+    file says.
     """
     size = default_size(compiled.device)
     # no rows for parallel restarts: each of them would need a copy of the state

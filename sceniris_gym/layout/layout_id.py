@@ -16,7 +16,7 @@ _FORM = re.compile(rf"([^:]*):({'|'.join(USER_SPLITS)}):([0-9]{{1,20}}):([0-9]{{
 
 @dataclass(frozen=True)
 class LayoutId:
-    """A layout id as `CompiledScene.layout_id` writes it: its parts determine the layout."""
+    """The parts of a layout id, which `CompiledScene.layout_id` writes as a text. They determine the layout."""
 
     scene: str
     split: str

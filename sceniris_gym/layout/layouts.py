@@ -27,7 +27,7 @@ ADVANCE = wp.constant(-1)
 
 
 class LayoutStatus(IntEnum):
-    """State of a row."""
+    """State of a row of `Layouts`. The row holds the layout of one world."""
 
     NONE = 0
     """The row has no layout yet. During compilation, it may also be that no valid layout was found."""
@@ -97,7 +97,9 @@ class LayoutsView:
 
 
 def view_of(nrow: int, device: str, arrays: Mapping[str, Any]) -> LayoutsView:
-    """Return a view of the given arrays. The other fields get blank columns or rows of width 0, which kernels may read.
+    """Return a LayoutsView of the given arrays.
+
+    A field without a given array gets an array that kernels may read: a column of blank values, or rows of width 0.
 
     Args:
         nrow: Number of rows.
@@ -121,7 +123,7 @@ def view_of(nrow: int, device: str, arrays: Mapping[str, Any]) -> LayoutsView:
 
 @wp.func
 def next_key(layouts: LayoutsView, worldid: int):
-    """Return seed and episode of a world's next layout: the selected layout, or by default the next episode."""
+    """Return seed and episode of a world's next layout: the chosen ones, or by default the next episode of its seed."""
     seed = layouts.seed[worldid]
     episode = (layouts.episode[worldid] + 1) % MOST_EPISODES
     if layouts.next_episode[worldid] != ADVANCE:
@@ -132,7 +134,10 @@ def next_key(layouts: LayoutsView, worldid: int):
 
 @wp.func
 def open_episode(layouts: LayoutsView, worldid: int):
-    """Write the key of a world's next layout. Its draws get the same key, which a fallback later overwrites."""
+    """Set the seed and episode of the layout that is made next for a world: `pending_seed` and `pending_episode`.
+
+    The draws of physics and appearance get the same seed and episode. A fallback to the bank later overwrites them.
+    """
     seed, episode = next_key(layouts, worldid)
     layouts.pending_seed[worldid] = seed
     layouts.pending_episode[worldid] = episode
@@ -143,7 +148,7 @@ def open_episode(layouts: LayoutsView, worldid: int):
 
 @wp.func
 def copy_draws(source: LayoutsView, row: int, layouts: LayoutsView, worldid: int):
-    """Copy the random key of a row's physics and appearance."""
+    """Copy the key of the draws of physics and appearance from a row to a world."""
     layouts.draw_seed[worldid] = source.draw_seed[row]
     layouts.draw_episode[worldid] = source.draw_episode[row]
     layouts.draw_stream[worldid] = source.draw_stream[row]
@@ -151,7 +156,10 @@ def copy_draws(source: LayoutsView, row: int, layouts: LayoutsView, worldid: int
 
 @wp.func
 def close_episode(made: LayoutsView, layouts: LayoutsView, worldid: int):
-    """Copy seed, episode, params and draws of a world's new layout from `made` to `layouts`."""
+    """Copy seed, episode, params and key of the draws of a world's new layout from `made` to `layouts`.
+
+    By default, the world's next layout is then the next episode of its seed.
+    """
     for k in range(layouts.param.shape[1]):
         layouts.param[worldid, k] = made.next_param[worldid, k]
     copy_draws(made, worldid, layouts, worldid)
@@ -162,7 +170,10 @@ def close_episode(made: LayoutsView, layouts: LayoutsView, worldid: int):
 
 @wp.func
 def copy_poses(source: Any, row: int, layouts: LayoutsView, worldid: int, i: int):
-    """Copy element `i` of a row's poses and presence. Element 0 also copies the start. Grasps are not copied."""
+    """Copy entry `i` of each array of poses and presence from a row to a world, but no grasps.
+
+    Entry 0 also copies the kind of start.
+    """
     if i == 0:
         layouts.start[worldid] = source.start[row]
     if i < source.qpos.shape[1]:
@@ -176,7 +187,7 @@ def copy_poses(source: Any, row: int, layouts: LayoutsView, worldid: int, i: int
 
 @wp.func
 def copy_layout(source: Any, row: int, layouts: LayoutsView, worldid: int, i: int):
-    """Copy element `i` of each array of a row's layout to a world, including its grasps."""
+    """Copy entry `i` of each array of a layout from a row to a world, including grasps."""
     copy_poses(source, row, layouts, worldid, i)
     if i < source.grasp.shape[1]:
         layouts.grasp[worldid, i] = source.grasp[row, i]
@@ -197,7 +208,7 @@ def allocate_record(view: LayoutsView, length: int) -> None:
 
 
 def layout_width(view: LayoutsView) -> int:
-    """Return the number of elements that `copy_layout` has to copy."""
+    """Return the number of entries for which `copy_layout` should be called."""
     return max(array.shape[1] for array in (view.qpos, view.mocap_pos, view.present, view.grasp))
 
 
@@ -225,11 +236,12 @@ class Layouts(StaysHere):
         view: The arrays as kernels take them. See `create` for their length. Arrays are never reallocated.
         params: The params of the worlds.
         seed: Seed of the current row, shape (nworld,), int64. From 2^63 on it is the two's complement, as in
-            `info["layout"]`. A reseed changes it only when the next layout is served.
+            `info["layout"]`. After a reseed, it changes only when the next layout is served, or at once in a world
+            without a layout.
         episode: Episode of the current row, -1 before the first, shape (nworld,), int32.
         param: Param values of the current row, shape (nworld, nvalue). Width 0 without params.
-        draw_seed: Seed of the draws of physics and appearance, shape (nworld,), int64. It belongs to the row, or to the
-            bank's layout after a fallback.
+        draw_seed: Seed of the draws of physics and appearance, shape (nworld,), int64. It is the seed of the layout
+            that the row contains, which differs from `seed` after a fallback and for stored layouts.
         draw_episode: Episode of these draws, shape (nworld,), int32. -1 if unknown.
         draw_stream: Random stream of these draws, shape (nworld,), int32.
         qpos: Joint positions [m, rad] in the order of the MjModel, quaternions wxyz, shape (nworld, nq).
@@ -352,7 +364,8 @@ class Layouts(StaysHere):
 
         Args:
             split: Split of the ids, "train" or "eval".
-            keys: Seeds, episodes and param values of other layouts, one row per layout.
+            keys: Seeds, episodes and param values of the layouts to return the ids of, one row per layout. None takes
+                the present layouts.
 
         Raises:
             ArgumentError: `split` has another value, or a world has no layout.

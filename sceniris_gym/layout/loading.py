@@ -30,7 +30,7 @@ def kernel_modules(work: Workspace, *, staged: bool) -> list[wp.Module]:
 
     Args:
         work: Arrays and capacities of the generator.
-        staged: Whether a stage follows placing.
+        staged: Whether the reach stage follows placing.
     """
     frees_grasps = work.search.free.shape[1] > 0
     files = [draw, prefilter, accept, rounds, settle, seeds]
@@ -46,18 +46,18 @@ def kernel_modules(work: Workspace, *, staged: bool) -> list[wp.Module]:
 
 
 def _is_kept(module: wp.Module, block_dim: int) -> bool:
-    """Return whether Warp's cache has a module, for any device."""
+    """Return whether Warp's kernel cache has a folder for a module, whichever device the module was compiled for."""
     return Path(wp.config.kernel_cache_dir or "", module.get_module_identifier(block_dim)).is_dir()
 
 
 def load_kernels(work: Workspace, *, staged: bool) -> None:
-    """Compile and load a generator's kernels on a GPU. Announce the compilation of missing kernels.
+    """Compile and load a generator's kernels on a GPU. Announce the compilation of kernels that Warp's cache lacks.
 
-    On a CPU, Warp compiles one module at a time, so kernels are only loaded by their launches.
+    On a CPU, Warp compiles one module at a time, so this function loads nothing: the first launch of a kernel loads it.
 
     Args:
         work: Arrays and capacities of the generator.
-        staged: Whether a stage follows placing.
+        staged: Whether the reach stage follows placing.
     """
     modules, block_dim = kernel_modules(work, staged=staged), work.size.block_dim
     missing = sum(not _is_kept(module, block_dim) for module in modules)

@@ -46,7 +46,7 @@ def check_mask(mask: Any, nworld: int, name: str = "mask") -> None:
 
 
 def as_rows(rows: Any, nrow: int, nworld: int, device: Any) -> wp.array:
-    """Return row indices, one per world or -1 for no row, as an int32 Warp array on `device`.
+    """Return row indices as an int32 Warp array on `device`: the row of each world, -1 for a world without a row.
 
     Args:
         rows: Integers, shape (nworld,): a sequence, a numpy array, a torch tensor or a Warp array of int32.
@@ -198,7 +198,7 @@ def _check_ids(worlds: Any) -> None:
 
 
 def _refuse_integer_mask(ids: Any, nworld: int) -> None:
-    """Reject `nworld` integers with repetitions. They are probably a mask of 0 and 1, as `mjw.reset_data` takes."""
+    """Reject `nworld` integers with repetitions. Probably, they are a mask of 0 and 1 as for `mjw.reset_data`."""
     if ids.shape[0] != nworld or nworld == 1:
         return
     if _kind(ids) != "numpy" and wp.get_device(str(ids.device)).is_capturing:
@@ -252,7 +252,7 @@ def _check_range(values: np.ndarray, name: str, least: int, end: int, more: str 
 
 
 def _is_known(values: Any) -> bool:
-    """Return whether an array can be read at once: it is on the host, and outside of a capture."""
+    """Return whether the values of an array can be read at once: on the host, and while no graph is captured."""
     device = None if _kind(values) == "numpy" else wp.get_device(str(values.device))
     return device is None or not (device.is_cuda or device.is_capturing)
 

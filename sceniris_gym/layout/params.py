@@ -36,8 +36,10 @@ class ParamTable:
         params: The params by name, sorted.
         first: The first column of each param, by its name.
         default: The numbers of the scene file, shape (nvalue,), float32.
-        of_draws: For each draw of physics or appearance, by its name, the name of the param that would narrow it.
-        are_kept: Whether layouts keep their param values, as stored layouts do.
+        of_draws: Name of a param for each draw of physics or appearance, by name of the draw. If the table has this
+            param, the param narrows the draw.
+        are_kept: Whether each layout keeps the param values with which it was made, as stored layouts do. The values
+            cannot be set then.
 
     Raises:
         ArgumentTypeError: `names` are not strings.
@@ -78,7 +80,7 @@ class ParamTable:
         return self.params[name]
 
     def named(self, rows: Any) -> dict[str, Any]:
-        """Return the columns of each param in some rows, by name, shape (nrow, number of values)."""
+        """Return the values of each param in the given rows, by name of the param, shape (nrow, number of values)."""
         ends = {name: self.first[name] + len(param.default) for name, param in self.params.items()}
         return {name: rows[:, self.first[name] : end] for name, end in ends.items()}
 
@@ -131,9 +133,10 @@ class ParamTable:
         return np.array(columns, np.int32), np.concatenate([blank[:, :0], *(blank + rows for rows in found)], axis=1)
 
     def boxes(self, compiled: CompiledScene) -> wp.array | None:
-        """Return the first column of each object's region on a support, int32, -1 for objects without such a param.
+        """Return, for each placed object, the first column of the param that narrows its region on a support.
 
-        The result is None if no param of the table is a region on a support.
+        The array is int32, with -1 for objects without such a param. The result is None if no param of the table is a
+        region on a support.
         """
         flat = {
             name: self.first[name] for name, param in self.params.items() if param.form == "box" and not param.copies
@@ -167,6 +170,9 @@ def _set(
 
 
 def launch_set(param: wp.array, columns: wp.array, values: wp.array, mask: wp.array | None) -> None:
-    """Write `values`, with one row or one row per world, into columns of the masked worlds. None selects all."""
+    """Write `values` into the given columns of the masked worlds.
+
+    `values` has one row for all worlds, or one row per world. If `mask` is None, all worlds are selected.
+    """
     dim = (param.shape[0], values.shape[1])
     wp.launch(_set, dim, inputs=[mask, columns, values], outputs=[param], device=param.device)

@@ -23,7 +23,8 @@ class Chooser:
     these methods runs once, at the capture, unless the environment has `graph=False`.
 
     Attributes:
-        layouts: The layouts of the only maker that this chooser fits. None allows any maker.
+        layouts: The layouts of the maker to which this chooser belongs. A pipeline with another maker rejects the
+            chooser. None allows any maker.
     """
 
     layouts: Any = None
@@ -58,7 +59,8 @@ class LayoutPipeline(Fixed, LayoutSource):
 
     Args:
         maker: Makes the layouts. Do not use it elsewhere from now on.
-        split: Split of the layouts, if the maker leaves it open. None takes the split of the randomizer.
+        split: Split of the layouts, if the maker's `split` is None. If both are None, the split of the randomizer is
+            used.
         ahead: Prefetches the layouts of the maker. None makes each layout when it is served.
         chooser: Chooses the next layouts. None advances through the episodes of one seed.
 
@@ -68,7 +70,7 @@ class LayoutPipeline(Fixed, LayoutSource):
 
     Raises:
         ArgumentTypeError: A maker, a prefetch or a chooser of another type.
-        ArgumentError: A prefetch or a chooser of another maker, or a split that differs from the maker's.
+        ArgumentError: A prefetch or a chooser that belongs to another maker, or a split that differs from the maker's.
         FixedError: Raised on assignment to an attribute that captured graphs already use.
     """
 

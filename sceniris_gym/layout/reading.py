@@ -1,4 +1,4 @@
-"""Layouts of the device as a LayoutTable on the host, with the poses of their grasps."""
+"""Copy layouts from the device to a LayoutTable on the host, with the TCP poses of their grasps."""
 
 from dataclasses import replace
 

@@ -1,8 +1,8 @@
 """`Redraw`: new places for some objects of a scene, while all other objects stay in place.
 
-Each row begins from a state. Body poses and the bounds of anchors are computed from the positions in this state. Body
-poses in the simulation may be one step older than its positions, so they are recomputed as in `mj_kinematics`. A state
-is a LayoutsView with seeds, episodes, starts, presence and positions. Other fields are not read.
+Each row begins from a state: a LayoutsView with seeds, episodes, keys of draws, starts, presence, and positions of
+joints and mocap bodies. Body poses and the bounds of anchors are computed from these positions as in `mj_kinematics`,
+because body poses in the simulation may be one step older.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ def _stable_of(program: Program, obj: int, quat: wp.vec4) -> int:
 
 @wp.func
 def _place_anchor(program: Program, layouts: LayoutsView, row: int, obj: int):
-    """Write pivot pose and bounds of an anchor in its current pose, with the pivot of the nearest stable pose."""
+    """Write pivot pose and bounds of an anchor in its current pose, for the stable pose nearest to its orientation."""
     root = program.obj_body[obj]
     quat = layouts.body_quat[row, root]
     pivot_pose = layouts.pivot_pose[row, program.obj_column[obj]]

@@ -144,8 +144,8 @@ _COMPUTE = ("mujoco", "warp-lang", "numpy", "scipy", "shapely", "trimesh")
 def cache_folder() -> Path | None:
     """Return the folder of compiled scenes: $SCENIRIS_GYM_CACHE/scenes, or by default in the user's cache folder.
 
-    The default is `scenes` in $XDG_CACHE_HOME/sceniris_gym or ~/.cache/sceniris_gym. The result is None if the variable
-    is "off", or if the user has no home.
+    The default is `scenes` in $XDG_CACHE_HOME/sceniris_gym or ~/.cache/sceniris_gym. The result is None if
+    $SCENIRIS_GYM_CACHE is "off", or if the user has no home.
     """
     named = os.environ.get(VARIABLE, "")
     if named.lower() == OFF:
@@ -159,7 +159,7 @@ def cache_folder() -> Path | None:
 
 
 def scene_key(scene: SceneModel, device: str) -> str:
-    """Return the key of a scene in the cache, 32 hexadecimal digits. It differs if scenes compile differently."""
+    """Return the key of a scene in the cache, 32 hexadecimal digits. Scenes that compile differently differ in it."""
     model = np.empty(mujoco.mj_sizeModel(scene.mjm), np.uint8)
     mujoco.mj_saveModel(scene.mjm, None, model)
     config, on = scene.config, wp.get_device(device)

@@ -33,9 +33,10 @@ class Param:
         form: "interval" [low, high], "count" (an interval of integers), "box" (its low and its high corner), "weights",
             or "clearance" (a least distance).
         least: The number of weights that should be above 0.
-        copies: Copies of the numbers in arrays: name of the array, element in its row, index of the number.
-        written: The ends in the scene file, if they may reach beyond `default`: over the edge of a support or the limit
-            of a joint. Otherwise empty.
+        copies: The arrays that have copies of the numbers, one entry per copy: name of the array, index in its row,
+            index of the number.
+        written: The numbers exactly as in the scene file, if they may reach beyond `default`: over the edge of a
+            support or the limit of a joint. Otherwise empty.
     """
 
     name: str
@@ -46,7 +47,7 @@ class Param:
     written: tuple[float, ...] = ()
 
     def _limits(self, numbers: np.ndarray) -> np.ndarray:
-        """Return the least and greatest allowed value of each number, shape (2, n), from the scene file's numbers."""
+        """Return the least and greatest value of each number, shape (2, n). `numbers` has the scene file's values."""
         if self.half:
             return np.tile(numbers.reshape(2, -1), 2)
         bound = BOUNDS["weight" if self.form == "weights" else "clearance"]
@@ -217,7 +218,7 @@ def _randomize(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:
 
 
 def _clearances(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:
-    """Yield the clearances of objects and robots, with the pairs that keep them."""
+    """Yield the clearances of objects and robots. Each copy of a clearance is in a pair that is tested with it."""
     program, config, owners = compiled.program, compiled.config, compiled.scene.owners
     bodies, kinds = program.pair_bodies.numpy().tolist(), program.obj_kind.numpy()
     first, number = program.obj_pairadr.numpy(), program.obj_pairnum.numpy()

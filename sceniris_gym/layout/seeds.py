@@ -1,6 +1,7 @@
-"""Seeds and episodes of worlds: checked once on the host, then selected, opened and closed on the device.
+"""Seeds and episodes of worlds: checked once on the host, then chosen, opened and closed on the device.
 
-A key is the seed and episode of a layout. It is opened before the layout is made, and closed when the layout is served.
+The seed and episode of a layout are its key. Before the layout is made, its key is opened: written to `pending_seed`
+and `pending_episode`. When the layout is served, its key is closed: copied to `seed` and `episode`.
 """
 
 from collections.abc import Sequence
@@ -42,6 +43,8 @@ def launch_reseed(
 ) -> None:
     """Choose the next layouts of the masked worlds. Their present layouts keep their seeds and episodes.
 
+    If a world has no layout yet, its seed changes at once.
+
     Args:
         layouts: The layouts, on the device like all other arrays.
         seeds: Seeds, shape (nworld,), uint64. None keeps the seeds of the present layouts.
@@ -65,7 +68,10 @@ def _open(
 
 
 def launch_open(layouts: LayoutsView, mask: wp.array | None) -> None:
-    """Open the keys of the next layouts of the masked worlds. The keys of present layouts do not change."""
+    """Write the seeds and episodes of the masked worlds' next layouts to `pending_seed` and `pending_episode`.
+
+    The seeds and episodes of present layouts do not change.
+    """
     wp.launch(_open, layouts.seed.shape[0], inputs=[mask], outputs=[layouts], device=layouts.seed.device)
 
 
@@ -93,7 +99,7 @@ def _close(
 
 
 def launch_close(layouts: LayoutsView, mask: wp.array | None, block_dim: int = 256) -> None:
-    """Advance the masked worlds to their opened keys, and add up their rejections."""
+    """Serve the masked worlds the layouts that were made for them, and add up the rejections of these layouts."""
     dim = layouts.seed.shape[0], layouts.rejections.shape[0]
     wp.launch(_close, dim, inputs=[mask], outputs=[layouts], device=layouts.seed.device, block_dim=block_dim)
 

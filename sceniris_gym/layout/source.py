@@ -32,7 +32,8 @@ class LayoutSource(StaysHere):
         layouts: The latest layout of each world, always in the same arrays.
         split: Split of the layouts, "train" or "eval". None takes the split of the randomizer.
         hears: Whether the source uses `launch_finish`. Otherwise resets do not call it.
-        chooser: The chooser of a LayoutPipeline, or of the maker inside it.
+        chooser: Chooses the next layouts. Only a LayoutPipeline has one: the chooser it was made with, or by default
+            the chooser of its maker.
     """
 
     layouts: Layouts
@@ -124,7 +125,7 @@ class LayoutSource(StaysHere):
 
     @cached_property
     def _generate_graph(self) -> tuple[LaunchSequence, wp.array]:
-        """The launches of `generate`, and the mask of their worlds."""
+        """The launches of `generate`, and the mask of the worlds that they advance."""
         mask = wp.zeros(self.layouts.nworld, dtype=wp.bool, device=self.layouts.view.seed.device)
         return LaunchSequence(lambda: self.launch_generate(mask), mask.device), mask
 
@@ -162,7 +163,7 @@ class LayoutSource(StaysHere):
                 "episode": ...} with optional "params".
 
         Raises:
-            ArgumentError: Not exactly one of `seed` and `layouts`, or values that no layout has.
+            ArgumentError: Not exactly one of `seed` and `layouts`, or a malformed id, seed, episode or param value.
             SceneMismatchError: An id of another scene or split.
             UnknownNameError: A param that the worlds do not have.
             ArgumentError, ArgumentTypeError: As in `generate`.
@@ -209,7 +210,7 @@ class LayoutSource(StaysHere):
         return self._changeable(columns), rows
 
     def _changeable(self, columns: np.ndarray) -> np.ndarray:
-        """Return `columns` of params unchanged. Raise if there are any columns, but the layouts keep their params."""
+        """Return `columns` of params unchanged. Raise if there are any, but stored layouts keep their param values."""
         if len(columns) and self.layouts.params.are_kept:
             raise ArgumentError(
                 "set_params: stored layouts keep the params they were made with. Use a LayoutGenerator."

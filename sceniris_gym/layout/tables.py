@@ -24,7 +24,8 @@ class RejectedCandidates:
     Attributes:
         objects: Index in placement order of each candidate's object, shape (n,).
         causes: `Cause` of each rejection, shape (n,).
-        states: State of the layout with each candidate, one row per candidate. All objects are marked as present.
+        states: State of the layout with the rejected candidate in its place, one row per candidate. All objects are
+            marked as present.
     """
 
     objects: np.ndarray

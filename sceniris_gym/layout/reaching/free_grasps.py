@@ -45,13 +45,16 @@ def _pose_hands(
 
 
 def launch_pose_hands(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
-    """Pose the hand at each grasp in the frame of the grasped body. Joints outside the gripper are at home."""
+    """Pose the hand at each grasp, in the frame of the grasped body. Joints outside the gripper keep the home pose."""
     work.launch(_pose_hands, reach.early_grasp.shape[0], work.program, reach, reach_search)
 
 
 @wp.func
 def _needs_free_grasp(reach: Reach, layouts: LayoutsView, row: int, obj: int, column: int) -> bool:
-    """Return True if a candidate of object `obj` has to leave a free grasp to target `column`, which `reach` serves."""
+    """Return True if a candidate of object `obj` has to leave a free grasp to target `column`.
+
+    The target belongs to the arm of `reach` and was placed earlier.
+    """
     if reach.reach_arm[column] != reach.number or reach.reach_obj[column] >= obj:
         return False
     return reach.reach_early[column] and layouts.present[row, reach.reach_slot[column]] != 0
@@ -59,7 +62,7 @@ def _needs_free_grasp(reach: Reach, layouts: LayoutsView, row: int, obj: int, co
 
 @wp.func
 def _is_accepted(reach: Reach, layouts: LayoutsView, search: Search, c: int, column: int, grasp: int) -> bool:
-    """Return True if a grasp belongs to the stable pose of a target's candidate, and the map accepts this grasp."""
+    """Return True if a grasp fits the stable pose of a candidate of a reach target, and the map accepts this grasp."""
     number = grasp - reach.stable_graspadr[search.stable_draw[c].stable]
     if number < 0 or number >= reach.stable_graspnum[search.stable_draw[c].stable]:
         return False
@@ -70,7 +73,7 @@ def _is_accepted(reach: Reach, layouts: LayoutsView, search: Search, c: int, col
 
 @wp.func
 def _pairs_of(program: Program, reach: Reach, column: int, obj: int):
-    """Return address and number of the broad-phase pairs between the hand and an object."""
+    """Return the index of the first broad-phase pair between the hand and an object, and the number of these pairs."""
     i = column * (program.nobject + 1) + obj
     before = reach.hand_before[i]
     return reach.arm_broadadr[reach.arm_hand[column]] + before, reach.hand_before[i + 1] - before

@@ -1,4 +1,4 @@
-"""Collision tests of posed robots against lists of pairs, one block per candidate."""
+"""Collision tests of a candidate's posed robot, with the list of pairs of each step. One block tests one candidate."""
 
 import warp as wp
 
@@ -99,6 +99,6 @@ def _test_containment(
 def launch_test_arm(
     work: Workspace, reach: Reach, first: ReachStep, last: ReachStep, reach_search: ReachSearch
 ) -> None:
-    """Run the steps from `first` to `last`, which test candidates in their current pose."""
+    """Test candidates in their current pose: run the steps of `ReachStep` from `first` to `last`."""
     for test in (_test, _test_containment) if work.program.visual else (_test,):
         work.launch_blocks(test, work.program, reach, int(first), int(last), work.layouts, reach_search)

@@ -59,7 +59,10 @@ def _drawn(arm: ArmView, seed: wp.uint64, episode: int, stream: wp.uint32, trial
 
 @wp.func
 def _nearest_turns(arm: ArmView, there: vec8, before: vec8):
-    """Shift the joints of a pre-grasp by multiples of 2 pi towards the grasp. Return them, and whether all are near."""
+    """Shift the freely turning joints of a pre-grasp by multiples of 2 pi towards the joints of the grasp.
+
+    Return the shifted joints, and whether every joint of the pre-grasp is then near its position in the grasp.
+    """
     near = bool(True)
     q = before
     for i in range(MAX_JOINTS):

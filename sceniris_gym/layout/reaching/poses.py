@@ -89,7 +89,10 @@ def pose_arm(
     body_pos: wp.array[wp.vec3],
     body_quat: wp.array[wp.vec4],
 ):
-    """Pose a robot, with the positions `joints` of its arm, other joints from `qpos`, and its base from the row."""
+    """Pose a robot on its base in the row.
+
+    `joints` are the positions of the arm's joints. The positions of all other joints are in `qpos`.
+    """
     for i in range(MAX_JOINTS):
         if i < reach.arm.njoint:
             qpos[reach.arm_qposadr[i]] = joints[i]
@@ -103,10 +106,11 @@ def pose_arm(
 def _is_deferred(reach_search: ReachSearch, at_once: int, c: int) -> bool:
     """Return True if a candidate's test can wait, because enough earlier candidates of its row have joints.
 
-    The first valid candidate wins, and is usually the row's first candidate. More candidates are tested after failures.
-    More are also tested in waves with few rows, because a launch tests `at_once` candidates as fast as one. If rows
-    wait for room, all candidates are tested, which bounds the number of waves. Other lanes may defer earlier candidates
-    at the same time, so deferred candidates also count as earlier candidates.
+    A candidate has joints once its inverse kinematics has succeeded. The first valid candidate wins, and is usually the
+    row's first candidate. More candidates of a row are tested after failures, and in waves with few rows, because a
+    launch tests `at_once` candidates as fast as one. If the wave has no room for all candidates, no test is deferred,
+    which bounds the number of waves. Other lanes may defer earlier candidates at the same time, so deferred candidates
+    also count as candidates with joints.
     """
     if reach_search.candidates[0] > reach_search.failed.shape[0]:
         return False
@@ -158,7 +162,10 @@ def _pose(
 
 
 def launch_pose(work: Workspace, reach: Reach, step: ReachStep, reach_search: ReachSearch) -> None:
-    """Pose the robot of each candidate for a step. Before joints are solved, pose only the hand. Defer some tests."""
+    """Pose the robot of each candidate for a step. Steps before the inverse kinematics pose only the hand.
+
+    Tests that can wait are deferred, see `_is_deferred`.
+    """
     # On an H200, 1,000 more candidates take 0.1 ms longer. In scenes with starts, the first joints hardly ever fail.
     at_once = work.size.blocks // (2 if work.compiled.starts is None else 16)
     work.launch_lanes(_pose, work.program, reach, int(step), at_once, work.layouts, reach_search)

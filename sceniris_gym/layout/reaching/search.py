@@ -93,7 +93,7 @@ class ReachSearch:
 
 @wp.func
 def candidate_num(reach_search: ReachSearch) -> int:
-    """Return the number of candidates in this wave. The count itself may exceed the capacity."""
+    """Return the number of candidates in this wave, at most the capacity. The counter may exceed the capacity."""
     return wp.min(reach_search.candidates[0], reach_search.failed.shape[0])
 
 
@@ -133,7 +133,10 @@ def first_start(reach_search: ReachSearch, c: int) -> int:
 
 @wp.func
 def takes_step(reach_search: ReachSearch, c: int, step: int) -> bool:
-    """Return True if a candidate has passed all steps before `step`, and has to take `step` itself."""
+    """Return True if a candidate has to take `step` and has passed all steps before `step`.
+
+    For the steps before the inverse kinematics, only the first start of each grasp takes them.
+    """
     if reach_search.failed[c] < step:
         return False
     if step < ReachStep.IK_AT_GRASP and reach_search.ik_start[c] != 0:
@@ -145,7 +148,10 @@ def takes_step(reach_search: ReachSearch, c: int, step: int) -> bool:
 
 
 def create_reach_search(compiled: CompiledScene, nrow: int, size: SearchSize, early: int = 0) -> ReachSearch:
-    """Allocate the arrays of a search for joints in `nrow` rows."""
+    """Allocate the arrays of a search for joints in `nrow` rows.
+
+    `early` is the number of grasps that objects placed after the target may block.
+    """
     ncand, mjm, reaching = min(size.grasps, nrow * MOST_AT_ONCE), compiled.mjm, compiled.reaching
     assert reaching is not None
     shapes = {

@@ -23,6 +23,8 @@ from sceniris_gym.program.reach import Reaching
 class ReachStage:
     """Searches for the joints of grasps in all waiting rows, in waves of candidates.
 
+    A row is waiting once all of its objects are placed.
+
     Args:
         work: The arrays of the generator. Their capacities affect only the speed, not the result.
         reaching: The arms of the scene and their reach targets.
@@ -40,7 +42,7 @@ class ReachStage:
         self._most_waves = most + -(-work.nrow * most // self.search.failed.shape[0])
 
     def launch_pose_hands(self) -> None:
-        """Pose the hand at each grasp that objects may block. Call this once per generator."""
+        """Pose the hand at each grasp that later objects may block. Call this once per generator."""
         for reach in self._early:
             launch_pose_hands(self._work, reach, self.search)
 
@@ -50,9 +52,10 @@ class ReachStage:
             launch_test_hands(self._work, reach, self.search)
 
     def launch(self) -> None:
-        """Find joints in all waiting rows. The lowest restart with joints becomes the best restart of its world.
+        """Find joints for grasps in all waiting rows. The lowest restart with joints becomes its world's best restart.
 
-        In scenes with starts, the arm then moves to its start. A restart without a collision-free start fails.
+        If the scene file has `start`, the arm of this restart then moves to its start pose. If no start pose is free of
+        collisions, the restart fails.
         """
         for reach, clear in self._arms:
             launch_open_rows(self._work, reach, self.search)
@@ -62,7 +65,7 @@ class ReachStage:
             repeat_launches(self.search.rows_left, partial(self._start_wave, reach), self._most_waves)
 
     def _wave(self, reach: Reach, clear: bool) -> None:
-        """Open candidates, run their steps, and keep the first valid candidate of each row."""
+        """Create candidates, run their steps, and keep the first valid candidate of each row."""
         work, search = self._work, self.search
         launch_open_wave(work, reach, search)
         launch_look_up(work, reach, search)
@@ -81,7 +84,7 @@ class ReachStage:
         launch_test_arm(self._work, reach, first, last, self.search)
 
     def _start_wave(self, reach: Reach) -> None:
-        """Pose candidates of starts, test them, and keep the first valid candidate of each row."""
+        """Pose the candidates for start poses, test them, and keep the first valid candidate of each row."""
         work, search = self._work, self.search
         launch_open_wave(work, reach, search)
         launch_pose_start(work, reach, search)

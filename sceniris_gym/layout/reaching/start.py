@@ -1,9 +1,9 @@
-"""Starts: after the joints of grasps are found, move the arm and its held object to the start.
+"""Start poses: after the joints of grasps are found, move the arm and an object in its hand to the start pose.
 
-If the kind of start has an arm at an object, the arm moves to the pre-grasp or the grasp from the reach stage. For a
-lifted or held object, several heights or joint positions are tried, and the first collision-free trial wins. If all
-trials collide, the restart fails, and the next restart follows. A *candidate* here is one such trial, in a
-`ReachSearch`.
+`start` in the scene file lists kinds of start. If a kind takes an arm to an object, the arm moves to the pre-grasp or
+the grasp from the reach stage. For a lifted or held object, several heights or joint positions are tried, and the first
+collision-free trial wins. If all trials collide, the restart fails, and the next restart follows. A *candidate* here is
+one such trial, in a `ReachSearch`.
 """
 
 import warp as wp
@@ -66,7 +66,7 @@ def _queue_starts(
 
 
 def launch_queue_starts(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
-    """Queue the worlds that have a finished restart, and a kind of start with this arm at an object."""
+    """Queue each world that has a finished restart and a kind of start that takes this arm to an object."""
     work.launch(_queue_starts, work.nworld, reach, work.compiled.starts, work.layouts, work.search, reach_search)
 
 
@@ -228,9 +228,9 @@ def _accept(
 
 
 def launch_accept_starts(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
-    """Keep the first candidate of each row that passed. Rows without one continue, or fail after their last trial.
+    """Keep the first candidate of each row that passed.
 
-    A start only changes positions of joints and mocap bodies. `body_pos` and `body_quat` of the row keep the placed
-    poses.
+    A row without such a candidate continues with its next trials, or fails after its last trial. A start pose only
+    changes positions of joints and mocap bodies. `body_pos` and `body_quat` of the row keep the placed poses.
     """
     work.launch_lanes(_accept, work.program, reach, work.layouts, work.search, reach_search)

@@ -1,7 +1,7 @@
-"""Waves of the reach stage: open candidates of waiting rows, and keep the first candidate of each row that passes.
+"""Waves of the reach stage: create candidates for waiting rows, and keep each row's first candidate that passes.
 
-The candidates of a row are its next grasps and starts. Candidates after the kept candidate are ignored, so the result
-does not depend on the number of candidates tried in parallel.
+A candidate is one start of the inverse kinematics for one grasp. Candidates after the kept candidate are ignored, so
+the result does not depend on the number of candidates tried in parallel.
 """
 
 import warp as wp
@@ -33,7 +33,7 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 @wp.func
 def _take_first_through(reach: Reach, layouts: LayoutsView, row: int, column: int):
-    """Write the first grasp that the map accepts. Only for a target that was placed before the arm's base."""
+    """Write the first grasp that the map accepts, for a target that was placed before the arm's base."""
     body_pos = layouts.body_pos[row]
     body_quat = layouts.body_quat[row]
     base = pose_of(body_pos[reach.base_body], body_quat[reach.base_body])
@@ -43,7 +43,7 @@ def _take_first_through(reach: Reach, layouts: LayoutsView, row: int, column: in
 
 @wp.func
 def _skip_blocked(reach: Reach, layouts: LayoutsView, search: Search, row: int, column: int):
-    """Write the lowest free grasp of a target. Only for a target whose free grasps were tracked while placing."""
+    """Write the lowest free grasp of a target, if the target's free grasps were tracked while objects were placed."""
     for early in range(reach.early_grasp.shape[0]):
         grasp = reach.early_grasp[reach.early_grasp.shape[0] - 1 - early]
         if reach.grasp_reach[grasp] == column and search.row_free[row, reach.early_grasp.shape[0] - 1 - early]:
@@ -52,7 +52,7 @@ def _skip_blocked(reach: Reach, layouts: LayoutsView, search: Search, row: int, 
 
 @wp.func
 def _first_grasp(reach: Reach, layouts: LayoutsView, row: int, column: int) -> int:
-    """Return the first grasp to try of a target. The map rejected all earlier grasps while placing."""
+    """Return the index of the first grasp to try for a target. Placing found that no earlier grasp can be used."""
     return reach.reach_graspadr[column] + layouts.grasp[row, column]
 
 
@@ -106,10 +106,10 @@ def _first_waiting(reach: Reach, search: Search, row: int) -> int:
 
 @wp.func
 def _ask_tiers(starts: Starts, reach: Reach, layouts: LayoutsView, search: Search, reach_search: ReachSearch, row: int):
-    """Set the required tiers of a row's targets, and clear their joints.
+    """Set the required tier of each target of a row, and reset the joints of the grasps to NaN.
 
-    If the kind of start takes the arm to a target, this target requires the tier `clear`. Other targets keep their
-    tier.
+    If the kind of start takes the arm to a target, this target requires the tier `clear`. Other targets keep the tier
+    of the scene file.
     """
     kind = layouts.start[search.row_world[row]]
     for column in range(reach_search.tier.shape[1]):
@@ -220,12 +220,12 @@ def _look_up(
 
 
 def launch_open_wave(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
-    """Open candidates of the queued rows. The fewer rows are left, the more candidates each row gets."""
+    """Create candidates for the queued rows. The fewer rows are left, the more candidates each row gets."""
     work.launch_lanes(_open_candidates, reach, work.size.busy, work.layouts, reach_search)
 
 
 def launch_look_up(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
-    """Reject candidates whose grasps the arm's map rejects, or that the kind of start cannot use."""
+    """Reject each candidate whose grasp the arm's map rejects, or whose grasp the kind of start cannot use."""
     work.launch_lanes(_look_up, reach, work.kinds, work.layouts, work.search, reach_search)
 
 
@@ -242,7 +242,10 @@ def keep_grasp(reach: Reach, layouts: LayoutsView, reach_search: ReachSearch, ro
 
 @wp.func
 def first_passed(reach_search: ReachSearch, row: int) -> int:
-    """Return a row's first candidate that passed. If none did, advance the row to its next starts and return -1."""
+    """Return a row's first candidate that passed.
+
+    If no candidate passed, advance the row to its next starts and return -1.
+    """
     after = reach_search.number[row]
     for c in range(reach_search.first[row], reach_search.first[row] + reach_search.trials[row]):
         failed = reach_search.failed[c]
@@ -265,7 +268,7 @@ def _reject_cause(reach: Reach, reach_search: ReachSearch, row: int) -> int:
     """Return the cause for which the current target of a row failed: NO_IK or BLOCKED.
 
     The cause is BLOCKED only for the tier `clear`: if all candidates failed before the inverse kinematics, or if at
-    least one candidate passed the robot's test against itself.
+    least one candidate passed the robot's test for self-collision.
     """
     furthest = reach_search.furthest[row]
     if reach_search.tier[row, reach_search.column[row]] == Tier.CLEAR and (
