@@ -159,7 +159,7 @@ def cache_folder() -> Path | None:
 
 
 def scene_key(scene: SceneModel, device: str) -> str:
-    """Return the key of a scene in the cache, 32 hexadecimal digits. Scenes that compile differently differ in it."""
+    """Return the cache key of a scene, 32 hexadecimal digits. Scenes that compile differently have different keys."""
     model = np.empty(mujoco.mj_sizeModel(scene.mjm), np.uint8)
     mujoco.mj_saveModel(scene.mjm, None, model)
     config, on = scene.config, wp.get_device(device)

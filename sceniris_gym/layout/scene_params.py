@@ -218,7 +218,7 @@ def _randomize(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:
 
 
 def _clearances(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:
-    """Yield the clearances of objects and robots. Each copy of a clearance is in a pair that is tested with it."""
+    """Yield the clearances of objects and robots. Their copies are the margins of the pairs tested with them."""
     program, config, owners = compiled.program, compiled.config, compiled.scene.owners
     bodies, kinds = program.pair_bodies.numpy().tolist(), program.obj_kind.numpy()
     first, number = program.obj_pairadr.numpy(), program.obj_pairnum.numpy()

@@ -40,11 +40,11 @@ class WorldColumns:
         nworld: Number of worlds.
         arrays: The arrays to write, by name, each with a row per world.
         nominal: The model's values of drawn or scaled arrays, by name, with one row or a row per world.
-        draws: The draws, which may be empty.
-        scaled: Elements to set to a nominal value times a given number. Use them only without draws. Each has the name
-            of the array, the index in its row, the index in the nominal row, and the column of the number.
-        given: The given numbers, shape (1 or nworld, n). Leave them out if each launch passes them.
-        params: The params of the worlds. They bound numbers in these arrays, or narrow draws.
+        draws: The draws of physics and appearance, which may be empty.
+        scaled: Array elements that get a nominal value times a given number. Use them only without draws. Each entry
+            has the name of the array, the index in its row, the index in the nominal row, and the column of the number.
+        given: The given numbers, shape (1 or nworld, n). None if there are none, or if each launch passes them.
+        params: The params of the worlds. A param sets bounds in these arrays, or narrows a draw.
 
     Attributes:
         numbers: The drawn numbers by name of the draw, shape (nworld, width): factors of `scale`, terms of `add`, and
@@ -160,7 +160,7 @@ def element_size(array: wp.array) -> int:
 def _tables(
     draws: Sequence[FieldDraw], places: Mapping[str, tuple[int, int]]
 ) -> tuple[list[tuple], list[tuple], list[float]]:
-    """Return rows of `Number` and of `Element`, and the table of their parameters.
+    """Return rows of `Number`, rows of `Element`, and the table with the parameters of the numbers' distributions.
 
     Args:
         draws: The draws.
@@ -233,9 +233,10 @@ def search_columns(
 
 
 def _shares(compiled: CompiledScene, nominal: wp.array) -> tuple[list[tuple[str, int, int, int]], wp.array]:
-    """Return rows of `scaled` that copy masses and centres of mass of a Model to statics, and the factors of masses.
+    """Return rows of `scaled` that copy masses and centres of mass from a Model to statics, and the factors.
 
-    A factor is the fraction of a body's mass without gravity compensation.
+    The factor of a body's mass is the fraction of its weight that gravity compensation does not carry. The factor of a
+    centre of mass is 1.
     """
     mass, weight = compiled.mjm.body_mass, nominal.numpy()[0]
     share = np.divide(weight, mass, out=np.zeros(len(mass)), where=mass > 0.0)

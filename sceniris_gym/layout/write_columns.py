@@ -42,7 +42,7 @@ class Array:
         stride: Bytes from one row to the next.
         nominal: Address of the model's values, 0 if there are no such values.
         nominal_stride: Bytes from one row of the model's values to the next, SHARED if all worlds share one row.
-        kind: The kind of its numbers, as an index into `_KINDS`.
+        kind: Data type of the array's numbers, as an index into `_KINDS`.
     """
 
     address: wp.uint64

@@ -135,7 +135,7 @@ def first_start(reach_search: ReachSearch, c: int) -> int:
 def takes_step(reach_search: ReachSearch, c: int, step: int) -> bool:
     """Return True if a candidate has to take `step` and has passed all steps before `step`.
 
-    For the steps before the inverse kinematics, only the first start of each grasp takes them.
+    Only the first start of each grasp takes the steps before the inverse kinematics.
     """
     if reach_search.failed[c] < step:
         return False

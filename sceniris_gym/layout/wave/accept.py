@@ -116,7 +116,7 @@ def _record(program: Program, layouts: LayoutsView, search: Search, c: int, row:
 
 @wp.func
 def _ends_row(program: Program, obj: int, cause: int) -> bool:
-    """Return True if a trial is its object's last trial, because it passed or because further trials cannot pass."""
+    """Return True if a trial is the object's last trial: the trial passed, or further trials cannot pass."""
     if cause == Cause.NONE:
         return True
     return program.obj_retry_if_empty[obj] == 0 and _had_no_region(cause)

@@ -21,9 +21,10 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 def count_ahead(compiled: CompiledScene, size: SearchSize) -> int:
     """Return the number of objects to draw ahead.
 
-    The count ends before the last object, and before the first object that is tested for reach, that needed retries,
-    whose region differs between worlds, or that a start places at a marker. It is 0 on a CPU, where a single lane gains
-    no time. It is also 0 before there is a bank, because the effort of objects is still unknown.
+    Drawing ahead ends before the last object, and before the first object for which one of these is true: it is tested
+    for reach, it needed retries during compilation, its region differs between worlds, or a kind of start places it at
+    a marker. The number is 0 on a CPU, where a single lane does all the work and gains no time. It is also 0 before
+    there is a bank, because the number of retries is still unknown.
     """
     program = compiled.program
     if size.busy == 1 or compiled.bank.ntrain == 0:
@@ -56,5 +57,5 @@ def _draw_ahead(
 
 
 def launch_draw_ahead(work: Workspace) -> None:
-    """Draw ahead and place objects in the queued rows, which do not have any placed object yet."""
+    """In the queued rows, draw and place the objects drawn ahead. These rows have no placed object yet."""
     work.launch_lanes(_draw_ahead, work.program, work.reaches[0], work.split, work.layouts, work.search)

@@ -3,7 +3,7 @@
 With `geometry: physics`, the lanes of a block traverse the bounding-volume trees of a candidate, and queue close leaves
 as narrow-phase pairs. One lane then tests each pair. With `geometry: visual`, close leaves usually collide, so a block
 tests its candidate completely and stops at the first hit. If a stack or queue overflows, a single lane repeats the
-candidate's test. A surface may also enclose another without intersecting it. A second test finds this.
+candidate's test. A surface may also enclose another surface without intersecting it, which a second test finds.
 """
 
 import warp as wp
@@ -37,7 +37,10 @@ _SPREAD = wp.constant(1024)
 
 @wp.func
 def _passes_prefilter(program: Program, reach: Reach, search: Search, c: int, lane: int) -> bool:
-    """Return True if a candidate passes the prefilter, or write the cause. All lanes of a block call this together."""
+    """Return True if a candidate passes the prefilter. Otherwise, write the cause of its rejection and return False.
+
+    All lanes of a block call this together.
+    """
     cause = search.cause[c]
     block_sync()  # every lane reads the cause before lane 0 writes it
     if cause == Cause.NONE:

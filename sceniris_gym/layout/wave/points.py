@@ -47,7 +47,10 @@ NO_PIECE = wp.constant(wp.uint64(0xFFFFFFFFFFFFFFFF))
 
 @wp.struct
 class PointCounter:
-    """The key and counter of the random numbers of a candidate's point, without the number of the draw."""
+    """Seed, episode, stream and trial, which with the number of a draw determine the random numbers of a point.
+
+    A candidate has one PointCounter for all draws of its point.
+    """
 
     seed: wp.uint64
     episode: int
@@ -75,10 +78,11 @@ def arrival_time(u: float, size: float) -> float:
 
 @wp.func
 def arrival_key(n: PointCounter, redraw: int, index: int, size: float) -> wp.uint64:
-    """Return the key of piece `index` with the area `size` [m^2] in the race of a redraw. The least key wins.
+    """Return the arrival key of piece `index` with the area `size` [m^2]. The piece with the least key wins the race.
 
-    The upper word is the arrival time, because the bits of positive floats are ordered like the floats. The lower word
-    is the number of the piece.
+    `redraw` is the number of the race: 0 for the first point of a candidate, and 1 more for each further point. The
+    upper word of the key is the arrival time, because the bits of positive floats are ordered like the floats. The
+    lower word is the number of the piece.
     """
     u = uniforms(n.seed, n.episode, n.stream, n.trial, _FIRST_DRAW + redraw * _DRAWS + 1 + index // 4)
     which = index % 4
@@ -88,7 +92,10 @@ def arrival_key(n: PointCounter, redraw: int, index: int, size: float) -> wp.uin
 
 @wp.func
 def _first_arrival(regions: Regions, holder: int, n: PointCounter, redraw: int, lane: int, lanes: int) -> wp.uint64:
-    """Return the least arrival key of a region's pieces, among the pieces that lane `lane` of `lanes` covers."""
+    """Return the least arrival key of a region's pieces, among the pieces that lane `lane` of `lanes` covers.
+
+    `redraw` is as in `arrival_key`.
+    """
     best = NO_PIECE
     for k in range(lane, regions.pieces[holder], lanes):
         size = regions.piece_area[holder, k]
@@ -105,7 +112,7 @@ def piece_of(key: wp.uint64) -> int:
 
 @wp.func
 def draw_triangle(program: Program, stable: int, u: float) -> int:
-    """Return the triangle of a stable pose's region at which the cumulated fraction of the area exceeds `u`."""
+    """Return the first triangle of a stable pose's region at which the cumulative fraction of the area exceeds `u`."""
     low = program.stable_triadr[stable]
     high = low + program.stable_trinum[stable] - 1
     while low < high:
@@ -128,7 +135,10 @@ def draw_in_triangle(program: Program, tri: int, u: float, v: float) -> wp.vec2:
 
 @wp.func
 def _on_surface(frame: Pose, height: float, at: wp.vec2) -> wp.vec3:
-    """Return the point of a surface above `at` with its exact height, because surfaces may lean by 0.1 degree."""
+    """Return the point of a surface that is vertically above or below `at` [m], in the world frame.
+
+    The height is computed exactly, because surfaces may lean by up to 0.1 degree.
+    """
     ground = apply(frame, wp.vec3(0.0, 0.0, height))
     n = wp.vec3(frame.rot[0, 2], frame.rot[1, 2], frame.rot[2, 2])
     return wp.vec3(at[0], at[1], ground[2] - (n[0] * (at[0] - ground[0]) + n[1] * (at[1] - ground[1])) / n[2])
@@ -175,7 +185,7 @@ def _keep_point(program: Program, search: Search, c: int, obj: int, tri: int, fr
 def _draw_in_piece(
     program: Program, layouts: LayoutsView, search: Search, regions: Regions, c: int, index: int, u: wp.vec4
 ) -> bool:
-    """Draw a point in a piece from three uniform numbers. Write it and return True if it passes the exact test."""
+    """Draw a point in a piece from three uniform numbers. If it passes the exact test, write it and return True."""
     row = search.row[c]
     obj = search.obj[c]
     frame = support_pose(program, layouts, row, obj)
@@ -207,10 +217,11 @@ def _race(
     most: int,
     redraw: int,
 ) -> wp.uint64:
-    """Return the winning arrival key in a redraw's race for a lane's candidate, or NO_PIECE.
+    """Return the arrival key of the piece that wins the race of a lane's candidate, or NO_PIECE.
 
-    `c` is the candidate, or -1 for a lane without a candidate. Only the first `most` lanes can have one. A region may
-    have hundreds of pieces, so all lanes of the block share each race, one candidate after the other.
+    `redraw` is as in `arrival_key`. `c` is the candidate, or -1 for a lane without a candidate. Only the first `most`
+    lanes can have a candidate. A region may have hundreds of pieces, so all lanes of the block share each race, one
+    candidate after the other.
     """
     own = NO_PIECE
     wanted = wp.tile(c)
@@ -263,5 +274,5 @@ def _draw_points(
 
 
 def launch_draw_points(work: Workspace, regions: Regions) -> None:
-    """Draw the points of the candidates in `Regions.cut`."""
+    """Draw the points of the candidates in `Regions.cut`, whose regions differ between worlds."""
     work.launch_blocks(_draw_points, work.program, work.split, work.layouts, work.search, regions)

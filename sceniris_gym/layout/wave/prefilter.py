@@ -15,9 +15,10 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 @wp.func
 def _find_grasp(reach: Reach, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, part: int, parts: int):
-    """Find the first grasp of a candidate that the map accepts. If the base is placed later, test only the approach.
+    """Find the first grasp of a candidate that the map accepts.
 
-    Lane `part` of `parts` tests its part of the grasps.
+    If the arm's base is placed later, test only the direction of approach. Lane `part` of `parts` tests its part of the
+    grasps.
     """
     column = reach.obj_reach[obj]
     late = reach.reach_late[column]
@@ -38,7 +39,7 @@ def _find_grasp(reach: Reach, layouts: LayoutsView, search: Search, c: int, row:
 
 @wp.func
 def _find_grasps_from_base(reach: Reach, layouts: LayoutsView, search: Search, c: int, row: int):
-    """Accept a candidate base if the map accepts a grasp of every target that was placed before it."""
+    """Accept a candidate of a robot base if the map accepts a grasp of every target placed before the base."""
     base = pose_of(search.body_pos[c, reach.base_body], search.body_quat[c, reach.base_body])
     for column in range(reach.reach_arm.shape[0]):
         if reach.reach_arm[column] == reach.number and reach.reach_late[column] != 0:

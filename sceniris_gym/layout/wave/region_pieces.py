@@ -26,7 +26,7 @@ _SURE = wp.constant(1.0e-5)
 
 @wp.struct
 class Triangle:
-    """A triangle of the region in the world, projected onto the ground plane [m]."""
+    """A triangle of a region in the world frame, projected onto the ground plane [m]."""
 
     a: wp.vec2
     b: wp.vec2
@@ -71,7 +71,10 @@ def _is_out_of_reach(program: Program, regions: Regions, c: int, obj: int, t: Tr
 
 @wp.func
 def _depth(h: HalfPlane, t: Triangle) -> wp.vec2:
-    """Return the least and greatest distance of a triangle's corners outside a half-plane, times the normal's norm."""
+    """Return the least and the greatest signed distance of a triangle's corners from a half-plane, positive outside.
+
+    Both distances are multiplied by the length of the normal.
+    """
     limit = h.offset + wp.dot(h.normal, h.origin)
     a = wp.dot(h.normal, t.a)
     b = wp.dot(h.normal, t.b)
@@ -188,6 +191,6 @@ def _measure_pieces(
 
 
 def launch_cut_regions(work: Workspace, regions: Regions) -> None:
-    """List the pieces of all regions that may have positive area, and measure them."""
+    """List and measure the pieces of all regions, without pieces that a cheap test finds to be empty."""
     for kernel in (_find_pieces, _measure_pieces):
         work.launch_lanes(kernel, work.program, work.size.parts, work.layouts, work.search, regions)

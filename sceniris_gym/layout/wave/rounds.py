@@ -83,7 +83,7 @@ def _begin_episodes(
 
 
 def launch_begin_episodes(work: Workspace, mask: wp.array | None) -> None:
-    """Mark the masked worlds as pending and open their next episodes."""
+    """Mark the masked worlds as pending, and set the seeds and episodes of the layouts to make for them."""
     work.search.worlds_left.zero_()
     work.launch(_begin_episodes, work.nworld, work.program, mask, work.split, work.layouts, work.search)
 

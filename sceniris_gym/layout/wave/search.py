@@ -100,7 +100,7 @@ class Search:
 
 @wp.func
 def candidate_num(search: Search) -> int:
-    """Return the number of candidates in this wave. The count itself may exceed the capacity."""
+    """Return the number of candidates in this wave, at most the capacity. The counter may exceed the capacity."""
     return wp.min(search.candidates[0], search.cause.shape[0])
 
 
@@ -112,7 +112,7 @@ def lanes_for_each(lanes: int, num: int, least: int) -> int:
 
 @wp.func
 def narrow_pair_num(search: Search) -> int:
-    """Return the number of narrow-phase pairs in the queue. The count itself may exceed the capacity."""
+    """Return the number of narrow-phase pairs in the queue, at most its capacity. The counter may exceed it."""
     found = search.narrow_pairs[0]
     if found < 0:  # the count overflowed
         return search.narrow_pair.shape[0]
@@ -162,7 +162,10 @@ def flip_failed(best: int) -> int:
 
 @wp.func
 def finish_row(search: Search, row: int, staged: bool):
-    """Pass a row whose objects are all placed to the reach stage, or mark its restart as finished if not `staged`."""
+    """Pass a row whose objects are all placed to the reach stage.
+
+    If not `staged`, there is no reach stage, so mark the row's restart as finished.
+    """
     if staged:
         search.waiting[row] = True
     else:
@@ -248,12 +251,12 @@ class Workspace:
 
     Attributes:
         compiled: The compiled scene.
-        program: The placement program. Params give some of its fields a row per world.
+        program: The placement program. Fields that differ between worlds have a row per world.
         statics: Data of the standing test, with masses per world if they are drawn. None if objects cannot fall.
         ahead: Number of objects drawn ahead.
         reaches: The arms, or a single empty arm if there are no reach targets. Fields common to all arms are read from
             the first arm.
-        split: Number of the split.
+        split: Number of the split, which selects its random streams.
         size: Capacities.
         layouts: The layouts of all rows.
         search: The state of the search.

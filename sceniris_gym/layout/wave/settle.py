@@ -1,9 +1,10 @@
 """End of a round: worlds take the layout of their lowest finished restart, fall back, or wait for the next round.
 
-The lanes of a block share the counts and the copy of a world's rows. Worlds that run out of restarts fall back to the
-bank of valid layouts. The bank has separate rows for each split, so that an evaluation never gets a layout that
-training may have seen. Every served layout is finite and within the scene's bounds, with unit quaternions. Checks on
-the host reject all known causes of other layouts. `is_sound` rejects layouts with unknown causes.
+The lanes of a block add up the counts of a world's rows together, and copy the finished row together. Worlds that run
+out of restarts fall back to the bank of valid layouts. The bank has separate rows for each split, so that an evaluation
+never gets a layout that training may have seen. Every served layout is finite and within the scene's bounds, with unit
+quaternions. Checks on the host reject scenes with a known cause of other layouts. `is_sound` rejects such layouts if
+they have an unknown cause.
 """
 
 import warp as wp
@@ -30,7 +31,10 @@ def _is_unit(w: float, x: float, y: float, z: float) -> bool:
 
 @wp.func
 def is_sound(program: Program, layouts: LayoutsView, row: int, lane: int, lanes: int) -> bool:
-    """Return True if a row may be served. Lane `lane` of `lanes` checks its part."""
+    """Return True if a row may be served: it is within the scene's bounds, with unit quaternions.
+
+    Lane `lane` of `lanes` checks its part of the row.
+    """
     for i in range(lane, layouts.qpos.shape[1], lanes):
         if not (wp.abs(layouts.qpos[row, i]) <= program.bound_qpos[i]):
             return False
@@ -57,10 +61,10 @@ _KIND, _ONLY, _FURTHEST = wp.constant(1 << 24), wp.constant(1 << 12), wp.constan
 
 @wp.func
 def _difference(program: Program, bank: Bank, layouts: LayoutsView, worldid: int, row: int, most: int) -> int:
-    """Return the distance of a bank entry from the draw of a world, at most `most`.
+    """Return how much a bank entry differs from the draw of a world, at most `most`.
 
-    The distance grows with each group member that is present only in the entry or only in the world, and with a
-    different kind of start.
+    The result grows with each group member that is present only in the entry or only in the world, and with a different
+    kind of start.
     """
     found = wp.where(bank.start[row] == layouts.start[worldid], 0, _KIND)
     for g in range(program.ngroup):
@@ -77,8 +81,8 @@ def _difference(program: Program, bank: Bank, layouts: LayoutsView, worldid: int
 def _bank_row(program: Program, bank: Bank, layouts: LayoutsView, worldid: int, split: wp.uint32) -> int:
     """Return a bank entry of the world's split, or -1 during compilation, while the bank is empty.
 
-    The search begins at a random entry and returns the first entry that is nearest to the draw of the world: by the
-    kind of start, then by groups with one present member, such as variants, then by other groups.
+    The search begins at a random entry, and returns the first of the entries that differ least from the draw of the
+    world. The kind of start counts most, then groups with one present member, such as variants, then other groups.
     """
     first = int(0)
     num = bank.ntrain

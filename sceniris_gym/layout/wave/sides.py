@@ -1,7 +1,7 @@
-"""Resolve the relations of each candidate in its world, and bound the resulting region by half-planes.
+"""Evaluate the relations of each candidate in its world, and bound the resulting region by half-planes.
 
 One lane works on one relation of one candidate. Candidates whose region differs between worlds are listed. If several
-candidates of a row have the same region, this region is cut once, for the first of them: their *holder*.
+candidates of a row have the same region, it is cut into pieces once, for the first of these candidates: their *holder*.
 """
 
 import warp as wp
@@ -65,7 +65,7 @@ def support_pose(program: Program, layouts: LayoutsView, row: int, obj: int) -> 
 
 @wp.func
 def _resolve(program: Program, layouts: LayoutsView, search: Search, regions: Regions, c: int, i: int, frame: Pose):
-    """Resolve relation `i` of a candidate's object in its row, and write the half-planes of its convex pieces.
+    """Evaluate relation `i` of a candidate's object in the candidate's row, as convex pieces bounded by half-planes.
 
     `frame` is the pose of the body that supports the object.
     """

@@ -1,4 +1,4 @@
-"""Draw the kind of start of each world, set its intervals of joints, and put objects at markers while placing.
+"""Draw the kind of start of each world, write its intervals of joints, and place objects at its markers.
 
 The kind belongs to the episode, not to a restart. Otherwise restarts would favour kinds that are easier to place.
 """
@@ -55,10 +55,11 @@ def _draw_kinds(
 
 
 def launch_draw_kinds(work: Workspace, mask: wp.array | None, column: int = -1) -> None:
-    """Draw the kind of start of the masked worlds. Their pending episodes should be open.
+    """Draw the kind of start of the masked worlds, from `pending_seed` and `pending_episode`. Set these two before.
 
     Args:
-        work: The arrays of the generator. Its program has intervals of joints per world if a kind draws joints.
+        work: The arrays of the generator. If a kind of start draws joints, `program.draw_range` should have a row per
+            world.
         mask: Selected worlds, shape (nworld,), bool. None selects all.
         column: First column of the weights in a row of param values, -1 if there is no such param.
     """
@@ -95,5 +96,8 @@ def _put_at_markers(
 
 
 def launch_put_at_markers(work: Workspace, end: int) -> None:
-    """Move candidates of this wave to the markers of their kind of start. Only objects before `end` can have one."""
+    """Move candidates of this wave to the markers of their kind of start.
+
+    Only objects with an index below `end` can start at a marker.
+    """
     work.launch_lanes(_put_at_markers, work.program, work.compiled.starts, end, work.layouts, work.search)
