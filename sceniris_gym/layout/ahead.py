@@ -290,7 +290,7 @@ class Ahead(StaysHere):
             self._make_beside()
 
     def _launch_begin(self) -> None:
-        """Choose worlds for a prefetch, if enough worlds lack a prefetched layout or a world has lacked one for long.
+        """Choose worlds for a prefetch, if enough worlds lack a prefetched layout or one has lacked it for many resets.
 
         The decision is made on the device, because the host is many steps ahead. `_due` is set last, because a prefetch
         on the other stream may read it at any time.
@@ -332,7 +332,7 @@ class Ahead(StaysHere):
         wp.launch(_find_missing, self._layouts.nworld, inputs=inputs, outputs=outputs, device=self._device)
 
     def launch_close(self, mask: wp.array | None) -> None:
-        """Serve the masked worlds the layouts that were prefetched or that the maker has just made.
+        """Give each masked world its prefetched layout, or the layout that the maker has just made.
 
         If a layout was prefetched and also made in the reset, its rejections are counted once.
         """
@@ -341,7 +341,7 @@ class Ahead(StaysHere):
         wp.launch(_serve, dim=dim, inputs=inputs, outputs=[served], device=self._device)
 
     def launch_forget(self, mask: wp.array | None) -> None:
-        """Drop prefetched layouts of the masked worlds if their params have changed."""
+        """Drop prefetched layouts of the masked worlds, if the params of these worlds have changed since."""
         inputs, outputs = [self._layouts.view, self._ahead.layouts.view, mask], [self._stage, self._nwaiting]
         wp.launch(_forget, self._layouts.nworld, inputs=inputs, outputs=outputs, device=self._device)
 

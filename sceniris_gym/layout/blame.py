@@ -247,7 +247,10 @@ def _room(compiled: CompiledScene, name: str) -> str | None:
 
 
 def _leaning_support(compiled: CompiledScene, probe: LayoutGenerator, name: str) -> str | None:
-    """Return the name of an object's support if it leans in the last state of most worlds, otherwise None."""
+    """Return the name of an object's support if this support leans in most worlds, judged by their last state.
+
+    Otherwise, return None.
+    """
     ground = int(compiled.program.obj_ground.numpy()[compiled.placed.index(name)])
     part = compiled.config.parts.get(name)
     if ground < 0 or part is None or part.support is None:

@@ -22,11 +22,11 @@ Served = Callable[[str, LayoutKeys], tuple[str, LayoutKeys]]
 
 
 class ChosenLayouts(NamedTuple):
-    """The next layout of each world.
+    """The next layouts that a user chose, one row per world.
 
     Attributes:
         seed: Seeds, shape (nworld,), uint64.
-        given: Worlds that have a chosen layout, shape (nworld,), bool.
+        given: Worlds that have a chosen layout, shape (nworld,), bool. The rows of other worlds have no meaning.
         episode: Episodes, shape (nworld,), int32. None is episode 0.
         param: Param values, shape (nworld, nvalue), float32. None leaves the params unchanged.
     """
@@ -82,7 +82,7 @@ def as_layouts(
 
 
 def seeds_on_device(seed: Any, nworld: int, device: Any, worlds: Any = None) -> wp.array:
-    """Return a seed for each world on a device, shape (nworld,), uint64.
+    """Return a seed for each world as an array on a device, shape (nworld,), uint64.
 
     Args:
         seed: One integer (world i gets seed + i), or an array with one seed per chosen world, in their order, or with
@@ -135,9 +135,10 @@ def entries_of_worlds(number: int, worlds: Any, nworld: int, name: str) -> np.nd
 
 
 def layouts_of_mapping(value: Mapping[str, Any], layouts: Layouts, name: str) -> tuple[ChosenLayouts, bool]:
-    """Return the layouts of {"seed", "episode", "params"}, a row per entry, and whether all entries are scalars.
+    """Return the layouts of a mapping with "seed", "episode" and optional "params", one row per layout.
 
-    The arguments are as in `as_layouts`. There may be any number of entries.
+    Seed and episode may each be one integer, or any number of integers. The second result is True if both are one
+    integer. All other arguments are as in `as_layouts`.
 
     Raises:
         ArgumentError: A missing or malformed entry.

@@ -251,10 +251,10 @@ class LayoutGenerator(Fixed, LayoutSource):
     def redraw(self, layouts: Layouts, objects: str | Sequence[str]) -> Layouts:
         """Move objects of finished layouts to new places, or add objects to them. All other objects stay in place.
 
-        To build up a batch step by step, leave objects out with groups and add some with each call. A row is a pure
-        function of scene, split, seed, episode and its layout before the call. If no place is found, the row is
-        returned unchanged with the status KEPT. Other reach targets may lose their grasps. Ids do not change: they
-        reproduce the original layout, without the added objects.
+        To build up layouts step by step, leave objects out by `groups` in the scene file, and add some of them with
+        each call. A row of the result is a pure function of scene, split, seed, episode and the layout before the call.
+        If no place is found, the row is returned unchanged with the status KEPT. Other reach targets may lose their
+        grasps. Layout ids do not change: they reproduce the original layout, without the added objects.
 
         Args:
             layouts: One layout of this scene per world, on the same device, such as a result of `generate` or of this

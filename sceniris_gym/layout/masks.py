@@ -232,7 +232,7 @@ def _check_integers(values: Any, name: str, wanted: str = "integers") -> None:
 def _upload_numbers(values: Any, name: str, least: int, end: int, more: str, device: Any) -> wp.array:
     """Return integers as int32 on the device. Check that values on the host are from `least` to `end - 1`.
 
-    Values on a GPU are not checked, because the host would wait. During a capture, they are not known yet.
+    Values on a GPU are not checked, because the host would wait. During a capture, the values are not computed yet.
     """
     if _is_known(values):
         _check_range(as_numbers(values), name, least, end, more)

@@ -38,8 +38,8 @@ class ParamTable:
         default: The numbers of the scene file, shape (nvalue,), float32.
         of_draws: Name of a param for each draw of physics or appearance, by name of the draw. If the table has this
             param, the param narrows the draw.
-        are_kept: Whether each layout keeps the param values with which it was made, as stored layouts do. The values
-            cannot be set then.
+        are_kept: Whether each layout keeps the param values with which it was made, as stored layouts do. Setting
+            params then raises an error.
 
     Raises:
         ArgumentTypeError: `names` are not strings.
@@ -120,7 +120,7 @@ class ParamTable:
         return rows
 
     def part(self, values: Mapping[str, Any], nworld: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the columns of some params, and the values for them: one row for all worlds, or one row per world.
+        """Return the columns of some params and the values for these columns, in one row or in one row per world.
 
         Raises:
             UnknownNameError, ArgumentError: As in `rows`.

@@ -19,8 +19,8 @@ class Chooser:
 
     Pass a chooser to an environment with `layout_source=lambda compiled, n: LayoutPipeline(maker, chooser=...)`. A
     chooser writes `next_seed`, `next_episode` and `next_param` of a LayoutsView. Its launches do not validate arguments
-    and never wait for the host. Their masks have the shape (nworld,), bool, and None selects all worlds. Host code in
-    these methods runs once, at the capture, unless the environment has `graph=False`.
+    and never wait for the host. Masks in the arguments have the shape (nworld,), bool, and None selects all worlds.
+    Host code in these methods runs once, at the capture, unless the environment has `graph=False`.
 
     Attributes:
         layouts: The layouts of the maker to which this chooser belongs. A pipeline with another maker rejects the
@@ -30,7 +30,7 @@ class Chooser:
     layouts: Any = None
 
     def rows(self) -> Mapping[str, Any] | None:
-        """Return torch tensors with a row per world, by name, which snapshots store instead of the chosen layouts.
+        """Return torch tensors by name, each with a row per world. Snapshots store them instead of the chosen layouts.
 
         With None, which is the default, snapshots store the chosen layouts.
         """

@@ -12,7 +12,7 @@ from sceniris_gym.scene.poses import body_poses, product, rotated
 
 
 def read_layouts(layouts: Layouts, split: str, nrow: int | None) -> LayoutTable:
-    """Copy the first `nrow` layouts of a split to the host, or all layouts if `nrow` is None."""
+    """Copy the first `nrow` layouts to the host, or all layouts if `nrow` is None. `split` is their split."""
     types = row_types(layouts.compiled, nvalue=layouts.view.param.shape[1])
 
     def read(name: str) -> np.ndarray:
@@ -39,7 +39,7 @@ def grasp_poses(compiled: CompiledScene, table: LayoutTable, grasp: np.ndarray) 
     Args:
         compiled: The compiled scene.
         table: The layouts.
-        grasp: Index of the grasp of each reachable object, -1 without a grasp, shape (nrow, nreach).
+        grasp: Index of the grasp of each reach target, -1 without a grasp, shape (nrow, nreach).
     """
     poses = np.full((*grasp.shape, 7), np.nan, np.float32)
     if compiled.reaching is None:

@@ -34,7 +34,7 @@ class RedrawCounts(NamedTuple):
 
     Attributes:
         number: Redraws of each world since its reset, shape (nworld,).
-        status: The latest `LayoutStatus` of each world, VALID or KEPT, or NONE before a redraw, shape (nworld,).
+        status: The latest `LayoutStatus` of each world: VALID, KEPT, or NONE if it had no redraw, shape (nworld,).
         kept: Running number of redraws that found no place, shape (1,).
     """
 
@@ -79,7 +79,7 @@ def _pose_given(program: Program, adr: wp.vec3i, layouts: LayoutsView, row: int,
 
 @wp.func
 def _stable_of(program: Program, obj: int, quat: wp.vec4) -> int:
-    """Return the stable pose of an object that is nearest to an orientation."""
+    """Return the object's stable pose that is nearest to an orientation."""
     stable = program.obj_stableadr[obj]
     flat = mul_quat(quat_z(-heading_of(quat)), quat)  # at heading 0, like stable poses
     for v in range(stable, program.obj_stableadr[obj] + program.obj_stablenum[obj]):
@@ -242,7 +242,7 @@ class Redraw(StaysHere):
 
     Attributes:
         bodies: Ids of the bodies of the objects.
-        layouts: The worlds after their latest redraw. `status` is VALID, or KEPT if no place was found.
+        layouts: The layouts after their latest redraw. `status` is VALID, or KEPT if no place was found.
         placed: Worlds whose objects got new places in the latest redraw, shape (nworld,), bool.
     """
 
@@ -283,7 +283,7 @@ class Redraw(StaysHere):
             state: State of the worlds, as the module describes it.
             mask: Selected worlds, shape (nworld,), bool.
             counts: Counts to increase.
-            origins: Origins of the worlds [m], shape (nworld,), vec3. Subtracted from positions of `state`.
+            origins: Origins of the worlds [m], shape (nworld,), vec3, to subtract from the positions of `state`.
         """
         view, device, nworld = self.layouts.view, self._device, self.layouts.nworld
         read = [self._program, mask, self._split, *self._given, counts.number, origins, state]

@@ -69,7 +69,7 @@ def from_arrays(scene: SceneModel, device: str, arrays: Mapping[str, np.ndarray]
     """Rebuild a compiled scene from the result of `to_arrays`.
 
     Args:
-        scene: The same model.
+        scene: The model of the same scene.
         device: A device of the same kind.
         arrays: The result of `to_arrays`.
 

@@ -24,7 +24,7 @@ _ROUNDING = 5.0e-6
 
 @dataclass(frozen=True)
 class Param:
-    """A value in a scene file that can be narrowed, of one or several numbers.
+    """A value in a scene file that can be narrowed. It consists of one or several numbers.
 
     Attributes:
         name: The key in the scene file, such as "groups.clutter.count".
@@ -32,7 +32,7 @@ class Param:
             clearance.
         form: "interval" [low, high], "count" (an interval of integers), "box" (its low and its high corner), "weights",
             or "clearance" (a least distance).
-        least: The number of weights that should be above 0.
+        least: The number of weights that should at least be above 0.
         copies: The arrays that have copies of the numbers, one entry per copy: name of the array, index in its row,
             index of the number.
         written: The numbers exactly as in the scene file, if they may reach beyond `default`: over the edge of a

@@ -206,7 +206,7 @@ def check_numbers(compiled: CompiledScene, numbers: Mapping[str, np.ndarray], wh
 
 
 def _on_device(table: LayoutTable, device: str) -> LayoutsView:
-    """Return the served columns on the device, with the joints of grasps padded to the width of Layouts."""
+    """Return a table as a LayoutsView on the device, with the joints of grasps padded to the width of Layouts."""
     rows = {name: getattr(table, name) for name in ("param", *columns("draw", "pose", "grasp"))}
     padding = ((0, 0), (0, 0), (0, MAX_JOINTS - table.grasp_qpos.shape[2]))
     for name in ("grasp_qpos", "pregrasp_qpos"):

@@ -120,8 +120,8 @@ class WorldColumns:
 
         Args:
             mask: Selected worlds, shape (nworld,), bool. None selects all.
-            layouts: The layouts with their draws and params. Layouts from the bank draw with the params of the scene
-                file. None if there are only given numbers.
+            layouts: The layouts, with the keys of their draws and their params. For a layout from the bank, numbers are
+                drawn with the params of the scene file. None if there are only given numbers.
             rows: Row of `layouts` for each world, shape (nworld,), int32. None gives world i row i.
             given: The given numbers, shape (1 or nworld, n).
             opens: Whether to write the numbers of the next layouts, instead of the present layouts.
@@ -198,7 +198,7 @@ def search_columns(
     by_world: Sequence[str] = (),
     masses: tuple[wp.array, wp.array] | None = None,
 ) -> tuple[WorldColumns, Program, Statics | None]:
-    """Return the columns of a search for layouts, with the program and the statics that they write into.
+    """Return the WorldColumns of a search for layouts, with the program and the statics that they write into.
 
     Stability depends on masses and centres of mass, so the search draws these too. A reset to the same layout draws the
     same values.

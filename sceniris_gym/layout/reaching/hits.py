@@ -1,4 +1,4 @@
-"""Collision tests of a candidate's posed robot, with the list of pairs of each step. One block tests one candidate."""
+"""Collision tests of candidates' posed robots. Each step has a list of pairs. One block tests one candidate."""
 
 import warp as wp
 

@@ -41,7 +41,7 @@ def _target(reach: Reach, layouts: LayoutsView, row: int, grasp: int):
 
 @wp.func
 def _drawn(arm: ArmView, seed: wp.uint64, episode: int, stream: wp.uint32, trial: int, draw: int) -> vec8:
-    """Draw joints uniformly within their limits, or from -pi to pi for a hinge without limits."""
+    """Draw joint positions uniformly within the joint limits, or from -pi to pi for a hinge without limits."""
     low = uniforms(seed, episode, stream, trial, 2 * draw)
     high = uniforms(seed, episode, stream, trial, 2 * draw + 1)
     q = vec8()

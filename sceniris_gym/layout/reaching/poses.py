@@ -31,7 +31,7 @@ def take_joints(program: Program, bodies: wp.array[int], from_qpos: wp.array[flo
 
 @wp.func
 def open_gripper(reach: Reach, grasp: int, qpos: wp.array[float]):
-    """Open the gripper to the gap [m] that a grasp needs, plus the margin."""
+    """Open the gripper to the gap [m] that a grasp needs, plus a margin, as far as the gripper can open."""
     gap = wp.min(reach.grasp_opening[grasp] + wp.static(OPENING_MARGIN), reach.gap_open)
     share = (gap - reach.gap_closed) / wp.max(reach.gap_open - reach.gap_closed, 1.0e-6)
     set_gripper(reach, share, qpos)
@@ -89,7 +89,7 @@ def pose_arm(
     body_pos: wp.array[wp.vec3],
     body_quat: wp.array[wp.vec4],
 ):
-    """Pose a robot on its base in the row.
+    """Pose the bodies of a robot, with its base as in the row.
 
     `joints` are the positions of the arm's joints. The positions of all other joints are in `qpos`.
     """

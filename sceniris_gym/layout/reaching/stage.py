@@ -52,7 +52,7 @@ class ReachStage:
             launch_test_hands(self._work, reach, self.search)
 
     def launch(self) -> None:
-        """Find joints for grasps in all waiting rows. The lowest restart with joints becomes its world's best restart.
+        """Find joints for grasps in all waiting rows. Each world keeps its lowest-numbered restart with joints.
 
         If the scene file has `start`, the arm of this restart then moves to its start pose. If no start pose is free of
         collisions, the restart fails.

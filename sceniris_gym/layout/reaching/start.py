@@ -109,7 +109,7 @@ def _uniform(layouts: LayoutsView, search: Search, split: wp.uint32, row: int, t
 def _carry(
     program: Program, reach: Reach, starts: Starts, layouts: LayoutsView, row: int, reach_search: ReachSearch, c: int
 ):
-    """Move the object of a posed candidate rigidly into the robot's hand."""
+    """Move the target of a candidate rigidly from its place into the hand of the posed robot."""
     old_pos, old_quat = _grip_pose(reach, starts, layouts, row, reach_search.grasp[c])
     hand = reach.hand_body[0]
     new_quat = mul_quat(reach_search.body_quat[c, hand], neg_quat(reach.hand_quat))

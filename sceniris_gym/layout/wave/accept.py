@@ -1,4 +1,4 @@
-"""Accept candidates: place the lowest valid trial of each row, and move the row to its next object."""
+"""Accept candidates: place the valid trial with the lowest number in each row, and move the row to its next object."""
 
 import warp as wp
 

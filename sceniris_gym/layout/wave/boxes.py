@@ -110,7 +110,7 @@ def launch_draw_in_boxes(work: Workspace, columns: wp.array) -> None:
 
     Args:
         work: The arrays of the generator.
-        columns: First column of each object's box in a row of param values, -1 if it has no box, shape (nobject,),
-            int32.
+        columns: First column of each object's box in a row of param values, -1 for an object without a box, shape
+            (nobject,), int32.
     """
     work.launch_lanes(_draw_in_boxes, work.program, work.split, columns, work.layouts, work.search)

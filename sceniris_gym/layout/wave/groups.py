@@ -54,10 +54,10 @@ def _draw_weighted(
 def draw_groups(
     program: Program, worldid: int, seed: wp.uint64, episode: int, split: wp.uint32, present: wp.array[int]
 ):
-    """Draw the present objects of each group: draw k uniformly from its interval, then k members without replacement.
+    """Draw the present objects of each group: draw k uniformly from the group's interval, then k members.
 
-    The draw belongs to the episode, not to a restart. Otherwise restarts would favour few objects, which are easier to
-    place.
+    Members are drawn without replacement. The draw belongs to the episode, not to a restart. Otherwise restarts would
+    favour few objects, which are easier to place.
     """
     stream = numbered_stream(split, GROUP_STREAM)
     for g in range(program.ngroup):
@@ -79,7 +79,7 @@ def draw_groups(
 
 @wp.func
 def _park_absent(program: Program, layouts: LayoutsView, row: int, obj: int):
-    """Park an absent object above the ground plane, with its joints at home."""
+    """Park an absent object above the ground plane, with its joints in the home pose."""
     qpos = layouts.qpos[row]
     for i in range(program.obj_drawadr[obj], program.obj_drawadr[obj] + program.obj_drawnum[obj]):
         adr = program.draw_qposadr[i]

@@ -17,7 +17,7 @@ from sceniris_gym.program.placed_object import COS_MAX_TILT_32
 def heading_at(
     program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, at: wp.vec2
 ) -> float:
-    """Return the heading [rad] of a candidate at a point: the drawn heading, or the direction to a faced object."""
+    """Return the heading [rad] of a candidate at a point: as drawn, or the direction to the object that it faces."""
     target = program.obj_target[obj]
     if program.obj_orientation[obj] == OrientationType.FACE_TO and is_there(layouts.present[row], target):
         pivot_pose = layouts.pivot_pose[row, target]

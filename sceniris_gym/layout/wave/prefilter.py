@@ -68,7 +68,10 @@ def _test_map(reach: Reach, layouts: LayoutsView, search: Search, c: int, row: i
 def _test_cover(
     program: Program, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, part: int, parts: int
 ):
-    """Mark a candidate as covered if an obstacle is above its point. Lane `part` of `parts` tests some obstacles."""
+    """Mark a candidate as covered if an obstacle is above its point.
+
+    Lane `part` of `parts` tests its part of the obstacles.
+    """
     for i in range(part, program.obj_overheadnum[obj], parts):
         entry = program.overhead_list[program.obj_overheadadr[obj] + i]
         if search.covered[c] == 0:

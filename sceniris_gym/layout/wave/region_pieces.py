@@ -1,8 +1,8 @@
-"""Clip the support's triangles to each relation, and measure the pieces.
+"""Clip the support's triangles to the areas that the relations allow, and measure the pieces.
 
-A *combination* is one convex piece of every relation. A piece is the part of a triangle inside a combination, and its
-number is combination * triangles + triangle. Several lanes share the pieces of a region. The fewer regions there are,
-the more lanes share one.
+Each relation allows one or several convex areas. A *combination* takes one of these areas from every relation. A piece
+is the part of a triangle inside a combination, and its number is combination * triangles + triangle. Several lanes
+share the pieces of a region. The fewer regions there are, the more lanes share one.
 """
 
 import warp as wp
@@ -57,7 +57,7 @@ def posed_triangle(program: Program, tri: int, frame: Pose) -> Triangle:
 
 @wp.func
 def _is_out_of_reach(program: Program, regions: Regions, c: int, obj: int, t: Triangle) -> bool:
-    """Return True if a triangle's bounding box lies outside the circle around the pieces of at least one relation."""
+    """Return True if a triangle's bounding box lies outside the circle around the areas of at least one relation."""
     low = wp.min(wp.min(t.a, t.b), t.c)
     high = wp.max(wp.max(t.a, t.b), t.c)
     for i in range(program.obj_relnum[obj]):
@@ -86,7 +86,7 @@ def _depth(h: HalfPlane, t: Triangle) -> wp.vec2:
 def _is_surely_empty(program: Program, regions: Regions, c: int, obj: int, combination: int, t: Triangle) -> bool:
     """Return True if a triangle lies outside a half-plane of a combination. This cheap test drops most pieces.
 
-    `combination` is the number of a combination, which has one convex piece of each relation.
+    `combination` is the number of a combination, which takes one convex area from each relation.
     """
     rest = int(combination)
     for i in range(program.obj_relnum[obj]):

@@ -1,7 +1,8 @@
 """Rounds of restarts: every pending world runs one restart, or several in parallel if rows are free.
 
-The lowest restart that places all objects and passes the reach stage becomes the world's layout. Later restarts of the
-round are ignored. An unsound layout (see `is_sound`) is never served. Its world falls back to the bank at once.
+Among the restarts that place all objects and pass the reach stage, the one with the lowest number becomes the world's
+layout. Later restarts of the round are ignored. An unsound layout (see `is_sound`) is never served. Its world falls
+back to the bank at once.
 """
 
 import warp as wp
@@ -169,7 +170,7 @@ def _open_rows(
 
 
 def launch_open_rows(work: Workspace, staged: bool) -> None:
-    """Open a row for each restart of this round in the pending worlds."""
+    """Begin a round: decide how many restarts each pending world runs, and prepare a row for each restart."""
     program, busy, state = work.program, work.size.busy, [work.layouts, work.search]
     work.launch(_plan_round, 1, program, staged, busy, work.search)
     work.launch_lanes(_open_rows, program, work.reaches[0], work.kinds, staged, work.ahead, busy, *state)

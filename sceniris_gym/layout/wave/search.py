@@ -162,9 +162,9 @@ def flip_failed(best: int) -> int:
 
 @wp.func
 def finish_row(search: Search, row: int, staged: bool):
-    """Pass a row whose objects are all placed to the reach stage.
+    """End the placing of objects in a row.
 
-    If not `staged`, there is no reach stage, so mark the row's restart as finished.
+    If `staged`, the row then waits for the reach stage. Otherwise, its restart is finished.
     """
     if staged:
         search.waiting[row] = True

@@ -1,4 +1,4 @@
-"""End of a round: worlds take the layout of their lowest finished restart, fall back, or wait for the next round.
+"""End of a round: each world takes its finished restart of the lowest number, falls back, or waits for the next round.
 
 The lanes of a block add up the counts of a world's rows together, and copy the finished row together. Worlds that run
 out of restarts fall back to the bank of valid layouts. The bank has separate rows for each split, so that an evaluation
@@ -61,10 +61,10 @@ _KIND, _ONLY, _FURTHEST = wp.constant(1 << 24), wp.constant(1 << 12), wp.constan
 
 @wp.func
 def _difference(program: Program, bank: Bank, layouts: LayoutsView, worldid: int, row: int, most: int) -> int:
-    """Return how much a bank entry differs from the draw of a world, at most `most`.
+    """Return how much a bank entry differs from the group members and the kind of start drawn for a world.
 
     The result grows with each group member that is present only in the entry or only in the world, and with a different
-    kind of start.
+    kind of start. It is at most `most`.
     """
     found = wp.where(bank.start[row] == layouts.start[worldid], 0, _KIND)
     for g in range(program.ngroup):
@@ -81,8 +81,8 @@ def _difference(program: Program, bank: Bank, layouts: LayoutsView, worldid: int
 def _bank_row(program: Program, bank: Bank, layouts: LayoutsView, worldid: int, split: wp.uint32) -> int:
     """Return a bank entry of the world's split, or -1 during compilation, while the bank is empty.
 
-    The search begins at a random entry, and returns the first of the entries that differ least from the draw of the
-    world. The kind of start counts most, then groups with one present member, such as variants, then other groups.
+    The search begins at a random entry, and returns the first of the entries with the least `_difference`. The kind of
+    start counts most, then groups with one present member, such as variants, then other groups.
     """
     first = int(0)
     num = bank.ntrain

@@ -65,9 +65,9 @@ def support_pose(program: Program, layouts: LayoutsView, row: int, obj: int) -> 
 
 @wp.func
 def _resolve(program: Program, layouts: LayoutsView, search: Search, regions: Regions, c: int, i: int, frame: Pose):
-    """Evaluate relation `i` of a candidate's object in the candidate's row, as convex pieces bounded by half-planes.
+    """Evaluate relation `i` of a candidate, and write the half-planes that bound the convex areas it allows.
 
-    `frame` is the pose of the body that supports the object.
+    `frame` is the pose of the body that supports the candidate's object.
     """
     row = search.row[c]
     worldid = search.row_world[row]

@@ -16,7 +16,7 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 @wp.func
 def _centered(total: wp.vec4) -> wp.vec4:
-    """Return a total weight and its centre, given the total weight and the sum of weights times places."""
+    """Divide a sum of weights times positions by the total weight. The components are (weight, x, y, z)."""
     share = 1.0 / wp.max(total[0], 1.0e-30)
     return wp.vec4(total[0], total[1] * share, total[2] * share, total[3] * share)
 

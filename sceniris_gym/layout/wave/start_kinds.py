@@ -1,4 +1,4 @@
-"""Draw the kind of start of each world, write its intervals of joints, and place objects at its markers.
+"""Draw the kind of start of each world. Write the kind's joint intervals, and place objects at the kind's markers.
 
 The kind belongs to the episode, not to a restart. Otherwise restarts would favour kinds that are easier to place.
 """
@@ -18,7 +18,7 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 @wp.func
 def _weight(starts: Starts, layouts: LayoutsView, worldid: int, kind: int, column: int) -> float:
-    """Return the weight of a kind in a world, from the param if there is one, otherwise from the scene file."""
+    """Return a world's weight of a kind of start. The param has the weight if it exists, otherwise the scene file."""
     if column >= 0:
         return layouts.next_param[worldid, column + kind]
     return starts.weight[kind]
@@ -55,7 +55,9 @@ def _draw_kinds(
 
 
 def launch_draw_kinds(work: Workspace, mask: wp.array | None, column: int = -1) -> None:
-    """Draw the kind of start of the masked worlds, from `pending_seed` and `pending_episode`. Set these two before.
+    """Draw the kind of start of the masked worlds.
+
+    The draw depends on `pending_seed` and `pending_episode`, so set these before the call.
 
     Args:
         work: The arrays of the generator. If a kind of start draws joints, `program.draw_range` should have a row per
