@@ -19,7 +19,7 @@ _MOST_RESTARTS = 10
 
 
 def find_attempts(compiled: CompiledScene) -> int:
-    """Try 10, 20, 40, ... attempts, and return the first number with which less than 1% of the worlds restart.
+    """Try 10, 20, 40, ... attempts, and return the first number that lets less than 1% of the worlds restart.
 
     The number depends only on the scene, because seeds and streams are fixed. Worlds that more attempts cannot help,
     such as worlds with an empty region, are not counted. Stages after placing are not run. A layout that succeeds with

@@ -120,7 +120,7 @@ def obstructions(generator: LayoutGenerator, name: str | None = None) -> dict[st
     """For each object with recorded collisions, describe the pair of geoms that collides most often.
 
     The result has a text by name of the object. The text has the mean distance of the pair, and the fraction of the
-    object's collisions in which this pair collides.
+    object's collisions that include this pair.
 
     Args:
         generator: A generator that has recorded candidates. See `recording`.
@@ -198,7 +198,7 @@ def _rejections(counts: Mapping[str, Mapping[str, int]]) -> str:
 def _of_leaning(support: str, orientation: str) -> str:
     """Return the advice for a support that leans in most worlds.
 
-    `orientation` is the kind of orientation of the object that the support belongs to.
+    The support belongs to an object, and `orientation` is this object's kind of orientation.
     """
     better = "Restrict the joints that move it to states in which it is level."
     if orientation in ("any", "stable"):
@@ -215,7 +215,7 @@ def _of_collision(room: str | None, joined: str | None) -> str:
 
     Args:
         room: The advice of `_room`, or None if the support of the object is not full.
-        joined: Name of the object to which the object is joined, or None.
+        joined: Name of the other object if the two objects are joined, otherwise None.
     """
     if joined is None:
         return room or _PLAIN

@@ -325,8 +325,8 @@ def make_redraw(
 ) -> Redraw:
     """Return a `Redraw` of the objects that `chosen_objects` returned.
 
-    `masses` are `body_mass` and `body_ipos` of the simulated Model. If `masses` is None, masses are drawn as the scene
-    file says.
+    `masses` are `body_mass` and `body_ipos` of the simulated Model. If `masses` is None, the draws in the scene file
+    determine the masses.
     """
     size = default_size(compiled.device)
     # no rows for parallel restarts: each of them would need a copy of the state

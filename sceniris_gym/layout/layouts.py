@@ -208,7 +208,7 @@ def allocate_record(view: LayoutsView, length: int) -> None:
 
 
 def layout_width(view: LayoutsView) -> int:
-    """Return the number of entries for which `copy_layout` should be called."""
+    """Return the number of entries that `copy_layout` has to copy, one entry per call."""
     return max(array.shape[1] for array in (view.qpos, view.mocap_pos, view.present, view.grasp))
 
 

@@ -53,7 +53,7 @@ def _is_kept(module: wp.Module, block_dim: int) -> bool:
 def load_kernels(work: Workspace, *, staged: bool) -> None:
     """Compile and load a generator's kernels on a GPU. Announce the compilation of kernels that Warp's cache lacks.
 
-    On a CPU, Warp compiles one module at a time, so this function loads nothing: the first launch of a kernel loads it.
+    On a CPU, Warp compiles one module at a time, so each kernel is loaded later, by its first launch.
 
     Args:
         work: Arrays and capacities of the generator.

@@ -38,8 +38,7 @@ class ParamTable:
         default: The numbers of the scene file, shape (nvalue,), float32.
         of_draws: Name of a param for each draw of physics or appearance, by name of the draw. If the table has this
             param, the param narrows the draw.
-        are_kept: Whether each layout keeps the param values with which it was made, as stored layouts do. Setting
-            params then raises an error.
+        are_kept: Whether each layout keeps its param values, as stored layouts do. Setting params then raises an error.
 
     Raises:
         ArgumentTypeError: `names` are not strings.

@@ -23,7 +23,7 @@ class Chooser:
     Host code in these methods runs once, at the capture, unless the environment has `graph=False`.
 
     Attributes:
-        layouts: The layouts of the maker to which this chooser belongs. A pipeline with another maker rejects the
+        layouts: The layouts of the only maker that may use this chooser. A pipeline with another maker rejects the
             chooser. None allows any maker.
     """
 

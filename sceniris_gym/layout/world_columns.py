@@ -43,7 +43,8 @@ class WorldColumns:
         draws: The draws of physics and appearance, which may be empty.
         scaled: Array elements that get a nominal value times a given number. Use them only without draws. Each entry
             has the name of the array, the index in its row, the index in the nominal row, and the column of the number.
-        given: The given numbers, shape (1 or nworld, n). None if there are none, or if each launch passes them.
+        given: The given numbers, shape (1 or nworld, n). Leave them out if no numbers are given, or if each launch
+            passes them.
         params: The params of the worlds. A param sets bounds in these arrays, or narrows a draw.
 
     Attributes:

@@ -21,10 +21,10 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 def count_ahead(compiled: CompiledScene, size: SearchSize) -> int:
     """Return the number of objects to draw ahead.
 
-    Drawing ahead ends before the last object, and before the first object for which one of these is true: it is tested
-    for reach, it needed retries during compilation, its region differs between worlds, or a kind of start places it at
-    a marker. The number is 0 on a CPU, where a single lane does all the work and gains no time. It is also 0 before
-    there is a bank, because the number of retries is still unknown.
+    Drawing ahead ends before the last object. It also ends before an object that is tested for reach, that needed
+    retries during compilation, whose region differs between worlds, or that a kind of start places at a marker. The
+    number is 0 on a CPU, where a single lane does all the work and gains no time. It is also 0 before there is a bank,
+    because the number of retries is still unknown.
     """
     program = compiled.program
     if size.busy == 1 or compiled.bank.ntrain == 0:

@@ -1,8 +1,8 @@
 """Rounds of restarts: every pending world runs one restart, or several in parallel if rows are free.
 
-Among the restarts that place all objects and pass the reach stage, the one with the lowest number becomes the world's
-layout. Later restarts of the round are ignored. An unsound layout (see `is_sound`) is never served. Its world falls
-back to the bank at once.
+If several restarts of a world place all objects and pass the reach stage, the restart with the lowest number becomes
+the world's layout. Later restarts of the round are ignored. An unsound layout (see `is_sound`) is never served. Its
+world falls back to the bank at once.
 """
 
 import warp as wp
