@@ -166,7 +166,10 @@ class LayoutGenerator(Fixed, LayoutSource):
         self._try_restarts(self._stage)
 
     def launch_placing(self, mask: wp.array | None) -> None:
-        """Advance the masked worlds by one episode and place their objects, without the reach stage."""
+        """Advance the masked worlds by one episode and place their objects.
+
+        The reach stage, which finds joints for grasps, is left out.
+        """
         self._begin(mask)
         self._try_restarts(None)
         launch_close(self.layouts.view, mask, self.size.block_dim)
@@ -191,7 +194,7 @@ class LayoutGenerator(Fixed, LayoutSource):
         repeat_launches(self._work.search.worlds_left, once, self.compiled.config.restarts + 1)
 
     def _round(self, stage: ReachStage | None) -> None:
-        """Try the next restarts of every pending world: place all objects, then solve for reach."""
+        """Try the next restarts of every pending world: place all objects, then find joints for the reach targets."""
         launch_open_rows(self._work, stage is not None)
         if self._work.ahead > 0:
             launch_draw_ahead(self._work)

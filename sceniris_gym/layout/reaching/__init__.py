@@ -1,1 +1,1 @@
-"""The reach stage of a reset, after placing, for the tiers `ik` and `clear`."""
+"""The reach stage of a reset: it follows placing, and finds joints for grasps of the tiers `ik` and `clear`."""

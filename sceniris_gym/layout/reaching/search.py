@@ -2,8 +2,8 @@
 
 Once all objects of a row are placed, the row works through its arms in order, through the reach targets of each arm,
 and through the grasps of each target. A *candidate* is one start of the inverse kinematics for one grasp. A candidate
-takes the steps of `ReachStep` in order, and the lowest (grasp, start) that passes all steps is kept. Steps that do not
-depend on the arm's joints are taken once per grasp, by its first start.
+takes the steps of `ReachStep` in order. The first grasp with a start that passes all steps is kept, with its first such
+start. Steps that do not depend on the arm's joints are taken once per grasp, by its first start.
 """
 
 from enum import IntEnum

@@ -1,4 +1,4 @@
-"""End of a round: each world takes its finished restart of the lowest number, falls back, or waits for the next round.
+"""End of a round: each world takes its lowest-numbered finished restart, falls back, or waits for the next round.
 
 The lanes of a block add up the counts of a world's rows together, and copy the finished row together. Worlds that run
 out of restarts fall back to the bank of valid layouts. The bank has separate rows for each split, so that an evaluation
