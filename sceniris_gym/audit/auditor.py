@@ -1,9 +1,10 @@
 """`Auditor`: one report of all checks of layouts except reach and equalities.
 
 Every pair of geoms gets one verdict. With `geometry: physics`, a contact in MuJoCo C is a missed collision if it is
-more than 0.01 mm deeper than allowed. The report lists allowed contacts with the reason. FCL checks the distances that
-MuJoCo does not report: clearances, and the distances of fixtures from each other and from the static scene. With
-`geometry: visual`, FCL decides on the rendered meshes, and the report lists all contacts in MuJoCo C as allowed.
+more than 0.01 mm deeper than allowed. The report lists each allowed contact and says why it is allowed. FCL checks the
+distances that MuJoCo does not report: clearances, and the distances of fixtures from each other and from the static
+scene. With `geometry: visual`, FCL decides on the rendered meshes, and the report lists all contacts in MuJoCo C as
+allowed.
 """
 
 from collections.abc import Mapping, Sequence
@@ -35,11 +36,11 @@ class Report:
 
     Attributes:
         layouts: Number of layouts that were judged.
-        conflicts: Missed collisions, one entry per layout and pair of geoms.
+        conflicts: Missed collisions: pairs of geoms that are too near in a layout. One entry per layout and pair.
         misplaced: Objects in a place that the scene file does not permit.
         penetration: The contact that exceeds its allowed depth most, or None.
         allowed: Pairs of bodies with allowed contacts.
-        kept: Counts of checks and violations for every relation, orientation and group.
+        kept: For every relation, orientation and group: in how many layouts it was checked, and in how many violated.
         settled: Number of layouts that were stepped.
         frozen: Names of joints without a position actuator. They were held still while stepping.
         moved: Object name -> number of layouts where the object moved more than 1 cm while settling.
@@ -156,7 +157,8 @@ class Auditor:
     def _have_to_stand(self) -> list[str]:
         """Return the free objects that must not fall.
 
-        A stack is left out if its centre of mass is random. If it has several bodies, a random mass is enough for that.
+        A stack is left out if its centre of mass is random, because a reset draws `ipos`, or because a reset draws a
+        `mass` and the stack has several bodies.
         """
         objects = self.scene.config.objects
         stacks: dict[str, list[str]] = {}
@@ -172,15 +174,15 @@ class Auditor:
         return [name for name in known if objects[name].has_to_stand and name not in filling]
 
     def _bottom(self, name: str) -> str:
-        """Return the lowest free object in the stack of a free object."""
+        """Return the lowest free object of the stack that the free object `name` belongs to."""
         support = self.scene.config.objects[name].support
         below = self.scene.carrier(support.parent).owner if support is not None else None
         return self._bottom(below) if below in self.free else name
 
     def _settle(self, report: Report, table: LayoutTable, rows: np.ndarray) -> Report:
-        """Step the layouts of a table, and return the report with the motion of free objects.
+        """Step the layouts of a table, and return a copy of the report with the motion of free objects.
 
-        `rows` (nrow,) gives each layout its number in the report.
+        `rows` (nrow,) are the numbers of these layouts in the report.
         """
         if not len(table) or not self.free:
             return report
@@ -221,8 +223,8 @@ class Auditor:
             poses: Poses in the layouts.
 
         Returns:
-            (object or group, word of the requirement, unit) -> violation in each row, shape (nrow,). NaN in rows where
-            the requirement does not apply.
+            (name, requirement, unit) -> violation in each row, shape (nrow,). `name` is an object or a group, and the
+            requirement is `Kept.word`. NaN in rows where the requirement does not apply.
         """
         seen = self.outlines.see(poses, presence(self.scene.config, table))
         found = relations.excess(self.scene, seen) | self.orientations.excess(seen)
@@ -262,7 +264,10 @@ class Auditor:
 
 
 def presence(config: SceneConfig, table: LayoutTable) -> dict[str, np.ndarray]:
-    """Return a mask (nrow,) by name of an object or robot: the rows where it or one of its variants is present."""
+    """Return the name of each object and robot -> mask of the rows where it is present, shape (nrow,).
+
+    An object with variants is present if one of its variants is.
+    """
     names = [*config.objects, *config.all_robots]
     found = {name: table.present[:, i].astype(bool) for i, name in enumerate(names)}
     return found | {name: np.any([found[m] for m in members], axis=0) for name, members in config.variants.items()}
@@ -272,8 +277,9 @@ def excess_of_groups(config: SceneConfig, seen: Seen) -> Excess:
     """Count the violations of groups.
 
     Returns:
-        (group or object, word, "objects") -> violation in each row, shape (nrow,). For a group, the number of surplus
-        or missing members. For a member, 1 if it is present but parked, or absent but not parked.
+        (name, requirement, "objects") -> violation in each row, shape (nrow,). For a group, the requirement is "count",
+        and the violation is the number of surplus or missing members. For a member, the requirement is "present", and
+        the violation is 1 if the member is present but parked, or absent but not parked.
     """
     found = {}
     for name, group in config.groups.items():

@@ -1,7 +1,7 @@
 """Forward and inverse kinematics in NumPy, to judge the reach of an arm.
 
-They share no code with reach/solve.py, the Warp kinematics of resets and maps. Forward kinematics are the product of
-exponentials (R. W. Brockett, "Robotic manipulators and the product of exponentials formula", 1984), with the joint
+This code shares nothing with reach/solve.py, the Warp kinematics of resets and maps. Forward kinematics are the product
+of exponentials (R. W. Brockett, "Robotic manipulators and the product of exponentials formula", 1984), with the joint
 axes that MuJoCo C computes at `qpos0`.
 """
 

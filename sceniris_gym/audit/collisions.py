@@ -72,11 +72,11 @@ def judged_pairs(
         geometry: "physics" or "visual".
         clearances: Clearance [m] of each placed object. A pair keeps the larger clearance.
         jointed: Names of the objects whose joints are drawn.
-        at_home: Pairs of geoms that touch at home, the lower id first. They are not listed, because the contacts of
-            MuJoCo C judge them. With "visual", no geoms of these two bodies are listed.
+        at_home: Pairs of geoms that touch in the start pose, the lower id first. These pairs are left out, because
+            `ContactAudit` judges them. With "visual", all geoms of two bodies are left out if any two of them touch.
         placed: Names of the objects that layouts place, None for all. Two objects that are not placed keep no
-            clearance. If their joints are not drawn either, they stay as at home and are not listed, because the
-            contacts of MuJoCo C judge them.
+            clearance. If their joints are not drawn either, the objects never leave the start pose. They are left out,
+            because `ContactAudit` judges them.
     """
     mjm = tree.mjm
     touching = {frozenset(mjm.geom_bodyid[list(geoms)].tolist()) for geoms in at_home if geometry == "visual"}
@@ -136,7 +136,7 @@ class Conflict:
         geoms: Ids of the two geoms.
         owners: Names of the two objects.
         distance: Distance [m], at most 0 if the surfaces cross, minus infinity if one solid is inside the other.
-        clearance: Required distance [m]. Negative if the geoms may be as deep as at home.
+        clearance: Required distance [m]. Negative if the geoms may penetrate, because they do in the start pose.
     """
 
     row: int
@@ -179,7 +179,7 @@ class CollisionAudit:
         """Return all pairs of solids that are nearer than their clearance.
 
         An object may touch the body that supports it, but not intersect it. FCL returns no penetration depth for
-        meshes, so this test raises the object by the tolerance.
+        meshes. This test therefore raises the object by the tolerance: if it still meets the body, it intersects.
 
         Args:
             poses: World poses of the rows.
@@ -231,7 +231,7 @@ class CollisionAudit:
         return [nearest[row] for row in np.flatnonzero(free)]
 
     def _lifted(self, pair: Judged, supporting: Rows, rows: np.ndarray) -> np.ndarray:
-        """Return in each of the rows which solid of a pair stands on the other one's body: 1, 2, or 0 for neither."""
+        """Return for each row: 1 if the first solid stands on the second solid's body, 2 for the reverse, else 0."""
         lifted = np.zeros(len(rows), int)
         for side, (solid, other) in enumerate(((pair.first, pair.second), (pair.second, pair.first)), start=1):
             owner = self.tree.owner[self._body[solid]]

@@ -149,9 +149,9 @@ def convex_hull(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _mesh(mjm: mujoco.MjModel, mesh: int, *, hull: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Return vertices and triangles of a mesh, or of its collision hull in MuJoCo.
+    """Return vertices and triangles of a mesh, or, with `hull`, of the hull that MuJoCo uses for collisions.
 
-    If the mesh sets `maxhullvert`, this hull is the smaller hull that MuJoCo collides.
+    If the mesh sets `maxhullvert`, MuJoCo's hull has fewer vertices than the convex hull.
     """
     vertadr, faceadr = mjm.mesh_vertadr[mesh], mjm.mesh_faceadr[mesh]
     vertices = mjm.mesh_vert[vertadr : vertadr + mjm.mesh_vertnum[mesh]].astype(float)

@@ -137,9 +137,9 @@ def hold(mjm: mujoco.MjModel, data: mujoco.MjData) -> None:
 
 
 def limp_joints(mjm: mujoco.MjModel, bodies: Collection[int]) -> list[int]:
-    """Return the joints of some bodies that no position servo holds, except free joints.
+    """Return the joints of the given bodies that are held by no position servo. Free joints are left out.
 
-    A servo holds its joint, or all joints of its tendon, and all joints that equalities couple to them.
+    A servo holds its joint, or all joints of its tendon. It also holds all joints that equalities couple to these.
     """
     held: set[int] = set()
     for actuator in np.flatnonzero(_servos(mjm)):
@@ -164,9 +164,10 @@ def _servos(mjm: mujoco.MjModel) -> np.ndarray:
 
 
 def _prepared(mjm: mujoco.MjModel, joints: Sequence[int]) -> mujoco.MjModel:
-    """Return a copy of the model with dense Jacobians, in which a huge armature holds some joints still.
+    """Return a copy of the model in which `joints` have a huge armature, so that they hold still.
 
-    MuJoCo 4.0.0 factorises sparse Jacobians wrongly (google-deepmind/mujoco#3767), so stacks would creep.
+    The copy uses dense Jacobians. With sparse Jacobians, stacks would creep, because MuJoCo 4.0.0 factorises them
+    wrongly (google-deepmind/mujoco#3767).
     """
     frozen = copy(mjm)
     frozen.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE

@@ -1,10 +1,11 @@
-"""Check claims that an arm reaches objects. Also check the starts of layouts.
+"""Checks the generator's claims that an arm reaches an object in a layout. Also checks the starts of layouts.
 
-A claim of the tier `ik` or `clear` has joint positions, which MuJoCo C tests. A claim of a map has only a TCP pose, for
-which inverse kinematics (chain.py) must find joint positions from random starts. The joints are the chain from the
-robot's root body to its TCP, a site. The hand is everything that the last of these joints carries. The claim sets the
-opening of the fingers. For `clear`, only the hand may touch the object in the grasp, and the robot may touch no other
-object. Parts of the robot that touch each other at home may be as deep as at home.
+A claim of the tier `ik` or `clear` has joint positions, which MuJoCo C tests. A claim of another tier comes from the
+arm's reachability map and has only a TCP pose. Inverse kinematics (chain.py) must find joint positions for this pose
+from random starts. The joints are the chain from the robot's root body to the site of its TCP. The hand is everything
+that the last of these joints carries. The positions of the finger joints also come from the claim. For `clear`, only
+the hand may touch the object in the grasp, and the robot may touch no other object. Parts of the robot that penetrate
+each other in the start pose may be as deep as in this pose.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -76,8 +77,8 @@ class ReachAudit:
         root: Id of the robot's root body.
         bodies: Object name -> root body id.
         tcp: Name of the site that is the robot's tool centre point.
-        chain: The kinematics of the arm, if the model has only the robot's base body. Joint positions are then not
-            judged.
+        chain: The arm's kinematics for a robot with `in_scene: false`. Then `mjm` has only the robot's base, and joint
+            positions are not judged. None for a robot in the scene.
     """
 
     def __init__(
@@ -94,11 +95,11 @@ class ReachAudit:
         self._at_home = self._touching_at_home()
 
     def judge(self, table: LayoutTable, claims: Sequence[Claim], present: dict[str, np.ndarray]) -> list[Unreached]:
-        """Check the claims about layouts.
+        """Check the claims about layouts, and return the wrong claims.
 
         Args:
             table: The layouts.
-            claims: One for each object with `reachable` by this robot.
+            claims: One claim for each object that this robot has to reach.
             present: Object name -> mask of the rows with the object, shape (nrow,).
         """
         found, asked = [], []
@@ -140,9 +141,10 @@ class ReachAudit:
         return cause
 
     def _is_chosen(self, claim: Claim, pose: np.ndarray) -> bool:
-        """Return whether a pose (4, 4) is at a selected site `grasp_*`, up to half a rotation about its approach.
+        """Return whether a TCP pose (4, 4) is at a site `grasp_*` of the object that the claim's pattern selects.
 
-        True for an object without such sites.
+        The pose may be turned by half a rotation about the approach axis. If the object has no site `grasp_*`, return
+        True.
         """
         sites = np.flatnonzero(np.isin(self.mjm.site_bodyid, list(self._of[claim.name]))).tolist()
         names = {s: self.mjm.site(s).name.rsplit("/", 1)[-1] for s in sites}
@@ -208,7 +210,9 @@ _AT_MARKER = 1e-4  # m, greatest distance of an object from its marker, seen fro
 
 
 class StartAudit:
-    """Checks the starts of layouts, and filters out violations that a start permits.
+    """Checks the starts of layouts, and removes violations that a start permits from the findings.
+
+    In a start, an arm may be at the grasp or pre-grasp of an object, and objects may be at markers.
 
     Args:
         scene: The scene.
@@ -230,7 +234,7 @@ class StartAudit:
         return _rows(table, self._grasped)
 
     def moved(self, table: LayoutTable) -> dict[str, np.ndarray]:
-        """Return object -> mask of the rows where the start sets its place, shape (nrow,).
+        """Return object -> mask of the rows where the start decides where the object is, shape (nrow,).
 
         In these rows, the object's support, region, relations and orientation do not apply.
         """
@@ -250,9 +254,9 @@ class StartAudit:
     def excuses(self, table: LayoutTable, conflict: Conflict, grasped: Rows) -> bool:
         """Return whether a start permits a conflict.
 
-        It permits all conflicts between an arm and the object that this arm holds. If an arm is away from its start
-        pose, or an object is held in the air, their clearances do not apply: only contact is a conflict. The same is
-        true between an object at its marker and the object's support.
+        A start permits all conflicts between an arm and the object that this arm holds. In three cases, it permits
+        distances below the clearance, but no contact: for an arm at a grasp or pre-grasp, for an object held in the
+        air, and between an object at its marker and the support of this object.
         """
         number, owners, config = int(table.start[conflict.row]), set(conflict.owners), self.scene.config
         if number < 0:
@@ -266,7 +270,7 @@ class StartAudit:
         return conflict.distance > 0.0 and (stands or bool(free & owners))
 
     def _holds(self, owners: tuple[str, str], row: int, grasped: Rows) -> bool:
-        """Return whether two owners are an object and the robot that holds it."""
+        """Return whether one of the two owners is a robot that holds the other owner in the layout `row`."""
         return any(
             one in grasped and grasped[one][row] and self.scene.config.robot_for(one) == other
             for one, other in (owners, owners[::-1])
@@ -289,7 +293,10 @@ class StartAudit:
                     sides.setdefault((contact.row, other), set()).add(geom)
 
     def check(self, table: LayoutTable, poses: Poses, there: Rows, sides: Sides) -> list[Misplaced]:
-        """Return the objects that should be held or at a marker at the start, but are not. `between` fills `sides`."""
+        """Return the objects that are not held, or not at their marker, although their start requires it.
+
+        `sides` has the geoms of the robot in contact with each held object, as collected by `between`.
+        """
         found = [
             Misplaced(int(row), name, "start")
             for name, rows in self.grasped(table).items()
@@ -305,5 +312,5 @@ class StartAudit:
 
 
 def _rows(table: LayoutTable, named: Sequence[tuple[int, str]]) -> dict[str, np.ndarray]:
-    """Return object -> mask (nrow,) of the rows with a start of the object. `named` has (start, object) pairs."""
+    """Return object -> mask (nrow,) of the rows whose start is paired with the object in `named`, (start, object)."""
     return {name: np.isin(table.start, [i for i, other in named if other == name]) for _, name in named}

@@ -121,9 +121,9 @@ def _off_between(relation: Between, name: str, scene: JudgedScene, seen: Seen) -
 
 @_missed.register
 def _off_beside(relation: Beside, name: str, scene: JudgedScene, seen: Seen) -> dict[str, np.ndarray]:
-    """Return the larger of two errors [m]: in the gap, and in the overlap across the side.
+    """Return the larger of two errors [m]: in the gap between the objects, and in their alignment along the gap.
 
-    Across the side, the narrower bounds should not reach beyond the wider bounds.
+    Along the gap, the narrower object should not reach beyond the wider object.
     """
     own, anchor, heading = seen.outlines[name], seen.outlines[relation.beside], _heading(relation, name, scene, seen)
     side = np.stack([np.cos(heading), np.sin(heading)], 1)

@@ -178,7 +178,7 @@ class Outlines:
                 self._solids[scene.owner(solid)].append(solid)
 
     def see(self, poses: Poses, present: Rows) -> Seen:
-        """Return the objects from above, for the checks of relations, orientations and groups.
+        """Return the outlines of all objects from above, for the checks of relations, orientations and groups.
 
         Args:
             poses: Poses in the rows.
@@ -200,9 +200,9 @@ class Outlines:
     def outline(self, name: str, poses: Poses) -> Outline:
         """Return the outline of an object in each row.
 
-        The bounds follow the joints of the row. The pivot is the bottom centre of the bounds with the joints at home,
-        or with the joints of the row for `orientation: any`. Its height always follows the joints of the row. A robot's
-        pivot is the origin of its base.
+        The bounds enclose the object with its joints as in the row. The pivot is the bottom centre of the bounds with
+        the joints at home, or as in the row for `orientation: any`. The height of the pivot always depends on the
+        joints in the row. A robot's pivot is the origin of its base.
         """
         root = self.scene.bodies[name]
         at, heading = poses.xpos[:, root], _heading(poses.xmat[:, root])

@@ -141,9 +141,10 @@ class StandingAudit:
     def _supporting(
         self, name: str, part: ObjectConfig, carrier: Carrier, poses: Poses, pivots: np.ndarray, erosion: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the supporting body in each row, -1 without support, and whether it carries the required footprint.
+        """Return the supporting body in each row, and a mask of the rows where it carries the required footprint.
 
-        Pivots (nrow, 3) must be at least `erosion` [m] (nrow,) from the edge of their surface.
+        The body is -1 without support: if the pivot (nrow, 3) is less than `erosion` [m] (nrow,) from the edge of each
+        surface, not at the right height, or outside the object's region.
         """
         assert part.support is not None
         ground = carrier.body
@@ -164,12 +165,12 @@ class StandingAudit:
         return body, stands
 
     def gap(self, name: str, carrier: Carrier) -> float:
-        """Return an object's height [m] above its support: the scene file's gap, or more due to MuJoCo's margin."""
+        """Return an object's height [m] above its support: `gap` in the scene file, or more if the margin needs it."""
         touch = self._touch.get((name, carrier.body), 0.0)
         return max(self.scene.placed[name].gap, touch + LEAST_GAP if touch > 0.0 else 0.0)
 
     def in_frame(self, body: int, poses: Poses, points: np.ndarray) -> np.ndarray:
-        """Return world points (nrow, n, 3) in the frame of a body, NaN in rows where the body leans."""
+        """Return world points (nrow, n, 3) in the frame of a body, NaN in rows where the body is tilted."""
         local = (points - poses.xpos[:, body, None]) @ poses.xmat[:, body]
         return np.where(poses.xmat[:, body, 2, 2][:, None, None] >= supports.UPRIGHT, local, np.nan)
 
@@ -212,8 +213,8 @@ class StandingAudit:
     def _wrongly_covered(self, word: str, carrier: Carrier, poses: Poses, pivots: np.ndarray) -> np.ndarray:
         """Return a mask of the rows where the support covers the object but should not, or the reverse, shape (nrow,).
 
-        A vertical ray may pass an edge within the tolerance. A row is therefore wrong only if the rays from the pivot
-        and from four points around it all agree.
+        Close to an edge, rounding decides whether a vertical ray hits. A row therefore only counts as wrong if five
+        rays give this result: from the pivot, and from four points around it.
         """
         wrong = np.zeros(len(pivots), bool)
         if word == "in" or carrier.is_ground or (word == "on" and carrier.owner is None):

@@ -49,7 +49,7 @@ def plane_surface(size: np.ndarray, pos: np.ndarray, mat: np.ndarray) -> LevelSu
     """Return the rectangle of a plane geom, None if the plane is not level.
 
     Args:
-        size: MuJoCo's sizes of the plane [m]. 0 is endless, and becomes 10 km to each side.
+        size: MuJoCo's sizes of the plane [m]. A size of 0 means an infinite plane, which becomes 10 km to each side.
         pos: Position [m] in the body's frame.
         mat: Orientation in the body's frame, shape (3, 3).
     """
