@@ -1,4 +1,4 @@
-"""The scene language: the words of a scene file, how the file is read, and its error messages."""
+"""The scene language: the keys and values of a scene file, how the file is read, and its error messages."""
 
 import lazy_loader
 

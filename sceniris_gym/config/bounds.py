@@ -1,6 +1,7 @@
 """Limits on the sizes of scenes and batches, and on numbers in scene files and models. Device code depends on them.
 
-The limit on positions keeps single precision fine enough. All other limits are far above any sensible value.
+Positions are limited because single precision becomes coarse far from the origin. All other limits are far above any
+sensible value.
 """
 
 from dataclasses import dataclass

@@ -24,15 +24,15 @@ def wrong(advice: str, word: str = "", valid: Iterable[str] = ()) -> PydanticCus
 
     Args:
         advice: A phrase that describes the right value and begins with "should".
-        word: The word in the file, if it may be misspelt.
-        valid: The valid words.
+        word: The wrong value, if it may be a misspelling. The message then suggests the most similar valid value.
+        valid: The valid values.
     """
     context = {"advice": advice, "hint": did_you_mean(word, valid)}
     return PydanticCustomError(ADVICE, "{advice}", context)  # type: ignore[arg-type]
 
 
 def check_words(words: Iterable[Any], valid: Collection[str], advice: str) -> None:
-    """Refuse the first word that is not among the valid ones. `advice` begins with "should"."""
+    """Raise an error for the first of `words` that is not in `valid`. `advice` begins with "should"."""
     for word in words:
         if word not in valid:
             raise wrong(advice, str(word), valid)
@@ -188,7 +188,7 @@ _VARIANT = re.compile(r"^(objects\.[^./]*)/[^.]*")
 
 @contextmanager
 def reading(where: str) -> Iterator[None]:
-    """Translate ValidationErrors into ScenirisErrors that name `where`."""
+    """Translate the ValidationErrors of a `with` block into ScenirisErrors that begin with `where`."""
     token = where_now.set(where)
     try:
         yield
@@ -240,7 +240,7 @@ def _sentence(error: ErrorDetails) -> str:
 
 
 def short(value: Any) -> str:
-    """Return a value for a message, on one line of at most 80 characters."""
+    """Return the text of a value for a message, on one line of at most 80 characters."""
     try:
         text = " ".join(repr(value).split())
     except (ValueError, RecursionError):  # an integer with too many digits for Python, or lists nested too deeply

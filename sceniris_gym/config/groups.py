@@ -60,7 +60,7 @@ class GroupConfig(Section):
 
     @property
     def always_whole(self) -> bool:
-        """True if all members are present in every world."""
+        """True if all members of the group are present in every world."""
         return self.count[0] == len(self.of)
 
     @model_validator(mode="after")
@@ -94,9 +94,10 @@ class HeapConfig(Section):
 
 
 def with_places(scene: Any) -> Any:
-    """Return the words of a scene in which all objects of heaps are `in` their container, with `orientation: any`.
+    """Add the keys `in: CONTAINER` and `orientation: any` to each object of a heap, and return the new scene mapping.
 
-    If the value is not a scene, or a name is unknown, a later check reports this.
+    Objects with another place or orientation are left unchanged. A later check reports them, unknown names, and a
+    `scene` that is not a mapping.
     """
     placed, heaps = named_things(scene, "heaps")
     for words, things in heaps:
@@ -108,9 +109,9 @@ def with_places(scene: Any) -> Any:
 
 
 def named_things(scene: Any, key: str) -> tuple[dict[str, Any], list[tuple[Mapping, list[str]]]]:
-    """Return the objects of a scene, and a pair for each heap or stack: its words and the names of its objects.
+    """Return the objects of a scene mapping, and a pair for each heap or stack: its mapping, and its objects' names.
 
-    Values of wrong types are left out. Later checks report them.
+    `key` is "heaps" or "stacks". Values of wrong types are left out. Later checks report them.
     """
     parts, objects = (scene.get(word) if isinstance(scene, Mapping) else None for word in (key, "objects"))
     if not isinstance(parts, Mapping) or not isinstance(objects, Mapping):
@@ -144,10 +145,10 @@ class StackConfig(Section):
 
 
 def with_chains(scene: Any) -> Any:
-    """Return the words of a scene in which each object of a stack is `on` the object below.
+    """Add the key `on: BELOW` to each object of a stack, where BELOW is the object below. Return the new scene mapping.
 
-    If the stack has an `offset`, the object is also `near` the object below, at this distance. Later checks report
-    objects that already have a support, unknown names, and a value that is not a scene.
+    If the stack has an `offset`, each object also gets the relation `near: BELOW` with this distance. Later checks
+    report objects that already have a support, unknown names, and a `scene` that is not a mapping.
     """
     placed, stacks = named_things(scene, "stacks")
     for words, things in stacks:

@@ -44,7 +44,7 @@ MOST_VALUES = 1_000_000
 
 
 class RawScene(NamedTuple):
-    """A scene as written: `data` merged into its bases, and its source `where`, for messages."""
+    """A scene as written: its mapping `data`, merged into its base scenes, and its source `where`, for messages."""
 
     data: dict
     where: str
@@ -52,18 +52,18 @@ class RawScene(NamedTuple):
 
 
 def shipped(package: str, suffix: str) -> dict[str, Path]:
-    """Return the shipped files of a sub-package that end in `suffix`, by stem."""
+    """Return the shipped files of a sub-package that end in `suffix`, by file name without the suffix."""
     folder = Path(str(resources.files(f"sceniris_gym.{package}")))
     return {path.stem: path for path in sorted(folder.glob(f"*{suffix}"))}
 
 
 def read_scene(scene: str | Path | Mapping, files: list[Path] | None = None) -> RawScene:
-    """Read a scene and merge it into its bases.
+    """Read a scene and merge it into its `base`, the scene that it is based on, which may have a `base` too.
 
     Args:
         scene: The name of a shipped scene, the path of a YAML file, or a mapping of the same form. Paths in a file are
             relative to its folder, and paths in a mapping to the working directory.
-        files: A list to append the files of the scene and its bases to, as they are read.
+        files: A list. The files of the scene and of all its base scenes are appended to this list.
     """
     files = [] if files is None else files
     if isinstance(scene, Mapping):
@@ -76,7 +76,7 @@ def read_scene(scene: str | Path | Mapping, files: list[Path] | None = None) -> 
 
 
 def scene_files(scene: str | Path) -> list[Path]:
-    """Return the files of a scene and of its bases, as far as they can be found."""
+    """Return the files of a scene and of its base scenes. If one of them cannot be read, the rest is left out."""
     found: list[Path] = []
     with suppress(ScenirisError):  # a wrong file is reported later, when the scene is read
         read_scene(scene, found)
@@ -86,7 +86,7 @@ def scene_files(scene: str | Path) -> list[Path]:
 def merge(base: Mapping, child: Mapping, path: tuple[str, ...] = ()) -> dict:
     """Return `base` updated with the keys of `child`, recursively.
 
-    If a key of `child` excludes a key of `base`, as `on` excludes `in`, it replaces that key.
+    If a key of `child` excludes a key of `base`, as `on` excludes `in`, the key of `base` is removed.
     """
     merged = dict(base)
     group = _one_of(path)

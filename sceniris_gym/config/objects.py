@@ -80,7 +80,7 @@ class SupportConfig:
 
 
 class ObjectConfig(Section):
-    """One object of the scene. docs/language/ explains each word."""
+    """One object of the scene. docs/language/ explains each key."""
 
     model_config = ConfigDict(populate_by_name=True)
     misplaced = dict.fromkeys(
@@ -151,7 +151,7 @@ class ObjectConfig(Section):
 
     @property
     def needs(self) -> tuple[str, ...]:
-        """The names placed before this object: its support, then all objects and robots that its words name."""
+        """Names that have to be placed before this object: its support, then the objects and robots it refers to."""
         owner = [] if self.support is None else [self.support.parent.split("/")[0]]
         names = [*owner, *(name for _, name in self.references)]
         return tuple(dict.fromkeys(name for name in names if name != FLOOR))
@@ -163,7 +163,7 @@ class ObjectConfig(Section):
     @model_validator(mode="before")
     @classmethod
     def _reachable_in_words(cls, data: Any) -> Any:
-        """Return the words with `reachable: {tier: ik, by: left, grasp: ...}` written as three separate words."""
+        """Expand `reachable: {tier: ik, by: left, grasp: ...}` to the three keys `reachable`, `by` and `grasp`."""
         words = data.get("reachable") if isinstance(data, Mapping) else None
         if not isinstance(words, Mapping):
             return data

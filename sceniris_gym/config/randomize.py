@@ -1,4 +1,4 @@
-"""Physics and appearance that resets draw: `DrawConfig`, and the words for objects, lights, cameras and scenes."""
+"""Physics and appearance that resets draw: `DrawConfig`, and the keys for objects, lights, cameras and scenes."""
 
 from dataclasses import dataclass
 from math import inf
@@ -19,17 +19,18 @@ DEVIATIONS = 3.0
 
 @dataclass(frozen=True)
 class Word:
-    """A word of `randomize`.
+    """A key of `randomize` in a scene file, such as `mass`.
 
     Attributes:
-        field: The drawn field of the model.
-        width: Number of drawn components of an element.
-        first: The first drawn component.
+        field: The field of the model that a reset draws, such as body_mass.
+        width: Number of drawn components in each row of the field.
+        first: Index of the first drawn component.
         least, most: Bounds of all components, or a tuple with a bound for each component.
         follow: Fields that keep their ratio to the drawn field, as (field, first component, width).
         shared: If the scene gives a single number, it applies to this many components, from `first` on. None means all.
-        form: The only form of draw that the word takes, such as 'choice', None if it takes any form.
-        weak: The end of the range with heavier or more slippery objects, softer contacts, or weaker actuators.
+        form: The only form of draw that the key accepts, such as 'choice'. None if it accepts all forms.
+        weak: The end of the range that is worse for holding a pose: heavier or more slippery objects, softer contacts,
+            or weaker actuators.
         loose: The end of the range at which a joint resists least.
     """
 
@@ -126,12 +127,12 @@ class DrawConfig(Section):
 
     @property
     def form(self) -> str:
-        """The word that is given: 'scale', 'add', 'abs' or 'choice'."""
+        """The key that is given: 'scale', 'add', 'abs' or 'choice'."""
         return self.given(DRAW_FORMS)[0]
 
     @property
     def ends(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """The parameters of the distribution: its ends, or mean and standard deviation."""
+        """The two parameters of the distribution: its ends, or its mean and standard deviation. Empty for a choice."""
         return self.scale or self.add or self.abs or ((), ())
 
     @model_validator(mode="after")

@@ -85,10 +85,10 @@ class RelationType(IntEnum):
 class Relation(Section):
     """The base of all relations, with the defaults of each kind.
 
-    Each kind declares its keys in a fixed order, the word first, because scene hashes depend on the order.
+    Each kind declares its keys in a fixed order, because scene hashes depend on the order. The first keys are `one_of`.
 
     Attributes:
-        one_of: The words of the kind.
+        one_of: The keys that mark a relation of this kind, such as `left_of`. A relation has one of them.
         type: The shape of the kind's region.
         least_anchors: Minimum number of present anchors for the relation to apply.
         default_frame: The frame of the heading for relations without a `frame`, as written in a scene file.
@@ -109,7 +109,7 @@ class Relation(Section):
 
     @property
     def word(self) -> str:
-        """The relation's word."""
+        """The key that marks the kind of the relation, such as 'near' or 'left_of'."""
         return self.given(self.one_of)[0]
 
     @property
@@ -291,8 +291,8 @@ class Between(Relation):
 class Connection(Section):
     """Two sites that join an object to another object.
 
-    Seen from above, the `site` of the object is at `of_site` of the object `of`. The x axis of `site` is rotated by
-    `angle` [degrees] from the x axis of `of_site`. By default, they point in opposite directions.
+    Seen from above, the `site` of the object is at the site `of_site` of the other object, `of`. The x axis of `site`
+    is rotated by `angle` [degrees] from the x axis of `of_site`. By default, the axes point in opposite directions.
     """
 
     of: str
@@ -302,9 +302,9 @@ class Connection(Section):
 
 
 class Joined(Relation):
-    """The object is joined to another object: a site of the one meets a site of the other.
+    """The object is joined to another object: a site of the object meets a site of the other object.
 
-    The sites are `gap` [m] (0) apart, along the x axis of the other object's site.
+    The distance between the sites, along the x axis of the other object's site, is `gap` [m], by default 0.
     """
 
     one_of = ("beside",)
@@ -316,7 +316,7 @@ class Joined(Relation):
 
     @property
     def summary(self) -> str:
-        """The two sites."""
+        """The relation in one line, with the two sites."""
         return f"{self.beside.site} at {self.beside.of_site} of {self.beside.of}"
 
 
@@ -336,7 +336,7 @@ class Beside(Relation):
 
     @property
     def summary(self) -> str:
-        """The object, the side and the gap."""
+        """The relation in one line, with the other object, the side and the gap."""
         return f"beside {self.beside}, {self.side}, gap {self.gap:g} m"
 
     def heading(self, robots: Container[str]) -> float:
@@ -345,7 +345,7 @@ class Beside(Relation):
 
 
 def _of_its_kind(value: Any) -> Relation:
-    """Return a relation from its keys, of the kind given by its word."""
+    """Return a relation from a mapping of its keys. A key such as `near` determines the kind of the relation."""
     if not isinstance(value, Mapping):
         return value if isinstance(value, Relation) else Direction.model_validate(value)
     given = {key for key in _KEYS if value.get(key) is not None}

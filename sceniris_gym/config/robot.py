@@ -1,4 +1,4 @@
-"""A robot of a scene: its source and pose (`RobotConfig`), its tool centre point (`TcpConfig`), and `StartConfig`."""
+"""A robot of a scene: its source and pose (`RobotConfig`), its tool centre point (`TcpConfig`), and kinds of starts."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ class TcpConfig(Section):
     """The tool centre point of a robot. Its +z is the approach axis, and its +y is the closing axis of the fingers.
 
     The frame of a `site` or a `body` is moved by `offset` (x, y, z) [m] along its axes. Then it is rotated [degrees] by
-    `roll`, `pitch` and `yaw` about the unrotated x, y and z axes, in this order. A plain name is the site of this name,
-    or the body if the site does not exist. Without a `yaw`, the frame is rotated about z until the fingers close along
-    +y.
+    `roll`, `pitch` and `yaw` about the unrotated x, y and z axes, in this order. If a scene file gives a string instead
+    of keys, this is the name of a site, or of a body if there is no such site. Without a `yaw`, the frame is rotated
+    about z until the fingers close along +y.
     """
 
     site: str | None = None
@@ -63,11 +63,11 @@ class RobotConfig(Section):
     The robot stands at `base` (x, y, z) [m], rotated by `roll`, `pitch` and `yaw` [degrees] about x, then y, then z of
     the world. It starts from `keyframe`, by default 'home'. If no keyframe is given and 'home' does not exist, it
     starts from `qpos0`. A robot that is `in_model` keeps its pose from the model. With `on`, `inside`, `in` or a
-    `region`, the base is drawn in every world like the pose of a fixture, by the words of an object.
+    `region`, each reset draws the pose of the base, as for an object of the kind 'fixture' with the same keys.
 
     `tcp` is the tool centre point, by default the site 'tcp'. `map` is the file of the reachability map, by default the
-    map of a shipped asset. Placed objects keep `clearance` [m] from the robot. With `in_scene: false`, the scene only
-    has the frame of the base, and the map judges reach from there.
+    map of a shipped asset. Placed objects keep `clearance` [m] from the robot. With `in_scene: false`, the scene has an
+    empty body at the base instead of the robot, and reach is judged relative to this body.
     """
 
     one_of = ROBOT_FORMS
@@ -95,14 +95,14 @@ class RobotConfig(Section):
     _called: str | None = PrivateAttr(None)
 
     def called(self, name: str) -> RobotConfig:
-        """Return a copy of the robot that stores its name in `robots`."""
+        """Return a copy of the robot that stores `name`, its key in `robots`."""
         named = self.model_copy()
         named._called = name
         return named
 
     @property
     def placing(self) -> ObjectConfig | None:
-        """The words that draw the base, in the form of an object, or None if the base is fixed."""
+        """The placement of a base that resets draw, as the config of an object. None if the base is fixed."""
         given = [word for word in _DRAWS if word in self.model_fields_set]
         if not given:
             return None
@@ -168,13 +168,13 @@ class StartConfig(Section):
     Attributes:
         weight: The weight of this kind among all kinds.
         robot: The pose of the arm: its start pose ('home'), the pre-grasp of an object ('pregrasp'), or the grasp with
-            the fingers closed on it ('grasp').
-        of: The object to grasp, with or without variants.
+            the fingers closed on the object ('grasp').
+        of: The object of the grasp or pre-grasp. It may have variants.
         grasp: A glob for the names of grasp sites, written with or without 'grasp_'. None selects all grasps.
         lift: Minimum and maximum height [m] that the object is lifted straight up.
         robot_joints: Draws of the arm's joints, by name or pattern. The hand holds the object in the drawn pose.
         place: Object -> the marker at which the object starts.
-        joints: Draws of objects' joints, by 'object/joint'. They replace the usual draws.
+        joints: Draws of objects' joints, by 'object/joint'. They replace the draws in the section of the object.
     """
 
     weight: _Weight = 1.0
@@ -188,11 +188,11 @@ class StartConfig(Section):
 
     @property
     def is_held(self) -> bool:
-        """True if the hand holds the object away from its place."""
+        """True if the hand holds the object in the air, because `lift` or `robot_joints` move it from its support."""
         return self.lift is not None or bool(self.robot_joints)
 
     def targets(self, groups: Mapping[str, GroupConfig]) -> tuple[str, ...]:
-        """Return the objects meant by `of`: the object, or all of its variants."""
+        """Return the object named by `of`. If it has variants, return all of them."""
         return () if self.of is None else variants_of(groups).get(self.of, (self.of,))
 
     @model_validator(mode="after")

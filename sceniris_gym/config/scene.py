@@ -64,7 +64,10 @@ class SceneConfig(SceneWords):
 
     @classmethod
     def _made(cls, words: Mapping[str, Any], where: str, left_out: Collection[str] = ()) -> SceneConfig:
-        """Return the scene of some words, without the variants `left_out`. Errors begin with `where`."""
+        """Return the scene of a mapping in the form of a file, without the variants `left_out`.
+
+        Error messages begin with `where`.
+        """
         with reading(where):
             config = cls.model_validate(words, context=left_out)
         config._where = where
@@ -76,9 +79,10 @@ class SceneConfig(SceneWords):
         return self._where
 
     def needs(self, name: str) -> tuple[str, ...]:
-        """Return the names placed before an object or a robot: all it refers to, and its robot if the base is drawn.
+        """Return the names that have to be placed before an object or a robot: all names in its relations and keys.
 
-        If the base itself refers to the object, directly or through others, the base is placed after the object.
+        If a robot with a drawn base has to reach the object, the base is also placed first. But if the base refers to
+        the object, directly or through others, it is placed after the object.
         """
         parts = self.parts
         markers = [kind.place[name] for kind in self.start if name in kind.place]
@@ -94,16 +98,16 @@ class SceneConfig(SceneWords):
         return needs if name in before else tuple(dict.fromkeys([*needs, robot]))
 
     def _named(self, name: str) -> tuple[str, ...]:
-        """Return the names in the words of an object or a robot, with objects replaced by all of their variants."""
+        """Return the names in the settings of an object or a robot. The names of all variants replace their object."""
         return with_variants(self.parts[name].needs, self.variants)
 
     def robot_for(self, name: str) -> str:
-        """Return the robot that has to reach an object: the robot it names, by default the only robot."""
+        """Return the robot that has to reach an object: the robot in its `by`, by default the only robot."""
         by = self.objects[name].by
         return by if by in self.all_robots else next(iter(self.all_robots))
 
     def with_shared_objects(self) -> SceneConfig:
-        """Return the scene in which one object, with the words of the first variant, replaces all variants."""
+        """Return the scene in which one object, with the settings of the first variant, replaces all variants."""
         objects = {self.owners.get(name, name): part for name, part in reversed(self.objects.items())}
         groups = {name: group for name, group in self.groups.items() if name not in self.variants}
         fields = {name: getattr(self, name) for name in self.model_fields_set}
@@ -111,7 +115,7 @@ class SceneConfig(SceneWords):
 
     @property
     def folders(self) -> dict[str, tuple[str, ...]]:
-        """The objects whose variants are files of a folder, and the names of these variants."""
+        """Object whose variants are the files of a folder -> names of these variants."""
         written = (self._written or {}).get("objects", {})
         return {name: of for name, of in self.variants.items() if is_pattern(written.get(name, {}).get("asset"))}
 

@@ -1,4 +1,4 @@
-"""`SceneWords`: the words of a whole scene and the names in it. `CameraConfig`: a camera of the scene."""
+"""`SceneWords`: all keys of a scene file, and the names in the scene. `CameraConfig`: a camera of the scene."""
 
 from functools import cached_property
 from typing import Annotated, Any, Literal, Self
@@ -74,7 +74,7 @@ class CameraConfig(Section):
 
 
 class SceneWords(Section):
-    """The words of a scene, before its names are checked."""
+    """The keys and values of a scene, before its names are checked."""
 
     name: str = "scene"
     floor: Floor | None = None
@@ -96,28 +96,28 @@ class SceneWords(Section):
 
     @property
     def all_robots(self) -> dict[str, RobotConfig]:
-        """The robots, by the names that objects use for them: the keys of `robots`, or 'robot' for a single `robot`."""
+        """The robots, by their names in the settings of objects: the keys of `robots`, or 'robot' for a `robot`."""
         return self.robots if self.robot is None else {ROBOT: self.robot}
 
     @cached_property
     def parts(self) -> dict[str, ObjectConfig]:
-        """The objects, followed by the robots whose base is drawn. Each has the form of an object."""
+        """The objects, followed by the robots whose base is drawn, each as an ObjectConfig."""
         drawn = {name: robot.placing for name, robot in self.all_robots.items()}
         return {**self.objects, **{name: part for name, part in drawn.items() if part is not None}}
 
     @cached_property
     def variants(self) -> dict[str, tuple[str, ...]]:
-        """The objects with variants, by name, and the names of their members in `objects`."""
+        """Object with variants -> names of its variants in `objects`."""
         return variants_of(self.groups)
 
     @cached_property
     def owners(self) -> dict[str, str]:
-        """The object of each variant, by the variant's name in `objects`."""
+        """Name of a variant in `objects` -> the object with this variant."""
         return owners_of(self.variants)
 
     @cached_property
     def absent(self) -> dict[str, str]:
-        """The group of each object that may be absent, by the object's name."""
+        """Object that may be absent from a world -> the group with this object."""
         return {name: label for label, group in self.groups.items() if not group.always_whole for name in group.of}
 
     def key(self, name: str) -> str:

@@ -1,4 +1,4 @@
-"""`Section`, the base class of all parts of a scene: frozen, with errors in the words of the scene file."""
+"""`Section`, the base class of all parts of a scene: frozen, with errors that name the keys of the scene file."""
 
 from collections.abc import Callable, Mapping
 from contextlib import nullcontext

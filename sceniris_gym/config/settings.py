@@ -18,7 +18,7 @@ def as_config(cls: type[_Config], value: Any, where: str) -> _Config:
 
     Args:
         cls: A dataclass, such as Sensing. Its `__post_init__` checks the values.
-        value: The user's argument. The caller handles None first.
+        value: The user's argument, not None.
         where: Name of the argument in error messages.
 
     Raises:

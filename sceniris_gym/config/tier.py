@@ -33,12 +33,12 @@ class Tier(IntEnum):
 
     @classmethod
     def of(cls, word: str) -> Self:
-        """Return the tier of a word of `TIERS`."""
+        """Return the tier with a name of `TIERS`, such as 'ik'."""
         return cls[word.upper()]
 
     @property
     def word(self) -> str:
-        """The tier's word in scene files."""
+        """The tier's name in scene files, such as 'ik'."""
         return self.name.lower()
 
     @property

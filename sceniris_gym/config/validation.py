@@ -18,7 +18,7 @@ def check_names(scene: SceneWords, where: str) -> None:
 
     Raises:
         SceneKeyError: An object has no asset or is placed on a marker, a reference is invalid in some worlds, a start
-            is impossible for its objects, or objects are placed relative to each other in a cycle.
+            needs something that its objects do not allow, or objects are placed relative to each other in a cycle.
         UnknownNameError: A name is not in the scene.
     """
     _check_members(scene, where)
@@ -245,7 +245,7 @@ def _check_cycles(scene: SceneWords, where: str) -> None:
 
 
 def _check_starts(scene: SceneWords, where: str) -> None:
-    """Check the names in kinds of starts, and that each start is possible for its objects."""
+    """Check the section `start`: its names exist, and its objects can be held or placed as the kind of start needs."""
     for i, start in enumerate(scene.start):
         at = f"{where}: start.{i}"
         if start.of is not None and start.of not in scene.variants:
@@ -272,7 +272,7 @@ def _check_present(scene: SceneWords, name: str, objects: Iterable[str], absent:
 
 
 def _check_target(scene: SceneWords, start: StartConfig, name: str, where: str) -> None:
-    """Check an object that an arm starts at."""
+    """Check that an arm can start at the grasp or pre-grasp of an object."""
     if not scene.objects[name].reachable:
         raise SceneKeyError(f"{where}.of: '{name}' should be 'reachable', because an arm starts there.")
     if start.is_held and scene.objects[name].kind != "free":
@@ -289,7 +289,7 @@ def _check_target(scene: SceneWords, start: StartConfig, name: str, where: str) 
 
 
 def _check_place(scene: SceneWords, name: str, marker: str, where: str) -> None:
-    """Check an object that is placed at a marker."""
+    """Check that a start can place an object at a marker."""
     objects = scene.objects
     _check_present(scene, name, objects, scene.absent, where)
     markers = [other for other, part in objects.items() if part.kind == "marker"]

@@ -1,7 +1,7 @@
-"""Objects with `variants`: each layout draws a variant. Their words are expanded to members of a group.
+"""Objects with `variants`: each layout draws a variant. Each variant is expanded to an object, a member of a group.
 
 `target: {variants: {can: {...}, mug: {...}}, on: table}` becomes the objects `target/can` and `target/mug`, with the
-words of both levels, and a group `target` with one member present. All other modules only see objects and groups.
+keys of both levels, and a group `target` with one member present. All other modules only see objects and groups.
 """
 
 import hashlib
@@ -32,29 +32,29 @@ _SHARED = {
 
 
 def variants_of(groups: Mapping[str, GroupConfig]) -> dict[str, tuple[str, ...]]:
-    """Return the members of each object with variants, by the object's name."""
+    """Return object with variants -> names of its variants."""
     return {name: group.of for name, group in groups.items() if all(m.startswith(f"{name}/") for m in group.of)}
 
 
 def owners_of(variants: Mapping[str, tuple[str, ...]]) -> dict[str, str]:
-    """Return the object of each variant, by the variant's name."""
+    """Return name of a variant -> the object with this variant."""
     return {member: name for name, members in variants.items() for member in members}
 
 
 def with_variants(names: Iterable[str], variants: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:
-    """Return names in their order, with each object with variants replaced by its members."""
+    """Return names in their order. If an object has variants, the names of its variants replace its name."""
     return tuple(dict.fromkeys(member for name in names for member in variants.get(name, (name,))))
 
 
 def with_members(scene: Any, left_out: Collection[str] = ()) -> Any:
-    """Return the words of a scene with variants expanded, or the same words if the scene has no variants.
+    """Expand the variants in a scene mapping to objects and groups. Without variants, return the same mapping.
 
     Args:
-        scene: The words. The words of an object `target/can` only apply to this variant of `target`.
+        scene: The mapping. The keys of an object `target/can` only apply to this variant of `target`.
         left_out: Full names of variants to leave out.
 
     Raises:
-        ValidationError: A word of a variant, or of all variants, is wrong.
+        ValidationError: A key or a value for one variant, or for all variants, is wrong.
         UnknownNameError: An object has no such variant.
     """
     objects = scene.get("objects") if isinstance(scene, Mapping) else None
@@ -95,7 +95,7 @@ def check_shared(variants: Mapping[str, tuple[str, ...]], objects: Mapping[str, 
 
 
 def has_variants(part: Any) -> bool:
-    """Return whether the words of an object name variants, by `variants`, a list or a pattern."""
+    """Return whether an object's mapping declares variants: by a key for variants, a list, or a pattern of files."""
     return isinstance(part, Mapping) and (
         any(word in part for word in OF_VARIANTS)
         or is_pattern(part.get("asset"))
@@ -106,12 +106,12 @@ def has_variants(part: Any) -> bool:
 def _members(
     name: str, part: Mapping, single: Mapping[Any, Any], left_out: Collection[str]
 ) -> tuple[dict[str, dict], dict[str, Any]]:
-    """Return the words of each member of an object with variants, and the words of their group.
+    """Return the mapping of each variant of an object, by its full name, and the mapping of their group.
 
     Args:
         name: The object.
-        part: The object's words.
-        single: Words of single variants, by full name.
+        part: The object's mapping in the scene file.
+        single: Mappings that only apply to one variant, by its full name, such as 'target/can'.
         left_out: Full names of variants to leave out.
     """
     at = ("objects", name)
@@ -146,7 +146,10 @@ def _members(
 
 
 def _listed(at: tuple[str, ...], part: Mapping, shared: dict) -> Mapping[str, Mapping]:
-    """Return the variants of an object by name. A list of assets is expanded, and removed from `shared`."""
+    """Return the variants of an object, by name. Each asset of a list, or file of a pattern, becomes a variant.
+
+    The `asset` is then removed from `shared`, the keys of all variants.
+    """
     assets = listed(part.get("asset"))
     if TAGS in part and not is_pattern(assets):
         _refuse((*at, TAGS), "should be next to an 'asset' with a '*', to select some of its files", part[TAGS])
@@ -177,7 +180,7 @@ def _listed(at: tuple[str, ...], part: Mapping, shared: dict) -> Mapping[str, Ma
 
 
 def _named(at: tuple[str, ...], variants: Any) -> Mapping[str, Mapping]:
-    """Return the variants of the word `variants`, after a check."""
+    """Return the value of the key `variants`, after a check of its names and values."""
     if not isinstance(variants, Mapping):
         _refuse((*at, VARIANTS), "should be a mapping of names to settings", variants)
     for name, words in variants.items():
@@ -196,7 +199,10 @@ def _stem(asset: Any) -> str:
 
 
 def _scaled(at: tuple[str, ...], variants: Mapping[str, Mapping], shared: dict) -> dict[str, Mapping]:
-    """Return the variants. A list of scales, of the object or of a variant, becomes one variant for each scale."""
+    """Expand lists in `scale` to one variant for each scale, and return all variants.
+
+    The list may be a value of the object or of a single variant.
+    """
     common = listed(shared.get("scale"))
     if isinstance(common, list | tuple):
         del shared["scale"]
@@ -219,7 +225,7 @@ def _scaled(at: tuple[str, ...], variants: Mapping[str, Mapping], shared: dict) 
 
 
 def _held_out(at: tuple[str, ...], share: Any, members: Collection[str]) -> dict[str, str]:
-    """Return the split of each member: a fraction of them, chosen by the hashes of their names, is for `eval`."""
+    """Return the split of each variant. The fraction `share` is for `eval`, chosen by a hash of the names."""
     if isinstance(share, bool) or not isinstance(share, int | float) or not 0.0 < share < 1.0:
         _refuse((*at, HOLDOUT), "should be above 0 and below 1", share)
     if len(members) < 2:
@@ -231,7 +237,7 @@ def _held_out(at: tuple[str, ...], share: Any, members: Collection[str]) -> dict
 
 @contextmanager
 def _at(loc: tuple[str, ...], value: Any) -> Iterator[None]:
-    """Add a place in the scene to errors about a value."""
+    """Add the location of a value in the scene to errors that the `with` block raises about this value."""
     try:
         yield
     except PydanticCustomError as error:
