@@ -43,7 +43,7 @@ def with_tags(files: Iterable[Path], tags: Any) -> list[Path]:
     """Return the files whose manifests have all given tags.
 
     Raises:
-        PydanticCustomError: The tags are not names, a tag is in no manifest, or no manifest has all of them.
+        PydanticCustomError: The tags are not names, a tag is in no manifest, or no manifest has all given tags.
     """
     tags = [tags] if isinstance(tags, str) else listed(tags)
     if not isinstance(tags, list | tuple) or not tags or not all(isinstance(tag, str) for tag in tags):

@@ -1,4 +1,4 @@
-"""The formats of parts of a data set in addition to `.npy`: npz and JSON with states by name, and USD.
+"""Formats in which a part of a data set is also written, next to its `.npy` file: npz, JSON and USD.
 
 The bytes of a file depend only on the rows of the part, so every process writes the same bytes.
 """
@@ -82,7 +82,7 @@ def joints_by_name(compiled: CompiledScene, rows: np.ndarray) -> dict[str, np.nd
 
 
 def as_npz(compiled: CompiledScene, rows: np.ndarray) -> bytes:
-    """Encode all columns, `pose/OBJECT` of shape (n, 7), and `joint/JOINT` of shape (n,)."""
+    """Return the bytes of a .npz file with all columns, `pose/OBJECT`, shape (n, 7), and `joint/JOINT`, shape (n,)."""
     arrays: dict[str, Any] = {name: np.ascontiguousarray(rows[name]) for name in rows.dtype.names or ()}
     arrays |= {f"pose/{name}": values for name, values in poses_by_name(compiled, rows).items()}
     arrays |= {f"joint/{name}": np.ascontiguousarray(v) for name, v in joints_by_name(compiled, rows).items()}
@@ -92,9 +92,10 @@ def as_npz(compiled: CompiledScene, rows: np.ndarray) -> bytes:
 
 
 def as_json(compiled: CompiledScene, rows: np.ndarray) -> bytes:
-    """Encode a list of layouts, one per line: the columns, `poses` and `joints` by name, and `present` by name.
+    """Return the bytes of a JSON file: a list of layouts, one per line.
 
-    Numbers have enough digits to read the same float32 back. Non-finite numbers are null.
+    A layout has all columns, and mappings by name: `poses`, `joints` and `present`. Numbers have enough digits to read
+    the same float32 back. Non-finite numbers are null.
     """
     columns = {name: rows[name].tolist() for name in rows.dtype.names or () if name != "present"}
     poses = {name: values.tolist() for name, values in poses_by_name(compiled, rows).items()}
@@ -112,7 +113,7 @@ def as_json(compiled: CompiledScene, rows: np.ndarray) -> bytes:
 
 
 def as_usd(compiled: CompiledScene, rows: np.ndarray) -> bytes:
-    """Encode a USD stage that builds on the scene's stage. `usd_stage.part_bytes` describes it."""
+    """Return the bytes of a USD stage that refers to the stage of the scene, see `usd_stage.part_bytes`."""
     from sceniris_gym.dataset import usd_stage
 
     return usd_stage.part_bytes(compiled, rows)

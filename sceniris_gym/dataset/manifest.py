@@ -90,7 +90,7 @@ class DatasetPlan:
 
     @property
     def files(self) -> tuple[str, ...]:
-        """Files of the scene, which belong to all parts."""
+        """Names of the files that hold the scene. All parts share these files."""
         return (SCENE, SCENE_USD) if "usd" in self.fields["formats"] else (SCENE,)
 
     @property
@@ -149,7 +149,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
 
 
 def read_record(path: Path) -> dict[str, Any] | None:
-    """Read the record of a written part. Return None if the record is missing or damaged."""
+    """Read the JSON record of a finished part. Return None if the record is missing or damaged."""
     try:
         return checked(path, json.loads(read_bytes(path)), _RECORD)
     except (OSError, ValueError, RecursionError, DatasetError):
@@ -157,7 +157,7 @@ def read_record(path: Path) -> dict[str, Any] | None:
 
 
 def checked(path: Path, told: Any, fields: dict[str, type]) -> dict[str, Any]:
-    """Return `told` if it is a mapping with valid values in all of these fields.
+    """Return `told`, the contents of the file `path`, if it is a mapping with a valid value for each key of `fields`.
 
     Raises:
         DatasetError: `told` is not a mapping, or a field is missing or has a wrong value.

@@ -141,11 +141,13 @@ class LayoutDataset(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
         return asked.astype(np.int64) % len(self)
 
     def __call__(self, compiled: CompiledScene, num_envs: int) -> StoredLayouts:
-        """Return a source of these layouts. So a data set can be the `layout_source` of environments."""
+        """Return a layout source that serves these layouts. A data set can therefore be a `layout_source`."""
         return StoredLayouts(compiled, self.table(), num_envs)
 
     def table(self, first: int = 0, count: int | None = None) -> LayoutTable:
-        """Return `count` rows (None: all) from row `first` on as a LayoutTable, as `StoredLayouts` takes it.
+        """Return `count` rows from row `first` on as a LayoutTable, for example for `StoredLayouts`.
+
+        If `count` is None, all rows from `first` on are returned.
 
         Raises:
             ArgumentError: The rows are out of range, or the data set was opened with only some of its `columns`.
@@ -189,13 +191,16 @@ def _mapped(path: Path, written: int) -> np.ndarray:
 
     Args:
         path: The file.
-        written: Time of its manifest [ns], so that a new data set in the folder is not served from old maps.
+        written: Time at which the manifest was written [ns]. It tells a new data set in the same folder from an old
+            one, whose maps may still be open.
     """
     return np.load(path, mmap_mode="r", allow_pickle=False)
 
 
 def verify(dataset: str | Path | LayoutDataset) -> dict[str, Any]:
-    """Compare all files of a data set, also given as its folder, with its manifest's checksums. Return the manifest.
+    """Compare all files of a data set with the checksums in its manifest, and return the manifest.
+
+    `dataset` may also be the folder of the data set.
 
     Raises:
         DatasetError: The data set is not complete, or files are damaged. The message names up to five of them.

@@ -17,7 +17,7 @@ _STEP = "SLURM_ARRAY_TASK_STEP"
 
 @dataclass(frozen=True)
 class Shard:
-    """One of `size` processes. It writes every `size`-th part, from part `number` on."""
+    """The share of one of `size` processes: every `size`-th part of the data set, from part `number` on."""
 
     number: int = 0
     size: int = 1

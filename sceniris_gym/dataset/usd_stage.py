@@ -1,4 +1,4 @@
-"""Layouts as USD: one stage with the scene's geometry, and a stage over it for each part. Frame i of a part is row i.
+"""Layouts as USD: a stage with the scene's geometry, and for each part a stage that refers to it. Frame i is row i.
 
 Stages are z up, in metres. Every body is an Xform below its parent's Xform, and an object of the scene is
 `/World/<name>`. The stages are for viewing and have no physics. `scene.zip` holds the physics. Importing this module
@@ -78,7 +78,10 @@ def part_bytes(compiled: CompiledScene, rows: np.ndarray) -> bytes:
 
 
 def body_paths(compiled: CompiledScene) -> list[str]:
-    """Return the paths of all bodies by id: objects and robots by name, parts without the prefix of their object."""
+    """Return the USD path of each body, by body id.
+
+    An object or a robot has its name in the path. Bodies below have their names without the prefix of the object.
+    """
     mjm = compiled.mjm
     names = {body: name for name, body in compiled.scene.bodies.items()}
     paths, taken = [WORLD], {WORLD}
@@ -90,13 +93,13 @@ def body_paths(compiled: CompiledScene) -> list[str]:
 
 
 def _local(mjm: mujoco.MjModel, body: int, name: str) -> str:
-    """Return a name without the prefix of its object."""
+    """Return the name of a body as a USD identifier, without the prefix of the object that the body belongs to."""
     prefix = mjm.body(body).name.partition("/")[0] + "/"
     return Tf.MakeValidIdentifier(name.removeprefix(prefix)) if name else ""
 
 
 def _free_path(folder: str, name: str, taken: set[str]) -> str:
-    """Return a path in a folder that is not taken yet, for a name, and mark the path as taken."""
+    """Return the path of `name` in `folder`, with a number if the path is taken. Add the path to `taken`."""
     path = first = folder + Tf.MakeValidIdentifier(name)
     number = 1
     while path in taken:
@@ -172,7 +175,7 @@ def _define_geom(stage: Any, mjm: mujoco.MjModel, geom: int, path: str) -> None:
 
 
 def _triangles(mjm: mujoco.MjModel, geom: int, kind: mujoco.mjtGeom) -> tuple[np.ndarray, np.ndarray]:
-    """Return vertices [m] in the frame of the geom, and faces, of a mesh, a plane or a height field."""
+    """Return the vertices [m] and the faces of a mesh, a plane or a height field, in the frame of the geom."""
     if kind == mujoco.mjtGeom.mjGEOM_PLANE:
         x, y = np.where(mjm.geom_size[geom, :2] > 0.0, mjm.geom_size[geom, :2], _ENDLESS)
         return np.array([[-x, -y, 0.0], [x, -y, 0.0], [x, y, 0.0], [-x, y, 0.0]]), np.array([[0, 1, 2], [0, 2, 3]])
@@ -191,7 +194,7 @@ def _triangles(mjm: mujoco.MjModel, geom: int, kind: mujoco.mjtGeom) -> tuple[np
 
 
 def _colour(mjm: mujoco.MjModel, geom: int) -> np.ndarray:
-    """Return the colour of a geom, shape (4,). For a textured geom, multiply by the mean of the texture."""
+    """Return the colour of a geom, shape (4,). If it has a texture, this includes the mean colour of the texture."""
     rgba, material = mjm.geom_rgba[geom], int(mjm.geom_matid[geom])
     if material < 0 or not np.allclose(rgba, _UNSET):
         return rgba

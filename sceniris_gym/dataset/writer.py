@@ -1,4 +1,4 @@
-"""A writer of data sets that can be killed at any moment, and resumes to the same bytes.
+"""A writer of data sets. It can be killed at any moment, and a resumed run ends with the same bytes.
 
 Until a data set is complete, the hidden folder `.progress` holds its plan and a record of every finished part. The
 process that writes the last part writes `dataset.json` and removes `.progress`. Every file is replaced atomically. If
@@ -64,7 +64,7 @@ class DatasetWriter:
             write_text(begun, json.dumps(plan.fields, indent=1) + "\n")
 
     def _compare(self, path: Path, resume: bool) -> None:
-        """Compare the plan with an existing data set in the folder."""
+        """Raise DatasetError if the data set in the folder may not be resumed, or has another plan."""
         if not resume:
             raise DatasetError(
                 f"{self.folder}: already holds a data set. Add --resume to finish it, or give another folder."
@@ -186,7 +186,10 @@ class DatasetWriter:
 
 
 def _made(generator: LayoutGenerator, plan: manifest.DatasetPlan, rows: range, done: int, total: int) -> np.ndarray:
-    """Make rows of a data set and return records, shape (len(rows),). Progress counts from `done` to `total`."""
+    """Make the rows of a part, and return them as records, shape (len(rows),).
+
+    The reported progress starts at `done` of `total` layouts.
+    """
     made = np.zeros(len(rows), plan.row)
     start, seeds = 0, as_seeds((plan.fields["seed"] + rows.start) % (1 << 64), len(rows))
     for table in make_tables(generator, seeds):

@@ -27,7 +27,7 @@ EDIT_SPEC = "Call edit_spec(spec, scene) on the MjSpec before it is compiled, an
 
 
 def instead_of_variants(name: str, members: Sequence[str]) -> str:
-    """Return the advice for worlds that share a model: put all variants of an object into this model as bodies."""
+    """Return the advice for a user who builds the worlds: the model should have a body for each variant of `name`."""
     first, more = [member.partition("/")[2] for member in members[:4]], ["..."] if len(members) > 4 else []
     group = f"groups: {{{name}: {{of: [{', '.join(first + more)}], count: 1}}}}"
     return f"Or have a body for each variant, and a group that makes one of them present: {group}. {EDIT_SPEC}"
@@ -39,8 +39,8 @@ def adopt_body(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: str)
     Args:
         spec: The specification.
         name: The object, or the robot.
-        config: The words of the object or robot.
-        where: The file and the key of these words. Error messages begin with it.
+        config: The settings of the object or robot in the scene.
+        where: The file and the key of these settings. Error messages begin with it.
 
     Raises:
         UnknownNameError: The model has no such body.
@@ -56,7 +56,7 @@ def adopt_body(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: str)
 
 
 def check_bodies(mjm: mujoco.MjModel, config: SceneConfig) -> None:
-    """Check that a model in memory has the bodies of a scene with suitable joints, and a parking ground if needed.
+    """Check that a model in memory fits a scene: bodies with suitable joints, and, for groups, a parking ground.
 
     Raises:
         UnknownNameError: The model has no such body.

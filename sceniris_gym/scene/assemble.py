@@ -41,7 +41,7 @@ class Home:
 def attach_object(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: str, owner: str = "") -> Home:
     """Attach the asset of an object as a body of the object's kind, and return its start pose.
 
-    If the object is a variant of `owner`, the names of its elements omit the prefix `owner/`.
+    If the object is a variant of `owner`, the names of its body and elements begin without the prefix `owner/`.
 
     Raises:
         NotSupportedError: A variant is soft.
@@ -81,7 +81,7 @@ def attach_variants(
     each time it attaches another model or deletes a body. So groups of variants are first collected in small models.
 
     Raises:
-        NotSupportedError: Variants have actuators, tendons or equalities that refer to joints which variants lose.
+        NotSupportedError: Actuators, tendons or equalities of variants refer to joints. Joints of variants are dropped.
     """
     homes, names = [], list(members)
     for first in range(0, len(names), _AT_ONCE):
@@ -182,9 +182,9 @@ def stand_at_keyframe(spec: mujoco.MjSpec, keyframe: str, where: str) -> None:
 
 
 def _take_home(child: mujoco.MjSpec, name: str, keyframe: str | None, where: str) -> Home:
-    """Take the start pose out of an asset: the named keyframe, or 'home' if it exists.
+    """Return the start pose of an asset from the named keyframe, or from 'home' if it exists.
 
-    The asset's keyframes are deleted, because they would become keyframes of the scene.
+    All keyframes of the asset are deleted, because they would become keyframes of the scene.
     """
     for kind, elements in (("joint", child.joints), ("actuator", child.actuators)):
         for i, element in enumerate(elements):
@@ -267,7 +267,7 @@ def attach(
 
 
 def _keep_files_apart(spec: mujoco.MjSpec, child: mujoco.MjSpec, name: str) -> None:
-    """Rename files of an asset if the scene has different files of the same names, in any folder."""
+    """Rename each file of an asset if the scene has a file of the same name, in any folder, with other contents."""
     present = {file.rpartition("/")[2]: content for file, content in spec.assets.items()}
     taken = {f for f, content in child.assets.items() if present.get(f.rpartition("/")[2], content) != content}
     for element in (*child.meshes, *child.hfields, *child.skins, *child.textures) if taken else ():
@@ -296,7 +296,9 @@ def _rename(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str) -> None:
 
 
 def make_kind(spec: mujoco.MjSpec, root: mujoco.MjsBody, name: str, kind: str, where: str) -> None:
-    """Make a child of the world an object of a kind: add a freejoint, make a mocap body, or leave the body as it is.
+    """Turn a body below the world into the root of an object of the kind `kind`.
+
+    It gets a freejoint, becomes a mocap body, or keeps its joints except a freejoint (kind 'static').
 
     Raises:
         SceneKeyError: The body has joints that an object of this kind cannot have.

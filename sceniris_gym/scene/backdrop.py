@@ -11,7 +11,7 @@ OVERVIEW = "overview"
 
 
 def set_options(spec: mujoco.MjSpec) -> None:
-    """Set solver options for manipulation. All scenes share them, because compiled kernels contain them."""
+    """Set solver options for manipulation. With the same options, all scenes use the same compiled kernels."""
     option = spec.option
     option.timestep = 0.005  # 4 substeps make a 50 Hz control step and resolve contacts (solref 0.02 s)
     option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST  # stable with the stiff position actuators of arms

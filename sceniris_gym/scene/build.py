@@ -36,11 +36,12 @@ SceneLike = str | Path | Mapping | SceneConfig | SceneModel
 def build_model(scene: SceneLike, overrides: Mapping[str, Any] | None = None) -> SceneModel:
     """Compose the model of a scene and compile it.
 
-    The root body of an object has the object's name, and all elements inside are `name/...`. The prefix inside `robot`
-    is the name of the robot's asset, and the prefix inside a robot of `robots` is its name there. A free object's joint
-    is `name/free`. Fixtures and markers are mocap bodies. The user's own `model` keeps its names and options, and has
-    the bodies of objects without an asset. A model in memory is copied, and its bodies are not changed. Files of a
-    folder that cannot be variants of an object are left out, with a ModelWarning that names them.
+    The root body of an object has the object's name, and all elements inside are `name/...`. The elements of a single
+    `robot` have the name of its asset as their prefix, and elements of a robot in `robots` have its key. A free
+    object's joint is `name/free`. Fixtures and markers are mocap bodies. If the scene has a `model`, the model keeps
+    its names and options, and objects without an asset are bodies of this model. A model in memory is copied, and its
+    bodies are not changed. If files of a folder cannot be variants of an object, these files are left out, with a
+    ModelWarning that names them.
 
     Args:
         scene: A shipped scene's name, a path, a mapping, a SceneConfig, or a SceneModel, which is returned.
@@ -73,7 +74,7 @@ def build_model(scene: SceneLike, overrides: Mapping[str, Any] | None = None) ->
 
 
 def build_variants(config: SceneConfig, simulated: SceneConfig) -> SceneModel:
-    """Return a scene made of two MjModels that the user gives.
+    """Return a scene with variants whose two MjModels the user has compiled.
 
     Args:
         config: The scene with all variants. They are bodies of its MjModel, by their names.
@@ -85,7 +86,7 @@ def build_variants(config: SceneConfig, simulated: SceneConfig) -> SceneModel:
 
 
 def _with_shared_bodies(config: SceneConfig) -> SceneModel:
-    """Build a scene from files or a MjSpec. If objects have variants, also build the scene that is simulated."""
+    """Build a scene from files or a MjSpec. If objects have variants, also build its scene for the simulation."""
     scene = _built(config)
     if not config.variants:
         return scene
@@ -95,7 +96,10 @@ def _with_shared_bodies(config: SceneConfig) -> SceneModel:
 
 
 def _built(config: SceneConfig, full: SceneModel | None = None) -> SceneModel:
-    """Build a scene from files or a MjSpec, or the simulated scene if `full`, the scene with all variants, is given."""
+    """Build a scene from files or a MjSpec, with a body for each variant.
+
+    If `full`, the result of this call, is given, build the scene for the simulation: all variants share one body.
+    """
     shared = None if full is None else SharedBodies(full.mjm, config.variants, config.where)
     spec, homes = _assemble(config, shared)
     if full is not None:
@@ -130,7 +134,7 @@ def _built(config: SceneConfig, full: SceneModel | None = None) -> SceneModel:
 
 
 def _taken(config: SceneConfig, model: mujoco.MjModel) -> SceneModel:
-    """Return the scene of a MjModel. The scene has a copy, so the original stays unchanged."""
+    """Return the scene of a MjModel. The scene uses a copy, so the user's model stays unchanged."""
     check_additions(config)
     check_bodies(model, config)
     number_check.check_numbers(model, config.where)
@@ -284,7 +288,7 @@ def add_cameras(spec: mujoco.MjSpec, config: SceneConfig) -> None:
 
 
 def _name_in_model(config: SceneConfig, name: str) -> str:
-    """Return the name in the model of an object, a robot, or a body inside them."""
+    """Return the body's name in the model for a name in the scene: an object, a robot, or 'object/body'."""
     owner, _, part = name.partition("/")
     if owner in config.all_robots:
         robot = config.all_robots[owner]

@@ -1,4 +1,4 @@
-"""`FieldDraw`: a draw of a scene's physics or appearance, resolved to single values of a model field."""
+"""`FieldDraw`: a draw of physics or appearance, with the rows and components of the model field that it changes."""
 
 import copy
 import fnmatch
@@ -27,15 +27,15 @@ LOOSE: dict[str, Ends] = {word.field: word.loose for word in _PHYSICS if word.lo
 
 @dataclass(frozen=True)
 class FieldDraw:
-    """A word of `randomize`, resolved in the model.
+    """An entry of `randomize` in a scene, with the values of the model that it changes.
 
     Attributes:
         name: The name that keys the random numbers, such as 'can.mass'. All variants of an object share it.
-        word: The drawn field, and the fields that follow it.
+        word: The drawn field, and the fields that keep their ratio to this field.
         config: The distribution.
-        rows: Drawn elements of the field, shape (nrow,).
-        components: Drawn components of each element, shape (ncomponent,).
-        numbers: Index of the random number for each component of each element, shape (nrow, ncomponent).
+        rows: Drawn rows of the field, shape (nrow,).
+        components: Drawn components of each row, shape (ncomponent,).
+        numbers: Index of the random number for each component of each row, shape (nrow, ncomponent).
         choice: Values to choose from, shape (nchoice, ncomponent or 1).
     """
 
@@ -49,7 +49,7 @@ class FieldDraw:
 
     @property
     def width(self) -> int:
-        """The number of random numbers per draw. A choice takes one."""
+        """The number of random numbers that each reset of a world draws."""
         return int(self.numbers.max()) + 1
 
     @property
@@ -64,7 +64,7 @@ def drawn_fields(draws: tuple[FieldDraw, ...]) -> list[str]:
 
 
 def simple_bodies(config: SceneConfig, mjm: mujoco.MjModel) -> list[str]:
-    """Return the bodies that MuJoCo marks as simple, but that need a full mass matrix for a drawn centre of mass."""
+    """Return the bodies with a drawn centre of mass that MuJoCo marks as simple. They need a full mass matrix."""
     parts = {part.body or name: part for name, part in config.objects.items()}
     parts |= {robot.name: robot for robot in config.all_robots.values()}
     drawn = [mjm.body(name).id for name, part in parts.items() if "ipos" in part.randomize]
@@ -84,9 +84,9 @@ def field_draws(config: SceneConfig, mjm: mujoco.MjModel, bodies: Mapping[str, i
     """Return the draws of a scene, in the order of its file.
 
     Raises:
-        UnknownNameError: The model has no such light, camera, material or texture, or MuJoCo no such field.
+        UnknownNameError: A light, camera, material, texture or model field does not exist.
         SceneKeyError: A draw has no effect, its values are out of range, or their number is wrong.
-        ArgumentError: A field is 0 in the whole model, so steps leave it out.
+        ArgumentError: A field is 0 in the whole model. Steps skip such a field, so a draw would have no effect.
     """
     draws = {written[1]: _resolved(mjm, *written) for written in _written(config, mjm, bodies)}
     drawn: dict[object, str] = {}
@@ -100,7 +100,7 @@ def field_draws(config: SceneConfig, mjm: mujoco.MjModel, bodies: Mapping[str, i
 def _written(
     config: SceneConfig, mjm: mujoco.MjModel, bodies: Mapping[str, int]
 ) -> Iterator[tuple[str, str, Word, DrawConfig, list[int]]]:
-    """Yield each draw as written: its name, its place for messages, its word, its distribution and its rows."""
+    """Yield each draw of the scene: its name, its key for error messages, its field, its distribution and its rows."""
     for name, part in {**config.objects, **config.all_robots}.items():
         for key, draw in part.randomize.items():
             word, where = WORDS["object"][key], f"{config.where}: {config.key(name)}.randomize.{key}"
@@ -188,7 +188,7 @@ def _has_effect(mjm: mujoco.MjModel, field: str, row: int) -> bool:
 
 
 def _choice(mjm: mujoco.MjModel, word: Word, config: DrawConfig, where: str) -> np.ndarray:
-    """Return the values of a choice, with textures as ids."""
+    """Return the values to choose from, shape (nchoice, ncomponent). Names of textures are replaced by their ids."""
     textures = {mjm.texture(i).name: i for i in range(mjm.ntex)} if word.field == "mat_texid" else {}
     rows: list[tuple[float, ...]] = []
     for value in config.choice or ():
@@ -204,7 +204,10 @@ def _choice(mjm: mujoco.MjModel, word: Word, config: DrawConfig, where: str) -> 
 
 
 def _ends(draw: FieldDraw, values: np.ndarray) -> np.ndarray:
-    """Return the extreme values of a draw, shape (nend, nrow or 1, ncomponent or 1). For rotations: angles."""
+    """Return the extreme values of a draw, or all values of a choice, shape (nend, nrow or 1, ncomponent or 1).
+
+    For a rotation, the values are angles.
+    """
     config = draw.config
     ends = draw.choice if config.choice is not None else np.array(config.ends)
     if config.distribution == "normal":
@@ -219,9 +222,9 @@ def at_ends(mjm: mujoco.MjModel, draws: tuple[FieldDraw, ...], **ends: Ends) -> 
     """Return a model with fields at the ends of their drawn ranges, and with derived fields updated.
 
     Args:
-        mjm: The model. It is returned unchanged, and not copied, if no field is drawn.
+        mjm: The model. It is returned unchanged, and not copied, if no draw has a field in `ends`.
         draws: The draws of the scene.
-        ends: The end of each field.
+        ends: Field -> the end to use, 'least' or 'most', or one end for each component.
     """
     own = [draw for draw in draws if draw.word.field in ends]
     if not own:
@@ -240,7 +243,7 @@ def at_ends(mjm: mujoco.MjModel, draws: tuple[FieldDraw, ...], **ends: Ends) -> 
 
 
 def corners(draws: tuple[FieldDraw, ...], field: str) -> list[tuple[End, ...]]:
-    """Return all combinations of ends of a field's drawn components, for a field whose worse end is unknown."""
+    """Return all combinations of 'least' and 'most' for the components of a field, to find the worst combination."""
     ends: tuple[End, End] = ("least", "most")
     count = max((1 + int(draw.components.max()) for draw in draws if draw.word.field == field), default=0)
     return list(product(ends, repeat=count))

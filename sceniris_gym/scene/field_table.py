@@ -40,11 +40,11 @@ _KINDS = {"jnt": "joint", "dof": "joint", "cam": "camera", "mat": "material", "t
 
 
 def check_field(name: str, mjm: mujoco.MjModel, where: str) -> None:
-    """Refuse a field that cannot have values per world.
+    """Raise an error if a field cannot have values per world.
 
     Raises:
         UnknownNameError: The field does not exist, or layouts depend on it.
-        ArgumentError: Steps of this model leave the field out.
+        ArgumentError: The field is 0 in the whole model. Steps of this model skip the field.
     """
     if name not in FIELDS or not hasattr(mjm.opt if name in OPTIONS else mjm, name):
         raise UnknownNameError("model field", str(name), where, FIELDS)

@@ -82,7 +82,7 @@ def read_rows(path: Path, heap: HeapConfig, where: str) -> HeapRows:
 
 
 def rigid_part(mjm: mujoco.MjModel, body: int) -> list[int]:
-    """Return the bodies that share a body's tree and never move relative to it, in ascending order."""
+    """Return a body and all bodies of its kinematic tree that are fixed to this body, in ascending order."""
     same = (mjm.body_weldid == mjm.body_weldid[body]) & (mjm.body_rootid == mjm.body_rootid[body])
     return np.flatnonzero(same).tolist()
 
@@ -124,7 +124,7 @@ def settled_with(scene: SceneModel, heap: HeapConfig, where: str) -> str:
 
 
 def rigid_thing(scene: SceneModel, name: str, where: str) -> list[int]:
-    """Return the bodies of an object of a heap.
+    """Return the bodies of an object of a heap, after a check that the object is free and rigid.
 
     Raises:
         NotSupportedError: The object has inner joints, or is not free.
@@ -145,8 +145,8 @@ class HeapPoses:
         pos: Position of the object's root [m], shape (nrow, 3).
         quat: Orientation of the object, wxyz, shape (nrow, 4).
         stream: The random stream that draws the row. All objects of a heap share it.
-        together: All bodies that settled together: the bodies of the objects, the filled body, and all bodies that are
-            fixed to the filled body.
+        together: All bodies that settled together: the bodies of the heap's objects, the body that the heap fills, and
+            all bodies fixed to it.
         settled_with: Identifies the shapes and masses of the settled bodies, see the function `settled_with`.
         support: The support that the heap fills.
         surface: A rectangle around the roots in all rows, seen from above, at the height of the highest root.

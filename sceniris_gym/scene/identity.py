@@ -1,4 +1,4 @@
-"""The hash that identifies a scene. It covers the scene's words, and all contents of its files that shape layouts.
+"""The hash that identifies a scene. It covers the scene file, and all parts of the referenced files that shape layouts.
 
 A model from files is identified by the contents of the files, so its hash is the same for every version of MuJoCo. A
 model in memory is identified by its compiled arrays, which differ in their last digits between versions.
@@ -57,15 +57,15 @@ _NAMED = (mujoco.mjtObj.mjOBJ_BODY, mujoco.mjtObj.mjOBJ_JOINT, mujoco.mjtObj.mjO
 
 
 def scene_hash(config: SceneConfig, mjm: mujoco.MjModel, home_qpos: np.ndarray) -> tuple[str, str | None]:
-    """Return the hash of a scene, 16 hexadecimal digits, and its hash in version 0.1.0 if layouts differed.
+    """Return the hash of a scene and, if version 0.1.0 made other layouts of the scene, its hash in that version.
 
-    Equal scenes have equal hashes in every process and folder. The second hash is None if version 0.1.0 made the same
-    layouts.
+    A hash has 16 hexadecimal digits. Equal scenes have equal hashes in every process and folder. The second result is
+    None if version 0.1.0 made the same layouts.
 
-    The hash covers the words of the scene that differ from their defaults, the files of its model and its assets, the
-    rows of heaps, and the arm's reachability map if objects are `reachable`. It leaves out file names, cameras, lights
-    and appearance, unless `randomize` draws physics or appearance. It also leaves out solver options. But in scenes
-    where an object could fall, it covers the options that affect standing objects.
+    The hash covers all values in the scene that differ from their defaults, the files of its model and its assets, the
+    rows of heaps, and the arm's reachability map if objects are `reachable`. It leaves out file names and the scene's
+    `cameras`. If `randomize` draws nothing, it also leaves out cameras, lights and appearance in the files. It leaves
+    out solver options. But in scenes where an object could fall, it covers the options that affect standing objects.
 
     Args:
         config: The scene as written.
@@ -114,7 +114,10 @@ def scene_hash(config: SceneConfig, mjm: mujoco.MjModel, home_qpos: np.ndarray) 
 
 
 def _could_fall(config: SceneConfig) -> bool:
-    """Return whether an object that has to stand is on a free object, has drawn joints, or may overhang an edge."""
+    """Return whether the scene has an object that has to stand, but could fall.
+
+    This is true if such an object is on a free object, has drawn joints, or may overhang an edge.
+    """
     filling = {name for heap in config.heaps.values() for name in heap.of}
     for name, part in config.objects.items():
         if part.support is None or not part.has_to_stand or name in filling:
@@ -135,7 +138,7 @@ def map_of(robot: RobotConfig) -> Path | None:
 
 
 def _update_from_file(update: Callable[[bytes], None], path: Path, drawn: bool) -> None:
-    """Add the contents of a file and of its referenced files: meshes as bytes, and appearance only if `drawn`."""
+    """Add the contents of a model file and of the files that it refers to. Appearance is only added if `drawn`."""
     root = model_tree(path, path.parent, set())
     keeps_visuals = root.tag == "robot" and any(c.get("discardvisual") == "false" for c in root.iter("compiler"))
     no_matter = _NO_MATTER - _SEEN if drawn else _NO_MATTER
@@ -159,7 +162,10 @@ def _update_from_file(update: Callable[[bytes], None], path: Path, drawn: bool) 
 
 
 def _tokens(element: ElementTree.Element, no_matter: frozenset[str], drawn: bool) -> Iterator[str]:
-    """Yield the relevant parts of an element and its children, with attributes in alphabetical order."""
+    """Yield the names and attributes of an XML element and its children, except parts that do not affect layouts.
+
+    Attributes are in alphabetical order. Children with a tag in `no_matter` are left out.
+    """
     if element.tag in no_matter:
         return
     yield element.tag
