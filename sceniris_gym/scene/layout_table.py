@@ -18,14 +18,14 @@ from sceniris_gym.errors import ArgumentError, ArgumentTypeError, SceneMismatchE
 
 
 class Column(NamedTuple):
-    """The form of a column.
+    """The type, shape and purpose of a column of LayoutTable.
 
     Attributes:
-        part: The part of a layout that the column belongs to: its "key", the key of the "draw" of physics and
-            appearance, its "pose" in a world, its "grasp", a "count" of the work to make it, or a "table" for derived
-            values.
+        part: The purpose of the column. "key" identifies the layout, and "draw" its draws of physics and appearance.
+            "pose" is the state of the world, "grasp" the accepted grasps, "count" the work to make the layout, and
+            "table" a value derived from these.
         dtype: NumPy's name of the column's type.
-        shape: Shape of a row, as numbers and names of widths.
+        shape: Shape of a row. Each width is a number, or a name such as "nq" for a number that depends on the scene.
         blank: The value of an unknown entry.
     """
 
@@ -35,11 +35,11 @@ class Column(NamedTuple):
     blank: float = 0
 
     def row(self, widths: Mapping[str, int]) -> tuple[int, ...]:
-        """Return the shape of a row. `widths` maps names of widths to numbers. A missing width is 0."""
+        """Return the shape of a row. `widths` gives the number for each name in `shape`. Missing names count as 0."""
         return tuple(widths.get(width, 0) if isinstance(width, str) else width for width in self.shape)
 
     def blanks(self, nrow: int) -> np.ndarray:
-        """Return rows without a value."""
+        """Return `nrow` rows in which all entries are unknown."""
         return np.full((nrow, *self.row({})), self.blank, self.dtype)
 
 
@@ -47,7 +47,7 @@ class Column(NamedTuple):
 class LayoutTable:
     """Layouts and how they were made, one row each. The fields define all columns of a layout.
 
-    Wide types come first, so that a row of a data set has no gaps.
+    Columns with wide types come first, so that a row of a data set has no gaps.
 
     Attributes:
         seed: Seed of the world, shape (nrow,), uint64.
@@ -69,10 +69,10 @@ class LayoutTable:
         pregrasp_qpos: The arm's joints in the pre-grasp, nan for tiers below `clear`, the same shape and type.
         param: Values of the params, shape (nrow, nvalue), float32.
         present: Whether each object is present, or left out by its group, shape (nrow, nslot), bool: the objects in
-            the order of the scene file, then the robot if the scene has one.
+            the order of the scene file, then the robots.
         valid: Whether the layout is fresh and valid, not taken from the bank, shape (nrow,), bool.
         first_pass_valid: Whether the layout was valid without a restart, shape (nrow,), bool.
-        scene: Hash of the scene, empty if unknown, as for bare states.
+        scene: Hash of the scene. It is empty if the scene is unknown, as in a table by `from_states`.
         split: The split of seeds and episodes, "train" or "eval".
         params: Names of the params.
     """
@@ -104,7 +104,7 @@ class LayoutTable:
     def from_states(
         cls, qpos: np.ndarray, mocap_pos: np.ndarray, mocap_quat: np.ndarray, present: np.ndarray
     ) -> LayoutTable:
-        """Return a table of bare states. The class describes the arguments.
+        """Return a table of states. All other columns are unknown. The class describes the arguments.
 
         Raises:
             ArgumentTypeError: An argument is not a NumPy array.
@@ -124,7 +124,7 @@ class LayoutTable:
         """Return the rows of one or more tables as one table.
 
         Raises:
-            ArgumentError: The sequence is empty, or has values of another type.
+            ArgumentError: `tables` is empty, or has an element that is not a LayoutTable.
             SceneMismatchError: The tables differ in scene, split, params or widths of columns.
         """
         if not isinstance(tables, Sequence) or not tables or not all(isinstance(t, LayoutTable) for t in tables):

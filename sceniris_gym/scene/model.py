@@ -40,7 +40,7 @@ class SceneModel(RefusesOldNames):
         tcps: Name of the tool centre point's site for each robot. The site need not exist.
         couplings: Joints that follow others, drivers first. A linear coupling is reversed if the scene draws its
             follower by name, but not its driver.
-        apart: The robots that are not in the scene, each as a separate model in which the robot is 'robot'.
+        apart: Robot with `in_scene: false` -> a separate model with only this robot. There its name is 'robot'.
         former_hash: The scene's hash in version 0.1.0, or None if that hash is the same.
         draws: The physics and appearance that resets draw.
         shared: The scene in which all variants of an object share a body, None if no object has variants.
@@ -63,7 +63,7 @@ class SceneModel(RefusesOldNames):
 
     @property
     def sim(self) -> SceneModel:
-        """The simulated scene: it has one body for all variants of an object, with the object's name."""
+        """The scene for the simulation. One body, with the object's name, stands for all variants of an object."""
         return self if self.shared is None else self.shared
 
     @cached_property
@@ -108,11 +108,13 @@ class SceneModel(RefusesOldNames):
             raise SceneMismatchError(f"{what} {self.mismatch(found, cure)}")
 
     def home_of(self, robot: str) -> tuple[SceneModel, str]:
-        """Return a robot's model and its name there: this model, or the robot's separate model."""
+        """Return the model that contains a robot, and the robot's name in that model: this model, or one of `apart`."""
         return (self.apart[robot], ROBOT) if robot in self.apart else (self, robot)
 
     def support(self, parent: str, where: str) -> Support:
-        """Return the support of a name: 'floor', an object, 'object/body', or a static geom or body of the model.
+        """Return the support that is called `parent` in a scene file.
+
+        The name is 'floor', an object, 'object/body', or a static geom or body of the user's model.
 
         Raises:
             UnknownNameError: The scene has no support of that name.
@@ -170,7 +172,7 @@ class SceneModel(RefusesOldNames):
         return ContactRules(self.mjm, "physics")
 
     def around(self, support: Support) -> list[int]:
-        """Return the bodies that may cover a support: all bodies of the object that has it, or else only its body."""
+        """Return the bodies that may cover a support: all bodies of its owner, or its body if it has no owner."""
         return [support.body] if support.owner is None else self.subtree(support.owner)
 
     def joints(self, name: str) -> dict[str, int]:
@@ -190,22 +192,21 @@ class SceneModel(RefusesOldNames):
         return {element(i).name.removeprefix(prefix): i for i in ids}
 
     def joint_configs(self, name: str) -> dict[int, JointConfig]:
-        """Return how each drawn joint of an object or a robot is drawn, by joint id in ascending order.
+        """Return joint id -> its config, for each drawn joint of an object or a robot, in ascending order of the ids.
 
         A joint's own name takes precedence over a pattern, and an earlier pattern over a later pattern. Joints without
         a matching name or pattern are left out, and keep their home position. Patterns skip joints that follow others.
 
         Raises:
             UnknownNameError: A name or a pattern matches no joint.
-            SceneKeyError: A joint has a fraction but no limits, values outside its limits, or noise around a start pose
-                outside its limits. Or it follows another joint.
+            SceneKeyError: A joint follows another joint, or `check_joint` rejects its config.
             NotSupportedError: A joint is a ball joint.
         """
         where = f"{self.config.where}: {self.config.key(name)}.joints"
         return self.resolve_joints(name, self._joint_words(name), where)
 
     def resolve_joints(self, name: str, words: Mapping[str, JointConfig], where: str) -> dict[int, JointConfig]:
-        """Return the joints that names and patterns in `words` select in an object or a robot, see `joint_configs`."""
+        """Return joint id -> its config, as `joint_configs` does, but with `words` as the names and patterns."""
         joints, following = self.joints(name), {c.follower: c for c in self.couplings}
         found: dict[int, JointConfig] = {}
         for word in sorted(words, key=lambda word: word not in joints):  # names first, then patterns as written
@@ -235,7 +236,7 @@ class SceneModel(RefusesOldNames):
         return self.config.objects[name].joints if robot is None else robot.joints
 
     def _prefix(self, name: str) -> str:
-        """Return the prefix of names inside an object: its name, or the prefix of its body in the model."""
+        """Return the prefix of names inside an object or a robot: its name, or the prefix in the name of its body."""
         robot = self.config.all_robots.get(name)
         if robot is not None:
             return robot.prefix.removesuffix("/")
@@ -244,7 +245,7 @@ class SceneModel(RefusesOldNames):
 
 
 def refuse_follower(mjm: mujoco.MjModel, coupling: Coupling, where: str) -> NoReturn:
-    """Refuse to draw a joint that follows another.
+    """Raise an error, because the scene draws a joint that follows another joint or is held.
 
     Raises:
         SceneKeyError: Always. The message names the equality.
@@ -262,12 +263,12 @@ def refuse_follower(mjm: mujoco.MjModel, coupling: Coupling, where: str) -> NoRe
 
 
 def check_joint(mjm: mujoco.MjModel, home_qpos: np.ndarray, joint: int, config: JointConfig, where: str) -> None:
-    """Check that a joint can be drawn as `config` says.
+    """Check that a joint can be drawn as `config` requires.
 
     Raises:
         NotSupportedError: The joint is a ball joint.
-        SceneKeyError: The joint has a fraction but no limits, values outside its limits, or noise around a start pose
-            outside its limits.
+        SceneKeyError: `config` gives a `fraction` for a joint without limits, or values outside the joint's limits. Or
+            it gives `noise`, although the start pose is outside the limits.
     """
     name = mjm.joint(joint).name
     if mjm.jnt_type[joint] == mujoco.mjtJoint.mjJNT_BALL:

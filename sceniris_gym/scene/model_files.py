@@ -95,7 +95,7 @@ def load_model(path: Path, where: str, repaired: Callable[[str], str] | None = N
 
 
 def renamed(file: str, prefix: str) -> str:
-    """Return a file's name with a prefix and without folders. MuJoCo also finds a file without its folder."""
+    """Return a file's name with a prefix and without its folders, which MuJoCo does not need to find a file."""
     return prefix + file.rpartition("/")[2]
 
 
@@ -149,7 +149,7 @@ def _without_comment(found: re.Match[bytes]) -> bytes:
 
 
 def _read(path: Path, prefix: str, folders: list[tuple[str, Path]], above: tuple[Path, ...] = ()) -> Counter[str]:
-    """Append the name prefix and the folder of a model to `folders`, and of all models that it attaches.
+    """Append the name prefix and the folder of a model to `folders`. Do the same for all models that it attaches.
 
     Returns:
         The size of the compiled model, see `_size`.
@@ -181,7 +181,9 @@ def _read(path: Path, prefix: str, folders: list[tuple[str, Path]], above: tuple
 
 
 def _size(element: ElementTree.Element, where: str, models: dict[str | None, Counter[str]]) -> Counter[str]:
-    """Count the parts that MuJoCo makes of an element: written elements, copies, and cells of fields and textures.
+    """Count the parts that MuJoCo makes from an XML element: the written elements, their copies, and attached models.
+
+    The cells of height fields and textures also count.
 
     Args:
         element: The element.
@@ -209,7 +211,7 @@ def _size(element: ElementTree.Element, where: str, models: dict[str | None, Cou
 
 
 def _referring(spec: mujoco.MjSpec) -> Iterator[tuple[Any, str, str]]:
-    """Yield each element that names a file, the subfolder of the file in the model's folder, and the file's name."""
+    """Yield each element with a file, the subfolder that its compiler sets for such files, and the file's name."""
     referring: list[tuple[Any, str, list[str]]] = [
         *((element, "meshdir", [element.file]) for element in (*spec.meshes, *spec.hfields, *spec.skins)),
         *((texture, "texturedir", [texture.file, *texture.cubefiles]) for texture in spec.textures),
@@ -228,7 +230,7 @@ def _source(path: Path, folders: list[tuple[str, Path]], element: Any, subfolder
 
 
 def _listed(path: Path, missing: list[tuple[Any, str, str]]) -> str:
-    """Return the first missing file and its expected place, for an error message."""
+    """Return the part of an error message about missing files: the first file, where it should be, and the number."""
     places = (file if "://" in file else str(path.parent / subfolder / file) for _, subfolder, file in missing)
     names = list(dict.fromkeys(places))
     more = f", nor do other files ({len(names)} in all)" if len(names) > 1 else ""

@@ -1,4 +1,4 @@
-"""The overview camera of a scene, placed so that robots do not hide objects. Also: which geoms pictures show."""
+"""The overview camera of a scene, placed so that robots do not hide objects, and the geoms that pictures show."""
 
 import copy
 
@@ -32,7 +32,7 @@ _Box = tuple[np.ndarray, np.ndarray]
 
 
 class Overview:
-    """The places of objects in a scene, and all geoms that never move.
+    """The view of the overview camera: all places that objects may have, and all geoms except those of placed objects.
 
     Args:
         config: The scene.
@@ -66,7 +66,10 @@ class Overview:
         return cameras[int(np.flatnonzero(shares >= shares.max() - _NEARLY)[0])]
 
     def seen(self) -> np.ndarray:
-        """Return corners of boxes around geoms that never move, and around all places of objects [m], shape (n, 3)."""
+        """Return points that the camera has to see [m], shape (n, 3): corners of boxes.
+
+        The boxes enclose the places that objects may have, and the geoms that are not part of a placed object.
+        """
         corners = geom_corners(self.mjm, self.data, np.flatnonzero(self.shown & ~self.of_placed))
         boxes = [box_corners((low + high) / 2.0, (high - low) / 2.0) for low, high in self._places()]
         if not len(corners) and not boxes:
@@ -78,7 +81,7 @@ class Overview:
         return [box for name in self.config.parts if (box := self._box(name)) is not None]
 
     def _shares_seen(self, eyes: list[np.ndarray]) -> np.ndarray:
-        """Return, for each eye, the fraction of places that no geom hides. Only geoms that never move count."""
+        """Return, for each eye, the fraction of places that no geom hides. Geoms of placed objects are ignored."""
         mjm = copy.copy(self.mjm)
         mjm.geom_group[self.of_placed] = HIDDEN_GROUP
         groups, hit = np.isin(np.arange(6), _SHOWN).astype(np.uint8), np.zeros(1, np.int32)
@@ -91,7 +94,10 @@ class Overview:
         return np.array([np.mean([free(at, eye) for at in points]) if points else 1.0 for eye in eyes])
 
     def _box(self, name: str) -> _Box | None:
-        """Return a box around the range of an object's pivot, plus part of its size, or None if the object stays."""
+        """Return a box around all places of an object, larger than the range of its pivot by a part of its size.
+
+        Return None if the object is not placed, or its support is unknown.
+        """
         part = self.config.parts[name]
         if not part.is_placed:
             return None
@@ -109,7 +115,10 @@ class Overview:
         return low - beyond, np.array([*high[:2], low[2] + height]) + beyond
 
     def _support(self, parent: str, region: np.ndarray | None) -> _Box | None:
-        """Return the range of an object's pivot as a flat box: its region, or the top of its support."""
+        """Return the range of the pivots of objects on a support, as a flat box: `region`, or the top of the support.
+
+        Return None if the support is unknown.
+        """
         if parent == FLOOR and self.config.floor is not None:
             half = np.array(self.config.floor.size) / 2.0
             low, high = (-half, half) if region is None else region
@@ -143,10 +152,10 @@ class Overview:
 
 
 def picture_groups(mjm: mujoco.MjModel) -> np.ndarray:
-    """Return the group of each geom, shape (ngeom,), with shapes for collisions in HIDDEN_GROUP.
+    """Return the geom group of each geom for pictures, shape (ngeom,). Geoms only for collisions get HIDDEN_GROUP.
 
-    A colliding geom is hidden if its body also has visible geoms without collisions in another group. Geoms of the
-    world body always appear, because its visual geoms do not replace its floor.
+    A colliding geom is only for collisions if its body also has visible geoms without collisions in another group.
+    Geoms of the world body always appear, because visual geoms of the world do not replace its floor.
     """
     groups = mjm.geom_group.copy()
     visible = np.isin(groups, VISIBLE_GROUPS) & (mjm.geom_rgba[:, 3] > 0.0)

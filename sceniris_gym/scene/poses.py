@@ -13,7 +13,7 @@ _WIDTHS = {mujoco.mjtJoint.mjJNT_FREE: 7, mujoco.mjtJoint.mjJNT_BALL: 4}
 
 
 class PoseAddress(NamedTuple):
-    """The place of an object's pose in a layout.
+    """The position of an object's pose in the arrays of a layout.
 
     Attributes:
         kind: "qpos", "mocap", or "body" for an object that never moves.

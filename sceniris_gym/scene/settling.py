@@ -60,7 +60,7 @@ def settle(scene: SceneModel, name: str, num: int, seed: int) -> HeapRows:
 
 
 class _Drop:
-    """The objects of a heap, and the container they fall into.
+    """A simulation of the objects of a heap as they fall into their container.
 
     Attributes:
         mjm: The model, in which only the container and the heap's objects collide.
@@ -101,7 +101,10 @@ class _Drop:
         self.sizes = np.array([away[root == thing].max(initial=0.01) for thing in self.things])
 
     def dropped(self, rng: np.random.Generator) -> mujoco.MjData | None:
-        """Drop the objects. Return the state with all of them at rest in the container, or None if any is not."""
+        """Drop the objects, and return the state once all of them are at rest in the container.
+
+        Return None if an object falls past the container, or does not come to rest.
+        """
         mjm, data = self.mjm, mujoco.MjData(self.mjm)
         data.qpos[:] = self.home
         height = self.high[2]
@@ -124,9 +127,9 @@ class _Drop:
         return data if self._lies(data) else None
 
     def _lies(self, data: mujoco.MjData) -> bool:
-        """Return whether the objects are in the container, hardly penetrate, and stay in place when released at rest.
+        """Return whether the objects are in the container, hardly penetrate, and stay in place after a start at rest.
 
-        They are released without velocities and previous forces, because a layout stores only their poses.
+        A layout stores only poses. The test therefore starts without velocities and without forces of earlier steps.
         """
         tried = mujoco.MjData(self.mjm)
         tried.qpos[:] = data.qpos.astype(np.float32)  # the precision of layouts

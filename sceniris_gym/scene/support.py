@@ -13,8 +13,9 @@ class Support:
 
     Attributes:
         body: Id of the support's body, 0 for the world.
-        owner: The object that has the support. None if it is the floor, or a static geom or body outside objects.
-        geom: Id of the geom if the support is a single geom. None if it is a whole body or the floor.
+        owner: The object that the support is part of. None for the floor, and for a static geom or body outside
+            objects.
+        geom: Id of the geom if the support is a single geom. None for a whole body or the floor.
         is_floor: Whether the support is the ground workspace, the scene's `floor`.
     """
 

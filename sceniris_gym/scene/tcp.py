@@ -64,7 +64,7 @@ def tcp_site(spec: mujoco.MjSpec | None, mjm: mujoco.MjModel, qpos: np.ndarray, 
 
 
 def _found(mjm: mujoco.MjModel, root: int, words: TcpConfig, prefix: str, where: str) -> tuple[int, int | None]:
-    """Return the body that carries the tool centre point, and the site if the scene names a site."""
+    """Return the body that carries the tool centre point, and its site. The site is None if `tcp` names a body."""
     inside = subtree(mjm, root)
     sites = {mjm.site(i).name: i for i in range(mjm.nsite) if int(mjm.site_bodyid[i]) in inside}
     bodies = {mjm.body(b).name: b for b in inside}

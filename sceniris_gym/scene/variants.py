@@ -121,7 +121,7 @@ class SharedBodies:
                 added.meshname = mjm.mesh(int(mjm.geom_dataid[geom])).name
 
     def compile(self, spec: mujoco.MjSpec, before: mujoco.MjModel) -> mujoco.MjModel:
-        """Compile the scene again, without the geoms that only name meshes. Existing hulls are kept.
+        """Compile the scene again, without the geoms that `name_meshes` added, if the meshes keep their hulls.
 
         Args:
             spec: The scene.
