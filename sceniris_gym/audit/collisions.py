@@ -152,8 +152,8 @@ class FalseAlarm:
 
     Attributes:
         row: Index of the candidate.
-        owners: Owners of the nearest pair of solids, None if all other objects are far.
-        surplus: Distance of this pair beyond its clearance [m], infinite if all other objects are far.
+        owners: Owners of the nearest pair of solids. None if the candidate is in no pair.
+        surplus: Distance of this pair beyond its clearance [m]. Infinite if there is no pair.
     """
 
     row: int

@@ -4,7 +4,7 @@ MuJoCo applies its rules: contact bits, `exclude` and `pair`, margins, parents a
 are allowed:
 
 - An object may be within the contact margin of its support, but must not intersect it.
-- If two geoms touch at home and placement does not change their relative pose, they may be as deep as at home.
+- If two geoms touch in the start pose, and layouts do not change their relative pose, they may be as deep as before.
   Examples: links of a robot, doors of a cabinet, a robot and its desk.
 """
 

@@ -23,7 +23,7 @@ class Narrow:
     """Distances between the solids of one model.
 
     Args:
-        solids: The solids. Methods take their indices.
+        solids: The solids. The methods identify a solid by its index in this list.
     """
 
     def __init__(self, solids: list[Solid]) -> None:

@@ -108,7 +108,10 @@ def _first_warning(
 
 
 def _start(mjm: mujoco.MjModel, table: LayoutTable) -> tuple[np.ndarray, np.ndarray]:
-    """Return the start states of layouts (nrow, nstate), and their controls and mocap poses (nrow, ngiven)."""
+    """Return two arrays for the starts of layouts: states (nrow, nstate), and controls with mocap poses (nrow, ngiven).
+
+    Both have MuJoCo's order of state components.
+    """
     data = mujoco.MjData(mjm)
     full = mujoco.mjtState.mjSTATE_FULLPHYSICS
     states = np.empty((len(table), mujoco.mj_stateSize(mjm, full)))

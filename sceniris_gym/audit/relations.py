@@ -121,9 +121,9 @@ def _off_between(relation: Between, name: str, scene: JudgedScene, seen: Seen) -
 
 @_missed.register
 def _off_beside(relation: Beside, name: str, scene: JudgedScene, seen: Seen) -> dict[str, np.ndarray]:
-    """Return the larger of two errors [m]: in the gap between the objects, and in their alignment along the gap.
+    """Return the larger of two errors [m]: of the gap between the objects, and of their alignment.
 
-    Along the gap, the narrower object should not reach beyond the wider object.
+    The alignment is wrong by the distance that the narrower object sticks out beyond an end of the wider object.
     """
     own, anchor, heading = seen.outlines[name], seen.outlines[relation.beside], _heading(relation, name, scene, seen)
     side = np.stack([np.cos(heading), np.sin(heading)], 1)
@@ -172,7 +172,7 @@ def _wrapped(angle: np.ndarray) -> np.ndarray:
 
 
 def _rectangles(outline: Outline) -> np.ndarray:
-    """Return the bounds as shapes, shape (nrow,). Bounds without area become a point or a line."""
+    """Return the bounds as shapely geometries, shape (nrow,). Bounds without area become a point or a line."""
     return np.asarray(shapely.convex_hull(shapely.multipoints(outline.corners())))
 
 

@@ -30,9 +30,9 @@ class Misplaced:
         row: The layout.
         name: The object.
         cause: "support" (the pivot is off the surfaces of the support, or outside the region), "footprint" (a part of
-            the object overhangs), "overhead" (the object is covered but should be open above, or the reverse), "heap"
-            (no settled row matches), "start" (the fingers do not hold the object, or it is not at its marker) or
-            "falls" (the object has to stand, and MuJoCo C moves it by more than 1 cm in half a second).
+            the object overhangs), "overhead" (the support covers the object from above but should not, or the reverse),
+            "heap" (no settled row matches), "start" (the fingers do not hold the object, or it is not at its marker) or
+            "falls" (the object has to stand, but MuJoCo C moves it by more than 1 cm in half a second).
     """
 
     row: int

@@ -1,4 +1,4 @@
-"""Types of values in a scene file (numbers, intervals, points, names), with errors in the words of the file."""
+"""Types of values in a scene file (numbers, intervals, points, names), with errors that name the keys of the file."""
 
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator

@@ -80,11 +80,11 @@ class GroupConfig(Section):
 
 
 class HeapConfig(Section):
-    """Objects that lie in a container. A file holds rows of their settled poses, and each layout draws a row.
+    """Objects that lie in a container. Each row of a file has a settled pose of every object. Each layout draws a row.
 
     Attributes:
         fill: The container: an object, or a body of an object, as in `on`.
-        of: Names of the objects. All of them are in the container.
+        of: Names of the objects. Every layout has all of these objects in the container.
         rows: The file of settled heaps from `sceniris-gym settle`, None before it is written.
     """
 

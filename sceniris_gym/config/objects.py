@@ -70,9 +70,9 @@ class RegionConfig(Section):
 
 @dataclass(frozen=True)
 class SupportConfig:
-    """The support of an object: `word` is 'on', 'inside' or 'in'.
+    """The support of an object. `word` is the key in the scene file: 'on', 'inside' or 'in'.
 
-    `parent` is 'floor', 'object', 'object/body', or a static geom or body of the scene's model.
+    `parent` names the support: 'floor', an object, 'object/body', or a static geom or body of the scene's model.
     """
 
     word: str
@@ -126,7 +126,8 @@ class ObjectConfig(Section):
     def has_to_stand(self) -> bool:
         """True if a free object has to stay where it is put.
 
-        Then it has `stands`, a support, a gap of at most `STANDING_GAP`, and an orientation other than 'any'.
+        This holds for a free object with `stands: true`, a support, a gap of at most `STANDING_GAP`, and an orientation
+        other than 'any'.
         """
         is_put_down = self.kind == "free" and self.support is not None and self.gap <= STANDING_GAP
         return self.stands and is_put_down and self.drawn_orientation.kind != "any"

@@ -240,7 +240,7 @@ class Direction(Sector):
         return self._side_heading(self.word.removesuffix("_of"), robots)
 
     def excludes(self, other: Relation) -> bool:
-        """Return whether two directions have the same anchor and frame, and share at most a line."""
+        """Return whether two directions have the same anchor and frame, and their sectors share at most a line."""
         if not isinstance(other, Direction) or (self.anchors, self.frame) != (other.anchors, other.frame):
             return False
         apart = abs(math.remainder(self.heading(()) - other.heading(()), 2.0 * math.pi))

@@ -74,7 +74,7 @@ def _check_bodies(scene: SceneWords, where: str) -> None:
 
 
 def _check_body(scene: SceneWords, name: str, part: ObjectConfig, where: str) -> None:
-    """Check an object without an asset."""
+    """Check that an object has an asset, is a body of the scene's model, or is a marker that needs no size."""
     if not in_memory(scene.model):  # mjlab's model has a body for each variant
         check_variant_has_asset(scene, name, where)
     if part.asset is not None or scene.model is not None:

@@ -43,7 +43,7 @@ def check_formats(formats: Sequence[str]) -> None:
 
 
 def poses_by_name(compiled: CompiledScene, rows: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the poses of all objects, and of the robot as 'robot', in the world frame.
+    """Return the poses of all objects and robots in the world frame, by name. A single robot is 'robot'.
 
     Args:
         compiled: The compiled scene.

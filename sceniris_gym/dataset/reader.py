@@ -203,7 +203,7 @@ def verify(dataset: str | Path | LayoutDataset) -> dict[str, Any]:
     `dataset` may also be the folder of the data set.
 
     Raises:
-        DatasetError: The data set is not complete, or files are damaged. The message names up to five of them.
+        DatasetError: The data set is not complete, or files are damaged. The message names up to five damaged files.
         ArgumentTypeError: `dataset` is neither a path nor a data set.
     """
     dataset = dataset if isinstance(dataset, LayoutDataset) else LayoutDataset(dataset)

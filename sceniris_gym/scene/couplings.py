@@ -160,7 +160,7 @@ def follow(couplings: Iterable[Coupling], qpos: np.ndarray) -> None:
 
 
 def driven_by(couplings: Iterable[Coupling], joints: Iterable[int]) -> list[Coupling]:
-    """Return the couplings whose follower moves with any of these joints, directly or through others, in order."""
+    """Return the couplings whose follower moves with any of the joints, directly or through others, drivers first."""
     moving, found = set(joints), []
     for c in couplings:
         if c.driver in moving:
@@ -243,7 +243,7 @@ def _in_order(mjm: mujoco.MjModel, found: dict[int, Coupling], where: str) -> li
 
 
 def coupling_arrays(couplings: Sequence[Coupling]) -> dict[str, np.ndarray]:
-    """Return the fields `follow_*` of the device structs."""
+    """Return the couplings as arrays, by the names of the fields `follow_*` in the device structs."""
     return {
         "follow_driveradr": np.array([c.driver_adr for c in couplings], int),
         "follow_qposadr": np.array([c.adr for c in couplings], int),

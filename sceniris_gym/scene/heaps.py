@@ -32,8 +32,8 @@ class HeapRows:
 
     Attributes:
         names: The objects.
-        pos: Positions of their roots [m], shape (nrow, nthing, 3).
-        quat: Their orientations, wxyz, shape (nrow, nthing, 4).
+        pos: Positions of the objects' root bodies [m], shape (nrow, nthing, 3).
+        quat: Orientations of the root bodies, wxyz, shape (nrow, nthing, 4).
         settled_with: Identifies the shapes and masses of the settled bodies: 16 hexadecimal digits.
     """
 

@@ -1,7 +1,7 @@
 """Models from MJCF and URDF files, with the contents of all referenced files in `MjSpec.assets`.
 
 With these contents, a scene can be moved, and written as a zip file that unpacks into one folder. A model may attach
-other models (`<model>` and `<attach>`), with files in their own folders. A URDF may name its meshes by package.
+other models (`<model>` and `<attach>`), with files in their own folders. A URDF may refer to meshes by a package name.
 """
 
 import io

@@ -47,7 +47,7 @@ def pose_address(scene: SceneModel, name: str, where: str) -> PoseAddress:
 
 
 def joint_address(scene: SceneModel, name: str, where: str) -> tuple[int, int]:
-    """Return the address of a joint in qpos, and its width there.
+    """Return the address of a joint in qpos, and its number of values in qpos.
 
     Args:
         scene: The scene.

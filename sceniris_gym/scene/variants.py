@@ -2,8 +2,8 @@
 
 Geoms of one class have the same type, contact bits and other values that mujoco_warp stores once for all worlds. The
 shared body has enough geoms of each class for the variant that needs most. All other values of the body, its joint and
-its geoms have a row per world, and `sim/variants.py` writes the present variant's values there. Files of folders that
-cannot be variants are left out, with a warning.
+its geoms have a row for each world. `sim/variants.py` writes the values of the world's present variant to its row. If a
+file of a folder cannot be a variant, it is left out, with a warning.
 """
 
 import warnings
@@ -53,7 +53,7 @@ def geom_classes(mjm: mujoco.MjModel) -> list[tuple[int, ...]]:
 
 
 def places_of_geoms(mjm: mujoco.MjModel, bodies: list[int]) -> tuple[list[tuple[int, ...]], list[list[int]]]:
-    """Return the classes of a shared body's geoms, and the index of each variant's geoms among them.
+    """Return the classes of a shared body's geoms, and for each variant, the indices of its geoms in this list.
 
     Args:
         mjm: The model with all variants.
