@@ -179,7 +179,7 @@ class CollisionAudit:
         """Return all pairs of solids that are nearer than their clearance.
 
         An object may touch the body that supports it, but not intersect it. FCL returns no penetration depth for
-        meshes. This test therefore raises the object by the tolerance: if it still meets the body, it intersects.
+        meshes. This test therefore raises the object by the tolerance: if both still touch, they intersect.
 
         Args:
             poses: World poses of the rows.

@@ -4,8 +4,8 @@ MuJoCo applies its rules: contact bits, `exclude` and `pair`, margins, parents a
 are allowed:
 
 - An object may be within the contact margin of its support, but must not intersect it.
-- If two geoms touch in the start pose, and layouts do not change their relative pose, they may be as deep as before.
-  Examples: links of a robot, doors of a cabinet, a robot and its desk.
+- If two geoms touch in the start pose, and layouts do not change their relative pose, the depth of the start pose is
+  allowed. Examples: links of a robot, doors of a cabinet, a robot and its desk.
 """
 
 from collections.abc import Collection, Iterable, Iterator, Mapping
@@ -33,7 +33,7 @@ class Contact:
         owners: Names of the two objects.
         depth: How much nearer [m] the geoms are than their margin, the distance at which MuJoCo starts to act. Between
             an object and its support, the depth of the penetration.
-        home: The depth at home [m], None if the two geoms are apart there.
+        home: The depth in the start pose [m]. None if the two geoms are apart in the start pose.
     """
 
     row: int
@@ -55,7 +55,7 @@ class Allowed:
     Attributes:
         names: Names of the two bodies.
         why: The reason.
-        home: Depth of their contact at home [m], 0 if they only touch.
+        home: Depth of their contact in the start pose [m], 0 if they only touch.
         depth: Greatest depth in the layouts [m].
     """
 
@@ -74,7 +74,7 @@ class ContactAudit:
         markers: Names of objects that may intersect anything.
 
     Attributes:
-        at_home: Pair of geoms that touch at home, the lower id first -> their depth at home [m]. The auditor adds the
+        at_home: Pair of geoms that touch in the start pose, the lower id first -> their depth [m]. The auditor adds the
             pairs of geoms in heaps with their allowed depth, because MuJoCo settled them in contact.
     """
 
@@ -106,7 +106,10 @@ class ContactAudit:
                     yield Contact(row, geoms, owners, depth, self.at_home.get(geoms))
 
     def _touching_at_home(self, placed: Mapping[str, int]) -> dict[tuple[int, int], float]:
-        """Return pairs of geoms that touch at home -> depth [m]. Placed objects are first moved far from all others."""
+        """Return pairs of geoms that touch in the start pose -> depth [m].
+
+        Placed objects are first moved far away from all other objects.
+        """
         mjm, owner, data = self.tree.mjm, self.tree.owner, home_of(self.tree.mjm, self.tree.keyframe)
         for i, body in enumerate(placed.values(), start=1):
             away = [_APART * i, 0.0, _APART]

@@ -110,7 +110,7 @@ def _first_warning(
 def _start(mjm: mujoco.MjModel, table: LayoutTable) -> tuple[np.ndarray, np.ndarray]:
     """Return two arrays for the starts of layouts: states (nrow, nstate), and controls with mocap poses (nrow, ngiven).
 
-    Both have MuJoCo's order of state components.
+    Both are in the form of `mj_getState`.
     """
     data = mujoco.MjData(mjm)
     full = mujoco.mjtState.mjSTATE_FULLPHYSICS

@@ -181,7 +181,7 @@ class ReachAudit:
         return None
 
     def _touching_at_home(self) -> dict[tuple[int, int], float]:
-        """Return pairs of the robot's geoms in contact at home -> their least distance [m], at most 0."""
+        """Return pairs of the robot's geoms in contact in the start pose -> their least distance [m], at most 0."""
         alone = copy(self.mjm)  # collisions of objects are off, because all objects are at the origin at home
         others = ~np.isin(alone.geom_bodyid, list(self._robot))
         alone.geom_contype[others] = alone.geom_conaffinity[others] = 0
@@ -210,7 +210,7 @@ _AT_MARKER = 1e-4  # m, greatest distance of an object from its marker, seen fro
 
 
 class StartAudit:
-    """Checks the starts of layouts, and removes violations that a start permits from the findings.
+    """Checks the starts of layouts. It also removes findings that a start permits.
 
     In a start, an arm may be at the grasp or pre-grasp of an object, and objects may be at markers.
 
@@ -312,5 +312,8 @@ class StartAudit:
 
 
 def _rows(table: LayoutTable, named: Sequence[tuple[int, str]]) -> dict[str, np.ndarray]:
-    """Return object -> mask (nrow,) of the rows whose start is paired with the object in `named`, (start, object)."""
+    """Return object -> mask (nrow,) of the rows with one of the object's kinds of starts.
+
+    `named` pairs the index of a kind of start with an object.
+    """
     return {name: np.isin(table.start, [i for i, other in named if other == name]) for _, name in named}

@@ -1,4 +1,4 @@
-"""Checks of relations and orientations with shapely and angles in double precision, and counts of violations."""
+"""Checks relations and orientations in double precision, with shapely and with angles, and counts violations."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -88,7 +88,7 @@ def _is_complete(relation: Relation, seen: Seen) -> np.ndarray:
 def _missed(relation: Relation, name: str, scene: JudgedScene, seen: Seen) -> dict[str, np.ndarray]:
     """Return unit -> violation of an object's relation in each row, shape (nrow,).
 
-    The presence of objects is ignored. Only absent anchors of 'between' are left out.
+    The violation is computed as if all objects were present. But absent anchors of 'between' are left out.
     """
     raise NotImplementedError(f"no audit of {type(relation).__name__}")
 
@@ -215,7 +215,7 @@ class OrientationAudit:
 
     Args:
         scene: The scene.
-        hulls: Object name -> corners of its convex hull in its root's frame at home [m], shape (n, 3).
+        hulls: Object name -> corners of its convex hull in the start pose [m], in the frame of its root, shape (n, 3).
     """
 
     def __init__(self, scene: JudgedScene, hulls: Mapping[str, np.ndarray]) -> None:

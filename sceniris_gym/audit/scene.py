@@ -92,7 +92,7 @@ class JudgedScene:
         return Carrier(body, geom if geom >= 0 else None, nearest)
 
     def hulls(self, solids: list[Solid]) -> dict[str, np.ndarray]:
-        """Return the corners of the convex hull of each placed object [m], in the frame of its root, at home.
+        """Return the corners of each placed object's convex hull in the start pose [m], in the frame of its root.
 
         Args:
             solids: Solids of the model. An object without solids is a point.

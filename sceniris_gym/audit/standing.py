@@ -66,7 +66,7 @@ class HeapAudit:
         return found
 
     def elsewhere(self, poses: Poses) -> dict[str, np.ndarray]:
-        """Return object -> mask of the rows where its heap differs from all settled rows, shape (nrow,)."""
+        """Return object -> mask of the rows where the object's heap differs from all settled rows, shape (nrow,)."""
         found = {}
         for heap, filled in self._filled:
             with np.load(Path(str(heap.rows))) as stored:
@@ -93,7 +93,7 @@ class StandingAudit:
         pairs: The pairs of solids that must be apart.
 
     Attributes:
-        hulls: Object name -> corners of its convex hull in its root's frame at home [m], shape (n, 3).
+        hulls: Object name -> corners of its convex hull in the start pose [m], in the frame of its root, shape (n, 3).
         surfaces: Function of a key ('on', 'in' or 'inside') and a carrier. It returns the level surfaces of the
             carrier, in the frame of the carrier's body.
     """

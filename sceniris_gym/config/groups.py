@@ -35,7 +35,7 @@ class GroupConfig(Section):
 
     Attributes:
         of: Names of the members.
-        count: Minimum and maximum number of present members. The number is drawn uniformly, then the members.
+        count: Minimum and maximum number of present members. The number is drawn uniformly. Then members are drawn.
         missing: Treatment of references to a member that may be absent: reject the scene ('refuse'), or drop the
             reference in worlds without the member ('drop').
         weights: Weights of members, by default 1. Members are drawn one by one without replacement, with probabilities
@@ -83,7 +83,7 @@ class HeapConfig(Section):
     """Objects that lie in a container. Each row of a file has a settled pose of every object. Each layout draws a row.
 
     Attributes:
-        fill: The container: an object, or a body of an object, as in `on`.
+        fill: The container: an object, or a body of an object, in the form of a value of `on`.
         of: Names of the objects. Every layout has all of these objects in the container.
         rows: The file of settled heaps from `sceniris-gym settle`, None before it is written.
     """

@@ -142,7 +142,9 @@ class Relation(Section):
         return f"{self.word} {' and '.join(self.anchors)}"
 
     def heading(self, robots: Container[str]) -> float:
-        """Return the heading [rad] of the direction in its frame, from x towards y, or 0 without a direction.
+        """Return the angle [rad] of the relation's direction in its `reference_frame`, from x towards y.
+
+        Return 0 for a relation without a direction.
 
         Args:
             robots: Names of the scene's robots. Robots look along their +x.
@@ -234,7 +236,7 @@ class Direction(Sector):
         return math.radians(90.0 if self.angle is None else self.angle)
 
     def heading(self, robots: Container[str]) -> float:
-        """Return the heading of the direction in its frame [rad]."""
+        """Return the angle [rad] of the direction in the relation's `reference_frame`."""
         if self.direction is not None:
             return math.atan2(self.direction[1], self.direction[0])
         return self._side_heading(self.word.removesuffix("_of"), robots)
@@ -340,7 +342,7 @@ class Beside(Relation):
         return f"beside {self.beside}, {self.side}, gap {self.gap:g} m"
 
     def heading(self, robots: Container[str]) -> float:
-        """Return the heading of the side in its frame [rad]."""
+        """Return the angle [rad] of the side in the relation's `reference_frame`."""
         return self._side_heading(self.side, robots)
 
 

@@ -98,7 +98,10 @@ class SceneConfig(SceneWords):
         return needs if name in before else tuple(dict.fromkeys([*needs, robot]))
 
     def _named(self, name: str) -> tuple[str, ...]:
-        """Return the names in the settings of an object or a robot. The names of all variants replace their object."""
+        """Return the names in the settings of an object or a robot.
+
+        If a name has variants, the names of all variants replace it.
+        """
         return with_variants(self.parts[name].needs, self.variants)
 
     def robot_for(self, name: str) -> str:

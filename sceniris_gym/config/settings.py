@@ -11,7 +11,7 @@ _Config = TypeVar("_Config")
 
 
 def as_config(cls: type[_Config], value: Any, where: str) -> _Config:
-    """Return an instance of a dataclass, given as an instance or as a mapping of its fields.
+    """Return `value` as an instance of a dataclass. It may be an instance or a mapping of the fields.
 
     Gymnasium's `EnvSpec.from_json` returns dataclasses as mappings, and tuples as lists. So a list in a field becomes a
     tuple.

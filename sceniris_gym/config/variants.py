@@ -148,7 +148,7 @@ def _members(
 def _listed(at: tuple[str, ...], part: Mapping, shared: dict) -> Mapping[str, Mapping]:
     """Return the variants of an object, by name. Each asset of a list, or file of a pattern, becomes a variant.
 
-    The `asset` is then removed from `shared`, the keys of all variants.
+    The `asset` is then removed from `shared`, the mapping that all variants share.
     """
     assets = listed(part.get("asset"))
     if TAGS in part and not is_pattern(assets):

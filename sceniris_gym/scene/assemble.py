@@ -152,7 +152,7 @@ def _load_asset(asset: str, where: str) -> mujoco.MjSpec:
 
 
 def stand_at_keyframe(spec: mujoco.MjSpec, keyframe: str, where: str) -> None:
-    """Copy the poses of mocap bodies from a keyframe into the bodies, and drop them from the keyframe.
+    """Move the poses of mocap bodies from a keyframe into the bodies.
 
     Keyframes identify the poses of mocap bodies only by their order, which changes whenever a body becomes a mocap
     body. A pose in the body is independent of the order, and is the start pose as well.

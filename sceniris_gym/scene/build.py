@@ -98,7 +98,7 @@ def _with_shared_bodies(config: SceneConfig) -> SceneModel:
 def _built(config: SceneConfig, full: SceneModel | None = None) -> SceneModel:
     """Build a scene from files or a MjSpec, with a body for each variant.
 
-    If `full`, the result of this call, is given, build the scene for the simulation: all variants share one body.
+    If `full`, the result of an earlier call, is given, build the scene for the simulation: variants share one body.
     """
     shared = None if full is None else SharedBodies(full.mjm, config.variants, config.where)
     spec, homes = _assemble(config, shared)

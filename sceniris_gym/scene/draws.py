@@ -30,7 +30,7 @@ class FieldDraw:
     """An entry of `randomize` in a scene, with the values of the model that it changes.
 
     Attributes:
-        name: The name that keys the random numbers, such as 'can.mass'. All variants of an object share it.
+        name: The name that selects the random numbers, such as 'can.mass'. All variants of an object share this name.
         word: The drawn field, and the fields that keep their ratio to this field.
         config: The distribution.
         rows: Drawn rows of the field, shape (nrow,).

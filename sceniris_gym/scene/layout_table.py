@@ -178,7 +178,7 @@ def row_numbers(index: Any, nrow: int, name: str) -> np.ndarray:
     """Return the numbers of the rows that a NumPy index selects, shape (n,). An integer selects one row.
 
     Raises:
-        IndexError: The index is an integer beyond the rows. Python ends `for` loops by this error.
+        IndexError: The index is an integer beyond the rows. This error also ends a `for` loop over the table.
         ArgumentError: The index is invalid for another reason.
     """
     try:

@@ -102,7 +102,8 @@ def renamed(file: str, prefix: str) -> str:
 def file_of(uri: str, folder: Path) -> Path | None:
     """Return the file of a mesh that a URDF in `folder` names, or None if the file does not exist.
 
-    A package is searched in the folders above the URDF: a folder with the package's name, or with the same files.
+    A mesh in a package is searched in the URDF's folder and in all folders above: first with the package's name as a
+    subfolder, then without the name.
     """
     return next((place for place in _places(uri, folder) if place.is_file()), None)
 

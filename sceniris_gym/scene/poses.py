@@ -1,4 +1,4 @@
-"""Addresses of the poses of objects in layouts, and the poses of a body in many layouts, by MuJoCo's kinematics."""
+"""Addresses of the poses of objects in layouts, and the poses of a body in many layouts, with MuJoCo's kinematics."""
 
 from typing import Literal, NamedTuple
 

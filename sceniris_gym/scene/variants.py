@@ -42,7 +42,7 @@ _TOLD = 5  # most files of an object that a warning names
 
 
 def geom_classes(mjm: mujoco.MjModel) -> list[tuple[int, ...]]:
-    """Return the class of each geom: its values of the fields `CLASS`, the same in all worlds.
+    """Return the class of each geom: its values in the fields of `CLASS`, which are the same in all worlds.
 
     Of a geom's `group`, only visibility counts: all groups that pictures show are one class.
     """
