@@ -487,7 +487,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         returned = (self._seen(observation), outcome.gained.sum(dim=0), outcome.terminated, outcome.truncated, info)
         return tuple(self._returned(value) for value in returned)  # type: ignore[return-value]
 
-    def groups_of(self, observation: Any) -> Mapping[str, Any]:
+    def groups_of(self, observation: Any) -> dict[str, Any]:
         """Return an observation, or its space, as a dict of groups. With a single group it may be the group itself."""
         return observation if self._plain is None else {self._plain: observation}
 
