@@ -30,7 +30,7 @@ _LOWEST = 4  # at most a quarter of the slots can get a new level between two re
 
 @wp.struct
 class Buffer:
-    """The levels of a buffer, and the current and next levels of the worlds, as arguments of kernels."""
+    """Struct that kernels take: the stored levels, each world's current and next level, and the ADR intervals."""
 
     # of each level:
     seed: wp.array[wp.uint64]
@@ -87,9 +87,10 @@ class Episodes(NamedTuple):
         outcome: 1 for a success and 0 for a failure, or the score if scores are "custom", shape (n,), float32.
         param: Param values of the level, shape (n, nvalue), float32. None if the worlds have no params.
         mask: Rows that count, shape (n,), bool. None counts all rows.
-        status: Status of the layouts, shape (n,), int32. Layouts from the bank do not count. None counts as valid.
-        boundary: Index of the ADR interval end at which the level is, otherwise -1, shape (n,), int32. The success also
-            counts for this end. If `boundary` is given, custom scores do not change.
+        status: `LayoutStatus` of the layouts, shape (n,), int32. Layouts from the bank do not count. None means that
+            all layouts are valid.
+        boundary: Index of the ADR interval end that the level tests, or -1, shape (n,), int32. The outcome also counts
+            for this end. If `boundary` is given, outcomes are successes, so custom scores do not change.
     """
 
     level: wp.array
@@ -104,7 +105,7 @@ class Episodes(NamedTuple):
 
 @wp.func
 def score_of(buffer: Buffer, value: float) -> float:
-    """Return the score, at least 0, of a level with this value."""
+    """Return the score, at least 0, of a level. `value` is the level's success rate or custom score."""
     if buffer.score == _CUSTOM:
         return wp.max(value, 0.0)
     return (1.0 - value) * wp.where(buffer.score == _LEARNABILITY, value, 1.0)
@@ -153,7 +154,7 @@ def launch_choose(buffer: Buffer, mask: wp.array | None, stream: int, replay_pro
         buffer: The buffer.
         mask: Selected worlds, shape (nworld,), bool. None selects all.
         stream: Philox stream of the choices.
-        replay_prob: Probability of a level from the buffer.
+        replay_prob: Probability that the next level comes from the buffer. Otherwise, it is fresh.
     """
     nworld, device = buffer.base.shape[0], buffer.base.device
     wp.launch(_choose, nworld, inputs=[mask, wp.uint32(stream), replay_prob], outputs=[buffer], device=device)
@@ -178,13 +179,11 @@ def _forget(
 
 
 def launch_forget(buffer: Buffer, seeds: wp.array | None, mask: wp.array | None) -> None:
-    """Drop the chosen next levels of the masked worlds. If `seeds` are given, draw later fresh levels with them.
-
-    The next levels of these worlds are fresh.
+    """Replace the chosen next levels of the masked worlds by fresh levels.
 
     Args:
         buffer: The buffer.
-        seeds: Seeds, shape (nworld,), uint64. None keeps the present seeds.
+        seeds: Seeds to draw later fresh levels, shape (nworld,), uint64. None keeps the old seeds.
         mask: Selected worlds, shape (nworld,), bool. None selects all.
     """
     device = buffer.base.device
@@ -218,13 +217,13 @@ def _set_params(
 
 
 def _launch_set_params(buffer: Buffer, mask: wp.array | None) -> None:
-    """Write the params of the masked worlds' next levels, with one thread per number."""
+    """Write the params of the masked worlds' next levels."""
     wp.launch(_set_params, buffer.next_param.shape, inputs=[mask], outputs=[buffer], device=buffer.base.device)
 
 
 @wp.func
 def _moved(buffer: Buffer, value: float, outcome: float) -> float:
-    """Return the value of a level after an outcome. An outcome moves a success rate, but replaces a custom score."""
+    """Return a level's value after an outcome, which moves a success rate by `alpha`, or replaces a custom score."""
     return wp.where(buffer.score == _CUSTOM, outcome, value + buffer.alpha * (outcome - value))
 
 
@@ -285,13 +284,13 @@ def _update(
 
 
 def launch_update(buffer: Buffer, episodes: Episodes) -> None:
-    """Update levels by the outcomes of episodes. Insert levels that are not in the buffer."""
+    """Update the levels of the buffer with the outcomes of episodes. Insert levels that are not in the buffer."""
     dim, device = episodes.level.shape[0], buffer.base.device
     wp.launch(_update, dim, inputs=list(episodes), outputs=[buffer], device=device)
 
 
 def create_buffer(replay: LevelReplay, layouts: LayoutsView) -> Buffer:
-    """Allocate an empty buffer. It writes its choices into the next-layout arrays of `layouts`."""
+    """Allocate an empty buffer. Its launches write the chosen levels into the next-layout arrays of `layouts`."""
     capacity, nworld, device = replay.capacity, layouts.next_param.shape[0], layouts.next_param.device
     shapes = {
         "seed episode value age cumulative": capacity,
@@ -315,9 +314,9 @@ def create_buffer(replay: LevelReplay, layouts: LayoutsView) -> Buffer:
 
 
 def bounds_of(buffer: Buffer) -> dict[str, tuple[Any, Any]]:
-    """Return the least and greatest allowed value of each array of a buffer, by name, to check a stored state.
+    """Return the least and greatest allowed value of each array of a buffer, by name.
 
-    The check is necessary because kernels use some of these values as indices.
+    `LevelSampler.restore` checks a stored state with them, because kernels use some of these values as indices.
     """
     of_words = {name: getattr(buffer, name).numpy() for name in ("column", "other", "least", "most", "delta", "band")}
     return {

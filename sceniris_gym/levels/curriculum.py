@@ -28,10 +28,10 @@ class ADR:
 
     Attributes:
         init_range: Interval of each param at the start, such as {"groups.clutter.count": [1, 2]}.
-        delta: Distance by which an end moves, as a fraction of the length of the scene file's interval. For a count, at
-            least 1.
-        boundary_fraction: Probability that a fresh level is at an end of an interval. The param is then within `delta`
-            of the end, or, for a count, equal to the end.
+        delta: Distance by which an end moves, as a fraction of the length of the scene file's interval. The end of a
+            count moves by at least 1.
+        boundary_fraction: Probability that a fresh level tests an end of an interval. The level's param is then drawn
+            between the end and the point that is `delta` inside the interval. A count equals the end.
         threshold_low: An end moves inwards if the success rate is at most this.
         threshold_high: An end moves outwards if the success rate is at least this.
         queue_length: Number of episodes that are counted at an end before it may move.
@@ -65,12 +65,12 @@ class LevelReplay:
     """Prioritized level replay: which levels worlds replay, and how often.
 
     Attributes:
-        score: How levels are scored: by "learnability" or "failure", which follow from the successes of episodes, or
-            "custom", by scores that you pass to `LevelSampler.update`.
+        score: "learnability" or "failure" computes the score of a level from the successes of its episodes. "custom"
+            takes the scores that you pass to `LevelSampler.update`.
         replay_prob: Probability that a reset replays a level. Otherwise the reset takes a fresh level.
         capacity: Number of levels in the buffer. A level takes 24 bytes on the device, and 4 more for each value of its
             params. New levels first fill the buffer, and then replace the levels with the lowest scores. Each refresh
-            of the weights finds these levels again.
+            of the weights selects the levels that may be replaced until the next refresh.
         prioritization: "rank" weighs levels by rank^(-1 / temperature), where the highest score has rank 1.
             "proportional" weighs them by score^(1 / temperature). "uniform" gives all levels the same weight. Scores
             that differ by less than 4% may count as equal.
@@ -83,7 +83,7 @@ class LevelReplay:
         adr: An ADR, a mapping of its fields, or None. The ADR sets the params of fresh levels.
 
     Raises:
-        UnknownNameError: `score` or `prioritization` has another name.
+        UnknownNameError: `score` or `prioritization` is not a name listed above.
         ArgumentError: A fraction is not from 0 to 1, or the temperature is not above 0.
         ArgumentTypeError: `adr` has another type.
         ArgumentError: `capacity` or `refresh_interval` is not an integer of at least 1.
@@ -116,10 +116,9 @@ LevelReplay.__init__ = refuses_old_names(LevelReplay.__init__)
 
 
 def as_curriculum(value: Any, where: str) -> LevelReplay | None:
-    """Return a LevelReplay, given as an instance, a mapping of its fields, or an ADR. None stays None.
+    """Return the LevelReplay that `value` describes: a LevelReplay, an ADR, or a mapping of the fields of either class.
 
-    For an ADR or a mapping of its fields, return a LevelReplay that never replays levels. `where` names the argument in
-    errors.
+    An ADR becomes a LevelReplay that never replays levels. None stays None. `where` names the argument in errors.
 
     Raises:
         ArgumentTypeError, UnknownNameError: See `as_config`.

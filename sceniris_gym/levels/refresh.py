@@ -1,4 +1,4 @@
-"""Update the weights of levels, the vacant slots and the ends of ADR intervals from the counted outcomes."""
+"""Kernels that update the weights of levels, list the slots for new levels, and move the ends of ADR intervals."""
 
 import numpy as np
 import warp as wp
@@ -20,7 +20,7 @@ _BINS_OF_OCTAVE = wp.constant(16.0)
 
 @wp.func
 def _bin(buffer: Buffer, i: int) -> int:
-    """Return the bin of a level by its score, with sixteen bins per power of two, or BINS for an empty slot."""
+    """Return the bin of slot `i`. Scores that differ by a factor of 2 are 16 bins apart. An empty slot has bin BINS."""
     if buffer.age[i] < 0:
         return BINS
     octave = wp.log2(wp.max(score_of(buffer, buffer.value[i]), 1.0e-30))
@@ -29,7 +29,7 @@ def _bin(buffer: Buffer, i: int) -> int:
 
 @wp.func
 def _is_vacant(buffer: Buffer, b: int) -> bool:
-    """Return whether new levels may take the slots of a bin: empty slots first, then slots with the lowest scores."""
+    """Return whether new levels may take the slots in bin `b`: empty slots or, if all are full, the lowest scores."""
     filled, room = buffer.better[BINS - 1], buffer.vacant.shape[0]
     if filled < buffer.age.shape[0]:
         return b == BINS
@@ -148,8 +148,8 @@ def set_ranges(buffer: Buffer, adr: ADR, table: ParamTable) -> None:
     """Set the intervals of a buffer to the `init_range` of an ADR.
 
     Raises:
-        UnknownNameError, ArgumentError: A param is not in the table, is not an interval, or has a range beyond the
-            scene file's limits.
+        UnknownNameError, ArgumentError: The worlds do not have a param, the scene file gives the param no interval,
+            or its initial range exceeds the scene file's interval.
     """
     names, parts = ("column", "other", "present", "least", "most", "delta", "band"), []
     for name, value in adr.init_range.items():

@@ -26,7 +26,7 @@ LEVEL_STREAM = (1 << STREAM_BITS) - 4
 
 
 class LevelSampler(Chooser, StaysHere):
-    """A `Chooser` that replays layouts by the outcomes of earlier episodes.
+    """A `Chooser` that replays layouts according to the outcomes of earlier episodes.
 
     A level is one layout, identified by its seed, episode and params. A world's next level is chosen when the world's
     current episode begins, so that the next level can be prefetched. The outcome of an episode counts for the next
@@ -36,7 +36,8 @@ class LevelSampler(Chooser, StaysHere):
     worlds finish the same level in one step, it may happen that only one of the outcomes counts, and which one varies.
 
     Weights are refreshed after every `LevelReplay.refresh_interval` calls of `reset`. A call counts once, for any
-    number of worlds. During a capture, weights are not refreshed. Choices use the weights of the latest refresh.
+    number of worlds. While you capture a graph, weights are not refreshed. Choices use the weights of the latest
+    refresh.
 
     Args:
         replay: The settings.
@@ -45,7 +46,7 @@ class LevelSampler(Chooser, StaysHere):
 
     Attributes:
         level: Index of each world's level in the buffer, or -1 for a fresh level, shape (nworld,), int32.
-        boundary: Index of the ADR interval end at which each world's level is, otherwise -1, shape (nworld,), int32.
+        boundary: Index of the ADR interval end that each world's level tests, or -1, shape (nworld,), int32.
         size: Number of levels in the buffer. Waits for the device.
     """
 
@@ -99,7 +100,7 @@ class LevelSampler(Chooser, StaysHere):
         launch_update(buffer, played._replace(mask=finished, status=layouts.status, boundary=buffer.boundary))
 
     def insert(self, layouts: Any, scores: Any) -> None:
-        """Insert levels, and refresh the weights. In a full buffer, they replace levels with lower scores.
+        """Insert levels, and refresh the weights. If the buffer is full, new levels replace levels with lower scores.
 
         Args:
             layouts: See `update`. All layouts count as new to the buffer, also if they have a `level`. Layouts from the
@@ -112,10 +113,11 @@ class LevelSampler(Chooser, StaysHere):
         self._score("LevelSampler.insert", layouts, scores, None, are_new=True)
 
     def sample(self, number: int, seed: int = 0) -> dict[str, Any]:
-        """Draw levels of the buffer by their weights. Waits for the device.
+        """Draw levels from the buffer, with probabilities proportional to their weights. Waits for the device.
 
         Returns:
-            `level`, `seed` and `episode`, each of shape (number,), and `params`, values by name.
+            A mapping with `level`, `seed` and `episode`, each of shape (number,), and `params`, the values of each
+            param by name.
 
         Raises:
             ArgumentError: The buffer is empty, or `number` or `seed` is not an integer of at least 0.
@@ -131,7 +133,7 @@ class LevelSampler(Chooser, StaysHere):
 
     @property
     def ranges(self) -> dict[str, np.ndarray]:
-        """The current ADR intervals, by the name of the param. Waits for the device."""
+        """The current ADR interval of each param, by name. Waits for the device."""
         row = self.layouts.params.default[None].copy()
         row[0, self._buffer.column.numpy()] = self._buffer.present.numpy()
         named = self.layouts.params.named(row)
@@ -146,8 +148,8 @@ class LevelSampler(Chooser, StaysHere):
             layouts: `info["layout"]`, or another mapping with integer arrays `seed`, `episode` and `level` of shape
                 (n,), and with `params`, arrays of values by name. Rows with `level` -2 (layouts from the bank) or an
                 episode below 0 do not count. If `level` is left out, all layouts count as new to the buffer. If
-                `params` is left out, the layouts have the scene file's values. A layout id or a sequence of ids is also
-                accepted.
+                `params` is left out, the levels get the scene file's values. You may also pass a layout id, or a
+                sequence of ids.
             scores: Finite floats of at least 0, shape (n,). If `LevelReplay.score` is "custom", these are the scores,
                 such as the regret or the mean value loss of each episode. If it is "learnability" or "failure", pass 1
                 for a success and 0 for a failure. Rows with negative or infinite scores or NaN do not count.
@@ -194,7 +196,7 @@ class LevelSampler(Chooser, StaysHere):
                 launch_refresh(self._buffer, self.replay)
 
     def _named(self, ids: Any, name: str) -> dict[str, Any]:
-        """Return the layouts with these ids, as a mapping."""
+        """Return the seeds, episodes and params of the layouts with these ids, in the form that `update` takes."""
         found = layouts_of_ids(ids, self.layouts, self.split, name)
         if not found.given.all():
             raise ArgumentError(f"{name} should be ids, got None.")
@@ -235,7 +237,7 @@ class LevelSampler(Chooser, StaysHere):
         """Restore a `state` of a sampler with the same settings, scene, split, params and number of worlds.
 
         Raises:
-            SceneMismatchError: The state has another scene, split or set of params.
+            SceneMismatchError: The state comes from another scene or split, or from worlds with other params.
             ArgumentError: An array of the state is missing, has another shape or type, or has a value out of range.
             ArgumentTypeError: The state is not a mapping.
         """

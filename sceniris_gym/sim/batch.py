@@ -37,10 +37,10 @@ _MOST_ROWS = 1 << 20
 
 
 def updater(needs: Iterable[str]) -> Callable[[mjw.Model, mjw.Data], None]:
-    """Return a function that updates kinematics and the quantities in `needs`, which are keys of NEEDS.
+    """Return a function that updates kinematics and the quantities in `needs`, such as "contacts" (the keys of NEEDS).
 
     Raises:
-        UnknownNameError: NEEDS has no such key.
+        UnknownNameError: A need is not a key of NEEDS.
     """
     needs = ["kinematics", *as_names(needs, "needs")]
     check_names("need", needs, "needs", NEEDS)
@@ -56,7 +56,7 @@ def updater(needs: Iterable[str]) -> Callable[[mjw.Model, mjw.Data], None]:
 
 
 def with_options(mjm: mujoco.MjModel, options: Mapping[str, Any]) -> mujoco.MjModel:
-    """Return a copy of the model with these values in its MjOption, or the model itself if `options` is empty.
+    """Return a copy of the model with `options` written into its MjOption. Without options, return the model itself.
 
     Raises:
         UnknownNameError: MjOption has no such field.
@@ -80,25 +80,25 @@ class Batch(Fixed):
         nconmax: Contacts per world. All worlds share a pool of nworld * nconmax. None takes the number from
             `default_budget`.
         njmax: Constraint rows per world. None takes the number from `default_budget`.
-        nvmax: Maximum number of awake degrees of freedom in a world, if bodies sleep. None allows all.
-        needs: Quantities to update after every control step, keys of NEEDS.
+        nvmax: Maximum number of awake degrees of freedom in a world, if bodies sleep. None means no limit.
+        needs: Quantities to update after every control step: "velocity", "contacts", "sensors" or "dynamics".
         substeps: Physics steps in a control step.
-        options: Values of MjOption's fields by name, instead of the scene's values.
-        graph: Capture the control step into a graph and replay it.
+        options: Values of MjOption's fields by name. They replace the scene's values.
+        graph: If true, the control step is captured into a graph, which later steps replay.
 
     Attributes:
         scene: The simulated scene. All variants of an object share one body in this scene.
         full_scene: The scene that the caller passed, with all variants.
         model: mujoco_warp Model.
         data: mujoco_warp Data.
-        fields: Model fields that have a row for each world.
+        fields: The ModelFields: fields of `model` that have a row for each world.
         step: Takes one control step in all worlds: `substeps` physics steps, then an update of kinematics and `needs`.
             Without the update, xpos would be one substep older than qpos.
         update: Updates kinematics and `needs` in all worlds.
 
     Raises:
         UnknownNameError: MjOption has no such field.
-        ArgumentError: A limit is not a positive integer, or is too large for this number of worlds.
+        ArgumentError: `nconmax`, `njmax` or `nvmax` is not a positive integer, or is too large.
         NotSupportedError: MuJoCo-Warp cannot simulate the model with these options.
         MemoryLimitError: The device has too little memory for this number of worlds.
         FixedError: Raised on assignment to an attribute that captured graphs already use.

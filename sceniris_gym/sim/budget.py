@@ -1,4 +1,4 @@
-"""Contacts and constraint rows per world: the numbers that a scene needs, and a check of the allocated room."""
+"""Contacts and constraint rows per world: how many a scene needs, and a check that the allocated memory suffices."""
 
 from collections.abc import Collection
 
@@ -16,20 +16,20 @@ _SAME_HEIGHT = 0.002
 
 
 def default_budget(mjm: mujoco.MjModel, scene: SceneModel | None = None) -> tuple[int, int]:
-    """Return contacts and constraint rows per world (nconmax, njmax) that leave room for a busy scene.
+    """Return numbers of contacts and constraint rows per world (nconmax, njmax) that leave room for a busy scene.
 
     Contacts: 16, plus four for each body that can move and collide, plus four for each geom at the bottom of such a
-    body (a plate may have a dozen). If a body stands on a free object, its bottom geoms may lie across several geoms of
-    that object. Such a geom counts six, because stacked plates had up to 5.5 contacts per geom.
+    body (a plate may have a dozen such geoms). If the body stands on a free object, each bottom geom may touch several
+    geoms of that object, and adds six instead of four. Stacked plates had up to 5.5 contacts per geom.
 
-    Constraint rows: one for each edge of a contact's friction pyramid, or for each dimension of an elliptic contact.
-    Each limit and each friction loss adds one row, and each equality adds six.
+    Constraint rows: a pyramidal contact has one row for each edge of its friction pyramid, and an elliptic contact one
+    row for each dimension. Each limit and each friction loss adds one row, and each equality adds six.
 
     Args:
         mjm: The simulated model.
-        scene: The scene of the model. An object that may lie on another side counts with the side that has the most
-            geoms. An object with variants counts with the variant that has the most bottom geoms. If None, each object
-            counts in its pose in the model.
+        scene: The scene of the model. For an object that may lie on another side, the bottom is the side with the most
+            geoms. Of an object with variants, only the variant with the most bottom geoms counts. If None, the bottom
+            geoms are counted with each object in its pose in the model.
     """
     moving = np.unique(mjm.geom_bodyid[(mjm.geom_contype != 0) | (mjm.geom_conaffinity != 0)])
     moving = [b for b in moving if mjm.body_weldid[b] != 0 or mjm.body_mocapid[b] >= 0]
@@ -49,9 +49,9 @@ def default_budget(mjm: mujoco.MjModel, scene: SceneModel | None = None) -> tupl
 
 
 def _geoms_across(scene: SceneModel, stood_on: np.ndarray) -> int:
-    """Count the bottom geoms of all free objects that stand on free objects.
+    """Return how many bottom geoms the objects that stand on free objects have in total.
 
-    An object counts at most as many geoms as its support has.
+    The count of an object is limited to the number of geoms of its support.
 
     Args:
         scene: The scene.
@@ -68,10 +68,10 @@ def _geoms_across(scene: SceneModel, stood_on: np.ndarray) -> int:
 
 
 def _geoms_stood_on(mjm: mujoco.MjModel, turned: Collection[int]) -> np.ndarray:
-    """Count the bottom geoms of each tree of moving bodies, by the root of the tree, shape (nbody,).
+    """Return the number of bottom geoms of each kinematic tree of moving bodies, at the root body's id, shape (nbody,).
 
-    A tree is in its pose in the model. If its root is in `turned`, the tree may also lie on any side of any of its
-    geoms, and its count is the largest over all these poses.
+    The geoms are counted with the tree in its pose in the model. If the root is in `turned`, the tree is also turned so
+    that each side of each of its geoms faces down, and the largest count is returned.
     """
     data = mujoco.MjData(mjm)
     mujoco.mj_kinematics(mjm, data)
@@ -94,7 +94,7 @@ def _geoms_stood_on(mjm: mujoco.MjModel, turned: Collection[int]) -> np.ndarray:
 def check_budget(m: mjw.Model, d: mjw.Data) -> None:
     """Check that contacts and constraint rows fit the allocated memory. Waits for the device.
 
-    Runs kinematics and collision for the current state, and reads the overflow flags of earlier steps.
+    Runs kinematics and collision detection for the current state, and reads the overflow flags of earlier steps.
 
     Raises:
         ContactBudgetError: Contacts or rows did not fit. The message names the argument to increase and its new value.

@@ -158,9 +158,9 @@ def _subtree(w: Derived, worldid: int, bodyid: int) -> wp.vec4:
 
 @wp.func
 def _from_center(w: Derived, worldid: int, bodyid: int, targetbodyid: int, offset: wp.vec3) -> wp.vec3:
-    """Return a point of a body relative to a centre of mass.
+    """Return the vector from a centre of mass to the point at `offset` from a body's origin, at qpos0.
 
-    The centre belongs to the subtree of the target or, without a target, to the subtree of the body.
+    The centre of mass belongs to the subtree of the target body or, without a target (-1), to the subtree of the body.
     """
     subtree = _subtree(w, worldid, wp.where(targetbodyid >= 0, targetbodyid, bodyid))
     return w.xpos[bodyid] + offset - wp.vec3(subtree[0], subtree[1], subtree[2])
@@ -232,7 +232,7 @@ def launch_derived(tables: Derived, m: mjw.Model, mask: wp.array, wide: Containe
 
     Args:
         tables: The `derived_tables` of the model.
-        m: The Model. The launch uses its present arrays in place.
+        m: The Model. The launch reads and writes the arrays that the Model has at the time of this call.
         mask: Selected worlds, shape (nworld,), bool.
         wide: Names of the fields that have a row for each world.
     """

@@ -37,14 +37,15 @@ def check_fit(
     where: str = "ResetRandomizer",
     cure: str | None = None,
 ) -> None:
-    """Check that a Model and Data belong to a compiled scene, and that layouts match them.
+    """Check that a Model and Data belong to a compiled scene, and that `layouts` has the same scene, size and device.
 
     The check compares everything that layouts depend on: sizes, and the order, types, places and shapes of bodies,
     joints and geoms. If a field has a row for each world, the check covers all worlds. Masses, frictions, gains and
     options may differ. A mujoco_warp Model has no names. Pass its MjModel as `mjm` to also compare names.
 
     Raises:
-        SceneMismatchError: A value differs. The message begins with `where`, names the value, and ends with the cure.
+        SceneMismatchError: A value differs. The message begins with `where`, names the value, and ends with the
+            advice `cure`.
     """
     try:
         _check_model(compiled, m, mjm)
@@ -73,7 +74,7 @@ def check_model(compiled: CompiledScene, mjm: mujoco.MjModel, where: str, cure: 
 
 
 class _MisfitError(Exception):
-    """A difference between two models. The final message has this text between `where` and the cure."""
+    """A difference between two models. Its text becomes the middle of a SceneMismatchError, after `where`."""
 
 
 def _check_model(compiled: CompiledScene, m: mjw.Model | mujoco.MjModel, mjm: mujoco.MjModel | None) -> None:
@@ -106,9 +107,10 @@ def _check_names(ours: mujoco.MjModel, theirs: mujoco.MjModel) -> None:
 
 
 def _check_field(m: mjw.Model | mujoco.MjModel, mjm: mujoco.MjModel, field: str, shared: list[int]) -> None:
-    """Compare a field, in all worlds if it has a row for each world. For `qpos0`, compare one value per joint.
+    """Compare a field of two models. If the field has a row for each world, compare all rows.
 
-    If variants share a body, its geoms are not compared, because they depend on the present variant.
+    In `qpos0`, only hinge and slide joints are compared. If variants share a body, the geoms of this body are not
+    compared, because they depend on the present variant.
     """
     prefix = field.partition("_")[0]
     kind, wanted, found = _KINDS.get(prefix, prefix), np.asarray(getattr(mjm, field), float), getattr(m, field)
@@ -138,7 +140,7 @@ def _check_field(m: mjw.Model | mujoco.MjModel, mjm: mujoco.MjModel, field: str,
 
 
 def _placed_anew(mjm: mujoco.MjModel, nrow: int) -> np.ndarray:
-    """Mark the bodies whose pose in the model has no effect: mocap bodies and, with several rows, free bodies."""
+    """Mark the bodies whose pose in the model is not compared: mocap bodies and, if `nrow` > 1, free bodies too."""
     anew = mjm.body_mocapid >= 0
     if nrow > 1:
         anew[mjm.jnt_bodyid[mjm.jnt_type == mujoco.mjtJoint.mjJNT_FREE]] = True

@@ -31,15 +31,15 @@ class ModelFields:
         scene: The scene with all variants. The worlds simulate `scene.sim`.
         m: The Model.
         d: Data of the worlds.
-        grow: Expand a requested field from one shared row to a row for each world. False rejects such fields, because
-            your own code may have captured the Model's present arrays.
+        grow: If true, a requested field with one shared row is expanded to a row for each world. If false, such a field
+            is rejected, because expanding replaces its array, which your code may have captured in a graph.
 
     Attributes:
-        rest: The controls and activations that hold a pose.
-        columns: The draws of the scene's `randomize`.
+        rest: The RestMap of the worlds: controls and activations that hold a pose.
+        columns: The WorldColumns that draw the entries of the scene's `randomize`.
         asked: Names of the fields that were requested for writing.
         varied: Nominal values of the fields in which variants differ, by name, with a row for each world. Empty without
-            variants. Each reset writes the values of the present variants before the scene's draws.
+            variants. Each reset first writes the present variants' values here, because draws start from them.
     """
 
     def __init__(self, scene: SceneModel, m: mjw.Model, d: mjw.Data, *, grow: bool) -> None:
@@ -65,12 +65,12 @@ class ModelFields:
         Args:
             name: The field's name in mujoco_warp's Model.
             of: A model element, an object or a robot, see `field_rows`. None returns the whole field.
-            where: The caller, as the beginning of errors.
+            where: Name of the caller. Errors begin with this name.
 
         Raises:
             UnknownNameError: There is no such field or name.
-            ArgumentError: Steps do not read the field, or the call comes too late.
-            SceneMismatchError: The Model has one row for all worlds.
+            ArgumentError: Steps do not read the field, or the field is first requested after the first reset.
+            SceneMismatchError: All worlds share one row of the field, and `grow` is false.
         """
         check_field(name, self._scene.mjm, where)
         rows = None if of is None else field_rows(self._scene.mjm, self._scene.bodies, name, of, where)
@@ -121,11 +121,11 @@ class ModelFields:
         and colours keep their transparency. Inertias follow masses, and bias gains follow actuator gains.
 
         Args:
-            name: A field that was requested before.
+            name: A field that was requested before with `ask`.
             of: A model element, an object or a robot, see `field_rows`.
             factor: Factors, a Warp array or torch tensor on the device or a numpy array, shape (nworld,), float32.
             mask: Selected worlds, shape (nworld,), bool.
-            where: The caller, as the beginning of errors.
+            where: Name of the caller. Errors begin with this name.
 
         Raises:
             UnknownNameError, ArgumentError, SceneMismatchError: As in `ask`.
@@ -151,7 +151,7 @@ class ModelFields:
         self._scaled[name, of].launch(mask, given=factor.contiguous().reshape((-1, 1)))
 
     def _columns_of(self, name: str, rows: int | slice) -> WorldColumns:
-        """Return columns that scale these rows of a field, and of its dependent fields, by a number for each world."""
+        """Return WorldColumns that multiply these rows of a field and of its dependent fields by a factor per world."""
         word, scaled = _word(name), []
         for field, first, count in ((name, word.first, word.shared or word.width), *word.follow):
             size = element_size(self.wide(field))
@@ -170,7 +170,7 @@ class ModelFields:
         return self.columns.numbers[name]
 
     def launch_draw(self, mask: wp.array, layouts: LayoutsView, rows: wp.array | None = None) -> None:
-        """Draw the scene's `randomize` in the masked worlds. See `WorldColumns.launch`.
+        """Draw the entries of the scene's `randomize` in the masked worlds. See `WorldColumns.launch`.
 
         A second stream computes derived fields, concurrently with all launches up to `launch_wait`. The current stream
         computes controls.
@@ -197,7 +197,7 @@ class ModelFields:
         return found | ({"rest": self.rest.law} if self._has_gains else {})
 
     def launch_follow(self, mask: wp.array) -> None:
-        """Recompute derived fields and controls in the masked worlds, shape (nworld,), bool."""
+        """Recompute derived fields and controls in the worlds of `mask`, shape (nworld,), bool."""
         self._launch_holding(mask)
         self._launch_derived(mask)
 
@@ -210,9 +210,9 @@ class ModelFields:
             launch_derived(self._derived, self._model, mask, self._nominal)
 
     def close(self) -> None:
-        """Reject requests of other fields from now on, and let `check` detect replaced arrays.
+        """From now on, reject requests for further fields, and let `check` detect replaced arrays.
 
-        If fields of the Model may grow, `check` covers all fields. Otherwise, it covers only requested fields.
+        If `grow` is true, `check` covers all fields. Otherwise, it covers only requested fields.
         """
         if self._closed:
             return
@@ -233,7 +233,7 @@ class ModelFields:
 
 
 def _word(name: str) -> Word:
-    """Return how a field of objects is scaled: as by its key in a scene file, or as a whole without such a key."""
+    """Return the components of a field that scaling changes: all of them, if scene files have no key for the field."""
     return next((word for word in WORDS["object"].values() if word.field == name), Word(name, 0))
 
 
@@ -249,7 +249,7 @@ def owner(m: mjw.Model, name: str) -> mjw.Model | mjw.Option:
 
 
 def widen(m: mjw.Model, name: str, nworld: int) -> wp.array:
-    """Give a field a row for each world, with the values of its first row, and return its array."""
+    """Expand a field to a row for each world, each with the values of its first row, and return the new array."""
     array = getattr(owner(m, name), name)
     if array.size and array.shape[0] != nworld:  # an empty array needs no rows
         with wp.ScopedDevice(array.device):

@@ -38,8 +38,9 @@ class Redrawer:
     Args:
         simulation: The worlds.
         layouts: The latest layouts of the worlds.
-        alone: Update only the world poses of the redrawn bodies. False calls `simulation.refresh`.
-        graph: Capture the launches into a graph and replay it.
+        alone: If true, a redraw updates only the world poses of the redrawn bodies. If false, it calls
+            `simulation.refresh`.
+        graph: If true, the launches are captured into a graph, which later redraws replay.
 
     Attributes:
         mask: The worlds of the latest redraw, shape (nworld,), bool. Passing it to `launch` avoids a copy.
@@ -48,7 +49,7 @@ class Redrawer:
         status: `LayoutStatus` of each world's latest redraw, VALID or KEPT, or NONE before the first redraw, shape
             (nworld,), int32.
         kept: Running count of redraws that found no place, shape (1,), int32.
-        prepared: The launches for each tuple of object names that a caller passed.
+        prepared: The LaunchSequence of each tuple of object names that a caller has passed to `launch`.
     """
 
     number, status, kept = (TensorView(lambda redrawer, name: getattr(redrawer.counts, name)) for _ in range(3))
@@ -116,10 +117,10 @@ class Redrawer:
 
 
 def _views_of(m: mjw.Model, d: mjw.Data, bodies: np.ndarray) -> tuple[mjw.Model, mjw.Data]:
-    """Return views of a Model and its Data that limit `mjw.kinematics` to some bodies, with their geoms and sites.
+    """Return views of a Model and its Data that limit `mjw.kinematics` to `bodies`, with their geoms and sites.
 
-    The geoms and sites of a view are consecutive. If their ids have gaps, the view also includes the geoms and sites of
-    other bodies in these gaps.
+    A view has a range of consecutive geom ids and one of site ids. If other bodies have ids inside these ranges, the
+    view also includes the geoms and sites with these ids.
     """
     part, data, device = copy.copy(m), copy.copy(d), d.qpos.device
     branches = np.split(m.body_branches.numpy(), m.body_branch_start.numpy()[1:-1])

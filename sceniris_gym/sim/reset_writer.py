@@ -97,12 +97,12 @@ class ContactList:
     `mjw.reset_data` overwrites the contacts of reset worlds in place. They remain in the list and count as contacts
     between geoms (0, 0) of world 0. `launch_drop` removes them instead: it moves the last contacts of other worlds into
     the free places, and sets `nacon` to the number of remaining contacts. Remaining contacts keep their values, but
-    not always their order. Constraint rows (`efc.id`) follow the contacts that move. The same input gives the same
-    list.
+    not always their order. In the constraint rows, `efc.id` is set to the new ids of contacts that move. The
+    same input gives the same list.
 
     `mjw.reset_data` does not clear constraint rows. The solver reads rows in tiles of 16, including rows beyond the
-    last constraint. NaNs of a broken world would therefore return with the first constraint after its reset, so
-    `launch_drop` also clears these rows.
+    last constraint. If a world had NaNs before its reset, they would therefore return with its first constraint, so
+    `launch_drop` also clears the rows of the masked worlds.
 
     Launches do not wait for the device, so they can be captured in a graph.
 
@@ -142,8 +142,9 @@ class Simulation:
         model: The Model of the worlds.
         data: Data of the worlds. Launches use its arrays in place.
         split: The split of the layouts.
-        rest: Controls and activations at rest.
-        refresh: Called after each write, to update the arrays computed from the state.
+        rest: The RestMap of the worlds: controls and activations that hold a pose.
+        refresh: Function without arguments. Writers call it after each write, to update the arrays computed from the
+            state.
         origins: Origins of the worlds [m], shape (nworld,), vec3, or None for the world frame.
         variants: The writer of variants, or None in a scene without variants.
     """
@@ -165,13 +166,13 @@ class ResetWriter:
         simulation: The worlds.
         fields: The fields of the Model that have a row for each world.
         mask: Worlds to write into, shape (nworld,), bool. Every launch reads it.
-        whole: Reset whole worlds. False resets only the objects and robots of the scene.
+        whole: If true, resets write whole worlds. If false, they write only the objects and robots of the scene.
         count: Counters, one per world, that a reset sets to 0, shape (nworld,), int32.
 
     Attributes:
-        contacts: The contacts of all worlds.
+        contacts: The ContactList of all worlds.
         variants: The writer of variants, or None in a scene without variants.
-        variant: Number of the present variant of each object, as `VariantWriter.variant`.
+        variant: Index of the present variant of each object with variants, see `VariantWriter.variant`.
     """
 
     def __init__(
@@ -195,7 +196,7 @@ class ResetWriter:
         """Write layouts into the masked worlds.
 
         Args:
-            layouts: The layouts. If they have no values in `param`, draws use the ranges of the scene file.
+            layouts: The layouts. If `param` is empty, the physics are drawn from the ranges of the scene file.
             rows: Row of `layouts` for each masked world, shape (nworld,), int32. None gives world i row i.
         """
         m, d, poses, pose_rows = self._simulation.model, self._simulation.data, poses_of(layouts), rows

@@ -1,6 +1,6 @@
-"""Controls and activations that hold a pose: `RestMap`, which a reset evaluates on the device.
+"""`RestMap`: the controls and activations that hold a pose. A reset computes them on the device.
 
-If a start holds an object, the gripper's controls close the fingers.
+If an episode starts with an object in a gripper, the gripper's controls close the fingers.
 """
 
 import mujoco
@@ -29,24 +29,24 @@ SCALAR_JOINTS = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HIN
 
 @wp.struct
 class RestMap:
-    """Controls and activations at rest, each an affine function of qpos: `law[0] + law[1] * sum(arm * qpos[qposadr])`.
+    """Controls and activations that hold the pose qpos. Each is `law[0] + law[1] * sum(arm * qpos[qposadr])`.
 
-    The elements are the nu controls, followed by the na activations. Element e has the terms from `rowadr[e]` up to,
-    but not including, `rowadr[e + 1]`.
+    An element is one control or one activation: first the nu controls, then the na activations. The sum has one term
+    for each joint that the element's actuator moves. Terms `rowadr[e]` to `rowadr[e + 1] - 1` belong to element e.
 
     Attributes:
-        rowadr: First term of an element, shape (nu + na + 1,).
-        qposadr: Address in qpos of a term.
-        arm: Factor of a term in the actuator's length, divided by its gear.
-        law: Constant part of an element, and the factor of its terms, shape (1, nu + na), or (nworld, nu + na) if gains
+        rowadr: Index of each element's first term, shape (nu + na + 1,).
+        qposadr: Address in qpos of each term's joint.
+        arm: Factor of each term: 1, or the joint's coefficient in a fixed tendon.
+        law: The two numbers `law[0]` and `law[1]` of each element, shape (1, nu + na), or (nworld, nu + na) if gains
             differ between worlds. An element without terms has its home value and 0.
-        lower: Lower limit, shape (nu + na,).
-        upper: Upper limit, shape (nu + na,).
-        actuator: The actuator that holds a pose through this element, shape (nu + na,), or -1.
+        lower: Lower limit of each element, shape (nu + na,).
+        upper: Upper limit of each element, shape (nu + na,).
+        actuator: Id of the actuator that holds a pose through the element, or -1, shape (nu + na,).
         sampleadr: Addresses in `history` of the past controls of delayed actuators.
-        sampled: Number of the control at each of these addresses.
-        closing: For each kind of start, the arm that holds an object, or -1. Empty in scenes without such starts.
-        closed: Positions in qpos of each arm's closed fingers, nan for all other joints, shape (narm, nq).
+        sampled: Id of the control at each of these addresses.
+        closing: For each kind of start in the scene file, the arm that holds an object, or -1. Empty without starts.
+        closed: For each arm, qpos of its closed fingers, and nan for all other joints, shape (narm, nq).
     """
 
     rowadr: wp.array[int]
@@ -64,7 +64,7 @@ class RestMap:
 
 @wp.func
 def rest_value(rest: RestMap, worldid: int, elemid: int, qpos: wp.array[float]) -> float:
-    """Return the control or activation `elemid` of a world that holds the joint positions `qpos`, shape (nq,)."""
+    """Return the value with which element `elemid` of a RestMap holds the joint positions `qpos`, shape (nq,)."""
     law = rest.law[worldid % rest.law.shape[0], elemid]
     length = float(0.0)
     for term in range(rest.rowadr[elemid], rest.rowadr[elemid + 1]):
@@ -74,10 +74,10 @@ def rest_value(rest: RestMap, worldid: int, elemid: int, qpos: wp.array[float]) 
 
 @wp.func
 def control_at_start(rest: RestMap, worldid: int, elemid: int, kind: int, qpos: wp.array[float]) -> float:
-    """Return the control or activation `elemid` of a world.
+    """Return the value of element `elemid` of a RestMap at the start of an episode, for joint positions `qpos`.
 
-    If the start holds an object, the result closes its gripper. `kind` is the kind of the start, or -1 if the scene has
-    no starts.
+    If the world starts with an object in a gripper, the elements of this gripper close its fingers. `kind` is the
+    world's kind of start, or -1 in a scene without starts.
     """
     arm = int(-1)
     if kind >= 0 and kind < rest.closing.shape[0]:
@@ -90,7 +90,7 @@ def control_at_start(rest: RestMap, worldid: int, elemid: int, kind: int, qpos: 
 
 
 def affine_law(rest: RestMap, nq: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the constant parts of all elements in the first world, (n,), and their factors of qpos, (n, nq)."""
+    """Return c (n,) and F (n, nq), so that c + F @ qpos are the first world's elements before they are clipped."""
     constants, slopes = rest.law.numpy()[0].T
     rows, factors = np.repeat(np.arange(len(slopes)), np.diff(rest.rowadr.numpy())), np.zeros((len(slopes), nq))
     np.add.at(factors, (rows, rest.qposadr.numpy()), slopes[rows] * rest.arm.numpy())
@@ -98,7 +98,7 @@ def affine_law(rest: RestMap, nq: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def scene_rest(scene: SceneModel, device: wp.Device) -> RestMap:
-    """Return the controls and activations that hold a pose. All others have their home values."""
+    """Return the RestMap of a scene. Controls and activations that cannot hold a pose have their home values."""
     mjm, key = scene.mjm, scene.keyframe
     return rest_map(mjm, scene.home_ctrl, mjm.key_act[key] if key >= 0 else np.zeros(mjm.na), device)
 
@@ -106,7 +106,7 @@ def scene_rest(scene: SceneModel, device: wp.Device) -> RestMap:
 def rest_map(
     mjm: mujoco.MjModel, home_ctrl: np.ndarray, home_act: np.ndarray, device: str | wp.Device | None
 ) -> RestMap:
-    """Find the controls and activations that hold a pose.
+    """Return the RestMap of a model: find the controls and activations that hold a pose.
 
     A position actuator (a fixed gain and an affine bias that pulls against its length) holds the pose when its input
     is `-(bias0 + bias1 * length) / gain`, with `length = gear * qpos` of its joint, or `gear * sum(coef * qpos)`
@@ -157,7 +157,7 @@ def rest_map(
 
 
 def _length_terms(mjm: mujoco.MjModel, actuator: int) -> list[tuple[int, float]] | None:
-    """Return (qpos address, factor) of each term in an actuator's length over its gear, or None if it is no sum."""
+    """Return (qpos address, factor) of each joint in an actuator's length / gear. None if the length is no such sum."""
     trntype, target = int(mjm.actuator_trntype[actuator]), int(mjm.actuator_trnid[actuator, 0])
     if trntype in JOINT_TRANSMISSIONS:
         joints, arms = np.array([target]), np.ones(1)
@@ -178,7 +178,7 @@ def history_samples(mjm: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
     For an actuator with n samples of m controls, `history` has two numbers, then n times, then n x m controls.
 
     Returns:
-        Two arrays of shape (n,), int32.
+        Two arrays with an entry for each past control, int32.
     """
     ctrladr, ctrlnum = actuator_controls(mjm)
     address, control = [], []
@@ -190,10 +190,10 @@ def history_samples(mjm: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
 
 
 def close_grippers(rest: RestMap, compiled: CompiledScene) -> None:
-    """Make controls close the gripper at starts that hold an object.
+    """Set `rest.closing` and `rest.closed`, so that a gripper is closed if the episode starts with an object in it.
 
     Raises:
-        NotSupportedError: A start closes a gripper that has no position actuator.
+        NotSupportedError: Such a gripper has no position actuator.
     """
     full, sim, starts = compiled.mjm, compiled.sim_mjm, compiled.starts
     if compiled.reaching is None or starts is None:
@@ -263,11 +263,13 @@ def _hold_anew(
 
 
 def launch_holding(rest: RestMap, m: mjw.Model, d: mjw.Data, mask: wp.array) -> None:
-    """Recompute `rest.law` from the gains, then the controls and activations that hold the present pose.
+    """Recompute `rest.law` from the Model's gains, then update the controls and activations that hold the current pose.
+
+    Controls that a task has set stay unchanged.
 
     Args:
-        rest: The controls at rest, with a row for each world.
-        m: The Model. The launch uses its present arrays in place.
+        rest: The RestMap, whose `law` has a row for each world.
+        m: The Model. The launch reads the arrays that the Model has at the time of this call.
         d: Data of the worlds.
         mask: Selected worlds, shape (nworld,), bool.
     """

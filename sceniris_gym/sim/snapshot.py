@@ -34,10 +34,10 @@ class Snapshot:
 
     Attributes:
         source: Hash of the scene, split of the layouts, and names of their params.
-        worlds: World of each row, shape (nrow,), int64.
-        rows: Tensors of shape (nrow, ...) by name: the state in mujoco_warp's Data, the layout, the choice of the next
-            layout, fields of the Model, and marks of the finite rows. Snapshots of an environment also have the steps
-            since the reset and the memory of the task.
+        worlds: Id of the world of each row, shape (nrow,), int64.
+        rows: Tensors of shape (nrow, ...) by name: the state in mujoco_warp's Data, the layout, the seed, episode and
+            params of the next layout, fields of the Model, and a mask of the rows without NaN or inf. Snapshots of an
+            environment also have the steps since the reset and the memory of the task.
     """
 
     source: tuple[str, ...]
@@ -58,7 +58,7 @@ def on_warp_stream(device: wp.Device) -> AbstractContextManager:
 
 
 def live_tensors(arrays: Mapping[str, wp.array], nworld: int) -> dict[str, Tensor]:
-    """Return the first `nworld` rows of arrays as new tensors in the same memory, by name, without empty arrays."""
+    """Return the first `nworld` rows of arrays as tensors in the same memory, by name. Empty arrays are left out."""
     # new tensors, because torch does not count the writes of Warp: see `written` in vector/snapshot.py
     tensors = {name: wp.to_torch(array)[:nworld] for name, array in arrays.items() if array.size}
     # torch cannot index uint64
@@ -73,7 +73,7 @@ def take(source: tuple[str, ...], live: Mapping[str, Tensor], worlds: np.ndarray
 
 
 def _are_finite(rows: Mapping[str, Tensor]) -> Tensor:
-    """Return which rows are finite, with a column for each float tensor, sorted by name, shape (nrow, n), bool."""
+    """Return whether each row of each float tensor is finite, shape (nrow, n), bool, with columns sorted by name."""
     floats = [rows[name] for name in sorted(rows) if rows[name].is_floating_point()]
     return torch.stack([values[..., None].isfinite().flatten(1).all(dim=1) for values in floats], dim=1)
 
@@ -90,7 +90,7 @@ def check_rows(snapshot: Any, source: tuple[str, ...], live: Mapping[str, Tensor
         source: Hash of the scene, split of the layouts, and names of their params.
         live: The tensors to write to, by name.
         layouts: The layouts of the worlds.
-        name: The snapshot in errors.
+        name: Name of the argument. Errors begin with this name.
 
     Raises:
         ArgumentTypeError: The value is not a Snapshot.

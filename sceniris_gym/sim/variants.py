@@ -1,4 +1,4 @@
-"""Variants of objects: layouts have a body for each variant, and simulated worlds have one body per object."""
+"""Variants of objects. Layouts have a body for each variant, but simulated worlds have one body per object."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -43,9 +43,10 @@ def fields_of_variants() -> tuple[str, ...]:
 
 @wp.struct
 class Places:
-    """Variants of slots, joint positions and mocap bodies of layouts, and addresses of the last two in the simulation.
+    """The owner of each slot, joint position and mocap body in layouts, and the addresses of the last two in worlds.
 
-    A kind is (object, number of its variant), or (-1, -1) if no variant owns the place.
+    An owner is a variant of an object, as a kind: (index of the object among the objects with variants, index of the
+    variant). The kind is (-1, -1) if no variant is the owner.
     """
 
     slot_kind: wp.array[wp.vec2i]
@@ -57,7 +58,7 @@ class Places:
 
 @wp.struct
 class Word:
-    """A word of 32 bits in an array of the Model."""
+    """A 32-bit word in an array of the Model that depends on an object's present variant."""
 
     owner: int  # the object with variants that determines the word
     array: int
@@ -66,7 +67,7 @@ class Word:
 
 @wp.func
 def _is_absent(kind: wp.vec2i, variant: wp.array[int]) -> bool:
-    """Return whether a kind is an absent variant."""
+    """Return whether `kind` (see Places) is a variant that is absent. `variant` has the world's present variants."""
     if kind[0] < 0:
         return False
     return variant[kind[0]] != kind[1]
@@ -130,16 +131,16 @@ class VariantWriter:
         scene: A scene with variants.
         m: Model of the simulated scene. Fields in which variants differ have a row for each world, see `make_worlds`.
         nworld: Number of worlds.
-        varied: `ModelFields.varied`, nominal copies of these fields. They receive the same values, except that their
-            colours are the visible colours, which may come from materials.
+        varied: `ModelFields.varied`, the nominal values of these fields. Launches write the same values into both.
+            Only colours differ: the nominal colours are the visible colours, which may come from materials.
 
     Attributes:
-        places: Variants and simulated addresses of the places of layouts.
+        places: The variants of slots, joint positions and mocap bodies, see Places.
         variant: For each object with variants, the index of its present variant in the scene file's list, shape
             (nworld, number of such objects), int32. Columns follow `SceneConfig.variants`.
 
     Raises:
-        SceneMismatchError: The Model has one row for all worlds.
+        SceneMismatchError: All worlds share one row of such a field.
     """
 
     def __init__(self, scene: SceneModel, m: mjw.Model, nworld: int, varied: Mapping[str, wp.array]) -> None:
@@ -171,7 +172,7 @@ class VariantWriter:
         Args:
             poses: Poses of the scene with all variants.
             mask: Selected worlds, shape (nworld,), bool.
-            present: 1 for present objects, shape (nrow, nslot), int32. None keeps the variants of the worlds.
+            present: 1 for each present slot, shape (nrow, nslot), int32. None keeps the worlds' current variants.
             rows: Row of `poses` for each masked world, shape (nworld,), int32. None gives world i row i.
         """
         inputs = [self.places, *self._words, *self._masses, mask, rows, present, poses]
@@ -198,9 +199,10 @@ def _places(scene: SceneModel) -> Places:
 
 
 def _words(scene: SceneModel, arrays: Sequence[wp.array]) -> list[wp.array]:
-    """Return a table of values, the words, and the memory of `arrays`.
+    """Return three arrays: a table of values, the `Word`s that receive them, and the memory of `arrays`.
 
-    The arrays are fields of the Model, followed by their nominal copies. Table: shape (most variants, nword).
+    The table has a row per variant of an object and a column per word, shape (most variants of an object, nword).
+    `arrays` has the fields of the Model, followed by the nominal copies of these fields.
     """
     names, words, columns = fields_of_variants(), [], []
     for k, (name, members) in enumerate(scene.config.variants.items()):
@@ -222,10 +224,10 @@ def _words(scene: SceneModel, arrays: Sequence[wp.array]) -> list[wp.array]:
 
 
 def _rows(scene: SceneModel, name: str, bodies: list[int], *, seen: bool) -> list[tuple[str, int, Any, Any]]:
-    """Return the values of an object's variants, field by field.
+    """Return the values that each variant of an object writes into the elements of the simulated model.
 
-    Each entry has the field, the element of the simulated model, the words of the variants, shape (nvariant, width),
-    and the initial words of the simulated model, shape (width,). If `seen`, colours include the colours of materials.
+    An entry has the name of the field, the id of the element, its words in all variants, shape (nvariant, width), and
+    its initial words, shape (width,). If `seen`, colours are the visible colours, which may come from materials.
     """
     full, sim, body = scene.mjm, scene.sim.mjm, scene.sim.bodies[name]
     geoms = np.full((len(bodies), sim.body_geomnum[body]), -1)

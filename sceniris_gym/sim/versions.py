@@ -1,4 +1,4 @@
-"""Differences between the supported versions of MuJoCo and MuJoCo-Warp, 3.11 to 4. All of them belong here."""
+"""Differences between the supported versions of MuJoCo and MuJoCo-Warp, 3.11 to 4. Keep all these differences here."""
 
 import dataclasses
 import importlib
@@ -26,12 +26,12 @@ def sleeps(m: mjw.Model) -> bool:
 
 
 def room_for_dofs(nvmax: int | None) -> dict[str, int]:
-    """Return the argument of make_data that limits the awake degrees of freedom of a world. Empty before 4.0."""
+    """Return the argument of `make_data` that limits a world's awake degrees of freedom. Empty before version 4.0."""
     return {} if nvmax is None or not _SLEEPS else {"nvmax": nvmax}
 
 
 def silence_iterations(m: mjw.Model) -> None:
-    """Turn off warnings about the solver's iteration limits, which exist since 4.0."""
+    """Turn off warnings about the solver's iteration limits, which version 4.0 introduced."""
     iterations = [getattr(OverflowType, name, 0) for name in ("ITERATIONS", "LS_ITERATIONS")]
     if any(iterations):
         m.opt.warn_overflow &= ~int(iterations[0] | iterations[1])
@@ -53,19 +53,20 @@ def actuator_controls(mjm: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
 
 
 def actuator_outputs(mjm: mujoco.MjModel) -> np.ndarray:
-    """Return the address of each actuator's first output. Before 4.0, each actuator has one output."""
+    """Return the address of each actuator's first output. Before MuJoCo 4.0, each actuator has one output."""
     return getattr(mjm, "actuator_outadr", np.arange(len(mjm.actuator_trntype)))
 
 
 def keyframe_plastic(mjm: mujoco.MjModel, key: int) -> np.ndarray:
-    """Return the plastic references of springs in a keyframe, or an empty array before 4.0."""
+    """Return the plastic references of springs in a keyframe, or an empty array before MuJoCo 4.0."""
     return mjm.key_plastic[key] if hasattr(mjm, "key_plastic") else np.empty(0)
 
 
 def render_context(mjm: mujoco.MjModel, nworld: int, cameras: Sequence[str], **options: Any) -> Any:
-    """Return mujoco_warp's context for rendering the named cameras. Its lists follow the order of the model.
+    """Return mujoco_warp's context for rendering the named cameras. The context lists cameras in the model's order.
 
-    Versions before 4.0 have no `samples_per_pixel`, so edges in their pictures are not smooth.
+    Options that this version of mujoco_warp does not have are left out. Before version 4.0, `samples_per_pixel` is one
+    of them, so edges in pictures are not smooth.
     """
     known = inspect.signature(mjw.create_render_context).parameters
     options = {name: value for name, value in options.items() if name in known}

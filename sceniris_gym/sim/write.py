@@ -40,13 +40,13 @@ def poses_of(rows: LayoutsView | mjw.Data) -> Poses:
 
 
 class Addresses(NamedTuple):
-    """Addresses of the poses of bodies.
+    """Addresses of the poses of some bodies, or of the positions of some joints. All arrays are in ascending order.
 
     Attributes:
-        qposadr: Addresses of their positions in `qpos`.
-        dofadr: Addresses of their velocities in `qvel`.
-        mocapid: Numbers of their mocap bodies.
-        elements: Elements of `RestMap` that hold one of these positions: controls, followed by activations.
+        qposadr: Addresses in `qpos` of the joint positions.
+        dofadr: Addresses in `qvel` of the joint velocities.
+        mocapid: Mocap ids of the bodies that are mocap bodies.
+        elements: Elements of `RestMap` that hold one of these joint positions: controls, followed by activations.
     """
 
     qposadr: np.ndarray
@@ -58,7 +58,7 @@ class Addresses(NamedTuple):
 def addresses_of(
     mjm: mujoco.MjModel, bodies: Sequence[int], rest: RestMap, joints: Sequence[int] | None = None
 ) -> Addresses:
-    """Return the addresses of the poses of bodies, or of the positions of `joints`, each array in ascending order."""
+    """Return the addresses of the poses of `bodies` or, if `joints` are given, of the positions of these joints."""
     chosen = np.isin(np.arange(mjm.nbody), bodies)
     ids = np.flatnonzero(chosen[mjm.jnt_bodyid]) if joints is None else np.array(joints, int)
     joint_of_qpos = np.repeat(np.arange(mjm.njnt), np.diff([*mjm.jnt_qposadr, mjm.nq]))
@@ -151,8 +151,8 @@ class StateWriter:
         mjm: The model.
         d: Data of the worlds. Launches use its arrays in place.
         mask: Worlds to write into, shape (nworld,), bool. Every launch reads it.
-        rest: Controls and activations at rest.
-        bodies: Ids of the bodies to write. None writes `joints` if given, otherwise whole worlds.
+        rest: The RestMap: controls and activations that hold a pose.
+        bodies: Ids of the bodies to write. If None, the writer writes `joints` or, without joints, whole worlds.
         joints: Ids of the joints to write, instead of bodies.
         origins: Origins of the worlds [m], shape (nworld,), vec3, or None. Every launch reads them and adds them to the
             positions of free bodies and mocap bodies.
@@ -211,8 +211,8 @@ class StateWriter:
         Args:
             poses: The poses to write.
             rows: Row of `poses` for each masked world, shape (nworld,), int32. None gives world i row i.
-            start: Kind of start of each row of layouts, shape (nrow,), int32. With None, the controls of
-                grippers hold the positions of the pose.
+            start: Kind of start of each row of layouts, shape (nrow,), int32. If the kind holds an object, the
+                controls of its gripper close the fingers. With None, all controls hold the positions in `poses`.
             start_rows: Row of `start` for each masked world, as `rows`.
         """
         inputs, device = [*self._inputs, start, start_rows, rows, poses], self._outputs[0].device
