@@ -52,7 +52,7 @@ def warn_of_origins(scene: SceneModel, origins: np.ndarray, where: str) -> None:
     Args:
         scene: The scene.
         origins: Origins [m], shape (nworld, 3).
-        where: The beginning of the warning.
+        where: Name of the caller. The warning begins with this name.
     """
     mjm = scene.mjm
     free = mjm.jnt_bodyid[mjm.jnt_type == mujoco.mjtJoint.mjJNT_FREE]

@@ -50,10 +50,10 @@ class ResetRandomizer(Fixed, StaysHere):
     graph.
 
     If Ctrl-C interrupts a reset, reset the same worlds again, because their state is only partly written. The repeated
-    reset serves the same layouts, unless the interrupted reset had already made them.
+    reset serves the same layouts. If the interrupted reset had already made them, it serves the layouts after them.
 
-    The arrays in `STATE_FIELDS` are the state of a world, so the other worlds continue as if no reset had happened. A
-    reset also updates computed arrays in all worlds: world poses (xpos, geom_xpos, site_xmat, ...) and the quantities
+    The arrays in `STATE_FIELDS` are the state of a world, so the other worlds continue as if no reset had happened. But
+    a reset also updates computed arrays in all worlds: world poses (xpos, geom_xpos, site_xmat, ...) and the quantities
     in `needs`. After `mjw.step`, computed arrays are one step older than qpos. If your loop does not update them, a
     reset therefore changes their values in the other worlds, too.
 
@@ -72,33 +72,33 @@ class ResetRandomizer(Fixed, StaysHere):
         split: Split of the layouts, "train" or "eval". The two splits use different random numbers. The split of a
             layout_source takes precedence.
         prefetch: Make the next layout of every world in advance, so that a reset only copies it. On a GPU, prefetching
-            runs concurrently with the following steps. The layouts do not change. Prefetching allocates a second
-            generator (88 MB for 4,096 worlds of `mid`, 640 MB of `kitchen_reset`). None prefetches on a GPU, unless a
-            layout_source is given. Pass a wp.Stream to choose the stream. A reset in your own graph makes its
-            layouts without prefetching.
+            runs concurrently with the following steps. Prefetching does not change the layouts. It allocates a second
+            generator (for 4,096 worlds, 88 MB in `mid` and 640 MB in `kitchen_reset`). None prefetches on a GPU, unless
+            a layout_source is given. Pass a wp.Stream to choose the stream. A reset in your own graph makes its layouts
+            without prefetching.
         layout_source: A LayoutSource, a LayoutTable or LayoutDataset whose rows are served, or a function
             `(compiled, nworld)` that returns a LayoutSource. None makes a LayoutGenerator with `seed`, `split` and
             `prefetch`.
-        curriculum: Chooses the next layout of each world by the outcomes of earlier episodes: a LevelReplay, an ADR, or
-            a mapping with the fields of one of these classes. With None, each world plays the episodes of its seed in
+        curriculum: Chooses each world's next layout from the outcomes of earlier episodes: a LevelReplay, an ADR, or a
+            mapping with the fields of one of these classes. With None, each world plays the episodes of its seed in
             order.
         params: Names or patterns of the params of the worlds, see `LayoutSource.set_params`. Not with a layout_source.
         scope: "world" resets whole worlds. "scene" writes only the scene's objects and robots, their velocities, and
             the controls that hold them. Clocks and everything else in the world stay unchanged.
         origins: Origins of the worlds [m], shape (nworld, 3). Layouts are relative to the origins, so a reset adds them
-            to all positions that it writes. Each reset reads the present values of a Warp array or torch tensor on the
-            device. Geoms fixed to the world do not move, and a ModelWarning names them.
+            to all positions that it writes. If this is a Warp array or torch tensor on the device, each reset reads its
+            current values. Geoms fixed to the world do not move, and a ModelWarning names them.
         needs: Quantities that a reset updates in addition to world poses: "velocity", "contacts", "sensors" or
             "dynamics".
         mjm: The MjModel of `model`. If given, its names are compared, too. A mujoco_warp Model does not keep names.
-        graph: Capture the reset into a graph and replay it.
+        graph: If true, the reset is captured into a graph, which later resets replay.
 
     Attributes:
         pipeline: The LayoutPipeline that makes, prefetches and chooses the layouts.
         layouts: The latest layouts, one row per world.
         levels: The LevelSampler of the curriculum, or None.
         split: The split of the layouts.
-        fields: Model fields that have a row for each world.
+        fields: The ModelFields: fields of `model` that have a row for each world.
         redraw_count: Redraws of each world since its reset, shape (nworld,), int32.
         redraw_status: `LayoutStatus` of each world's latest redraw, VALID or KEPT, or NONE before the first redraw,
             shape (nworld,), int32.
@@ -130,7 +130,7 @@ class ResetRandomizer(Fixed, StaysHere):
 
     @classmethod
     def of_batch(cls, batch: Batch, compiled: CompiledScene, **arguments: Any) -> ResetRandomizer:
-        """Return a randomizer for a Batch. It uses the Batch's `fields`, which can still get a row for each world."""
+        """Return a randomizer for a Batch. Model fields can get a row for each world until the first reset."""
         made = cls.__new__(cls)
         made._shared = batch.fields
         made.__init__(compiled, batch.model, batch.data, **arguments)
@@ -206,7 +206,7 @@ class ResetRandomizer(Fixed, StaysHere):
             seed: An integer (world i gets seed + i), or a sequence with one seed per chosen world in order, or with one
                 per world. The chosen worlds start at episode 0.
             layouts: A layout id, a sequence of ids (None keeps a world's next layout), or a mapping {"seed": ...,
-                "episode": ...}. Later episodes continue from there. See `LayoutSource.reseed`.
+                "episode": ...}. Later episodes of a world follow its chosen episode. See `LayoutSource.reseed`.
 
         Raises:
             ArgumentTypeError: `worlds` has values other than booleans and integers.
@@ -230,7 +230,7 @@ class ResetRandomizer(Fixed, StaysHere):
         self.pipeline.after_reset()
 
     def reseed(self, worlds: Any = None, *, seed: Any = None, layouts: Any = None) -> None:
-        """Choose the next layouts of worlds, as `reset` does, without a reset. See `LayoutSource.reseed`."""
+        """Choose the next layouts of worlds, with the arguments of `reset`, but without a reset now."""
         self.pipeline.reseed(worlds, seed=seed, layouts=layouts)
 
     def set_param(self, name: str, value: Any, worlds: Any = None) -> None:
@@ -278,7 +278,7 @@ class ResetRandomizer(Fixed, StaysHere):
         self.redrawer.launch(objects, as_worlds(worlds, self.data.nworld, self.device, self.redrawer.mask))
 
     def model_field(self, name: str, of: str | None = None) -> Any:
-        """Return a field of the Model as a torch tensor with a row for each world, to write to after a reset.
+        """Return a field of the Model as a torch tensor with a row for each world. Write into it after a reset.
 
         Make the Model with `make_worlds(compiled, nworld, fields=name)`, so that the field has a row for each world.
         Call `refresh` after writing. Fields named in `make_worlds` can be requested at any time, and other fields only
@@ -295,9 +295,9 @@ class ResetRandomizer(Fixed, StaysHere):
 
         Raises:
             UnknownNameError: There is no such field or element, or layouts depend on the field.
-            ArgumentError: The call comes too late, steps do not read the field, or the rows of `of` are not
-                consecutive.
-            SceneMismatchError: The Model has one row for all worlds.
+            ArgumentError: The field is first requested after the first reset, steps do not read the field, or the rows
+                of `of` are not consecutive.
+            SceneMismatchError: All worlds share one row of the field, because `make_worlds` did not name it.
         """
         return wp.to_torch(self.fields.ask(name, of, where="ResetRandomizer.model_field"))
 
@@ -311,7 +311,7 @@ class ResetRandomizer(Fixed, StaysHere):
         Args:
             name: A field that was named in `make_worlds` or `model_field`.
             of: A model element, an object or a robot.
-            factor: Factors of the model's values, a torch, numpy or Warp array, shape (nworld,), float32.
+            factor: Factor for the model's values in each world, a torch, numpy or Warp array, shape (nworld,), float32.
 
         Raises:
             UnknownNameError, ArgumentError, SceneMismatchError: As in `model_field`.
@@ -352,7 +352,8 @@ class ResetRandomizer(Fixed, StaysHere):
 
         Raises:
             SceneMismatchError: The layouts belong to another scene, or were drawn with other params.
-            UnknownNameError, ArgumentError: The scene does not have these params, or they cannot have these values.
+            UnknownNameError, ArgumentError: The scene does not have a param of the layouts, or a param's value is out
+                of range.
             ArgumentError, ArgumentTypeError: The rows are not integers, have the wrong shape or do not exist.
         """
         stored = stored_rows(layouts, self.layouts, str(self.device))
@@ -367,8 +368,9 @@ class ResetRandomizer(Fixed, StaysHere):
         """Copy the state of worlds, for `restore`.
 
         A snapshot contains the physics state, the layout with its variants, the seed, episode and params of the next
-        layout, the redraw count, and the model fields with a row for each world. On a CPU, the worlds continue from a
-        snapshot with the same bits. On a GPU, the state has the same bits, and later steps differ by rounding.
+        layout, the redraw count, and the model fields with a row for each world. With a curriculum, `levels.state()`
+        stores the next layouts instead. On a CPU, restored worlds continue bitwise as before. On a GPU, the restored
+        state is bitwise the same, but later steps differ by rounding.
 
         Args:
             worlds: As in `reset`. If these are ids, the rows of the snapshot have the order of the ids.
@@ -391,8 +393,8 @@ class ResetRandomizer(Fixed, StaysHere):
 
         Args:
             snapshot: A snapshot by this randomizer, or by one with the same scene, split, params and model fields.
-                If one of the two randomizers has a curriculum, the other needs one, too. Positions in a snapshot are
-                absolute, so they include `origins`.
+                Either both randomizers have a curriculum, or neither. Positions in a snapshot are absolute, so they
+                include `origins`.
             worlds: As in `reset`, with one world for each row. Ids may have any order. None writes each row into its
                 original world.
 
@@ -400,7 +402,7 @@ class ResetRandomizer(Fixed, StaysHere):
             ArgumentTypeError: The value is not a Snapshot.
             SceneMismatchError: The snapshot does not fit, or it has non-finite values or indices out of range.
             ArgumentError: The number of rows differs from the number of worlds. A world does not exist, or occurs
-                twice. A param cannot have its value.
+                twice. The value of a param is out of range.
             ArgumentTypeError, ArgumentError: As in `reset`.
         """
         from sceniris_gym.sim.snapshot import on_warp_stream
@@ -428,7 +430,7 @@ class ResetRandomizer(Fixed, StaysHere):
 
     @property
     def _source(self) -> tuple[str, ...]:
-        """Hash of the scene, split and params of the layouts."""
+        """Hash of the scene, split of the layouts, and names of their params."""
         return self.compiled.hash, self.split, *self.layouts.params.names
 
     @property
@@ -450,7 +452,7 @@ class ResetRandomizer(Fixed, StaysHere):
 
     @launching
     def check_budget(self) -> None:
-        """Check that `data` has room for all contacts, now and in the steps since the last resets.
+        """Check that `data` has room for all contacts: of the current state, and of each world's steps since its reset.
 
         mujoco_warp drops contacts that do not fit. The check waits for the device, so call it after the first reset or
         at long intervals.

@@ -35,9 +35,10 @@ class Snapshot:
     Attributes:
         source: Hash of the scene, split of the layouts, and names of their params.
         worlds: Id of the world of each row, shape (nrow,), int64.
-        rows: Tensors of shape (nrow, ...) by name: the state in mujoco_warp's Data, the layout, the seed, episode and
-            params of the next layout, fields of the Model, and a mask of the rows without NaN or inf. Snapshots of an
-            environment also have the steps since the reset and the memory of the task.
+        rows: Tensors of shape (nrow, ...) by name: the state in mujoco_warp's Data, the layout, the next layout (seed,
+            episode and params) or the current level of a curriculum, fields of the Model, and a mask that marks tensors
+            without NaN or inf. Snapshots of an environment also have the steps since the reset and the memory of the
+            task.
     """
 
     source: tuple[str, ...]

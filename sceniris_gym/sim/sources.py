@@ -43,15 +43,15 @@ def make_pipeline(
     Args:
         compiled: The scene.
         nworld: Number of worlds.
-        where: Name of the class that holds the pipeline, as the beginning of errors.
+        where: Name of the class that holds the pipeline. Errors begin with this name.
         layout_source: Makes or stores the layouts. None makes a LayoutGenerator. ResetRandomizer explains this argument
             and the following ones.
         seed: Seeds of the generator.
         split: Split of the generator.
-        prefetch: Prefetch the generator's layouts.
+        prefetch: Whether to make the generator's layouts in advance.
         curriculum: Chooses the layouts.
         params: Params of the worlds.
-        graph: Capture the launches into graphs.
+        graph: Whether to capture the launches into graphs.
 
     Raises:
         ArgumentTypeError: `layout_source`, `curriculum` or `prefetch` is of another type.
@@ -120,15 +120,15 @@ def stored_rows(layouts: Layouts | LayoutTable, own: Layouts, device: str) -> La
 
     Args:
         layouts: The layouts, on the device or on the host.
-        own: Layouts of the worlds to write into.
+        own: The Layouts of the worlds into which the reset writes.
         device: The device of the result.
 
     Raises:
         ArgumentTypeError: `layouts` has another type.
-        SceneMismatchError: The layouts belong to another scene, or have impossible rows. Or their physics or appearance
-            was drawn with params that the worlds do not have.
-        UnknownNameError, ArgumentError: The scene does not have the params of the layouts, or they cannot have these
-            values.
+        SceneMismatchError: The layouts belong to another scene, or contain values that this scene cannot produce. Or
+            their physics or appearance was drawn with other params than the worlds have.
+        UnknownNameError, ArgumentError: The scene does not have a param of the layouts, or a param's value is out of
+            range.
     """
     if not isinstance(layouts, Layouts | LayoutTable):
         raise ArgumentTypeError(f"layouts should be Layouts or a LayoutTable, got {type(layouts)}.")

@@ -32,10 +32,10 @@ def make_worlds(
     Args:
         compiled: The compiled scene.
         nworld: Number of worlds.
-        fields: Names of fields to write to by world, such as "body_mass". See `ResetRandomizer.model_field`.
-        nconmax: Contacts per world. None leaves room for a busy scene. An object with `orientation: stable`, or one
-            that may fall, counts with the side that has the most geoms. An object with variants counts with the variant
-            that has the most geoms at its bottom.
+        fields: Names of fields that you will write per world, such as "body_mass". See `ResetRandomizer.model_field`.
+        nconmax: Contacts per world. None leaves room for a busy scene. The number grows with the geoms at the
+            bottom of each object. For an object with `orientation: stable`, or one that may fall, the bottom is the
+            side with the most geoms. Of an object with variants, the variant with the most bottom geoms counts.
         njmax: Constraint rows per world. None leaves room for a busy scene.
 
     Raises:

@@ -1,7 +1,8 @@
 """Evaluation of a policy on layouts that its training has not seen.
 
-The deterministic policy runs one episode in each layout. The layouts are valid layouts of the split "eval", and layouts
-that are placed uniformly without checks. An episode counts as a success if the task succeeds at its last step.
+The deterministic policy runs one episode in each layout. There are two kinds of layouts: valid layouts of the split
+"eval", and layouts that are placed uniformly without checks. An episode counts as a success if the task succeeds at the
+episode's last step.
 """
 
 import math
@@ -35,9 +36,10 @@ TARGETS = {
 
 
 def judges_of(task: str, layouts: int, device: str | None) -> dict[str, RslRlVecEnvWrapper]:
-    """Return environments to evaluate a task's policies: with `valid` layouts, and with `unfiltered` layouts.
+    """Return two environments that evaluate policies of a task: one with valid layouts, and one with unchecked layouts.
 
-    Objects of unfiltered layouts need not be reachable, unless the task uses their grasps.
+    The keys are `valid` and `unfiltered`. In unfiltered layouts, objects may be out of reach, unless the task uses the
+    grasp of an object.
     """
     worlds = layouts + max(1, layouts // SPARE)
     compiled = compile_scene(scene_of(task, reachable=True), device)
@@ -52,15 +54,17 @@ def judges_of(task: str, layouts: int, device: str | None) -> dict[str, RslRlVec
 
 
 def density(task: str, s: State, chosen: Tensor) -> tuple[Tensor, Tensor]:
-    """Return the number of other free objects present, and the distance from the target to the nearest one [m].
+    """Return how much clutter surrounds the target object of each world, as two tensors of shape (num_envs,).
 
-    Both have shape (num_envs,). The distance is between the origins, seen from above. For a task outside TARGETS, all
-    free objects count, and the distance is infinite.
+    The first tensor is the number of present free objects other than the target. The second is the horizontal distance
+    [m] from the target's origin to the nearest origin of these objects. If the task is not in TARGETS, the first tensor
+    counts all free objects, and the second is infinite.
 
     Args:
-        task: An id of this package without its namespace.
+        task: Id of a task of this package without the namespace, or MODULE:ID.
         s: The worlds.
-        chosen: 1 for the target among TARGETS, 0 for the others, shape (num_envs, number of targets).
+        chosen: For each object in `TARGETS[task]`, 1 if it is the world's target, otherwise 0, shape (num_envs, number
+            of objects).
     """
     nearest = torch.full((s.num_envs,), torch.inf, device=s.device)
     names = [name for name, part in s.scene.config.objects.items() if part.kind == "free"]
@@ -87,8 +91,8 @@ def judge(policy: Any, env: RslRlVecEnvWrapper, task: str, layouts: int) -> dict
         - `layouts`: number of episodes
         - `success`: fraction of successes, with its 95% `interval`
         - `return`: mean sum of rewards
-        - `unfinished`: number of episodes that did not end
-        - `by_choice`: success per object, for a task of this package that chooses one object
+        - `unfinished`: number of episodes that did not end within the longest episode
+        - `by_choice`: fraction of successes for each object that a task of this package may choose as target
         - `each`: per layout, `id` (reproduces valid layouts only), `success`, `things` (number of other objects) and
           `nearest` (distance to the nearest other object [mm])
     """

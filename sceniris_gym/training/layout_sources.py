@@ -1,7 +1,7 @@
 """Layout sources for training other than fresh layouts: replay from a bank, or placement without checks.
 
-The random choices of a task, such as the object to lift, stay fresh in every episode. Even with a bank of a single
-layout, all objects are chosen over time.
+A task draws its random choices, such as the object to lift, again in every episode. Even with a bank of a single
+layout, all objects are therefore chosen over time.
 """
 
 from collections.abc import Callable
@@ -39,14 +39,14 @@ def bank(table: LayoutTable) -> Callable[[CompiledScene, int], StoredLayouts]:
 
 
 def uniform(split: str = "train") -> Callable[[CompiledScene, int], LayoutGenerator]:
-    """Return a `layout_source` for SceneVectorEnv that places without checks for collisions."""
+    """Return a `layout_source` for SceneVectorEnv that places objects without checks for collisions."""
     return lambda compiled, num_envs: LayoutGenerator(unchecked(compiled), num_envs, split=split)
 
 
 def unchecked(compiled: CompiledScene) -> CompiledScene:
     """Return a CompiledScene that draws the same candidates, without tests for collisions.
 
-    Reach is still tested. To place without any test, pass a scene without `reachable`.
+    The reach of objects is still tested. To place without any test, pass a scene whose objects are not `reachable`.
     """
     program = copied(Program, compiled.program)
     program.obj_pairnum = wp.zeros_like(compiled.program.obj_pairnum)

@@ -1,4 +1,4 @@
-"""`load_policy`: the policy of a training, to act, to evaluate or to export."""
+"""`load_policy` loads the policy of a training run. Use it to act, to evaluate or to export the policy."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -16,7 +16,7 @@ from sceniris_gym.training.task_scenes import make_env, scene_of
 
 
 class Policy:
-    """A trained policy. It is called with observations and returns actions.
+    """A trained policy. Call it with observations to get actions.
 
     Args:
         run: The folder of a run.

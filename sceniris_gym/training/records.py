@@ -1,4 +1,4 @@
-"""The files in the folder of a run, most of them read without torch, and the hash of the sources of a run."""
+"""Readers for the files in a run's folder, and the hash of a run's sources. Most readers do not import torch."""
 
 import hashlib
 import json
@@ -22,10 +22,10 @@ ENDINGS = {"sceniris_gym": (".py",), "envs": (".py", ".yaml"), "assets": (".xml"
 
 @contextmanager
 def of_a_run(file: Path) -> Iterator[None]:
-    """Turn errors about the content of a run's file, which may be cut off, into an error that names the file.
+    """Context for code that reads a file of a run. Errors in this code become an error that names the file.
 
     Raises:
-        ArgumentError: The block raised an error.
+        ArgumentError: The code raised an error, for example because the file is cut off.
     """
     try:
         yield
@@ -36,10 +36,10 @@ def of_a_run(file: Path) -> Iterator[None]:
 
 
 def read_config(folder: Path) -> tuple[str, Settings]:
-    """Return the task and the settings of the run in a folder with a model.
+    """Return the task and the settings of the run in a folder.
 
     Raises:
-        ArgumentError: The folder holds no such run. The message names the missing file.
+        ArgumentError: The folder has no `config.json` or no `model.pt`. The message names the missing file.
         SceneKeyError: A setting has the wrong type, or is out of range.
     """
     for name in (CONFIG, MODEL):
@@ -94,7 +94,7 @@ def scene_of_run(folder: Path) -> str | None:
 
 
 def evaluations(folder: Path) -> list[dict[str, Any]]:
-    """Return the lines of evaluations in the log of a run, in their order.
+    """Return the lines about evaluations in the log of a run, in the order of the log.
 
     Raises:
         ArgumentError: The log cannot be read.
@@ -105,17 +105,17 @@ def evaluations(folder: Path) -> list[dict[str, Any]]:
 
 
 def without_layouts(found: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
-    """Return the results of evaluations by the kind of layouts, without the results per layout."""
+    """Return the results of evaluations by kind of layouts (`valid`, `unfiltered`), without results per layout."""
     return {name: {key: value for key, value in one.items() if key != "each"} for name, one in found.items()}
 
 
 def share(one: dict[str, Any]) -> str:
-    """Return the success rate of an evaluation as text, with its interval."""
+    """Return the success rate of an evaluation and its 95% interval as text."""
     return "{:.1%} ({:.1%} to {:.1%})".format(one["success"], *one["interval"])
 
 
 def success_interval(successes: int, number: int) -> tuple[float, float]:
-    """Return the ends of the 95% Wilson interval of a rate: 1.96 standard deviations to either side (Wilson 1927)."""
+    """Return the ends of the 95% Wilson interval (Wilson 1927) of a success rate, with z = 1.96."""
     from scipy.stats import binomtest  # takes a second to import
 
     if number == 0:
@@ -125,10 +125,10 @@ def success_interval(successes: int, number: int) -> tuple[float, float]:
 
 
 def source_hash(*more: Path, package: Path = PACKAGE) -> str:
-    """Return the hash of package, tasks and assets. A repository and its installed wheel have the same hash.
+    """Return the hash of the package's code, tasks and assets. A repository and its installed wheel have the same hash.
 
     Args:
-        more: Other files with an effect on results.
+        more: Other files to hash, because they affect results.
         package: The folder of the package. It contains the tasks and assets or, in a repository, is next to them.
     """
     digest = hashlib.sha256()

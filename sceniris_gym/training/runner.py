@@ -44,7 +44,7 @@ class Keypoints(nn.Sequential):
 
 
 class SpatialSoftmax(nn.Module):
-    """Expected position of each channel's activation in the picture, shape (n, 2 * channels): first y, then x.
+    """Expected picture position of each channel's activation, shape (n, 2 * channels): all y, then all x.
 
     The softmax over the pixels of a channel gives each position a probability. The first row and column are at -1, the
     last row and column at 1.
@@ -64,8 +64,9 @@ def runner_of(env: RslRlVecEnvWrapper, settings: Settings, seed: int) -> OnPolic
     """Return rsl-rl's runner, with an untrained policy.
 
     The actor sees the observation group `policy`, the critic the group `critic`. If a task has only one group, both see
-    it. The actor also sees all images. With `settings.teacher`, the actor imitates a teacher that sees the group
-    `critic`, in the states that the actor visits (DAgger, Ross et al. 2011). Load the teacher before learning.
+    this group. The actor also sees all images. With `settings.teacher`, the actor imitates a teacher that sees the
+    group `critic`. The training states are the states that the actor visits (DAgger, Ross et al. 2011). Load the
+    teacher before learning.
     """
     from rsl_rl.runners import DistillationRunner, OnPolicyRunner  # late: the adapter reports a missing rsl-rl first
 
@@ -126,7 +127,7 @@ def _ppo(settings: Settings, groups: list[str], sight: dict[str, Keypoints]) -> 
 
 
 def _imitation(settings: Settings, groups: list[str], sight: dict[str, Keypoints]) -> dict[str, Any]:
-    """Return rsl-rl's configuration of imitation: one optimizer step per control step of all worlds."""
+    """Return rsl-rl's configuration of imitation. The optimizer takes a step after each control step of all worlds."""
     return {
         "obs_groups": {"student": ["policy", *sight], "teacher": ["critic"]},
         "student": _model(settings, sight, _NOISE),
@@ -142,7 +143,7 @@ def _imitation(settings: Settings, groups: list[str], sight: dict[str, Keypoints
 
 
 def _model(settings: Settings, sight: dict[str, Keypoints], init_std: float | None = None) -> dict[str, Any]:
-    """Return rsl-rl's configuration of a network. With `init_std`, it draws actions."""
+    """Return rsl-rl's configuration of a network. If `init_std` is given, the network draws actions with noise."""
     model: dict[str, Any] = {
         "class_name": "CNNModel" if sight else "MLPModel",
         "hidden_dims": list(settings.hidden),

@@ -1,4 +1,4 @@
-"""Tasks of this package and your tasks by name, with their scenes and environments."""
+"""Find tasks of this package and your tasks by name, and make their scenes and environments."""
 
 import os
 import sys
@@ -48,7 +48,7 @@ def spec_of(task: str) -> EnvSpec:
 
     Raises:
         ArgumentError: The module cannot be imported.
-        UnknownNameError: No environment is registered under this id with a task.
+        UnknownNameError: No environment that has a task is registered under this id.
     """
     name = registered_id(task)
     tasks = {key.removeprefix(NAMESPACE): spec for key, spec in gymnasium.registry.items() if "task" in spec.kwargs}
@@ -60,7 +60,8 @@ def spec_of(task: str) -> EnvSpec:
 def scene_of(task: str, *, reachable: bool) -> SceneConfig:
     """Return the scene of a task.
 
-    If `reachable` is false, objects need not be reachable, and the scene has no starts with a target.
+    If `reachable` is false, the result is a changed scene: no object needs to be reachable, and kinds of start with a
+    target object (`of`) are left out.
     """
     kwargs = spec_of(task).kwargs
     scene = SceneConfig.load(kwargs.get("scene") or as_task(kwargs["task"]).scene, kwargs.get("overrides"))
@@ -74,7 +75,7 @@ def make_env(task: str, num_envs: int, compiled: CompiledScene, **kwargs: Any) -
     """Return the environment of a task on a CompiledScene.
 
     Raises:
-        ArgumentError: The task is registered with another environment.
+        ArgumentError: The task is registered with an environment other than SceneVectorEnv.
     """
     envs = gymnasium.make_vec(spec_of(task), num_envs=num_envs, scene=compiled, overrides=None, **kwargs)
     if not isinstance(envs, SceneVectorEnv):

@@ -6,8 +6,8 @@ with a hash of the sources. The clock starts after compilation, and stops during
 describes.
 
 A resumed run continues from the checkpoint. The log is cut off at the checkpoint, and unfinished episodes are dropped.
-Every world starts its next episode with the number of elapsed steps that it had at the checkpoint. Runs that resume
-from the same checkpoint see the same data, but not the data of an uninterrupted run.
+Every world starts a new episode, whose step count begins at the count of the dropped episode. Runs that resume from the
+same checkpoint see the same data, but not the data of an uninterrupted run.
 """
 
 import inspect
@@ -46,7 +46,7 @@ class Run:
 
     Args:
         options: The options of the run.
-        show: Called with every line of the log.
+        show: Function that is called with every line of the log.
 
     Attributes:
         checkpoint: The file of the latest checkpoint.
@@ -96,7 +96,7 @@ class Run:
 
     @property
     def finished(self) -> bool:
-        """True if the time is up or all control steps are taken."""
+        """True if `minutes` of training have passed or `million_steps` are taken."""
         options = self.options
         most = math.inf if options.million_steps is None else 1e6 * options.million_steps
         return self.seconds >= 60.0 * options.minutes or self.env_steps >= most
@@ -129,7 +129,7 @@ class Run:
         return {"options": asdict(self.options), "settings": asdict(self.settings), "sources": sources, "scene": scene}
 
     def _check_same(self) -> None:
-        """Compare with the run that made the checkpoint."""
+        """Check that the run to resume had the same options (except FREE), settings, sources and scene."""
         file = self.options.out / CONFIG
         told, wanted = records.read_parts(self.options.out), json.loads(as_json(self._config()))
         for part, values in wanted.items():
@@ -142,7 +142,7 @@ class Run:
                     )
 
     def _warm_up(self) -> None:
-        """Compile and allocate everything for training, with a policy that is then discarded."""
+        """Compile and allocate everything for training, by training a policy that is then discarded."""
         for env in self.judges.values():
             env.step(torch.zeros(env.num_envs, env.num_actions, device=env.device))
         runner = runner_of(self.env, self.settings, self.options.seed)
@@ -151,7 +151,7 @@ class Run:
         runner.learn(1, init_at_random_ep_len=True)
 
     def _teach(self) -> None:
-        """Train the teacher, if the policy imitates one. Its training counts as time, but not as steps."""
+        """Train the teacher, if the policy imitates one. This takes time from `minutes`, but no control steps."""
         if not hasattr(self.runner.alg, "teacher"):
             return
         options, seed = self.options, (1 + self.options.seed) * 16 * SEED_SPACING
@@ -242,7 +242,7 @@ class Run:
 
 
 def _own_sources(task: str) -> list[Path]:
-    """Return the source file of a task outside this package, or no file for a task of this package."""
+    """Return a list with the source file of a task outside this package. The list is empty for this package's tasks."""
     if ":" not in task:
         return []
     file = inspect.getsourcefile(type(as_task(spec_of(task).kwargs["task"])))
