@@ -27,7 +27,7 @@ class ADR:
     section 5). An end always stays between its value in `init_range` and its value in the scene file.
 
     Attributes:
-        init_range: Interval of each param at the start, such as {"groups.clutter.count": [1, 2]}.
+        init_range: Interval of each param at the start of training, such as {"groups.clutter.count": [1, 2]}.
         delta: Distance by which an end moves, as a fraction of the length of the scene file's interval. The end of a
             count moves by at least 1.
         boundary_fraction: Probability that a fresh level tests an end of an interval. The level's param is then drawn
@@ -62,7 +62,7 @@ class ADR:
 
 @dataclass(frozen=True)
 class LevelReplay:
-    """Prioritized level replay: which levels worlds replay, and how often.
+    """Settings of prioritized level replay: which levels worlds replay, and how often.
 
     Attributes:
         score: "learnability" or "failure" computes the score of a level from the successes of its episodes. "custom"

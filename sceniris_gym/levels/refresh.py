@@ -20,7 +20,7 @@ _BINS_OF_OCTAVE = wp.constant(16.0)
 
 @wp.func
 def _bin(buffer: Buffer, i: int) -> int:
-    """Return the bin of slot `i`. Scores that differ by a factor of 2 are 16 bins apart. An empty slot has bin BINS."""
+    """Return the score bin of slot `i`, or BINS if the slot is empty. Scores s and 2 s are 16 bins apart."""
     if buffer.age[i] < 0:
         return BINS
     octave = wp.log2(wp.max(score_of(buffer, buffer.value[i]), 1.0e-30))
@@ -29,7 +29,7 @@ def _bin(buffer: Buffer, i: int) -> int:
 
 @wp.func
 def _is_vacant(buffer: Buffer, b: int) -> bool:
-    """Return whether new levels may take the slots in bin `b`: empty slots or, if all are full, the lowest scores."""
+    """Return whether new levels may take the slots in score bin `b`: empty slots first, then the lowest scores."""
     filled, room = buffer.better[BINS - 1], buffer.vacant.shape[0]
     if filled < buffer.age.shape[0]:
         return b == BINS

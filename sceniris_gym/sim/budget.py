@@ -28,8 +28,8 @@ def default_budget(mjm: mujoco.MjModel, scene: SceneModel | None = None) -> tupl
     Args:
         mjm: The simulated model.
         scene: The scene of the model. For an object that may lie on another side, the bottom is the side with the most
-            geoms. Of an object with variants, only the variant with the most bottom geoms counts. If None, the bottom
-            geoms are counted with each object in its pose in the model.
+            geoms. Of an object with variants, only the variant with the most bottom geoms counts. If `scene` is
+            None, the bottom geoms are counted with each object in its pose in the model.
     """
     moving = np.unique(mjm.geom_bodyid[(mjm.geom_contype != 0) | (mjm.geom_conaffinity != 0)])
     moving = [b for b in moving if mjm.body_weldid[b] != 0 or mjm.body_mocapid[b] >= 0]

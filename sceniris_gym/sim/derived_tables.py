@@ -24,9 +24,9 @@ class Derived:
         dof_block: For each degree of freedom, the range of all degrees of freedom in its tree: the first, and the one
             after the last, shape (nv,).
         xpos, xmat: Poses of bodies, shape (nbody,).
-        jacobian: Rows of Jacobians, shape (nrow, nv). The three degrees of freedom of a ball joint share one inverse
-            weight. The same holds for the rotation and for the translation of a free joint. Each of these rows
-            therefore has entries in all three columns, along one axis per column.
+        jacobian: Rows of Jacobians, shape (nrow, nv), vec3. The three degrees of freedom of a ball joint share one
+            inverse weight, and so do the three rotations and the three translations of a free joint. The row of such a
+            degree of freedom therefore has entries in the columns of all three. Each column has its own axis.
         moved: Range of degrees of freedom that includes all trees with an effect on a row: the first, and the one after
             the last. The rows for the last three elements of gears are left out.
         geared: Rows of tendons and actuators whose armature adds to M.

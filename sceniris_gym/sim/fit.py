@@ -37,7 +37,7 @@ def check_fit(
     where: str = "ResetRandomizer",
     cure: str | None = None,
 ) -> None:
-    """Check that a Model and Data belong to a compiled scene, and that `layouts` has the same scene, size and device.
+    """Check that a Model and Data fit a compiled scene, and that `layouts` has this scene, nworld and device.
 
     The check compares everything that layouts depend on: sizes, and the order, types, places and shapes of bodies,
     joints and geoms. If a field has a row for each world, the check covers all worlds. Masses, frictions, gains and

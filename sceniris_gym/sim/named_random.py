@@ -10,7 +10,7 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
 def task_stream(split: str, stream: int) -> int:
-    """Return the Philox stream for a task's stream in a split. A task numbers its streams from 0 to 2^24 - 1."""
+    """Return the Philox stream of a split for random numbers of a task. `stream` is the task's choice, below 2^24."""
     as_count(stream, "stream", 0, (1 << STREAM_BITS) - 1)
     return TASK_STREAM + (SPLITS[split] << STREAM_BITS) + stream
 
@@ -63,6 +63,6 @@ def draw_uniform(
 
 
 def draw_named(seed: wp.array, episode: wp.array, split: str, name: str, values_out: wp.array) -> None:
-    """Fill `values_out` with uniform numbers in [0, 1) for `name`, the same in a whole episode. See `draw_uniform`."""
+    """Fill `values_out` with uniform numbers in [0, 1). They depend only on the other arguments. See `draw_uniform`."""
     check_type(name, str, "random: name")
     draw_uniform(seed, episode, name_hash(name), named_stream(split), 0.0, 1.0, values_out)

@@ -63,9 +63,9 @@ class ResetRandomizer(Fixed, StaysHere):
 
     Args:
         compiled: The compiled scene, on the device of `data`.
-        model: mujoco_warp Model made from `compiled.sim_mjm`, or from a model with the same bodies, joints and geoms,
-            because their order, types, sizes and places determine layouts. Masses, frictions, gains and options may
-            differ. If objects have variants, use the Model of `make_worlds`.
+        model: mujoco_warp Model made from `compiled.sim_mjm`, or from another model. Bodies, joints and geoms must have
+            the same order, types, sizes and places there. Masses, frictions, gains and options may differ. If objects
+            have variants, use the Model of `make_worlds`.
         data: mujoco_warp Data of the worlds. `make_worlds` leaves room for the contacts of most scenes, and
             `check_budget` checks whether the room is enough.
         seed: An integer (world i gets seed + i), or a sequence with one seed per world. Not used with a layout_source.
@@ -230,7 +230,7 @@ class ResetRandomizer(Fixed, StaysHere):
         self.pipeline.after_reset()
 
     def reseed(self, worlds: Any = None, *, seed: Any = None, layouts: Any = None) -> None:
-        """Choose the next layouts of worlds, with the arguments of `reset`, but without a reset now."""
+        """Choose the next layouts of worlds, but do not reset the worlds now. See `LayoutSource.reseed`."""
         self.pipeline.reseed(worlds, seed=seed, layouts=layouts)
 
     def set_param(self, name: str, value: Any, worlds: Any = None) -> None:
@@ -238,7 +238,7 @@ class ResetRandomizer(Fixed, StaysHere):
         self.pipeline.set_params({name: value}, worlds)
 
     def layout_ids(self) -> list[str]:
-        """Return the ids of the present layouts, one per world. Waits for the device."""
+        """Return the ids of the current layouts, one per world. Waits for the device."""
         return self.pipeline.ids(self.split)
 
     def rejection_counts(self) -> dict[str, dict[str, int]]:

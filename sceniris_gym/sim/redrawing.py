@@ -33,7 +33,7 @@ def _wake(mask: wp.array[wp.bool], trees: wp.array[int], tree_awake_out: wp.arra
 
 
 class Redrawer:
-    """Redraws objects in the masked worlds of a Data. All other state stays bitwise unchanged.
+    """Redraws objects, which moves them to new valid places, in the masked worlds. Other state stays bitwise unchanged.
 
     Args:
         simulation: The worlds.

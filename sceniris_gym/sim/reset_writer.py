@@ -1,4 +1,4 @@
-"""`ResetWriter`: writes layouts into the masked worlds, draws their physics, and removes old contacts."""
+"""`ResetWriter`: writes layouts into the masked worlds, draws the worlds' physics, and removes old contacts."""
 
 import dataclasses
 from collections.abc import Callable
@@ -97,8 +97,8 @@ class ContactList:
     `mjw.reset_data` overwrites the contacts of reset worlds in place. They remain in the list and count as contacts
     between geoms (0, 0) of world 0. `launch_drop` removes them instead: it moves the last contacts of other worlds into
     the free places, and sets `nacon` to the number of remaining contacts. Remaining contacts keep their values, but
-    not always their order. In the constraint rows, `efc.id` is set to the new ids of contacts that move. The
-    same input gives the same list.
+    not always their order. In the constraint rows, `efc.id` is set to the new ids of the moved contacts. The same
+    input gives the same list.
 
     `mjw.reset_data` does not clear constraint rows. The solver reads rows in tiles of 16, including rows beyond the
     last constraint. If a world had NaNs before its reset, they would therefore return with its first constraint, so
@@ -146,7 +146,7 @@ class Simulation:
         refresh: Function without arguments. Writers call it after each write, to update the arrays computed from the
             state.
         origins: Origins of the worlds [m], shape (nworld,), vec3, or None for the world frame.
-        variants: The writer of variants, or None in a scene without variants.
+        variants: The VariantWriter, or None in a scene without variants.
     """
 
     compiled: CompiledScene
@@ -164,14 +164,14 @@ class ResetWriter:
 
     Args:
         simulation: The worlds.
-        fields: The fields of the Model that have a row for each world.
+        fields: The ModelFields of the worlds.
         mask: Worlds to write into, shape (nworld,), bool. Every launch reads it.
         whole: If true, resets write whole worlds. If false, they write only the objects and robots of the scene.
         count: Counters, one per world, that a reset sets to 0, shape (nworld,), int32.
 
     Attributes:
         contacts: The ContactList of all worlds.
-        variants: The writer of variants, or None in a scene without variants.
+        variants: The VariantWriter, or None in a scene without variants.
         variant: Index of the present variant of each object with variants, see `VariantWriter.variant`.
     """
 

@@ -45,7 +45,8 @@ class RestMap:
         actuator: Id of the actuator that holds a pose through the element, or -1, shape (nu + na,).
         sampleadr: Addresses in `history` of the past controls of delayed actuators.
         sampled: Id of the control at each of these addresses.
-        closing: For each kind of start in the scene file, the arm that holds an object, or -1. Empty without starts.
+        closing: For each kind of start in the scene file, index of the arm that holds an object, or -1. Empty in
+            scenes without starts.
         closed: For each arm, qpos of its closed fingers, and nan for all other joints, shape (narm, nq).
     """
 
@@ -90,7 +91,7 @@ def control_at_start(rest: RestMap, worldid: int, elemid: int, kind: int, qpos: 
 
 
 def affine_law(rest: RestMap, nq: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return c (n,) and F (n, nq), so that c + F @ qpos are the first world's elements before they are clipped."""
+    """Return c (n,) and F (n, nq). The n elements of the first world are c + F @ qpos, before they are clipped."""
     constants, slopes = rest.law.numpy()[0].T
     rows, factors = np.repeat(np.arange(len(slopes)), np.diff(rest.rowadr.numpy())), np.zeros((len(slopes), nq))
     np.add.at(factors, (rows, rest.qposadr.numpy()), slopes[rows] * rest.arm.numpy())
@@ -106,7 +107,7 @@ def scene_rest(scene: SceneModel, device: wp.Device) -> RestMap:
 def rest_map(
     mjm: mujoco.MjModel, home_ctrl: np.ndarray, home_act: np.ndarray, device: str | wp.Device | None
 ) -> RestMap:
-    """Return the RestMap of a model: find the controls and activations that hold a pose.
+    """Return the RestMap of a model, with the controls and activations that hold a pose.
 
     A position actuator (a fixed gain and an affine bias that pulls against its length) holds the pose when its input
     is `-(bias0 + bias1 * length) / gain`, with `length = gear * qpos` of its joint, or `gear * sum(coef * qpos)`

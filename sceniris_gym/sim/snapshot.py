@@ -97,7 +97,7 @@ def check_rows(snapshot: Any, source: tuple[str, ...], live: Mapping[str, Tensor
         ArgumentTypeError: The value is not a Snapshot.
         SceneMismatchError: The snapshot comes from another scene, split or task, or from worlds with other params. Or
             it has non-finite values, or indices out of range.
-        ArgumentError: A param cannot have its value.
+        ArgumentError: The value of a param is out of range.
     """
     check_type(snapshot, Snapshot, name)
     check_type(snapshot.rows, Mapping, f"{name}.rows")
@@ -124,7 +124,7 @@ def check_rows(snapshot: Any, source: tuple[str, ...], live: Mapping[str, Tensor
 
 
 def put(snapshot: Snapshot, live: Mapping[str, Tensor], worlds: np.ndarray | None, name: str) -> Tensor:
-    """Write the rows of a snapshot into `worlds`, in order, and return the mask of these worlds.
+    """Write row i of a snapshot into world `worlds[i]`, for all rows, and return the mask of these worlds.
 
     If `worlds` is None, each row goes into its original world.
 

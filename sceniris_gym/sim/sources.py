@@ -1,4 +1,4 @@
-"""Layouts for a randomizer: the pipeline that gives layouts to resets, and checked stored layouts."""
+"""Make the pipeline that gives layouts to resets, and check stored layouts before they are written."""
 
 import inspect
 from collections.abc import Callable, Mapping, Sequence
@@ -84,7 +84,7 @@ def check_prefetch(prefetch: Any, where: str) -> None:
     """Check that `prefetch` is a boolean, a wp.Stream or None.
 
     Raises:
-        ArgumentTypeError: Another type.
+        ArgumentTypeError: `prefetch` has another type.
     """
     if not isinstance(prefetch, bool | wp.Stream | None):
         raise ArgumentTypeError(

@@ -35,7 +35,7 @@ _FAR = 1.0e6  # coordinates of absent variants [m], beyond the origins of all wo
 
 
 def fields_of_variants() -> tuple[str, ...]:
-    """Return the names of the fields that may differ between variants, if this version of mujoco_warp has them."""
+    """Return the names of the Model fields that may differ between variants, in this version of mujoco_warp."""
     named = (("body", _BODY), ("dof", _DOF), ("geom", _GEOM))
     known = mjw.Model.__dataclass_fields__
     return tuple(name for kind, fields in named for field in fields if (name := f"{kind}_{field}") in known)
@@ -131,8 +131,8 @@ class VariantWriter:
         scene: A scene with variants.
         m: Model of the simulated scene. Fields in which variants differ have a row for each world, see `make_worlds`.
         nworld: Number of worlds.
-        varied: `ModelFields.varied`, the nominal values of these fields. Launches write the same values into both.
-            Only colours differ: the nominal colours are the visible colours, which may come from materials.
+        varied: `ModelFields.varied`, the nominal values of these fields. Launches write the same values into `m` and
+            here, except that the nominal colours are the visible colours, which may come from materials.
 
     Attributes:
         places: The variants of slots, joint positions and mocap bodies, see Places.
@@ -140,7 +140,7 @@ class VariantWriter:
             (nworld, number of such objects), int32. Columns follow `SceneConfig.variants`.
 
     Raises:
-        SceneMismatchError: All worlds share one row of such a field.
+        SceneMismatchError: A field that differs between variants has one row for all worlds.
     """
 
     def __init__(self, scene: SceneModel, m: mjw.Model, nworld: int, varied: Mapping[str, wp.array]) -> None:
@@ -291,7 +291,7 @@ class VariantReader:
         layouts: The latest layouts of the worlds. They determine the presence of objects without variants.
 
     Attributes:
-        state: The worlds as `layouts`, with separate arrays for `present`, `qpos`, `mocap_pos` and `mocap_quat`.
+        state: A copy of the struct `layouts`, but with new arrays for `present`, `qpos`, `mocap_pos` and `mocap_quat`.
     """
 
     def __init__(self, d: mjw.Data, variants: VariantWriter, layouts: LayoutsView) -> None:

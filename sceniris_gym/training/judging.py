@@ -83,7 +83,7 @@ def density(task: str, s: State, chosen: Tensor) -> tuple[Tensor, Tensor]:
 
 @torch.inference_mode()
 def judge(policy: Any, env: RslRlVecEnvWrapper, task: str, layouts: int) -> dict[str, Any]:
-    """Run the first episodes of the first `layouts` worlds whose layout is not from the bank.
+    """Let a policy play one episode in each of the first `layouts` worlds whose layout is not from the bank.
 
     Returns:
         A mapping with these keys.

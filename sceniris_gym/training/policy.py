@@ -22,7 +22,7 @@ class Policy:
         run: The folder of a run.
         task: The task of `env`.
         settings: The settings of the run.
-        env: Worlds of the task. Their observations give the networks their sizes.
+        env: Worlds of the task. The shapes of their observations determine the sizes of the networks.
         trust: As in `load_policy`.
 
     Attributes:

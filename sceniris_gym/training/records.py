@@ -56,7 +56,7 @@ def read_config(folder: Path) -> tuple[str, Settings]:
 
 
 def read_parts(folder: Path) -> dict[str, dict[str, Any]]:
-    """Return the parts of the configuration of the run in a folder: options, settings, sources and scene.
+    """Return the parts of the configuration of the run in `folder`: options, settings, sources and scene.
 
     Raises:
         ArgumentError: The file cannot be read.
