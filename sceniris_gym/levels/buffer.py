@@ -1,4 +1,4 @@
-"""`Buffer`: levels with their success rates or scores on the device, and kernels that choose and update levels."""
+"""`Buffer`: levels on the device, with their success rates or scores, and kernels that choose and update levels."""
 
 from typing import Any, NamedTuple
 

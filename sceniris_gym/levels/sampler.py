@@ -225,7 +225,7 @@ class LevelSampler(Chooser, StaysHere):
             launch_refresh(self._buffer, self.replay)
 
     def state(self) -> dict[str, np.ndarray]:
-        """Return the buffer, and the worlds' current and next levels, for `restore`. Waits for the device.
+        """Return the buffer and the worlds' levels as arrays by name, for `restore`. Waits for the device.
 
         The array `source` holds the hash of the scene, the split and the names of the params.
         """

@@ -1,4 +1,4 @@
-"""Simulation: batches of worlds, masked writes of layouts, and the randomizer for your own mujoco_warp loop."""
+"""Simulation: batches of worlds, writers of layouts, and the randomizer for your own mujoco_warp loop."""
 
 from sceniris_gym.collecting import uncollected
 

@@ -27,8 +27,8 @@ class Derived:
         jacobian: Rows of Jacobians, shape (nrow, nv), vec3. The three degrees of freedom of a ball joint share one
             inverse weight, and so do the three rotations and the three translations of a free joint. The row of such a
             degree of freedom therefore has entries in the columns of all three. Each column has its own axis.
-        moved: Range of degrees of freedom that includes all trees with an effect on a row: the first, and the one after
-            the last. The rows for the last three elements of gears are left out.
+        moved: For each row of `jacobian`, a range of degrees of freedom that includes all trees with an effect on the
+            row: the first, and the one after the last. The two rows of an actuator share one range, at the first row.
         geared: Rows of tendons and actuators whose armature adds to M.
         inverse: M, which the kernel replaces by its inverse, and scratch memory of the same size. Shape (nworld, 2, nv,
             degrees of freedom of the largest tree). The row of a degree of freedom has only the columns of its tree.
@@ -78,7 +78,7 @@ class Derived:
 
 
 def derived_tables(mjm: mujoco.MjModel, nworld: int) -> Derived:
-    """Return the constants of a model and scratch memory for `nworld` worlds, on the current device."""
+    """Return the `Derived` of a model, with scratch memory for `nworld` worlds, on the current device."""
     data = mujoco.MjData(mjm)  # at qpos0
     mujoco.mj_fwdPosition(mjm, data)
     trees = np.stack([mjm.tree_dofadr, mjm.tree_dofadr + mjm.tree_dofnum], axis=1)[mjm.dof_treeid]

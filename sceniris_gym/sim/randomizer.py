@@ -271,8 +271,8 @@ class ResetRandomizer(Fixed, StaysHere):
 
         Raises:
             UnknownNameError: The scene does not place an object of this name.
-            ArgumentError: `objects` is empty, or lacks an object that stands on a named object or shares its heap. Or
-                the first call for these objects is inside a capture.
+            ArgumentError: `objects` is empty, or lacks an object that stands on a named object or is in the same heap.
+                Or the first call for these objects is inside a capture.
             ArgumentTypeError, ArgumentError: As in `reset`.
         """
         self.redrawer.launch(objects, as_worlds(worlds, self.data.nworld, self.device, self.redrawer.mask))
@@ -320,7 +320,7 @@ class ResetRandomizer(Fixed, StaysHere):
         self.fields.scale(name, of, factor, self._mask, "ResetRandomizer.scale_field")
 
     def random(self, name: str, shape: int | Sequence[int] = ()) -> Any:
-        """Draw uniform numbers in [0, 1) by name, as a torch tensor, shape (nworld, *shape), float32.
+        """Return uniform random numbers in [0, 1) for a name, as a torch tensor, shape (nworld, *shape), float32.
 
         The numbers depend only on the seed and episode of the world's layout, the split, and the name.
         """

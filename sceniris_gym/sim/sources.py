@@ -94,7 +94,7 @@ def check_prefetch(prefetch: Any, where: str) -> None:
 
 
 def as_layout_source(given: Any, compiled: CompiledScene, nworld: int, where: str) -> LayoutSource:
-    """Return a LayoutSource for these worlds: `given` itself, the rows of a LayoutTable, or a function's result.
+    """Return a LayoutSource for these worlds: `given` itself, the rows of a LayoutTable, or the result of a function.
 
     Raises:
         ArgumentTypeError: `given` has another type, or is a function that returns another type.

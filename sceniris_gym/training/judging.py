@@ -91,7 +91,7 @@ def judge(policy: Any, env: RslRlVecEnvWrapper, task: str, layouts: int) -> dict
         - `layouts`: number of episodes
         - `success`: fraction of successes, with its 95% `interval`
         - `return`: mean sum of rewards
-        - `unfinished`: number of episodes that did not end within the longest episode
+        - `unfinished`: number of episodes that did not end within the maximum episode length
         - `by_choice`: fraction of successes for each object that a task of this package may choose as target
         - `each`: per layout, `id` (reproduces valid layouts only), `success`, `things` (number of other objects) and
           `nearest` (distance to the nearest other object [mm])

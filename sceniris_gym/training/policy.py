@@ -46,8 +46,8 @@ class Policy:
     def export(self, path: str | Path) -> None:
         """Write the deterministic policy as TorchScript, including its normalisation of observations.
 
-        `torch.jit.load(path)` takes the flat group `policy`, shape (n, size), and returns actions before they are
-        clipped to [-1, 1].
+        `torch.jit.load(path)` returns a module that takes the flat observation group `policy`, shape (n, size), and
+        returns actions before they are clipped to [-1, 1].
         """
         path = Path(path)
         self._runner.export_policy_to_jit(str(path.parent), path.name)

@@ -68,7 +68,9 @@ SETTINGS = {
 
 
 def settings_of(task: str, changes: Sequence[str] = ()) -> Settings:
-    """Return the tuned or default settings of a task, with `changes`, each as KEY=VALUE with the value in YAML.
+    """Return the settings of a task, tuned if they exist and default otherwise, with the given changes.
+
+    A change is written KEY=VALUE, with the value in YAML.
 
     Raises:
         UnknownNameError: A setting is unknown.

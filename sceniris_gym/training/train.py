@@ -2,8 +2,8 @@
 
 A run writes to its folder: `log.jsonl` (a line every few iterations and for every evaluation), `model.pt` (a checkpoint
 every 20 seconds and after every evaluation), `judged.json` (the last evaluation, layout by layout) and `config.json`,
-with a hash of the sources. The clock starts after compilation, and stops during evaluations, which judging.py
-describes.
+with a hash of the sources. Training time does not include compilation and evaluations. For evaluations, see
+judging.py.
 
 A resumed run continues from the checkpoint. The log is cut off at the checkpoint, and unfinished episodes are dropped.
 Every world starts a new episode, whose step count begins at the count of the dropped episode. Runs that resume from the
