@@ -63,6 +63,6 @@ def draw_uniform(
 
 
 def draw_named(seed: wp.array, episode: wp.array, split: str, name: str, values_out: wp.array) -> None:
-    """Fill `values_out` with uniform numbers in [0, 1). They depend only on the other arguments. See `draw_uniform`."""
+    """Fill `values_out` with uniform numbers in [0, 1), determined by the other arguments. See `draw_uniform`."""
     check_type(name, str, "random: name")
     draw_uniform(seed, episode, name_hash(name), named_stream(split), 0.0, 1.0, values_out)

@@ -63,9 +63,9 @@ class ResetRandomizer(Fixed, StaysHere):
 
     Args:
         compiled: The compiled scene, on the device of `data`.
-        model: mujoco_warp Model made from `compiled.sim_mjm`, or from another model. Bodies, joints and geoms must have
-            the same order, types, sizes and places there. Masses, frictions, gains and options may differ. If objects
-            have variants, use the Model of `make_worlds`.
+        model: mujoco_warp Model made from `compiled.sim_mjm`, or from another model whose bodies, joints and geoms have
+            the same order, types, sizes and places. Masses, frictions, gains and options may differ. If objects have
+            variants, use the Model of `make_worlds`.
         data: mujoco_warp Data of the worlds. `make_worlds` leaves room for the contacts of most scenes, and
             `check_budget` checks whether the room is enough.
         seed: An integer (world i gets seed + i), or a sequence with one seed per world. Not used with a layout_source.

@@ -33,7 +33,7 @@ def _wake(mask: wp.array[wp.bool], trees: wp.array[int], tree_awake_out: wp.arra
 
 
 class Redrawer:
-    """Redraws objects, which moves them to new valid places, in the masked worlds. Other state stays bitwise unchanged.
+    """Moves objects to new valid places in the masked worlds. All other state stays bitwise unchanged.
 
     Args:
         simulation: The worlds.

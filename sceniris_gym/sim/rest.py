@@ -31,8 +31,9 @@ SCALAR_JOINTS = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HIN
 class RestMap:
     """Controls and activations that hold the pose qpos. Each is `law[0] + law[1] * sum(arm * qpos[qposadr])`.
 
-    An element is one control or one activation: first the nu controls, then the na activations. The sum has one term
-    for each joint that the element's actuator moves. Terms `rowadr[e]` to `rowadr[e + 1] - 1` belong to element e.
+    An element is one control or one activation: first the nu controls, then the na activations. If the element holds a
+    pose, its sum has one term for each joint that its actuator moves. Element e has the terms from `rowadr[e]` to
+    `rowadr[e + 1] - 1`.
 
     Attributes:
         rowadr: Index of each element's first term, shape (nu + na + 1,).

@@ -45,8 +45,8 @@ def fields_of_variants() -> tuple[str, ...]:
 class Places:
     """The owner of each slot, joint position and mocap body in layouts, and the addresses of the last two in worlds.
 
-    An owner is a variant of an object, as a kind: (index of the object among the objects with variants, index of the
-    variant). The kind is (-1, -1) if no variant is the owner.
+    An owner is a variant of an object. It is stored as a kind: (index of the object among the objects with variants,
+    index of the variant). Without an owner, the kind is (-1, -1).
     """
 
     slot_kind: wp.array[wp.vec2i]

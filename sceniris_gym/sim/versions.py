@@ -26,12 +26,12 @@ def sleeps(m: mjw.Model) -> bool:
 
 
 def room_for_dofs(nvmax: int | None) -> dict[str, int]:
-    """Return the argument of `make_data` that limits a world's awake degrees of freedom. Empty before version 4.0."""
+    """Return make_data's argument that limits a world's awake degrees of freedom. Empty before MuJoCo-Warp 4.0."""
     return {} if nvmax is None or not _SLEEPS else {"nvmax": nvmax}
 
 
 def silence_iterations(m: mjw.Model) -> None:
-    """Turn off warnings about the solver's iteration limits, which version 4.0 introduced."""
+    """Turn off warnings about the solver's iteration limits, which MuJoCo-Warp 4.0 introduced."""
     iterations = [getattr(OverflowType, name, 0) for name in ("ITERATIONS", "LS_ITERATIONS")]
     if any(iterations):
         m.opt.warn_overflow &= ~int(iterations[0] | iterations[1])
@@ -65,8 +65,8 @@ def keyframe_plastic(mjm: mujoco.MjModel, key: int) -> np.ndarray:
 def render_context(mjm: mujoco.MjModel, nworld: int, cameras: Sequence[str], **options: Any) -> Any:
     """Return mujoco_warp's context for rendering the named cameras. The context lists cameras in the model's order.
 
-    Options that this version of mujoco_warp does not have are left out. Before version 4.0, `samples_per_pixel` is one
-    of them, so edges in pictures are not smooth.
+    Options that this version of mujoco_warp does not have are left out. Before MuJoCo-Warp 4.0,
+    `samples_per_pixel` is one of them, so edges in pictures are not smooth.
     """
     known = inspect.signature(mjw.create_render_context).parameters
     options = {name: value for name, value in options.items() if name in known}

@@ -65,8 +65,8 @@ def runner_of(env: RslRlVecEnvWrapper, settings: Settings, seed: int) -> OnPolic
 
     The actor sees the observation group `policy`, the critic the group `critic`. If a task has only one group, both see
     this group. The actor also sees all images. With `settings.teacher`, the actor imitates a teacher that sees the
-    group `critic`. The training states are the states that the actor visits (DAgger, Ross et al. 2011). Load the
-    teacher before learning.
+    group `critic`. Training takes place in the states that the actor visits (DAgger, Ross et al. 2011). Load
+    the teacher before learning.
     """
     from rsl_rl.runners import DistillationRunner, OnPolicyRunner  # late: the adapter reports a missing rsl-rl first
 
