@@ -1,4 +1,4 @@
-"""Adapters for training libraries, each with an extra of its name."""
+"""Adapters for training libraries. Each needs the package extra of the same name, such as `sceniris-gym[jax]`."""
 
 import lazy_loader
 

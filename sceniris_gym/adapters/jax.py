@@ -1,4 +1,4 @@
-"""Layouts as functions of JAX, and `LayoutAutoResetWrapper` for environments of MuJoCo Playground on MJX."""
+"""`LayoutFunction`: layouts in functions of JAX. `LayoutAutoResetWrapper`: layouts in MuJoCo Playground on MJX."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _SEEDS = "seed should be two uint32 words, high word first, shape (..., 2), such
 
 
 class FreshLayouts(NamedTuple):
-    """Layouts as JAX arrays with the leading shape of the call.
+    """Layouts as JAX arrays, whose leading shape (...) is the shape of the requested episodes.
 
     Attributes:
         qpos: Joint positions [m, rad] in the order of the MjModel, quaternions wxyz, shape (..., nq).
@@ -47,7 +47,8 @@ class FreshLayouts(NamedTuple):
 class LayoutFunction:
     """The layouts of a scene as a pure function of seed and episode, for jit, vmap, scan and eval_shape.
 
-    Each batch size has a separate generator, which is made while JAX traces the first call, and kept.
+    Each batch size has a separate generator. It is made while JAX traces the first call of this size, and later calls
+    use it again.
 
     Args:
         compiled: The scene, on JAX's device.
@@ -71,7 +72,8 @@ class LayoutFunction:
                 `jax.random.PRNGKey` returns them. Keys of `jax.random.key` and, with x64, uint64 seeds have shape
                 (...).
             episode: Episodes from 0 to 2^31 - 2, integers of shape (...).
-            where: Layouts to make, booleans of shape (...). The other rows are the start pose, without a search.
+            where: True for each layout to make, booleans of shape (...). The other rows get the start pose, without a
+                search.
 
         Raises:
             ArgumentError: The seeds have another type or shape, or the shapes do not broadcast.
@@ -106,23 +108,23 @@ class LayoutAutoResetWrapper:
     """Starts every episode of a batch of environments of MuJoCo Playground in a fresh layout.
 
     The wrapper replaces Playground's BraxAutoResetWrapper, which starts all episodes of a world in the same state. The
-    objects and the robot of the scene get the poses of a layout, at rest, with the controls that hold them. The rest of
-    a finished world returns to its state after the first reset, or with `full_reset` to the state after another reset.
-    Each step makes the layouts of all finished worlds in one call.
+    objects and the robot of the scene get the poses of a layout, at rest, with the controls that hold them. All other
+    state of a finished world returns to its values after the world's first reset. With `full_reset`, it takes its
+    values from another reset of the environment. Each step makes the layouts of all finished worlds in one call.
 
     `info` has the entries of BraxAutoResetWrapper. `info["layout"]` has `seed` (two uint32 words), `episode` and
-    `fallback` (the layout comes from the fallback bank) of each world, and `compiled.layout_id(seed, episode, split)`
-    names the layout. Seeds are drawn from the keys of the reset.
+    `fallback` (the layout comes from the fallback bank) of each world. `compiled.layout_id(seed, episode, split)`
+    returns the layout's id. Seeds are drawn from the keys of the reset.
 
     Args:
-        env: The batch, as BraxAutoResetWrapper takes it: a VmapWrapper, and an EpisodeWrapper around it.
+        env: The batch, wrapped as for BraxAutoResetWrapper: in a VmapWrapper, then in an EpisodeWrapper.
         compiled: A scene with `model: env.mj_model`, on JAX's device.
         split: "train" or "eval", which share no layouts.
         full_reset: Reset the environments in every step, and take `info` (for example targets) and the rest of the
             state of finished worlds from this reset, as BraxAutoResetWrapper does with this argument.
         observe: Function of (data, info) of one world that returns the observation. None: the method `_get_obs`.
         update: Function of a world's (mjx.Model, mjx.Data) that updates the derived quantities for observations. None
-            is `mjx.forward`. Without observed sensors, `mjx.kinematics` is faster.
+            takes `mjx.forward`. If the observations read no sensors, `mjx.kinematics` is enough and faster.
 
     Raises:
         ArgumentTypeError: The environment has no `mj_model`.
@@ -251,7 +253,7 @@ def _placing(compiled: CompiledScene) -> Callable[[Any, FreshLayouts], Any]:
 
 
 def _where(mask: Any, new: Any, old: Any) -> Any:
-    """Return leaves that come from `new` in masked worlds, and from `old` in all other worlds."""
+    """Return a pytree whose leaves come from `new` in masked worlds, and from `old` in all other worlds."""
     return jax.vmap(lambda one, a, b: jax.tree.map(lambda x, y: jnp.where(one, x, y), a, b))(mask, new, old)
 
 
@@ -267,7 +269,7 @@ def _check_device(compiled: CompiledScene) -> None:
 
 
 def _vmappable(layouts: LayoutFunction) -> Any:
-    """Return the call with a rule for `vmap` that makes one call for all members of the batch, at any depth."""
+    """Return `layouts._call` with a rule for (nested) `vmap`: one call makes the layouts of all members."""
     call = jax.custom_batching.custom_vmap(layouts._call)
 
     @call.def_vmap
@@ -279,7 +281,7 @@ def _vmappable(layouts: LayoutFunction) -> Any:
 
 
 def _callable(requested: RequestedLayouts) -> Any:
-    """Return `requested.launch` as a function of JAX, which keeps `requested` alive for compiled functions."""
+    """Return `requested.launch` as a JAX function. While this function exists, `requested` is not freed."""
 
     def launch(
         seed: wp.array2d[wp.uint32],
@@ -296,7 +298,7 @@ def _callable(requested: RequestedLayouts) -> Any:
 
 
 def _array(value: Any, wanted: str, kind: Any) -> Any:
-    """Return an argument as a JAX array with a type of this kind."""
+    """Return `value` as a JAX array whose dtype is of this `kind`. `wanted` says in the error what was expected."""
     with suppress(TypeError, ValueError, OverflowError):
         if jnp.issubdtype((array := jnp.asarray(value)).dtype, kind):
             return array

@@ -96,8 +96,9 @@ class NewtonRandomizer(StaysHere):
     Newton owns the state: every step of the solver copies `State.joint_q` into MuJoCo's data. A reset therefore writes
     layouts to `State.joint_q` in Newton's convention, as poses of joints between their anchors, with xyzw quaternions.
     It sets `joint_qd` to 0, updates body poses and velocities (`newton.eval_fk`), and clears warm starts, forces,
-    activations and controls (`solver.reset`). Joints that the scene does not draw return to their start. Roots that
-    Newton fixes to the world can also be placed, through `Model.joint_X_p`. All other worlds keep their bits.
+    activations and controls (`solver.reset`). Joints that the scene does not draw return to their start positions.
+    Roots that Newton fixes to the world can also be placed, through `Model.joint_X_p`. All other worlds keep their
+    bits.
 
     A reset with a mask on the device does not wait for it, so you can capture the reset in a graph with the steps.
 
@@ -120,8 +121,9 @@ class NewtonRandomizer(StaysHere):
     Raises:
         ArgumentError: The solver runs on MuJoCo C, or treats all worlds as one. The solver or a state belongs to
             another model.
-        SceneMismatchError: The scene was made from another model, worlds differ, or joints have another start.
-        NotSupportedError: The scene has words of `start` or `randomize`.
+        SceneMismatchError: The scene was made from another model, the worlds differ from each other, or joints start at
+            other positions in the scene than in Newton's model.
+        NotSupportedError: The scene uses `start` or `randomize`.
     """
 
     _SEND = "its CompiledScene to the other process, and construct a new object there"
@@ -201,7 +203,7 @@ class NewtonRandomizer(StaysHere):
         )
 
     def _mocap_of_joints(self) -> np.ndarray:
-        """Return the placed mocap body whose root is each joint of a world, or -1."""
+        """For each Newton joint of a world, return the placed mocap body that this joint fixes to the world, or -1."""
         found, roots = np.full(self._qposadr.shape[0], -1), self.solver.mjc_mocap_to_newton_jnt
         placed = self.compiled.mjm.body_mocapid[list(self.compiled.scene.owners)]
         for mocap in placed[placed >= 0]:
@@ -209,7 +211,7 @@ class NewtonRandomizer(StaysHere):
         return found
 
     def _check_start(self) -> None:
-        """Refuse joints that the scene does not place and that start elsewhere in the scene than in Newton's model."""
+        """Raise if a joint that layouts do not place starts at another position in the scene than in Newton's model."""
         m, mjm, scene = self.model, self.compiled.mjm, self.compiled.scene
         home = wp.array(np.tile(self.compiled.home_qpos, (m.world_count, 1)), dtype=float, device=m.device)
         joint_q, joint_qd = wp.clone(m.joint_q), wp.clone(m.joint_qd)

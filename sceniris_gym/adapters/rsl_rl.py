@@ -36,13 +36,13 @@ class RslRlVecEnvWrapper(VecEnv):
     for rsl-rl's CNNModel. Returned observations are never written to again, because rsl-rl keeps references to them
     until after the next step.
 
-    `extras` of a step has `time_outs` (truncated and not terminated), `success` of the step, and `log`, also an
-    attribute, with scalars on the device. `Episode/<term>` (sum over an episode), `Episode/success` (at its last step),
-    `Episode/broken` (its state was not finite) and `Episode/length` (control steps) are means over the episodes that
-    finished in the step. In steps without a finished episode they keep their values, which are 0 at first.
-    `Reset/valid_share`, `Reset/fallback_share` and `Reset/attempts` are means over the present layouts of the worlds,
-    and `Reset/reject_<cause>` is the fraction of this cause in all candidates rejected so far. For stored layouts,
-    attempts and rejections are 0.
+    The `extras` of a step have `time_outs` (truncated and not terminated), `success` of the step, and `log`, a mapping
+    of scalars on the device. `log` is also an attribute of the wrapper. `Episode/<term>` (sum over an episode),
+    `Episode/success` (at its last step), `Episode/broken` (its state was not finite) and `Episode/length` (control
+    steps) are means over the episodes that finished in the step. In steps without a finished episode they keep their
+    values, which are 0 at first. `Reset/valid_share`, `Reset/fallback_share` and `Reset/attempts` are means over the
+    present layouts of the worlds, and `Reset/reject_<cause>` is the fraction of this cause in all candidates rejected
+    so far. For stored layouts, attempts and rejections are 0.
 
     Args:
         env: A SceneVectorEnv with autoreset SAME_STEP, output "torch", copy=True, and max_episode_steps.

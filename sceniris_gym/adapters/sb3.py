@@ -26,18 +26,18 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices,
 
 
 class Sb3VecEnvWrapper(VecEnv):
-    """A SceneVectorEnv as a VecEnv of Stable-Baselines3: numpy arrays, a list of infos, one part of the observation.
+    """A SceneVectorEnv as a VecEnv of Stable-Baselines3. It returns numpy arrays, and a list with an info for each world.
 
     A step copies observations, rewards and flags of all worlds to the host. Only finished worlds have infos:
     `terminal_observation`, `TimeLimit.truncated`, `is_success` (of the last step), `broken` (the state was not finite),
     `episode` (`r`, `l` and `t` as in Monitor, from the environment's unscaled rewards), and `layout`, the episode's
-    `info["layout"]` (`seed`, `episode`, `fallback` and others). A gather on the device precedes the copy, so only the
-    rows of finished worlds are copied. `reset_infos` has the present layout of each world.
+    `info["layout"]` (`seed`, `episode`, `fallback` and others). The rows of finished worlds are selected on the device,
+    so only these rows are copied. `reset_infos` has the present layout of each world.
 
-    All worlds share one environment. `get_attr` and `env_method` read an attribute once, from the environment or its
-    task, and repeat the result for every index. `set_attr` sets params in any worlds, and other attributes only in all
-    worlds together. The options of SceneVectorEnv.reset also apply to all worlds together. `env_is_wrapped` is true
-    only for Monitor, because the environment provides Monitor's infos.
+    All worlds share one environment. `get_attr` reads an attribute once, and `env_method` calls a method once, of the
+    environment or its task. Both repeat the result for every index. `set_attr` can set params in single worlds, but
+    other attributes only in all worlds together. The options of SceneVectorEnv.reset also apply to all worlds together.
+    `env_is_wrapped` is true only for Monitor, because the environment provides Monitor's infos.
 
     Args:
         env: A SceneVectorEnv with autoreset SAME_STEP, output "torch" and copy=True.
@@ -106,9 +106,9 @@ class Sb3VecEnvWrapper(VecEnv):
 
         Args:
             observation: Observation of all worlds, as the environment returns it.
-            worlds: Ids of worlds to select, with 0 in place of NaN and infinity. The last observation of a diverged
-                world may have NaNs, and NaN * 0 would spoil a replay buffer's targets. None selects all worlds, with
-                unchanged values.
+            worlds: Ids of worlds to select. In their values, 0 replaces NaN and infinity, because the last observation
+                of a diverged world may have NaNs, and NaN * 0 would spoil a replay buffer's targets. None selects all
+                worlds, with unchanged values.
         """
         parts = _parts(self.env.groups_of(observation))
 

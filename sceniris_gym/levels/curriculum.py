@@ -79,7 +79,7 @@ class LevelReplay:
             level was last chosen.
         alpha: Weight of the newest episode in the success rate of a level. The rate begins at 0.5.
         refresh_interval: Number of resets from one refresh of the weights to the next. A call of `reset` counts once,
-            for any number of worlds. An environment makes one such call in each step.
+            for any number of worlds. An environment calls `reset` once in each step.
         adr: An ADR, a mapping of its fields, or None. The ADR sets the params of fresh levels.
 
     Raises:

@@ -29,8 +29,9 @@ class LevelSampler(Chooser, StaysHere):
     """A `Chooser` that replays layouts according to the outcomes of earlier episodes.
 
     A level is one layout, identified by its seed, episode and params. A world's next level is chosen when the world's
-    current episode begins, so that the next level can be prefetched. The outcome of an episode counts for the next
-    choice, which decides the level after the next. A method waits for the device only if its documentation says so.
+    current episode begins, so that the next level can be prefetched. The outcome of an episode is known only after that
+    choice, so it first affects the level after the next. A method waits for the device only if its documentation says
+    so.
 
     Choices are a pure function of the worlds' seeds and of all outcomes. There is one exception, on a GPU: if several
     worlds finish the same level in one step, it may happen that only one of the outcomes counts, and which one varies.
@@ -80,12 +81,12 @@ class LevelSampler(Chooser, StaysHere):
         launch_choose(self._buffer, mask, self._stream, self.replay.replay_prob)
 
     def launch_set_params(self, columns: wp.array, values: wp.array, mask: wp.array | None) -> None:
-        """See `Chooser`. Later fresh levels of the worlds have these param values."""
+        """Set param values in the masked worlds, as in `Chooser`. Later fresh levels of these worlds have the values."""
         launch_set(self._buffer.base_param, columns, values, mask)
         launch_forget(self._buffer, None, mask)
 
     def launch_forget(self, seeds: wp.array | None, mask: wp.array | None) -> None:
-        """See `Chooser`. If `seeds` are given, later fresh levels of the masked worlds are drawn with these seeds."""
+        """Drop the next levels of the masked worlds, as in `Chooser`. Later fresh levels use `seeds` if they are given."""
         launch_forget(self._buffer, seeds, mask)
 
     def launch_finish(self, success: wp.array, finished: wp.array) -> None:
@@ -103,8 +104,8 @@ class LevelSampler(Chooser, StaysHere):
         """Insert levels, and refresh the weights. If the buffer is full, new levels replace levels with lower scores.
 
         Args:
-            layouts: See `update`. All layouts count as new to the buffer, also if they have a `level`. Layouts from the
-                bank (`level` -2) are left out. There may be more layouts than worlds.
+            layouts: See `update`. All layouts count as new to the buffer, even if they have a `level` of at least 0.
+                Layouts from the bank (`level` -2) are left out. There may be more layouts than worlds.
             scores: See `update`.
 
         Raises:
@@ -203,7 +204,7 @@ class LevelSampler(Chooser, StaysHere):
         return {"seed": found.seed, "episode": found.episode, "params": self.layouts.params.named(found.param)}
 
     def _column(self, values: Any, dtype: type) -> wp.array:
-        """Return a column of numbers on the device, converted to `dtype`. Seeds keep their 64 bits."""
+        """Return numbers as a Warp array on the device, converted to `dtype`. Seeds keep their 64 bits."""
         is_whole = values.dtype.kind in "biu" if isinstance(values, np.ndarray) else not values.is_floating_point()
         if dtype is not wp.float32 and not is_whole:
             raise ArgumentError("LevelSampler: levels, seeds and episodes should be integers.")

@@ -172,8 +172,8 @@ class ModelFields:
     def launch_draw(self, mask: wp.array, layouts: LayoutsView, rows: wp.array | None = None) -> None:
         """Draw the entries of the scene's `randomize` in the masked worlds. See `WorldColumns.launch`.
 
-        A second stream computes derived fields, concurrently with all launches up to `launch_wait`. The current stream
-        computes controls.
+        Derived fields are computed in a second stream, concurrently with all launches up to `launch_wait`. Controls are
+        computed in the current stream.
         """
         if not self._scene.draws:
             return
@@ -191,7 +191,7 @@ class ModelFields:
 
     @property
     def rows(self) -> dict[str, wp.array]:
-        """Arrays with a row for each world, by name: fields, drawn numbers and, if gains differ, `RestMap.law`."""
+        """Arrays with a row for each world, by name: fields, drawn numbers and, if gains differ by world, `RestMap.law`."""
         found = {name: self._known[name] for name, made in self._nominal.items() if made.size}
         found |= {f"drawn.{name}": array for name, array in self.columns.numbers.items()}
         return found | ({"rest": self.rest.law} if self._has_gains else {})

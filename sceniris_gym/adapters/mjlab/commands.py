@@ -24,13 +24,14 @@ class RedrawObjects(_COMMANDS.CommandTerm):
 
     The entities are objects of the scene of `PlaceLayouts`, which places them at resets. This command only redraws
     between resets. `env.extras["layout"]` then has `redraws`, the number of redraws of each environment since its
-    reset, and `redraw_failed`: the latest redraw found no valid places, so its objects stayed where they were.
+    reset, and `redraw_failed`, which is true if the latest redraw found no valid places. The objects then stayed where
+    they were.
 
     Attributes:
         command: The number of redraws since the reset, shape (num_envs, 1), float32.
 
     Raises:
-        ArgumentError: There is no event `PlaceLayouts`, or entities of its scene have variants.
+        ArgumentError: The environment has no event `PlaceLayouts`, or entities in the event's scene have variants.
         UnknownNameError, ArgumentError: Objects cannot be redrawn, for the reasons that `chosen_objects` lists. Raised
             when the first timer runs out.
     """
@@ -75,8 +76,8 @@ class RedrawObjectsCfg(_COMMANDS.CommandTermCfg):
     """A command that gives entities new places on a timer, for `cfg.commands`.
 
     Attributes:
-        objects: Names of the objects to redraw together, in the scene of `PlaceLayoutsCfg`, each with all objects that
-            the scene puts on it.
+        objects: Names of the objects to redraw together, as in the scene of `PlaceLayoutsCfg`. If you name an object,
+            also name all objects that the scene puts on this object.
         resampling_time_range: Least and greatest time [s] between two redraws, and from a reset to the first redraw.
     """
 

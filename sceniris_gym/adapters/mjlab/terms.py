@@ -54,8 +54,8 @@ class PlaceLayouts(ManagerTermBase, RefusesOldNames):
     After a reset, `env.extras["layout"]` has `seed` and `episode`, int64, `fallback` (the layout came from the fallback
     bank), and `start` if the scene has kinds of starts, each of shape (num_envs,). With `scene_params` it has `params`,
     so that `reseed(layouts=extras["layout"])` makes the same layouts. `extras["log"]` has the fraction of environments
-    with a layout from the fallback bank. Starts write the joints of the arm and the fingers. The controls of the next
-    step should close the fingers.
+    with a layout from the fallback bank. If the scene has kinds of starts, the event also sets the joints of the arm
+    and the fingers, but not their controls. If a start holds an object, the next action should close the fingers.
 
     Attributes:
         compiled: The compiled scene.
@@ -69,8 +69,8 @@ class PlaceLayouts(ManagerTermBase, RefusesOldNames):
             variants.
         ScenirisError: The scene cannot be used, for the reasons that `compile_scene` lists.
         SceneMismatchError: Startup events changed the model that layouts depend on. Raised in the first reset.
-        ArgumentError: Another event or a command placed the objects again, which `keep_layouts` prevents. Raised in
-            the first reset.
+        ArgumentError: Another event or a command moved the objects after this event had placed them. For a command,
+            `keep_layouts` prevents this. Raised in the first reset.
     """
 
     def __init__(self, cfg: PlaceLayoutsCfg, env: Any) -> None:
@@ -115,11 +115,12 @@ class PlaceLayouts(ManagerTermBase, RefusesOldNames):
         return self.layouts.ids(self.split)
 
     def reseed(self, *, layouts: Any, env_ids: Any = None) -> None:
-        """Choose the layouts of environments at their next reset. Later resets continue from these layouts.
+        """Choose the layouts that environments get at their next resets. Later resets continue from these layouts.
 
         Args:
-            layouts: A layout id, a layout id for each environment (None is its next layout), or a mapping
-                {"seed": ..., "episode": ...} with optional "params", such as `env.extras["layout"]`.
+            layouts: One layout id for all environments, one id for each environment (None keeps the environment's next
+                layout), or a mapping {"seed": ..., "episode": ...} with optional "params", such as
+                `env.extras["layout"]`.
             env_ids: The environments, in the order of the layouts: ids, a slice, or None for all.
 
         Raises:
@@ -130,7 +131,7 @@ class PlaceLayouts(ManagerTermBase, RefusesOldNames):
         self._chosen |= dict.fromkeys(as_world_ids(env_ids, self._env.num_envs).tolist(), chosen)
 
     def set_param(self, name: str, value: Any, env_ids: Any = None) -> None:
-        """Change a part of the scene in some environments, or in all, from their next layouts on.
+        """Change a param of the scene in some environments, or in all, from their next layouts on.
 
         Raises:
             UnknownNameError, ArgumentError: As in `LayoutSource.set_params`.
@@ -154,7 +155,7 @@ class PlaceLayouts(ManagerTermBase, RefusesOldNames):
         return [array[env_ids[:, None], adr] for array, adr in self._addresses]
 
     def restore(self, env_ids: Tensor, state: list[Tensor]) -> None:
-        """Write a result of `state` back."""
+        """Write `state`, a result of the method `state`, into the environments `env_ids`."""
         for (array, adr), values in zip(self._addresses, state, strict=True):
             array[env_ids[:, None], adr] = values
 
@@ -189,13 +190,14 @@ class PlaceLayoutsCfg(EventTermCfg):
     """An event that places entities, for `cfg.events`.
 
     Attributes:
-        scene: The scene: a mapping, a path or a name, without `model`. An object is the entity with the same name, or
-            the entity with the root `body`, such as "cube_0/cube". `home` is mjlab's "init_state".
+        scene: The scene: a mapping, a path or a name, without `model`. An object stands for the entity with the same
+            name or, if it has a `body` such as "cube_0/cube", for the entity with this root body. If the scene has no
+            `home`, its home pose is mjlab's keyframe "init_state".
         seed: Seed of environment 0. Environment i has seed + i. None takes the seed of the environment's cfg, or draws
             a seed. Under torchrun and torchrunx, RANK * 2^40 is added.
         split: "train" or "eval", which share no layouts.
-        scene_params: Names of the scene's params that `scene_param_stages` or `PlaceLayouts.set_param` change, or
-            patterns.
+        scene_params: Names of the scene's params that `scene_param_stages` or `PlaceLayouts.set_param` may change, or
+            patterns that match these names.
         prefetch: Make the next layout of every environment during the steps before its reset, as in ResetRandomizer.
             None prefetches on a GPU.
     """
@@ -213,7 +215,7 @@ PlaceLayoutsCfg.__init__ = refuses_old_names(PlaceLayoutsCfg.__init__)
 
 
 def scene_param_stages(env: Any, env_ids: Tensor | slice, param_stages: Sequence[Mapping[str, Any]]) -> None:
-    """Set params of the scene by the current number of steps, in the environments that are reset.
+    """Set params of the scene according to the current number of steps, in the environments that are reset.
 
     This is a term of mjlab's curriculum, and `param_stages` has the form of mjlab's `reward_params`.
 
@@ -233,10 +235,10 @@ def scene_param_stages(env: Any, env_ids: Tensor | slice, param_stages: Sequence
 
 
 class KeepLayouts:
-    """Mixin that keeps objects where layouts put them, for commands that place objects when they draw a target.
+    """Mixin for commands that move objects when they draw a target. The objects stay where layouts put them.
 
-    Write `class Command(KeepLayouts, MultiCubeLiftingCommand)`, or use `keep_layouts` to add the mixin to a cfg.
-    Without an event `PlaceLayouts`, the command places objects as usual.
+    Write `class Command(KeepLayouts, MultiCubeLiftingCommand)`, or use `keep_layouts` to add the mixin to a cfg. If the
+    environment has no event `PlaceLayouts`, the command moves objects as usual.
     """
 
     _env: Any
@@ -292,9 +294,10 @@ def _suspects(term: PlaceLayouts, env: Any) -> str:
 
 
 def _as_model(scene: Any, env: Any) -> SceneModel:
-    """Return the scene on the environment's model, where an object with the name of an entity is this entity.
+    """Build the scene for the environment's model. An object with the name of an entity stands for this entity.
 
-    If entities have variants, the scene has a separate body for each variant, and the environment's model is simulated.
+    If entities have variants, layouts use a model with a separate body for each variant. The worlds still simulate the
+    environment's model.
 
     Raises:
         NotSupportedError: An object has variants, but is not an entity with variants.
@@ -345,7 +348,7 @@ def _roots(compiled: CompiledScene, env: Any) -> dict[str, Any]:
 
 
 def _joints(compiled: CompiledScene, env: Any) -> list[tuple[Any, Tensor]]:
-    """Return the entities with drawn joints, and the indices of these joints in the entity."""
+    """Return a pair (entity, joint indices) for each entity with drawn joints. The indices are the entity's."""
     scene = compiled.scene
     adr = [int(scene.mjm.jnt_qposadr[joint]) for name in scene.bodies for joint in scene.moving_joints(name)]
     if compiled.starts is not None and compiled.reaching is not None:
@@ -357,7 +360,7 @@ def _joints(compiled: CompiledScene, env: Any) -> list[tuple[Any, Tensor]]:
 
 
 def _addresses(env: Any, roots: dict[str, Any], joints: list[tuple[Any, Tensor]]) -> list[tuple[Any, Tensor]]:
-    """Return the simulation's arrays with the state of entities, and the columns of this state in the arrays."""
+    """Return pairs (array, columns): arrays of the simulation's data, and the columns that hold the entities' state."""
     data, found = env.sim.data, []
     for entity in roots.values():
         if entity.is_fixed_base:

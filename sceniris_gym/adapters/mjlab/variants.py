@@ -1,7 +1,8 @@
-"""Entities of mjlab with variants: layouts have a body for each variant, mjlab one body with a shape for each world.
+"""mjlab's entities with variants. Layouts have a body for each variant, but in mjlab each entity has a single body.
 
-mjlab chooses variants once, when it builds the simulation. `VariantRows` computes the model fields of other variants
-with the same function of mjlab, so a world is simulated as if mjlab had chosen these variants.
+The geoms of this body differ between worlds. mjlab chooses variants once, when it builds the simulation. `VariantRows`
+computes the model fields of other variants with the same function of mjlab, so a world is simulated as if mjlab had
+chosen these variants.
 """
 
 from __future__ import annotations
@@ -86,7 +87,7 @@ def _touch_as_in_mjlab(mjm: mujoco.MjModel, body: int, theirs: mujoco.MjModel, r
 
 
 def _geoms(mjm: mujoco.MjModel, body: int) -> tuple[list[int], list[int]]:
-    """Return the meshes of a body, with colliding meshes last as in mjlab's order, and its primitives."""
+    """Return two lists of a body's geoms: the meshes (colliding meshes last, as in mjlab), and the primitives."""
     own = np.flatnonzero(mjm.geom_bodyid == body).tolist()
     meshes = [geom for geom in own if mjm.geom_type[geom] == MESH]
     meshes.sort(key=lambda geom: bool(mjm.geom_contype[geom] | mjm.geom_conaffinity[geom]))
@@ -94,10 +95,10 @@ def _geoms(mjm: mujoco.MjModel, body: int) -> tuple[list[int], list[int]]:
 
 
 class VariantRows:
-    """Writes the variants of layouts into mjlab's model and into the default values that mjlab's `dr` uses.
+    """Writes the variants of layouts into mjlab's model, and into the default values of mjlab's domain randomization.
 
     Args:
-        compiled: The scene. Without variants, the methods have no effect.
+        compiled: The scene. If it has no variants, the methods have no effect.
         env: The environment with the entities.
     """
 
