@@ -26,7 +26,7 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices,
 
 
 class Sb3VecEnvWrapper(VecEnv):
-    """A SceneVectorEnv as a VecEnv of Stable-Baselines3. It returns numpy arrays, and a list with an info for each world.
+    """A SceneVectorEnv as a VecEnv of Stable-Baselines3. It returns numpy arrays, and an info for each world.
 
     A step copies observations, rewards and flags of all worlds to the host. Only finished worlds have infos:
     `terminal_observation`, `TimeLimit.truncated`, `is_success` (of the last step), `broken` (the state was not finite),

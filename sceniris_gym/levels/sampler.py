@@ -67,11 +67,11 @@ class LevelSampler(Chooser, StaysHere):
 
     @property
     def size(self) -> int:
-        """See the class."""
+        """Number of levels in the buffer. Waits for the device."""
         return int((self._buffer.age.numpy() >= 0).sum())
 
     def rows(self) -> Mapping[str, Any]:
-        """See `Chooser`."""
+        """Tensors with a row for each world that snapshots store, as in `Chooser`."""
         return {"level": self.level, "boundary": self.boundary}
 
     def launch_choose(self, mask: wp.array | None) -> None:
@@ -81,12 +81,12 @@ class LevelSampler(Chooser, StaysHere):
         launch_choose(self._buffer, mask, self._stream, self.replay.replay_prob)
 
     def launch_set_params(self, columns: wp.array, values: wp.array, mask: wp.array | None) -> None:
-        """Set param values in the masked worlds, as in `Chooser`. Later fresh levels of these worlds have the values."""
+        """Set param values of masked worlds, as in `Chooser`. Later fresh levels of these worlds have the values."""
         launch_set(self._buffer.base_param, columns, values, mask)
         launch_forget(self._buffer, None, mask)
 
     def launch_forget(self, seeds: wp.array | None, mask: wp.array | None) -> None:
-        """Drop the next levels of the masked worlds, as in `Chooser`. Later fresh levels use `seeds` if they are given."""
+        """Drop the next levels of masked worlds, as in `Chooser`. Later fresh levels use `seeds`, if given."""
         launch_forget(self._buffer, seeds, mask)
 
     def launch_finish(self, success: wp.array, finished: wp.array) -> None:

@@ -191,7 +191,7 @@ class ModelFields:
 
     @property
     def rows(self) -> dict[str, wp.array]:
-        """Arrays with a row for each world, by name: fields, drawn numbers and, if gains differ by world, `RestMap.law`."""
+        """Arrays with a row for each world: fields, drawn numbers and, if gains differ by world, `RestMap.law`."""
         found = {name: self._known[name] for name, made in self._nominal.items() if made.size}
         found |= {f"drawn.{name}": array for name, array in self.columns.numbers.items()}
         return found | ({"rest": self.rest.law} if self._has_gains else {})

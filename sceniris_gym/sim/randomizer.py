@@ -251,8 +251,8 @@ class ResetRandomizer(Fixed, StaysHere):
 
         Everything else in `data` stays bitwise unchanged. All other bodies act as obstacles, as anchors of relations
         and, if they are level, as supports. The named objects start at rest. Their joints return to the home pose
-        unless the scene draws them. The result is a pure function of scene, split, seed, episode, state, and number of
-        the redraw since the reset (`redraw_count`).
+        unless the scene draws them. The result is a pure function of the scene, the split, the seed, the episode, the
+        state, and `redraw_count`, the number of redraws since the reset.
 
         If no place is found, the world keeps its state, `redraw_status` is `LayoutStatus.KEPT`, and `redrawer.kept`
         counts the failure.
@@ -266,7 +266,8 @@ class ResetRandomizer(Fixed, StaysHere):
         can be captured in a graph.
 
         Args:
-            objects: Names of placed objects. Also name the objects that the scene puts on them.
+            objects: Names of placed objects. If you name an object, also name all objects that the scene puts on this
+                object.
             worlds: As in `reset`.
 
         Raises:
@@ -414,7 +415,7 @@ class ResetRandomizer(Fixed, StaysHere):
             self._update()
 
     def _put_back(self, snapshot: Any, live: Mapping[str, Any], worlds: np.ndarray | None, name: str) -> Any:
-        """Check a snapshot, write it into worlds, and return the mask of these worlds, a torch tensor. See `put`."""
+        """Check a snapshot, then write it into worlds and return their mask (a torch tensor), as `put` does."""
         from sceniris_gym.sim.snapshot import check_rows, put
 
         check_rows(snapshot, self._source, live, self.layouts, name)

@@ -24,7 +24,7 @@ LANES = 32
 
 @wp.struct
 class Words:
-    """Memory of a contact field: address of the first contact's value, and number of 32-bit words per contact."""
+    """The memory of a contact field: the address of the first contact's value, and the 32-bit words per contact."""
 
     address: wp.uint64
     width: int

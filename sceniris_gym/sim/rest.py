@@ -175,9 +175,10 @@ def _length_terms(mjm: mujoco.MjModel, actuator: int) -> list[tuple[int, float]]
 
 
 def history_samples(mjm: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
-    """Return the addresses in `history` of the past controls of delayed actuators, and the control at each address.
+    """Return the addresses of past controls in `history`, and the index of the control at each address.
 
-    For an actuator with n samples of m controls, `history` has two numbers, then n times, then n x m controls.
+    Only delayed actuators have a history. For n samples of m controls, it has two numbers, n times, then n x m
+    controls.
 
     Returns:
         Two arrays with an entry for each past control, int32.

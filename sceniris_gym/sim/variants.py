@@ -283,7 +283,7 @@ def _read_worlds(
 
 
 class VariantReader:
-    """Reads simulated worlds as rows of layouts, and places absent variants far away.
+    """Converts simulated worlds to rows of layouts, in which absent variants are far away.
 
     Args:
         d: Data of the worlds. Launches use its arrays in place.

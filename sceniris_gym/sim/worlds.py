@@ -40,7 +40,7 @@ def make_worlds(
 
     Raises:
         ArgumentTypeError: `compiled` is not a CompiledScene.
-        ArgumentError: A number is not a positive integer, or steps do not read one of the fields.
+        ArgumentError: `nworld`, `nconmax` or `njmax` is not a positive integer, or steps do not read one of the fields.
         UnknownNameError: A field does not exist, or layouts depend on it.
         NotSupportedError: MuJoCo-Warp cannot simulate the model.
     """

@@ -1,4 +1,4 @@
-"""`StateWriter`: writes layouts into masked worlds of the simulation, as whole worlds or only for chosen bodies."""
+"""`StateWriter`: writes layouts into masked worlds of the simulation, either all state or only chosen bodies."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""PPO on the tasks of the package and on your tasks."""
+"""Training with PPO, on the tasks of this package and on your tasks."""
 
 import lazy_loader
 

@@ -102,7 +102,7 @@ class Run:
         return self.seconds >= 60.0 * options.minutes or self.env_steps >= most
 
     def go(self) -> dict[str, Any]:
-        """Train until finished, with evaluations on the way and at the end. Return the last evaluation, as logged."""
+        """Train until finished, with evaluations in between and at the end. Return the last evaluation."""
         options = self.options
         options.out.mkdir(parents=True, exist_ok=True)
         if self.resumes:

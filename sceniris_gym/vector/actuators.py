@@ -27,7 +27,7 @@ _SAME = 1e-9
 
 
 class PositionActuators:
-    """The position actuators of some joints, one for each joint. They may have any names, gears and tendons.
+    """The position actuators of some joints, one for each joint. Names, gears and tendons do not matter.
 
     The control `bias + scale * q` holds a joint at the position q (see `rest_map`).
 
@@ -35,11 +35,11 @@ class PositionActuators:
         mjm: The model.
         joints: Ids of the joints.
         device: Torch device.
-        where: The beginning of errors.
+        where: The beginning of error messages.
 
     Attributes:
-        lower, upper: Limits of the targets [rad or m], shape (njoint,). They satisfy the limits of the controls and of
-            the joints.
+        lower, upper: Limits of the targets [rad or m], shape (njoint,). They are within the limits of the controls and
+            of the joints.
 
     Raises:
         ArmError: A joint does not have exactly one position actuator that drives only this joint.

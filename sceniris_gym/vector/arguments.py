@@ -93,7 +93,7 @@ def as_groups(value: str | Sequence[str] | None) -> tuple[str, ...] | None:
 def as_reset_seeds(
     seed: Any, num_envs: int, rank: Rank, *, first: bool, mask: np.ndarray | None = None
 ) -> ChosenLayouts | None:
-    """Return episode 0 of the seed of each world that gets a seed. Return None if `seed` is None.
+    """Return the layout choices of a reset by seed: episode 0 of each given seed. Return None if `seed` is None.
 
     Args:
         seed: None, an integer (world i gets seed + i), or a sequence of num_envs entries, each an integer or None. With

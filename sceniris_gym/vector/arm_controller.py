@@ -66,7 +66,7 @@ class ArmController:
 
     Raises:
         UnknownNameError: The scene has no such robot.
-        ArgumentError: No name is given, and the scene has several robots.
+        ArgumentError: No name is given, although the scene has several robots.
         ArmError: The scene has no robot, or the robot has `in_scene: false`. The robot has no tool centre point, or no
             joint before it. A joint is not a hinge or a slide, or has no separate position actuator.
     """
@@ -119,7 +119,7 @@ class ArmController:
         return s.site(self._tcp)
 
     def width(self, s: State) -> Tensor:
-        """Return the opening of the gripper [m], 0 when it is closed, shape (num_envs,).
+        """Return the opening of the gripper [m], shape (num_envs,). It is 0 if the gripper is closed.
 
         The opening is the sum of the sideways motions of all fingers. For fingers on slides, it is exact. For fingers
         on hinges, it is an approximation proportional to the angle.
@@ -229,7 +229,7 @@ class ArmController:
 
 
 def _find_robot(scene: SceneModel, name: str | None, where: str) -> str:
-    """Return a robot's key in `SceneConfig.all_robots`, by the name that a user gave, or for the only robot."""
+    """Return the key in `SceneConfig.all_robots` of the robot called `name`, or of the only robot if `name` is None."""
     robots = scene.config.all_robots
     if not robots:
         raise ArmError(

@@ -37,7 +37,7 @@ class BaseFrame:
         self.body = self.seen(UPRIGHT)
 
     def seen(self, quat: np.ndarray) -> Tensor:
-        """Return the argument of `pose` for a frame rotated by `quat` (wxyz) relative to its body, a (7, 7) matrix."""
+        """Return the `seen` (7, 7) that `pose` takes for a frame rotated by `quat` (wxyz) relative to its body."""
         columns = [product(product(self._to_base, unit), quat) for unit in np.eye(4)]
         return torch.block_diag(self._tensor(self._turn), self._tensor(np.stack(columns, axis=1)))
 
@@ -76,7 +76,7 @@ class DrawnBaseFrame(BaseFrame):
         self.body = self.seen(UPRIGHT)
 
     def seen(self, quat: np.ndarray) -> Tensor:
-        """Return the argument of `pose` for a frame rotated by `quat` (wxyz) relative to its body, shape (4,)."""
+        """Return the `seen` (4,) that `pose` takes for a frame rotated by `quat` (wxyz) relative to its body."""
         return self._tensor(quat)
 
     def pose(self, position: Tensor, quat: Tensor, seen: Tensor | None = None) -> Tensor:

@@ -82,7 +82,10 @@ def evaluate(
 
 
 def _batches(layouts: Any, inner: SceneVectorEnv) -> Iterator[tuple[Any, int]]:
-    """Yield batches of layouts, one per world, as `reset` takes them, each with the number of worlds that count."""
+    """Yield pairs: a batch of layouts for `reset`, one per world, and the number of worlds whose results count.
+
+    The last batch repeats its last layout until each world has one.
+    """
     number, where = inner.num_envs, "evaluate: layouts"
     if isinstance(layouts, Iterable) and not isinstance(layouts, Mapping):
         cure = f"{where} should be from the environment's scene and split."

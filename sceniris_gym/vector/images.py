@@ -27,7 +27,7 @@ class Images:
     Args:
         batch: The worlds.
         shots: The pictures to take, by the name of the camera.
-        every: Control steps between two pictures of a world, counted from its reset.
+        every: Control steps from one picture of a world to the next, counted from the world's reset.
         graph: Capture the launches into a graph and replay it.
 
     Attributes:

@@ -55,7 +55,7 @@ def find_element(scene: SceneModel, kind: str, name: str, where: str) -> int:
 
 
 def find_free_dof(scene: SceneModel, body: int, where: str) -> int:
-    """Return the address of a free object's first velocity, of six. Raise as `find_body` does."""
+    """Return the index in `qvel` of the first of a free object's six velocities. Raise as `find_body` does."""
     mjm = scene.mjm
     joint = int(mjm.body_jntadr[body])
     if joint < 0 or mjm.jnt_type[joint] != FREE:

@@ -71,8 +71,8 @@ class Observer:
         action_size: Length of an action.
         groups: The groups to observe, or None for all groups.
         sensing: Noise, delay and dropout, or None.
-        copy: Return new tensors in every call. If false, `flat` returns one of two buffers, and `pictures` the latest
-            pictures, and later calls overwrite them.
+        copy: Return new tensors in every call. If false, `flat` returns one of two buffers, and `pictures` returns the
+            latest pictures. Later calls overwrite both.
 
     Attributes:
         sensors: Applies `sensing` to observations and actions, or None.
@@ -122,7 +122,7 @@ class Observer:
         return {GROUP: self._images.take(due, copy or self._copy)}
 
     def _of_task(self) -> Observation:
-        """Return the task's observation, with the numbers of the scene's draws added to the group `critic`."""
+        """Return the task's observation. The group `critic` also gets the numbers that the scene's `randomize` drew."""
         observation, draws = self._task.observe(self._state), self._state.scene.draws
         if not draws or "critic" not in observation:
             return observation

@@ -28,7 +28,7 @@ class Rank:
 
     @classmethod
     def current(cls) -> Rank:
-        """Return this process's rank from torchrun's RANK, LOCAL_RANK and WORLD_SIZE, or the only rank without them."""
+        """Return this process's Rank, from torchrun's RANK, LOCAL_RANK and WORLD_SIZE if all three are set."""
         names = ("RANK", "LOCAL_RANK", "WORLD_SIZE")
         if any(not os.environ.get(name, "").isdecimal() for name in names):
             return cls()
@@ -36,15 +36,15 @@ class Rank:
 
     @property
     def device(self) -> str | None:
-        """The GPU of this process, or None (the usual default) if there is only one process or no GPU for this rank."""
+        """The GPU of this process. None means the default device, for a single process or a rank without a GPU."""
         return f"cuda:{self.local}" if self.size > 1 and self.local < wp.get_cuda_device_count() else None
 
     def own_seed(self, seed: int) -> int:
-        """Return the seed of this process's first world, modulo 2^64, if all processes get the same `seed`."""
+        """Return the seed of this process's first world, modulo 2^64. All processes are given the same `seed`."""
         return (seed + self.number * SEEDS) % (1 << 64)
 
     def tell(self, device: str) -> None:
-        """If there are other processes, print the device of this process and the offset of its seeds to stderr."""
+        """If there are other processes, print this process's device and the offset of its seeds to stderr."""
         if self.size > 1:
             print(
                 f"sceniris_gym: rank {self.number} of {self.size} uses {device}, and adds {self.number} * 2^40 to "

@@ -23,7 +23,7 @@ from sceniris_gym.vector.variants import Boxes, TargetGrasps, VariantView
 
 
 class Readings(RefusesOldNames):
-    """The worlds as a task reads them. `State` adds the methods that write to them."""
+    """Methods with which a task reads the worlds. The subclass `State` adds the methods that write to the worlds."""
 
     def __init__(self, batch: Batch, layouts: Layouts, split: str = "train", variants: Tensor | None = None) -> None:
         self.num_envs, self.scene, self.mjm = batch.nworld, batch.scene, batch.scene.mjm
@@ -57,7 +57,7 @@ class Readings(RefusesOldNames):
         return self._base.pose(self._xpos[:, body], self._xquat[:, body])
 
     def present(self, names: Sequence[str]) -> Tensor:
-        """Return which objects are present, shape (num_envs, len(names)), bool. Groups leave out the other objects."""
+        """Return which objects are present, shape (num_envs, len(names)), bool. Only group members can be absent."""
 
         def find() -> Tensor:
             objects = list(self.scene.config.objects)
@@ -225,7 +225,7 @@ class Readings(RefusesOldNames):
         return self._once(find, array, name)
 
     def _jacobian_columns(self, site: int, name: Joints) -> tuple[Tensor, Tensor | None]:
-        """Return the joints of a Jacobian, and flags of the hinges that carry the site and of the slides that carry it.
+        """Return the joints of a Jacobian, and two rows of flags: the hinges and the slides that carry the site.
 
         The flags are 0 or 1, shape (2, number of joints, 1), or None if all joints are hinges that carry the site.
         """
@@ -239,7 +239,7 @@ class Readings(RefusesOldNames):
 
 
 def as_columns(numbers: list[int], device: torch.device) -> slice | Tensor:
-    """Return columns as a slice if they are consecutive, because a slice indexes a view, or else as a tensor."""
+    """Return columns as a slice if they are consecutive, otherwise as a tensor. A slice can index a view."""
     first = numbers[0]
     if numbers == list(range(first, first + len(numbers))):
         return slice(first, first + len(numbers))

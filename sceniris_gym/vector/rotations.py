@@ -1,4 +1,4 @@
-"""Quaternions in MuJoCo's order (w, x, y, z), in few batched torch operations, as each operation launches a kernel."""
+"""Quaternions in MuJoCo's order (w, x, y, z), with as few torch operations as possible. Each launches a kernel."""
 
 import functools
 
@@ -34,7 +34,7 @@ def rotate(quat: Tensor, vector: Tensor) -> Tensor:
 def transform(matrix: Tensor, vector: Tensor) -> Tensor:
     """Return matrix times vector. Shapes (..., n, m) and (..., m) broadcast.
 
-    The products are summed in full precision. A matrix product would not be, if a user has enabled TF32.
+    The products are summed in full precision. If a user has enabled TF32, torch's matrix product is less precise.
     """
     return (matrix * vector.unsqueeze(-2)).sum(dim=-1)
 

@@ -1,4 +1,4 @@
-"""`SimConfig`, `RenderConfig` and `ImageConfig`: groups of settings of an environment, also given as mappings."""
+"""`SimConfig`, `RenderConfig` and `ImageConfig`: settings of an environment, which can also be given as mappings."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
@@ -109,7 +109,7 @@ class ImageConfig:
 
 
 def as_settings(default: _Settings, given: Any, where: str) -> _Settings:
-    """Return the task's settings with the fields of a given mapping, or the given instance instead of them.
+    """Return the given instance of settings, or the task's settings with the fields of the given mapping.
 
     Args:
         default: The settings of the task.
@@ -122,7 +122,7 @@ def as_settings(default: _Settings, given: Any, where: str) -> _Settings:
 
 
 def as_image_config(default: ImageConfig | None, given: Any) -> ImageConfig | None:
-    """Return the user's images: an ImageConfig, a mapping of its fields, or its `cameras`.
+    """Return the ImageConfig that a user gave as an ImageConfig, as a mapping of its fields, or only as its `cameras`.
 
     None selects the images of the task, and an empty mapping selects no images. If the given images have no cameras,
     the result has the cameras of the task. Raises the errors of `as_shots`.
@@ -139,7 +139,7 @@ def as_image_config(default: ImageConfig | None, given: Any) -> ImageConfig | No
 
 
 def as_shots(images: Any) -> dict[str, tuple[Shot, Looks]]:
-    """Return the pictures of each camera, from a mapping {"wrist": {"size": (84, 84), "data": ("rgb", "depth")}}.
+    """Return the pictures to take with each camera, from {"wrist": {"size": (84, 84), "data": ("rgb", "depth")}}.
 
     Raises:
         ArgumentError: The images have another form. A camera has no size or no kind of picture. A size is not an

@@ -203,10 +203,11 @@ class State(Readings):
         """Draw uniform numbers in [0, 1) for this episode, shape (num_envs, *shape).
 
         The numbers depend only on the seed and episode of the world, and on `name`. For other limits than 0 and 1,
-        scale these numbers. `uniform` takes limits, but draws new numbers in each step. A third argument is refused.
+        scale these numbers. `uniform` takes limits, but draws new numbers in each step. The parameter `high` only
+        exists to refuse the former call `random(n, low, high)`.
 
         Raises:
-            ArgumentTypeError: `name` is not a string, as in the former `random(n, low, high)`.
+            ArgumentTypeError: `name` is not a string, or a third argument is given.
         """
         if high or not isinstance(name, str):
             raise ArgumentTypeError(f"State.random: name should be a string, got {name!r}. Call uniform(n, low, high).")

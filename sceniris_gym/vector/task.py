@@ -1,4 +1,4 @@
-"""`Task`: a scene with observations, rewards and ends of episodes. Also checks of the first values that it returns."""
+"""`Task`: a scene with observations, rewards and ends of episodes. Also: checks of the first values of its methods."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -20,7 +20,10 @@ TAKEN = (*COUNTS, "return")
 
 
 def regrouped(observation: Observation, policy: Sequence[str], more: Sequence[str]) -> Observation:
-    """Return the groups `policy` and `critic` from the tensors in `critic`. Only `critic` gets the tensors `more`."""
+    """Return an observation with other groups `policy` and `critic`, taken from the group `critic` of `observation`.
+
+    `policy` names the tensors of both groups, and `more` the further tensors of `critic`.
+    """
     seen = observation["critic"]
     shown = {name: seen[name] for name in policy}
     return {"policy": shown, "critic": shown | {name: seen[name] for name in more}}

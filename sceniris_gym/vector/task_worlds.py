@@ -55,7 +55,7 @@ class TaskWorlds:
             self.randomizer.refresh()
 
     def judge(self, action: Tensor, most: int | None) -> Outcome:
-        """Return the results of the step that took `action`. `most` limits the steps of an episode, None does not."""
+        """Return the results of the step with this action. An episode has at most `most` steps, or no limit if None."""
         s, task = self.state, self._task
         terms, success, terminated = task.reward(s, action), task.success(s), task.terminated(s)
         if not self._is_checked:
@@ -79,7 +79,7 @@ class TaskWorlds:
         return rows | memory_rows({"task": self._task, **memory}, self.batch.nworld)
 
     def restore(self, snapshot: Any, live: Mapping[str, Tensor], worlds: np.ndarray | None) -> Tensor:
-        """Write a snapshot into its own worlds, or into `worlds` in order, and return the mask of these worlds."""
+        """Write a snapshot into its original worlds, or into `worlds` in order, and return the mask of these."""
         due = self.randomizer._put_back(snapshot, live, worlds, "options['state']")
         self.batch.update()
         self.statistics.start(due)

@@ -20,5 +20,5 @@ def on_torch_stream(device: wp.Device) -> AbstractContextManager:
 
 @cache
 def _as_warp_stream(stream: torch.cuda.Stream) -> wp.Stream:
-    """Return a torch stream as a Warp stream, cached because torch never frees the streams of its pools."""
+    """Return a torch stream as a Warp stream. Results are cached, as torch never frees the streams of its pools."""
     return wp.stream_from_torch(stream)

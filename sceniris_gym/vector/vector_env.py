@@ -129,8 +129,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         ScenirisError: The scene cannot be used, for the reasons that `compile_scene` lists.
         TaskError: A method of the task returns a wrong type or shape. Raised here, or in the first step.
         FixedError: You assign to an attribute that captured graphs use. Raised at this assignment, not here.
-        ContactBudgetError: The first reset has more contacts than `nconmax` leaves room for. After later steps,
-            `randomizer.check_budget()` finds out.
+        ContactBudgetError: The first reset has more contacts than `nconmax` leaves room for. After later steps, call
+            `randomizer.check_budget()` to check this.
     """
 
     _FIXED = (
@@ -242,8 +242,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             seed: An integer, a list of num_envs integers, or None. If it is an integer, world i gets seed + i. If it is
                 a list, world i gets seed[i]. With a mask, the list may also have one entry for each masked world, in
                 order. A world with a seed starts at episode 0. None, also as an entry of a list, gives a world its next
-                episode. In the first reset, None stands for np_random_seed, and each None in a list for a seed drawn at
-                random.
+                episode. In the first reset, None takes np_random_seed as the seed, and each None in a list takes a
+                random seed.
             options: {"reset_mask": mask} resets, and reseeds, only the masked worlds. The other worlds do not change.
                 The mask is an array of booleans (numpy, torch or Warp), shape (num_envs,), true for at least one world.
                 {"layouts": ids} gives world i the layout with id `ids[i]`, or its next layout if `ids[i]` is None. A
@@ -410,7 +410,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
     def _reseed(
         self, seed: Any, own: ChosenLayouts | None, chosen: ChosenLayouts | None, mask: np.ndarray | None
     ) -> None:
-        """Choose the layouts that the next reset gives to the masked worlds: `own` by `seed`, or `chosen` by id."""
+        """Choose the masked worlds' next layouts: `own` comes from `seed`, and `chosen` from the option `layouts`."""
         for part in filter(None, (own, chosen)):
             given = part.given if mask is None else part.given & mask
             self.randomizer.reseed(layouts=part._replace(given=given))
@@ -450,8 +450,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
     def render(self) -> tuple[np.ndarray, ...] | None:
         """Return pictures of the first `render_config.num_envs` worlds, each (height, width, 3) uint8.
 
-        The render_mode "rgb_array" returns pictures, and all other modes return None. In the mode "human", this method
-        updates the page, as every reset and step does.
+        With the render_mode "rgb_array", the result is a tuple of pictures. With all other modes, it is None. In the
+        mode "human", this method updates the page, as every reset and step does.
         """
         with self._launching():
             self.rendering.show(self.batch, self.randomizer.layouts, 0.0)

@@ -21,8 +21,8 @@ from sceniris_gym.sim.write import StateWriter, poses_of
 class JointWriter:
     """Writes positions of hinges and slides, zero velocities, and the controls and activations that hold these joints.
 
-    A reset would write the same controls and activations for these positions. They also fill the histories of delayed
-    actuators.
+    A reset would write the same controls and activations for these positions. The histories of delayed actuators are
+    filled with these controls.
 
     Args:
         mjm: The model.

@@ -40,7 +40,7 @@ def model_of_variants(env: Any, entities: Mapping[str, Any], where: str) -> mujo
     Args:
         env: The environment.
         entities: mjlab's `VariantMetadata` of the entities by name.
-        where: The beginning of errors.
+        where: The beginning of error messages.
 
     Raises:
         NotSupportedError: A variant has several bodies.
