@@ -1,4 +1,4 @@
-"""`Batch`: many worlds in one mujoco_warp Model and Data, with their contact budget and control step."""
+"""`Batch`: many worlds in one mujoco_warp Model and Data, with memory for contacts and a function for control steps."""
 
 import copy
 from collections.abc import Callable, Iterable, Mapping

@@ -46,7 +46,7 @@ def _mass(w: Derived, worldid: int, bodyid: int) -> float:
 
 @wp.func
 def _arm(w: Derived, worldid: int, bodyid: int) -> wp.vec3:
-    """Return the vector from a body's origin to its centre of mass, at qpos0."""
+    """Return the vector from a body's origin to the body's centre of mass, at qpos0."""
     return w.xmat[bodyid] * w.body_ipos[worldid % w.body_ipos.shape[0], bodyid]
 
 

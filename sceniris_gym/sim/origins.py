@@ -44,7 +44,7 @@ def as_origins(origins: Any, nworld: int, device: wp.Device) -> wp.array:
 
 
 def warn_of_origins(scene: SceneModel, origins: np.ndarray, where: str) -> None:
-    """Warn of geoms that are fixed to the world, because layouts at other origins do not fit around them.
+    """Warn of geoms that are fixed to the world, because origins move the layouts but not these geoms.
 
     A geom is fixed to the world if its tree has no free body and no mocap body. Only geoms that collide count. Planes
     do not count, because they look the same from every origin.

@@ -1,4 +1,4 @@
-"""`Snapshot`: the state of worlds in the middle of their episodes, stored to continue them later."""
+"""`Snapshot`: the state of worlds in the middle of their episodes, from which the episodes can continue later."""
 
 from __future__ import annotations
 

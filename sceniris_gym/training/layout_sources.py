@@ -1,4 +1,4 @@
-"""Layout sources for training other than fresh layouts: replay from a bank, or placement without checks.
+"""Layout sources that replace fresh layouts in training: replay of stored layouts, or placement without checks.
 
 A task draws its random choices, such as the object to lift, again in every episode. Even with a bank of a single
 layout, all objects are therefore chosen over time.

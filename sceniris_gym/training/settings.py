@@ -109,7 +109,7 @@ class Options:
         curriculum: replay layouts by "learnability" or "failure" (see docs/levels.md), by default only fresh layouts
         uniform: place uniformly, without checks for collisions and reach
         reachable: train on layouts that fulfil `reachable` of the scene's objects
-        judged: task whose layouts evaluate the policy, by default the trained task
+        judged: task on whose layouts the policy is evaluated, by default the trained task
         changes: change a setting, e.g. gamma=0.99 or hidden=[256, 128]
         layouts: number of layouts in each evaluation
         every: iterations between two lines of the log

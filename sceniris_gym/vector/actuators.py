@@ -194,7 +194,7 @@ def _below(mjm: mujoco.MjModel, joint: int) -> list[int]:
 
 
 def _seen(mjm: mujoco.MjModel, data: mujoco.MjData, tcp: int, qpos: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the positions of all geoms in the TCP's frame [m], shape (ngeom, 3), and the lengths of all actuators."""
+    """Return the positions of all geoms in the TCP's frame [m], (ngeom, 3), and all actuator lengths, at `qpos`."""
     data.qpos[:] = qpos
     for stage in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_tendon, mujoco.mj_transmission):
         stage(mjm, data)

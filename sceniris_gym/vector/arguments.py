@@ -61,7 +61,7 @@ def as_compiled_scene(scene: Any, overrides: Mapping[str, Any] | None, device: s
 
 
 def as_autoreset_mode(value: Any) -> AutoresetMode:
-    """Return an autoreset mode of Gymnasium, given as a member or as its value.
+    """Return an AutoresetMode of Gymnasium, which a user gave as a member or as the member's value.
 
     Raises:
         ArgumentError: The value is not a mode.

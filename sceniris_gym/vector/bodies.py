@@ -61,7 +61,7 @@ class ContactSensor:
     Args:
         s: The worlds.
         primary: The name of a body, or several names. The geoms of a body count, but not the geoms of its child bodies.
-        secondary: The name of another body, or several names. The same geoms count.
+        secondary: The name of another body, or several names. Again, the geoms of child bodies do not count.
 
     Raises:
         UnknownNameError: The scene has no such body, or an argument has an old name.

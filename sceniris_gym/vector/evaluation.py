@@ -53,11 +53,11 @@ def evaluate(
         policy: A function that takes the observations of all worlds, as `envs` returns them, and returns the actions.
         envs: A SceneVectorEnv with max_episode_steps, or wrappers around it that pass on `info`. Afterwards, some
             worlds may be in the middle of an episode, so reset `envs` before further use.
-        layouts: One of these. A layout id or several, from the scene and split of `envs`. `info["layout"]`, or another
-            mapping with arrays `seed`, `episode` and optionally `params`, all of one length. A number n, for episode 0
-            of the seeds 0 to n - 1 (if `envs` serves stored layouts, for their first n rows). None, which stands for
-            the number `num_envs`. If `envs` has a curriculum, layouts without `params` have the scene file's values,
-            and the curriculum counts the episodes.
+        layouts: One layout id or several, from the scene and split of `envs`. Or `info["layout"]`, or another mapping
+            with arrays `seed`, `episode` and optionally `params`, all of one length. Or a number n, which selects
+            episode 0 of the seeds 0 to n - 1, or the first n rows if `envs` serves stored layouts. None selects the
+            number `num_envs`. If `envs` has a curriculum, layouts without `params` have the scene file's values, and
+            the curriculum counts the episodes.
 
     Returns:
         A result for each layout, in the same order.

@@ -65,7 +65,7 @@ def find_free_dof(scene: SceneModel, body: int, where: str) -> int:
 
 
 def find_joints(scene: SceneModel, name: Joints, where: str) -> list[int]:
-    """Return the ids of a joint, or of all hinges and slides inside an object, a robot or a body.
+    """Return a list of joint ids: the named joint, or all hinges and slides inside a named object, robot or body.
 
     Raises:
         UnknownNameError: The scene has no such name, or the named body contains no hinges and slides.

@@ -1,4 +1,4 @@
-"""`Observer`: a task's observations as flat groups, with spaces, sensor noise and pictures."""
+"""`Observer`: turns a task's observations into flat groups, and adds spaces, sensor noise and pictures."""
 
 from typing import Any
 
@@ -75,7 +75,7 @@ class Observer:
             latest pictures. Later calls overwrite both.
 
     Attributes:
-        sensors: Applies `sensing` to observations and actions, or None.
+        sensors: The Sensors that apply `sensing` to observations and actions, or None.
         names: Names and shapes of the parts of each flat group, in order.
         space: Space of one world's observations.
 

@@ -48,7 +48,7 @@ class Readings(RefusesOldNames):
 
     @property
     def finite(self) -> Tensor:
-        """Worlds with finite positions, velocities, activations and controls, shape (num_envs,), bool."""
+        """Worlds whose positions, velocities, activations and controls are all finite, shape (num_envs,), bool."""
         return finite_rows((self._qpos, self._qvel, self._act, self.ctrl))
 
     def pose(self, name: str) -> Tensor:
@@ -168,15 +168,16 @@ class Readings(RefusesOldNames):
     def grasp_qpos(self, name: str) -> Tensor:
         """Return the arm's joint positions [rad or m] for `grasp` at the object's start pose, shape (num_envs, joints).
 
-        NaN where `grasp` is NaN, and for objects with a tier of `reachable` below `ik`, which only use the arm's map.
+        The result is NaN where `grasp` is NaN. It is also NaN for objects whose tier of `reachable` is below `ik`,
+        because such a tier only uses the arm's reachability map.
         """
         return self._target(name, "grasp_qpos").joints("grasp_qpos")
 
     def pregrasp_qpos(self, name: str) -> Tensor:
         """Return the arm's joint positions [rad or m] at the pre-grasp, shape (num_envs, joints).
 
-        The pre-grasp is 8 cm before the grasp, along the approach. NaN where `grasp_qpos` is NaN, and for objects whose
-        tier of `reachable` is not `clear`.
+        The pre-grasp is 8 cm before the grasp, along the approach. The result is NaN where `grasp_qpos` is NaN. It is
+        also NaN for objects whose tier of `reachable` is not `clear`.
         """
         return self._target(name, "pregrasp_qpos").joints("pregrasp_qpos")
 
@@ -209,7 +210,7 @@ class Readings(RefusesOldNames):
         return self._once(lambda: TargetGrasps(self._layouts, self.variants, name, where), "grasps", name)
 
     def _once(self, make: Callable[[], Any], *key: Hashable) -> Any:
-        """Return the result of `make`, which is called only once for each key."""
+        """Return the result of `make()`. Later calls with the same key return the stored result."""
         if key not in self._kept:
             self._kept[key] = make()
         return self._kept[key]

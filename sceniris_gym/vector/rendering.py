@@ -1,4 +1,4 @@
-"""`Rendering`: shows an environment in pictures, or on a page in the browser."""
+"""`Rendering`: shows the worlds of an environment in pictures, or on a web page in the browser."""
 
 from importlib.metadata import entry_points
 from typing import Any
@@ -22,7 +22,9 @@ _LOOKS = Looks(shadows=True)
 
 
 class Rendering:
-    """Takes pictures of the first worlds of a batch, or shows them on a page. Camera and page are made on first use.
+    """Takes pictures of the first worlds of a batch, or shows these worlds on a web page.
+
+    Camera and page are made on first use.
 
     Args:
         mode: "rgb_array", "human" or None.

@@ -87,8 +87,8 @@ def _there(values: Tensor) -> Tensor:
 class Sensors:
     """Applies a Sensing to the observations of all worlds, without host synchronisation.
 
-    A second call in the same step returns the same values. So a partial reset does not change the observations of the
-    other worlds.
+    If the observations are requested again in the same step, for example after a reset of some worlds, the other worlds
+    get the same values as before.
 
     Args:
         s: The worlds.
@@ -132,7 +132,7 @@ class Sensors:
         return {**observation, POLICY: dict(zip(seen, shaped, strict=True))}
 
     def delayed_action(self, s: State, action: Tensor) -> Tensor:
-        """Return the action that arrives in this step, shape (num_envs, action size)."""
+        """Store `action`, and return the action that takes effect in this step, shape (num_envs, action size)."""
         low, high = self.sensing.action_delay
         if high == 0:
             return action
@@ -169,7 +169,7 @@ class Sensors:
         return self._kept(self._shown, s, shown, 0)
 
     def _kept(self, ring: Tensor, s: State, now: Tensor, delay: Tensor | int) -> Tensor:
-        """Store the values `now` in a ring buffer of the latest steps, and return the values of `delay` steps ago.
+        """Store the values `now` in a ring buffer of the latest steps. Return the values from `delay` steps ago.
 
         The first values of an episode fill the whole ring.
         """

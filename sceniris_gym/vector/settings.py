@@ -58,7 +58,7 @@ class SimConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class RenderConfig:
-    """The pictures that `render` returns, or the page of render_mode "human".
+    """The pictures that `render` returns, or the web page that the render_mode "human" opens.
 
     Attributes:
         num_envs: Number of worlds to show, starting with world 0. None shows all worlds, as wrappers that record videos

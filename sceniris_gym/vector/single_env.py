@@ -35,7 +35,7 @@ class SceneEnv(Fixed, gymnasium.Env):
         self._np_random, self._np_random_seed = self.envs.np_random, self.envs.np_random_seed
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Give the world the layout of episode 0 of `seed`, or of its next episode if `seed` is None.
+        """Give the world the layout of episode 0 of `seed`. If `seed` is None, the world gets its next episode.
 
         options={"layouts": id} selects the layout with this id, and {"state": snapshot} restores a snapshot.
         """

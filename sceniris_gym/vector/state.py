@@ -55,7 +55,7 @@ class State(Readings):
         return {name: wp.to_torch(array) for name, array in self._batch.fields.rows.items()}
 
     def put_joints(self, name: Joints, qpos: Tensor, mask: Tensor) -> None:
-        """Set joint positions in a task's `on_reset`. The joints are then at rest, and position actuators hold them.
+        """Set joint positions in a task's `on_reset`. The joints are then at rest, and their actuators hold them.
 
         `s.put_joints("panda", s.pregrasp_qpos("can"), mask)` starts an episode at the pre-grasp. The call updates all
         quantities that the task reads. It does not check for collisions at the new positions.
@@ -156,7 +156,7 @@ class State(Readings):
         )
 
     def scale_field(self, name: str, of: str, factor: Tensor, mask: Tensor) -> None:
-        """Set some rows of a model field to the model's values times a factor, in a task's `on_reset`.
+        """Set some elements of a model field to the model's values times a factor. Call this in a task's `on_reset`.
 
         As with the word `scale` in a scene file, inertias are scaled with masses, and bias gains with the gains of
         their actuators. Of the frictions, only sliding friction is scaled.
@@ -174,7 +174,7 @@ class State(Readings):
         self._batch.fields.scale(name, of, factor, wp.from_torch(mask, dtype=wp.bool), "State.scale_field")
 
     def randomized(self, name: str) -> Tensor:
-        """Return the numbers that `randomize` of the scene has drawn for this episode, shape (num_envs, n).
+        """Return the numbers that the scene's `randomize` drew for this episode, shape (num_envs, n).
 
         The numbers are factors for `scale`, terms for `add`, and values for `abs` and `choice`. If the values of a
         `choice` have several numbers each, such as colours, this method returns the index of the value in the list,

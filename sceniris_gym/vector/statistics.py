@@ -44,7 +44,7 @@ class Outcome(NamedTuple):
         return self.terminated | self.truncated
 
     def breaking(self, mask: Tensor) -> Outcome:
-        """Return the outcome with the masked worlds marked as broken: terminated, with reward 0."""
+        """Return the outcome with the masked worlds marked as broken. Broken worlds are terminated, with reward 0."""
         gained = torch.where(mask, 0.0, self.gained)
         return self._replace(gained=gained, broken=self.broken | mask, terminated=self.terminated | mask)
 
@@ -116,7 +116,7 @@ class EpisodeStatistics:
         return self._sums.sum(dim=1)
 
     def latest(self) -> Tensor:
-        """Return the same sums, only over the episodes that finished in the last step. `clear` does not affect them."""
+        """Return the sums over only the episodes that finished in the last step. `clear` does not affect these sums."""
         return self._latest.sum(dim=1)
 
     def read(self, clear: bool = True) -> dict[str, Any]:

@@ -136,7 +136,10 @@ def _check(task: Task, method: str, value: Any, form: str, depth: int, fits: Cal
 
 
 def _first_wrong(value: Any, depth: int, fits: Callable[[Tensor], bool]) -> str | None:
-    """Describe the first wrong part: not a mapping above `depth`, or not a tensor that `fits` at `depth`."""
+    """Describe the first wrong part of `value`, or return None if there is none.
+
+    A part above `depth` should be a mapping. A part at `depth` should be a tensor for which `fits` is true.
+    """
     if depth == 0:
         return None if isinstance(value, Tensor) and fits(value) else _described(value)
     if not isinstance(value, Mapping) or not value:

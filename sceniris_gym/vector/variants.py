@@ -1,4 +1,4 @@
-"""`VariantView`: the present variants in all worlds. `Boxes` and `TargetGrasps`: their boxes and grasps."""
+"""`VariantView`: the present variants in all worlds. `Boxes` and `TargetGrasps`: boxes and grasps of these variants."""
 
 from collections.abc import Sequence
 
@@ -47,7 +47,7 @@ class Boxes:
 
     Args:
         view: The present variants.
-        bodies: Bodies of the simulated scene.
+        bodies: Ids of the bodies in the simulated scene.
         where: The beginning of error messages.
 
     Raises:

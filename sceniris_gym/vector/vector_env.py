@@ -80,9 +80,9 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
     given. If the first reset has no seed, `np_random_seed` is the seed drawn for that reset. After a list or a mask has
     seeded worlds separately, `np_random_seed` is -1, Gymnasium's value for an unknown seed.
 
-    `statistics` sums up finished episodes on the device, and `statistics.read()` returns their means.
+    `statistics` sums up the results of finished episodes on the device. `statistics.read()` returns the means.
 
-    `compiled`, `randomizer` and similar attributes cannot be replaced, because captured graphs, including your own, use
+    Attributes such as `compiled` and `randomizer` cannot be replaced, because captured graphs, including your own, use
     the arrays of the original scene. To change such an attribute, make another environment.
 
     A world is `broken` if its positions, velocities, activations, controls, rewards or observations are not finite. A
@@ -335,10 +335,11 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         """Copy the state of worlds, for `reset(options={"state": snapshot})`.
 
         A snapshot has the physics, the present layout, the choice of the next layout, the steps since the reset, and
-        the memory of the task. The memory is every tensor of the task and its helpers with `num_envs` rows that torch
-        has modified. On a CPU, a restored episode continues bit for bit. On a GPU, the restored state has the same
-        bits, but the following steps may differ by rounding, as in any two runs on a GPU. In `statistics`, the rewards
-        of a restored episode count from the restore on, but its length includes the steps before the snapshot.
+        the memory of the task. The memory consists of tensors with `num_envs` rows, in the task or in objects that it
+        contains, to which the task has written since the environment was made. On a CPU, a restored episode continues
+        bit for bit. On a GPU, the restored state has the same bits, but the following steps may differ by rounding, as
+        in any two runs on a GPU. In `statistics`, the rewards of a restored episode count from the restore on, but its
+        length includes the steps before the snapshot.
 
         Args:
             worlds: As in `redraw`. Ids set the order of the rows.

@@ -101,7 +101,7 @@ class PoseWriter:
 
 
 def _refused(scene: SceneModel, owner: str | None, body: int) -> str | None:
-    """Return why the pose of a body cannot be set, or None for a free body or a mocap body."""
+    """Return the reason why the pose of a body cannot be set, or None if it can be set (a free or a mocap body)."""
     mjm, joint = scene.mjm, int(scene.mjm.body_jntadr[body])
     if owner in scene.config.all_robots:
         return "a robot (set its joints with State.put_joints)"

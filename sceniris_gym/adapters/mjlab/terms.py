@@ -271,14 +271,14 @@ def keep_layouts(cfg: Any) -> Any:
 
 
 def layouts_term(env: Any) -> PlaceLayouts | None:
-    """Return the event `PlaceLayouts`, if there is one."""
+    """Return the event `PlaceLayouts` of the environment, or None if it has no such event."""
     manager = env.event_manager
     terms = (manager.get_term_cfg(name).func for names in manager.active_terms.values() for name in names)
     return next((term for term in terms if isinstance(term, PlaceLayouts)), None)
 
 
 def _suspects(term: PlaceLayouts, env: Any) -> str:
-    """Return advice that names the commands and events that may have placed objects after the event."""
+    """Return advice that names the commands and events that may have moved objects after `PlaceLayouts` placed them."""
     commands = {name: env.command_manager.get_term(name) for name in env.command_manager.active_terms}
     names = [f"'{n}' ({type(c).__name__})" for n, c in commands.items() if not isinstance(c, KeepLayouts)]
     events = env.event_manager.active_terms["reset"]
