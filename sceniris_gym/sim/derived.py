@@ -52,7 +52,7 @@ def _arm(w: Derived, worldid: int, bodyid: int) -> wp.vec3:
 
 @wp.func
 def _jacobian(w: Derived, worldid: int, row: int, dofid: int) -> wp.vec3:
-    """Return the element of a Jacobian row for a degree of freedom, in a world. See `Derived.jacobian`."""
+    """Return the entry of a row of `Derived.jacobian` for one degree of freedom, in one world."""
     nbody, nactuator = w.body_end.shape[0], w.actuator_gear.shape[1]
     jac = w.jacobian[row, dofid]
     if row < nbody:
@@ -79,7 +79,7 @@ def _armature(w: Derived, worldid: int, row: int) -> float:
 
 @wp.func
 def _mass_matrix(w: Derived, worldid: int, i: int, j: int) -> float:
-    """Return an element of M, with i >= j."""
+    """Return the element (i, j) of the mass matrix M at qpos0 in a world, with i >= j."""
     lower = w.dof_bodyid[i]
     total = float(0.0)
     for bodyid in range(lower, w.body_end[lower]):  # bodies that i moves, but bodies that j does not move add 0

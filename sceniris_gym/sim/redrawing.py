@@ -84,7 +84,7 @@ class Redrawer:
         self.prepared[key].replay()
 
     def _prepare(self, names: tuple[str, ...]) -> LaunchSequence:
-        """Return the launches that redraw objects, write their poses and count the redraw."""
+        """Return the launches that draw new places of the objects, write the poses, and count the redraw."""
         simulation, device = self._simulation, self._device
         compiled, d, variants = simulation.compiled, simulation.data, simulation.variants
         masses, mjm = (simulation.model.body_mass, simulation.model.body_ipos), compiled.sim_mjm

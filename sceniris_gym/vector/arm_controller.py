@@ -192,7 +192,7 @@ class ArmController:
         self.set_targets(s, qpos + moved)
 
     def tool_lead(self, s: State) -> Tensor:
-        """Return the tool's target minus the tool: x, y, z [m] and yaw [rad], shape (num_envs, 4)."""
+        """Return the tool's target minus the tool's present pose: x, y, z [m] and yaw [rad], shape (num_envs, 4)."""
         return self.tool_target - self._tool_now(s)
 
     def grip(self, s: State, action: Tensor) -> None:

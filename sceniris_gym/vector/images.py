@@ -73,7 +73,7 @@ class Images:
         )
 
     def due(self, elapsed: Tensor) -> Tensor:
-        """Return which worlds need a new picture `elapsed` control steps after their reset, shape (num_envs,), bool."""
+        """Return which worlds need a new picture, (num_envs,) bool. `elapsed`: control steps since each world's reset."""
         return elapsed % self._every == 0
 
     def take(self, mask: Tensor, copy: bool) -> Pictures:

@@ -29,7 +29,7 @@ class LiberoGoal:
       touches the object with the site, unless that object is the work surface.
     - `In(a, REGION)`: a's origin is in the box around the site, extended by 1 cm downwards.
     - `Open` and `Turnon`: at least one joint has reached the range from which the same predicate draws an initial
-    state, or is beyond this range. For `Close` and `Turnoff`, this holds for all joints.
+      state, or is beyond this range. For `Close` and `Turnoff`, this holds for all joints.
 
     Each origin is the body origin in LIBERO's model of the object. Contacts come from the last physics step, as in
     `ContactSensor`.

@@ -51,7 +51,7 @@ class State(Readings):
 
     @property
     def model_rows(self) -> dict[str, Tensor]:
-        """The fields of the physics model that have a row for each world, by name."""
+        """The fields of the physics model that have a row for each world, as torch tensors by name."""
         return {name: wp.to_torch(array) for name, array in self._batch.fields.rows.items()}
 
     def put_joints(self, name: Joints, qpos: Tensor, mask: Tensor) -> None:

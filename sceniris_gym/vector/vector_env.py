@@ -504,7 +504,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         return value.detach().cpu().numpy()
 
     def _launching(self, method: str | None = None) -> AbstractContextManager:
-        """Return a context for launches, after a check that the environment is open and `method` follows a reset."""
+        """Check that the environment is open and that a reset preceded `method`. Return a context for launches."""
         if self.closed:
             raise gymnasium.error.ClosedEnvironmentError("This environment was closed. Make a new one.")
         if method is not None and not self._ready:
