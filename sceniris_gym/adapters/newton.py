@@ -95,12 +95,12 @@ class NewtonRandomizer(StaysHere):
 
     Newton owns the state: every step of the solver copies `State.joint_q` into MuJoCo's data. A reset therefore writes
     layouts to `State.joint_q` in Newton's convention, in which the pose of a joint is measured between its two anchors,
-    and quaternions are xyzw. It sets `joint_qd` to 0, updates body poses and velocities (`newton.eval_fk`), and clears
-    warm starts, forces, activations and controls (`solver.reset`). Joints that the scene does not draw return to their
-    start positions. Roots that Newton fixes to the world can also be placed, through `Model.joint_X_p`. All other
-    worlds keep their bits.
+    and quaternions are xyzw. The reset also sets `joint_qd` to 0, updates body poses and velocities (`newton.eval_fk`),
+    and clears warm starts, forces, activations and controls (`solver.reset`). Joints that the scene does not draw
+    return to their start positions. Roots that Newton fixes to the world can also be placed, through `Model.joint_X_p`.
+    All other worlds keep their bits.
 
-    A reset with a mask on the device does not wait for it, so you can capture the reset in a graph with the steps.
+    A reset with a mask on the device does not wait for the device, so a graph can capture the reset with the steps.
 
     Args:
         compiled: A scene with `model: solver.mj_model`, on the device of the model.

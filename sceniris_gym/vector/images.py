@@ -73,7 +73,7 @@ class Images:
         )
 
     def due(self, elapsed: Tensor) -> Tensor:
-        """Return which worlds need a new picture, (num_envs,) bool. `elapsed`: control steps since each world's reset."""
+        """Return which worlds need a new picture, (num_envs,) bool. `elapsed`: their control steps since the reset."""
         return elapsed % self._every == 0
 
     def take(self, mask: Tensor, copy: bool) -> Pictures:
