@@ -52,7 +52,7 @@ _MOST_LAYOUTS = 1_000_000_000  # of a data set: some hundred gigabytes
 
 
 def _command(work: Callable[P, Answer]) -> Callable[P, Answer]:
-    """Start Warp for a command, show its progress, and keep the output of libraries out of stdout."""
+    """Wrap a command: start Warp, show a progress bar, and send the output of libraries to stderr."""
 
     @functools.wraps(work)
     def quiet(*args: P.args, **kwargs: P.kwargs) -> Answer:
@@ -110,9 +110,9 @@ def generate(
 
     Args:
         out: folder for dataset.json, scene.zip and layouts-*.npy
-        chunk: number of layouts made at once, by default chosen for DEVICE (it does not change the layouts)
-        shard: write every K-th part, starting with part R. By default, torchrun or a Slurm array sets R and K
-        format_: additional formats of the parts, one or several
+        chunk: number of layouts made at once, by default chosen for DEVICE. The layouts do not depend on it
+        shard: write only every K-th part, starting with part R. By default, torchrun or a Slurm array sets R and K
+        format_: formats in which each part is also written, in addition to .npy. Separate several by commas
         resume: continue the data set in the folder, if it exists
         verify: compare the files in the folder with their checksums. The exit status is 1 if a file is damaged
     """
@@ -167,7 +167,7 @@ def audit(
         rejected: number of rejected candidates to judge
         settled: number of layouts to simulate for 0.5 s, by default all
         save: write layouts and candidates to this .npz instead of judging them
-        load: judge the layouts and candidates in a file from --save, on a CPU
+        load: judge the layouts and candidates in this file, which --save wrote. This runs on a CPU
     """
     check_counts(1, layouts=layouts)
     check_counts(0, rejected=rejected, settled=settled or 0)
@@ -201,7 +201,7 @@ def bench(
     changes: Changes = (),
     json: Json = False,
 ) -> Answer:
-    """Measure how fast layouts of a scene are made and its worlds are reset.
+    """Measure how fast layouts of a scene are made, and how fast worlds are reset.
 
     Args:
         geometry: kind of geometry, by default from the scene file
@@ -253,7 +253,7 @@ def check(
     changes: Changes = (),
     json: Json = False,
 ) -> Answer:
-    """Check whether a scene has room, and count the rejected candidates by object and cause.
+    """Check whether all objects of a scene find a place, and count the rejected candidates by object and cause.
 
     The exit status is 1 if no layout is valid.
 
@@ -293,9 +293,9 @@ def reach(
         build: build the map, or resume a stopped build
         poses: .npy of TCP poses to judge, (N, 4, 4), base frame
         out: file to write: the map, the verdicts or the picture
-        tier: tier to judge by, by default the arm's
-        map_: map file, by default the arm's
-        scene: scene for a picture of its objects' places, with and without 'reachable'
+        tier: reachability test: map, ik or clear. By default the arm's default test
+        map_: map file, by default the arm's own file
+        scene: scene whose object places are drawn, once with 'reachable' and once without
         height: height of the picture's top view, base frame [m]
         step: step of the map's grid [m], by default 0.025, or more for long arms
         tilt_step: tilt step of the map's grid [degrees]
@@ -339,9 +339,10 @@ def view(
     device: Annotated[str | None, tyro.conf.arg(help="with --env: cpu, cuda:0, ...")] = None,
     changes: Changes = (),
 ) -> Answer:
-    """Open a page that shows a scene or a running policy: layouts, rejected candidates with the reasons, physics.
+    """Show a scene or a running policy in the browser: layouts, rejected candidates with the reasons, physics.
 
-    The command first prints the address of the page. A saved change of the scene file shows at once. Ctrl-C exits.
+    The command first prints the address to open. When you save the scene file, the browser shows the change at once.
+    Ctrl-C exits.
 
     Args:
         episode: number of resets since the worlds were seeded
@@ -433,10 +434,10 @@ def init(
     device: Device = None,
     json: Json = False,
 ) -> Answer:
-    """Write a first scene file from a model: its free bodies on their supports, its robot, and all supports.
+    """Write a first scene file for a model: objects (its free bodies) on their supports, its robot, and all supports.
 
-    The command first tries the scene, and comments out objects that cannot be placed, with the reason. A problem file
-    of LIBERO (.bddl) becomes a scene file and a folder with its model.
+    Before writing, the command makes layouts of the scene. Objects that cannot be placed are commented out in the file,
+    with the reason. A problem file of LIBERO (.bddl) becomes a scene file and a folder with its model.
 
     Args:
         model: an MJCF or URDF file, or a problem file
@@ -475,7 +476,9 @@ def settle(
     changes: Changes = (),
     json: Json = False,
 ) -> Answer:
-    """Settle the objects of a heap in their container with MuJoCo C, and write rows that layouts use.
+    """Settle the objects of a heap in their container with MuJoCo C, and write the settled poses to a file.
+
+    Each row of the file is one settled heap. A layout takes the poses of its heap from one row.
 
     Args:
         heap: heap of the scene, needed if it has several heaps
@@ -541,7 +544,7 @@ COMMANDS = {
 
 
 def _check_options(command: str, arguments: Sequence[str]) -> None:
-    """Reject an old option of a command by its new name."""
+    """Reject an option that was renamed. The error gives the new name."""
     for option in (argument.partition("=")[0] for argument in arguments):
         if option.startswith("--") and (new := old_names().get(f"{command} {option}")):
             raise ArgumentError(f"{command}: '{option}' is now {new}. See sceniris-gym {command} --help.")
@@ -550,7 +553,8 @@ def _check_options(command: str, arguments: Sequence[str]) -> None:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run a command.
 
-    The exit status is 1 after a bad verdict, and 2 after a ScenirisError or an OSError, whose message goes to stderr.
+    The exit status is 1 after a bad verdict. It is 2 after a ScenirisError or an OSError, and the error's message goes
+    to stderr.
     """
     arguments = sys.argv[1:] if arguments is None else list(arguments)
     if arguments == ["--version"]:

@@ -9,9 +9,10 @@ from contextlib import contextmanager
 def uncollected() -> Iterator[None]:
     """Disable garbage collection in this block.
 
-    Warp keeps the syntax trees of all kernels: half a million objects for MuJoCo-Warp. The collector would walk them
-    several times while Warp builds them, which takes a second. At the end of the block, freezing and unfreezing moves
-    all objects to the oldest generation at once. If the program has frozen objects itself, they stay frozen.
+    Warp keeps the syntax trees of all kernels: half a million objects for MuJoCo-Warp. While Warp builds the trees, the
+    collector would visit these objects several times, which takes a second. At the end of the block, freezing and
+    unfreezing moves all objects to the oldest generation at once. This step is left out if the program
+    itself has frozen objects.
     """
     collecting = gc.isenabled()
     gc.disable()

@@ -42,8 +42,8 @@ def rejected_candidates(compiled: CompiledScene, n: int, seed: int, split: str) 
     """Make layouts until n candidates were rejected for collision.
 
     Returns:
-        The layouts with the rejected objects at their candidate poses, and the names of these objects. For a
-        scene with hardly any rejections, these are fewer than n.
+        The layouts, each with its rejected object at the candidate pose, and the names of the rejected objects. If
+        the scene has hardly any rejections, there are fewer than n layouts.
     """
     generator = LayoutGenerator._recording(compiled, _WORLDS, n, seed=seed, split=split)
     for _ in range(_EPISODES):
@@ -55,7 +55,7 @@ def rejected_candidates(compiled: CompiledScene, n: int, seed: int, split: str) 
 
 
 def reach_claims(compiled: CompiledScene, table: LayoutTable) -> list[Claim]:
-    """Return the claims of a table about reach. The gripper is open 1 cm wider than the grasp needs."""
+    """Return what a table claims about reach: grasps, arm joints, and fingers open 1 cm wider than the grasp needs."""
     if compiled.reaching is None:
         return []
     claims = []
@@ -83,7 +83,7 @@ def reach_claims(compiled: CompiledScene, table: LayoutTable) -> list[Claim]:
 
 
 def judge_reach(compiled: CompiledScene, table: LayoutTable, claims: list[Claim]) -> list[Unreached]:
-    """Return the claims about reach that are wrong."""
+    """Test the claims of `reach_claims` with MuJoCo C, and return the failures."""
     scene, found = compiled.scene, []
     # An arm that starts with a held object would have to put it down first.
     full = np.isin(table.start, [i for i, kind in enumerate(compiled.config.start) if kind.is_held])
@@ -104,7 +104,7 @@ class Rows:
 
     Attributes:
         table: The layouts.
-        rejected, names: Layouts with the rejected objects at their candidate poses, and the names of these objects.
+        rejected, names: More layouts, each with its rejected object at the candidate pose, and the objects' names.
         seed, split: Seed of the first layout, and the split of all layouts.
     """
 
@@ -125,7 +125,7 @@ def make_rows(compiled: CompiledScene, layouts: int, rejected: int, seed: int, s
 
 
 def save_rows(compiled: CompiledScene, rows: Rows, path: Path) -> dict[str, Any]:
-    """Write rows with their scene and seeds to an npz file, and count them. An error leaves no partial file."""
+    """Write rows to an npz file, and return figures for the report. An error leaves no partial file."""
     parts = {"layouts": rows.table, "rejected": rows.rejected}
     arrays = {f"{part}_{name}": getattr(t, name) for part, t in parts.items() for name in COLUMNS}
     arrays |= {
@@ -167,7 +167,7 @@ def load_rows(compiled: CompiledScene, path: Path) -> Rows:
 
 
 def _table_of(arrays: dict[str, np.ndarray], part: str, scene: str) -> LayoutTable:
-    """Return a part of a stored file as a table. Columns that older files lack are blank."""
+    """Return the part "layouts" or "rejected" of a stored file as a table. Columns that older files lack are blank."""
     nrow = len(arrays[f"{part}_status"])
     later = {f"{part}_{name}": COLUMNS[name].blanks(nrow) for name in ("start", "param", *columns("draw"))}
     rows: dict[str, Any] = {name: (later | arrays)[f"{part}_{name}"] for name in COLUMNS}
@@ -195,7 +195,7 @@ def _check_columns(
 
 
 def _finite(rows: Rows) -> tuple[np.ndarray, np.ndarray, dict[str, str]]:
-    """Return masks of the finite layouts and candidates, and the numbers of all other rows by column."""
+    """Return two masks, of the finite layouts and candidates, and the indices of all other rows as text, by column."""
     found, by = [], {}
     for part, table in (("layouts", rows.table), ("rejected", rows.rejected)):
         known = {name: np.isfinite(getattr(table, name)) for name in ("qpos", "mocap_pos", "mocap_quat")}

@@ -93,7 +93,7 @@ def bench(
 
 
 def faces(compiled: CompiledScene) -> dict[str, int]:
-    """Return the number of triangles of each object in the scene's geometry. `physics` counts convex hulls."""
+    """Count the triangles of each object in the scene's `geometry`. For `physics`, count the faces of convex hulls."""
     tree = Tree(compiled.mjm, compiled.scene.bodies)
     total = dict.fromkeys(compiled.scene.bodies, 0)
     for solid in solids_of(compiled.mjm, compiled.config.geometry):
@@ -112,7 +112,7 @@ def peak_bytes(device: str) -> int:
 
 
 def _resets(compiled: CompiledScene, generator: LayoutGenerator) -> dict[str, float]:
-    """Return the times [us] of two resets, of all worlds and of 2%: layouts, the masked write and kinematics."""
+    """Return the time [us] to reset all worlds and to reset 2% of them, with new layouts and kinematics."""
     batch = Batch(compiled.scene, generator.nworld, compiled.device)
     randomizer = ResetRandomizer(compiled, batch.model, batch.data, layout_source=generator)
     times = {}

@@ -50,7 +50,8 @@ def judge(
 def check(compiled: CompiledScene, layouts: int, seed: int, picture: Path | None = None, split: str = "train") -> dict:
     """Make layouts, and return the fraction of valid layouts and the rejections per object and cause.
 
-    Draw the places of objects into `picture`. For a scene with `reachable`, also measure its effect on these places.
+    If `picture` is given, draw the places of objects into this file. If the scene has `reachable`, also measure which
+    fraction of the places `reachable` permits.
     """
     generator = recording(LayoutGenerator(compiled, layouts, seed=seed, split=split))
     generator.generate()

@@ -26,7 +26,7 @@ _OBJECT = re.compile(r"objects\.([A-Za-z_][A-Za-z0-9_-]*)|robot")
 def init(model: Path, device: str | None = None) -> FirstScene:
     """Find a first scene of a model that compiles and has layouts.
 
-    An object that does not fit entirely on its support may hang over the edge. If it still cannot be placed, it is
+    If an object does not fit entirely on its support, it may hang over the edge. If it cannot be placed even so, it is
     commented out, with the reason.
 
     Args:
@@ -98,7 +98,7 @@ def write_task(task: LiberoTask, out: Path, device: str | None = None) -> dict[s
 
 
 def _try(scene: FirstScene, make: Callable[[SceneConfig], object]) -> None:
-    """Try a scene. While an error names an object, let the object overhang or comment it out, and try again."""
+    """Call `make` with the scene. While an error names an object, let it overhang or comment it out, and call again."""
     while True:
         config = SceneConfig.load(scene.words(), {"bank": _BANK, "name": scene.model.stem})
         try:

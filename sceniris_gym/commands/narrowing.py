@@ -3,8 +3,8 @@
 For a scene without `reachable`, the picture shows only the places of its objects.
 
 The fraction of candidates that `reachable` keeps is measured in layouts made without `reachable`: it is the fraction of
-layouts in which the arm's map accepts a grasp of the object. For the tiers `ik` and `clear`, this fraction is
-multiplied by the fraction of finished layouts that passed the tier.
+layouts in which the arm's map accepts a grasp of the object. The tiers `ik` and `clear` test a layout after all objects
+are placed. For these tiers, the fraction is multiplied by the fraction of such layouts that passed the test.
 """
 
 from collections.abc import Mapping, Sequence
@@ -56,7 +56,7 @@ class Narrowing:
     upper: np.ndarray
 
     def figures(self) -> dict[str, dict[str, float | int]]:
-        """Return per object the kept fraction, the number of candidates, and the rejections by cause of reach."""
+        """Return per object the kept fraction, the number of candidates, and how often reach rejected it, by cause."""
         return {
             name: {
                 "kept": round(self.kept[name], 4),
@@ -70,7 +70,7 @@ class Narrowing:
 def narrow(
     compiled: CompiledScene, layouts: int, seed: int, path: Path | None = None, made: LayoutGenerator | None = None
 ) -> dict:
-    """Return the entries that commands print: `narrowing` for a scene with `reachable`, and `picture` with `path`.
+    """Return entries for a command's output: `narrowing` if the scene has `reachable`, `picture` if `path` is given.
 
     Args:
         compiled: The compiled scene.
@@ -110,7 +110,7 @@ def narrowing(compiled: CompiledScene, layouts: int, seed: int, made: LayoutGene
 
 
 def _made(compiled: CompiledScene, layouts: int, seed: int) -> LayoutGenerator:
-    """Return a generator after it made the layouts of its first episode."""
+    """Make a generator, let it generate one layout for each world, and return the generator."""
     generator = LayoutGenerator(compiled, layouts, seed=seed)
     generator.generate()
     return generator
@@ -203,9 +203,10 @@ def _on_map(compiled: CompiledScene, plain: CompiledScene, table: LayoutTable, n
 def _staged(
     compiled: CompiledScene, table: LayoutTable, rejections: Mapping[str, Mapping[str, int]]
 ) -> dict[str, float]:
-    """Return the fraction of finished layouts that passed `ik` or `clear`, by object.
+    """Return for each object the fraction of its tests by `ik` or `clear` that it passed.
 
-    Objects are tested in order, so a layout that failed at an object had passed for all objects before it.
+    A layout is tested after all objects are placed, object by object. If it failed at an object, it had therefore
+    passed for all earlier objects.
     """
     assert compiled.reaching is not None
     shares, later = {}, 0

@@ -66,7 +66,7 @@ def scene_config(scene: str, changes: Sequence[str]) -> SceneConfig:
 
 
 def read_ids(given: Sequence[str]) -> list[str]:
-    """Return the given layout ids, and the ids in the given files, one per line."""
+    """Return layout ids. Each given text is an id, or a file with one id per line."""
     ids: list[str] = []
     for text in given:
         path = Path(text)
@@ -80,7 +80,7 @@ def read_ids(given: Sequence[str]) -> list[str]:
 
 
 def check_counts(least: int, *, most: int = MOST_WORLDS, **counts: float) -> None:
-    """Reject numbers that are too small or too large. The keyword is the name of the option."""
+    """Reject numbers below `least` or above `most`. Each keyword is the name of an option, for the message."""
     for name, count in counts.items():
         if not least <= count <= most:
             bound = f"at least {least}" if count < least else f"at most {most}"

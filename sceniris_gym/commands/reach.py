@@ -37,7 +37,7 @@ def read_arm(name: str, changes: Mapping[str, Any] | None = None) -> tuple[mujoc
 
     Args:
         name: The asset or the path.
-        changes: Words of a scene, such as `robot.tcp` for an arm without a site 'tcp'.
+        changes: Values for keys of a scene file, such as `robot.tcp` for an arm without a site 'tcp'.
 
     Raises:
         UnknownNameError: The asset is unknown, or has no such TCP.
@@ -284,9 +284,9 @@ def _solvable(mjm: mujoco.MjModel, arm: SerialArm, poses: np.ndarray, device: st
 
 
 def hits_itself(mjm: mujoco.MjModel, arm: SerialArm, joints: np.ndarray) -> np.ndarray:
-    """Return a mask of the joints (N, njoint) that make the arm touch itself in MuJoCo, shape (N,), bool.
+    """For each row of joint positions (N, njoint), return whether the arm touches itself in MuJoCo, shape (N,), bool.
 
-    Parts that overlap at home may overlap to the same depth.
+    If two geoms overlap in the start pose, an overlap up to the same depth does not count.
     """
     data = mujoco.MjData(mjm)
     if mjm.nkey:
@@ -300,6 +300,6 @@ def hits_itself(mjm: mujoco.MjModel, arm: SerialArm, joints: np.ndarray) -> np.n
 
 
 def _depths(mjm: mujoco.MjModel, data: mujoco.MjData) -> dict[tuple[int, int], float]:
-    """Return the pairs of geoms that overlap in a state, with their depth [m]."""
+    """Return the depth [m] of each pair of geoms that overlap at the positions in `data`."""
     mujoco.mj_kinematics(mjm, data)
     return {geoms: -dist for geoms, (dist, _) in deepest_contacts(mjm, data).items() if dist < 0.0}

@@ -30,11 +30,11 @@ from sceniris_gym.scene.model import SceneModel
 
 
 def find_scene(scenehash: str, config: SceneConfig | None = None) -> SceneModel:
-    """Return the scene with a hash: `config` if given, otherwise a shipped scene.
+    """Return the scene that has this hash: `config`, which should have it, or if None one of the shipped scenes.
 
     Raises:
         UnknownNameError: No scene has this hash.
-        SceneMismatchError: A scene had this hash in an earlier version, which made other layouts.
+        SceneMismatchError: A scene had this hash in an earlier version of the package, which made other layouts.
     """
     configs = [config] if config is not None else [SceneConfig.load(name) for name in shipped("envs", ".yaml")]
     known = {}
@@ -80,9 +80,9 @@ def drawn(compiled: CompiledScene, table: LayoutTable) -> tuple[mujoco.MjModel, 
 
 
 def shown(ids: Sequence[str], config: SceneConfig | None, picture: Path, device: str | None) -> dict:
-    """Make layouts again from their ids, describe each, and draw them as tiles of one picture.
+    """Make layouts again from their ids, describe each, and draw all layouts as tiles of one picture.
 
-    `config` is as in `find_scene`.
+    `config` is the scene of the layouts, or None if they belong to a shipped scene.
     """
     compiled: dict[str, CompiledScene] = {}
     found, tiles = [], []
