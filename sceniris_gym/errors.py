@@ -18,16 +18,16 @@ _T = TypeVar("_T")
 
 @functools.cache
 def old_names() -> dict[str, str]:
-    """Return the new name of each old name. `A|B` is A or B, depending on the place. `A.b` is the part `b` of A.
+    """Return the new name of each old name. Old names were never released, and version 1.0 drops this table.
 
-    The old name of an option starts with its command, as in "train --levels". The old names were never released.
-    Version 1.0 drops this table.
+    A new name `A|B` means A or B, depending on where the old name was used. `A.b` means the part `b` of A. The old
+    name of an option starts with the command, as in "train --levels".
     """
     return json.loads(Path(__file__).with_name("renamed.json").read_text(encoding="utf-8"))
 
 
 def new_name(name: str, valid: Container[str]) -> str:
-    """Return " 'knobs' is now params." for an old name with a valid new name, or an empty string."""
+    """Return a sentence such as " 'knobs' is now params.", or "" if `name` is not an old name of a `valid` name."""
     found = old_names().get(name, "").split("|")
     return next((f" '{name}' is now {new}." for new in found if new.partition(".")[0] in valid), "")
 
@@ -35,7 +35,7 @@ def new_name(name: str, valid: Container[str]) -> str:
 def did_you_mean(name: str, valid: Iterable[str]) -> str:
     """Return " Did you mean 'x'?" with the valid name closest to `name`, or an empty string if no name is close.
 
-    An old name gets the sentence of `new_name` instead.
+    If `name` is an old name of a valid name, return the sentence of `new_name` instead.
     """
     valid = list(valid)
     found = difflib.get_close_matches(name, valid, n=1, cutoff=0.5)
@@ -46,7 +46,7 @@ def did_you_mean(name: str, valid: Iterable[str]) -> str:
 
 
 class _Pickled(Exception):
-    """An exception that is pickled as the arguments of its constructor. Attributes of the same names hold them."""
+    """An exception that is pickled as its constructor's arguments, which it also has as attributes."""
 
     def __reduce__(self) -> tuple[Any, ...] | str:
         if "__init__" not in vars(type(self)):
@@ -67,11 +67,11 @@ class SceneFileError(ScenirisError):
 
 
 class SceneKeyError(ScenirisError):
-    """A wrong key or value in a scene, a support without room, or a cycle of names. The message has the key's path."""
+    """A wrong key or value in a scene, a support without room, or a cycle of names. The message names the key."""
 
 
 class NotSupportedError(ScenirisError):
-    """A known word of the scene language, or a known feature of a model, that is not supported yet."""
+    """A key or value of a scene, a feature of a model, an option or a file type that is known but not supported."""
 
 
 class UnknownNameError(ScenirisError):
@@ -84,7 +84,7 @@ class UnknownNameError(ScenirisError):
 
 
 def in_a_cycle(where: str, names: Iterable[str], what: str) -> SceneKeyError:
-    """Return the error for a cycle of names, in which each depends on the next."""
+    """Return the error for a cycle: each of `names` depends on the next, and the last one on the first."""
     names = list(names)
     cycle = " -> ".join([*names, names[0]])
     return SceneKeyError(f"{where}: {what}: {cycle}. Remove one of these references to break the cycle.")
@@ -105,7 +105,7 @@ class MeshError(ScenirisError):
 
     Args:
         text: The message.
-        reason: The defect, a word of `MeshReason`.
+        reason: The defect, one of the words in `MeshReason`.
     """
 
     def __init__(self, text: str, reason: MeshReason) -> None:
@@ -174,7 +174,7 @@ class BusyError(ScenirisError, RuntimeError):
 
 
 class FixedError(ScenirisError, AttributeError):
-    """An assignment to the attribute `name` of a `what`, although captured graphs already use arrays of this object."""
+    """Setting the attribute `name` of an object of class `what`, although captured graphs already use its arrays."""
 
     def __init__(self, what: str, name: str, cure: str | None = None) -> None:
         self.what, self.cure = what, cure
@@ -198,7 +198,7 @@ class ArgumentTypeError(ArgumentError, TypeError):
 
 
 def check_type(value: object, kind: type, name: str) -> None:
-    """Refuse an argument of another type. `name` names the function and the argument.
+    """Check that an argument has the type `kind`. The message starts with `name`: the function and the argument.
 
     Raises:
         ArgumentTypeError: The argument has another type.
@@ -208,10 +208,10 @@ def check_type(value: object, kind: type, name: str) -> None:
 
 
 def check_names(kind: str, names: Iterable[object], where: str, valid: Collection[str]) -> None:
-    """Refuse names that are not among the valid ones. `kind` and `where` are for the message.
+    """Check that all names are in `valid`. `kind` and `where` go into the message: what is named, and where.
 
     Raises:
-        UnknownNameError: The first invalid name.
+        UnknownNameError: A name is not in `valid`. The error is for the first such name.
     """
     for name in names:
         if name not in valid:
@@ -219,7 +219,7 @@ def check_names(kind: str, names: Iterable[object], where: str, valid: Collectio
 
 
 def refuses_old_names(function: Callable[_P, _T]) -> Callable[_P, _T]:
-    """Refuse old keywords of a function by their new names: a call with one raises an UnknownNameError."""
+    """Wrap a function: a call with a renamed keyword raises an UnknownNameError, which gives the new keyword."""
     valid = [name for name in inspect.signature(function).parameters if name not in ("self", "cls")]
 
     @functools.wraps(function)
@@ -233,11 +233,11 @@ def refuses_old_names(function: Callable[_P, _T]) -> Callable[_P, _T]:
 
 
 def refuses_old_imports(module: str, found: Callable[[str], object] | None = None) -> Callable[[str], object]:
-    """Return the `__getattr__` of a module that refuses old names by their new names, with an ImportError.
+    """Return a `__getattr__` for a module. For a renamed attribute, it raises an ImportError with the new name.
 
     Args:
-        module: The module.
-        found: The function that finds lazy names of the module, if it has any.
+        module: The name of the module.
+        found: Function that imports and returns a lazy attribute of the module, or None if it has no such attributes.
     """
     found = found or lazy_loader.attach(module)[0]
 
@@ -271,10 +271,11 @@ class FallbackWarning(ScenirisWarning):
 
     Args:
         text: The message.
-        share: Fraction of the bank's layouts that ran out of restarts, None if attempts ran out.
+        share: Fraction of worlds that ran out of restarts when the bank was filled. None if the warning is about
+            `attempts: auto`. The other values are then empty too.
         name: The object with the most rejections.
         cause: The most frequent cause of these rejections.
-        held: If a bank is not full, the number of layouts in the smaller of the two banks, and the wanted number.
+        held: Number of layouts in the smaller of the two banks, and the wanted number. None if both banks are full.
     """
 
     def __init__(
@@ -317,7 +318,7 @@ class MissingExtraError(ScenirisError, ImportError):
 
 
 def import_extra(module: str, extra: str, package: str = "") -> Any:
-    """Import a module of an extra. `package` names the distribution if this name differs from the module's.
+    """Import a module that the extra `extra` installs. `package` is its distribution, if not named like the module.
 
     Raises:
         MissingExtraError: The module is not installed.

@@ -144,7 +144,7 @@ def _file_beside(path: Path) -> AbstractContextManager[Path]:
 
 
 def _remove_orphans(path: Path) -> None:
-    """Remove temporary files of this path whose process has ended, if they come from this container."""
+    """Remove temporary files for `path` that processes of this container left behind when they were killed."""
     form = re.compile(rf"\.{re.escape(path.name)}\.{_container()}-(\d+)\.\w+\.tmp")
     for other in path.parent.iterdir():
         found = form.fullmatch(other.name)

@@ -1,7 +1,8 @@
 """Ctrl-C and SIGTERM end the program at once, during any work.
 
-The signals raise no exception: some libraries would catch an exception during their import, and it would wait until a
-call into C returns. Instead a thread receives the signal, ends child processes, removes temporary files, and exits.
+The signals raise no exception. Some libraries would catch it during their import, and Python raises it only after the C
+function that is running returns. Instead a thread receives the signal, ends child processes, removes temporary files,
+and exits.
 """
 
 import os
@@ -55,7 +56,7 @@ def end_at_signals(name: str) -> None:
     threading.Thread(target=_end, args=(heard, name), daemon=True).start()
 
     def forget() -> None:
-        """Restore the usual handlers in a forked child. It shares the pipe, but has no thread that reads it."""
+        """Restore the usual handlers in a forked child. The child has the pipe, but no thread that reads it."""
         signal.set_wakeup_fd(-1)
         for number, handler in former.items():
             signal.signal(number, handler)

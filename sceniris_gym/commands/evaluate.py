@@ -26,7 +26,7 @@ def evaluate(
     task: str = "",
     trust: bool = False,
 ) -> dict[str, Any]:
-    """Evaluate the policy of a run, and return the findings of `judge` by the kind of layouts.
+    """Evaluate the policy of a run on valid layouts and on unfiltered layouts, which are placed without checks.
 
     Args:
         run: The folder that `train` made.
@@ -35,12 +35,16 @@ def evaluate(
         out: JSON file to write, with the result on each layout.
         failed: File to write, with the ids of valid layouts without success.
         min_success: Least success rate on valid layouts for a good verdict, or None for no verdict.
-        task: The task, as `spec_of` takes it. "" takes the folder's task, if it is registered without an import.
+        task: The task, as `spec_of` takes it. "" takes the task that the folder names. That task should not be a
+            MODULE:ID, because importing the module would execute its code.
         trust: Read a checkpoint that holds more than weights, although this executes code in the file.
 
+    Returns:
+        The findings of `judge` for "valid" and for "unfiltered", without the result on each layout.
+
     Raises:
-        ArgumentError: The folder holds no run, or names a task of another package, or its checkpoint holds more
-            than weights.
+        ArgumentError: The folder holds no run. Or `task` is "" and the folder names a MODULE:ID. Or the checkpoint
+            holds more than weights and `trust` is False.
         SceneMismatchError: The run was made by a version in which the scene has other layouts.
         ScenirisError: The task is unknown, or its scene cannot be compiled.
     """

@@ -69,7 +69,7 @@ def report(found: dict[str, Any]) -> str:
 
 
 def write_task(task: LiberoTask, out: Path, device: str | None = None) -> dict[str, Any]:
-    """Write a problem file as a scene file, and its model into the folder `NAME_model` next to the scene file.
+    """Write the scene file of a LIBERO problem, and its model into the folder `NAME_model` next to the scene file.
 
     Returns:
         The scene file, the folder, the names of placed objects, and the goal.

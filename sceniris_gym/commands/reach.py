@@ -286,7 +286,7 @@ def _solvable(mjm: mujoco.MjModel, arm: SerialArm, poses: np.ndarray, device: st
 def hits_itself(mjm: mujoco.MjModel, arm: SerialArm, joints: np.ndarray) -> np.ndarray:
     """For each row of joint positions (N, njoint), return whether the arm touches itself in MuJoCo, shape (N,), bool.
 
-    If two geoms overlap in the start pose, an overlap up to the same depth does not count.
+    If two geoms already overlap in the model's first keyframe, an overlap up to that depth does not count.
     """
     data = mujoco.MjData(mjm)
     if mjm.nkey:

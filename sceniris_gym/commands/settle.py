@@ -1,4 +1,4 @@
-"""The `settle` command: settles rows of a scene's heap in MuJoCo C."""
+"""The `settle` command: settles a scene's heap many times in MuJoCo C. Each result is a row of poses for layouts."""
 
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from sceniris_gym.scene.settling import settle as settled
 
 
 def settle(config: SceneConfig, heap: str | None, num: int, out: Path | None, seed: int) -> dict[str, Any]:
-    """Settle a heap of a scene, and write its rows.
+    """Settle a heap of a scene `num` times, and write the poses of its objects, one row per result.
 
     Args:
         config: The scene.

@@ -1,4 +1,8 @@
-"""Base classes of objects that hold device memory: one process owns them, and captured graphs use their attributes."""
+"""Base classes of objects that hold device memory.
+
+Such an object cannot be sent to another process. If a captured graph uses an array of the object, the attribute that
+holds the array cannot be set.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +12,12 @@ from sceniris_gym.errors import FixedError, NotSupportedError, new_name
 
 
 class RefusesOldNames:
-    """Base class of objects whose error for a renamed attribute gives the new name."""
+    """Base class for renamed attributes: reading an old name raises an AttributeError that gives the new name."""
 
     if not TYPE_CHECKING:  # a type checker would take any attribute to be there
 
         def __getattr__(self, name: str) -> Any:
-            """Raise the error for a missing attribute."""
+            """Raise an AttributeError, which gives the new name of a renamed attribute."""
             if new := new_name(name, dir(self)):
                 raise AttributeError(f"{type(self).__name__}:{new}")
             return object.__getattribute__(self, name)
@@ -23,7 +27,7 @@ class StaysHere(RefusesOldNames):
     """Base class of objects that hold device memory and therefore belong to one process.
 
     Attributes:
-        _SEND: The end of the error message, which names an object to send instead.
+        _SEND: End of the error message if the object is pickled. It says what to send to the other process instead.
     """
 
     _SEND = "its CompiledScene or the scene's name to the other process, and construct a new object there"
@@ -40,11 +44,13 @@ class StaysHere(RefusesOldNames):
 
 
 class Fixed:
-    """Base class of objects whose launches are captured with the arrays of one scene.
+    """Base class of objects whose kernel launches are captured in a graph.
+
+    A captured graph keeps the arrays that it was captured with, so replacing an attribute later would have no effect.
 
     Attributes:
-        _FIXED: Attributes that only the constructor sets.
-        _ARGUMENTS: Arguments of the constructor that are not attributes. Assigning to them would have no effect.
+        _FIXED: Names of attributes that can be set only once, in the constructor.
+        _ARGUMENTS: Names of constructor arguments that are not attributes. Setting one of them is an error.
     """
 
     _FIXED: ClassVar[tuple[str, ...]] = ()
@@ -54,7 +60,7 @@ class Fixed:
         """Set an attribute.
 
         Raises:
-            FixedError: The attribute is fixed, or is an argument of the constructor.
+            FixedError: `name` is in `_FIXED` and the attribute is already set, or `name` is in `_ARGUMENTS`.
         """
         if name in self._ARGUMENTS or (name in self._FIXED and name in self.__dict__):
             raise FixedError(type(self).__name__, name)
@@ -64,7 +70,7 @@ class Fixed:
         """Delete an attribute.
 
         Raises:
-            FixedError: The attribute is fixed.
+            FixedError: `name` is in `_FIXED`.
         """
         if name in self._FIXED:
             raise FixedError(type(self).__name__, name)

@@ -9,18 +9,18 @@ _told: set[str] = set()
 
 
 def start_warp() -> None:
-    """Start Warp and limit its log to warnings and errors, unless its level is `wp.LOG_DEBUG`."""
+    """Start Warp. If its log level is the default `wp.LOG_INFO`, raise the level to `wp.LOG_WARNING`."""
     if wp.config.log_level == wp.LOG_INFO:
         wp.config.log_level = wp.LOG_WARNING
     wp.init()
 
 
 def tell_of_compiling(device: str, own: int) -> None:
-    """Report on stderr that kernels are being compiled, once for each device in a process.
+    """Print a message on stderr that kernels are being compiled. For each device, a process prints it only once.
 
     Args:
         device: The device.
-        own: Number of modules of this package to compile.
+        own: Number of this package's Warp modules that have to be compiled.
     """
     if device in _told:
         return

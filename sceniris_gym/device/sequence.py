@@ -78,7 +78,7 @@ def exclusive(method: Callable[Concatenate[Any, _P], _T]) -> Callable[Concatenat
 
 
 def repeats_in_graphs(device: wp.Device) -> bool:
-    """Return whether a graph on this device can contain loops, which needs a driver of CUDA 12.4 or newer."""
+    """Return whether a graph on this device can contain loops. A GPU needs a driver for CUDA 12.4 or newer for this."""
     return not device.is_cuda or wp.is_conditional_graph_supported()
 
 

@@ -1,4 +1,4 @@
-"""`TensorView`: attributes that are read as torch tensors, in the memory of Warp arrays."""
+"""`TensorView`: an attribute that gives a Warp array as a torch tensor, which shares the array's memory."""
 
 from collections.abc import Callable
 from typing import Any
@@ -9,13 +9,13 @@ from sceniris_gym.errors import FixedError
 
 
 class TensorView:
-    """An attribute that is a torch tensor in the memory of a Warp array. A uint64 array becomes an int64 tensor.
+    """An attribute that gives a Warp array as a torch tensor, which shares the array's memory. uint64 becomes int64.
 
-    The first read imports torch and makes the tensor. Later reads return the same tensor, so its owner must never
-    replace the array.
+    The first read imports torch and makes the tensor. Later reads return the same tensor, so the object with this
+    attribute must never replace the array.
 
     Args:
-        array: Function of the object and the attribute's name that returns the array.
+        array: Function that returns the Warp array. Its arguments are the object and the name of the attribute.
     """
 
     def __init__(self, array: Callable[[Any, str], wp.array]) -> None:

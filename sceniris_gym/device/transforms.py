@@ -110,18 +110,18 @@ def pose_of(pos: wp.vec3, quat: wp.vec4) -> Pose:
 
 @wp.func
 def compose(a: Pose, b: Pose) -> Pose:
-    """Return `b`, given in the frame of `a`, in the parent frame of `a`."""
+    """Convert the pose `b` from the frame of `a` to the parent frame of `a`."""
     return Pose(a.pos + a.rot * b.pos, a.rot * b.rot)
 
 
 @wp.func
 def relative(a: Pose, b: Pose) -> Pose:
-    """Return `b` in the frame of `a`. Both are given in the same frame."""
+    """Convert the pose `b` to the frame of `a`. `a` and `b` have the same parent frame."""
     at = wp.transpose(a.rot)
     return Pose(at * (b.pos - a.pos), at * b.rot)
 
 
 @wp.func
 def apply(a: Pose, v: wp.vec3) -> wp.vec3:
-    """Return the point `v`, given in the frame of `a`, in the parent frame of `a`."""
+    """Convert the point `v` from the frame of `a` to the parent frame of `a`."""
     return a.pos + a.rot * v

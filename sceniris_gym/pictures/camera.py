@@ -99,16 +99,18 @@ class Cameras:
         shots: The pictures to take, by camera.
         looks: Appearance of the pictures.
         nworld: Number of worlds to picture, starting with the first world. None: all worlds.
-        differ: Fields of the model with a row per world. If there is one world, their shape does not show this.
-        where: Beginning of an error message.
+        differ: Names of model fields with a row per world. With a single world, the shapes do not show this.
+        where: Beginning of error messages.
         graph: Capture the launches into a graph and replay it.
 
     Attributes:
         images: Latest pictures by camera and kind: rgb uint8, depth float32 [m, along the camera's axis, 0 for the
             background], segmentation int32 [index into `names`]. Shape (nworld, height, width, channels).
-        mask: Worlds for the next `launch`, shape (nworld,), bool, at first all.
-        names: Names of the segmentation values: "" for the background and other geoms, then objects and robots.
-        launch: Takes the pictures of masked worlds. All other images stay. Does not wait for the device.
+        mask: Worlds to picture at the next `launch`, shape (nworld,), bool. Initially all are True.
+        names: Name of each segmentation value. Value 0 has the name "": the background, and geoms that belong to no
+            object or robot. The other names are objects and robots.
+        launch: Function that takes the pictures of the worlds in `mask`. Images of other worlds do not change. It does
+            not wait for the device.
 
     Raises:
         UnknownNameError: The scene has no such camera.
@@ -183,7 +185,7 @@ def _images(nworld: int, shot: Shot) -> dict[str, wp.array]:
 
 
 def _view(data: mjw.Data, nworld: int, tracks: bool) -> mjw.Data:
-    """Return the first worlds of a Data, with copies of the arrays that taking pictures overwrites."""
+    """Return a view of the first `nworld` worlds of a Data. Arrays that taking pictures overwrites are copied."""
     view = copy.copy(data)
     view.nworld = nworld
     own = ("cam_xpos", "cam_xmat", "light_xpos", "light_xdir", *(("subtree_com", "cinert", "cdof") if tracks else ()))

@@ -40,11 +40,11 @@ class Looks:
 
 @dataclass(frozen=True)
 class Shot:
-    """A camera's pictures.
+    """The size and the kinds of pictures that a camera takes.
 
     Attributes:
         size: Width and height [pixels].
-        data: Kinds of pictures, keys of CHANNELS.
+        data: Kinds of pictures: "rgb", "depth" or "segmentation", the keys of CHANNELS.
     """
 
     size: tuple[int, int]
@@ -52,7 +52,7 @@ class Shot:
 
 
 def in_model_order(mjm: mujoco.MjModel, shots: Mapping[str, Shot], where: str) -> dict[str, Shot]:
-    """Sort pictures to take by the order of cameras in the model.
+    """Return `shots`, which has a camera's name as each key, in the order of the cameras in the model.
 
     Raises:
         UnknownNameError: The model has no such camera. The message begins with `where`.
@@ -65,7 +65,7 @@ def in_model_order(mjm: mujoco.MjModel, shots: Mapping[str, Shot], where: str) -
 def picture_context(
     mjm: mujoco.MjModel, nworld: int, shots: Mapping[str, Shot], looks: Looks, differ: Collection[str], **options: Any
 ) -> Any:
-    """Return mujoco_warp's context for pictures of cameras in the model's order. `differ` is as in `may_be_inside`."""
+    """Return mujoco_warp's render context. `shots` are in the model's order, `differ` is as in `may_be_inside`."""
     flags = {"rgb": "render_rgb", "depth": "render_depth", "segmentation": "render_seg"}
     wanted = {flag: [kind in shot.data for shot in shots.values()] for kind, flag in flags.items()}
     sizes = [shot.size for shot in shots.values()]
@@ -94,11 +94,11 @@ def _use_thin_meshes(context: Any, mjm: mujoco.MjModel) -> None:
 
 
 def may_be_inside(mjm: mujoco.MjModel, camera: int, differ: Collection[str] = ()) -> bool:
-    """Return True if a camera may be inside a visible geom of its body tree, or a geom that is fixed relative to it.
+    """Return True if a camera may be inside a visible geom of its body tree, or a geom that cannot move relative to it.
 
-    This is so if the camera is in the bounding box of such a geom, in the model's pose or in a keyframe. It is also so
-    if the tree has a visible geom and the camera's place in it differs between worlds. The place differs with a row of
-    `cam_pos` per world, or on an object with variants, which is a single body.
+    A camera may be inside a geom if it is in the geom's bounding box, at `qpos0` or in a keyframe. Besides, if its body
+    tree has a visible geom, a camera may be inside if its place relative to the tree differs between worlds: if
+    `cam_pos` has a row per world, or if the camera is on an object with variants, which is a single body.
 
     Args:
         mjm: The model.
@@ -125,7 +125,7 @@ def may_be_inside(mjm: mujoco.MjModel, camera: int, differ: Collection[str] = ()
 
 
 def drawn_once(mjm: mujoco.MjModel) -> mujoco.MjModel:
-    """Return a copy of the model that draws each body once: collision shapes are in a hidden group."""
+    """Return a copy of the model in which a body's collision geoms are hidden if the body also has visual geoms."""
     drawn = copy.copy(mjm)
     drawn.geom_group[:] = picture_groups(mjm)
     return drawn
@@ -155,16 +155,17 @@ def tile_rays(context: Any, shots: Mapping[str, Shot]) -> list[np.ndarray]:
 
 
 def thin(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return a mesh of nearly the same shape with fewer faces, on the coarsest grid that keeps its area and volume.
+    """Return a mesh of nearly the same shape with fewer faces.
 
-    All vertices in a cell of the grid are merged (Rossignac and Borrel 1993).
+    All vertices in a cell of a grid are merged (Rossignac and Borrel 1993). The grid is the coarsest one that nearly
+    keeps the area and the volume of the mesh.
 
     Args:
         vertices: Vertices [m], shape (n, 3).
         faces: Indices of vertices, shape (m, 3).
 
     Returns:
-        Vertices and faces of the new mesh, None if the mesh has few faces or no grid keeps its shape.
+        Vertices and faces of the new mesh. None if the mesh already has few faces, or if no grid keeps its shape.
     """
     if len(faces) < LEAST_FACES:
         return None

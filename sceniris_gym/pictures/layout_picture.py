@@ -1,7 +1,7 @@
 """Pictures of layouts from mujoco_warp's ray caster, without OpenGL, on a CPU or a GPU.
 
 The poses of geoms, cameras and lights come from MuJoCo C, so that only the ray caster's kernels have to be compiled.
-This takes 8 s once on one CPU core.
+Compiling them takes 8 s on one CPU core, once.
 """
 
 import copy
@@ -34,7 +34,7 @@ _INK, _PAPER = (40, 44, 50), (255, 255, 255)
 def render(
     mjm: mujoco.MjModel, table: LayoutTable, *, size: tuple[int, int] = SIZE, device: str | None = None
 ) -> np.ndarray:
-    """Render all layouts with one camera, as near as it can be while it sees all visible geoms of all layouts.
+    """Render all layouts with one camera. It is as near as possible while it sees all visible geoms of all layouts.
 
     Args:
         mjm: The model. Its camera 'overview' gives the field of view.
@@ -98,7 +98,7 @@ def save(image: Image.Image, path: Path) -> None:
 
 
 def _with_apron(mjm: mujoco.MjModel) -> mujoco.MjModel:
-    """Return the model with a larger floor, so that objects at the edge of the workspace do not seem to float."""
+    """Return a copy of the model with a larger floor, so that objects at the floor's edge do not seem to float."""
     floor = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_GEOM, FLOOR)
     if floor < 0 or mjm.geom_type[floor] != mujoco.mjtGeom.mjGEOM_PLANE or not mjm.geom_size[floor, 0] > 0:
         return mjm

@@ -1,4 +1,4 @@
-"""Pictures of a reachability map: a side view and a top view, for all approach directions and for one from above."""
+"""Pictures of a reachability map: side and top view, each for all approach directions and for the one straight down."""
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
@@ -21,11 +21,11 @@ _COLOURS = {
 
 
 def draw(reach_map: ReachMap, height: float, device: str) -> Image.Image:
-    """Draw two rows of two panels: on the left the plane y = 0 of the base frame, on the right z = `height` [m].
+    """Draw 2 x 2 panels. The left ones show the plane y = 0 of the base frame, the right ones z = `height` [m].
 
-    The upper row shows the fraction of reached approach directions, from light to dark. The lower row shows the
-    approach from straight above. Dark green is reached for certain. Light green and brown are reached and not reached
-    by interpolation, in cells on the boundary of the reach.
+    The upper panels show the fraction of approach directions that reach a point, from light (0) to dark (1). The lower
+    panels show whether a point is reached from straight above: dark green is certainly reached, light gray is out of
+    reach. In cells on the boundary of the reach, interpolation decides: light green is reached, brown is not reached.
     """
     span, low = -reach_map.u_low, reach_map.z_low
     ticks = np.linspace(-span, span, _PIXELS)
@@ -45,7 +45,7 @@ def draw(reach_map: ReachMap, height: float, device: str) -> Image.Image:
 
 
 def reached_share(reach_map: ReachMap, points: np.ndarray, count: int, device: str) -> np.ndarray:
-    """Return the fraction of `count` approach directions that reach points (..., 3) in the base frame [m].
+    """Return for each point (..., 3) in the base frame [m] the fraction of `count` approach directions that reach it.
 
     The directions are spread evenly over the sphere (a Fibonacci lattice).
     """
@@ -57,7 +57,7 @@ def reached_share(reach_map: ReachMap, points: np.ndarray, count: int, device: s
 
 
 def _verdicts(reach_map: ReachMap, points: np.ndarray, approach: np.ndarray, device: str) -> np.ndarray:
-    """Return the verdicts for an approach direction at points of shape (..., 3), for any roll about the direction."""
+    """Return the Verdict for each point (..., 3) and one approach direction, at any roll about this direction."""
     pos = points.reshape(-1, 3)
     return reach_map.verdict_at(pos, np.tile(approach, (len(pos), 1)), device).reshape(points.shape[:-1])
 
