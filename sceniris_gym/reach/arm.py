@@ -118,7 +118,7 @@ class SerialArm:
 
     @property
     def tilt(self) -> float:
-        """Angle [rad] between the first joint's axis, as a line without direction, and the base's z axis."""
+        """Angle [rad] from 0 to pi / 2 between the line of the first joint's axis and the base's z axis."""
         return _angle_to(rotate(self.axis[0], self.link_quat[0]), np.array([0.0, 0.0, 1.0]))
 
     @property
@@ -134,7 +134,10 @@ class SerialArm:
 
     @property
     def no_map(self) -> str | None:
-        """Reason why the arm cannot have a map, or None. A map requires rotations about the z axes of base and TCP."""
+        """Reason why the arm cannot have a map, or None.
+
+        A map requires that the first joint rotates about the base's z axis, and the last joint about the TCP's z axis.
+        """
         first, last = (f" '{name}'" if name else "" for name in (self.joints[0], self.joints[-1]))
         if self.slide[0]:
             return f"the first joint{first} is a slide, not a hinge about the vertical axis of '{self.name}'"
@@ -216,7 +219,7 @@ def _check_joints(mjm: mujoco.MjModel, base_body: int, tcp: str, ids: list[int])
 
 
 def _couples(mjm: mujoco.MjModel, eq: int, base: int, ids: list[int]) -> bool:
-    """Return whether a constraint couples joints of the arm or closes a loop through them."""
+    """Return whether an equality constraint couples joints of the arm, or closes a loop that contains some of them."""
     if mjm.eq_type[eq] == mujoco.mjtEq.mjEQ_JOINT:
         return mjm.eq_obj1id[eq] in ids or mjm.eq_obj2id[eq] in ids
     above = {_joints_above(mjm, body, base, ids) for body in joined_bodies(mjm, eq)}
@@ -233,7 +236,7 @@ def joined_bodies(mjm: mujoco.MjModel, eq: int) -> tuple[int, ...]:
 
 
 def _joints_above(mjm: mujoco.MjModel, body: int, base: int, ids: list[int]) -> int | None:
-    """Return how many of the arm's joints move a body, or None if the body moves independently of the arm."""
+    """Return how many of the arm's joints move a body, or None if the body is on a free joint."""
     moved, free = 0, False
     while body not in (0, base):
         for joint in _joints_of(mjm, body):
@@ -256,7 +259,7 @@ def joint_label(mjm: mujoco.MjModel, i: int) -> str:
 
 
 def compose(pos: np.ndarray, quat: np.ndarray, then: np.ndarray, rot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Compose a transform with a second transform in the frame of the first."""
+    """Return the transform (pos, quat) followed by the transform (then, rot), which is in the frame of the first."""
     both = np.zeros(4)
     mujoco.mju_mulQuat(both, quat, rot)
     return pos + rotate(then, quat), both

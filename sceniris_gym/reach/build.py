@@ -1,8 +1,9 @@
-"""Builds reachability maps: labels corners by inverse kinematics, spreads solutions to neighbours, finds the surface.
+"""Builds reachability maps: finds which TCP poses on a grid are reached, and the surface around the reached region.
 
-Two kinds of lattice are labelled in the same way: the grid over (z, u, tilt, v), and a table over (z, radius) for each
-pole, an approach axis straight up or down. Inverse kinematics runs on the device in large batches. All other work is
-NumPy on the host.
+First, inverse kinematics labels each corner of the grid with the base and wrist rotations that reach it. Then the
+solutions of each corner are tried at its neighbours. Finally, bisection finds where the surface crosses grid edges.
+This is done for the grid over (z, u, tilt, v), and for a table over (z, radius) for each pole. A pole is an approach
+axis straight up or down. Inverse kinematics runs on the device in large batches. All other work is NumPy on the host.
 """
 
 import math
@@ -45,13 +46,16 @@ _FAR = 255  # distance of a corner if the surface does not cross any of its edge
 
 @dataclass(frozen=True)
 class Lattice:
-    """Corners of a regular grid in the coordinates of a map. Corners outside a ball are out of reach.
+    """Corners of a regular grid in the coordinates of a map: the grid itself, or a pole's table.
+
+    All TCP positions of the arm are in a ball around a point of its first axis. Corners outside the ball are never
+    reached.
 
     Attributes:
-        shape: Corners along each axis: (z, u, tilt, v) for the grid, (z, radius) for a pole's table.
-        low, step: First corner and steps, as (z, tilt, u, v) [m, rad], shape (4,).
-        order: Index of each axis in (z, tilt, u, v).
-        height, radius: Height of the ball's centre on the first axis, and radius of the ball [m].
+        shape: Number of corners along each axis: (z, u, tilt, v) for the grid, (z, radius) for a pole's table.
+        low, step: Coordinates of the first corner, and steps, both as (z, tilt, u, v) [m, rad], shape (4,).
+        order: For each axis, the index of its coordinate in (z, tilt, u, v). A radius counts as u.
+        height, radius: z of the ball's centre, and radius of the ball [m].
     """
 
     shape: tuple[int, ...]
@@ -86,7 +90,7 @@ class Lattice:
         return np.flatnonzero(squares.ravel() <= self.radius**2)
 
     def neighbours(self, corner: np.ndarray) -> np.ndarray:
-        """Return the indices of both neighbours along each axis, -1 outside the lattice, shape (N, 2 * naxis)."""
+        """Return the indices of the two neighbours along each axis, -1 for none, shape (N, 2 * naxis)."""
         found = []
         for index, n, stride in zip(np.unravel_index(corner, self.shape), self.shape, self.strides, strict=True):
             found += [np.where(index > 0, corner - stride, -1), np.where(index < n - 1, corner + stride, -1)]
@@ -94,13 +98,14 @@ class Lattice:
 
 
 class LabelledGrid:
-    """Labels of a lattice's corners, and their distances from the surface that bounds the reached region.
+    """The label of each corner of a lattice, and its distance from the surface that bounds the reached region.
 
     Attributes:
-        level: Fraction of base and wrist rotations that reach a corner, from 0 to 255 (all), shape (N,), uint8.
-        distance: Distance from a corner to the nearest point at which the surface crosses an edge of the corner, in
-            1/32 of a step. 255 if it crosses no edge. Shape (N,), uint8.
-        joints: A solution of each reached corner, shape (N, njoint), float16.
+        level: The labels. A label is the fraction of base and wrist rotations at which the arm reaches a corner, from 0
+            (none) to 255 (all), shape (N,), uint8.
+        distance: Distance from a corner to the surface along the nearest edge that the surface crosses, in 1/32 of a
+            step. 255 if the surface crosses no edge of the corner. Shape (N,), uint8.
+        joints: Joint positions that reach a corner, 0 for corners that are not reached, shape (N, njoint), float16.
     """
 
     def __init__(self, name: str, lattice: Lattice, labeller: Labeller, njoint: int, batch: int) -> None:
@@ -121,13 +126,16 @@ class LabelledGrid:
                 checkpoint.leave(task)
 
     def _label(self, checkpoint: Checkpoint) -> None:
-        """Solve every corner inside the ball from random starts."""
+        """Label every corner inside the ball by inverse kinematics from random starts."""
         for corner in self._batches(self.lattice.inside, "corners", checkpoint.done):
             self._raise(corner, *self._labeller.label(self.lattice.coords(corner), count=STARTS))
             checkpoint.reached(checkpoint.done + self._batch)
 
     def _spread(self, checkpoint: Checkpoint) -> None:
-        """Solve corners again from solutions of better neighbours, until no label changes or the passes run out."""
+        """Label corners again, from solutions of neighbours with a higher label, until no label changes.
+
+        At most `_PASSES` passes are made.
+        """
         shape = self.lattice.shape
         changed = self.level > 0
         for number in range(_PASSES):
@@ -146,7 +154,7 @@ class LabelledGrid:
                 break
 
     def _bisect(self, checkpoint: Checkpoint) -> None:
-        """Find where the surface crosses edges, by bisection."""
+        """Find by bisection where the surface crosses the edges between corners, and set `distance`."""
         half = (self.level >= _HALF).reshape(self.lattice.shape)
         for axis, stride in enumerate(self.lattice.strides):
             along = np.moveaxis(half, axis, 0)
@@ -165,7 +173,7 @@ class LabelledGrid:
             tell(f"{self.name}: {what}", min(at + self._batch, len(corner)), len(corner))
 
     def _crossing(self, low: np.ndarray, high: np.ndarray, coordinate: int) -> np.ndarray:
-        """Return where the surface crosses edges from `low` to `high`, as fractions of their length, shape (N,)."""
+        """Return where the surface crosses each edge from corner `low` to corner `high`, from 0 to 1, shape (N,)."""
         reached = self.level[low] >= _HALF
         warm = np.where(reached[:, None], self.joints[low], self.joints[high]).astype(np.float32)
         start = self.lattice.coords(low)
@@ -181,7 +189,7 @@ class LabelledGrid:
         return 0.5 * (lower + upper)
 
     def _raise(self, corner: np.ndarray, count: np.ndarray, joints: np.ndarray) -> np.ndarray:
-        """Keep improved labels and their joints. Return the corners that improved."""
+        """Store labels that are higher than the stored ones, with their joints. Return the corners with such labels."""
         level = np.where(count == 0, 0, np.maximum(1, count * _FULL // ALL_TURNS)).astype(np.uint8)
         better = level > self.level[corner]
         risen = corner[better]
@@ -190,17 +198,17 @@ class LabelledGrid:
         return risen
 
     def _joints_of(self, corner: np.ndarray) -> np.ndarray:
-        """Return the joints of corners, NaN for the index -1 and for corners that are not reached."""
+        """Return the joint positions of corners. They are NaN if the index is -1 or the corner is not reached."""
         there = (corner >= 0) & (self.level[corner] > 0)
         return np.where(there[..., None], self.joints[corner], np.float16(np.nan)).astype(np.float32)
 
     def codes(self) -> np.ndarray:
-        """Return the codes of all corners (map.CODE_VALUES) in the shape of the lattice, uint8."""
+        """Return the code of each corner, as in `map.CODE_VALUES`, in the shape of the lattice, uint8."""
         return _CODES[self.level, self.distance].reshape(self.lattice.shape)
 
 
 def _code_table() -> np.ndarray:
-    """Return the codes by level and distance, shape (256, 256), uint8."""
+    """Return the code of a corner, as in `map.CODE_VALUES`, for each level and distance, shape (256, 256), uint8."""
     level, distance = np.ogrid[:256, :256]
     fifth = np.minimum(distance * 5 // 32, 5)  # 5 without a crossing
     near = distance < 16
@@ -228,7 +236,7 @@ def build_map(
         step: Step of the grid along z, u and v [m]. By default STEP, or more for an arm with a reach above 1.1 m.
         tilt_step: Step of the grid along tilt [rad], rounded so that it divides 180 degrees.
         seed: Seed of the random starts.
-        state: File that stores progress. A build resumes from its stored state.
+        state: File for the build's progress, or None. If the file exists, the build resumes from it.
 
     Raises:
         ArmError: The arm cannot have a map. The message gives the reason.
@@ -287,7 +295,7 @@ def build_map(
 
 
 def lattices(height: float, radius: float, step: float, tilt_step: float) -> tuple[Lattice, tuple[Lattice, Lattice]]:
-    """Return the grid around the ball of reach, and the tables of both poles."""
+    """Return the grid and the tables of both poles, around the ball of `reach_ball`."""
     half = math.ceil(radius / step) + 1
     ntilt = max(2, round(math.pi / tilt_step) + 1)
     tilt = math.pi / (ntilt - 1)
@@ -305,10 +313,11 @@ def lattices(height: float, radius: float, step: float, tilt_step: float) -> tup
 
 
 def reach_ball(arm: SerialArm, device: str, seed: int = 0) -> tuple[float, float]:
-    """Return the centre and the radius of the ball that contains all TCP positions.
+    """Return the centre and the radius of a ball that contains all TCP positions of the arm.
 
-    The centre is on the first axis, at the height of the second joint. Random search finds the radius: random changes
-    improve the farthest of many random poses. The result includes a margin of 1 cm.
+    The centre is on the first axis, at the height of the second joint. A random search finds the radius: from many
+    random joint positions, it repeatedly keeps those with the farthest TCP and changes them at random. The radius
+    includes a margin of 1 cm.
 
     Returns:
         Height of the centre [m], and radius [m].
@@ -329,7 +338,7 @@ def reach_ball(arm: SerialArm, device: str, seed: int = 0) -> tuple[float, float
 
 
 def pack_rows(codes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Trim each row of codes, shape (nz, nu, ntilt, nv), to its nonzero codes and one corner on either side.
+    """Trim codes, shape (nz, nu, ntilt, nv), along v. Per (z, u), nonzero codes and one corner on either side remain.
 
     Returns:
         Rows and packed codes, as in ReachMap.
@@ -347,12 +356,11 @@ def pack_rows(codes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def turn_error(surface: LabelledGrid) -> float:
-    """Estimate for how many reachable poses the majority of base and wrist rotations gives a wrong verdict.
+    """Estimate the fraction of reachable poses that a map gets wrong because of base and wrist limits.
 
-    Corners of a pole's table are weighted by radius, because they represent the poses on a ring.
-
-    Returns:
-        The fraction of reachable poses with a wrong verdict.
+    A map gives the same verdict for all base and wrist rotations of a pose. If the arm reaches only some of these
+    rotations, the verdict is right for the majority and wrong for the others. A corner of a pole's table represents a
+    ring of poses, so its weight is its radius.
     """
     share = surface.level.reshape(surface.lattice.shape) / _FULL
     weight = np.arange(share.shape[1]) if share.ndim == 2 else 1.0

@@ -16,11 +16,11 @@ _SECONDS = 60.0  # between two writes
 
 
 class Checkpoint:
-    """Progress of a build: a sequence of tasks, each with arrays that it fills.
+    """Progress of a build, which is a sequence of tasks. Each task fills its arrays, part by part.
 
     Args:
         path: The file. If None, progress is not saved.
-        build: Identifier of the build. A file of a different build is an error.
+        build: Identifier of the build. The file of a different build is rejected.
 
     Raises:
         MapError: The file belongs to a different build, or is not a checkpoint.
@@ -41,9 +41,9 @@ class Checkpoint:
                 self._read(path)
 
     def enter(self, task: str, arrays: Mapping[str, np.ndarray], most: float = math.inf) -> bool:
-        """Begin a task: restore its arrays, and return whether the task is unfinished.
+        """Begin a task: fill its arrays with their saved values, and return True if the task still has work to do.
 
-        Sets `done` to the number of finished parts.
+        If so, `done` is the number of parts that are already finished.
 
         Args:
             task: Name of the task.
@@ -71,12 +71,12 @@ class Checkpoint:
         return True
 
     def leave(self, task: str) -> None:
-        """End a task."""
+        """Mark a task as finished."""
         self._finished.add(task)
         self.reached(0)
 
     def reached(self, done: int) -> None:
-        """Record the number of finished parts, and save if the last save is more than a minute old."""
+        """Set `done`, the number of finished parts. Write the file if the last write is over a minute ago."""
         self.done = done
         if self._path is None or time.monotonic() - self._written <= _SECONDS:
             return

@@ -1,8 +1,8 @@
-"""Labels of a reachability map: the number of base and wrist rotations that reach a pose.
+"""Labels of a reachability map: for a pose, the number of base and wrist rotations at which the arm reaches it.
 
-A solution of one pose also solves all poses rotated about the first axis or the approach axis, within the limits of the
-first and last joint. Each pose is therefore solved without limits of these two joints. Each solution then marks the
-rotations that the limits allow.
+A base rotation turns the pose about the first axis, and a wrist rotation turns it about the approach axis. If the first
+or the last joint turns by the same angle, the arm reaches the rotated pose. Each pose is therefore solved once, without
+limits of these two joints. For each solution, the rotations are then marked at which both joints are within limits.
 """
 
 import math
@@ -28,7 +28,7 @@ _vec4l = wp.types.vector(length=4, dtype=wp.uint64)
 
 @wp.func
 def _covered(turn: JointTurn, angle: float) -> wp.uint64:
-    """Return the rotations that a joint at `angle` can make within its limits, one bit each."""
+    """Return by which of the TURNS rotations a joint at `angle` can turn within its limits, one bit per rotation."""
     bits = wp.uint64(0)
     for i in range(TURNS):
         if turned(turn, angle + turn.sign * _STEP * float(i)) <= turn.upper:
@@ -52,7 +52,7 @@ def _count(marks: _vec4l) -> int:
 
 @wp.func
 def _with_turns(marks: _vec4l, bases: wp.uint64, wrists: wp.uint64) -> _vec4l:
-    """Add all pairs of these base and wrist rotations to marks, which have 16 bits per base rotation."""
+    """Mark each pair of a base rotation in `bases` and a wrist rotation in `wrists`. Marks have one bit per pair."""
     for i in range(4):
         word = marks[i]
         for j in range(4):
@@ -117,7 +117,7 @@ def _label(
 
 
 class Labeller:
-    """Labels canonical poses of an arm by inverse kinematics.
+    """Labels poses of an arm, given by the four coordinates of a map, by inverse kinematics.
 
     Args:
         arm: The arm, with a vertical first axis and the TCP on its last axis.
@@ -142,13 +142,14 @@ class Labeller:
         """Label poses.
 
         Args:
-            coords: z [m], tilt [rad], u, v [m], shape (N, 4).
+            coords: Poses as z [m], tilt [rad], u, v [m], shape (N, 4).
             warm: Starts to try before the random starts, shape (N, K, njoint). Starts with NaN are skipped.
-            first: Index of the first random start.
-            count: Number of random starts, or None for all starts after `first`.
+            first: Index of the first random start to try.
+            count: Number of random starts to try, or None for all from `first` on.
 
         Returns:
-            How many of the ALL_TURNS rotations reach each pose, shape (N,), and joints of a solution, shape (N, 8).
+            The labels, from 0 to ALL_TURNS, shape (N,), and joint positions that reach each pose, shape (N, 8). They
+            are 0 if the label is 0.
         """
         n = len(coords)
         filled = as_vec8(np.zeros((n, 0, 1)) if warm is None else warm)
@@ -164,7 +165,7 @@ class Labeller:
 
 
 def end_turns(arm: SerialArm) -> tuple[JointTurn, JointTurn]:
-    """Return the first and the last joint as JointTurns.
+    """Return the limits and the signs of the first and the last joint.
 
     The sign of the first joint is positive if its axis points up. The sign of the last joint is positive if its axis
     points along the approach axis.

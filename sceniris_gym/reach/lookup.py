@@ -38,7 +38,10 @@ vec8h = wp.types.vector(length=MAX_JOINTS, dtype=wp.float16)
 
 @wp.struct
 class JointTurn:
-    """The first or last joint of an arm with its limits [rad]: `q = angle * sign`, modulo full rotations."""
+    """The first or last joint of an arm: its limits [rad], and its sign.
+
+    To rotate the TCP by an angle about the vertical or the approach axis, the joint turns by `sign * angle`.
+    """
 
     lower: float
     upper: float
@@ -47,12 +50,12 @@ class JointTurn:
 
 @wp.struct
 class MapView:
-    """A reachability map on the device.
+    """A reachability map on the device: a code for each corner of a grid, as in `map.CODE_VALUES`.
 
-    Corners are stored in rows along v. All tilts of one (z, u) have the same row limits and are stored in sequence. The
-    code of corner (iz, it, iu, iv) has the index `row[0] + it * row[2] + iv - row[1]`, where `row = rows[iz * nu + iu]`
-    is (address, first iv, length). Each row begins and ends with a corner that is never reached. All corners outside
-    the rows are out of reach.
+    Corners are stored in rows along v. For one (z, u), the rows of all tilts have the same limits and are stored in
+    sequence. The code of corner (iz, it, iu, iv) has the index `row[0] + it * row[2] + iv - row[1]`, where
+    `row = rows[iz * nu + iu]` is (address, first iv, length). Each row begins and ends with a corner that is never
+    reached. All corners outside the rows are out of reach.
     """
 
     axis_x: float  # intersection of the first axis with z = 0 [m]
@@ -101,7 +104,7 @@ def _code(words: wp.array[wp.uint32], n: int) -> int:
 
 @wp.func
 def _decide(least: int, most: int, value: float) -> int:
-    """Return the verdict on a cell from its smallest and largest code and the interpolated value."""
+    """Return the verdict on a pose from the smallest and largest code of its cell and the interpolated distance."""
     verdict = int(Verdict.MIXED_NO)
     if most <= MOST_NEVER:
         verdict = Verdict.NO
@@ -207,10 +210,12 @@ def map_verdict(view: MapView, pos: wp.vec3, approach: wp.vec3) -> int:
 
 @wp.func
 def witness(view: MapView, pos: wp.vec3, quat: wp.vec4, k: int) -> vec8:
-    """Return start joints for solving a TCP pose in the base frame: witness `k` of the cell that contains the pose.
+    """Return joint positions from which inverse kinematics can start for a TCP pose in the base frame.
 
-    The first and last joint are already rotated to match the pose. `k` is taken modulo the number of witnesses. If the
-    cell has no witness, the joints are the arm's start pose with the first joint rotated towards the target.
+    Each coarse cell of the map has witnesses, which are solutions of grid corners in the cell. The result is witness
+    `k` of the cell that contains the pose, with `k` modulo the number of witnesses. Its first and last joint are turned
+    to match the pose. If the cell has no witness, the result is the arm's start pose, with the first joint turned
+    towards the target.
     """
     approach = z_axis(quat)
     x = pos[0] - view.axis_x

@@ -1,10 +1,10 @@
 """Reachability maps: the TCP poses that an arm reaches, looked up on the device in four coordinates.
 
 A map is kinematic: it covers joint limits, but not self-collision or the scene. Inverse kinematics labels the corners
-of its grid, so a cell is practically exact if all of its corners agree. The surface that bounds the reached region runs
-through the other cells. Each corner stores its signed distance from that surface along the grid's axes. A pose counts
-as reached if the distance, interpolated over the 16 corners of its cell, is positive. lookup.py defines the coordinates
-and the lookup.
+of its grid, so verdicts are practically exact in a cell whose corners all agree. The surface that bounds the reached
+region runs through the other cells. Each corner stores its signed distance from that surface along the grid's axes. A
+pose counts as reached if the distance, interpolated over the 16 corners of its cell, is positive. lookup.py defines the
+coordinates and the lookup.
 """
 
 from __future__ import annotations
@@ -60,13 +60,14 @@ class ReachMap:
         u_low: First u and first v of the grid, relative to the first axis [m].
         nz, ntilt, nu: Number of corners along z, along tilt, and along each of u and v.
         rows: Rows of corners along v, as in lookup.MapView, shape (nz * nu, 3), int32.
-        codes: Codes of the corners, eight per word, uint32.
-        pole_step, pole_z_low: Step and first height of the poles' tables, for approach axes that point up or down [m].
+        codes: Codes of the corners, as in CODE_VALUES, eight per word, uint32.
+        pole_step, pole_z_low: Step and first height of the poles' tables [m]. A pole is an approach axis up or down.
         poles: Codes of the poles' tables by height and radius, 0 to 15, shape (2, nz, nradius), uint8.
-        wit_cells: (address, number) of the witnesses in each coarse cell, by (z, tilt, u, v), shape (..., 2), int32.
-        wit_joints: Joint positions of the witnesses, shape (nwitness, njoint), float16.
-        turn_error: Fraction of reachable poses with a wrong verdict, because base and wrist limits exclude some
-            rotations. The maximum over the grid and both poles.
+        wit_cells: For each coarse cell, by (z, tilt, u, v), the first row in `wit_joints` and the number of rows, shape
+            (..., 2), int32.
+        wit_joints: Witnesses: joint positions from which inverse kinematics starts, (nwitness, njoint), float16.
+        turn_error: Estimated fraction of reachable poses with a wrong verdict, because verdicts ignore base and wrist
+            limits. The maximum over the grid and both poles.
         seed: Seed of the random starts.
         false_accepts: Fraction of accepted poses that are out of reach, measured by measures.py. None in files of
             earlier versions, and if it could not be measured.
@@ -93,17 +94,17 @@ class ReachMap:
 
     @property
     def limited(self) -> bool:
-        """True if too many verdicts depend on base or wrist limits. If so, solve poses by inverse kinematics."""
+        """True if too many verdicts are wrong because of base or wrist limits. If so, use inverse kinematics."""
         return self.turn_error > MOST_TURN_ERROR
 
     @property
     def coarse(self) -> bool:
-        """True if too many of the accepted poses were measured as out of reach."""
+        """True if `false_accepts` is too large: too many of the poses that the map accepts are out of reach."""
         return self.false_accepts is not None and self.false_accepts > MOST_FALSE_ACCEPTS
 
     @property
     def nbytes(self) -> tuple[int, int]:
-        """Size in memory [bytes] of the map and of its witnesses."""
+        """Size in memory [bytes] of the map without its witnesses, and of the witnesses."""
         size = self.rows.nbytes + self.codes.nbytes + self.poles.size // 2
         return size, self.wit_cells.nbytes + 16 * len(self.wit_joints)
 
@@ -186,7 +187,7 @@ class ReachMap:
         return self.verdict_at(poses[:, :3, 3], poses[:, :3, 2], device)
 
     def verdict_at(self, pos: np.ndarray, approach: np.ndarray, device: str | wp.Device | None = None) -> np.ndarray:
-        """Look up TCP positions [m] and unit approach axes, both (N, 3), base frame. Returns the same as `verdict`."""
+        """Look up TCP positions [m] and unit approach axes, both (N, 3), base frame. Results are as in `verdict`."""
         with wp.ScopedDevice(device) as scope:
             verdicts = wp.zeros(len(pos), dtype=wp.uint8)
             look_up(self.view(scope), wp.array(pos, dtype=wp.vec3), wp.array(approach, dtype=wp.vec3), verdicts)
@@ -205,7 +206,7 @@ def pack(codes: np.ndarray) -> np.ndarray:
 
 
 def map_path(asset: str) -> Path:
-    """Return the path of an arm's map: in the shipped assets for an asset's name, next to the file for a model file."""
+    """Return the path of an arm's map: next to a model file, or in the shipped assets if `asset` is an asset's name."""
     if asset.endswith((".xml", ".urdf")):
         return Path(asset).with_suffix(SUFFIX)
     return Path(str(resources.files("sceniris_gym.assets"))) / "maps" / f"{asset}{SUFFIX}"
@@ -261,7 +262,7 @@ def build_command(asset: str, options: str = "", out: str | Path | None = None) 
 
 
 def _faults(told: dict[str, Any], njoint: int) -> Iterator[str]:
-    """Yield a description of each invalid value in a file. Lookups on the device do not check values."""
+    """Yield a description of each invalid value in a map file. Later lookups on the device rely on this check."""
     for name in ("nz", "ntilt", "nu", "seed"):
         if type(told[name]) is not int or (name != "seed" and not 2 <= told[name] < _MOST_CORNERS):
             yield f"{name} is {told[name]!r}"

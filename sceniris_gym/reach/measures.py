@@ -1,4 +1,4 @@
-"""Steps of a map's build: TCP axes at many joint positions, witnesses, and the fraction of false accepts."""
+"""Parts of a map's build: TCP axes at joint positions, the choice of witnesses, and the fraction of false accepts."""
 
 from collections.abc import Iterator
 
@@ -46,9 +46,9 @@ def _tcp_axes(
 
 
 def tcp_axes(arm: SerialArm, joints: np.ndarray, device: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return the TCP's position [m] and unit approach axis at each of `joints` (N, njoint), shape (N, 3) each.
+    """Return the TCP's position [m] and its unit approach axis for each row of joint positions (N, njoint).
 
-    Both are in the frame of the arm's base.
+    Both have the shape (N, 3) and are in the base frame of the arm.
     """
     with wp.ScopedDevice(device):
         pos, approach = wp.zeros(len(joints), dtype=wp.vec3), wp.zeros(len(joints), dtype=wp.vec3)
@@ -84,12 +84,12 @@ def measure_false_accepts(reach_map: ReachMap, device: str) -> float | None:
 
 
 def _accepted(reach_map: ReachMap, number: int, members: tuple[int, ...], device: str) -> Iterator[np.ndarray]:
-    """Yield accepted poses of a set, until at least `POSES` are found or `_ROUNDS` rounds of draws are over.
+    """Draw poses of a set and yield the accepted ones, until `POSES` are found or `_ROUNDS` rounds are over.
 
     Args:
         reach_map: The map.
-        number: Index of the set, which selects its random numbers.
-        members: Components of the wxyz quaternion that are drawn. The other components are 0.
+        number: Index of the set, which seeds its random numbers together with the map's seed.
+        members: Indices of the components of the wxyz quaternion that are drawn. The other components are 0.
         device: Warp's name of the device.
 
     Yields:
@@ -120,11 +120,10 @@ def gather_witnesses(shape: tuple[int, ...], level: np.ndarray, joints: np.ndarr
     Args:
         shape: Corners along (z, u, tilt, v).
         level: Labels of the corners, 0 if a corner is not reached, shape (N,).
-        joints: Solutions of the reached corners, shape (N, njoint).
+        joints: Joint positions that reach each corner with a label above 0, shape (N, njoint).
 
     Returns:
-        (address, number) of each cell's witnesses, by (z, tilt, u, v), shape (..., 2), int32, and the witnesses'
-        joints, shape (nwitness, njoint), float16.
+        `wit_cells` and `wit_joints`, as in ReachMap.
     """
     meters, radians = WITNESS_CELLS
     sizes = np.array([meters, meters, radians, meters])

@@ -1,7 +1,7 @@
 """Inverse kinematics on the device: damped least squares within joint limits, from given starts.
 
 Each function runs in one thread, which keeps the whole arm in registers. Loops over joints are unrolled to MAX_JOINTS,
-so every index into joints and columns is a constant. Reachability maps and the reach stage of a reset share these
+so that every index of a joint is a constant. Reachability maps and the reach stage of a reset share these
 functions. `solve` runs them for a batch of poses.
 """
 
@@ -53,7 +53,7 @@ _PI = wp.constant(math.pi)
 
 @wp.struct
 class ArmView:
-    """An arm on the device. Each joint moves along or about the z axis of its frame, and the frame is at position 0."""
+    """An arm on the device. Joints slide along or rotate about the z axes of their frames. Links are at position 0."""
 
     njoint: int
     link_pos: wp.array[wp.vec3]  # njoint + 1 links: from each joint's frame to the next, and from the last to the TCP
@@ -65,7 +65,7 @@ class ArmView:
 
 @wp.struct
 class IkResult:
-    """Joints within limits, and the errors of their TCP against the requested pose [m, rad]."""
+    """Joint positions within limits, and how far their TCP is from the requested pose: position [m], rotation [rad]."""
 
     q: vec8
     pos_err: float
@@ -89,7 +89,7 @@ def arm_view(arm: SerialArm, device: str) -> ArmView:
 
 
 def _along_z(arm: SerialArm) -> tuple[np.ndarray, np.ndarray]:
-    """Return links between frames with z along the joint axes. Each joint's `ref` becomes part of the next link."""
+    """Convert an arm's links to joint frames whose z axis is the joint axis. `ref` becomes part of the next link."""
     n = len(arm.joints)
     pos, quat = np.zeros((n + 1, 3)), np.zeros((n + 1, 4))
     at, rotation = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])  # the arm's joint frame in the frame used here
@@ -114,7 +114,7 @@ def turns_freely(view: ArmView, i: int) -> bool:
 
 @wp.func
 def _frames(view: ArmView, q: vec8):
-    """Return the TCP position and orientation, and origins and axes of all joints, base frame."""
+    """Return the TCP position and orientation, and the origins and axes of all joints, in the base frame."""
     origin = _mat83()
     axis = _mat83()
     pos = view.link_pos[0]
@@ -145,8 +145,8 @@ def forward(view: ArmView, q: vec8):
 def _solve_positive(a: _mat66, b: _vec6) -> _vec6:
     """Solve a x = b by Cholesky for a symmetric positive definite `a`. Only the lower triangle of `a` is read.
 
-    Warp unrolls a loop if its bounds are constants or counters of unrolled loops, but not if they are sums. The inner
-    ifs avoid such sums.
+    Warp unrolls a loop only if its bounds are constants or counters of unrolled loops. A bound such as j + 1 is
+    neither, so these loops cover all indices, and an `if` inside selects the needed ones.
     """
     low = a
     x = b
@@ -178,7 +178,7 @@ def _solve_positive(a: _mat66, b: _vec6) -> _vec6:
 
 @wp.func
 def _descend(view: ArmView, q: vec8, origin: _mat83, axis: _mat83, pos: wp.vec3, dpos: wp.vec3, drot: wp.vec3) -> vec8:
-    """Take one damped step from `q` towards zero error. Joints at a limit do not move beyond it."""
+    """Take one damped step from `q` to reduce the pose error (dpos, drot). Joints do not move beyond their limits."""
     e = _vec6(dpos[0], dpos[1], dpos[2], _LEVER * drot[0], _LEVER * drot[1], _LEVER * drot[2])
     col = _mat86()
     damping = _DAMPING * wp.dot(e, e) + _LEAST_DAMPING
@@ -250,7 +250,7 @@ def refine(view: ArmView, pos: wp.vec3, quat: wp.vec4, q0: vec8, iterations: int
 
 @wp.func
 def accepted(result: IkResult) -> bool:
-    """Return whether the TCP is within POS_TOL and ROT_TOL of the requested pose, less a margin for float32."""
+    """Return whether the pose errors are below POS_TOL and ROT_TOL, each reduced by a margin for float32."""
     return result.pos_err < _POS_ACCEPT and result.rot_err < _ROT_ACCEPT
 
 
@@ -267,7 +267,7 @@ def closer(a: IkResult, b: IkResult) -> IkResult:
 
 
 def random_joints(arm: SerialArm, num: int, seed: int = 0) -> np.ndarray:
-    """Draw joints uniformly within limits (-pi to pi without limits), shape (num, njoint)."""
+    """Draw joint positions uniformly within limits, or from -pi to pi without limits, shape (num, njoint)."""
     lower = np.where(np.isfinite(arm.lower), arm.lower, -np.pi)
     upper = np.where(np.isfinite(arm.upper), arm.upper, np.pi)
     return np.random.default_rng(seed).uniform(lower, upper, (num, len(arm.joints)))
