@@ -208,7 +208,7 @@ def check_type(value: object, kind: type, name: str) -> None:
 
 
 def check_names(kind: str, names: Iterable[object], where: str, valid: Collection[str]) -> None:
-    """Check that all names are in `valid`. `kind` and `where` go into the message: what is named, and where.
+    """Check that all names are in `valid`. The message contains `kind`, such as "joint", and the place `where`.
 
     Raises:
         UnknownNameError: A name is not in `valid`. The error is for the first such name.

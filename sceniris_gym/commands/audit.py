@@ -55,7 +55,7 @@ def rejected_candidates(compiled: CompiledScene, n: int, seed: int, split: str) 
 
 
 def reach_claims(compiled: CompiledScene, table: LayoutTable) -> list[Claim]:
-    """Return what a table claims about reach: grasps, arm joints, and fingers open 1 cm wider than the grasp needs."""
+    """Return the claims about reach to test: grasp poses, arm joints, and fingers 1 cm wider open than a grasp needs."""
     if compiled.reaching is None:
         return []
     claims = []

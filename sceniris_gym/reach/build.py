@@ -315,9 +315,9 @@ def lattices(height: float, radius: float, step: float, tilt_step: float) -> tup
 def reach_ball(arm: SerialArm, device: str, seed: int = 0) -> tuple[float, float]:
     """Return the centre and the radius of a ball that contains all TCP positions of the arm.
 
-    The centre is on the first axis, at the height of the second joint. A random search finds the radius: from many
-    random joint positions, it repeatedly keeps those with the farthest TCP and changes them at random. The radius
-    includes a margin of 1 cm.
+    The centre is on the first axis, at the height of the second joint. A random search finds the radius: it starts
+    from many random joint positions, keeps the best ones (with the farthest TCP), and repeatedly changes them at random.
+    The radius includes a margin of 1 cm.
 
     Returns:
         Height of the centre [m], and radius [m].
