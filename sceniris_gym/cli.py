@@ -80,7 +80,7 @@ def _stdout_to_stderr() -> Iterator[None]:
 
 @_command
 def demo(out: Annotated[Path, OUT] = Path("demo/layouts.png"), device: Device = None, json: Json = False) -> Answer:
-    """Reset 64 worlds of the Mid scene three times, print figures, and draw 16 worlds.
+    """Reset 64 worlds of the shipped scene mid three times, print figures, and draw 16 of the worlds.
 
     Args:
         out: picture to write
@@ -406,7 +406,8 @@ def import_(
         scale: metres per unit, or m, cm, mm, in, ft
         up: the file's axis that points up
         density: density of parts without a mass in the file [kg/m^3]
-        tolerance: largest distance of convex parts from the surface [m], by default 2 mm or 2%
+        tolerance: largest distance of convex parts from the surface [m], by default 2% of the mesh's longest side, but
+            at least 2 mm
         shell: treat open surfaces as sheets without an inside
         jobs: number of files of a folder to import in parallel, by default one per core
     """
@@ -494,7 +495,7 @@ def settle(
 
 @_command
 def train(options: Annotated[Options, tyro.conf.arg(name="")], json: Json = False) -> Answer:
-    """Train a task with rsl-rl's PPO (extra `rsl-rl`), and evaluate its policy on unseen layouts."""
+    """Train a policy for a task with rsl-rl's PPO (extra `rsl-rl`), and evaluate the policy on unseen layouts."""
     check_counts(1, num_envs=options.num_envs, layouts=options.layouts, every=options.every)
     check_counts(0, most=2**31 - 1, seed=options.seed)
     checked_target(options.out / CONFIG)

@@ -11,8 +11,8 @@ def uncollected() -> Iterator[None]:
 
     Warp keeps the syntax trees of all kernels: half a million objects for MuJoCo-Warp. While Warp builds the trees, the
     collector would visit these objects several times, which takes a second. At the end of the block, freezing and
-    unfreezing moves all objects to the oldest generation at once. This step is left out if the program
-    itself has frozen objects.
+    unfreezing moves all objects to the oldest generation at once. This step is left out if the program itself
+    has frozen objects.
     """
     collecting = gc.isenabled()
     gc.disable()

@@ -174,7 +174,7 @@ class BusyError(ScenirisError, RuntimeError):
 
 
 class FixedError(ScenirisError, AttributeError):
-    """Setting the attribute `name` of an object of class `what`, although captured graphs already use its arrays."""
+    """Setting the attribute `name` of an object of class `what`, although captured graphs use arrays of the object."""
 
     def __init__(self, what: str, name: str, cure: str | None = None) -> None:
         self.what, self.cure = what, cure
@@ -272,7 +272,7 @@ class FallbackWarning(ScenirisWarning):
     Args:
         text: The message.
         share: Fraction of worlds that ran out of restarts when the bank was filled. None if the warning is about
-            `attempts: auto`. The other values are then empty too.
+            `attempts: auto`. The arguments below are then left out too.
         name: The object with the most rejections.
         cause: The most frequent cause of these rejections.
         held: Number of layouts in the smaller of the two banks, and the wanted number. None if both banks are full.

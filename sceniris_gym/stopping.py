@@ -1,8 +1,8 @@
 """Ctrl-C and SIGTERM end the program at once, during any work.
 
-The signals raise no exception. Some libraries would catch it during their import, and Python raises it only after the C
-function that is running returns. Instead a thread receives the signal, ends child processes, removes temporary files,
-and exits.
+The signals raise no exception, because some libraries would catch an exception during their import, and because Python
+would not raise it until the running C function returns. Instead a thread receives the signal, ends child processes,
+removes temporary files, and exits.
 """
 
 import os

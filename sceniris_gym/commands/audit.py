@@ -55,7 +55,7 @@ def rejected_candidates(compiled: CompiledScene, n: int, seed: int, split: str) 
 
 
 def reach_claims(compiled: CompiledScene, table: LayoutTable) -> list[Claim]:
-    """Return the claims about reach to test: grasp poses, arm joints, and fingers 1 cm wider open than a grasp needs."""
+    """Return the grasps and joints of a table as claims to test. The fingers are 1 cm wider open than a grasp needs."""
     if compiled.reaching is None:
         return []
     claims = []
@@ -195,7 +195,7 @@ def _check_columns(
 
 
 def _finite(rows: Rows) -> tuple[np.ndarray, np.ndarray, dict[str, str]]:
-    """Return two masks, of the finite layouts and candidates, and the indices of all other rows as text, by column."""
+    """Return a mask of finite layouts, a mask of finite candidates, and as text the indices of other rows by column."""
     found, by = [], {}
     for part, table in (("layouts", rows.table), ("rejected", rows.rejected)):
         known = {name: np.isfinite(getattr(table, name)) for name in ("qpos", "mocap_pos", "mocap_quat")}

@@ -56,7 +56,7 @@ class Narrowing:
     upper: np.ndarray
 
     def figures(self) -> dict[str, dict[str, float | int]]:
-        """Return per object the kept fraction, the number of candidates, and how often reach rejected it, by cause."""
+        """Return per object the kept fraction, the number of candidates, and the rejections by reach, per cause."""
         return {
             name: {
                 "kept": round(self.kept[name], 4),

@@ -30,7 +30,7 @@ from sceniris_gym.scene.model import SceneModel
 
 
 def find_scene(scenehash: str, config: SceneConfig | None = None) -> SceneModel:
-    """Return the scene that has this hash: `config`, which should have it, or if None one of the shipped scenes.
+    """Return the scene with a hash: the scene of `config`, or if `config` is None, one of the shipped scenes.
 
     Raises:
         UnknownNameError: No scene has this hash.

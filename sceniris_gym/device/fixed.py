@@ -27,7 +27,7 @@ class StaysHere(RefusesOldNames):
     """Base class of objects that hold device memory and therefore belong to one process.
 
     Attributes:
-        _SEND: End of the error message if the object is pickled. It names an object to send to the other process instead.
+        _SEND: End of the error message on pickling. It names an object to send to the other process instead.
     """
 
     _SEND = "its CompiledScene or the scene's name to the other process, and construct a new object there"

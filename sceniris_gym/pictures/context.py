@@ -94,7 +94,7 @@ def _use_thin_meshes(context: Any, mjm: mujoco.MjModel) -> None:
 
 
 def may_be_inside(mjm: mujoco.MjModel, camera: int, differ: Collection[str] = ()) -> bool:
-    """Return True if a camera may be inside a visible geom of its body tree, or a geom that cannot move relative to it.
+    """Return True if a camera may be inside a visible geom of its body tree, or one that is fixed to the camera.
 
     A camera may be inside a geom if it is in the geom's bounding box, at `qpos0` or in a keyframe. Besides, if its body
     tree has a visible geom, a camera may be inside if its place relative to the tree differs between worlds: if

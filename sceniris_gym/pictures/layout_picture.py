@@ -34,7 +34,9 @@ _INK, _PAPER = (40, 44, 50), (255, 255, 255)
 def render(
     mjm: mujoco.MjModel, table: LayoutTable, *, size: tuple[int, int] = SIZE, device: str | None = None
 ) -> np.ndarray:
-    """Render all layouts with one camera. It is as near as possible while it sees all visible geoms of all layouts.
+    """Render all layouts with one camera.
+
+    The camera is as near as possible, but sees all visible geoms of all layouts.
 
     Args:
         mjm: The model. Its camera 'overview' gives the field of view.
@@ -98,7 +100,7 @@ def save(image: Image.Image, path: Path) -> None:
 
 
 def _with_apron(mjm: mujoco.MjModel) -> mujoco.MjModel:
-    """Return a copy of the model with a larger floor, so that objects at the floor's edge do not seem to float."""
+    """Return the model with a larger floor, so that objects at the floor's edge do not seem to float."""
     floor = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_GEOM, FLOOR)
     if floor < 0 or mjm.geom_type[floor] != mujoco.mjtGeom.mjGEOM_PLANE or not mjm.geom_size[floor, 0] > 0:
         return mjm

@@ -1,4 +1,4 @@
-"""Pictures of a reachability map: side and top view, each for all approach directions and for the one straight down."""
+"""Pictures of a reachability map: side and top view, each for all approach directions and for straight down."""
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont

@@ -236,7 +236,7 @@ def joined_bodies(mjm: mujoco.MjModel, eq: int) -> tuple[int, ...]:
 
 
 def _joints_above(mjm: mujoco.MjModel, body: int, base: int, ids: list[int]) -> int | None:
-    """Return how many of the arm's joints move a body, or None if the body is on a free joint."""
+    """Return how many of the arm's joints move a body, or None if a free joint moves the body."""
     moved, free = 0, False
     while body not in (0, base):
         for joint in _joints_of(mjm, body):

@@ -46,7 +46,7 @@ _FAR = 255  # distance of a corner if the surface does not cross any of its edge
 
 @dataclass(frozen=True)
 class Lattice:
-    """Corners of a regular grid in the coordinates of a map: the grid itself, or a pole's table.
+    """Corners of a regular grid in the coordinates of a map: the grid itself, or the table of a pole (axis up or down).
 
     All TCP positions of the arm are in a ball around a point of its first axis. Corners outside the ball are never
     reached.
@@ -90,7 +90,7 @@ class Lattice:
         return np.flatnonzero(squares.ravel() <= self.radius**2)
 
     def neighbours(self, corner: np.ndarray) -> np.ndarray:
-        """Return the indices of the two neighbours along each axis, -1 for none, shape (N, 2 * naxis)."""
+        """Return the indices of the two neighbours along each axis, -1 beyond the border, shape (N, 2 * naxis)."""
         found = []
         for index, n, stride in zip(np.unravel_index(corner, self.shape), self.shape, self.strides, strict=True):
             found += [np.where(index > 0, corner - stride, -1), np.where(index < n - 1, corner + stride, -1)]
@@ -316,8 +316,8 @@ def reach_ball(arm: SerialArm, device: str, seed: int = 0) -> tuple[float, float
     """Return the centre and the radius of a ball that contains all TCP positions of the arm.
 
     The centre is on the first axis, at the height of the second joint. A random search finds the radius: it starts
-    from many random joint positions, keeps the best ones (with the farthest TCP), and repeatedly changes them at random.
-    The radius includes a margin of 1 cm.
+    from many joint positions, and repeatedly changes the best 256 (with the farthest TCP) at random. The radius
+    includes a margin of 1 cm.
 
     Returns:
         Height of the centre [m], and radius [m].

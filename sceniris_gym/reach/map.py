@@ -1,7 +1,7 @@
 """Reachability maps: the TCP poses that an arm reaches, looked up on the device in four coordinates.
 
 A map is kinematic: it covers joint limits, but not self-collision or the scene. Inverse kinematics labels the corners
-of its grid, so verdicts are practically exact in a cell whose corners all agree. The surface that bounds the reached
+of the grid, so verdicts are practically exact in a cell whose corners all agree. The surface that bounds the reached
 region runs through the other cells. Each corner stores its signed distance from that surface along the grid's axes. A
 pose counts as reached if the distance, interpolated over the 16 corners of its cell, is positive. lookup.py defines the
 coordinates and the lookup.
