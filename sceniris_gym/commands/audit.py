@@ -116,7 +116,7 @@ class Rows:
 
 
 def make_rows(compiled: CompiledScene, layouts: int, rejected: int, seed: int, split: str = "train") -> Rows:
-    """Make layouts and rejected candidates of a scene, on its device."""
+    """Make layouts and rejected candidates of a scene, on the device of `compiled`."""
     table = make_table(compiled, layouts, seed, split=split)
     candidates, names = table[slice(0, 0)], []
     if rejected:
@@ -216,7 +216,7 @@ def judge_rows(compiled: CompiledScene, rows: Rows, settled: int | None = None) 
     """Judge rows, and return the findings as plain numbers and names.
 
     Rows with a non-finite number count as invalid and are not judged further. `settled` is the number of layouts that
-    are stepped for half a second, None for all.
+    are simulated for half a second, or None for all layouts.
     """
     finite, finite_candidates, invalid_by = _finite(rows)
     table, candidates = rows.table[finite], rows.rejected[finite_candidates]

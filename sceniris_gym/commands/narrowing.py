@@ -153,7 +153,7 @@ def picture(found: Narrowing, title: str) -> Image.Image:
 
 
 def _wrapped(texts: list[str], wide: int, font: ImageFont.FreeTypeFont | ImageFont.ImageFont) -> list[tuple]:
-    """Return texts with their column and line, wrapped to the width of the picture."""
+    """Arrange texts in lines that fit the width of the picture. Return each text with its x [pixels] and its line."""
     places, x, line = [], float(_GAP), 0
     for text in texts:
         length = font.getlength(text)

@@ -63,7 +63,7 @@ def build(
 ) -> dict[str, Any]:
     """Build the map of an arm into a file, report the progress, and describe the map.
 
-    Until the map is complete, a file next to `out` stores its state, and a later build resumes from this file.
+    Until the map is complete, a file next to `out` stores the state of the build. A later build resumes from this file.
     """
     _, arm = read_arm(name, changes)
     state = out.with_name(f".{out.name}.state")
@@ -80,7 +80,7 @@ def build(
 
 
 def default_map(name: str) -> Path:
-    """Return the default path of a new map: next to the user's file, or in the working folder for a shipped arm."""
+    """Return the default path of a new map: next to the arm's model file, in the working folder for a shipped arm."""
     return Path(f"{name}{SUFFIX}") if SHIPPED_NAME.fullmatch(name) else map_path(name)
 
 
@@ -167,7 +167,7 @@ def narrowed(
 
 
 def _same(name: str, asset: str) -> bool:
-    """Return True if both name the same shipped arm or the same file."""
+    """Return True if `name` and `asset` are the same shipped arm or the same file."""
     return name == asset or (not SHIPPED_NAME.fullmatch(name) and Path(name).resolve() == Path(asset).resolve())
 
 

@@ -61,7 +61,7 @@ def replay(compiled: CompiledScene, layout: LayoutId) -> LayoutTable:
 
 
 def drawn(compiled: CompiledScene, table: LayoutTable) -> tuple[mujoco.MjModel, dict[str, list[float]]]:
-    """Return the model with the physics and appearance of a table's first layout, and the drawn values by name."""
+    """Return the model with the physics and appearance of a table's first layout, and its randomized values by name."""
     draws, mjm = compiled.scene.draws, copy.copy(compiled.mjm)
     if not draws:
         return mjm, {}

@@ -1,4 +1,4 @@
-"""The `train` command: trains a policy for a task with rsl-rl's PPO, and evaluates it."""
+"""The `train` command: trains a policy for a task with rsl-rl's PPO, and evaluates the policy."""
 
 import sys
 from collections.abc import Mapping

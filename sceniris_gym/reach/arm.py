@@ -73,8 +73,8 @@ class SerialArm:
 
         Raises:
             UnknownNameError: The model has no such body or site.
-            ArmError: The joints between them are not a serial chain of 1 to MAX_JOINTS hinges and slides, or a slide
-                has no limits.
+            ArmError: The joints between the body and the site are not a serial chain of 1 to MAX_JOINTS hinges and
+                slides, or a slide has no limits.
         """
         bodies = [mjm.body(i).name for i in range(mjm.nbody)]
         sites = [mjm.site(i).name for i in range(mjm.nsite)]

@@ -99,7 +99,7 @@ class ReachMap:
 
     @property
     def coarse(self) -> bool:
-        """True if `false_accepts` is too large: too many of the poses that the map accepts are out of reach."""
+        """True if too many of the poses that the map accepts are out of reach, see `false_accepts`."""
         return self.false_accepts is not None and self.false_accepts > MOST_FALSE_ACCEPTS
 
     @property
@@ -122,8 +122,8 @@ class ReachMap:
         Args:
             path: The file.
             arm: The arm.
-            advice: Last sentence of errors. By default, the command that builds the map again, with the name of the
-                arm's base body as the asset.
+            advice: Last sentence of error messages. By default, it gives the command that builds the map again, and
+                takes the name of the arm's base body as the name of the asset.
 
         Raises:
             MapError: The file is missing, damaged or not a map, or was built for another arm.
@@ -219,11 +219,11 @@ def map_file(asset: str) -> Path | None:
 
 
 def why_not_map(arm: SerialArm, reach_map: ReachMap | None, asset: str, options: str = "") -> str | None:
-    """Return why an arm should use inverse kinematics and not this map, or None if it should use the map.
+    """Return why an arm should use inverse kinematics and not its map, or None if the map should be used.
 
     Args:
         arm: The arm.
-        reach_map: Its map, or None.
+        reach_map: The arm's map, or None.
         asset: Name of an asset, or path of an MJCF or URDF file.
         options: Options for `build_command`.
     """

@@ -60,7 +60,7 @@ def tcp_axes(arm: SerialArm, joints: np.ndarray, device: str) -> tuple[np.ndarra
 def measure_false_accepts(reach_map: ReachMap, device: str) -> float | None:
     """Measure which fraction of the poses accepted by a map are out of reach within joint limits.
 
-    Poses come from three sets that are uniform over the map's box: any orientation, straight up and straight down.
+    Poses come from three sets: any orientation, straight up, and straight down. Positions are uniform in the map's box.
 
     Args:
         reach_map: The map. Its seed determines the poses and the random starts.
@@ -146,7 +146,7 @@ def gather_witnesses(shape: tuple[int, ...], level: np.ndarray, joints: np.ndarr
 
 
 def _spread_out(joints: np.ndarray) -> np.ndarray:
-    """Return at most BRANCHES indices: 0, then repeatedly the index of the joints farthest from all previous picks.
+    """Return at most BRANCHES rows of `joints`: row 0, then repeatedly the row farthest from all previous ones.
 
     The first and last joint are ignored, because `lookup.witness` sets them from the base and wrist rotation.
     """

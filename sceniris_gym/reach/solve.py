@@ -314,7 +314,7 @@ def solve(
     iterations: int = ITERATIONS,
     seed: int = 0,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Find joints for TCP poses. Each pose tries one start after the other until a solution is accepted.
+    """Find joint positions for TCP poses. For each pose, starts are tried one after the other until one succeeds.
 
     Args:
         arm: The arm.
