@@ -293,7 +293,7 @@ def reach(
         build: build the map, or resume a stopped build
         poses: .npy of TCP poses to judge, (N, 4, 4), base frame
         out: file to write: the map, the verdicts or the picture
-        tier: reachability test: map, ik or clear. By default the arm's default test
+        tier: reachability test to judge with, by default the arm's default test
         map_: map file, by default the arm's own file
         scene: scene whose object places are drawn, once with 'reachable' and once without
         height: height of the picture's top view, base frame [m]
