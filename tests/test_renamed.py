@@ -43,6 +43,7 @@ from sceniris_gym.errors import (
     old_names,
 )
 from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.wave.search import SearchSize
 from sceniris_gym.levels import ADR, LevelReplay, LevelSampler
 from sceniris_gym.levels.curriculum import SCORES
 from sceniris_gym.sim.randomizer import ResetRandomizer
@@ -82,6 +83,7 @@ KEYWORDS: dict[str, tuple[Callable[..., Any], str, str]] = {
     "intervals": (ADR, "start", "init_range"),
     "a source of an environment": (SceneVectorEnv, "generator", "layout_source"),
     "a search": (LayoutGenerator, "block_dim", "size"),
+    "its queue": (SearchSize, "leaves", "narrow_pairs"),
     "a bank": (compile_scene, "bank_size", "overrides.bank"),
 }
 ATTRIBUTES: dict[str, tuple[type, str, str]] = {

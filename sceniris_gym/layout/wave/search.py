@@ -14,7 +14,7 @@ from typing import Any
 import warp as wp
 
 from sceniris_gym.device.random import STREAM_BITS
-from sceniris_gym.errors import ArgumentError
+from sceniris_gym.errors import ArgumentError, refuses_old_names
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.placement.measure import StableDraw
 from sceniris_gym.program.compiled import CompiledScene
@@ -235,6 +235,7 @@ class SearchSize:
                 raise ArgumentError(f"SearchSize: {name} should be at least {least}, got {value}.")
 
 
+SearchSize.__init__ = refuses_old_names(SearchSize.__init__)
 CPU_SIZE = SearchSize(
     rows=0, candidates=512, busy=1, narrow_pairs=0, grasps=512, lanes=1, parts=1, blocks=1, block_dim=1
 )
