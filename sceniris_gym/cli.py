@@ -117,16 +117,16 @@ def generate(
         verify: compare the files in the folder with their checksums. The exit status is 1 if a file is damaged
     """
     if out is None:
-        raise NotSupportedError("generate: should have a folder to write to: -o FOLDER.")
+        raise NotSupportedError("generate: the folder to write to is missing. Give -o FOLDER.")
     if verify:
         if scene is not None or layouts is not None or resume or format_ is not None:
-            raise NotSupportedError("generate: --verify reads the folder. Leave out SCENE, -n, --format and --resume.")
+            raise NotSupportedError("generate: --verify checks a folder. Leave out SCENE, -n, --format and --resume.")
         from sceniris_gym.commands.generate import report_of_files
         from sceniris_gym.commands.generate import verify as verified
 
         return answer(verified(out), json, report_of_files)
     if scene is None or layouts is None:
-        raise NotSupportedError("generate: should have a SCENE and a number of layouts, -n N.")
+        raise NotSupportedError("generate: the scene or the number of layouts is missing. Give both: SCENE -n N.")
     check_counts(1, layouts=layouts, most=_MOST_LAYOUTS)
     check_counts(1, chunk=1 if chunk is None else chunk)
     check_seed(seed)
@@ -177,7 +177,7 @@ def audit(
     from sceniris_gym.scene.build import build_model
 
     if load is not None and save is not None:
-        raise NotSupportedError("audit: --save and --load are separate commands. Give one at a time.")
+        raise NotSupportedError("audit: --save and --load cannot be combined. Give one of them.")
     if load is not None:
         compiled = upload_scene(build_model(scene_config(scene, changes)), "cpu")
         return answer(tool.judge_rows(compiled, tool.load_rows(compiled, load), settled), json, tool.report)
@@ -235,7 +235,7 @@ def replay(
 
     ids = read_ids(layouts)
     if not ids:
-        raise NotSupportedError("replay: should have a layout id, or a file of ids.")
+        raise NotSupportedError("replay: the layout id is missing. Give an id, or a file with one id per line.")
     picture = checked_target(out, tool.default_picture(ids))
     found = tool.shown(ids, None if scene is None else scene_config(scene, changes), picture, device)
     return answer(found, json, tool.report)
@@ -306,7 +306,7 @@ def reach(
 
     asked = [f"--{word}" for word, value in (("build", build), ("poses", poses), ("scene", scene)) if value]
     if len(asked) > 1:
-        raise NotSupportedError(f"reach: {' and '.join(asked)} are separate commands. Give one at a time.")
+        raise NotSupportedError(f"reach: {' and '.join(asked)} cannot be combined. Give one of them.")
     overrides = read_changes(changes)
     if poses is not None:
         target, judged_by = checked_target(out, "reached.npy"), None if tier is None else Tier.of(tier)
@@ -356,11 +356,11 @@ def view(
         trust: read a policy's .zip, although this executes code in the file
     """
     if (scene is None) == (env is None):
-        raise NotSupportedError("view: should have either a SCENE or --env, as in 'sceniris-gym view mid'.")
+        raise NotSupportedError("view: give either a SCENE or --env, as in 'sceniris-gym view mid'.")
     if env is None and (policy or layout or device):
-        raise NotSupportedError("view: --policy, --layout and --device belong to --env. Leave them out, or the SCENE.")
+        raise NotSupportedError("view: --policy, --layout and --device need --env. Leave them out, or give --env.")
     if env is not None and (seed or episode):
-        raise NotSupportedError("view: --seed and --episode belong to a SCENE. With --env, choose layouts by --layout.")
+        raise NotSupportedError("view: --seed and --episode need a SCENE. With --env, choose layouts by --layout.")
     check_counts(1, most=MOST_SHOWN, num_envs=num_envs)
     check_counts(1, most=65535, port=port)
     check_seed(seed)
@@ -452,13 +452,13 @@ def init(
     target = None if out is None else checked_target(out)
     if model.suffix.lower() == ".bddl":
         if target is None:
-            raise NotSupportedError(f"init: the model of {model} is written next to the scene file. Give -o FILE.yaml.")
+            raise NotSupportedError(f"init: {model} becomes two files, a scene and its model. Give -o FILE.yaml.")
         from sceniris_gym.importers.libero.reader import read_bddl
 
         task = read_bddl(model, assets=assets, widen=widen, clutter=clutter)
         return answer(tool.write_task(task, target, device), json)
     if (assets, widen, clutter) != (None, 1.0, 0):
-        raise NotSupportedError("init: --assets, --widen and --clutter belong to a problem file of LIBERO (.bddl).")
+        raise NotSupportedError("init: --assets, --widen and --clutter need a problem file of LIBERO (.bddl) as MODEL.")
     scene = tool.init(model, device)
     if target is not None:
         write_text(target, tool.text(scene, target))

@@ -268,7 +268,7 @@ def test_check_and_generate_tell_an_id_to_replay(capfd: pytest.CaptureFixture, t
         (["check", "nowhere"], "nowhere"),
         (["check", "mid", "--set", "objects.apple.clearence=0.1"], "clearance"),
         (["check", "mid", "--set", "objects.aple.clearance=0.1"], "Did you mean 'apple'?"),
-        (["replay"], "should have a layout id"),
+        (["replay"], "the layout id is missing"),
         (["replay", "not-an-id"], "scenehash:split:seed:episode"),
         (["replay", "0123456789abcdef:train:0:0"], "(mid)"),
         (["generate", "mid", "-n", "0", "-o", "x"], "at least 1"),

@@ -85,7 +85,7 @@ class LayoutFunction:
         try:
             lead = jnp.broadcast_shapes(words.shape[:-1], episode.shape, where.shape)
         except ValueError as error:
-            raise ArgumentError(f"LayoutFunction: seed, episode and where should be of one shape. {error}") from None
+            raise ArgumentError(f"LayoutFunction: seed, episode and where should broadcast together: {error}") from None
         episode, where = (jnp.broadcast_to(array, lead) for array in (episode.astype(jnp.int32), where))
         qpos, pos, quat, status = _vmappable(self)(jnp.broadcast_to(words, (*lead, 2)), episode, where)
         return FreshLayouts(qpos, pos, quat, status == int(LayoutStatus.FALLBACK))
@@ -170,8 +170,8 @@ class LayoutAutoResetWrapper:
         found, wanted = (jax.tree.map(lambda array: f"{array.dtype}{array.shape}", each) for each in (obs, state.obs))
         if found != wanted:
             raise ArgumentError(
-                f"LayoutAutoResetWrapper: observe should return arrays with the names, dtypes and shapes of "
-                f"the observation of env.reset, {wanted}, got {found}."
+                f"LayoutAutoResetWrapper: observe should return the same names, dtypes and shapes as "
+                f"env.reset: {wanted}, got {found}."
             )
         info = {"rng": rng, "done_count": jnp.zeros(worlds, int)} | ({} if self.full_reset else {"first_data": data})
         state.info.update({f"AutoResetWrapper_{name}": value for name, value in info.items()})
@@ -263,8 +263,8 @@ def _check_device(compiled: CompiledScene) -> None:
     platform = jax.default_backend() if device is None else getattr(device, "platform", device)
     if (platform == "cpu") != (compiled.device == "cpu"):
         raise SceneMismatchError(
-            f"LayoutFunction: the compiled scene is on {compiled.device}, but JAX computes on "
-            f"{platform}. Compile it there: compile_scene(scene, {'cpu' if platform == 'cpu' else 'cuda:0'!r})."
+            f"LayoutFunction: the compiled scene is on {compiled.device}, but JAX computes "
+            f"on {platform}. Compile it there, too: compile_scene(scene, {'cpu' if platform == 'cpu' else 'cuda:0'!r})."
         )
 
 

@@ -149,11 +149,11 @@ class NewtonRandomizer(StaysHere):
         nworld, data = model.world_count, getattr(solver, "mjw_data", None)
         if data is None or solver.use_mujoco_cpu or solver.model is not model or data.nworld != nworld:
             raise ArgumentError(
-                "NewtonRandomizer: solver should be a SolverMuJoCo of the model, with use_mujoco_cpu=False and a world "
-                f"for each of the {nworld} worlds of the model, as newton.ModelBuilder.replicate makes them."
+                "NewtonRandomizer: solver should be a SolverMuJoCo of the model, with use_mujoco_cpu=False and as "
+                f"many worlds as the model ({nworld}). Make the worlds of the model by newton.ModelBuilder.replicate."
             )
         if any(state.joint_q.shape != model.joint_q.shape for state in states):
-            raise ArgumentError("NewtonRandomizer: states should be states of the model, from model.state().")
+            raise ArgumentError("NewtonRandomizer: each state should come from model.state() of the same model.")
         self.compiled, self.model, self.solver, self.states = compiled, model, solver, states
         where, given = "NewtonRandomizer", {"layout_source": layout_source, "prefetch": prefetch}
         self.pipeline, _ = make_pipeline(compiled, nworld, where, seed=seed, split=split, **given)
@@ -224,6 +224,6 @@ class NewtonRandomizer(StaysHere):
             if adr[joint % len(adr)] not in free and np.abs(start[q] - wanted[q]).max(initial=0.0) > _TOLERANCE:
                 raise SceneMismatchError(
                     f"NewtonRandomizer: joint '{m.joint_label[joint]}' starts at {start[q].round(4).tolist()} in "
-                    f"model.joint_q and at {wanted[q].round(4).tolist()} in the scene, so layouts would not keep "
-                    "clear of it. Set its position there: `robot: {in_model: base, joints: {name: {value: ...}}}`."
+                    f"model.joint_q, but at {wanted[q].round(4).tolist()} in the scene, so layouts avoid "
+                    "the wrong pose. Change the scene: `robot: {in_model: base, joints: {name: {value: ...}}}`."
                 )

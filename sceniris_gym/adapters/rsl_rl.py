@@ -64,7 +64,7 @@ class RslRlVecEnvWrapper(VecEnv):
             )
         if env.max_episode_steps is None:
             raise ArgumentError(
-                "RslRlVecEnvWrapper: env should have max_episode_steps, because rsl-rl uses the longest episode."
+                "RslRlVecEnvWrapper: env should have max_episode_steps, because rsl-rl needs a maximum episode length."
             )
         assert env.single_action_space.shape is not None
         self.env, self.device, self.num_envs = env, env.device, env.num_envs

@@ -61,7 +61,7 @@ class Sb3VecEnvWrapper(VecEnv):
         check_names("observation group", names, f"task {type(env.task).__name__}", parts)
         images = env.image_config
         if images is not None and not images.final and any(name not in env.observation_names for name in names):
-            raise ArgumentError("Sb3VecEnvWrapper: env should have images=ImageConfig(..., final=True).")
+            raise ArgumentError("Sb3VecEnvWrapper: env should be made with images=ImageConfig(..., final=True).")
         self.env, self.group = env, group
         space = parts[group] if isinstance(group, str) else gymnasium.spaces.Dict({name: parts[name] for name in names})
         super().__init__(env.num_envs, space, env.single_action_space)
@@ -155,7 +155,7 @@ class Sb3VecEnvWrapper(VecEnv):
             self.env.set_param(attr_name, value, np.isin(np.arange(self.num_envs), self._chosen(indices)))
             return
         if len(set(self._chosen(indices))) != self.num_envs:
-            raise ArgumentError(f"set_attr: '{attr_name}' belongs to all worlds together. Leave out the indices.")
+            raise ArgumentError(f"set_attr: '{attr_name}' is one value for all worlds. Leave out the indices.")
         owner = self._owner(attr_name)
         if owner is self.env:
             self.env.set_attr(attr_name, value)
@@ -166,7 +166,7 @@ class Sb3VecEnvWrapper(VecEnv):
         """Call a method of the environment or its task once, and return its result for every index."""
         method, chosen = getattr(self._owner(method_name), method_name), self._chosen(indices)
         if len(set(chosen)) != self.num_envs and "worlds" in inspect.signature(method).parameters:
-            raise ArgumentError(f"env_method: '{method_name}' takes `worlds`. Pass it instead of indices.")
+            raise ArgumentError(f"env_method: '{method_name}' has an argument `worlds`. Pass it instead of indices.")
         return [method(*method_args, **method_kwargs)] * len(chosen)
 
     def env_is_wrapped(self, wrapper_class: type[gymnasium.Wrapper], indices: VecEnvIndices = None) -> list[bool]:

@@ -181,9 +181,9 @@ def _check_columns(
 
     def check(name: str, found: np.ndarray, shape: tuple[int, ...], dtype: Any) -> None:
         if found.shape != shape:
-            raise SceneFileError(f"--load {path}: {name} should have shape {shape}, got {found.shape}.")
+            raise SceneFileError(f"--load {path}: {name} should have shape {shape}, got {found.shape}. Save it again.")
         if not np.can_cast(found.dtype, dtype, "same_kind"):
-            raise SceneFileError(f"--load {path}: {name} should have type {dtype}, got {found.dtype}.")
+            raise SceneFileError(f"--load {path}: {name} should have type {dtype}, got {found.dtype}. Save it again.")
 
     check("rejected_object", names, (len(np.atleast_1d(rejected.valid)),), "<U1")
     for part, rows in (("layouts", table), ("rejected", rejected)):

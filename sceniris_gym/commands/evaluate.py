@@ -50,7 +50,7 @@ def evaluate(
     """
     named, settings = read_config(run)
     if ":" in named and not task:
-        raise ArgumentError(f"{run / CONFIG}: importing its task executes code. If you trust it, give --task {named}.")
+        raise ArgumentError(f"{run / CONFIG}: its task is Python code. If you trust this code, give --task {named}.")
     task = task or named
     scene = build_model(scene_of(task, reachable=True))
     if scene.former_hash is not None and scene_of_run(run) in (None, scene.former_hash):

@@ -25,7 +25,7 @@ def import_one(source: Path, out: Path, options: Options, ask: Ask | None, devic
         ScenirisError: See `import_thing`.
     """
     if out.suffix != ".xml":
-        raise NotSupportedError(f"--out {out}: an asset is an MJCF file. Give a path that ends in .xml.")
+        raise NotSupportedError(f"--out {out}: the asset is written as MJCF. Give a path that ends in .xml.")
     manifest = import_thing(source, out, options, ask)
     return manifest | {"asset": str(out), "picture": str(draw(out, device))}
 
@@ -41,7 +41,7 @@ def import_many(folder: Path, out: Path, options: Options, jobs: int | None, dev
         SceneFileError: The folder holds no files to import.
     """
     if out.suffix == ".xml":
-        raise NotSupportedError(f"--out {out}: a folder of files becomes a folder of assets. Give a folder, not MJCF.")
+        raise NotSupportedError(f"--out {out}: a folder of files becomes a folder of assets. Give a folder, not .xml.")
     sources = things_in(folder)
     if not sources:
         raise SceneFileError(

@@ -71,7 +71,7 @@ def read_ids(given: Sequence[str]) -> list[str]:
     for text in given:
         path = Path(text)
         if ":" not in text and not path.is_file():
-            raise ArgumentError(f"{text}: should be a layout id, scenehash:split:seed:episode, or a file of such ids.")
+            raise ArgumentError(f"{text}: should be a layout id (scenehash:split:seed:episode) or a file of such ids.")
         found = [text] if ":" in text else path.read_text().split()
         if not found:
             raise ArgumentError(f"{text}: should have one layout id per line, but is empty.")

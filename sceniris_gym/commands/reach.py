@@ -226,13 +226,13 @@ def read_poses(path: Path) -> np.ndarray:
     """
     form = "should be a .npy file with an array of shape (N, 4, 4): rigid TCP poses in the arm's base frame"
     if not path.is_file():
-        raise ArgumentError(f"--poses {path}: {no_file(path)}. It {form}.")
+        raise ArgumentError(f"--poses {path}: {no_file(path)}. The input {form}.")
     try:
         poses = read_array(path)
     except UNREADABLE as error:
-        raise ArgumentError(f"--poses {path}: NumPy cannot read it ({error}). It {form}.") from error
+        raise ArgumentError(f"--poses {path}: NumPy cannot read it ({error}). The input {form}.") from error
     if poses.ndim != 3 or poses.shape[1:] != (4, 4) or poses.dtype.kind not in "fiu":
-        raise ArgumentError(f"--poses {path}: holds {poses.dtype} of shape {poses.shape}. It {form}.")
+        raise ArgumentError(f"--poses {path}: holds {poses.dtype} of shape {poses.shape}. The input {form}.")
     poses = poses.astype(np.float64)
     rotations = poses[:, :3, :3]
     with np.errstate(invalid="ignore"):  # NaN compares as false
@@ -240,7 +240,7 @@ def read_poses(path: Path) -> np.ndarray:
         rigid &= (np.linalg.det(rotations) > 0.0) & (np.abs(poses[:, 3] - [0, 0, 0, 1]).max(axis=1) < 1e-6)
     rigid &= np.isfinite(poses[:, :3, 3]).all(axis=1)
     if not rigid.all():
-        raise ArgumentError(f"--poses {path}: pose {np.argmin(rigid)} is not a rigid transform. It {form}.")
+        raise ArgumentError(f"--poses {path}: pose {np.argmin(rigid)} is not a rigid transform. The input {form}.")
     return poses
 
 
@@ -255,7 +255,7 @@ def judge_poses(
     """
     if tier == Tier.CLEAR:
         raise NotSupportedError(
-            "reach --tier clear: this tier tests the arm against the objects of a layout, and poses have no layout. "
+            "reach --tier clear: this tier needs a layout, whose objects the arm has to avoid, but --poses gives none. "
             "Use `reachable: clear` in a scene, or --tier ik here."
         )
     if tier == Tier.IK:

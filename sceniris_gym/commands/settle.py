@@ -27,7 +27,7 @@ def settle(config: SceneConfig, heap: str | None, num: int, out: Path | None, se
     """
     if heap is None and len(config.heaps) != 1:
         listed = ", ".join(config.heaps) or "none"
-        raise NotSupportedError(f"settle: should have --heap NAME. Heaps of {config.where}: {listed}.")
+        raise NotSupportedError(f"settle: the heap is missing. Give --heap NAME. Heaps of {config.where}: {listed}.")
     heap = next(iter(config.heaps)) if heap is None else heap
     check_names("heap", [heap], config.where, config.heaps)
     named = config.heaps[heap].rows

@@ -113,9 +113,9 @@ def object_name(name: str) -> str:
     """Check the name of an object, a group or a variant, and return it."""
     if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_-]*", name):
         instead = f". To use this body, choose another name and write 'body: {name}'" if "/" in name else ""
-        raise wrong(f"should be a name of letters, digits, '_' and '-'{instead}")
+        raise wrong(f"should be a name of letters, digits, '_' and '-' that starts with a letter or '_'{instead}")
     if name in (FLOOR, ROBOT, "world", "anchor", "support"):
-        raise wrong("should be a different name: this one is reserved")
+        raise wrong("should not be floor, robot, world, anchor or support: these names are reserved")
     return name
 
 

@@ -32,7 +32,7 @@ def files_of(pattern: str) -> list[Path]:
     found = sorted(path for path in Path(pattern).parent.glob(Path(pattern).name) if path.suffix == ".xml")
     named = [path for path in found if path.name.isprintable()]
     if not named:
-        raise wrong("should match MJCF files (.xml), such as the files that `sceniris-gym import` writes")
+        raise wrong("should match at least one MJCF file (.xml), such as the files that `sceniris-gym import` writes")
     if len(named) < len(found):
         odd = ascii(next(path.name for path in found if path not in named))
         warnings.warn(ModelWarning(f"{pattern}: files with unprintable names are left out: {odd}"), stacklevel=2)
@@ -71,5 +71,5 @@ def _tags(asset: Path) -> set[str]:
     except (OSError, ValueError, AttributeError, TypeError, RecursionError) as error:
         reason = str(error).splitlines()[0]
         raise wrong(
-            f"should have manifests written by `sceniris-gym import`, but {path} is not one: {reason}"
+            f"should be used with manifests from `sceniris-gym import`, but {path} is not one: {reason}"
         ) from None

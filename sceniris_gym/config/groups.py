@@ -26,7 +26,7 @@ def _both_ends(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return value
     if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-        raise wrong("should be a whole number, 0 or more, or [low, high]")
+        raise wrong("should be a whole number of at least 0, or [low, high]")
     return value, value
 
 
@@ -74,7 +74,7 @@ class GroupConfig(Section):
             drawn = sum(weight > 0.0 for weight in self.weights_in(split))
             if drawn < high:
                 raise wrong(
-                    f"should have at least {high} members of a weight above 0 in the split '{split}', but has {drawn}"
+                    f"should have at least {high} members with a weight above 0 in the split '{split}', but has {drawn}"
                 )
         return self
 

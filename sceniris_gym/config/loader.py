@@ -192,8 +192,8 @@ def _read_yaml(path: Path) -> dict:
         text = path.read_text(encoding="utf-8")
         if expanded_size(text) > MOST_VALUES:
             raise SceneFileError(
-                f"{path}: has more than {MOST_VALUES} values after its aliases and merges are expanded. A scene "
-                "should have fewer."
+                f"{path}: has more than {MOST_VALUES} values after its aliases and merges are expanded. Write "
+                "fewer values."
             )
         data = yaml.load(text)
     except MarkedYAMLError as error:

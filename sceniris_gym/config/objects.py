@@ -177,7 +177,7 @@ class ObjectConfig(Section):
     @model_validator(mode="after")
     def _agrees_with_itself(self) -> Self:
         if self.asset is not None and self.body is not None:
-            raise wrong("should have an 'asset', or be a 'body' of the model, not both")
+            raise wrong("should have an 'asset' or a 'body' of the model, not both")
         if self.asset is None and self.scale != 1.0:
             raise wrong("should have a 'scale' only together with an 'asset'")
         words = [word.rstrip("_") for word in self.given(("on", "inside", "in_"))]
@@ -185,11 +185,9 @@ class ObjectConfig(Section):
             raise wrong(f"should have only one of {', '.join(SUPPORT_WORDS)}, but has {' and '.join(words)}")
         is_put = words or self.region or self.orientation or self.ratio_on_support or self.relations
         if self.kind == "static" and is_put:
-            raise wrong("should have no support, region, relations or orientation: it stays where the model has it")
+            raise wrong("should have no support, region, relations or orientation: 'static' objects never move")
         if words and self.region is not None and self.region.is_3d:
-            raise wrong(
-                "should have a region in two dimensions: a 3D box or 3D points are for an object without a support"
-            )
+            raise wrong("should have a 2D region: 3D boxes and 3D points are only for objects without a support")
         if not words and self.region is not None and not self.region.is_3d:
             raise wrong("should have a support ('on', 'inside' or 'in'), or its region should be a 3D box or 3D points")
         if not words and self.ratio_on_support > 0.0:
@@ -211,7 +209,7 @@ class ObjectConfig(Section):
                     f"'{one.anchors[0]}' have no area in common. Remove one, or give both a wider 'angle'"
                 )
         if self.reachable and not self.is_placed:
-            raise wrong("should be placed ('on', 'inside', 'in' or a 3D region) to be 'reachable'")
+            raise wrong("should have a support ('on', 'inside' or 'in') or a 3D region, because it is 'reachable'")
         said = self.model_fields_set
         for word in ("by", "grasp"):  # with `reachable: false`, these words have no effect but are kept
             if word in said and getattr(self, word) is not None and "reachable" not in said:

@@ -98,7 +98,7 @@ def _vector(value: Any) -> Any:
 def _pair(value: Any) -> Any:
     value = listed(value)
     if not isinstance(value, list | tuple) or len(value) != 2:
-        raise wrong("should be [low, high], of numbers or of lists of numbers")
+        raise wrong("should be [low, high], where low and high are numbers or lists of numbers")
     return value
 
 
@@ -147,7 +147,7 @@ class DrawConfig(Section):
         if self.distribution != "normal" and any(a > b for a, b in zip(low, high, strict=True)):
             raise wrong("should be [low, high] with low <= high")
         if self.distribution == "log_uniform" and min(low, default=1.0) <= 0.0:
-            raise wrong("should have ends above 0 for a log_uniform distribution")
+            raise wrong("should have low and high above 0, because the distribution is log_uniform")
         return self
 
 

@@ -251,7 +251,7 @@ class Direction(Sector):
     @model_validator(mode="after")
     def _is_seen_from_an_object(self) -> Direction:
         if self.direction is not None and self.of is None:
-            raise wrong("should name the object that 'direction' is relative to, with 'of'")
+            raise wrong("should have 'of', the name of the object from which 'direction' points")
         if self.of is not None and self.direction is None:
             raise wrong(f"should have 'of' only with 'direction', not with '{self.word}'")
         return self

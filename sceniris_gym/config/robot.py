@@ -148,9 +148,9 @@ class RobotConfig(Section):
         except ValidationError as error:  # contradicting words, as for any object
             raise wrong(error.errors()[0]["msg"]) from None
         if placing is not None and given:
-            raise wrong(f"should have no '{given[0]}': its base is drawn. Use 'region' and 'orientation' instead")
+            raise wrong(f"should have no '{given[0]}', as its base is drawn. Use 'region' and 'orientation' instead")
         if placing is not None and not placing.is_placed:
-            raise wrong("should have a support ('on', 'inside' or 'in') or a 3D region, because its base is drawn")
+            raise wrong("should have a support ('on', 'inside' or 'in') or a 3D region: the pose of its base is drawn")
         return self
 
 

@@ -159,14 +159,14 @@ class SceneConfig(SceneWords):
         owners: dict[str, str] = {}
         for name, robot in self.all_robots.items():
             if name in self.objects:
-                raise wrong(f"should have different names for robots and objects, but has two of the name '{name}'")
+                raise wrong(f"should have different names for robots and objects, but '{name}' names one of each")
             if (other := owners.setdefault(robot.name, name)) != name:
-                raise wrong(f"should have robots of different names: '{other}' and '{name}' are both '{robot.name}'")
+                raise wrong(f"should have robots of different names, but '{other}' and '{name}' are '{robot.name}'")
         if self.home is not None and self.model is None:
             advice = "should have 'home', the name of a keyframe, only together with 'model'"
-            raise wrong(f"{advice}. Set the keyframe of a robot from a file by the robot's 'keyframe'")
+            raise wrong(f"{advice}. For a robot with an 'asset', set the robot's 'keyframe' instead")
         if self.model is None and any(robot.in_model is not None for robot in self.all_robots.values()):
-            raise wrong("should have a robot that is 'in_model' only together with 'model'")
+            raise wrong("should have a 'model', because a robot is 'in_model'")
         return self
 
     @model_validator(mode="wrap")

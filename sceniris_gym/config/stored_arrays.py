@@ -45,7 +45,7 @@ def read_array(path: Path) -> np.ndarray:
     """
     with opened(path) as file:
         if file.read(4) == b"PK\x03\x04":
-            raise ValueError("an archive of several arrays")
+            raise ValueError("it is an archive of several arrays")
         file.seek(0)
         return _read(file, path.stat().st_size)
 
@@ -77,7 +77,7 @@ def _read(file: IO[bytes], size: int) -> np.ndarray:
     shape, _, dtype = read(file, max_header_size=_HEADER)
     declared = math.prod(shape) * dtype.itemsize
     if dtype.hasobject:
-        raise ValueError("it has Python objects")
+        raise ValueError("it holds Python objects")
     if any(n < 0 for n in shape) or declared > size:
         raise ValueError(f"an array of shape {shape} has {declared} bytes, but the file has at most {size}")
     file.seek(0)

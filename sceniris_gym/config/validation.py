@@ -82,7 +82,7 @@ def _check_body(scene: SceneWords, name: str, part: ObjectConfig, where: str) ->
     if part.kind != "marker":
         raise SceneKeyError(
             f"{where}: objects.{name}.asset: is missing. Name an asset, or give the scene a 'model' with a "
-            f"body '{name}'. A marker does not need one."
+            f"body '{name}'. Only a marker needs no asset."
         )
     if part.drawn_orientation.kind == "stable":
         raise SceneKeyError(
@@ -167,7 +167,7 @@ def _check_groups(scene: SceneWords, where: str) -> None:
             path, cure = f"groups.{group}.of", "Give it a support or a 3D region, or remove it from the group."
             if group in scene.variants:
                 path, cure = f"objects.{group}", "Give all variants a support or a 3D region."
-            raise SceneKeyError(f"{where}: {path}: '{name}' stays where the model has it and cannot be absent. {cure}")
+            raise SceneKeyError(f"{where}: {path}: '{name}' keeps its pose from the model and cannot be absent. {cure}")
     for name, part in scene.parts.items():
         _check_absent(scene, scene.key(name), part, where)
 
@@ -178,13 +178,13 @@ def _check_absent(scene: SceneWords, key: str, part: ObjectConfig, where: str) -
     owner = support.parent.split("/")[0] if support is not None else FLOOR
     if support is not None and owner in absent:
         raise SceneKeyError(
-            f"{where}: {key}.{support.word}: '{owner}' may be absent, as it is in the group "
-            f"'{absent[owner]}'. So it cannot support objects. Name another support."
+            f"{where}: {key}.{support.word}: '{owner}' may be absent, because it is in the group "
+            f"'{absent[owner]}'. An object that may be absent cannot support others. Name another support."
         )
     if part.joined_to in scene.variants:
         raise SceneKeyError(
-            f"{where}: {key}.relations: '{part.joined_to}' has variants with different sites. Join it "
-            "to an object without variants."
+            f"{where}: {key}.relations: '{part.joined_to}' has variants with different sites. Join this "
+            "object to one without variants."
         )
     for path, other in part.references:
         if other in absent and absent[other] in scene.variants:
@@ -193,7 +193,7 @@ def _check_absent(scene: SceneWords, key: str, part: ObjectConfig, where: str) -
             )
         if other in absent and scene.groups[absent[other]].missing == "refuse":
             raise SceneKeyError(
-                f"{where}: {key}.{path}: '{other}' may be absent, as it is in the group '{absent[other]}'. "
+                f"{where}: {key}.{path}: '{other}' may be absent, because it is in the group '{absent[other]}'. "
                 "Name another object, or write 'missing: drop' in the group to leave the reference out in worlds "
                 "without the object."
             )
@@ -218,8 +218,8 @@ def _check_heaps(scene: SceneWords, where: str) -> None:
             )
         if owner in scene.objects and scene.objects[owner].drawn_orientation.kind in ("any", "stable"):
             raise SceneKeyError(
-                f"{where}: objects.{owner}.orientation: should keep it upright, because the heap '{heap}' fills "
-                "it. Write 'fixed', or a yaw."
+                f"{where}: objects.{owner}.orientation: should keep this object upright, because the heap '{heap}' "
+                "fills it. Write 'fixed', or a yaw."
             )
 
 
@@ -268,13 +268,13 @@ def _check_present(scene: SceneWords, name: str, objects: Iterable[str], absent:
     if name not in objects:
         raise UnknownNameError("object", name, where, [other for other in objects if other not in absent])
     if name in absent:
-        raise SceneKeyError(f"{where}: '{name}' may be absent, as it is in a group or a variant. Name another object.")
+        raise SceneKeyError(f"{where}: '{name}' is a variant or in a group and may be absent. Name another object.")
 
 
 def _check_target(scene: SceneWords, start: StartConfig, name: str, where: str) -> None:
     """Check that an arm can start at the grasp or pre-grasp of an object."""
     if not scene.objects[name].reachable:
-        raise SceneKeyError(f"{where}.of: '{name}' should be 'reachable', because an arm starts there.")
+        raise SceneKeyError(f"{where}.of: '{name}' should be 'reachable', because the arm starts at it.")
     if start.is_held and scene.objects[name].kind != "free":
         raise SceneKeyError(
             f"{where}: '{name}' is not a free object, so it cannot be held in the air. Make its kind 'free', or leave "

@@ -45,7 +45,7 @@ class LayoutDataset(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
         if not isinstance(folder, str | Path):
             raise ArgumentTypeError(f"LayoutDataset: folder should be a path, got {short(folder)}.")
         if columns is not None and not isinstance(columns, Iterable):
-            raise ArgumentTypeError(f"LayoutDataset: columns should be names, got {short(columns)}.")
+            raise ArgumentTypeError(f"LayoutDataset: columns should be column names, got {short(columns)}.")
         self.folder = Path(folder)
         self._absolute = self.folder.absolute()  # the working directory may change
         self.manifest = read_manifest(self.folder)
@@ -66,7 +66,7 @@ class LayoutDataset(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
             ) from error
         if row.hasobject or not row.names:
             raise DatasetError(
-                f"{self.folder / MANIFEST}: 'columns' is damaged: each should have a name and a numeric dtype. "
+                f"{self.folder / MANIFEST}: 'columns' is damaged: each column should have a name and a numeric dtype. "
                 "Generate the data set again."
             )
         return row
@@ -76,7 +76,7 @@ class LayoutDataset(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
         rows = [part["rows"] for part in self.manifest["parts"]]
         if min(rows, default=0) < 1 or sum(rows) != self.manifest["layouts"]:
             raise DatasetError(
-                f"{self.folder / MANIFEST}: the rows of its parts should add up to {short(self.manifest['layouts'])}. "
+                f"{self.folder / MANIFEST}: the rows of all parts should add up to {short(self.manifest['layouts'])}. "
                 "Generate the data set again."
             )
         paths = [self.folder / part_name(part) for part in range(len(rows))]
@@ -137,7 +137,7 @@ class LayoutDataset(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
         if asked.size and asked.dtype.kind not in "iu":
             raise ArgumentTypeError(f"LayoutDataset: rows should be integers, got {short(indices)}.")
         if ((asked < -len(self)) | (asked >= len(self))).any():
-            raise IndexError(f"{self.folder} has rows 0 to {len(self) - 1}.")
+            raise IndexError(f"{self.folder}: a row should be from 0 to {len(self) - 1}.")
         return asked.astype(np.int64) % len(self)
 
     def __call__(self, compiled: CompiledScene, num_envs: int) -> StoredLayouts:
@@ -161,7 +161,7 @@ class LayoutDataset(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
             ) from None
         count = len(self) - first if count is None else count
         if first < 0 or count < 0 or first + count > len(self):
-            raise ArgumentError(f"LayoutDataset.table: rows should be among 0 to {len(self) - 1}.")
+            raise ArgumentError(f"LayoutDataset.table: rows should be from 0 to {len(self) - 1}.")
         if set(self.columns) != set(self._row.names or ()):
             raise ArgumentError("LayoutDataset.table: a table needs all columns. Open the data set without 'columns'.")
         rows = self.rows(np.arange(first, first + count))
@@ -181,7 +181,7 @@ class LayoutDataset(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
         except UNREADABLE as error:
             raise DatasetError(f"{path}: NumPy cannot read it ({error}). {_AGAIN}") from error
         if getattr(rows, "dtype", None) != self._row or rows.shape != (self.manifest["parts"][part]["rows"],):
-            raise DatasetError(f"{path}: should have the columns and the number of rows in {MANIFEST}. {_AGAIN}")
+            raise DatasetError(f"{path}: its columns and number of rows should be as in {MANIFEST}. {_AGAIN}")
         return rows
 
 
@@ -219,7 +219,7 @@ def verify(dataset: str | Path | LayoutDataset) -> dict[str, Any]:
     if damaged:
         more = f" and {len(damaged) - 5} others" if len(damaged) > 5 else ""
         raise DatasetError(
-            f"{folder}: {', '.join(damaged[:5])}{more} {'is' if len(damaged) == 1 else 'are'} damaged or missing, by "
-            f"{MANIFEST}. Remove damaged files, and repeat the data set's `sceniris-gym generate` with --resume."
+            f"{folder}: {', '.join(damaged[:5])}{more} {'is' if len(damaged) == 1 else 'are'} damaged or missing, as "
+            f"{MANIFEST} tells. Remove damaged files, and repeat the data set's `sceniris-gym generate` with --resume."
         )
     return held

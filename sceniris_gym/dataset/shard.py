@@ -64,7 +64,7 @@ class Shard:
         step = int(word)
         if (last - first) // step + 1 != count or (task - first) % step:
             raise ArgumentError(
-                f"generate: this is task {task} of a Slurm array of {count} tasks from {first} to {last}, with gaps. "
-                "Choose its shard: --shard R/K."
+                f"generate: this is task {task} of a Slurm array of {count} tasks from {first} to {last} with gaps. "
+                "Tell each task its shard by --shard R/K."
             )
         return cls((task - first) // step, count)

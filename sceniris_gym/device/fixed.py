@@ -39,7 +39,7 @@ class StaysHere(RefusesOldNames):
             NotSupportedError: Always.
         """
         raise NotSupportedError(
-            f"{type(self).__name__} holds memory of a device and cannot be pickled or copied. Send {self._SEND}."
+            f"{type(self).__name__} holds device memory and cannot be pickled or copied. Send {self._SEND}."
         )
 
 

@@ -230,7 +230,7 @@ def why_not_map(arm: SerialArm, reach_map: ReachMap | None, asset: str, options:
     if arm.no_map is not None:
         return arm.no_map
     if reach_map is None:
-        return f"it has no map yet; build one with {build_command(asset, options)}"
+        return f"it has no map yet (build one with {build_command(asset, options)})"
     if reach_map.limited:
         return (
             "its reach depends on the rotations of base and wrist, which maps ignore: its map is wrong about "

@@ -30,7 +30,7 @@ def instead_of_variants(name: str, members: Sequence[str]) -> str:
     """Return the advice for a user who builds the worlds: the model should have a body for each variant of `name`."""
     first, more = [member.partition("/")[2] for member in members[:4]], ["..."] if len(members) > 4 else []
     group = f"groups: {{{name}: {{of: [{', '.join(first + more)}], count: 1}}}}"
-    return f"Or have a body for each variant, and a group that makes one of them present: {group}. {EDIT_SPEC}"
+    return f"Or make each variant a body of the model, and let a group draw one of them: {group}. {EDIT_SPEC}"
 
 
 def adopt_body(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: str) -> None:

@@ -161,8 +161,8 @@ def test_other_arguments_are_refused(layouts: LayoutFunction, arguments: Any, er
         ((SEEDS, 2**31), ArgumentTypeError, r"integers from 0 to 2\*\*31 - 1, got <class 'int'>"),
         ((SEEDS, 0, None), ArgumentTypeError, "where should be booleans, got <class 'NoneType'>"),
         ((SEEDS, 0, "all"), ArgumentTypeError, "where should be booleans"),
-        ((SEEDS, np.arange(4)), ArgumentError, r"should be of one shape\. .*\(6,\), \(4,\)"),
-        ((SEEDS, 0, np.ones(5, bool)), ArgumentError, r"should be of one shape\. .*\(5,\)"),
+        ((SEEDS, np.arange(4)), ArgumentError, r"should broadcast together: .*\(6,\), \(4,\)"),
+        ((SEEDS, 0, np.ones(5, bool)), ArgumentError, r"should broadcast together: .*\(5,\)"),
     ],
 )
 def test_arguments_that_are_no_arrays_or_do_not_fit_each_other_are_refused(

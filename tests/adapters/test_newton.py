@@ -289,7 +289,7 @@ def test_chosen_worlds_get_the_layouts_of_ids(parts: tuple[Any, Any, CompiledSce
         [str(seed), "0"] for seed in (4, 8, 6, 6, 8)
     ]
     name = "objects.worldbody_ball.region"
-    with pytest.raises(SceneMismatchError, match="is of scene"):
+    with pytest.raises(SceneMismatchError, match="belongs to scene"):
         randomizer.reset([1], layouts="a:train:0:0")
     with pytest.raises(UnknownNameError, match=f"unknown param '{name}'"):
         randomizer.reset([1], layouts=f"{ids[0][0]}:{name}={'00000000' * 4}")
@@ -363,7 +363,7 @@ def test_other_models_are_refused():
     other, _ = room(2)
     with pytest.raises(ArgumentError, match=r"solver should be a SolverMuJoCo of the model"):
         NewtonRandomizer(compiled, model, room()[1], model.state())
-    with pytest.raises(ArgumentError, match=r"states should be states of the model, from model\.state\(\)"):
+    with pytest.raises(ArgumentError, match=r"each state should come from model\.state\(\) of the same model"):
         NewtonRandomizer(compiled, model, solver, model.state(), other.state())
     with pytest.raises(SceneMismatchError, match=r"NewtonRandomizer: layout_source makes layouts for 2 worlds"):
         NewtonRandomizer(compiled, model, solver, model.state(), layout_source=LayoutGenerator(compiled, 2))

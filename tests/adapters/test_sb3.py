@@ -165,7 +165,7 @@ def test_options_are_those_of_the_environment(make):
     envs.reset()
     assert [info["layout"]["episode"] for info in envs.reset_infos] == [2, 3, 2]
     envs.set_options([{}, {}, {}])
-    with pytest.raises(ValueError, match="'set_param' takes `worlds`"):
+    with pytest.raises(ValueError, match="'set_param' has an argument `worlds`"):
         envs.env_method("set_param", "objects.apple.region", 0, indices=[2])
     with pytest.raises(ValueError, match="all worlds together"):
         envs.set_options([{"reset_mask": np.array([True, False, False])}, {}, {}])

@@ -109,7 +109,7 @@ def test_a_task_that_only_the_folder_names_is_not_imported(tmp_path: Path, monke
     (tmp_path / "config.json").write_text(json.dumps({"options": {"task": "beside:Foo-v0"}, "settings": {}}))
     (tmp_path / "model.pt").touch()
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(ArgumentError, match=r"config\.json: .* executes code.*give --task beside:Foo-v0"):
+    with pytest.raises(ArgumentError, match=r"config\.json: .* Python code.*give --task beside:Foo-v0"):
         evaluate(tmp_path, 1, "cpu")
 
 

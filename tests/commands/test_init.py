@@ -98,7 +98,7 @@ def test_options_of_problem_files_belong_to_them_alone(tmp_path: Path):
     """A model takes none of them, and a problem file needs a place for its model."""
     model = tmp_path / "table.xml"
     model.write_text(TABLE)
-    with pytest.raises(NotSupportedError, match=r"--assets, --widen and --clutter belong to a problem file"):
+    with pytest.raises(NotSupportedError, match=r"--assets, --widen and --clutter need a problem file"):
         cli.init(model, widen=2.0)
-    with pytest.raises(NotSupportedError, match=r"is written next to the scene file. Give -o FILE.yaml"):
+    with pytest.raises(NotSupportedError, match=r"becomes two files, a scene and its model. Give -o FILE.yaml"):
         cli.init(write(tmp_path))

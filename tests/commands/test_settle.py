@@ -35,5 +35,5 @@ def test_what_is_asked_for_wrongly_is_an_error():
         settle(config, None, 1, None, 0)
     with pytest.raises(UnknownNameError, match=r"unknown heap 'pil'\. Did you mean 'pile'"):
         settle(config, "pil", 1, None, 0)
-    with pytest.raises(NotSupportedError, match="should have --heap NAME"):
+    with pytest.raises(NotSupportedError, match="Give --heap NAME"):
         settle(SceneConfig.load("mid"), None, 1, None, 0)

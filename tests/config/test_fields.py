@@ -83,12 +83,12 @@ WRONG: dict[str, tuple] = {
     "taken name": (
         {"objects.floor": {"asset": "apple"}},
         SceneKeyError,
-        ["objects.floor", "should be a different name"],
+        ["objects.floor", "should not be floor, robot"],
     ),
     "an object named as a frame": (
         {"objects.support": {"asset": "mug"}},
         SceneKeyError,
-        ["objects.support", "should be a different name"],
+        ["objects.support", "should not be floor, robot"],
     ),
 }
 

@@ -80,7 +80,7 @@ def test_a_wrong_count_is_one_message_that_says_what_is_right(count: Any):
     """A plain number is right, so it is named before the list."""
     with pytest.raises(SceneKeyError) as caught:
         SceneConfig.load(TABLE, {"groups.clutter": CLUTTER | {"count": count}})
-    advice = f"scene: groups.clutter.count: {count!r} should be a whole number, 0 or more, or [low, high]."
+    advice = f"scene: groups.clutter.count: {count!r} should be a whole number of at least 0, or [low, high]."
     assert str(caught.value) == advice
 
 
@@ -125,7 +125,7 @@ HEAPS_WRONG: dict[str, tuple[dict[str, Any], type[ScenirisError], str]] = {
     "a heap in a heap": (
         {"heaps.other": {"fill": "a", "of": ["c"]}, "objects.c": {"asset": "lemon"}}, SceneKeyError, "object of a heap",
     ),
-    "a container that may lie": ({"objects.bin.orientation": "any"}, SceneKeyError, "should keep it upright"),
+    "a container that may lie": ({"objects.bin.orientation": "any"}, SceneKeyError, "should keep this object upright"),
 }  # fmt: skip
 
 

@@ -32,7 +32,7 @@ WRONG: dict[str, tuple] = {
         SceneKeyError,
         ["objects.apple:", "has on and in"],
     ),
-    "static on something": ({"objects.apple.kind": "static"}, SceneKeyError, ["objects.apple:", "stays where"]),
+    "static on something": ({"objects.apple.kind": "static"}, SceneKeyError, ["objects.apple:", "never move"]),
     "two forms of region": (
         {"objects.apple.region": {"box": [[0, 0], [1, 1]], "fraction": [[0, 0], [1, 1]]}},
         SceneKeyError,
@@ -46,7 +46,7 @@ WRONG: dict[str, tuple] = {
     "3D points on a support": (
         {"objects.apple.region.points": [[0, 0, 1]]},
         SceneKeyError,
-        ["objects.apple:", "3D points are for an object without a support"],
+        ["objects.apple:", "3D points are only for objects without a support"],
     ),
     "2D points without support": (
         {"objects.goal.region.points": [[0, 0], [1, 1]]},
@@ -56,7 +56,7 @@ WRONG: dict[str, tuple] = {
     "3D box on a support": (
         {"objects.apple.region.box": [[0, 0, 0], [1, 1, 1]]},
         SceneKeyError,
-        ["objects.apple:", "two dimensions"],
+        ["objects.apple:", "2D region"],
     ),
     "2D box without support": (
         {"objects.goal.region.box": [[0, 0], [1, 1]]},
@@ -139,7 +139,7 @@ WRONG_RELATIONS: dict[str, tuple] = {
     "relations of a static object": (
         {"objects.post.relations": [{"front_of": "mug"}]},
         SceneKeyError,
-        ["objects.post:", "stays where the model has it"],
+        ["objects.post:", "'static' objects never move"],
     ),
     "relations of what is not placed": (
         {"objects.goal": {"kind": "marker", "on": None, "relations": [NEAR]}},

@@ -27,7 +27,7 @@ def load(draws: Any = None, **scene: Any) -> SceneConfig:
         ({"mass": {"scale": [2, 1]}}, r"randomize.mass: .* should be \[low, high\] with low <= high"),
         ({"mass": {"scale": 2}}, r"mass.scale: 2 should be \[low, high\]"),
         ({"mass": {"scale": [1, 2], "abs": [1, 2]}}, "should have exactly one of scale, add, abs, choice"),
-        ({"mass": {"scale": [0, 2], "distribution": "log_uniform"}}, "ends above 0 for a log_uniform"),
+        ({"mass": {"scale": [0, 2], "distribution": "log_uniform"}}, "because the distribution is log_uniform"),
         ({"mass": {"scale": [1, -1], "distribution": "normal"}}, "a standard deviation of 0 or more"),
         ({"mass": {"choice": [1], "distribution": "normal"}}, "'choice' or 'distribution', not both"),
         ({"mass": {"scale": [1, 2], "distribution": "gauss"}}, "should be 'uniform', 'log_uniform' or 'normal'"),

@@ -56,12 +56,12 @@ def test_a_robot_of_one_kind_replaces_one_of_another():
 WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "two sources": ({"asset": "panda", "in_model": "a"}, "exactly one of asset, in_model, but has asset and in_model"),
     "a base in the model": ({"in_model": "panda", "base": [0, 0, 1]}, "have no 'base': a robot 'in_model' keeps"),
-    "no model to be in": ({"in_model": "panda"}, "'in_model' only together with 'model'"),
+    "no model to be in": ({"in_model": "panda"}, "have a 'model', because a robot is 'in_model'"),
     "a TCP nowhere": ({"asset": "panda", "tcp": {"offset": [0, 0, 0.1]}}, "robot.tcp: .* the 'site' or the 'body'"),
     "an unknown word": ({"asset": "panda", "tcp": {"bodi": "hand"}}, "robot.tcp.bodi: unknown key. Did you mean"),
     "a clearance below 0": ({"asset": "panda", "clearance": -0.1}, "robot.clearance"),
     "drawn nowhere": ({"asset": "panda", "gap": 0.1}, r"should have a support \('on', 'inside' or 'in'\)"),
-    "drawn and fixed": ({"asset": "panda", "on": "floor", "yaw": 90.0}, "have no 'yaw': its base is drawn"),
+    "drawn and fixed": ({"asset": "panda", "on": "floor", "yaw": 90.0}, "have no 'yaw', as its base is drawn"),
     "on something unknown": ({"asset": "panda", "on": "shelf"}, "robot.on: unknown support 'shelf'"),
     "words that exclude each other": ({"asset": "panda", "on": "floor", "in": "floor"}, "should have only one of on"),
     "not there and in the model": ({"in_model": "panda", "in_scene": False}, "should be an 'asset' without"),
@@ -80,13 +80,13 @@ WRONG_TOGETHER: dict[str, tuple[dict[str, Any], str]] = {
     "both forms": ({"robot": PANDA, "robots": {"left": PANDA}}, "a single 'robot', or 'robots' by name"),
     "a robot and an object": (
         {"robots": {"can": PANDA}, "objects": {"can": {"asset": "can"}}},
-        "two of the name 'can'",
+        "'can' names one of each",
     ),
     "one body twice": (
         {"model": "a.xml", "robots": {"a": {"in_model": "arm"}, "b": {"in_model": "arm"}}},
-        "'a' and 'b' are both 'arm'",
+        "'a' and 'b' are 'arm'",
     ),
-    "a reserved name": ({"robots": {"floor": PANDA}}, "this one is reserved"),
+    "a reserved name": ({"robots": {"floor": PANDA}}, "these names are reserved"),
     "a wrong word": ({"robots": {"left": {**PANDA, "clearance": -1.0}}}, r"robots\.left\.clearance"),
     "nobody": ({"robots": {"a": PANDA, "b": PANDA}, "objects": {"can": REACHED}}, "as in 'reachable: {by: a}'"),
     "another": (
@@ -149,7 +149,7 @@ def test_a_target_with_variants_stands_for_all_of_them():
     scene = {"floor": {"size": [1, 1]}, "robot": {"asset": "panda"}, "objects": {"target": target}}
     config = SceneConfig.load({**scene, "start": [{"robot": "grasp", "of": "target", "lift": [0.0, 0.1]}]})
     assert config.start[0].targets(config.groups) == ("target/block", "target/can")
-    with pytest.raises(SceneKeyError, match="may be absent, as it is in a group or a variant"):
+    with pytest.raises(SceneKeyError, match="is a variant or in a group and may be absent"):
         SceneConfig.load({**scene, "start": [{"robot": "grasp", "of": "target/can"}]})
     for word in ({"place": {"target": "goal"}}, {"joints": {"target/lid": {"noise": 0.1}}}):
         with pytest.raises(SceneKeyError, match=r"start\.0\.\w+: 'target' has variants"):

@@ -51,7 +51,7 @@ def test_a_pattern_of_files_is_short_for_a_list(tmp_path: Path):
     config = SceneConfig.load(scene)
     assert config.variants == {"target": ("target/a", "target/b")}
     assert config.objects["target/a"].asset == str(tmp_path / "things" / "a.xml")
-    with pytest.raises(ScenirisError, match=r"objects\.target\.asset: .* should match MJCF files"):
+    with pytest.raises(ScenirisError, match=r"objects\.target\.asset: .* should match at least one MJCF file"):
         SceneConfig.load(scene, {"objects.target.asset": str(tmp_path / "*")})
 
 
@@ -206,7 +206,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "one to hold out": ({"objects.other": {"asset": ["can"], "on": "table", "holdout": 0.5}}, "at least two variants"),
     "no place": (
         {"objects.other": {"asset": ["can", "mug"]}},
-        r"objects\.other: 'other/can' stays.*all variants a",
+        r"objects\.other: 'other/can' keeps its pose.*all variants a",
     ),
     "a group": ({"groups.target": {"of": ["can"], "count": 1}}, r"groups\.target: .*another name"),
     "a name with a slash": (

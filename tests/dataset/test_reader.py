@@ -65,7 +65,7 @@ def test_a_row_is_a_layout(written: Path, table: LayoutTable):
             np.testing.assert_array_equal(value.numpy(), getattr(table, name)[i], err_msg=name)
     assert dataset[0]["qpos"].dtype == torch.float32
     for wrong in (N, -N - 1):
-        with pytest.raises(IndexError, match="rows 0 to 39"):
+        with pytest.raises(IndexError, match="from 0 to 39"):
             dataset[wrong]
     with pytest.raises(ArgumentTypeError, match=r"integer, got 1\.5"):
         dataset[1.5]  # type: ignore[index]
@@ -104,7 +104,7 @@ def test_a_table_can_be_served_again(written: Path, table: LayoutTable):
     source = StoredLayouts(compile_on_cpu("mid"), held, 4, seed=0)
     source.generate()
     np.testing.assert_array_equal(source.layouts.qpos.cpu().numpy(), table.qpos[10:14])
-    with pytest.raises(ArgumentError, match="among 0 to 39"):
+    with pytest.raises(ArgumentError, match="from 0 to 39"):
         LayoutDataset(written).table(30, 20)
     with pytest.raises(ArgumentError, match="all columns"):
         LayoutDataset(written, ["qpos"]).table()
@@ -164,9 +164,9 @@ def test_rows_that_no_data_set_has_are_no_rows(written: Path):
     """However large the number; none are none."""
     dataset = LayoutDataset(written)
     for row in (N, -N - 1, 2**63, 2**70, -(2**70)):
-        with pytest.raises(IndexError, match="has rows 0 to 39"):
+        with pytest.raises(IndexError, match="a row should be from 0 to 39"):
             dataset.rows([row])
-        with pytest.raises(IndexError, match="has rows 0 to 39"):
+        with pytest.raises(IndexError, match="a row should be from 0 to 39"):
             dataset[row]
     assert len(dataset.rows([])["qpos"]) == 0
 
@@ -193,7 +193,7 @@ def test_damage_is_found_and_named(copied: Path):
     data = bytearray(path.read_bytes())
     data[-5] ^= 1
     path.write_bytes(data)
-    with pytest.raises(DatasetError, match=r"layouts-00001\.npy is damaged or missing, by dataset\.json"):
+    with pytest.raises(DatasetError, match=r"layouts-00001\.npy is damaged or missing, as dataset\.json"):
         verify(copied)
     (copied / "scene.zip").unlink()
     with pytest.raises(DatasetError, match=r"scene\.zip, layouts-00001\.npy are damaged"):
@@ -205,7 +205,7 @@ def test_damage_is_found_and_named(copied: Path):
     with pytest.raises(DatasetError, match="cannot read it"):
         LayoutDataset(copied).rows([20])
     path.write_bytes((copied / "layouts-00002.npy").read_bytes() * 3)
-    with pytest.raises(DatasetError, match="the number of rows in"):
+    with pytest.raises(DatasetError, match="number of rows should be as in"):
         LayoutDataset(copied)[20]
     path.unlink()
     with pytest.raises(DatasetError, match=r"1 of its 3 parts are missing.*layouts-00001"):

@@ -41,7 +41,7 @@ def test_a_rank_is_below_the_size(rank: str):
 
 def test_an_array_with_gaps_needs_words():
     """Tasks 0, 3 and 7 are no first, second and third: nobody knows whether 1 and 2 are somewhere else."""
-    with pytest.raises(ArgumentError, match=r"task 3 .* from 0 to 7, with gaps.*--shard R/K"):
+    with pytest.raises(ArgumentError, match=r"task 3 .* from 0 to 7 with gaps.*--shard R/K"):
         Shard.current(slurm(3, 0, 7, 3))
 
 

@@ -81,7 +81,7 @@ def test_what_holds_memory_of_a_device_says_what_to_send(tmp_path: Path, send: o
     """It was a TypeError about MuJoCo's specification."""
     crate = box_mjcf(tmp_path, "crate", 0.1, 0.1, 0.05)
     compiled = compile_on_cpu({"floor": FLOOR, "objects": {"crate": {"asset": crate, "on": "floor"}}}, bank=1)
-    with pytest.raises(NotSupportedError, match=r"LayoutGenerator holds memory .* Send its CompiledScene"):
+    with pytest.raises(NotSupportedError, match=r"LayoutGenerator holds device memory .* Send its CompiledScene"):
         send(LayoutGenerator(compiled, 1))  # type: ignore[operator]
 
 
@@ -94,9 +94,9 @@ def test_layouts_and_all_their_sources_say_what_to_send(tmp_path: Path, send: ob
     generator.generate()
     stored = StoredLayouts(compiled, generator.table(), 1)
     for kept, advice in (
-        (generator.layouts, r"Layouts holds memory .* Send its arrays as copies on the host"),
-        (stored, r"StoredLayouts holds memory .* Send its CompiledScene"),
-        (Ahead(generator), r"Ahead holds memory .* Send its CompiledScene"),
+        (generator.layouts, r"Layouts holds device memory .* Send its arrays as copies on the host"),
+        (stored, r"StoredLayouts holds device memory .* Send its CompiledScene"),
+        (Ahead(generator), r"Ahead holds device memory .* Send its CompiledScene"),
     ):
         with pytest.raises(NotSupportedError, match=advice):
             send(kept)  # type: ignore[operator]

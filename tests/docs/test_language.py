@@ -151,18 +151,18 @@ ELSEWHERE = ("audit", "commands", "dataset", "pictures", "training", "importers"
 def _about_models() -> Iterator[str]:
     """The words of what a valid model in a valid scene file may meet, but for what the section on limits has."""
     others = (
-        "separate commands",
+        "cannot be combined",
         "bench: ",
         "generate: ",
         "init: --assets",
-        "init: the model of",
+        "becomes two files",
         "replay: ",
         "view: ",
         "should be a PNG",
         "--tier clear",
         "the audit cannot judge",
     )
-    others += ("no geom that collides", "holds memory of a device", "nothing closes the fingers here", "without params")
+    others += ("no geom that collides", "holds device memory", "nothing closes the fingers here", "without params")
     for file, of, name, words in _raised():
         is_ours = name in OF_MODELS and not any(other in words for other in others) and file.name != "errors.py"
         is_ours = is_ours or name in OWN_WORDS

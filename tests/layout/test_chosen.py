@@ -95,7 +95,7 @@ def test_seeds_in_a_tensor_are_in_twos_complement(empty: CompiledScene):
         ),
         ({"layouts": [(0, 0), (1, 0)]}, ArgumentTypeError, "a layout id, a sequence of them, or a mapping"),
         ({"layouts": 3}, ArgumentError, "a layout id, a sequence of them, or a mapping"),
-        ({"layouts": "a:train:0:0"}, SceneMismatchError, "is of scene"),
+        ({"layouts": "a:train:0:0"}, SceneMismatchError, "belongs to scene"),
         ({"layouts": ["nonsense", None]}, ArgumentError, "should be scenehash:split:seed:episode"),
     ],
 )

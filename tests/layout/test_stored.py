@@ -283,7 +283,7 @@ def test_a_table_without_rows_is_refused(crane: CompiledScene, table: LayoutTabl
 
 def test_a_table_of_a_scene_with_equal_shapes_is_refused(crane: CompiledScene, table: LayoutTable):
     """By its hash; tables of bare states have none."""
-    with pytest.raises(SceneMismatchError, match="StoredLayouts: table is of scene 0123"):
+    with pytest.raises(SceneMismatchError, match="StoredLayouts: table belongs to scene 0123"):
         StoredLayouts(crane, replace(table, scene="0123"), 4)
     StoredLayouts(crane, replace(table, scene=""), 4)
     with pytest.raises(SceneMismatchError, match="should have the same scene, split, params"):

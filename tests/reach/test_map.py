@@ -84,7 +84,7 @@ def test_a_share_that_is_none_is_refused(shell: ReachMap, arm: SerialArm, tmp_pa
 def test_why_a_map_does_not_decide(shell: ReachMap):
     """There is none, its verdicts depend on turns, or it accepts what is out of reach; only then is it not default."""
     known = {
-        "it has no map yet; build one with sceniris-gym reach own --build": None,
+        "it has no map yet (build one with sceniris-gym reach own --build": None,
         "which maps ignore: its map is wrong about 0.6%": replace(shell, turn_error=0.006, false_accepts=0.02),
         "too coarse: 2.00% of the poses that it accepts": replace(shell, false_accepts=0.02),
     }

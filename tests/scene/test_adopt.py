@@ -85,7 +85,7 @@ WRONG: dict[str, tuple[dict[str, Any], type[ScenirisError], str]] = {
         SceneKeyError,
         "body 'cube_0/cube' is already used by object 'a'",
     ),
-    "asset and body": ({"a": {"body": "x", "asset": "apple"}}, SceneKeyError, "an 'asset', or be a 'body'"),
+    "asset and body": ({"a": {"body": "x", "asset": "apple"}}, SceneKeyError, "an 'asset' or a 'body'"),
 }
 
 

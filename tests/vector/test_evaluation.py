@@ -99,7 +99,7 @@ def test_what_is_not_of_the_environment_is_refused(make: Callable[..., SceneVect
     envs = make(2)
     with pytest.raises(ArgumentError, match="should be scenehash"):
         evaluate(turning, envs, ["seven"])
-    with pytest.raises(SceneMismatchError, match="is of scene"):
+    with pytest.raises(SceneMismatchError, match="belongs to scene"):
         evaluate(turning, envs, [f"{'0' * 16}:train:0:0"])
     with pytest.raises(SceneMismatchError, match="the split 'eval', not 'train'"):
         evaluate(turning, envs, [reach_scene.layout_id(0, 0, "eval")])

@@ -198,8 +198,8 @@ def test_a_reseed_shows_once_its_layout_is_served(make_env):
 @pytest.mark.parametrize(
     ("layouts", "error", "match"),
     [
-        (["a:train:0:0"] * 2, SceneMismatchError, "is of scene"),
-        (LayoutId("a", "train", 0, 0), SceneMismatchError, "is of scene"),
+        (["a:train:0:0"] * 2, SceneMismatchError, "belongs to scene"),
+        (LayoutId("a", "train", 0, 0), SceneMismatchError, "belongs to scene"),
         (["nonsense"] * 2, ArgumentError, "should be scenehash"),
         ([7, 8], ArgumentError, "a sequence of them"),
         ([None], ArgumentError, "or 2, one for each world, got 1"),

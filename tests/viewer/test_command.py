@@ -61,13 +61,13 @@ def test_a_port_in_use_is_said():
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ([], "either a SCENE or --env"),
-        (["mid", "--env", "sceniris_gym/TabletopLift-v0"], "either a SCENE or --env"),
-        (["mid", "--policy", "a.pt"], "belong to --env"),
+        ([], "give either a SCENE or --env"),
+        (["mid", "--env", "sceniris_gym/TabletopLift-v0"], "give either a SCENE or --env"),
+        (["mid", "--policy", "a.pt"], "need --env"),
         (["mid", "--num-envs", "65"], "--num-envs 65"),
         (["mid", "--port", "0"], "--port 0"),
         (["mid", "--seed", "-1"], "--seed -1"),
-        (["--env", "sceniris_gym/TabletopLift-v0", "--seed", "5"], "belong to a SCENE"),
+        (["--env", "sceniris_gym/TabletopLift-v0", "--seed", "5"], "need a SCENE"),
         (["mid", "--set", "objects"], "KEY=VALUE"),
     ],
 )

@@ -40,9 +40,7 @@ class RedrawObjects(_COMMANDS.CommandTerm):
         super().__init__(cfg, env)
         term = layouts_term(env)
         if term is None or term.compiled.config.variants:
-            raise ArgumentError(
-                "RedrawObjects: cfg.events should have a PlaceLayoutsCfg with a scene without variants."
-            )
+            raise ArgumentError("RedrawObjects: cfg.events should have a PlaceLayoutsCfg whose scene has no variants.")
         rest = scene_rest(term.compiled.scene, term.layouts.view.qpos.device)
         origins = wp.from_torch(env.scene.env_origins.contiguous(), dtype=wp.vec3)
         worlds = term.compiled, env.sim.wp_model, env.sim.wp_data, term.split

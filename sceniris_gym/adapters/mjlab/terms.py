@@ -146,8 +146,8 @@ class PlaceLayouts(ManagerTermBase, RefusesOldNames):
         self._placed, self._is_checked = None, True
         if not all(torch.equal(old, new) for old, new in zip(state, self.state(ids), strict=True)):
             raise ArgumentError(
-                f"PlaceLayouts: {', '.join(self._roots)} should stay where the layout has them, but were placed again "
-                f"in the same reset. {_suspects(self, self._env)}"
+                f"PlaceLayouts: {', '.join(self._roots)} should keep the poses of the layout, but another term moved "
+                f"them later in the same reset. {_suspects(self, self._env)}"
             )
 
     def state(self, env_ids: Tensor) -> list[Tensor]:
@@ -309,9 +309,9 @@ def _as_model(scene: Any, env: Any) -> SceneModel:
     for name, members in config.variants.items():
         if name not in several:
             raise NotSupportedError(
-                f"{config.where}: objects.{name}: has variants, so it should be an mjlab entity with variants of these "
-                f"names (VariantEntityCfg). {instead_of_variants(name, members)} "
-                "In mjlab: cfg.scene.spec_fn = lambda spec: edit_spec(spec, scene)."
+                f"{config.where}: objects.{name}: has variants, so it should be an mjlab entity with variants of the "
+                f"same names (VariantEntityCfg). {instead_of_variants(name, members)} "
+                "In mjlab, call it by cfg.scene.spec_fn = lambda spec: edit_spec(spec, scene)."
             )
     has_key = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_KEY, KEYFRAME) >= 0
     keys: dict[str, Any] = {"home": KEYFRAME} if has_key and config.home is None else {}
@@ -341,8 +341,8 @@ def _roots(compiled: CompiledScene, env: Any) -> dict[str, Any]:
         if part.is_placed and scene.bodies[name] not in entities:
             body = scene.mjm.body(scene.bodies[name]).name
             raise SceneKeyError(
-                f"{config.where}: objects.{name}: body '{body}' should be the root of an entity, because entities "
-                f"write the poses. Entities: {', '.join(env.scene.entities)}."
+                f"{config.where}: objects.{name}: body '{body}' should be the root body of an entity, because poses "
+                f"are written through entities. Entities: {', '.join(env.scene.entities)}."
             )
     return {name: entities[scene.bodies[name]] for name, part in config.objects.items() if part.is_placed}
 

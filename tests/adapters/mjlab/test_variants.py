@@ -230,7 +230,7 @@ def test_what_cannot_be_redrawn_is_refused_by_name():
         ManagerBasedRlEnv(cfg_of(scene, thing=VariantEntityCfg(variants={"lamp": lamp})), "cpu")
     cfg = cfg_of(scene, thing=entity)
     cfg.commands["moved"] = RedrawObjectsCfg(objects=("thing",), resampling_time_range=(1.0, 2.0))
-    with pytest.raises(ArgumentError, match=r"RedrawObjects: .*with a scene without variants"):
+    with pytest.raises(ArgumentError, match=r"RedrawObjects: .*whose scene has no variants"):
         ManagerBasedRlEnv(cfg, "cpu")
 
 
