@@ -268,7 +268,7 @@ def hull_vertices(mjm: mujoco.MjModel, mesh: int, what: str) -> np.ndarray:
     try:
         return np.asarray(convex_hull(vertices).vertices)
     except ValueError as error:  # qhull rejects flat input
-        raise MeshError(f"{what} has no volume. Four of its points should not be in one plane.", "flat") from error
+        raise MeshError(f"{what} has no volume. Its vertices should not all lie in one plane.", "flat") from error
 
 
 def flat_faces(triangles: np.ndarray) -> np.ndarray:

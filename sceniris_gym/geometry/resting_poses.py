@@ -156,8 +156,8 @@ class HomeShape:
         hull = _closed_hull(self._carried_points())
         if (((self.center_of_mass - hull.triangles_center) * hull.face_normals).sum(axis=1) >= 0.0).any():
             raise SceneKeyError(
-                f"{where}: its centre of mass {np.round(self.center_of_mass, 4).tolist()} is outside the hull of "
-                "its collision geometry, so no pose is stable. Correct the asset's <inertial> or its geoms."
+                f"{where}: the centre of mass {np.round(self.center_of_mass, 4).tolist()} is outside the hull of "
+                "the collision geometry, so no pose is stable. Correct the asset's <inertial> or its geoms."
             )
         with np.errstate(divide="ignore", invalid="ignore"):  # faces of the hull without area
             transforms, probability = compute_stable_poses(
@@ -176,8 +176,8 @@ class HomeShape:
         probability[list(regions)] = list(regions.values())
         if not kept:
             raise SceneKeyError(
-                f"{where}: it has no stable pose: in each, a tilt of {STABLE_TILT:g} degrees tips it over or sets it "
-                "rolling, as with a ball. Use a yaw or 'any' here, or give it collision geometry with a flat side."
+                f"{where}: the object has no stable pose: in each, a tilt of {STABLE_TILT:g} degrees makes it tip over "
+                "or roll, like a ball. Use a yaw or 'any' here, or give it collision geometry with a flat side."
             )
         share = probability[kept] / probability[kept].sum()
         return [(of_heading_zero(transforms[i][:3, :3]), float(p)) for i, p in zip(kept, share, strict=True)]

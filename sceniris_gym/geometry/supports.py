@@ -140,11 +140,11 @@ def crop(
             if beyond <= _ON_EDGE:
                 said = f"nearer to an edge of the surface than the {erosion:.4g} m that 'ratio_on_support' requires"
             raise SceneKeyError(
-                f"{where}: the support does not carry point {i} of the region, [{at.x:.4g}, {at.y:.4g}]. It is {said}. "
-                f"The surface spans {spans} in the support's frame. Move or remove the point."
+                f"{where}: the support does not carry point {i} of the region, [{at.x:.4g}, {at.y:.4g}]. It is {said}."
+                f" The surface spans {spans} in the support's frame. Move or remove the point."
             )
     elif not any(kept.values()):
-        cuts = {f"erosion by {erosion:.4g} m": erosion > 0.0, "cropping to its region": region is not None}
+        cuts = {f"erosion by {erosion:.4g} m": erosion > 0.0, "cropping to the region": region is not None}
         said = " and ".join(cut for cut, is_made in cuts.items() if is_made)
         raise SceneKeyError(
             f"{where}: nothing is left of the support after {said}. The support's surface spans {spans}. Use a smaller "

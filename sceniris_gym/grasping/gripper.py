@@ -141,8 +141,8 @@ class Gripper:
         for row, eq in np.argwhere(missed > equality_errors(mjm, qpos[None]) + _KEPT):
             raise NotSupportedError(
                 f"arm '{arm.name}': opening its gripper would break {equality_label(mjm, eq)} by {missed[row, eq]:.3g} "
-                "m or rad: fingers that form a closed loop cannot be measured. Let one finger joint drive the others "
-                "by <equality><joint>, as the loop moves them, or leave out 'reachable'."
+                "m or rad, because fingers that form a closed loop are not supported. Replace this equality by an "
+                "<equality><joint> that moves the finger joints in the same way, or leave out 'reachable'."
             )
 
 

@@ -125,10 +125,10 @@ def entries_of_worlds(number: int, worlds: Any, nworld: int, name: str) -> np.nd
     ids = as_world_ids(worlds, nworld)
     if number not in (len(ids), nworld):
         many = f"{len(ids)}, one for each chosen world" if len(ids) < nworld else f"{nworld}, one for each world"
-        raise ArgumentError(f"{name} should be one value outside of a list, or {many}, got {number}.")
+        raise ArgumentError(f"{name} should be a single value, or a list of {many}, got a list of {number}.")
     if number == len(ids):
         if len(np.unique(ids)) < number:
-            raise ArgumentError(f"worlds should be different, one for each entry of {name}, got {ids.tolist()}.")
+            raise ArgumentError(f"worlds should be distinct, one for each entry of {name}, got {ids.tolist()}.")
         every[ids] = np.arange(number)
         every[every >= number] = 0
     return every
@@ -217,5 +217,5 @@ def _of_ids(value: Any, layouts: Layouts, split: str, served: Served, name: str)
     single = isinstance(value, str | LayoutId)
     if wrong.any():
         one, cure = value if single else value[int(wrong.argmax())], "Choose a layout by 'seed' and 'episode'."
-        raise SceneMismatchError(f"{name}: the layout_source does not serve '{one}' by its id. {cure}")
+        raise SceneMismatchError(f"{name}: the layout_source gives another layout for the id '{one}'. {cure}")
     return found, single

@@ -192,7 +192,7 @@ def _chosen(worlds: Any, nworld: int) -> Any:
 def _check_ids(worlds: Any) -> None:
     _check_integers(worlds, "worlds", "booleans or ids")
     if len(worlds.shape) == 0:
-        raise ArgumentError(f"worlds should be booleans, ids or a slice, got {worlds}. One world is [{worlds}].")
+        raise ArgumentError(f"worlds should be booleans, ids or a slice, got {worlds}. For one world, pass [{worlds}].")
     if len(worlds.shape) != 1:
         raise ArgumentError(f"worlds should have shape (k,), the ids of worlds, got {tuple(worlds.shape)}.")
 
@@ -202,7 +202,7 @@ def _refuse_integer_mask(ids: Any, nworld: int) -> None:
     if ids.shape[0] != nworld or nworld == 1:
         return
     if _kind(ids) != "numpy" and wp.get_device(str(ids.device)).is_capturing:
-        raise ArgumentError(f"worlds should be booleans during a capture, or fewer than {nworld} ids.")
+        raise ArgumentError(f"during a capture, worlds should be booleans, or fewer than {nworld} ids.")
     if len(np.unique(as_numbers(ids))) < nworld:
         raise ArgumentError(
             f"worlds should be booleans or ids: {nworld} integers with repetitions look like a mask. Pass a comparison "

@@ -69,8 +69,8 @@ class LayoutSource(StaysHere):
             ArgumentTypeError: The class does not support prefetching, which is the default.
         """
         raise ArgumentTypeError(
-            f"{type(self).__name__}: cannot prefetch, since a second source would have to make the same layouts. Use "
-            "it without prefetching, or give the class a method `twin` that returns a second source."
+            f"{type(self).__name__}: cannot prefetch, as this takes a second source that makes the same layouts. Use "
+            "the source without prefetching, or give its class a method `twin` that returns a second source."
         )
 
     def launch_reseed(self, seeds: wp.array | None, mask: wp.array | None, episodes: wp.array | None = None) -> None:
@@ -213,7 +213,7 @@ class LayoutSource(StaysHere):
         """Return `columns` of params unchanged. Raise if there are any, but stored layouts keep their param values."""
         if len(columns) and self.layouts.params.are_kept:
             raise ArgumentError(
-                "set_params: stored layouts keep the params they were made with. Use a LayoutGenerator."
+                "set_params: stored layouts keep the params they were made with. To change them, use a LayoutGenerator."
             )
         return columns
 

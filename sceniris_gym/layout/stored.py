@@ -153,7 +153,7 @@ def check_table(compiled: CompiledScene, table: LayoutTable, where: str) -> None
         if nrow == 0 or found != (nrow, *shape):
             wanted_shape = ", ".join(map(str, ("nrow", *shape)))
             raise SceneMismatchError(
-                f"{where}.{name} should have shape ({wanted_shape}), with nrow >= 1 the same in all columns, "
+                f"{where}.{name} should have shape ({wanted_shape}), with the same nrow >= 1 in all columns, "
                 f"{'integers, ' if name in _KINDS else ''}got {found or type(arrays.get(name))}. Store layouts of the "
                 "same scene."
             )

@@ -94,7 +94,7 @@ class WorldColumns:
         if self._narrowed is not None and max(*columns, *self._narrowed) >= 0:
             raise ArgumentError(
                 "params: another randomizer of the same Batch draws with other params. Give both the same params, "
-                "or give this randomizer separate fields."
+                "or make a separate Batch for this randomizer."
             )
         self._narrowed = columns
         if max(columns, default=-1) < 0:

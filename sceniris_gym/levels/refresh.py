@@ -155,7 +155,7 @@ def set_ranges(buffer: Buffer, adr: ADR, table: ParamTable) -> None:
     for name, value in adr.init_range.items():
         param = table.param(name, "ADR")
         if param.half == 0:
-            raise ArgumentError(f"ADR: {name} should be a param whose value is an interval.")
+            raise ArgumentError(f"ADR: init_range: '{name}' should be a param whose value is an interval.")
         start, limit, is_count = param.checked(value, 1)[0], param.default, param.form == "count"
         own = np.arange(len(limit))
         other, outwards = np.roll(own, param.half), np.where(own < param.half, -1.0, 1.0)

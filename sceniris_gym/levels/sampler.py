@@ -200,7 +200,7 @@ class LevelSampler(Chooser, StaysHere):
         """Return the seeds, episodes and params of the layouts with these ids, in the form that `update` takes."""
         found = layouts_of_ids(ids, self.layouts, self.split, name)
         if not found.given.all():
-            raise ArgumentError(f"{name} should be ids, got None.")
+            raise ArgumentError(f"{name} should have an id in each entry, got None.")
         return {"seed": found.seed, "episode": found.episode, "params": self.layouts.params.named(found.param)}
 
     def _column(self, values: Any, dtype: type) -> wp.array:
@@ -252,14 +252,14 @@ class LevelSampler(Chooser, StaysHere):
         for name, (least, most) in {**bounds, "resets": (0, np.inf)}.items():
             values = state.get(name)
             if not isinstance(values, np.ndarray) or (values.shape, values.dtype) != (own[name].shape, own[name].dtype):
-                raise ArgumentError(f"{where}: {name} should have shape {own[name].shape} and type {own[name].dtype}.")
+                raise ArgumentError(f"{where}: state['{name}'] should be {own[name].dtype} of shape {own[name].shape}.")
             if name == "cumulative":  # running sums do not fall
                 least = np.maximum.accumulate([0, *values])[1:]
             wrong = np.flatnonzero(~((values >= least) & (values <= most)))
             if len(wrong):
                 first, ends = wrong[0], [np.broadcast_to(end, values.shape).flat[wrong[0]] for end in (least, most)]
                 got = f"got {values.flat[first]} at {first}"
-                raise ArgumentError(f"{where}: {name} should be from {ends[0]:g} to {ends[1]:g}, {got}.")
+                raise ArgumentError(f"{where}: state['{name}'] should be from {ends[0]:g} to {ends[1]:g}, {got}.")
         for name in ("param", "base_param", "next_param"):
             self.layouts.params.checked(state[name], len(state[name]))
         for array, name in ((getattr(self._buffer, name), name) for name in bounds):

@@ -53,7 +53,7 @@ def chosen_objects(
             continue
         if any(other in names for other in with_variants([support.parent.split("/")[0]], config.variants)):
             load = config.owners.get(name, name)
-            raise ArgumentError(f"{where}: '{support.parent}' carries '{load}'. Also name '{load}'.")
+            raise ArgumentError(f"{where}: '{support.parent}' carries '{load}', which moves along. Also name '{load}'.")
     for heap in config.heaps.values():
         left = [name for name in heap.of if name not in names]
         if left and len(left) < len(heap.of):

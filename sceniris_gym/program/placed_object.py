@@ -174,7 +174,7 @@ def surfaces_of(
     if not found:
         raise SceneKeyError(
             f"{where}: '{parent}' has no level surface of 2 cm or more in width"
-            f"{' that is open above' if word == 'on' else ''}. Valid: {_others(scene, o.name, pieces, word)}."
+            f"{' with nothing above it' if word == 'on' else ''}. Valid: {_others(scene, o.name, pieces, word)}."
         )
     half = 0.5 * config.ratio_on_support
     return supports.crop(found, config.region, [half * edge for edge in edges], where)

@@ -43,8 +43,8 @@ def stable_poses(scene: SceneModel, o: PlacedObject, own: list[Piece]) -> list[t
     pieces = sorted(own, key=lambda p: p.geom) if physics else extract_pieces(scene.mjm, "physics", set(bodies))
     if not (pieces or own):
         raise SceneKeyError(
-            f"{where}: it has no collision geometry and so no stable pose. Give it geoms that collide, or use another "
-            "orientation."
+            f"{where}: the object has no collision geometry and no stable pose. Give it geoms that collide, or use "
+            "another orientation."
         )
     touch = [None] * len(pieces) if o.ground is None else touch_distances(scene, pieces, o.ground)
     carried = [(p, distance) for p, distance in zip(pieces, touch, strict=True) if distance is not None]
@@ -66,7 +66,7 @@ def stable_poses(scene: SceneModel, o: PlacedObject, own: list[Piece]) -> list[t
     kept = [pose for pose in kept if all(shape.holds(pose[0]) for shape, _ in shapes[1:])]
     if not kept:
         raise SceneKeyError(
-            f"{where}: it has no pose that is stable in all states of its drawn joints. Narrow the range of "
+            f"{where}: the object has no pose that is stable in all states of its drawn joints. Narrow the range of "
             f"{drawn_joints(scene, o)}, or use another orientation."
         )
     total = sum(share for _, share in kept)
@@ -79,8 +79,8 @@ def check_weight(scene: SceneModel, bodies: list[int], where: str) -> None:
     least = _LEAST_WEIGHT * scene.least.body_mass[bodies].sum()
     if left.sum() <= least and np.abs(left).max() > least:
         raise SceneKeyError(
-            f"{where}: 'gravcomp' leaves it no weight, so the object rises off its support. Lower the gravcomp of its "
-            "bodies."
+            f"{where}: 'gravcomp' leaves the object no weight, so it rises off its support. Lower 'gravcomp' of the "
+            "object's bodies."
         )
 
 

@@ -168,7 +168,7 @@ def _chain(mjm: mujoco.MjModel, base: int, tcp: int) -> tuple[list[int], np.ndar
         body = int(mjm.body_parentid[body])
     if body != base:
         raise ArmError(
-            f"arm '{mjm.body(base).name}' is not serial: the site '{mjm.site(tcp).name}' is not on it or below it. "
+            f"arm '{mjm.body(base).name}' is not serial: the site '{mjm.site(tcp).name}' is not in the body's subtree. "
             f"Put the site on the hand, a body below '{mjm.body(base).name}'."
         )
     none = np.array([1.0, 0.0, 0.0, 0.0])
@@ -189,8 +189,8 @@ def _check_joints(mjm: mujoco.MjModel, base_body: int, tcp: str, ids: list[int])
     base = mjm.body(base_body).name
     if not ids:
         raise ArmError(
-            f"arm '{base}': no joint is between it and the site '{tcp}'. Put the site on a body that the arm's joints "
-            "move."
+            f"arm '{base}': no joint is between this body and the site '{tcp}'. Put the site on a body that the arm's "
+            "joints move."
         )
     if len(ids) > MAX_JOINTS:
         raise ArmError(

@@ -243,7 +243,7 @@ def build_map(
         MapError: `state` belongs to a different build, or a step is out of range.
     """
     if arm.no_map is not None:
-        raise ArmError(f"{arm.name} can have no reachability map: {arm.no_map}. Use `reachable: ik` with this arm.")
+        raise ArmError(f"{arm.name} cannot have a reachability map: {arm.no_map}. Use `reachable: ik` with this arm.")
     height, radius = reach_ball(arm, device, seed)
     step = max(STEP, radius / _STEPS_OF_REACH) if step is None else step
     if not (step > 0.0 and tilt_step > 0.0):

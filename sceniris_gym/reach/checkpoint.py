@@ -91,8 +91,8 @@ class Checkpoint:
             build, finished, task = (str(held.pop(name)) for name in ("build", "finished", "task"))
             done = int(held.pop("done"))
         except UNREADABLE as error:
-            raise MapError(f"{path}: not the saved state of a build ({error}). {_AGAIN}") from error
+            raise MapError(f"{path}: this is not the saved state of a build ({error}). {_AGAIN}") from error
         if build != self._build:
-            raise MapError(f"{path}: it has the state of a different build, with another arm, step or seed. {_AGAIN}")
+            raise MapError(f"{path}: the state is from a different build, with another arm, step or seed. {_AGAIN}")
         self._finished, self._task, self.done = set(finished.split()), task, done
         self._stored = held

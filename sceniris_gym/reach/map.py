@@ -137,7 +137,7 @@ class ReachMap:
             known = [f for f in fields(cls) if f.name != "arm" and (f.name != _MEASURED or f.name in held)]
             told = {f.name: held[f.name] if f.type == "np.ndarray" else held[f.name].item() for f in known}
         except UNREADABLE as error:
-            raise MapError(f"{path}: not a reachability map, or a damaged file ({error}). {again}") from error
+            raise MapError(f"{path}: the file is damaged, or not a reachability map ({error}). {again}") from error
         if version != _FORMAT:
             raise MapError(f"{path}: the map should have format {_FORMAT}, got format {version}. {again}")
         if made_for != arm.hash:

@@ -23,7 +23,7 @@ HOME = "home"
 """The keyframe of a model's start pose, unless the scene names another keyframe."""
 _MOCAP = ("fixture", "marker")
 _JOINTS = {int(kind): kind.name.removeprefix("mjJNT_").lower() for kind in mujoco.mjtJoint.__members__.values()}
-EDIT_SPEC = "Call edit_spec(spec, scene) on the MjSpec before it is compiled, and make Model and Data from that."
+EDIT_SPEC = "Call edit_spec(spec, scene) on the MjSpec before you compile it, and simulate the compiled model."
 
 
 def instead_of_variants(name: str, members: Sequence[str]) -> str:
@@ -76,16 +76,16 @@ def check_bodies(mjm: mujoco.MjModel, config: SceneConfig) -> None:
         if part.is_placed and part.kind in _MOCAP and not fits:
             wanted = "without collisions" if is_mocap else "a mocap body"
             raise SceneKeyError(
-                f"{where}: body '{name}' should be {wanted} to be placed as a '{part.kind}', and a model in memory is "
-                f"taken as it is. {EDIT_SPEC}"
+                f"{where}: body '{name}' should be {wanted} to be placed as a '{part.kind}'. A model in memory is "
+                f"never changed automatically. {EDIT_SPEC}"
             )
     if config.groups and not has_parking_ground(mjm, len(config.objects), config.where):
         # edit_spec refuses scenes with assets, such as scenes with variants
         attached = any(part.asset is not None for part in config.objects.values())
         cure = "Give the scene a 'floor', or the MjSpec an endless plane at z = 0." if attached else EDIT_SPEC
         raise SceneKeyError(
-            f"{config.where}: groups: the model has no ground for parked absent members, and a model in "
-            f"memory is taken as it is. {cure}"
+            f"{config.where}: groups: the model has no ground on which absent members are parked. A model in "
+            f"memory is never changed automatically. {cure}"
         )
 
 
@@ -108,7 +108,7 @@ def check_additions(config: SceneConfig) -> None:
     ]
     if wanted:
         raise SceneKeyError(
-            f"{config.where}: {wanted[0]}: would be added to the model, and MuJoCo cannot turn a MjModel back into "
+            f"{config.where}: {wanted[0]}: would be added to the model, but MuJoCo cannot turn a MjModel back into "
             "an editable MjSpec. Give 'model' as a mujoco.MjSpec or as the path of an MJCF file."
         )
 
@@ -134,7 +134,7 @@ def edit_spec(spec: mujoco.MjSpec, scene: str | Path | Mapping | SceneConfig) ->
     assets = [f"{config.key(name)}.asset" for name, part in parts.items() if part.asset is not None]
     if key := next(iter(assets), None):
         raise SceneKeyError(
-            f"{config.where}: {key}: edit_spec changes bodies of the model, and attaches nothing to it. Let "
+            f"{config.where}: {key}: edit_spec changes bodies of the model, but attaches no assets. Let "
             "compile_scene attach assets to the MjSpec, and make Model and Data by make_worlds(compiled, nworld)."
         )
     assemble.stand_at_keyframe(spec, config.home or HOME, "edit_spec: spec")

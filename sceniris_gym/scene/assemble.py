@@ -63,7 +63,7 @@ def attach_object(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: s
     where, name = f"{where}: objects.{name}", name.removeprefix(f"{owner}/")
     child = _load_asset(config.asset, f"{where}.asset")
     if owner and child.flexes:
-        raise NotSupportedError(f"{where}: is soft, and a variant should be a rigid body. Leave it out.")
+        raise NotSupportedError(f"{where}: is soft, but a variant should be a rigid body. Leave it out.")
     if config.scale != 1.0:
         scale_asset(child, config.scale, f"{where}.scale")
     home = _take_home(child, name, keyframe=None, where=f"{where}.asset")
@@ -97,7 +97,7 @@ def attach_variants(
         # MuJoCo silently leaves out elements that name a missing joint
         if lost := [kind for kind, count in wanted.items() if bodies and len(getattr(spec, kind)) < count]:
             raise NotSupportedError(
-                f"{where}: objects.{owner}: variants have {' and '.join(lost)} of joints that are dropped, and "
+                f"{where}: objects.{owner}: variants have {' and '.join(lost)} of joints that are dropped, but "
                 "should be rigid bodies to share one body. Make them separate objects in a group instead."
             )
     return homes

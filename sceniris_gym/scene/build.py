@@ -207,7 +207,7 @@ def _assemble(config: SceneConfig, shared: SharedBodies | None = None) -> tuple[
     for robot in config.all_robots.values():
         if robot.name in config.objects:
             raise SceneKeyError(
-                f"{config.where}: objects.{robot.name}: the name of the robot's asset is taken by the robot. "
+                f"{config.where}: objects.{robot.name}: the asset of the scene's robot has the same name. "
                 "Give the object another name."
             )
         if not robot.in_scene:

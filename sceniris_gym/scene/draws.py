@@ -146,8 +146,8 @@ def _resolved(mjm: mujoco.MjModel, name: str, where: str, word: Word, config: Dr
     part = slice(word.first, word.first + word.width)
     kept = np.array([row for row in rows if not needed or np.any(values[row, part])], int)
     if not len(kept):
-        zero = "it is 0 in the model. Change it there" + ("." if constrains else ", or give it by 'abs'.")
-        _refuse(where, zero if rows else "the model does not have it, or it has no effect. Leave it out.")
+        zero = "its value is 0 in the model. Change it there" + ("." if constrains else ", or give it by 'abs'.")
+        _refuse(where, zero if rows else "no selected element has it, or it has no effect. Leave it out.")
     one = np.arange(count if word.field == "cam_quat" or (config.choice is None and given > 1) else 1)
     numbers = np.broadcast_to(one, (len(kept), count))
     if config.each:
@@ -160,7 +160,7 @@ def _resolved(mjm: mujoco.MjModel, name: str, where: str, word: Word, config: Dr
         k = outside[0, -1]
         found, bounds = f"{every[..., k].min():g} to {every[..., k].max():g}", f"{least.flat[k]:g} to {most.flat[k]:g}"
         part = f" of component {k + 1}" if isinstance(word.least, tuple) else ""
-        _refuse(f"{where}.{config.form}", f"its values{part} would be from {found} and should be from {bounds}.")
+        _refuse(f"{where}.{config.form}", f"its values{part} would be from {found}, but should be from {bounds}.")
     above, axes = ends > 0.0, 2 if config.choice is not None else (0, 2)
     if word.field.endswith("solref") and (above.any(axis=axes) != above.all(axis=axes)).any():  # MuJoCo has two formats
         _refuse(f"{where}.{config.form}", "its values should be all above 0, or all at most 0.")

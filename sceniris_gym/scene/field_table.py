@@ -74,7 +74,7 @@ def field_rows(mjm: mujoco.MjModel, bodies: Mapping[str, int], field: str, name:
     """
     name = str(name)  # MuJoCo accepts only strings
     if field in OPTIONS:
-        raise UnknownNameError("part of a field of the whole scene", name, f"{where} of '{field}'", ())
+        raise UnknownNameError("element for a field of the whole scene:", name, f"{where} of '{field}'", ())
     prefix = field.partition("_")[0]
     kind = _KINDS.get(prefix, prefix)
     named = dict(elements(mjm, kind))

@@ -96,7 +96,7 @@ def filled_body(scene: SceneModel, heap: HeapConfig, where: str) -> int:
     """
     body = scene.support(heap.fill, f"{where}.fill").body
     if body == 0:
-        raise NotSupportedError(f"{where}.fill: '{heap.fill}' is part of the world. Name a body with walls around it.")
+        raise NotSupportedError(f"{where}.fill: '{heap.fill}' is part of the world. Name a separate body with walls.")
     return body
 
 

@@ -133,7 +133,7 @@ class LayoutTable:
         first, *others = ((table.scene, table.split, table.params) for table in tables)
         if any(other != first for other in others) or len(widths) > 1:
             raise SceneMismatchError(
-                "LayoutTable.concatenate: all tables should have the same scene, split, params and widths."
+                "LayoutTable.concatenate: all tables should have the same scene, split, params and row shapes."
             )
         return replace(tables[0], **{name: np.concatenate([getattr(t, name) for t in tables]) for name in COLUMNS})
 

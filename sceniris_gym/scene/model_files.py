@@ -236,7 +236,7 @@ def _listed(path: Path, missing: list[tuple[Any, str, str]]) -> str:
     names = list(dict.fromkeys(places))
     more = f", nor do other files ({len(names)} in all)" if len(names) > 1 else ""
     package = " in a folder of the package's name above the file" if "://" in names[0] else ""
-    return f"'{names[0]}', which does not exist{more}. Put it there{package}, or correct its name"
+    return f"'{names[0]}', which does not exist{more}. Put the file there{package}, or correct its name"
 
 
 def _as_mesh(source: Path, name: str) -> tuple[str, bytes]:

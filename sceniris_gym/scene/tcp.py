@@ -53,7 +53,7 @@ def tcp_site(spec: mujoco.MjSpec | None, mjm: mujoco.MjModel, qpos: np.ndarray, 
         return mjm.site(site).name
     if spec is None:
         raise SceneKeyError(
-            f"{where}: would add a site to the model, and MuJoCo cannot turn a MjModel back into an editable "
+            f"{where}: would add a site to the model, but MuJoCo cannot turn a MjModel back into an editable "
             "MjSpec. Name a site whose +z is the approach axis and whose +y is the axis along which the fingers close, "
             "or give 'model' as a mujoco.MjSpec or as the path of an MJCF file."
         )

@@ -194,14 +194,14 @@ def check_variants(
         at, body = f"{where}: objects.{name}", mjm.body(name).id
         cure = "should be one rigid body to be a variant. Make it a separate object in a group instead"
         if len(subtree(mjm, body)) > 1:
-            raise NotSupportedError(f"{at}: has several bodies, and {cure}.")
+            raise NotSupportedError(f"{at}: has several bodies, but {cure}.")
         geoms = _geoms(mjm, body)
         height_fields = mjm.geom_type[geoms] == mujoco.mjtGeom.mjGEOM_HFIELD
         if np.any(mjm.geom_plugin[geoms] >= 0) or np.any(mjm.geom_fluid[geoms]) or np.any(height_fields):
-            raise NotSupportedError(f"{at}: has geoms with plugins, height fields or fluid forces, and {cure}.")
+            raise NotSupportedError(f"{at}: has geoms with plugins, height fields or fluid forces, but {cure}.")
         for kind, other in named:
             if other == name or other.startswith(f"{name}/"):
-                raise NotSupportedError(f"{at}: is named as '{other}' by one of the model's {kind}, and {cure}.")
+                raise NotSupportedError(f"{at}: is named as '{other}' by one of the model's {kind}, but {cure}.")
 
 
 def _geoms(mjm: mujoco.MjModel, body: int) -> list[int]:
@@ -230,7 +230,7 @@ def without_broken(config: SceneConfig) -> SceneConfig:
                 broken[member] = str(error)
         where = f"{config.where}: objects.{name}.asset"
         if len(broken) == len(members):
-            raise SceneFileError(f"{where}: no file of the folder can be a variant. First: {broken[members[0]]}")
+            raise SceneFileError(f"{where}: no file of the folder can be a variant. First error: {broken[members[0]]}")
         if broken:
             told = "\n".join(["", *list(broken.values())[:_TOLD]])
             more = f"\n{len(broken) - _TOLD} more" if len(broken) > _TOLD else ""

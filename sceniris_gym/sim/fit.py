@@ -23,8 +23,8 @@ _SIZES_OF = (0, 0, 1, 2, 3, 2, 3, 0)
 """Number of sizes that affect collisions, by geom type. Planes are infinite, and meshes collide by their vertices."""
 _TOLERANCE = 1.0e-6
 """Largest difference that counts as rounding to single precision: metres, or components of axes and quaternions."""
-_CURE_OF_VARIANTS = "Objects have variants, so make Model and Data from it: sceniris_gym.make_worlds(compiled, nworld)."
-_CURE = "Make Model and Data from it: sceniris_gym.make_worlds(compiled, nworld)."
+_CURE_OF_VARIANTS = "Objects have variants, so make Model and Data by sceniris_gym.make_worlds(compiled, nworld)."
+_CURE = "Make Model and Data by sceniris_gym.make_worlds(compiled, nworld)."
 
 
 def check_fit(
@@ -96,7 +96,7 @@ def _check_data(ours: mujoco.MjModel, d: mjw.Data) -> None:
 
 def _same(what: str, found: object, wanted: object) -> None:
     if found != wanted:
-        raise _MisfitError(f"{what} is {found} and should be {wanted}, as in the compiled scene.")
+        raise _MisfitError(f"{what} is {found}, but should be {wanted}, as in the compiled scene.")
 
 
 def _check_names(ours: mujoco.MjModel, theirs: mujoco.MjModel) -> None:
@@ -155,12 +155,12 @@ def _short(values: np.ndarray) -> str:
 def _check_layouts(compiled: CompiledScene, m: mjw.Model, d: mjw.Data, layouts: Layouts, where: str) -> None:
     if layouts.compiled.hash != compiled.hash:
         raise SceneMismatchError(
-            f"{where}: layout_source makes layouts of scene {layouts.compiled.hash} and should make "
+            f"{where}: layout_source makes layouts of scene {layouts.compiled.hash}, but should make "
             f"them of {compiled.hash}, the compiled scene."
         )
     if layouts.nworld != d.nworld:
         raise SceneMismatchError(
-            f"{where}: layout_source makes layouts for {layouts.nworld} worlds and should make them for "
+            f"{where}: layout_source makes layouts for {layouts.nworld} worlds, but should make them for "
             f"{d.nworld}, the number of worlds in data."
         )
     device = d.qpos.device
@@ -170,4 +170,4 @@ def _check_layouts(compiled: CompiledScene, m: mjw.Model, d: mjw.Data, layouts: 
         ("model", m.qpos0.device),
     ):
         if other != device:
-            raise SceneMismatchError(f"{where}: {what} is on {other} and should be on {device}, where data is.")
+            raise SceneMismatchError(f"{where}: {what} is on {other}, but should be on {device}, where data is.")

@@ -111,7 +111,7 @@ def check_rows(snapshot: Any, source: tuple[str, ...], live: Mapping[str, Tensor
         got = "other rows" if snapshot.source == source else short(snapshot.source)
         parts = "scene, split, task and params" if "elapsed" in live else "scene, split and params"
         raise SceneMismatchError(
-            f"{name} should be a snapshot of this {parts}, got {got}. Take a new snapshot of these worlds."
+            f"{name} should have the {parts} of the worlds to restore, got {got}. Take a new snapshot of them."
         )
     # infinities in the memory of a task are legitimate, and so are the NaNs of a layout without a grasp
     state = {key: values for key, values in snapshot.rows.items() if key.startswith(_FINITE)}

@@ -147,7 +147,7 @@ class VariantWriter:
         for name in fields_of_variants():
             if getattr(m, name).size and getattr(m, name).shape[0] != nworld:
                 raise SceneMismatchError(
-                    f"ResetRandomizer: model.{name} has one row for all worlds and should have {nworld}, as objects "
+                    f"ResetRandomizer: model.{name} has one row for all worlds, but should have {nworld}: objects "
                     "have variants. Make Model and Data by make_worlds(compiled, nworld)."
                 )
         self._device = m.qpos0.device

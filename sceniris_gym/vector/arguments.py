@@ -138,7 +138,7 @@ def as_reset_mask(options: Mapping[str, Any] | None, num_envs: int) -> np.ndarra
     name = f"options['{RESET_MASK}']"
     mask = as_host_mask(options[RESET_MASK], num_envs, name)
     if not mask.any():
-        raise ArgumentError(f"{name} should be true for at least one world. Leave it out to reset all of them.")
+        raise ArgumentError(f"{name} should be true for at least one world. Leave it out to reset all worlds.")
     return mask
 
 

@@ -245,7 +245,7 @@ def _find_robot(scene: SceneModel, name: str | None, where: str) -> str:
         raise UnknownNameError("robot", str(name), where, written)
     if key in scene.apart:
         raise ArmError(
-            f"{where}: {robots[key].section} has 'in_scene: false', so the robot has no joints to drive. Remove it."
+            f"{where}: {robots[key].section} has 'in_scene: false', so it has no joints to drive. Remove 'in_scene'."
         )
     return key
 

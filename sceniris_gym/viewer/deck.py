@@ -128,7 +128,7 @@ class LayoutDeck:
         """
         name = LayoutId.of_scene(text.strip(), self.compiled.scene, "Open the scene of this layout.")
         if name.params:
-            raise NotSupportedError("the page shows only layouts without params. Use `sceniris-gym replay` for others.")
+            raise NotSupportedError("view: shows only layouts without params. Use `sceniris-gym replay` for others.")
         return Where(name.split, name.seed, name.episode)
 
     def table(self) -> Mapping[str, Mapping[str, int]]:

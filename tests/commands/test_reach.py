@@ -197,7 +197,7 @@ def test_an_mjcf_that_has_no_arm_is_refused(tmp_path: Path):
     with pytest.raises(SceneKeyError, match=r"robot\.asset: an asset should have a body"):
         reach.read_arm(str(path))
     path.write_text("<mujoco><worldbody><body><geom size='0.1'/><site name='tcp'/></body></worldbody></mujoco>")
-    with pytest.raises(ArmError, match=r"arm 'none': no joint is between it and the site"):
+    with pytest.raises(ArmError, match=r"arm 'none': no joint is between this body and the site"):
         reach.read_arm(str(path))
 
 
@@ -234,7 +234,7 @@ def test_the_advice_never_overwrites_another_arms_map(arm: Path, tmp_path: Path,
             reach.judge(str(new), path, poses_file, out, Tier.of("map"), "cpu")
         assert str(told.value).endswith(f"{build}.")
     new.with_suffix(".reach").write_text("damaged")
-    with pytest.raises(MapError, match="not a reachability map, or a damaged file") as told:
+    with pytest.raises(MapError, match="the file is damaged, or not a reachability map") as told:
         reach.judge(str(new), None, poses_file, out, Tier.of("map"), "cpu")
     assert str(told.value).endswith(f"Build it again: {build}.")
 

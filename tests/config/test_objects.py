@@ -92,7 +92,7 @@ WRONG: dict[str, tuple] = {
     "reachable static": (
         {"objects.post": {"asset": "cabinet", "kind": "static", "reachable": True}},
         SceneKeyError,
-        ["objects.post", "should be placed"],
+        ["objects.post", "should have a support"],
     ),
     "by without reachable": (
         {"objects.apple.by": "robot"},

@@ -132,7 +132,7 @@ WRONG: dict[str, tuple] = {
     "no frame": ([{"front_of": "mug", "frame": None}], SceneKeyError, ["relations.0.frame: None", "a name"]),
     "no direction": ([{"direction": [0, 0], "of": "mug"}], SceneKeyError, ["0.direction: [0, 0]", "not [0, 0]"]),
     "a direction in space": ([{"direction": [0, 0, 1], "of": "mug"}], SceneKeyError, ["0.direction", "2 values"]),
-    "a direction without of": ([{"direction": [0, 1]}], SceneKeyError, ["relations.0:", "with 'of'"]),
+    "a direction without of": ([{"direction": [0, 1]}], SceneKeyError, ["relations.0:", "should have 'of'"]),
     "of without a direction": ([{"front_of": "mug", "of": "mug"}], SceneKeyError, ["'of' only with 'direction'"]),
     "an angle of 0": ([{"front_of": "mug", "angle": 0}], SceneKeyError, ["relations.0.angle: 0", "above 0"]),
     "an angle of 181": ([{"front_of": "mug", "angle": 181}], SceneKeyError, ["0.angle: 181", "at most 180"]),

@@ -202,7 +202,7 @@ def test_poses_are_those_of_the_own_centre_of_mass(tmp_path: Path):
 @pytest.mark.parametrize(
     ("geoms", "said"),
     [
-        ('<geom type="sphere" size="0.03"/>', "no stable pose: in each, a tilt of 5 degrees tips it over or sets it"),
+        ('<geom type="sphere" size="0.03"/>', "no stable pose: in each, a tilt of 5 degrees makes it tip over or roll"),
         ('<geom type="capsule" size="0.03 0.05"/>', "Use a yaw or 'any' here, or give it collision"),
         (
             '<inertial pos="0 0 0.2" mass="1" diaginertia="1 1 1"/><geom type="box" size="0.03 0.03 0.03"/>',
@@ -211,14 +211,14 @@ def test_poses_are_those_of_the_own_centre_of_mass(tmp_path: Path):
         (
             '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
             '<geom type="box" size="0.03 0.03 0.03" contype="0" conaffinity="0"/>',
-            "no collision geometry and so no stable pose. Give it geoms that collide",
+            "no collision geometry and no stable pose. Give it geoms that collide",
         ),
     ],
     ids=["ball", "capsule", "outside", "ghost"],
 )
 def test_what_lies_in_no_pose_is_refused(geoms: str, said: str, tmp_path: Path):
     """The message says why, and what would be right."""
-    with pytest.raises(SceneKeyError, match=rf"objects\.thing\.orientation: it.* {said}"):
+    with pytest.raises(SceneKeyError, match=rf"objects\.thing\.orientation: the .*{said}"):
         stable_poses(write_mjcf(tmp_path, "thing", geoms))
 
 

@@ -264,11 +264,11 @@ def test_a_generator_that_nobody_can_stand_in_for_is_refused():
     class Own(LayoutGenerator):
         """A generator of a user's."""
 
-    with pytest.raises(ArgumentTypeError, match="Own: cannot prefetch, since a second source would"):
+    with pytest.raises(ArgumentTypeError, match="Own: cannot prefetch, as this takes a second source"):
         Ahead(Own(compiled, 4))
     with pytest.raises(ArgumentTypeError, match="maker should be a LayoutSource, got"):
         Ahead(compiled)  # type: ignore[arg-type]
-    with pytest.raises(ArgumentError, match="would lack prefetched layouts"):
+    with pytest.raises(ArgumentError, match="while it records rejected candidates"):
         Ahead(LayoutGenerator._recording(compiled, 4, rejected=8))
     with pytest.raises(ArgumentTypeError, match="stream should be a Stream, got"):
         Ahead(LayoutGenerator(compiled, 4), 0)  # type: ignore[arg-type]

@@ -81,9 +81,9 @@ def test_seeds_in_a_tensor_are_in_twos_complement(empty: CompiledScene):
         (
             {"seed": [1, 2, 3]},
             ArgumentError,
-            "seed should be one value outside of a list, or 2, one for each .* got 3",
+            "seed should be a single value, or a list of 2, one for each .* got a list of 3",
         ),
-        ({"layouts": []}, ArgumentError, "layouts should be one value outside of a list, or 2, .* got 0"),
+        ({"layouts": []}, ArgumentError, "layouts should be a single value, or a list of 2, .* got a list of 0"),
         ({"layouts": {"seed": 0}}, ArgumentError, "keys 'seed' and 'episode'"),
         ({"layouts": {"seed": 0.5, "episode": 0}}, ArgumentError, r"layouts\['seed'\] should be an integer"),
         ({"layouts": {"seed": [0, 1], "episode": [0] * 4}}, ArgumentError, r"layouts\['seed'\] should be an integer"),
@@ -112,7 +112,7 @@ def test_a_world_with_two_entries_is_refused(empty: CompiledScene):
     generator = LayoutGenerator(empty, 4)
     ids = [empty.layout_id(9, 5), empty.layout_id(9, 6)]
     for name, words in (("seed", {"seed": [5, 6]}), ("layouts", {"layouts": ids})):
-        with pytest.raises(ArgumentError, match=rf"worlds should be different, .* of {name}, got \[1, 1\]"):
+        with pytest.raises(ArgumentError, match=rf"worlds should be distinct, .* of {name}, got \[1, 1\]"):
             generator.reseed([1, 1], **words)
     assert _next(generator) == [(i, 0) for i in range(4)]
     generator.reseed([1, 1], layouts=ids[0])

@@ -229,9 +229,9 @@ def test_a_support_that_is_eroded_to_nothing_is_refused_and_never_a_pose_at_the_
     ]
     for region in regions:
         scene = {"floor": FLOOR, "objects": {"crate": {**crate, "region": region}}}
-        _refused(scene, SceneKeyError, "objects.crate.on", "cropping to its region", "[-0.5, 0.5]")
+        _refused(scene, SceneKeyError, "objects.crate.on", "cropping to the region", "[-0.5, 0.5]")
     both = {**crate, "region": {"box": [[0.49, 0.49], [0.5, 0.5]]}, "ratio_on_support": 1.0}
-    says = "erosion by 0.025 m and cropping to its region"
+    says = "erosion by 0.025 m and cropping to the region"
     _refused({"floor": FLOOR, "objects": {"crate": both}}, SceneKeyError, says)
 
 

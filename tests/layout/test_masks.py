@@ -152,7 +152,7 @@ def test_integers_that_look_like_a_mask_are_refused(make):
         ([0, 3], ArgumentError, r"worlds\[1\] should be from 0 to 2, got 3"),
         ([-1], ArgumentError, r"worlds\[0\] should be from 0 to 2, got -1"),
         (np.zeros((2, 2), int), ArgumentError, r"worlds should have shape \(k,\), .* got \(2, 2\)"),
-        (2, ArgumentError, r"worlds should be booleans, ids or a slice, got 2\. One world is \[2\]\."),
+        (2, ArgumentError, r"worlds should be booleans, ids or a slice, got 2\. For one world, pass \[2\]\."),
         ([True, False], ArgumentError, r"worlds should have shape \(3,\), .* got \(2,\)"),
         (np.ones((1, 3), bool), ArgumentError, r"worlds should have shape \(3,\)"),
         ([0.5], ArgumentTypeError, "worlds should hold booleans or ids, got float64"),

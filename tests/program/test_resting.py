@@ -66,7 +66,7 @@ def test_no_pose_that_joints_leave_stable_is_refused(tmp_path: Path):
         ties += f'<joint joint1="r{i}" joint2="r0"/>' if i else ""
     rest = f"<equality>{ties}</equality>"
     assert len(poses(tmp_path, thing(text), {"r0": {"range": [0.0, 0.02]}}, rest)) == 6
-    with pytest.raises(SceneKeyError, match=r"objects.thing.orientation: it has no pose.*Narrow .* 'thing/r0'"):
+    with pytest.raises(SceneKeyError, match=r"objects.thing.orientation: the object has no pose.*Narrow .* 'thing/r0'"):
         poses(tmp_path, thing(text), {"r0": {"range": [0.0, 0.1]}}, rest)
 
 
@@ -79,7 +79,7 @@ def test_weight_counts_and_not_mass(tmp_path: Path):
     found = poses(tmp_path, thing(LOAD.format(""), gravcomp=1.0))
     assert len(found) > 0
     assert not has(found, 0, 0, 1)
-    with pytest.raises(SceneKeyError, match=r"objects.thing.orientation: 'gravcomp' leaves it no weight"):
+    with pytest.raises(SceneKeyError, match=r"objects.thing.orientation: 'gravcomp' leaves the object no weight"):
         poses(tmp_path, thing("", gravcomp=1.1))
     assert len(poses(tmp_path, thing("", gravcomp=1.0))) == 6
 

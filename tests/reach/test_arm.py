@@ -133,7 +133,7 @@ TWO = link(hinge(name="a") + link(hinge("0 1 0", name="b") + site(), name="hand"
 @pytest.mark.parametrize(
     ("mjm", "why"),
     [
-        (lambda: model(chain=link(site())), "no joint is between it and the site 'tcp'. Put the site on a body"),
+        (lambda: model(chain=link(site())), "no joint is between this body and the site 'tcp'. Put the site on a body"),
         (
             lambda: model(chain=link(hinge() * 5 + link(hinge() * 4 + site()))),
             "has 9 joints up to the site 'tcp': it should have at most 8",
@@ -159,7 +159,7 @@ def test_a_site_elsewhere_is_refused():
     """The TCP is below the base."""
     other = link(hinge(name="a") + link(hinge() + site()))
     with pytest.raises(
-        ArmError, match=r"arm 'aside' is not serial: the site 'tcp' is not on it or below it\. Put the site on"
+        ArmError, match=r"arm 'aside' is not serial: the site 'tcp' is not in the body's subtree\. Put the site on"
     ):
         SerialArm.from_model(model(chain=other + '<body name="aside"/>'), "aside")
 

@@ -150,7 +150,7 @@ def test_a_state_of_another_build_is_refused(tmp_path: Path, monkeypatch: pytest
 
     with pytest.raises(KeyboardInterrupt), listening(stop):
         build_map(arm, "cpu", step=0.4, tilt_step=1.0, state=state)
-    with pytest.raises(MapError, match="the state of a different build"):
+    with pytest.raises(MapError, match="the state is from a different build"):
         build_map(arm, "cpu", step=0.4, tilt_step=1.0, seed=1, state=state)
     state.write_text("nothing")
     with pytest.raises(MapError, match="not the saved state of a build"):
@@ -160,7 +160,7 @@ def test_a_state_of_another_build_is_refused(tmp_path: Path, monkeypatch: pytest
 def test_an_arm_that_no_map_fits_is_refused():
     """The message says why, and what to do."""
     leaning = model(chain=link(hinge("0 0.1 1") + link(hinge("0 0 1") + site())))
-    with pytest.raises(ArmError, match=r"can have no reachability map: the first joint .* `reachable: ik`"):
+    with pytest.raises(ArmError, match=r"cannot have a reachability map: the first joint .* `reachable: ik`"):
         build_map(SerialArm.from_model(leaning, "base"), "cpu")
 
 

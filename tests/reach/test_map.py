@@ -115,7 +115,7 @@ def test_a_file_that_was_cut_off_is_refused(shell: ReachMap, arm: SerialArm, tmp
     shell.save(tmp_path / "a.reach")
     whole = (tmp_path / "a.reach").read_bytes()
     (tmp_path / "a.reach").write_bytes(whole[: int(share * len(whole))])
-    with pytest.raises(MapError, match="not a reachability map, or a damaged file"):
+    with pytest.raises(MapError, match="the file is damaged, or not a reachability map"):
         ReachMap.load(tmp_path / "a.reach", arm)
 
 
@@ -139,7 +139,7 @@ def test_a_damaged_file_is_refused(shell: ReachMap, arm: SerialArm, tmp_path: Pa
 def test_an_array_is_no_map(arm: SerialArm, tmp_path: Path):
     """A .npy file, as that of poses is, is not taken for an archive."""
     np.save(tmp_path / "poses.npy", np.zeros((3, 4, 4)))
-    with pytest.raises(MapError, match=r"not a reachability map, or a damaged file \(File is not a zip file\)"):
+    with pytest.raises(MapError, match=r"the file is damaged, or not a reachability map \(File is not a zip file\)"):
         ReachMap.load(tmp_path / "poses.npy", arm)
 
 

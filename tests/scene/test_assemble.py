@@ -202,8 +202,8 @@ def test_a_robot_s_file_with_free_bodies_is_refused_with_the_scene_that_would_do
 
 
 def test_unknown_keyframes_and_taken_names_of_a_robot_are_refused(folder: Path):
-    """A keyframe must exist; no object can have the name of the robot's asset."""
+    """A keyframe must exist; no object can have the asset of the scene's robot."""
     with pytest.raises(UnknownNameError, match=r"unknown keyframe 'hom'\. Did you mean 'home'"):
         build(folder, {}, robot={"asset": "arm", "keyframe": "hom"})
-    with pytest.raises(SceneKeyError, match=r"objects\.arm: the name of the robot's asset"):
+    with pytest.raises(SceneKeyError, match=r"objects\.arm: the asset of the scene's robot"):
         build(folder, {"arm": {"asset": "ball"}}, robot={"asset": "arm"})

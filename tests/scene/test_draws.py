@@ -142,9 +142,9 @@ def test_the_whole_scene_lights_and_materials(build):
         (
             {"box": {"damping": {"scale": [1, 2]}}},
             SceneKeyError,
-            "box.randomize.damping: cannot be .*: it is 0 in the model",
+            "box.randomize.damping: cannot be .*: its value is 0 in the model",
         ),
-        ({"box": {"gains": {"scale": [1, 2]}}}, SceneKeyError, "the model does not have it"),
+        ({"box": {"gains": {"scale": [1, 2]}}}, SceneKeyError, "no selected element has it"),
         (
             {"box": {"mass": {"choice": ["heavy"]}}},
             SceneKeyError,
@@ -158,12 +158,12 @@ def test_the_whole_scene_lights_and_materials(build):
         (
             {"box": {"solimp": {"abs": [[0.9, 0.95, 0.001, 0.5, 2], [0.9, 1.5, 0.001, 0.5, 2]]}}},
             SceneKeyError,
-            "solimp.abs: .* from 0.95 to 1.5 and should be from 0 to 1",
+            "solimp.abs: .* from 0.95 to 1.5, but should be from 0 to 1",
         ),
         (
             {"box": {"solimp": {"abs": [[0.9, 0.95, 0.001, 0.5, 0.5], [0.9, 0.95, 0.001, 0.5, 2]]}}},
             SceneKeyError,
-            "solimp.abs: .* its values of component 5 would be from 0.5 to 2 and should be from 1 to inf",
+            "solimp.abs: .* its values of component 5 would be from 0.5 to 2, but should be from 1 to inf",
         ),
         ({"randomize": {"lights": {"lam": {"pos": {"add": [0, 1]}}}}}, UnknownNameError, "Did you mean 'lamp'"),
         (
@@ -195,7 +195,7 @@ def test_draws_that_the_model_cannot_have_are_refused(build, scene: dict, error:
 )
 def test_draws_that_nothing_reads_are_refused(build, scene: dict):
     """Of free bodies, of those that never move, and of cameras with a lens."""
-    with pytest.raises(SceneKeyError, match=r"cannot be .*: the model does not have it, or it has no effect"):
+    with pytest.raises(SceneKeyError, match=r"cannot be .*: no selected element has it, or it has no effect"):
         build(**scene)
 
 
@@ -241,7 +241,7 @@ def test_two_draws_of_the_same_values_are_refused(build):
 def test_a_delay_lasts_as_long_as_the_memory_of_the_actuator(build):
     """As long as the file makes it; actuators without one have no delay to draw."""
     assert only(build(arm={"delay": {"abs": [0, 0.03]}})).rows.tolist() == [1]
-    with pytest.raises(SceneKeyError, match=r"delay.abs: .* from 0 to 0.05 and should be from 0 to 0.03"):
+    with pytest.raises(SceneKeyError, match=r"delay.abs: .* from 0 to 0.05, but should be from 0 to 0.03"):
         build(arm={"delay": {"abs": [0, 0.05]}})
 
 

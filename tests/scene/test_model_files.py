@@ -141,13 +141,11 @@ def test_files_that_are_missing_are_told_with_where_they_would_be_found(tmp_path
     """One of them by name, and how many others there are; a package's below a folder of its name."""
     links = LINK.format("l0", "package://arm/a.stl") + LINK.format("l1", "b.stl") + JOINT.format(0, "revolute", 1)
     path = write(tmp_path / "arm.urdf", f'<robot name="arm">{links}</robot>')
-    says = (
-        r"'package://arm/a\.stl', which does not exist, nor do other files \(2 in all\)\. Put it there in a folder of"
-    )
+    says = r"'package://arm/a\.stl', which does not exist, nor do other files \(2 in all\)\. Put the file there in"
     with pytest.raises(SceneFileError, match=says):
         load_model(path, "here")
     write(path, f'<robot name="arm">{LINK.format("l0", "b.stl")}</robot>')
-    with pytest.raises(SceneFileError, match=r"b\.stl', which does not exist\. Put it there, or correct its name\."):
+    with pytest.raises(SceneFileError, match=r"b\.stl', which does not exist\. Put the file there, or correct"):
         load_model(path, "here")
 
 

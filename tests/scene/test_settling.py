@@ -62,5 +62,5 @@ def test_a_bin_that_is_too_small_is_an_error():
 def test_the_floor_is_no_container():
     """It has no walls."""
     scene = model(folder(), **{"heaps.pile.fill": "floor"})
-    with pytest.raises(NotSupportedError, match=r"is part of the world. Name a body with walls"):
+    with pytest.raises(NotSupportedError, match=r"is part of the world. Name a separate body with walls"):
         settle(scene, "pile", 1, seed=0)

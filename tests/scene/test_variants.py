@@ -228,7 +228,7 @@ def test_files_of_each_folder_are_left_out(tmp_path: Path):
 
 def test_a_folder_without_a_sound_file_is_refused(tmp_path: Path):
     """With the first reason."""
-    with pytest.raises(SceneFileError, match=r"no file of the folder can be a variant\. First: .*thing/cut"):
+    with pytest.raises(SceneFileError, match=r"no file of the folder can be a variant\. First error: .*thing/cut"):
         build_model(scene(tmp_path, BROKEN))
 
 

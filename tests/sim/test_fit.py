@@ -69,35 +69,35 @@ def test_a_model_and_data_of_somebody_else_are_taken(compiled: CompiledScene):
 
 FOREIGN: dict[str, tuple[Callable[[], mujoco.MjModel], str]] = {
     "another order of bodies": (lambda: model(LARGE, SMALL), r"model\.body_pos of body 'small' is \[0\.3, 0, 0\.1\]"),
-    "another joint type": (lambda: model(joint="hinge"), r"model\.jnt_type of joint 'slide' is 3 and should be 2"),
+    "another joint type": (lambda: model(joint="hinge"), r"model\.jnt_type of joint 'slide' is 3, but should be 2"),
     "another size of a geom": (
         lambda: model(SMALL, LARGE.replace("{z}", ".11")),
-        r"model\.geom_size of geom 'l' is \[0\.1, 0\.1, 0\.11\] and should be \[0\.1, 0\.1, 0\.1\]",
+        r"model\.geom_size of geom 'l' is \[0\.1, 0\.1, 0\.11\], but should be \[0\.1, 0\.1, 0\.1\]",
     ),
     "another type of a geom": (
         lambda: model(SMALL.replace('type="box"', 'type="sphere"'), LARGE),
-        r"model\.geom_type of geom 's' is 2 and should be 6",
+        r"model\.geom_type of geom 's' is 2, but should be 6",
     ),
-    "other contact bits": (lambda: model(contype=2), r"model\.geom_contype of geom 'tray' is 2 and should be 1"),
+    "other contact bits": (lambda: model(contype=2), r"model\.geom_contype of geom 'tray' is 2, but should be 1"),
     "one more geom": (
         lambda: model(SMALL.replace("<geom", '<geom size=".01" pos="0 0 .02"/><geom'), LARGE),
-        r"model\.ngeom is 5 and should be 4",
+        r"model\.ngeom is 5, but should be 4",
     ),
     "another reference of a joint": (
         lambda: model(ref=0.1),
-        r"model\.qpos0 of joint 'slide' is 0\.1 and should be 0, as in the compiled scene",
+        r"model\.qpos0 of joint 'slide' is 0\.1, but should be 0, as in the compiled scene",
     ),
     "another place of a joint": (
         lambda: model(SMALL, LARGE.replace("<freejoint/>", "<joint/>")),
-        r"model\.nq is 9 and should be 15",
+        r"model\.nq is 9, but should be 15",
     ),
     "a pair that does not collide": (
         lambda: model(after='<contact><exclude body1="small" body2="large"/></contact>'),
-        r"model\.nexclude is 1 and should be 0",
+        r"model\.nexclude is 1, but should be 0",
     ),
     "a pair that always collides": (
         lambda: model(after='<contact><pair geom1="s" geom2="l"/></contact>'),
-        r"model\.npair is 1 and should be 0",
+        r"model\.npair is 1, but should be 0",
     ),
 }
 
@@ -135,7 +135,7 @@ def test_twins_in_another_order_are_told_apart_by_their_places_and_by_their_name
     with pytest.raises(SceneMismatchError, match=r"model\.body_pos of body 'a'"):
         ResetRandomizer(compiled, *put(model(b, a)))
     other = model(*(TWIN.format(name=name, x=x) for name, x in (("b", 0), ("a", 0.5))))
-    with pytest.raises(SceneMismatchError, match="the name of body 2 is 'b' and should be 'a'"):
+    with pytest.raises(SceneMismatchError, match="the name of body 2 is 'b', but should be 'a'"):
         ResetRandomizer(compiled, *put(other), mjm=other)
 
 

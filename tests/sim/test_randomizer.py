@@ -106,12 +106,12 @@ def test_what_does_not_belong_to_the_scene_is_refused(make_randomizer, small_sce
     randomizer = make_randomizer(2)
     other = mujoco.MjModel.from_xml_string("<mujoco><worldbody><body mocap='true'/></worldbody></mujoco>")
     stored = StoredLayouts(small_scene, rows, 2)
-    with pytest.raises(SceneMismatchError, match=r"model\.nq is 0 and should be 12"):
+    with pytest.raises(SceneMismatchError, match=r"model\.nq is 0, but should be 12"):
         ResetRandomizer(small_scene, mjw.put_model(other), mjw.make_data(other, 2), layout_source=stored)
-    with pytest.raises(SceneMismatchError, match=r"data's nq is 0 and should be 12"):
+    with pytest.raises(SceneMismatchError, match=r"data's nq is 0, but should be 12"):
         ResetRandomizer(small_scene, randomizer.model, mjw.make_data(other, 2), layout_source=stored)
     three = StoredLayouts(small_scene, rows, 3)
-    with pytest.raises(SceneMismatchError, match="layouts for 3 worlds and should make them for 2"):
+    with pytest.raises(SceneMismatchError, match="layouts for 3 worlds, but should make them for 2"):
         ResetRandomizer(small_scene, randomizer.model, randomizer.data, layout_source=three)
 
 

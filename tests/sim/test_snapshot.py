@@ -274,7 +274,7 @@ def test_a_curriculum_continues_with_the_levels_of_the_snapshot(compiled: Compil
     assert max(max(row) for row in runs[0][2::4]) >= 0
     plain = _made(compiled)
     plain.reset()
-    with pytest.raises(SceneMismatchError, match="of this scene, split and params, got other rows"):
+    with pytest.raises(SceneMismatchError, match=r"have the scene, split and params of .*, got other rows"):
         plain.restore(kept)
 
 
@@ -297,7 +297,7 @@ def test_wrong_snapshots_are_refused_by_the_name_of_the_method(compiled: Compile
         each.reset()
     wrong: list[tuple[str, tuple[Any, ...]]] = [
         ("should be a Snapshot, got <class 'dict'>", ({},)),
-        *(("should be a snapshot of this scene, split and params, got", (each.snapshot(),)) for each in foreign),
+        *(("should have the scene, split and params of the worlds", (each.snapshot(),)) for each in foreign),
         ("should have 2 rows, one per chosen world, got 4", (kept, [0, 1])),
         (r"should go into different worlds below 4, got \[2, 2\]", (kept[[0, 1]], [2, 2])),
         (r"should go into different worlds below 4, got \[0, 0\]", (kept[[0, 0]],)),

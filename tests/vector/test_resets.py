@@ -202,10 +202,10 @@ def test_a_reseed_shows_once_its_layout_is_served(make_env):
         (LayoutId("a", "train", 0, 0), SceneMismatchError, "belongs to scene"),
         (["nonsense"] * 2, ArgumentError, "should be scenehash"),
         ([7, 8], ArgumentError, "a sequence of them"),
-        ([None], ArgumentError, "or 2, one for each world, got 1"),
+        ([None], ArgumentError, "a list of 2, one for each world, got a list of 1"),
         (3, ArgumentError, "a sequence of them"),
         ({"seed": 0}, ArgumentError, "keys 'seed' and 'episode'"),
-        ({"seed": [0, 1, 2], "episode": 0}, ArgumentError, "or 2, one for each world, got 3"),
+        ({"seed": [0, 1, 2], "episode": 0}, ArgumentError, "a list of 2, one for each world, got a list of 3"),
         ({"seed": 0, "episode": -1}, ArgumentError, r"2\^31"),
     ],
 )

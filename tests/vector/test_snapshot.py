@@ -213,7 +213,7 @@ def test_wrong_snapshots_are_refused(make_env):
         foreign.reset(seed=0)
         others.append(foreign.snapshot())
     for other in others:
-        with pytest.raises(SceneMismatchError, match=r"of this scene, split, task and params, got "):
+        with pytest.raises(SceneMismatchError, match=r"the scene, split, task and params of .*, got "):
             envs.reset(options={"state": other})
 
 
@@ -257,7 +257,7 @@ def test_a_snapshot_with_numbers_that_no_world_has_is_refused(make_env):
         r"elapsed should be from 0 to 2147483647, got -3 in row 1": [_with(kept, "elapsed", -3)],
         r"start should be from -1 to -1, got 5 in row 1": [_with(kept, "layout.start", 5)],
         r"present should be from 0 to 1, got 7 in row 1": [_with(kept, "layout.present", 7)],
-        r"of this scene, split, task and params": [
+        r"the scene, split, task and params of the worlds": [
             replace(kept, rows={**kept.rows, "data.qpos": kept.rows["data.qpos"][:1]}),
             replace(kept, rows={**kept.rows, "elapsed": kept.rows["elapsed"].float()}),
             replace(kept, worlds=kept.worlds.float()),
@@ -291,7 +291,7 @@ def test_one_number_names_one_row_of_a_snapshot(make_env):
         with pytest.raises(ArgumentError, match="Snapshot: the index should be rows from 0 to 2"):
             kept[index]
     for worlds in (None, kept.worlds.numpy(), torch.tensor(0)):
-        with pytest.raises(SceneMismatchError, match=r"of this scene, split, task and params, got "):
+        with pytest.raises(SceneMismatchError, match=r"the scene, split, task and params of .*, got "):
             envs.reset(options={"state": replace(kept, worlds=worlds)})
 
 
@@ -306,7 +306,7 @@ def test_the_randomizer_of_an_environment_restores_worlds_without_their_task(mak
         _run(envs, 1)
         envs.randomizer.restore(snapshot)
         assert_equal(state(envs), before)
-    with pytest.raises(SceneMismatchError, match=r"of this scene, split, task and params, got other rows"):
+    with pytest.raises(SceneMismatchError, match=r"the scene, split, task and params of .*, got other rows"):
         envs.reset(options={"state": worlds})
 
 

@@ -103,8 +103,8 @@ def convex_parts(solid: Solid, where: str, tolerance: float | None = None) -> Pa
         parts, fit = _merged(found, Measure(solid.mesh, allowed).beyond, exact, allowed)
     if fit.error > allowed or len(parts) > MOST_PARTS:
         raise MeshError(
-            f"{where}: its convex parts should be within {1000.0 * allowed:.2g} mm of its surface and at most "
-            f"{MOST_PARTS} parts, got {1000.0 * fit.error:.2g} mm and {len(parts)} by {method}. Increase --tolerance, "
+            f"{where}: at most {MOST_PARTS} convex parts should be within {1000.0 * allowed:.2g} mm of the "
+            f"surface, but {method} made {len(parts)} parts within {1000.0 * fit.error:.2g} mm. Increase --tolerance, "
             "or model thin and fine structures thicker.",
             "parts",
         )
@@ -136,7 +136,7 @@ def inertia_of(solid: Solid, parts: Parts, density: float, where: str) -> Inerti
         raise MeshError(
             f"{where}: its smallest moment of inertia should be at least {LEAST_MOMENT:g} kg m^2 for MuJoCo, got "
             f"{least:.1g} kg m^2: it is a sliver of {1e6 * found.mass:.2g} mg. Leave it out, or give it a thickness. "
-            "If it should be larger, give its --scale.",
+            "If the object should be larger, correct --scale.",
             "sliver",
         )
     return found

@@ -223,7 +223,7 @@ def _read(source: Path) -> Thing:
     if not source.is_file():
         raise SceneFileError(f"{source}: {no_file(source)}. Give the path of one ({', '.join(SUFFIXES)}), or a folder.")
     if suffix not in SUFFIXES:
-        raise NotSupportedError(f"{source}: its type should be one of {', '.join(SUFFIXES)}. Export it again.")
+        raise NotSupportedError(f"{source}: its type should be one of {', '.join(SUFFIXES)}. Export it as one of them.")
     if suffix == ".urdf":
         return meshes.read_urdf(source)
     if suffix in meshes.SUFFIXES:

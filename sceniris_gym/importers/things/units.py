@@ -106,12 +106,12 @@ def find_up(thing: Thing, up: str | None, stands: Callable[[str], bool]) -> tupl
 def _choices(size: float) -> str:
     """Suggest units that give an object of this size [units] a usual length, or at least an accepted length."""
     if size == 0.0:
-        return "All its vertices coincide: export it again"
+        return "All its vertices coincide: export the file again"
     for low, high in (_USUAL, (LEAST_SIZE, MOST_SIZE)):
         fit = [unit for unit, factor in UNITS.items() if low <= size * factor <= high]
         if fit:
             return f"Give its scale: {', '.join(f'--scale {u} makes it {size * UNITS[u]:.3g} m' for u in fit)}"
     return (
-        f"It measures {size:.3g} units of the file, so no usual unit fits. Give its scale in metres per unit, such as "
+        f"The object measures {size:.3g} units of the file, so no usual unit fits. Give the metres per unit, such as "
         f"--scale {0.1 / size:.6g} if it is 0.1 m long"
     )

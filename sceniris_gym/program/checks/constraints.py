@@ -52,7 +52,7 @@ def check_constraints(plan: Plan) -> None:
     for eq in active_equalities(mjm):
         if mjm.eq_type[eq] != mujoco.mjtEq.mjEQ_JOINT and missed[eq] > KEPT:
             raise NotSupportedError(
-                f"{where}: {equality_label(mjm, eq)} is missed by {missed[eq]:.3g} m or rad in the start pose, which "
+                f"{where}: {equality_label(mjm, eq)} is violated by {missed[eq]:.3g} m or rad in the start pose, which "
                 f"should be at most {KEPT:g}. Correct the keyframe 'home', or remove the equality."
             )
     for tendon in range(mjm.ntendon):
@@ -112,7 +112,7 @@ def _check_loop(label: str, drawn: _Drawn, a: int, b: int) -> None:
             f"'{drawn.owner(a)}' and '{drawn.owner(b)}'. Remove the equality, or make both bodies parts of one asset."
         )
     raise NotSupportedError(
-        f"{label} ties body '{first}' to body '{second}', and drawing {drawn.names(apart)} would break it. Leave these "
+        f"{label} ties body '{first}' to body '{second}', but drawing {drawn.names(apart)} would break it. Leave these "
         f"joints out of the 'joints' of '{drawn.owner(a)}', or remove the equality."
     )
 

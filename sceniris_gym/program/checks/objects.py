@@ -36,7 +36,7 @@ def check_supports(plan: Plan) -> None:
         if up < COS_MAX_TILT:
             lean = np.degrees(np.arccos(np.clip(up, -1.0, 1.0)))
             raise NotSupportedError(
-                f"{where}: the z axis of '{parent}' leans by {lean:.3g} degrees at home, and supports should be level. "
+                f"{where}: the z axis of '{parent}' leans by {lean:.3g} degrees at home, but supports should be level. "
                 "Give the support a body whose z axis points up."
             )
         is_endless = any(s.is_endless for surfaces in o.surfaces for s in surfaces)
@@ -59,13 +59,13 @@ def check_relations(plan: Plan) -> None:
         corners = 3 + sum(max(4, len(r.anchors)) for r in relations)
         if corners > MAX_CORNERS:
             raise SceneKeyError(
-                f"{where}: together, they may cut a support into pieces with {corners} corners, which should be at "
+                f"{where}: the relations may cut a support into pieces with {corners} corners, which should be at "
                 f"most {MAX_CORNERS}. Use fewer relations, or fewer anchors of 'between'."
             )
         if o.orientation == "face_to" and any(isinstance(r, Beside) for r in relations):
             raise SceneKeyError(
-                f"{where}: 'beside' depends on the object's rotation, and 'face_to' on its position. Remove one of "
-                "them."
+                f"{where}: 'beside' needs the object's rotation first, but 'face_to' its position first. Remove one "
+                "of them."
             )
         for i, relation in enumerate(relations):
             if relation.has_own_width and max(v.short_edge for v in o.stable_poses) == 0.0:
@@ -81,7 +81,7 @@ def check_relations(plan: Plan) -> None:
             )
         if pieces > MAX_PIECES:
             raise SceneKeyError(
-                f"{where}: together, they cut the region into {pieces} pieces, which should be at most {MAX_PIECES}. "
+                f"{where}: the relations cut the region into {pieces} pieces, which should be at most {MAX_PIECES}. "
                 f"Use fewer or wider rings: a thin ring makes up to {MOST_SLICES} slices."
             )
 
@@ -126,8 +126,8 @@ def check_heaps(plan: Plan) -> None:
         where = f"{config.where}: heaps.{key}"
         if made_with[heap.of[0]] != settled_with(plan.scene, heap, where):
             raise SceneKeyError(
-                f"{where}.rows: '{heap.rows}' was settled with other shapes or masses. Settle it again with "
-                "`sceniris-gym settle SCENE`."
+                f"{where}.rows: '{heap.rows}' was settled with other shapes or masses than in this scene. Run "
+                "`sceniris-gym settle SCENE` again."
             )
 
 
@@ -157,6 +157,6 @@ def check_reach(plan: Plan) -> None:
         if solved and not robot.in_scene:
             instead = "Build a finer map" if one.map is not None and one.map.coarse else "Use 'map'"
             raise SceneKeyError(
-                f"{where}: objects.{solved[0]}.reachable: 'ik' and 'clear' pose the arm, which has 'in_scene: false'"
+                f"{where}: objects.{solved[0]}.reachable: 'ik' and 'clear' need the robot, but it has 'in_scene: false'"
                 f"{'' if why_not is None else f', and {why_not}'}. {instead}, or put the robot into the scene."
             )

@@ -36,7 +36,7 @@ def check_distances(plan: Plan) -> None:
                 key = f"{robot.section}.base" if robot.in_model is None else robot.key
             place = ", ".join(f"{x:.4g}" for x in at)
             raise SceneKeyError(
-                f"{config.where}: {key}: stands at ({place}) m, and should be within {MOST_FAR:g} m of the world's "
+                f"{config.where}: {key}: stands at ({place}) m, but should be within {MOST_FAR:g} m of the world's "
                 "origin along each axis: rounding grows with distance. Move the model to the origin."
             )
     for o in plan.objects:
@@ -50,7 +50,7 @@ def check_distances(plan: Plan) -> None:
             if reach > MOST_FAR:
                 raise SceneKeyError(
                     f"{where}: geom '{geom_name(plan.scene.mjm, p.geom)}' reaches {reach:.4g} m from the object's "
-                    f"origin, and should end within {MOST_FAR:g} m of it: rounding grows with distance. Correct its "
+                    f"origin, but should end within {MOST_FAR:g} m of it: rounding grows with distance. Correct its "
                     "position, or give its mesh a smaller `scale`."
                 )
         bound, mjm = BOUNDS["joint"], plan.scene.mjm
@@ -59,7 +59,7 @@ def check_distances(plan: Plan) -> None:
             if not all(map(bound.holds, ends)):
                 joint = mjm.joint(int(np.flatnonzero(mjm.jnt_qposadr == drawn.qposadr)[0])).name
                 raise SceneKeyError(
-                    f"{where}.joints: '{joint}' is drawn between {min(ends):g} and {max(ends):g}, and {bound.advice}. "
+                    f"{where}.joints: '{joint}' is drawn between {min(ends):g} and {max(ends):g}, but {bound.advice}. "
                     "Correct its limits in the model, or give a 'range'."
                 )
     for p, low, high in plan.solids:
@@ -67,7 +67,7 @@ def check_distances(plan: Plan) -> None:
         if reach > MOST_WIDE and np.all(low <= MOST_FAR) and np.all(high >= -MOST_FAR):
             raise SceneKeyError(
                 f"{plan.scene.config.where}: geom '{geom_name(plan.scene.mjm, p.geom)}': reaches {reach:.4g} m from "
-                f"the world's origin, and should end within {MOST_WIDE:g} m along each axis: rounding grows with "
+                f"the world's origin, but should end within {MOST_WIDE:g} m along each axis: rounding grows with "
                 "distance. Use a plane, or smaller geoms."
             )
 
@@ -87,7 +87,7 @@ def _check_region(plan: Plan, o: PlacedObject, placed: set[str]) -> None:
     if reach > MOST_FAR + 1e-6:
         where = f"{plan.scene.config.where}: {plan.scene.config.key(o.name)}.{o.config.support.word}"
         raise SceneKeyError(
-            f"{where}: '{o.config.support.parent}' reaches {reach:.4g} m from the world's origin, and objects should "
+            f"{where}: '{o.config.support.parent}' reaches {reach:.4g} m from the world's origin, but objects should "
             f"be placed within {MOST_FAR:g} m of the origin along each axis: rounding grows with distance. Give the "
             "object a 'region' nearer to the origin."
         )
@@ -107,8 +107,8 @@ def check_parking(plan: Plan) -> None:
         if edge >= PARKING_SPACING:  # neighbours on the lattice would touch
             cure = "leave this variant out" if o.name in config.owners else "take it out of its group"
             raise SceneKeyError(
-                f"{config.where}: objects.{o.name}: is {edge:.3g} m wide and may be absent, and absent objects are "
-                f"parked {PARKING_SPACING:g} m apart. Use a smaller object, or {cure}."
+                f"{config.where}: objects.{o.name}: is {edge:.3g} m wide and may be absent, but absent objects are "
+                f"parked only {PARKING_SPACING:g} m apart. Use a smaller object, or {cure}."
             )
     corners: dict[str, np.ndarray] = {}  # at home, of pieces that rise above the ground
     for p, _, high in plan.solids:
@@ -121,7 +121,7 @@ def check_parking(plan: Plan) -> None:
         if corner.min() > _NEAREST:
             path = f"objects.{name}" if name in config.objects else f"body '{name}'"
             raise SceneKeyError(
-                f"{config.where}: {path}: reaches as far as ({corner[0]:.3g}, {corner[1]:.3g}) m, and absent members "
+                f"{config.where}: {path}: reaches as far as ({corner[0]:.3g}, {corner[1]:.3g}) m, but absent members "
                 f"of groups are parked from ({PARKING_FROM:g}, {PARKING_FROM:g}) m on. Move it and its support "
                 "nearer to the world's origin, or use no groups."
             )

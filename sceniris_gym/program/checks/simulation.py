@@ -38,7 +38,7 @@ def put_simulated(mjm: mujoco.MjModel, where: str) -> mjw.Model:
     try:
         return mjw.put_model(mjm)
     except NotImplementedError as error:
-        raise NotSupportedError(f"{where}: MuJoCo-Warp cannot simulate the model: {error} Remove it.") from None
+        raise NotSupportedError(f"{where}: MuJoCo-Warp cannot simulate the model: {error} Leave this out.") from None
 
 
 def check_pairs_fit(plan: Plan) -> None:
@@ -73,7 +73,7 @@ def check_memory(what: str, needed: int, device: str, cure: str) -> None:
     if free is not None and needed > free:
         free_gib = max(free, 0) / 2**30
         raise MemoryLimitError(
-            f"{what}: takes {needed / 2**30:.1f} GiB or more, and {free_gib:.1f} GiB are free on {device}. {cure}"
+            f"{what}: takes {needed / 2**30:.1f} GiB or more, but only {free_gib:.1f} GiB are free on {device}. {cure}"
         )
 
 

@@ -59,7 +59,7 @@ def check_standing(plan: Plan) -> None:
         _check_gravity(plan.scene, o, where)
         if not stance.feet:
             raise SceneKeyError(
-                f"{where}: '{o.name}' falls through '{o.config.support.parent}', as no geom of it collides with "
+                f"{where}: '{o.name}' falls through '{o.config.support.parent}', as none of its geoms collides with "
                 f"'{o.config.support.parent}'. Give both matching contact bits (contype, conaffinity), remove an "
                 f"<exclude>, {_ANYWAY}."
             )
@@ -70,8 +70,8 @@ def check_standing(plan: Plan) -> None:
             )
         if (len(stance.levels) > 1 or stance.tilt) and stance.friction < _FRICTION:
             raise SceneKeyError(
-                f"{where}: '{o.name}' slides off '{o.config.support.parent}', as the friction between them is "
-                f"{stance.friction:.3g} and should be at least {_FRICTION:g}. Raise the friction of either, {_ANYWAY}."
+                f"{where}: '{o.name}' slides off '{o.config.support.parent}', because the friction between them is "
+                f"{stance.friction:.3g}, but should be at least {_FRICTION:g}. Raise the friction of either, {_ANYWAY}."
             )
         if round(hangs := max(f.hangs for f in stance.feet), 4) > 0.0:
             raise SceneKeyError(
@@ -80,8 +80,8 @@ def check_standing(plan: Plan) -> None:
             )
         if round(abs(gap := max((f.drop for f in stance.feet), key=abs)), 6) > _DROP:
             raise SceneKeyError(
-                f"{where}: '{o.name}' meets its support {1e3 * abs(gap):.3g} mm {'below' if gap > 0 else 'above'} its "
-                f"place, and this distance should be at most {1e3 * _DROP:g} mm. Give the visible and the colliding "
+                f"{where}: '{o.name}' would stand {1e3 * abs(gap):.3g} mm {'below' if gap > 0 else 'above'} the "
+                f"height where it is placed, and the limit is {1e3 * _DROP:g} mm. Give the visible and the colliding "
                 f"geoms of '{o.name}' the same lowest height, and the geoms of its support the same top height."
             )
         check_weight(plan.scene, o.bodies, where)
@@ -108,8 +108,8 @@ def check_standing(plan: Plan) -> None:
         levels = len(stance.levels)
         if levels > MAX_LEVELS:
             raise SceneKeyError(
-                f"{where}: {levels} free objects stand on each other, which should be at most {MAX_LEVELS}. Begin "
-                "another stack."
+                f"{where}: {levels} free objects stand on each other, which should be at most {MAX_LEVELS}. Put "
+                "some of them on another support."
             )
         for mjm in models:
             _check_joints(plan, mjm, o, stance.load, where)
@@ -124,8 +124,8 @@ def _check_gravity(scene: SceneModel, o: PlacedObject, where: str) -> None:
         drawn = "may be drawn as" if (scene.least.opt.gravity != scene.most.opt.gravity).any() else "is"
         wind = f" with a wind that pushes '{o.name}' by up to {push:.3g} N for each kg" if push else ""
         raise SceneKeyError(
-            f"{where}: gravity {drawn} {pull.round(6).tolist()}{wind}, and should point within {_TILT:g} degree "
-            f"of straight down (-z) for standing objects. Correct it, {_ANYWAY}."
+            f"{where}: gravity {drawn} {pull.round(6).tolist()}{wind}, but should point within {_TILT:g} degree "
+            f"of straight down (-z) for standing objects. Correct gravity or wind, {_ANYWAY}."
         )
     if mjm.opt.disableflags & (bits.mjDSBL_CONTACT | bits.mjDSBL_CONSTRAINT):
         raise SceneKeyError(f"{where}: a flag of the model switches contacts off. Remove this <flag>, {_ANYWAY}.")
@@ -202,7 +202,7 @@ def _check_own_joints(plan: Plan, mjm: mujoco.MjModel, o: PlacedObject, stance: 
     for state, i in itertools.product(states, range(len(o.stable_poses))):
         if (far := moves(loose, state, i)) > _STILL >= moves(firm, state, i):
             raise SceneKeyError(
-                f"{where}: '{o.name}' moves by {1e3 * far:.3g} mm, as its joints {[mjm.joint(j).name for j in inner]} "
+                f"{where}: '{o.name}' moves by {1e3 * far:.3g} mm: its joints {[mjm.joint(j).name for j in inner]} "
                 f"give way. Hold them by frictionloss, stiffness or actuators, make it a robot with 'in_model', "
                 f"{_ANYWAY}."
             )

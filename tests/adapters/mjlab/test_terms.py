@@ -220,7 +220,7 @@ def test_chosen_environments_get_the_layouts_of_ids():
     assert env.extras["layout"]["seed"].tolist() == [7, 6, 7, 8, 7, 10]
     assert env.extras["layout"]["episode"].tolist() == [0, 2, 1, 1, 1, 1]
     assert torch.equal(term.layouts.pose("cube_0")[4], wanted)
-    with pytest.raises(ArgumentError, match="should be one value outside of a list, or 6, one for each world, got 1"):
+    with pytest.raises(ArgumentError, match="should be a list of 6, one for each world, got a list of 1"):
         term.reseed(layouts=[term.compiled.layout_id(7, 1)])
     with pytest.raises(SceneMismatchError, match="belongs to scene"):
         term.reseed(layouts=["a:train:0:0"], env_ids=[1])

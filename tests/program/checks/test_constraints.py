@@ -91,7 +91,7 @@ def test_a_weld_between_things_that_stay_is_allowed_where_the_start_pose_keeps_i
     rest = '<equality><weld name="glue" body1="cup" body2="jar"/></equality>'
     checked(own(tmp_path, rest, {"cup": {}, "jar": {}}))
     key = '<keyframe><key name="home" qpos="0 0 0 1 0 0 0 0 1.5 0 1 0 0 0"/></keyframe>'
-    with pytest.raises(NotSupportedError, match=r"'glue' \(weld\) is missed by 0.5 m.*keyframe 'home'"):
+    with pytest.raises(NotSupportedError, match=r"'glue' \(weld\) is violated by 0.5 m.*keyframe 'home'"):
         checked(own(tmp_path, rest + key, {"cup": {}, "jar": {}}))
 
 

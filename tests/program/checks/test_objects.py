@@ -192,7 +192,7 @@ def test_what_does_not_know_its_turn_cannot_be_beside(folder: Path):
     """`face_to` needs to know where it is first; the message names the relations."""
     box = {"asset": str(folder / "box.xml"), "on": "floor"}
     words = {"orientation": {"face_to": "post"}, "relations": [{"beside": "post", "side": "left"}]}
-    with pytest.raises(SceneKeyError, match=r"objects\.thing\.relations: 'beside' depends on the object.* 'face_to'"):
+    with pytest.raises(SceneKeyError, match=r"objects\.thing\.relations: 'beside' needs the object.* 'face_to'"):
         checked(scene_of({"post": {**box, "kind": "fixture"}, "thing": {**box, **words}}))
 
 

@@ -60,7 +60,7 @@ def test_what_does_not_fit_is_told_with_a_remedy(tmp_path: Path, monkeypatch: py
     system(monkeypatch, tmp_path, GIB, "max")
     simulation.check_memory("this", GIB, "cpu", "Use less.")
     with pytest.raises(
-        MemoryLimitError, match=r"^this: takes 2\.0 GiB or more, and 1\.0 GiB are free on cpu. Use less.$"
+        MemoryLimitError, match=r"^this: takes 2\.0 GiB or more, but only 1\.0 GiB are free on cpu. Use less.$"
     ) as caught:
         simulation.check_memory("this", 2 * GIB, "cpu", "Use less.")
     error = caught.value

@@ -44,16 +44,16 @@ RISING = '<body gravcomp="2" pos="0 0 .06"><joint/><geom type="box" size=".02 .0
 WIND = '" wind="{} 0 0" density="1.2'
 BELT = 'surfacevel=".1 0 0 0 0 0"'
 REFUSED: dict[str, tuple[dict[str, Any], str]] = {
-    "sideways": ({"gravity": "0 -9.81 0"}, r"crate\.on: gravity is \[0\.0, -9\.81, 0\.0\], and should point within"),
+    "sideways": ({"gravity": "0 -9.81 0"}, r"crate\.on: gravity is \[0\.0, -9\.81, 0\.0\], but should point within"),
     "tilted": ({"gravity": "0 .2 -9.81"}, r"should point within 1 degree of straight down"),
     "upward": ({"gravity": "0 0 9.81"}, r"should point within"),
     "a flag": ({"flag": '<flag contact="disable"/>'}, r"a flag of the model switches contacts off"),
-    "bits": ({"geom": 'contype="2" conaffinity="2"'}, r"'crate' falls through 'bench', as no geom of it collides"),
+    "bits": ({"geom": 'contype="2" conaffinity="2"'}, r"'crate' falls through 'bench', as none of its geoms collides"),
     "an exclude": (
         {"rest": '<contact><exclude body1="bench" body2="crate"/></contact>'},
         r"'crate' falls through 'bench', .* remove an <exclude>",
     ),
-    "gravcomp": ({"body": 'gravcomp="1.2"'}, r"'gravcomp' leaves it no weight"),
+    "gravcomp": ({"body": 'gravcomp="1.2"'}, r"'gravcomp' leaves the object no weight"),
     "an overhang": ({"more": BEAM}, r"'crate' falls over: its centre of mass is [0-9.]+ mm outside of its foot"),
     "a soft contact": ({"geom": 'solref="1.5 1" priority="1"'}, r"'crate' sinks into its support by [0-9.]+ mm"),
     "a soft pair": (
@@ -62,7 +62,7 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "no friction": (
         {"geom": 'friction="0 0 0" priority="1"', "rest": LID},
-        r"lid\.on: 'lid' slides off 'crate', as the friction between them is 0 and should be at least 0\.02",
+        r"lid\.on: 'lid' slides off 'crate', because the friction between them is 0, but should be at least 0\.02",
     ),
     "no friction on a tilt": (
         {"gravity": ".1 0 -9.8", "geom": 'condim="1" priority="1"'},
@@ -98,11 +98,11 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "gravcomp of parts that are drawn apart": (
         {"more": RISING, "draws": {"crate": {"mass": {"scale": [0.001, 1], "each": True}}}},
-        r"'gravcomp' leaves it no weight",
+        r"'gravcomp' leaves the object no weight",
     ),
     "wind": (
         {"gravity": f"0 0 -9.81{WIND.format(12)}"},
-        r"gravity is .* with a wind that pushes 'crate' by up to 0\.864 N for each kg, and should",
+        r"gravity is .* with a wind that pushes 'crate' by up to 0\.864 N for each kg, but should",
     ),
     "a wind that is drawn": (
         {
@@ -315,16 +315,14 @@ def test_visible_geoms_end_where_colliding_ones_do(bench: float, crate: float, p
     if place is None:
         checked(scene)
         return
-    with pytest.raises(
-        SceneKeyError, match=rf"crate\.on: 'crate' meets its support {place} its place, .* at most 2 mm"
-    ):
+    with pytest.raises(SceneKeyError, match=rf"crate\.on: 'crate' would stand {place} the height .* limit is 2 mm"):
         checked(scene)
 
 
 def test_the_lowest_geom_is_one_that_the_support_carries():
     """A peg that the bench does not collide with would hold the crate 2 cm over it."""
     peg = '<geom type="sphere" size=".02" pos="0 0 -.05" contype="2" conaffinity="2"/>'
-    with pytest.raises(SceneKeyError, match=r"'crate' meets its support 20 mm below its place"):
+    with pytest.raises(SceneKeyError, match=r"'crate' would stand 20 mm below the height"):
         made(more=peg)
 
 
@@ -383,6 +381,6 @@ def test_joints_that_give_way_are_refused_where_the_object_moves(case: str):
         checked(scene)
         return
     with pytest.raises(
-        SceneKeyError, match=rf"thing\.on: 'thing' moves by [0-9.]+ mm, as its joints {names} give way.*'in_model'"
+        SceneKeyError, match=rf"thing\.on: 'thing' moves by [0-9.]+ mm: its joints {names} give way.*'in_model'"
     ):
         checked(scene)
