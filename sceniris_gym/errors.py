@@ -179,8 +179,8 @@ class FixedError(ScenirisError, AttributeError):
     def __init__(self, what: str, name: str, cure: str | None = None) -> None:
         self.what, self.cure = what, cure
         super().__init__(
-            f"{what}.{name} cannot be changed: steps and resets are captured with the arrays of the scene that {what} "
-            "was made with, and would keep using them. " + (cure or f"Make another {what} with the other '{name}'.")
+            f"{what}.{name} cannot be changed: captured steps and resets would keep using the arrays with which {what} "
+            "was made. " + (cure or f"Make a new {what} with the new '{name}'.")
         )
         self.name = name  # set last: AttributeError's constructor sets its own `name` to None
 

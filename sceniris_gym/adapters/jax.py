@@ -264,7 +264,7 @@ def _check_device(compiled: CompiledScene) -> None:
     if (platform == "cpu") != (compiled.device == "cpu"):
         raise SceneMismatchError(
             f"LayoutFunction: the compiled scene is on {compiled.device}, but JAX computes "
-            f"on {platform}. Compile it there, too: compile_scene(scene, {'cpu' if platform == 'cpu' else 'cuda:0'!r})."
+            f"on {platform}. Compile it there: compile_scene(scene, {'cpu' if platform == 'cpu' else 'cuda:0'!r})."
         )
 
 

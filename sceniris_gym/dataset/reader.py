@@ -219,7 +219,7 @@ def verify(dataset: str | Path | LayoutDataset) -> dict[str, Any]:
     if damaged:
         more = f" and {len(damaged) - 5} others" if len(damaged) > 5 else ""
         raise DatasetError(
-            f"{folder}: {', '.join(damaged[:5])}{more} {'is' if len(damaged) == 1 else 'are'} damaged or missing, as "
-            f"{MANIFEST} tells. Remove damaged files, and repeat the data set's `sceniris-gym generate` with --resume."
+            f"{folder}: {', '.join(damaged[:5])}{more} {'is' if len(damaged) == 1 else 'are'} damaged or missing, "
+            f"according to {MANIFEST}. Remove damaged files, and repeat the `sceniris-gym generate` with --resume."
         )
     return held

@@ -232,7 +232,7 @@ class LayoutGenerator(Fixed, LayoutSource):
             ArgumentError: The generator records rejected candidates.
         """
         if self.layouts.view.rejected_object.shape[0] > 0:
-            raise ArgumentError("LayoutGenerator: cannot prefetch while it records rejected candidates. Do either.")
+            raise ArgumentError("LayoutGenerator: cannot prefetch while it records rejected candidates. Omit one.")
         names = self.layouts.params.names
         return LayoutGenerator(self.compiled, self.nworld, split=self.split, size=self.size, params=names)
 

@@ -200,8 +200,8 @@ def refuse_starts(compiled: CompiledScene, where: str) -> None:
     """
     if compiled.starts is not None:
         raise NotSupportedError(
-            f"{where}: '{compiled.config.name}' has 'start', but nothing closes the fingers here. Remove 'start' from "
-            "the scene file, or use SceneVectorEnv or ResetRandomizer."
+            f"{where}: '{compiled.config.name}' has 'start', but only SceneVectorEnv and ResetRandomizer close fingers."
+            " Use one of them, or remove 'start' from the scene file."
         )
 
 

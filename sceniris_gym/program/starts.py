@@ -146,7 +146,7 @@ def _arm_range(plan: Plan, one: ReachingArm, config: StartConfig, where: str) ->
             found[index.index(drawn.qposadr)] = drawn.low, drawn.high
     if config.robot_joints and (found == _UNDRAWN).all():
         names = ", ".join(name.rpartition("/")[2] for name in one.arm.joints)
-        raise SceneKeyError(f"{where}.robot_joints: should draw a joint of the arm, not of its gripper: {names}.")
+        raise SceneKeyError(f"{where}.robot_joints: should draw joints of the arm ({names}), not of its gripper.")
     return found
 
 

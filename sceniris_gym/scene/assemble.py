@@ -97,8 +97,8 @@ def attach_variants(
         # MuJoCo silently leaves out elements that name a missing joint
         if lost := [kind for kind, count in wanted.items() if bodies and len(getattr(spec, kind)) < count]:
             raise NotSupportedError(
-                f"{where}: objects.{owner}: variants have {' and '.join(lost)} of joints that are dropped, but "
-                "should be rigid bodies to share one body. Make them separate objects in a group instead."
+                f"{where}: objects.{owner}: variants have {' and '.join(lost)} of joints, but joints of variants "
+                "are dropped, so that all variants share one body. Make them separate objects in a group instead."
             )
     return homes
 

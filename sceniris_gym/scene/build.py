@@ -276,7 +276,7 @@ def add_cameras(spec: mujoco.MjSpec, config: SceneConfig) -> None:
     for name, camera in config.cameras.items():
         where = f"{config.where}: cameras.{name}"
         if spec.camera(name) is not None:
-            raise SceneKeyError(f"{where}: the model has a camera of this name already. Give this one another name.")
+            raise SceneKeyError(f"{where}: the model has a camera of this name already. Give this camera another name.")
         carrier = spec.worldbody if camera.body is None else spec.body(_name_in_model(config, camera.body))
         if carrier is None and camera.body in config.variants:  # the shared body is made later
             carrier = spec.body(config.variants[camera.body][0])

@@ -398,7 +398,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         if info is None:
             return self.randomizer.layout_ids()
         if not isinstance(info, Mapping) or "layout" not in info:
-            raise ArgumentError("layout_ids: info should be an info that reset or step returned, or its 'final_info'.")
+            raise ArgumentError("layout_ids: info should be the info of a reset or a step, or its 'final_info'.")
         layout = {"params": {}, **info["layout"]}
         found, _ = layouts_of_mapping(layout, self.randomizer.layouts, "layout_ids: info['layout']")
         keys: Any = found.seed, found.episode, found.param

@@ -35,7 +35,7 @@ def test_attributes_are_set_once():
     """By the constructor; others as often as wanted."""
     kept = Kept("a", 3)
     kept.other = 4
-    with pytest.raises(FixedError, match=r"Kept\.scene cannot be changed.*Make another Kept with the other 'scene'"):
+    with pytest.raises(FixedError, match=r"Kept\.scene cannot be changed.*Make a new Kept with the new 'scene'"):
         kept.scene = "b"
     with pytest.raises(FixedError):
         del kept.scene

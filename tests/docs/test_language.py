@@ -162,7 +162,7 @@ def _about_models() -> Iterator[str]:
         "--tier clear",
         "the audit cannot judge",
     )
-    others += ("no geom that collides", "holds device memory", "nothing closes the fingers here", "without params")
+    others += ("no geom that collides", "holds device memory", "close fingers", "without params")
     for file, of, name, words in _raised():
         is_ours = name in OF_MODELS and not any(other in words for other in others) and file.name != "errors.py"
         is_ours = is_ours or name in OWN_WORDS

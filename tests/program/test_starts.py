@@ -62,7 +62,7 @@ WRONG: dict[str, tuple[dict[str, Any], type[ScenirisError], str]] = {
     "joints of the gripper alone": (
         {"robot": "grasp", "of": "block", "robot_joints": {"finger*": {"noise": 0.1}}},
         SceneKeyError,
-        "not of its gripper: joint1, joint2",
+        "joints of the arm (joint1, joint2",
     ),
 }
 

@@ -37,9 +37,7 @@ def test_a_batch_keeps_what_its_graph_was_captured_with(small_scene, name: str):
     batch, untouched, other = (Batch(small_scene.scene, 2, "cpu") for _ in range(3))
     for each in (batch, untouched):
         each.step()
-    with pytest.raises(
-        FixedError, match=rf"Batch\.{name} cannot be changed.*Make another Batch with the other '{name}'"
-    ):
+    with pytest.raises(FixedError, match=rf"Batch\.{name} cannot be changed.*Make a new Batch with the new '{name}'"):
         setattr(batch, name, getattr(other, name, None))
     for each in (batch, untouched):
         each.step()

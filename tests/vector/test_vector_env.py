@@ -215,7 +215,7 @@ def test_another_scene_is_refused_once_steps_are_captured(make_env, name):
     """Assigned to the environment or to its randomizer; a method that would set one does not exist."""
     envs, other = make_env(num_envs=3), make_env(num_envs=3)
     envs.reset(seed=0)
-    with pytest.raises(FixedError, match=f"SceneVectorEnv.{name} cannot be changed.*Make another SceneVectorEnv"):
+    with pytest.raises(FixedError, match=f"SceneVectorEnv.{name} cannot be changed.*Make a new SceneVectorEnv"):
         setattr(envs.unwrapped, name, getattr(other, name, {}))
     with pytest.raises(FixedError, match=r"ResetRandomizer\.pipeline"):
         envs.randomizer.pipeline = other.randomizer.pipeline

@@ -311,7 +311,7 @@ def _as_model(scene: Any, env: Any) -> SceneModel:
             raise NotSupportedError(
                 f"{config.where}: objects.{name}: has variants, so it should be an mjlab entity with variants of the "
                 f"same names (VariantEntityCfg). {instead_of_variants(name, members)} "
-                "In mjlab, call it by cfg.scene.spec_fn = lambda spec: edit_spec(spec, scene)."
+                "In mjlab, set cfg.scene.spec_fn = lambda spec: edit_spec(spec, scene)."
             )
     has_key = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_KEY, KEYFRAME) >= 0
     keys: dict[str, Any] = {"home": KEYFRAME} if has_key and config.home is None else {}

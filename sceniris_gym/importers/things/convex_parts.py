@@ -104,7 +104,7 @@ def convex_parts(solid: Solid, where: str, tolerance: float | None = None) -> Pa
     if fit.error > allowed or len(parts) > MOST_PARTS:
         raise MeshError(
             f"{where}: at most {MOST_PARTS} convex parts should be within {1000.0 * allowed:.2g} mm of the "
-            f"surface, but {method} made {len(parts)} parts within {1000.0 * fit.error:.2g} mm. Increase --tolerance, "
+            f"surface, got {len(parts)} within {1000.0 * fit.error:.2g} mm ({method}). Increase --tolerance, "
             "or model thin and fine structures thicker.",
             "parts",
         )

@@ -39,7 +39,7 @@ def test_a_remedy_is_one_that_helps():
     assert "--scale 1e-07 if it is 0.1 m long" in str(refused(1e6))
     assert "--scale mm makes it 0.005 m" not in str(refused(5.0, "100"))
     assert "--scale m makes it 0.005 m, --scale ft makes it 0.00152 m" in str(refused(0.005, "0.01"))
-    assert "export it again" in str(refused(0.0))
+    assert "export the file again" in str(refused(0.0))
 
 
 def refused(size: float, scale: str | None = None) -> MeshError:
