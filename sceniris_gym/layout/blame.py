@@ -28,13 +28,13 @@ _UNDECIDED = 1.0e-6  # [m] beyond margin and skin: geoms at this distance may st
 _CROWD = 5
 # Causes that only occur after all objects are placed.
 _LATE = (Cause.NO_IK.name.lower(), Cause.BLOCKED.name.lower())
-_PLAIN = "Give it a larger region or support, a smaller clearance, or fewer neighbours."
+_PLAIN = "Give the object a larger region or support, a smaller clearance, or fewer neighbours."
 _MOST_NAMED = 3  # objects of a message
-_CLOSER = "Place it closer to the robot, turn it towards the robot, or use a less thorough tier of 'reachable'."
+_CLOSER = "Place the object closer to the robot, turn it towards the robot, or use a weaker tier of 'reachable'."
 _REMEDIES = {
     "overhead": "'on' requires open space above, and 'inside' a part of the support above. 'in' accepts both.",
     "unsound": "Layouts had non-finite numbers, or numbers out of all bounds. Look for such numbers in the model.",
-    "falls": "Narrow the range of its 'mass' or 'ipos', give it a wider support or a region further from the edge, or "
+    "falls": "Narrow the ranges of its 'mass' or 'ipos', give it a wider support or a region further from the edge, or "
     "write 'stands: false' if it may fall.",
     **dict.fromkeys(("unreachable", "no_ik", "blocked"), _CLOSER),
 }
@@ -200,12 +200,12 @@ def _of_leaning(support: str, orientation: str) -> str:
 
     The support belongs to an object, and `orientation` is this object's kind of orientation.
     """
-    better = "Restrict the joints that move it to states in which it is level."
+    better = "Restrict the joints that move this support to states in which it is level."
     if orientation in ("any", "stable"):
         owner = support.split("/")[0]
         better = f"Keep '{owner}' upright: give it a yaw or 'fixed' instead of 'orientation: {orientation}'."
     return (
-        f"Its support '{support}' leans by more than 0.1 degree in most of the drawn states, but objects are "
+        f"The object's support '{support}' leans by more than 0.1 degree in most of the drawn states, but objects are "
         f"placed on level surfaces only. {better}"
     )
 
@@ -220,8 +220,8 @@ def _of_collision(room: str | None, joined: str | None) -> str:
     if joined is None:
         return room or _PLAIN
     return (
-        f"It is joined to '{joined}': give 'beside' a 'gap' of a few millimetres, or move the sites away from both "
-        "objects by this distance. The objects then keep their 'clearance'."
+        f"The object is joined to '{joined}': give 'beside' a 'gap' of a few millimetres, or move the sites away from "
+        "both objects by this distance. The objects then keep their 'clearance'."
     )
 
 

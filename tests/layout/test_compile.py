@@ -408,7 +408,7 @@ def test_what_is_to_carry_is_to_be_kept_upright(turn: str, tmp_path: Path, crate
     board = {"asset": box_mjcf(tmp_path, "board", 0.03, 0.5, 0.5), "on": "floor", "orientation": turn}
     advice = f"Keep 'board' upright: give it a yaw or 'fixed' instead of 'orientation: {turn}'."
     scene = {"floor": FLOOR, "objects": {"board": board, "crate": {**crate, "on": "board"}}}
-    _refused(scene, InfeasibleSceneError, "Its support 'board' leans by more than 0.1 degree", advice)
+    _refused(scene, InfeasibleSceneError, "The object's support 'board' leans by more than 0.1 degree", advice)
 
 
 def test_a_support_that_leans_carries_nothing(tmp_path: Path, crate: dict):
@@ -428,7 +428,7 @@ def test_a_support_that_leans_carries_nothing(tmp_path: Path, crate: dict):
         }
 
     _refused(scene("wall", {}), NotSupportedError, "objects.crate.on", "'rack/wall' leans by 90 degrees")
-    leans = "Its support 'rack/lid' leans by more than 0.1 degree in most of the drawn states"
+    leans = "The object's support 'rack/lid' leans by more than 0.1 degree in most of the drawn states"
     _refused(scene("lid", {"lid": {"range": [0.2, 0.5]}}), InfeasibleSceneError, "'crate'", "empty", leans)
     shut = make(compile_on_cpu(scene("lid", {"lid": {"choice": [0.0, 1.0]}})), 50)
     lid = compile_on_cpu(scene("lid", {"lid": {"choice": [0.0, 1.0]}})).mjm.joint("rack/lid").qposadr[0]

@@ -74,7 +74,7 @@ def test_without_a_gap_they_coincide_and_face_each_other(counter: str):
 
 def test_sites_on_the_very_ends_leave_no_clearance_and_the_error_says_what_to_do(counter: str):
     """A gap of nothing: the things touch wherever they are, and more room would not help."""
-    says = r"because of collision.* It is joined to 'a': give 'beside' a 'gap' of a few millimetres"
+    says = r"because of collision.* The object is joined to 'a': give 'beside' a 'gap' of a few millimetres"
     with pytest.raises(InfeasibleSceneError, match=says) as raised:
         compile_on_cpu(joined(counter, gap=0.0))
     assert str(pickle.loads(pickle.dumps(raised.value))) == str(raised.value)

@@ -183,7 +183,7 @@ def test_nothing_is_taken_from_below(folder: Path, cube: str):
     asset = crane_mjcf(folder, "upward")
     crane_map(asset, upwards=True)
     rising = write_mjcf(folder, "rising", '<geom type="sphere" size="0.02" pos="0 0 0.02"/><site name="grasp_up"/>')
-    with pytest.raises(InfeasibleSceneError, match=r"because of unreachable.*Place it closer to the robot"):
+    with pytest.raises(InfeasibleSceneError, match=r"because of unreachable.*Place the object closer to the robot"):
         compile_on_cpu(crane_scene(asset, rising), bank=1)
     scene = crane_scene(asset, rising)
     del scene["objects"]["thing"]["on"]
