@@ -160,7 +160,7 @@ class ContactBudgetError(ScenirisError):
     def __init__(self, budget: str, room: int, wanted: int) -> None:
         self.budget, self.room, self.wanted = budget, room, wanted
         super().__init__(
-            f"{budget}={room} is too small for this scene: a world needed {wanted} just now, and the rest is ignored. "
+            f"{budget}={room} is too small for this scene: {wanted} per world were needed, and the rest is ignored. "
             f"Pass {budget}={max(2 * room, 2 * wanted)}."
         )
 
