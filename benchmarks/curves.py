@@ -25,7 +25,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from sceniris_gym.training.records import evaluations, share, success_interval
+from sceniris_gym.training.settings import evaluations, share, success_interval
 
 ASKED = {
     "ClutterExtract-v0": 0.8,

@@ -20,8 +20,7 @@ import gymnasium
 
 from sceniris_gym.files import as_json, replacing
 from sceniris_gym.registration import ENTRY_POINTS
-from sceniris_gym.training.records import evaluations
-from sceniris_gym.training.settings import Options
+from sceniris_gym.training.settings import Options, evaluations
 from sceniris_gym.training.train import Run
 
 TASK, STARTS = "DrawerOpenPick-v0", "DrawerOpenPickStarts-v0"

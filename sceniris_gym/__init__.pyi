@@ -29,15 +29,15 @@ from .scene.adopt import edit_spec as edit_spec
 from .scene.build import build_model as build_model
 from .scene.layout_table import LayoutTable as LayoutTable
 from .scene.model import SceneModel as SceneModel
+from .sim.fit import make_worlds as make_worlds
 from .sim.randomizer import ResetRandomizer as ResetRandomizer
 from .sim.snapshot import Snapshot as Snapshot
-from .sim.worlds import make_worlds as make_worlds
 from .vector.arm_controller import ArmController as ArmController
 from .vector.bodies import Bounds as Bounds
 from .vector.bodies import ContactSensor as ContactSensor
 from .vector.evaluation import EpisodeResult as EpisodeResult
 from .vector.evaluation import evaluate as evaluate
-from .vector.images import as_channels as as_channels
+from .vector.observer import as_channels as as_channels
 from .vector.sensing import Sensing as Sensing
 from .vector.settings import ImageConfig as ImageConfig
 from .vector.settings import RenderConfig as RenderConfig

@@ -13,8 +13,7 @@ from typing import Annotated, Literal, ParamSpec
 import tyro
 
 import sceniris_gym
-from sceniris_gym.commands.answer import Answer, answer
-from sceniris_gym.commands.messages import each_once, in_words
+from sceniris_gym.commands.answer import Answer, answer, each_once, in_words
 from sceniris_gym.commands.options import (
     OUT,
     Changes,
@@ -43,8 +42,7 @@ from sceniris_gym.config.tier import Tier, TierWord
 from sceniris_gym.errors import ArgumentError, NotSupportedError, ScenirisError, old_names
 from sceniris_gym.files import check_picture, write_text
 from sceniris_gym.progress import shown
-from sceniris_gym.training.records import CONFIG
-from sceniris_gym.training.settings import Options
+from sceniris_gym.training.settings import CONFIG, Options
 from sceniris_gym.viewer.server import HOST, MOST_SHOWN, PORT, address, close_server, open_server
 
 P = ParamSpec("P")

@@ -55,7 +55,7 @@ def test_a_kernel_rounds_after_each_operation(module: Module, kernel: ast.Functi
 
 @pytest.mark.parametrize("room", ["collide", "device", "layout", "placement", "program", "reach"])
 def test_layouts_need_no_function_that_devices_round_otherwise(room: str):
-    """Warp's sines and powers are CUDA's and the C library's; those of device/angles.py are one and the same."""
+    """Warp's sines and powers are CUDA's and the C library's; those of device/transforms.py are one and the same."""
     found = r"\bwp\.(a?sinh?|a?cosh?|a?tanh?|atan2|exp2?|log(2|10)?|pow|cbrt|erf)\("
     paths = (ROOT / "sceniris_gym" / room).rglob("*.py")
     assert [path.name for path in paths if re.search(found, path.read_text())] == []

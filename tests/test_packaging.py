@@ -18,7 +18,7 @@ from ruamel.yaml import YAML
 
 from sceniris_gym import SceneConfig, __version__, build_model
 from sceniris_gym.errors import old_names
-from sceniris_gym.training.records import source_hash
+from sceniris_gym.training.settings import source_hash
 from tests.training.scenes import SMALL, write_task
 
 ROOT = Path(__file__).parents[1]
@@ -174,7 +174,7 @@ def test_the_wheel_alone_makes_layouts_trains_and_evaluates(python: Path, tmp_pa
     words = ("--task", task, "--layouts", "3", "--device", "cpu")
     said = run(program, "evaluate", "run", *words, cwd=tmp_path)
     assert [line.split(": ")[0] for line in said.splitlines()] == ["valid", "unfiltered"]
-    code = "import sceniris_gym as s, sceniris_gym.training.records as h; print(s.__file__, h.source_hash())"
+    code = "import sceniris_gym as s, sceniris_gym.training.settings as h; print(s.__file__, h.source_hash())"
     file, sources = run(python, "-c", code, cwd=tmp_path).split()
     assert Path(file).is_relative_to(python.parents[1])
     assert sources == source_hash()

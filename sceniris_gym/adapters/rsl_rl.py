@@ -12,7 +12,7 @@ from torch import Tensor
 from sceniris_gym.errors import ArgumentError, import_extra, refuses_old_imports
 from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.program.device import Cause
-from sceniris_gym.vector.images import GROUP, as_channels
+from sceniris_gym.vector.observer import GROUP, as_channels
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 
 import_extra("rsl_rl.env", "rsl-rl", "rsl_rl")
@@ -32,9 +32,9 @@ class RslRlVecEnvWrapper(VecEnv):
     """A SceneVectorEnv as a VecEnv of rsl-rl 5, without copies to the host or waits for the device.
 
     The observation groups keep their names, so a runner's `obs_groups` is {"actor": ["policy"], "critic": ["critic"]}.
-    Each camera is a group with the camera's name, and has its pictures as channels (`as_channels` in vector/images.py)
-    for rsl-rl's CNNModel. Returned observations are never written to again, because rsl-rl keeps references to them
-    until after the next step.
+    Each camera is a group with the camera's name, and has its pictures as channels (see `as_channels`) for rsl-rl's
+    CNNModel. Returned observations are never written to again, because rsl-rl keeps references to them until after the
+    next step.
 
     The `extras` of a step have `time_outs` (truncated and not terminated), `success` of the step, and `log`, a mapping
     of scalars on the device. `log` is also an attribute of the wrapper. `Episode/<term>` (sum over an episode),

@@ -17,7 +17,7 @@ from torch import Tensor
 from sceniris_gym.config.fields import short
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, check_names, import_extra, refuses_old_imports
 from sceniris_gym.vector.arguments import RESET_MASK, as_reset_mask
-from sceniris_gym.vector.images import GROUP, picture_names
+from sceniris_gym.vector.observer import GROUP, picture_names
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 
 import_extra("stable_baselines3", "sb3", "stable-baselines3")

@@ -99,13 +99,7 @@ def _boxes_apart(ha: wp.vec3, hb: wp.vec3, rel: Pose, margin: float) -> bool:
 
 @wp.func
 def near_parts_separated(
-    vert: wp.array[wp.vec3],
-    a: Shape,
-    b: Shape,
-    radius_a: float,
-    radius_b: float,
-    rel: Pose,
-    margin: float,
+    vert: wp.array[wp.vec3], a: Shape, b: Shape, radius_a: float, radius_b: float, rel: Pose, margin: float
 ) -> bool:
     """Test whether the distance between two shapes is above `margin` [m], 0 or more.
 

@@ -1,10 +1,13 @@
-"""Results of commands: text for stdout, and a verdict."""
+"""Output of commands: results and a verdict on stdout, warnings and errors of the operating system on stderr."""
 
+import os
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
-from sceniris_gym.files import as_json
+from sceniris_gym.files import UNWRITABLE, as_json
 
 OK = "ok"
 """Key of the verdict in findings."""
@@ -31,3 +34,39 @@ def answer(found: Mapping[str, Any], json: bool, report: Callable[[Any], str] = 
 def verdict(found: Mapping[str, Any], text: str) -> str:
     """Return the first line of a report: the verdict, then `text`."""
     return f"{'ok' if found[OK] else 'FAIL'}: {text}"
+
+
+def each_once() -> Callable[..., None]:
+    """Return a `warnings.showwarning` that prints each text once."""
+    printed: set[str] = set()
+
+    def show(message: Warning | str, *_: object) -> None:
+        if str(message) not in printed:
+            printed.add(str(message))
+            print(f"warning: {message}", file=sys.stderr, flush=True)
+
+    return show
+
+
+def in_words(error: OSError) -> str:
+    """Return an error of the operating system as text: the file, the reason, and a remedy."""
+    file = "a file" if error.filename is None else str(error.filename)
+    why = str(error) if error.strerror is None else error.strerror.lower()
+    if error.filename is not None and _is_unwritable_cache(file):
+        return (
+            f"{file}: the folder for compiled kernels cannot be written: {why}. "
+            "Set WARP_CACHE_PATH to a folder that you can write to."
+        )
+    advice = "Free space there, or choose another folder: --out for results, WARP_CACHE_PATH for compiled kernels."
+    return f"{file}: {why}. {advice if error.errno in UNWRITABLE else ''}".rstrip()
+
+
+def _is_unwritable_cache(file: str) -> bool:
+    """Return True if `file` is Warp's kernel cache, or in or above the cache, and the cache cannot be written."""
+    import warp as wp
+
+    if not wp.config.kernel_cache_dir:
+        return False
+    cache, path = Path(wp.config.kernel_cache_dir), Path(file).absolute()
+    concerned = path.is_relative_to(cache) or cache.is_relative_to(path)
+    return concerned and not (cache.is_dir() and os.access(cache, os.W_OK))

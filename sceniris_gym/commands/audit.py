@@ -13,9 +13,8 @@ from sceniris_gym.audit.chain import Chain
 from sceniris_gym.audit.physics import equalities, without_log
 from sceniris_gym.audit.reach import Claim, ReachAudit, Unreached
 from sceniris_gym.commands.answer import OK, listing, verdict
-from sceniris_gym.config.stored_arrays import UNREADABLE, read_arrays
 from sceniris_gym.errors import SceneFileError, SceneMismatchError, check_names
-from sceniris_gym.files import replacing
+from sceniris_gym.files import UNREADABLE, read_arrays, replacing
 from sceniris_gym.layout.columns import columns, row_types
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.reaching.poses import OPENING_MARGIN

@@ -10,8 +10,8 @@ from sceniris_gym.errors import ArgumentError, SceneMismatchError
 from sceniris_gym.files import as_json, write_text
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.training.judging import judge, judges_of
-from sceniris_gym.training.policy import Policy
-from sceniris_gym.training.records import CONFIG, MODEL, read_config, scene_of_run, share, without_layouts
+from sceniris_gym.training.runner import Policy
+from sceniris_gym.training.settings import CONFIG, MODEL, read_config, scene_of_run, share, without_layouts
 from sceniris_gym.training.task_scenes import scene_of, spec_of
 
 

@@ -13,10 +13,9 @@ from sceniris_gym.audit.contacts import deepest_contacts
 from sceniris_gym.commands.narrowing import narrow
 from sceniris_gym.config.loader import SHIPPED_NAME, shipped
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.config.stored_arrays import UNREADABLE, read_array
 from sceniris_gym.config.tier import Tier
 from sceniris_gym.errors import ArgumentError, MapError, NotSupportedError, ReachWarning, SceneKeyError, check_names
-from sceniris_gym.files import check_picture, no_file, replacing
+from sceniris_gym.files import UNREADABLE, check_picture, no_file, read_array, replacing
 from sceniris_gym.geometry.rotations import quaternion
 from sceniris_gym.layout.compile import compile_scene, device_name
 from sceniris_gym.pictures.layout_picture import save

@@ -6,8 +6,7 @@ from typing import Any
 
 from tqdm import tqdm
 
-from sceniris_gym.training.records import share
-from sceniris_gym.training.settings import SETTINGS, Options
+from sceniris_gym.training.settings import SETTINGS, Options, share
 from sceniris_gym.training.train import Run
 
 

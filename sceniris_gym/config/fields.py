@@ -75,8 +75,7 @@ def _are_alike(points: tuple[tuple[float, ...], ...]) -> bool:
 _ASCENDING = must(lambda ends: ends[0] <= ends[1], "should be [low, high] with low <= high")
 _NOT_ZERO = must(lambda xy: max(map(abs, xy)) >= 1e-9, "should be a direction [x, y] that is not [0, 0]")
 _OFF_THE_SUPPORT = must(
-    lambda gap: gap >= LEAST_GAP,
-    "should be at least 0.00002 m: a closer object could touch its support by rounding",
+    lambda gap: gap >= LEAST_GAP, "should be at least 0.00002 m: a closer object could touch its support by rounding"
 )
 _EACH_ONCE = must(lambda names: len(set(names)) == len(names), "should name each object once")
 _CORNERS = must(_are_corners, "should be [[x, y], [x, y]] or [[x, y, z], [x, y, z]], the low corner first")

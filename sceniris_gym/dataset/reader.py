@@ -11,10 +11,10 @@ import numpy as np
 import torch
 
 from sceniris_gym.config.fields import short
-from sceniris_gym.config.stored_arrays import UNREADABLE
 from sceniris_gym.dataset.manifest import MANIFEST, SCENE, checksum, part_name, read_manifest, row_of
 from sceniris_gym.device.random import named_stream
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, DatasetError, check_names
+from sceniris_gym.files import UNREADABLE
 from sceniris_gym.layout.stored import StoredLayouts
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.progress import tell

@@ -14,8 +14,8 @@ from fnmatch import fnmatchcase
 import mujoco
 import numpy as np
 
-from sceniris_gym.config.stored_arrays import Array
 from sceniris_gym.errors import GraspError, UnknownNameError
+from sceniris_gym.files import Array
 from sceniris_gym.geometry.pieces import Piece
 from sceniris_gym.geometry.ragged import ranges
 from sceniris_gym.geometry.resting_poses import StablePose

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from sceniris_gym.config.stored_arrays import Array
+from sceniris_gym.files import Array
 from sceniris_gym.geometry.contacts import ContactRules
 from sceniris_gym.geometry.rotations import matrix, quaternion
 from sceniris_gym.grasping.grasps import Grasp

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from sceniris_gym.config.stored_arrays import Array
 from sceniris_gym.errors import NotSupportedError
+from sceniris_gym.files import Array
 from sceniris_gym.geometry.pieces import Piece, PieceType
 from sceniris_gym.reach.arm import SerialArm
 from sceniris_gym.scene.couplings import (

@@ -319,13 +319,7 @@ class Layouts(StaysHere):
 
     @classmethod
     def create(
-        cls,
-        compiled: CompiledScene,
-        nworld: int,
-        *,
-        rows: int = 0,
-        params: Sequence[str] = (),
-        split: str = "train",
+        cls, compiled: CompiledScene, nworld: int, *, rows: int = 0, params: Sequence[str] = (), split: str = "train"
     ) -> "Layouts":
         """Allocate `nworld` layouts, without a record of rejected candidates.
 

@@ -45,11 +45,6 @@ def kernel_modules(work: Workspace, *, staged: bool) -> list[wp.Module]:
     return [wp.get_module(file.__name__) for file in files] + [kernel.module for kernel in own]
 
 
-def _is_kept(module: wp.Module, block_dim: int) -> bool:
-    """Return whether Warp's kernel cache has a folder for a module, whichever device the module was compiled for."""
-    return Path(wp.config.kernel_cache_dir or "", module.get_module_identifier(block_dim)).is_dir()
-
-
 def load_kernels(work: Workspace, *, staged: bool) -> None:
     """Compile and load a generator's kernels on a GPU. Announce the compilation of kernels that Warp's cache lacks.
 
@@ -60,7 +55,8 @@ def load_kernels(work: Workspace, *, staged: bool) -> None:
         staged: Whether the reach stage follows placing.
     """
     modules, block_dim = kernel_modules(work, staged=staged), work.size.block_dim
-    missing = sum(not _is_kept(module, block_dim) for module in modules)
+    cache = Path(wp.config.kernel_cache_dir or "")  # has a folder for each module, whichever device it was compiled for
+    missing = sum(not (cache / module.get_module_identifier(block_dim)).is_dir() for module in modules)
     if missing:
         tell_of_compiling(work.compiled.device, missing)
     if wp.get_device(work.compiled.device).is_cuda:

@@ -15,10 +15,9 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.config.variants import with_variants
-from sceniris_gym.device.angles import unit_circle
 from sceniris_gym.device.fixed import StaysHere
 from sceniris_gym.device.random import REDRAW_STREAM, SPLITS, philox
-from sceniris_gym.device.transforms import mul_quat, quat_mat, quat_z, rot_vec_quat
+from sceniris_gym.device.transforms import mul_quat, quat_mat, quat_z, rot_vec_quat, unit_circle
 from sceniris_gym.layout.layouts import Layouts, LayoutStatus, LayoutsView, copy_draws, copy_poses, layout_width
 from sceniris_gym.layout.wave.search import Search, Workspace, numbered_stream
 from sceniris_gym.placement.kinematics import pose_body

@@ -26,8 +26,8 @@ import platformdirs
 import warp as wp
 from pydantic import TypeAdapter
 
-from sceniris_gym.config import stored_arrays
-from sceniris_gym.files import replacing
+from sceniris_gym.files import UNREADABLE as UNREADABLE_FILE
+from sceniris_gym.files import read_arrays, replacing
 from sceniris_gym.geometry.colliders import device_mesh
 from sceniris_gym.grasping.gripper import Gripper
 from sceniris_gym.program.compiled import CompiledScene
@@ -132,7 +132,7 @@ VARIABLE = "SCENIRIS_GYM_CACHE"
 OFF = "off"
 MOST_BYTES = 256 << 20
 """Maximum size of the cache. Beyond it, the least recently used files are removed."""
-UNREADABLE = (*stored_arrays.UNREADABLE, AttributeError)
+UNREADABLE = (*UNREADABLE_FILE, AttributeError)
 """Errors that reading a damaged or foreign file may raise."""
 
 _SUFFIX = ".npz"
@@ -180,7 +180,7 @@ def load_arrays(key: str) -> dict[str, np.ndarray] | None:
     path = folder / f"{key}{_SUFFIX}"
     with contextlib.suppress(*UNREADABLE):
         os.utime(path)  # marks the file as used, for `_remove_oldest`
-        return stored_arrays.read_arrays(path, own=True)
+        return read_arrays(path, own=True)
     return None
 
 

@@ -12,7 +12,7 @@ import warp as wp
 from sceniris_gym.device.fixed import StaysHere
 from sceniris_gym.device.sequence import LaunchSequence, launching
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError
-from sceniris_gym.layout.chosen import ChosenLayouts, as_layouts, seeds_on_device
+from sceniris_gym.layout.layout_id import ChosenLayouts, as_layouts, seeds_on_device
 from sceniris_gym.layout.layouts import LayoutKeys, Layouts
 from sceniris_gym.layout.masks import as_host_mask, as_worlds, fill_mask
 from sceniris_gym.layout.params import launch_set

@@ -8,10 +8,9 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.config.randomize import DEVIATIONS
-from sceniris_gym.device.angles import exp_of, log_of, unit_circle
 from sceniris_gym.device.blocks import block_sync
 from sceniris_gym.device.random import BANK_BIT, uniforms
-from sceniris_gym.device.transforms import axis_angle_quat, mul_quat
+from sceniris_gym.device.transforms import axis_angle_quat, exp_of, log_of, mul_quat, unit_circle
 from sceniris_gym.layout.layouts import LayoutsView, next_key
 from sceniris_gym.layout.masks import row_of, selects
 from sceniris_gym.program.device import SHARED

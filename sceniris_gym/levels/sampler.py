@@ -12,7 +12,7 @@ from sceniris_gym.device.fixed import StaysHere
 from sceniris_gym.device.random import SPLITS, STREAM_BITS
 from sceniris_gym.device.tensors import TensorView
 from sceniris_gym.errors import ArgumentError, SceneMismatchError, check_names, check_type
-from sceniris_gym.layout.chosen import layouts_of_ids
+from sceniris_gym.layout.layout_id import layouts_of_ids
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.masks import as_count, as_numbers, as_worlds
 from sceniris_gym.layout.params import launch_set

@@ -16,9 +16,9 @@ from PIL import Image, ImageDraw, ImageFont
 
 from sceniris_gym.config.fields import FLOOR
 from sceniris_gym.files import replacing
-from sceniris_gym.geometry.framing import box_corners, frame
 from sceniris_gym.pictures.context import Looks, Shot, in_model_order, picture_context
 from sceniris_gym.scene.layout_table import LayoutTable
+from sceniris_gym.scene.overview import box_corners, frame
 from sceniris_gym.scene.parking import is_parked
 
 CAMERA = "overview"

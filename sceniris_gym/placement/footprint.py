@@ -175,11 +175,7 @@ def _is_under_piece(
 
 @wp.func
 def _is_under_faces(
-    program: Program,
-    collider: int,
-    point: wp.vec3,
-    body_pos: wp.array[wp.vec3],
-    body_quat: wp.array[wp.vec4],
+    program: Program, collider: int, point: wp.vec3, body_pos: wp.array[wp.vec3], body_quat: wp.array[wp.vec4]
 ) -> bool:
     """Test whether a triangle of a collider lies above `point` (world frame)."""
     body = program.collider_body[collider]

@@ -46,11 +46,7 @@ def follow_joints(program: Program, obj: int, qpos: wp.array[float]):
 
 @wp.func
 def follow_joint(
-    driveradr: wp.array[int],
-    qposadr: wp.array[int],
-    coef: wp.array2d[wp.float64],
-    i: int,
-    qpos: wp.array[float],
+    driveradr: wp.array[int], qposadr: wp.array[int], coef: wp.array2d[wp.float64], i: int, qpos: wp.array[float]
 ):
     """Set one joint to the value of its equality's polynomial, which is evaluated as in MuJoCo."""
     x = wp.float64(qpos[driveradr[i]]) - coef[i, 0]
@@ -60,11 +56,7 @@ def follow_joint(
 
 @wp.func
 def pose_body(
-    program: Program,
-    body: int,
-    qpos: wp.array[float],
-    body_pos: wp.array[wp.vec3],
-    body_quat: wp.array[wp.vec4],
+    program: Program, body: int, qpos: wp.array[float], body_pos: wp.array[wp.vec3], body_quat: wp.array[wp.vec4]
 ):
     """Pose one body, given the pose of its parent."""
     parent = program.body_parent[body]

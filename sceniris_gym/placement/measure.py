@@ -10,8 +10,7 @@ import math
 import warp as wp
 
 from sceniris_gym.collide.leaves import lowest
-from sceniris_gym.device.angles import angle_of, unit_circle
-from sceniris_gym.device.transforms import mul_quat, quat_mat, quat_z
+from sceniris_gym.device.transforms import angle_of, mul_quat, quat_mat, quat_z, unit_circle
 from sceniris_gym.placement.kinematics import pose_bodies
 from sceniris_gym.placement.placed import rotated
 from sceniris_gym.program.device import Measure, OrientationType, Program
@@ -99,12 +98,7 @@ def _least(
 
 @wp.func
 def _extents(
-    program: Program,
-    obj: int,
-    x: wp.vec3,
-    y: wp.vec3,
-    body_pos: wp.array[wp.vec3],
-    body_quat: wp.array[wp.vec4],
+    program: Program, obj: int, x: wp.vec3, y: wp.vec3, body_pos: wp.array[wp.vec3], body_quat: wp.array[wp.vec4]
 ) -> wp.vec4:
     """Return the extents of a posed object along two unit vectors `x` and `y` of the world [m].
 
@@ -148,11 +142,7 @@ def measure(
 
 @wp.func
 def bounds_of(
-    program: Program,
-    obj: int,
-    pivot_pose: wp.vec4,
-    body_pos: wp.array[wp.vec3],
-    body_quat: wp.array[wp.vec4],
+    program: Program, obj: int, pivot_pose: wp.vec4, body_pos: wp.array[wp.vec3], body_quat: wp.array[wp.vec4]
 ) -> wp.vec4:
     """Return the bounds (low x, low y, high x, high y) [m] of a posed object, relative to its pivot.
 

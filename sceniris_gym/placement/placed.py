@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from sceniris_gym.device.angles import unit_circle
+from sceniris_gym.device.transforms import unit_circle
 
 
 @wp.struct

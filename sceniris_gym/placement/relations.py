@@ -11,7 +11,7 @@ import warp as wp
 
 from sceniris_gym.config.bounds import MAX_ANCHORS
 from sceniris_gym.config.relations import RelationType
-from sceniris_gym.device.angles import angle_of, unit_circle
+from sceniris_gym.device.transforms import angle_of, unit_circle
 from sceniris_gym.placement.placed import (
     Placed,
     bounds_distance,
@@ -259,12 +259,7 @@ def _slice_sides(program: Program, rel: int, s: ResolvedRelation, sides: wp.arra
 
 @wp.func
 def write_sides(
-    program: Program,
-    rel: int,
-    s: ResolvedRelation,
-    hull: wp.array[wp.vec2],
-    sides: wp.array[HalfPlane],
-    first: int,
+    program: Program, rel: int, s: ResolvedRelation, hull: wp.array[wp.vec2], sides: wp.array[HalfPlane], first: int
 ):
     """Write the half-planes around all pieces of a relation to `sides`, starting at `first`."""
     if not s.active:

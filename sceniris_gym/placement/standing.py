@@ -23,8 +23,7 @@ hull.
 import warp as wp
 
 from sceniris_gym.config.bounds import MAX_FOOT, MAX_LEVELS
-from sceniris_gym.device.angles import unit_circle
-from sceniris_gym.device.transforms import Pose, apply, pose_of
+from sceniris_gym.device.transforms import Pose, apply, pose_of, unit_circle
 from sceniris_gym.placement.polygons import HalfPlane, area, clip, cross2
 from sceniris_gym.program.device import Program
 from sceniris_gym.program.device_statics import DIRECTIONS, MOST_MOVE, RISE, ROLL, LawVector, Statics
@@ -115,13 +114,7 @@ def lies_on_a_part(statics: Statics, stable: int, at: wp.vec2, surface: int, gro
 
 @wp.func
 def find_patch(
-    statics: Statics,
-    stable: int,
-    at: wp.vec2,
-    heading: float,
-    surface: int,
-    ground: Pose,
-    patch: wp.array[wp.vec2],
+    statics: Statics, stable: int, at: wp.vec2, heading: float, surface: int, ground: Pose, patch: wp.array[wp.vec2]
 ) -> bool:
     """Write the corners of an object's patch and return True. If its foot is off the surface, return False.
 

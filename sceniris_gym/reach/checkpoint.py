@@ -7,9 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from sceniris_gym.config.stored_arrays import UNREADABLE, read_arrays
 from sceniris_gym.errors import MapError
-from sceniris_gym.files import check_writable, replacing
+from sceniris_gym.files import UNREADABLE, check_writable, read_arrays, replacing
 
 _AGAIN = "Remove the file to start over."
 _SECONDS = 60.0  # between two writes

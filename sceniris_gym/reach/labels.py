@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 import warp as wp
 
-from sceniris_gym.device.angles import unit_circle
+from sceniris_gym.device.transforms import unit_circle
 from sceniris_gym.reach.arm import SerialArm, rotate
 from sceniris_gym.reach.lookup import JointTurn, turned
 from sceniris_gym.reach.solve import ITERATIONS, ArmView, arm_view, as_vec8, random_joints, refine, vec8

@@ -12,8 +12,7 @@ import math
 import warp as wp
 
 from sceniris_gym.config.tier import Verdict
-from sceniris_gym.device.angles import angle_of, unit_circle
-from sceniris_gym.device.transforms import mul_quat, neg_quat, z_axis
+from sceniris_gym.device.transforms import angle_of, mul_quat, neg_quat, unit_circle, z_axis
 from sceniris_gym.reach.arm import MAX_JOINTS
 from sceniris_gym.reach.solve import vec8
 

@@ -19,10 +19,9 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from sceniris_gym.config.stored_arrays import UNREADABLE, read_arrays
 from sceniris_gym.config.tier import Tier
 from sceniris_gym.errors import MapError
-from sceniris_gym.files import no_file
+from sceniris_gym.files import UNREADABLE, no_file, read_arrays
 from sceniris_gym.reach.arm import SerialArm
 from sceniris_gym.reach.labels import end_turns
 from sceniris_gym.reach.lookup import MapView, look_up, vec8h

@@ -14,7 +14,6 @@ from sceniris_gym.config.robot import RobotConfig
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.config.validation import check_variant_has_asset
 from sceniris_gym.errors import ArgumentError, MeshError, SceneFileError, SceneKeyError, ScenirisError, UnknownNameError
-from sceniris_gym.geometry.framing import camera_axes
 from sceniris_gym.geometry.rotations import quaternion
 from sceniris_gym.progress import tell
 from sceniris_gym.scene import assemble, backdrop, number_check, parking, tcp
@@ -24,7 +23,7 @@ from sceniris_gym.scene.draws import field_draws, simple_bodies
 from sceniris_gym.scene.identity import scene_hash
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.model_files import load_model
-from sceniris_gym.scene.overview import FOVY, Overview
+from sceniris_gym.scene.overview import FOVY, Overview, camera_axes
 from sceniris_gym.scene.variants import SharedBodies, check_variants, without_broken
 
 _Home = tuple[np.ndarray, np.ndarray]

@@ -8,9 +8,8 @@ import mujoco
 import numpy as np
 
 from sceniris_gym.config.groups import HeapConfig
-from sceniris_gym.config.stored_arrays import UNREADABLE, read_arrays
 from sceniris_gym.errors import NotSupportedError, SceneKeyError
-from sceniris_gym.files import no_file
+from sceniris_gym.files import UNREADABLE, no_file, read_arrays
 from sceniris_gym.geometry.pieces import mesh_vertices
 from sceniris_gym.geometry.supports import SupportSurface, rectangle
 from sceniris_gym.scene.model import SceneModel

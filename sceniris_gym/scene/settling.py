@@ -7,11 +7,11 @@ import numpy as np
 
 from sceniris_gym.config.groups import HeapConfig
 from sceniris_gym.errors import SceneKeyError
-from sceniris_gym.geometry.framing import upright_box
 from sceniris_gym.geometry.rotations import product
 from sceniris_gym.progress import tell
 from sceniris_gym.scene.heaps import DEEPEST, STILL, HeapRows, filled_body, rigid_part, rigid_thing, settled_with
 from sceniris_gym.scene.model import SceneModel
+from sceniris_gym.scene.overview import upright_box
 from sceniris_gym.scene.support import subtree
 
 # Longest time that objects may take to come to rest, and time that they then have to lie still [s].

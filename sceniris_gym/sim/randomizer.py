@@ -23,18 +23,16 @@ from sceniris_gym.layout.masks import as_rows, as_shape, as_world_ids, as_worlds
 from sceniris_gym.levels.curriculum import ADR, LevelReplay
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import LayoutTable
-from sceniris_gym.sim.batch import Batch, updater
-from sceniris_gym.sim.budget import check_budget
+from sceniris_gym.sim.batch import Batch, check_budget, updater
 from sceniris_gym.sim.fit import check_fit
 from sceniris_gym.sim.model_fields import ModelFields
 from sceniris_gym.sim.named_random import draw_named
-from sceniris_gym.sim.origins import as_origins, warn_of_origins
 from sceniris_gym.sim.redrawing import Redrawer
 from sceniris_gym.sim.reset_writer import ResetWriter, Simulation
 from sceniris_gym.sim.sources import SourceLike, make_pipeline, stored_rows
 from sceniris_gym.sim.variants import VariantReader, VariantWriter
 from sceniris_gym.sim.versions import fields_of_data
-from sceniris_gym.sim.write import poses_of
+from sceniris_gym.sim.write import as_origins, poses_of, warn_of_origins
 
 if TYPE_CHECKING:
     from sceniris_gym.sim.snapshot import Snapshot

@@ -60,7 +60,7 @@ def on_warp_stream(device: wp.Device) -> AbstractContextManager:
 
 def live_tensors(arrays: Mapping[str, wp.array], nworld: int) -> dict[str, Tensor]:
     """Return the first `nworld` rows of arrays as tensors in the same memory, by name. Empty arrays are left out."""
-    # new tensors, because torch does not count the writes of Warp: see `written` in vector/snapshot.py
+    # new tensors, because torch does not count the writes of Warp: see `written` in vector/task_worlds.py
     tensors = {name: wp.to_torch(array)[:nworld] for name, array in arrays.items() if array.size}
     # torch cannot index uint64
     return {name: t.view(torch.int64) if t.dtype is torch.uint64 else t for name, t in tensors.items()}

@@ -17,7 +17,7 @@ from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.progress import tell
 from sceniris_gym.training import layout_sources
-from sceniris_gym.training.records import success_interval
+from sceniris_gym.training.settings import success_interval
 from sceniris_gym.training.task_scenes import SEED_SPACING, make_env, scene_of
 from sceniris_gym.vector.state import State
 

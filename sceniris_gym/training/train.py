@@ -28,11 +28,23 @@ from sceniris_gym.files import as_json, read_bytes, replacing, write_text
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.levels.curriculum import LevelReplay
 from sceniris_gym.scene.build import build_model
-from sceniris_gym.training import layout_sources, records
+from sceniris_gym.training import layout_sources
 from sceniris_gym.training.judging import judge, judges_of
-from sceniris_gym.training.records import CONFIG, JUDGED, LOG, MODEL, TEACHER, evaluations, source_hash, without_layouts
 from sceniris_gym.training.runner import load_checkpoint, runner_of
-from sceniris_gym.training.settings import Options, settings_of
+from sceniris_gym.training.settings import (
+    CONFIG,
+    JUDGED,
+    LOG,
+    MODEL,
+    TEACHER,
+    Options,
+    evaluations,
+    of_a_run,
+    read_parts,
+    settings_of,
+    source_hash,
+    without_layouts,
+)
 from sceniris_gym.training.task_scenes import NAMESPACE, SEED_SPACING, make_env, scene_of, spec_of
 from sceniris_gym.vector.arguments import as_task
 
@@ -131,7 +143,7 @@ class Run:
     def _check_same(self) -> None:
         """Check that the run to resume had the same options (except FREE), settings, sources and scene."""
         file = self.options.out / CONFIG
-        told, wanted = records.read_parts(self.options.out), json.loads(as_json(self._config()))
+        told, wanted = read_parts(self.options.out), json.loads(as_json(self._config()))
         for part, values in wanted.items():
             for name, value in values.items():
                 before = told.get(part, {}).get(name)
@@ -214,7 +226,7 @@ class Run:
         """Restore the checkpoint: networks, clock, log and the episodes of all worlds."""
         device, randomizer = self.env.device, self.env.unwrapped.randomizer
         progress = load_checkpoint(self.runner, self.checkpoint, str(device), trust=self.options.trust)
-        with records.of_a_run(self.checkpoint):
+        with of_a_run(self.checkpoint):
             self.seconds, self.iterations = float(progress["seconds"]), int(progress["iterations"])
             self.judged_at, self.saved_at = float(progress["judged_at"]), self.seconds
             write_text(self.log, read_bytes(self.log)[: progress["log_size"]].decode())

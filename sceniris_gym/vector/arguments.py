@@ -12,8 +12,8 @@ from torch import Tensor
 
 from sceniris_gym.config.fields import short
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, check_names
-from sceniris_gym.layout.chosen import ChosenLayouts, entries_of_worlds
 from sceniris_gym.layout.compile import compile_scene, device_name
+from sceniris_gym.layout.layout_id import ChosenLayouts, entries_of_worlds
 from sceniris_gym.layout.masks import as_host_mask
 from sceniris_gym.layout.seeds import as_seeds
 from sceniris_gym.program.compiled import CompiledScene

@@ -11,8 +11,7 @@ from torch import Tensor
 
 from sceniris_gym.device.fixed import RefusesOldNames
 from sceniris_gym.errors import ArgumentError, refuses_old_names
-from sceniris_gym.layout.chosen import layouts_of_mapping
-from sceniris_gym.layout.layout_id import LayoutId
+from sceniris_gym.layout.layout_id import LayoutId, layouts_of_mapping
 from sceniris_gym.layout.masks import as_count
 from sceniris_gym.vector.arguments import LAYOUTS
 from sceniris_gym.vector.vector_env import SceneVectorEnv

@@ -21,7 +21,7 @@ from sceniris_gym.config.settings import as_config
 from sceniris_gym.device.fixed import Fixed, StaysHere
 from sceniris_gym.device.sequence import ObjectLock, exclusive, launching
 from sceniris_gym.errors import ArgumentError, UnknownNameError, check_type
-from sceniris_gym.layout.chosen import ChosenLayouts, layouts_of_mapping
+from sceniris_gym.layout.layout_id import ChosenLayouts, layouts_of_mapping
 from sceniris_gym.layout.masks import as_count, as_world_ids, check_mask
 from sceniris_gym.levels.curriculum import ADR, LevelReplay
 from sceniris_gym.program.compiled import CompiledScene
@@ -31,8 +31,7 @@ from sceniris_gym.sim.snapshot import Snapshot, take
 from sceniris_gym.sim.sources import SourceLike
 from sceniris_gym.vector import arguments
 from sceniris_gym.vector.arguments import LAYOUTS, PARAMS, STATE
-from sceniris_gym.vector.images import Images
-from sceniris_gym.vector.observer import Observer, action_space
+from sceniris_gym.vector.observer import Images, Observer, action_space
 from sceniris_gym.vector.ranks import Rank
 from sceniris_gym.vector.rendering import RENDER_MODES, Rendering
 from sceniris_gym.vector.sensing import Sensing
@@ -45,10 +44,9 @@ from sceniris_gym.vector.settings import (
     as_settings,
     as_shots,
 )
-from sceniris_gym.vector.snapshot import versions, written
 from sceniris_gym.vector.statistics import finite_rows
 from sceniris_gym.vector.task import Task
-from sceniris_gym.vector.task_worlds import TaskWorlds
+from sceniris_gym.vector.task_worlds import TaskWorlds, versions, written
 from sceniris_gym.vector.torch_stream import on_torch_stream
 
 OUTPUTS = ("torch", "numpy")

@@ -61,8 +61,7 @@ def view_env(
     from sceniris_gym.layout.layout_id import LayoutId
     from sceniris_gym.progress import listening
     from sceniris_gym.training.task_scenes import registered_id
-    from sceniris_gym.viewer.env_view import EnvView
-    from sceniris_gym.viewer.policies import policy_of
+    from sceniris_gym.viewer.env_view import EnvView, policy_of
 
     start_warp()
     try:

@@ -20,9 +20,8 @@ from sceniris_gym.pictures.reach_picture import reached_share
 from sceniris_gym.program.reach import load_map, robot_arm
 from sceniris_gym.reach.map import ReachMap
 from sceniris_gym.scene.model import SceneModel
-from sceniris_gym.viewer.grasps import sketch_grasps
 from sceniris_gym.viewer.regions import relation_area, sketch_regions
-from sceniris_gym.viewer.shown import ShownWorld
+from sceniris_gym.viewer.shown import ShownWorld, sketch_grasps
 from sceniris_gym.viewer.sketch import GREEN, GREY, PALETTE, RED, Sketch
 
 _MOST = 2.0  # m, half the edge of the square that is drawn for an endless plane

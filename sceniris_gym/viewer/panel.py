@@ -10,9 +10,9 @@ import viser
 
 from sceniris_gym.program.compiled import USER_SPLITS
 from sceniris_gym.viewer.deck import Where
-from sceniris_gym.viewer.grasps import START
 from sceniris_gym.viewer.layers import BOTH, COLLIDED, LAYERS, REACH, SEEN
 from sceniris_gym.viewer.server import Requests
+from sceniris_gym.viewer.shown import START
 
 ALL = "all objects"
 NUMBERS = ("1", "4", "16", "64")

@@ -14,12 +14,11 @@ from sceniris_gym.progress import listening
 from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.viewer import why
 from sceniris_gym.viewer.deck import Candidate, LayoutDeck, Where
-from sceniris_gym.viewer.grasps import START, poses_of_arm, with_arm
 from sceniris_gym.viewer.layers import COLLIDED, LAYERS, PARKED, REACH, SEEN, ReachSlice, sketch_pieces
 from sceniris_gym.viewer.panel import Panel
 from sceniris_gym.viewer.scene_file import LoadedScene, SceneFile
 from sceniris_gym.viewer.server import Requests
-from sceniris_gym.viewer.shown import Player, ShownWorld, target_ranges
+from sceniris_gym.viewer.shown import START, Player, ShownWorld, poses_of_arm, target_ranges, with_arm
 from sceniris_gym.viewer.sketch import Sketch
 from sceniris_gym.viewer.worlds import Worlds, view_direction
 

@@ -5,10 +5,9 @@ from collections.abc import Mapping, Sequence
 import mujoco
 import numpy as np
 
-from sceniris_gym.geometry.framing import box_corners
 from sceniris_gym.layout.blame import Hit
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.scene.overview import VISIBLE_GROUPS
+from sceniris_gym.scene.overview import VISIBLE_GROUPS, box_corners
 from sceniris_gym.viewer.deck import Candidate
 from sceniris_gym.viewer.shown import ShownWorld
 from sceniris_gym.viewer.sketch import GREY, ORANGE, RED, Colour, Sketch

@@ -13,14 +13,13 @@ from typing import TYPE_CHECKING, Any
 import mujoco
 import numpy as np
 
-from sceniris_gym.geometry.framing import camera_axes, frame
 from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.program.plan import slot_names
 from sceniris_gym.scene.assemble import MARK_GROUP
 from sceniris_gym.scene.backdrop import OVERVIEW
 from sceniris_gym.scene.draws import nominal_values
 from sceniris_gym.scene.model import SceneModel
-from sceniris_gym.scene.overview import FOVY, VISIBLE_GROUPS, Overview
+from sceniris_gym.scene.overview import FOVY, VISIBLE_GROUPS, Overview, camera_axes, frame
 from sceniris_gym.viewer.server import MOST_SHOWN, address, close_server, light, open_server
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from sceniris_gym.training.records import success_interval
+from sceniris_gym.training.settings import success_interval
 
 NEAREST = [50] * 8 + [60] * 8 + [70] * 8 + [80] * 6 + [None] * 10
 

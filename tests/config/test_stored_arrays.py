@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.lib import format as npy
 
-from sceniris_gym.config.stored_arrays import UNREADABLE, read_array, read_arrays
+from sceniris_gym.files import UNREADABLE, read_array, read_arrays
 
 BROKEN = b"\x93NUMPY\x01\x00\x10\x00{'descr': ('<f8'\n\n"
 """A head in which a bracket is open, at which Python's tokenizer gives up."""

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from sceniris_gym.device.angles import angle_of, exp_of, log_of, unit_circle
+from sceniris_gym.device.transforms import angle_of, exp_of, log_of, unit_circle
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 

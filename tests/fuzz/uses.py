@@ -23,7 +23,7 @@ from sceniris_gym.layout.layout_id import LayoutId
 from sceniris_gym.layout.stored import StoredLayouts
 from sceniris_gym.levels import ADR, LevelReplay
 from sceniris_gym.scene.layout_table import COLUMNS
-from sceniris_gym.training.records import CONFIG, MODEL, read_config
+from sceniris_gym.training.settings import CONFIG, MODEL, read_config
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.task import Observation, Task
 from sceniris_gym.vector.vector_env import SceneVectorEnv

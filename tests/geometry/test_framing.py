@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from sceniris_gym.geometry.framing import box_corners, camera_axes, frame, upright_box
+from sceniris_gym.scene.overview import box_corners, camera_axes, frame, upright_box
 
 
 @pytest.mark.parametrize("aspect", [0.5, 1.0, 1.8])

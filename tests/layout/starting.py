@@ -13,8 +13,8 @@ import numpy as np
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.sim.fit import make_worlds
 from sceniris_gym.sim.randomizer import ResetRandomizer
-from sceniris_gym.sim.worlds import make_worlds
 
 HOME, PREGRASP, STANDING, LIFTED, HELD, PLACED, HANDLE = range(7)
 """The kinds of `SCENE`."""

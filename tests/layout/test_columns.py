@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from sceniris_gym.layout.chosen import ChosenLayouts
 from sceniris_gym.layout.columns import BANKED, NEXT, columns, row_types
+from sceniris_gym.layout.layout_id import ChosenLayouts
 from sceniris_gym.layout.layouts import Layouts, LayoutsView
 from sceniris_gym.layout.stored import INTEGERS
 from sceniris_gym.layout.tables import PARTS

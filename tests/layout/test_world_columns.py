@@ -19,8 +19,8 @@ from sceniris_gym.layout.layouts import Layouts, LayoutStatus
 from sceniris_gym.layout.redraw import RedrawCounts
 from sceniris_gym.layout.stored import StoredLayouts
 from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.sim.fit import make_worlds
 from sceniris_gym.sim.randomizer import ResetRandomizer
-from sceniris_gym.sim.worlds import make_worlds
 from tests.layout.scenes import box_mjcf, compile_on_cpu, make, read
 from tests.oracle.stack_judge import STILL, StackJudge
 

@@ -8,8 +8,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from sceniris_gym.geometry.framing import camera_axes
 from sceniris_gym.scene.backdrop import OVERVIEW, add_camera
+from sceniris_gym.scene.overview import camera_axes
 from tests.scene.assets import build
 
 

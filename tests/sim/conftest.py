@@ -12,7 +12,7 @@ from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.stored import StoredLayouts
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import LayoutTable
-from sceniris_gym.sim.budget import default_budget
+from sceniris_gym.sim.batch import default_budget
 from sceniris_gym.sim.randomizer import ResetRandomizer
 
 SMALL_ARM = Path(__file__).parents[1] / "data" / "small_arm.xml"

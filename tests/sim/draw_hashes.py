@@ -21,8 +21,8 @@ from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import column_of
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.draws import drawn_fields
+from sceniris_gym.sim.fit import make_worlds
 from sceniris_gym.sim.randomizer import ResetRandomizer
-from sceniris_gym.sim.worlds import make_worlds
 from tests.layout.layout_hashes import processor
 from tests.layout.param_scenes import scene_with_params
 from tests.layout.scenes import box_mjcf

@@ -8,8 +8,7 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ContactBudgetError
 from sceniris_gym.layout.tables import make_table
 from sceniris_gym.scene.build import build_model
-from sceniris_gym.sim.batch import Batch
-from sceniris_gym.sim.budget import check_budget, default_budget
+from sceniris_gym.sim.batch import Batch, check_budget, default_budget
 from tests.layout.scenes import compile_on_cpu
 from tests.versions import since_4
 

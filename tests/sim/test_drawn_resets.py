@@ -13,8 +13,8 @@ from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.batch import Batch
+from sceniris_gym.sim.fit import make_worlds
 from sceniris_gym.sim.randomizer import ResetRandomizer
-from sceniris_gym.sim.worlds import make_worlds
 
 NWORLD = 6
 DRAWS = {"mass": {"scale": [0.5, 2.0]}, "friction": {"scale": [0.5, 2.0]}, "rgba": {"scale": [0.5, 1.0]}}

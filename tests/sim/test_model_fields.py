@@ -15,9 +15,9 @@ import warp as wp
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, FixedError, SceneMismatchError, UnknownNameError
 from sceniris_gym.layout.stored import StoredLayouts
 from sceniris_gym.sim.derived import FOLLOWS
+from sceniris_gym.sim.fit import make_worlds
 from sceniris_gym.sim.model_fields import widen
 from sceniris_gym.sim.randomizer import ResetRandomizer
-from sceniris_gym.sim.worlds import make_worlds
 
 NWORLD = 5
 ALL = ("body_mass", "body_inertia", "dof_damping", "actuator_gear", "cam_pos", "light_pos")

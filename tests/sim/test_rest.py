@@ -15,9 +15,9 @@ from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.stored import StoredLayouts
 from sceniris_gym.layout.tables import make_table
 from sceniris_gym.scene.layout_table import LayoutTable
+from sceniris_gym.sim.fit import make_worlds
 from sceniris_gym.sim.randomizer import ResetRandomizer
 from sceniris_gym.sim.rest import GAINS, history_samples, launch_holding, rest_map
-from sceniris_gym.sim.worlds import make_worlds
 from tests.layout.starting import HANDLE, HELD, LIFTED, SCENE, STANDING, reset_worlds, starting
 from tests.versions import since_4
 

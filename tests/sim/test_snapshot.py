@@ -18,10 +18,10 @@ from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.tables import make_table
 from sceniris_gym.levels import ADR, LevelReplay
 from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.sim.fit import make_worlds
 from sceniris_gym.sim.randomizer import ResetRandomizer
 from sceniris_gym.sim.snapshot import Snapshot
 from sceniris_gym.sim.variants import fields_of_variants
-from sceniris_gym.sim.worlds import make_worlds
 
 NWORLD = 4
 REGION = "objects.apple.region"

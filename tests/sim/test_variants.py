@@ -22,12 +22,10 @@ from sceniris_gym.pictures.camera import Cameras
 from sceniris_gym.pictures.context import Looks, Shot
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.build import build_model
-from sceniris_gym.sim.batch import Batch
-from sceniris_gym.sim.budget import default_budget
-from sceniris_gym.sim.fit import check_model
+from sceniris_gym.sim.batch import Batch, default_budget
+from sceniris_gym.sim.fit import check_model, make_worlds
 from sceniris_gym.sim.randomizer import ResetRandomizer
 from sceniris_gym.sim.variants import VariantReader, fields_of_variants
-from sceniris_gym.sim.worlds import make_worlds
 from tests.layout.scenes import write_mjcf
 
 THINGS = ("can", "mug", "book", "brick")

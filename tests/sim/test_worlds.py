@@ -6,9 +6,9 @@ import pytest
 
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, UnknownNameError
 from sceniris_gym.layout.compile import compile_scene
-from sceniris_gym.sim.budget import default_budget
+from sceniris_gym.sim.batch import default_budget
+from sceniris_gym.sim.fit import make_worlds
 from sceniris_gym.sim.randomizer import ResetRandomizer
-from sceniris_gym.sim.worlds import make_worlds
 
 VARIED = {
     "bank": 4,

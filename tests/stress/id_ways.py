@@ -10,9 +10,8 @@ import torch
 import warp as wp
 
 from sceniris_gym.commands.replay import drawn, replay
-from sceniris_gym.layout.chosen import ChosenLayouts
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.layout_id import LayoutId
+from sceniris_gym.layout.layout_id import ChosenLayouts, LayoutId
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.params import params_in
 from sceniris_gym.layout.scene_params import Param, scene_params

@@ -24,8 +24,8 @@ from sceniris_gym.config.loader import shipped
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.draws import drawn_fields
+from sceniris_gym.sim.fit import make_worlds
 from sceniris_gym.sim.randomizer import ResetRandomizer
-from sceniris_gym.sim.worlds import make_worlds
 from tests.layout.starting import SCENE
 
 _LAYOUTS = ("qpos", "mocap_pos", "mocap_quat", "attempts", "status", "present", "start")

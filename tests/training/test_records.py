@@ -13,7 +13,8 @@ import torch
 
 from sceniris_gym.errors import ArgumentError, SceneKeyError
 from sceniris_gym.files import as_json
-from sceniris_gym.training.records import (
+from sceniris_gym.training.settings import (
+    Settings,
     evaluations,
     read_checkpoint,
     read_config,
@@ -21,7 +22,6 @@ from sceniris_gym.training.records import (
     source_hash,
     success_interval,
 )
-from sceniris_gym.training.settings import Settings
 
 
 def test_intervals_are_those_of_wilson():

@@ -19,8 +19,7 @@ from benchmarks import curves
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.files import as_json
 from sceniris_gym.training import task_scenes, train
-from sceniris_gym.training.records import source_hash
-from sceniris_gym.training.settings import SETTINGS, Options
+from sceniris_gym.training.settings import SETTINGS, Options, source_hash
 from tests.training.scenes import reach_scene
 
 

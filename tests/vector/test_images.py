@@ -15,7 +15,7 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, UnknownNameError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.pictures import context
-from sceniris_gym.vector.images import as_channels
+from sceniris_gym.vector.observer import as_channels
 from sceniris_gym.vector.settings import ImageConfig
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.vector_env import SceneVectorEnv

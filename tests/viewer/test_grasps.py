@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sceniris_gym.layout.reading import grasp_poses
-from sceniris_gym.viewer.grasps import GRASP, PREGRASP, START, grasp_pose, poses_of_arm, sketch_grasps, with_arm
+from sceniris_gym.viewer.shown import GRASP, PREGRASP, START, grasp_pose, poses_of_arm, sketch_grasps, with_arm
 from tests.viewer.worlds_on_show import world_of
 
 SCENE = "tabletop_lift"

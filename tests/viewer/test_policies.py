@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from sceniris_gym.errors import ArgumentError
-from sceniris_gym.viewer.policies import policy_of
+from sceniris_gym.viewer.env_view import policy_of
 
 
 def zeros(observation: dict[str, torch.Tensor]) -> torch.Tensor:

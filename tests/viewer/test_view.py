@@ -17,10 +17,10 @@ import pytest
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.viewer import view as view_module
 from sceniris_gym.viewer.deck import Where
-from sceniris_gym.viewer.grasps import START
 from sceniris_gym.viewer.layers import COLLIDED, LAYERS, PARKED, REACH, SEEN
 from sceniris_gym.viewer.panel import ALL
 from sceniris_gym.viewer.scene_file import SceneFile
+from sceniris_gym.viewer.shown import START
 from sceniris_gym.viewer.sketch import Sketch
 from sceniris_gym.viewer.view import SceneView
 from sceniris_gym.viewer.worlds import Worlds

@@ -15,8 +15,8 @@ from sceniris_gym.adapters.mjlab.variants import VariantRows, model_of_variants
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.device.fixed import RefusesOldNames
 from sceniris_gym.errors import ArgumentError, NotSupportedError, SceneKeyError, import_extra, refuses_old_names
-from sceniris_gym.layout.chosen import ChosenLayouts
 from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.layout.layout_id import ChosenLayouts
 from sceniris_gym.layout.layouts import Layouts, LayoutStatus
 from sceniris_gym.layout.masks import as_world_ids
 from sceniris_gym.program.compiled import CompiledScene, refuse_draws
@@ -24,8 +24,8 @@ from sceniris_gym.scene.adopt import instead_of_variants
 from sceniris_gym.scene.build import build_model, build_variants
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.sim.fit import check_fit
-from sceniris_gym.sim.origins import warn_of_origins
 from sceniris_gym.sim.sources import make_pipeline
+from sceniris_gym.sim.write import warn_of_origins
 from sceniris_gym.vector.arguments import fresh_seed
 from sceniris_gym.vector.ranks import Rank
 

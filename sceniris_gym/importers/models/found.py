@@ -11,9 +11,9 @@ import numpy as np
 import shapely
 
 from sceniris_gym.config.robot import TcpConfig
-from sceniris_gym.geometry.framing import geom_corners, upright_box
 from sceniris_gym.geometry.pieces import Piece
 from sceniris_gym.geometry.supports import SupportSurface, level_surfaces
+from sceniris_gym.scene.overview import geom_corners, upright_box
 from sceniris_gym.scene.support import Support, is_static, static_supports, subtree
 
 # An arm has at least this number of joints.

@@ -15,7 +15,6 @@ import numpy as np
 
 from sceniris_gym.errors import ArgumentError, MeshError, NotSupportedError, SceneFileError, SceneKeyError, import_extra
 from sceniris_gym.files import no_file
-from sceniris_gym.geometry.framing import box_corners
 from sceniris_gym.geometry.pieces import extract_pieces, mesh_vertices
 from sceniris_gym.geometry.resting_poses import HomeShape
 from sceniris_gym.geometry.rotations import matrix
@@ -25,6 +24,7 @@ from sceniris_gym.importers.things.grasps import GraspSite, antipodal_grasps
 from sceniris_gym.importers.things.repair import Solid, check_faces, repair
 from sceniris_gym.importers.things.thing import Inertia, Link, Surface, Thing, write_asset
 from sceniris_gym.importers.things.units import UPRIGHT, Ask, find_scale, find_up, parse_scale
+from sceniris_gym.scene.overview import box_corners
 
 SECONDS, STILL = 0.5, 0.01
 """An asset rests in a pose if no point of its bounds moves by more than 1 cm in half a second."""

@@ -5,9 +5,8 @@ If the region differs between worlds because of relations, `points.py` draws the
 
 import warp as wp
 
-from sceniris_gym.device.angles import angle_of
 from sceniris_gym.device.random import uniforms
-from sceniris_gym.device.transforms import apply, mul_quat, pose_of, quat_mat, quat_z
+from sceniris_gym.device.transforms import angle_of, apply, mul_quat, pose_of, quat_mat, quat_z
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.wave.points import draw_in_triangle, draw_triangle
 from sceniris_gym.layout.wave.posing import pose_candidate

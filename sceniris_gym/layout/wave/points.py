@@ -13,10 +13,9 @@ Letters 97, 2006.
 import warp as wp
 
 from sceniris_gym.config.bounds import MAX_CORNERS
-from sceniris_gym.device.angles import log_of
 from sceniris_gym.device.blocks import block_any
 from sceniris_gym.device.random import uniforms
-from sceniris_gym.device.transforms import Pose, apply
+from sceniris_gym.device.transforms import Pose, apply, log_of
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.wave.posing import heading_at, pose_candidate
 from sceniris_gym.layout.wave.region_pieces import cut_triangle, is_point, posed_triangle

@@ -7,7 +7,7 @@ world falls back to the bank at once.
 
 import warp as wp
 
-from sceniris_gym.device.angles import log_of
+from sceniris_gym.device.transforms import log_of
 from sceniris_gym.layout.layouts import LayoutsView, open_episode
 from sceniris_gym.layout.masks import selects
 from sceniris_gym.layout.wave.groups import draw_groups, next_object

@@ -7,8 +7,7 @@ candidates of a row have the same region, it is cut into pieces once, for the fi
 import warp as wp
 
 from sceniris_gym.config.bounds import MAX_ANCHORS, MAX_RELATIONS
-from sceniris_gym.device.angles import angle_of
-from sceniris_gym.device.transforms import Pose, pose_of
+from sceniris_gym.device.transforms import Pose, angle_of, pose_of
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.wave.search import Search, Workspace, candidate_num
 from sceniris_gym.placement.placed import placed
