@@ -1,1 +1,1 @@
-"""Device code that tests whether two bodies are too close to each other. It does not depend on the search."""
+"""Device code that tests whether two bodies are closer to each other than their least allowed distance."""

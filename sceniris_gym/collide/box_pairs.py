@@ -1,12 +1,15 @@
-"""Pairs of boxes: their separating axes, the near parts of large boxes, and boxes inside pieces.
+"""Tests of two boxes: separating axes, tests of the parts near the other shape, and boxes inside convex pieces.
 
-The axes are the face normals of both boxes, and the cross products of their edges: S. Gottschalk, M. Lin, D. Manocha,
-"OBBTree", SIGGRAPH 1996. The boxes have half extents ha and hb [m]. In the frame of a, box b is centred at t, and the
-columns of r are its axes.
+The separating axes are the face normals of both boxes, and the cross products of their edges: S. Gottschalk, M. Lin, D.
+Manocha, "OBBTree", SIGGRAPH 1996. Box a has the half extents `ha` [m], and box b has `hb` [m]. In the frame of a, the
+centre of b is at `t` [m], and the columns of `r` are the axes of b.
 
-Next to a wall of ten metres, a gap of 10 um is lost to rounding. Rounding can also stop the general test before it
-finds a gap: for some boxes of decimetres that are 10 to 100 um apart, the test reports contact. Large boxes are
-therefore cut to their near parts. If boxes inside two pieces overlap, so do the pieces. This is quick to prove.
+Rounding hides small gaps. Next to a wall of ten metres, it hides a gap of 10 um. A large box is therefore cut to the
+part that is near the other shape. The general test of two convex pieces (`collide.convex.separated`) reports contact
+for some boxes of decimetres that are 10 to 100 um apart. Two boxes are therefore tested on their separating axes first.
+
+Some convex pieces have an inner box, which lies inside the piece. If the inner boxes of two pieces overlap, the pieces
+overlap too. The inner boxes prove this faster than a test of the pieces.
 """
 
 import warp as wp
@@ -39,16 +42,20 @@ def absolute(r: wp.mat33) -> wp.mat33:
 
 @wp.func
 def gap_at_faces(ha: wp.vec3, hb: wp.vec3, t: wp.vec3, f: wp.mat33) -> float:
-    """Return the widest gap [m] along the face normals of box a, negative if the boxes overlap. `f` is `absolute(r)`.
+    """Return the widest gap [m] between two boxes along the face normals of a. Without a gap, it is negative.
 
-    For the face normals of b, pass (hb, ha), t in the frame of b, and the transpose of f.
+    `f` has the absolute values of `r`, the rotation from the frame of b to the frame of a. For the face normals of b,
+    pass (hb, ha), `t` along the axes of b, and the transpose of `f`.
     """
     return wp.max(wp.abs(t) - ha - f * hb)
 
 
 @wp.func
 def gap_across_edges(ha: wp.vec3, hb: wp.vec3, t: wp.vec3, r: wp.mat33, f: wp.mat33, i: int, j: int) -> float:
-    """Return the gap [m] along the cross product of edge i of a and edge j of b, times that product's length (<= 1)."""
+    """Return the gap [m] along the cross product of edge i of a and edge j of b, times that product's length (<= 1).
+
+    `f` has the absolute values of `r`.
+    """
     i1 = (i + 1) % 3
     i2 = (i + 2) % 3
     j1 = (j + 1) % 3
@@ -59,9 +66,9 @@ def gap_across_edges(ha: wp.vec3, hb: wp.vec3, t: wp.vec3, r: wp.mat33, f: wp.ma
 
 @wp.func
 def _near_part(shape: Shape, at: wp.vec3, reach: float):
-    """Return a box's part within `reach` [m] of a point along each axis, the centre of the part, and if it exists.
+    """Return the part of a box within `reach` [m] of a point along each axis, its centre, and True if it exists.
 
-    Point and centre are in the frame of the box. A shape of another kind is returned whole.
+    The point `at` and the centre are in the frame of the box. A shape that is not a box is returned whole.
     """
     part = shape
     middle = wp.vec3(0.0)
@@ -79,7 +86,8 @@ def _near_part(shape: Shape, at: wp.vec3, reach: float):
 def _boxes_apart(ha: wp.vec3, hb: wp.vec3, rel: Pose, margin: float) -> bool:
     """Test whether two boxes, each centred in its frame, have a separating axis with a gap above `margin` [m].
 
-    The more parallel two edges are, the shorter is their cross product, and the larger the effect of rounding.
+    Two nearly parallel edges have a short cross product, which rounding changes a lot. A gap along a cross product
+    therefore has to exceed the margin by the rounding error.
     """
     t = rel.pos
     r = rel.rot
@@ -101,9 +109,10 @@ def _boxes_apart(ha: wp.vec3, hb: wp.vec3, rel: Pose, margin: float) -> bool:
 def near_parts_separated(
     vert: wp.array[wp.vec3], a: Shape, b: Shape, radius_a: float, radius_b: float, rel: Pose, margin: float
 ) -> bool:
-    """Test whether the distance between two shapes is above `margin` [m], 0 or more.
+    """Test whether the distance between shapes `a` and `b` is above `margin` [m], which is 0 or more.
 
-    `rel` is the pose of `b` in the frame of `a`. Each shape lies within its radius [m] of the origin of its frame.
+    `rel` is the pose of `b` in the frame of `a`. `a` lies within `radius_a` [m] of the origin of its frame, and `b`
+    within `radius_b` of the origin of its frame. Of a box, the test only uses the part near the other shape.
     """
     reach = margin + _BEYOND
     part_a, middle_a, some_a = _near_part(a, rel.pos, radius_b + reach)
@@ -122,12 +131,12 @@ def boxes_within(ca: wp.vec3, ha: wp.vec3, cb: wp.vec3, hb: wp.vec3, rel: Pose, 
     """Test whether two boxes (centre, half extents [m]) are certainly within `margin` [m], 0 or more, of each other.
 
     Box b is given in a frame whose pose in a's frame is `rel`. The test moves b towards a by the margin. If the boxes
-    then overlap, their distance is at most the margin. True is always right, but the test may also return False for
-    boxes that are just within the margin.
+    then overlap, the distance before the move was at most the margin. True is always right, but the test may also
+    return False for boxes that are just within the margin.
 
-    S. Gottschalk, M. Lin, D. Manocha, "OBBTree", SIGGRAPH 1996. Parallel edges have no cross product, and the product
-    of nearly parallel edges is mostly rounding. Such axes are skipped. Instead, the boxes have to overlap along their
-    face normals so deeply that a skipped axis could not separate them.
+    The separating axes are from S. Gottschalk, M. Lin, D. Manocha, "OBBTree", SIGGRAPH 1996. The cross product of
+    parallel edges is zero, and the cross product of nearly parallel edges is mostly rounding. The test skips both.
+    Instead, the boxes have to overlap along their face normals so deeply that a skipped axis could not separate them.
     """
     t = apply(rel, cb) - ca
     t = t * wp.max(1.0 - margin / wp.max(wp.length(t), 1.0e-9), 0.0)
@@ -147,7 +156,11 @@ def boxes_within(ca: wp.vec3, ha: wp.vec3, cb: wp.vec3, hb: wp.vec3, rel: Pose, 
 
 @wp.func
 def inner_boxes_within(program: Program, a: int, b: int, rel: Pose, margin: float) -> bool:
-    """Test whether inner boxes prove that two pieces are within `margin` [m]. `rel` poses b's body in a's frame."""
+    """Return True if the inner boxes of pieces `a` and `b` prove that the pieces are within `margin` [m] of each other.
+
+    An inner box lies inside its piece. If one of the pieces has no inner box, the result is False. `rel` is the pose of
+    b's body in the frame of a's body.
+    """
     ha = program.inner_half[a]
     hb = program.inner_half[b]
     if ha[0] == 0.0 or hb[0] == 0.0:

@@ -1,8 +1,8 @@
-"""Bounding-volume descent: one step down two box trees, and the test of a list of broad-phase pairs.
+"""The descent of two trees of bounding boxes: one step, and the test of a list of broad-phase pairs.
 
-An *entry* is a pair of nodes: (pair of colliders, node of a, node of b). If the boxes of an entry are near each other,
-two entries further down replace it. An entry of two leaves is a narrow-phase pair. The lanes of a block share a stack
-of entries, and each lane takes one entry at a time.
+An *entry* is a pair of colliders with one node from the box tree of each: (pair, node of a, node of b). If the boxes of
+the two nodes are near each other, two entries with child nodes replace the entry. An entry of two leaves goes to the
+narrow phase. The lanes of a block share a stack of entries, and each lane takes one entry at a time.
 """
 
 from typing import Any
@@ -32,9 +32,9 @@ UNPROVEN = -1
 def boxes_separated(ca: wp.vec3, ha: wp.vec3, cb: wp.vec3, hb: wp.vec3, rel: Pose, margin: float) -> bool:
     """Test whether two boxes (centre, half extents [m]) have a separating axis with a gap above `margin` [m].
 
-    Box b is given in a frame whose pose in a's frame is `rel`. S. Gottschalk, M. Lin, D. Manocha, "OBBTree", SIGGRAPH
-    1996. The nine cross products of edges are not normalised. Their length is at most 1, so the test can only err
-    towards "not separated".
+    Box b is given in a frame whose pose in a's frame is `rel`. The axes are from S. Gottschalk, M. Lin, D. Manocha,
+    "OBBTree", SIGGRAPH 1996. The nine cross products of edges are not normalised. Their length is at most 1, so gaps
+    along them are never overestimated, and the test can only err towards "not separated".
     """
     t = apply(rel, cb) - ca
     r = rel.rot
@@ -53,7 +53,10 @@ def boxes_separated(ca: wp.vec3, ha: wp.vec3, cb: wp.vec3, hb: wp.vec3, rel: Pos
 
 @wp.func
 def _nodes_separated(program: Program, pair: int, na: int, nb: int, poses: PairPoses, margin: float) -> bool:
-    """Test whether the boxes of two nodes of a pair are further apart than `margin` [m]."""
+    """Test whether the boxes of node `na` of collider a and node `nb` of collider b are more than `margin` [m] apart.
+
+    If collider b is a plane, the box of `na` is compared with this plane.
+    """
     center = program.node_center[na]
     half = program.node_half[na]
     plane = program.pair_bodies[pair][3]
@@ -69,7 +72,10 @@ def _nodes_separated(program: Program, pair: int, na: int, nb: int, poses: PairP
 
 @wp.struct
 class Step:
-    """The outcome of one entry: separated, two entries further down (`inner`), or a narrow-phase test (`leaf`)."""
+    """The next step after an entry: two entries with child nodes if `inner`, or a narrow-phase test if `leaf`.
+
+    If both are False, the boxes of the entry are apart, and the entry is dropped.
+    """
 
     inner: bool
     leaf: bool
@@ -79,7 +85,7 @@ class Step:
 
 @wp.func
 def next_step(program: Program, entry: wp.vec3i, poses: PairPoses, margin: float) -> Step:
-    """Descend one step from an entry."""
+    """Test whether the boxes of an entry's nodes are near each other, and return the next step."""
     step = Step()
     pair = entry[0]
     na = entry[1]
@@ -106,7 +112,10 @@ def next_step(program: Program, entry: wp.vec3i, poses: PairPoses, margin: float
 def leaves_below_touch(
     program: Program, first: wp.vec3i, poses: PairPoses, margin: float, stack: wp.array[wp.vec3i]
 ) -> bool:
-    """Test whether any two leaves below an entry are too close. A single lane does this with a separate stack."""
+    """Test whether any leaf below node a of an entry and any leaf below its node b are at most `margin` [m] apart.
+
+    A single lane makes the whole descent. `stack` has room for `OWN_STACK` entries, and no other lane uses it.
+    """
     stack[0] = first
     count = int(1)
     while count > 0:
@@ -138,11 +147,13 @@ def collides(
     body_pos: wp.array[wp.vec3],
     body_quat: wp.array[wp.vec4],
 ) -> int:
-    """Test a list of broad-phase pairs. Return COLLISION, NONE, or UNPROVEN if a stack was too small.
+    """Test a list of broad-phase pairs for collisions. Return COLLISION, NONE, or UNPROVEN if a stack was too small.
 
-    All lanes of a block call it together, with empty stacks. `own_pos` and `own_quat` are the poses of the tested
-    bodies, `body_pos` and `body_quat` the poses of all others. `support` is the body below the tested bodies, or -1.
-    Pairs of arms have the same margins in all worlds.
+    The list has `startnum` pairs from index `startadr`. All lanes of a block call this function together, and share the
+    stacks `nodes` and `leaves`, which are empty at the start. `own_pos` and `own_quat` are the world poses of the
+    tested bodies. All other bodies have the poses `body_pos` and `body_quat`. `support` is the body that carries the
+    tested bodies, or -1: the clearance does not apply to this body. Margins may differ between worlds, but the margins
+    of an arm do not. For an arm, `worldid` may therefore be any world.
     """
     base = int(startadr)
     last = base + startnum
@@ -192,7 +203,10 @@ def collides_without_stack(
     body_pos: wp.array[wp.vec3],
     body_quat: wp.array[wp.vec4],
 ) -> bool:
-    """Test pairs of an arm as `collides` does. Each lane has a separate stack, which is always large enough."""
+    """Test broad-phase pairs of an arm for a collision after `collides` has returned UNPROVEN.
+
+    The arguments are as in `collides`. Each lane has a separate stack, which is always large enough.
+    """
     hit = int(0)
     stack = wp.zeros(shape=(wp.static(OWN_STACK),), dtype=wp.vec3i)
     for i in range(startadr + lane, startadr + startnum, wp.block_dim()):

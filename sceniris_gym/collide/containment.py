@@ -1,6 +1,7 @@
-"""Containment: test whether points of one collider lie inside the mesh of the other, by its winding number.
+"""Containment: test whether one collider lies inside the other although their surfaces do not intersect.
 
-If two surfaces do not intersect, one may still enclose the other.
+Each closed component of a collider has one test point. This point is inside the other collider according to the winding
+number of the other collider's mesh around it.
 """
 
 import warp as wp
@@ -13,7 +14,7 @@ from sceniris_gym.program.device import Program
 
 @wp.func
 def in_solid(program: Program, collider: int, p: wp.vec3) -> bool:
-    """Test whether a point, in the frame of a collider's body, lies inside the solid of the collider."""
+    """Test whether point `p` lies in the volume that a collider's mesh encloses. `p` is in the frame of its body."""
     mesh = program.collider_mesh[collider]
     query = wp.mesh_query_point_sign_winding_number(mesh, p, program.collider_depth[collider])
     return query.result and query.sign < 0.0
@@ -21,7 +22,7 @@ def in_solid(program: Program, collider: int, p: wp.vec3) -> bool:
 
 @wp.func
 def in_bounds(program: Program, collider: int, p: wp.vec3) -> bool:
-    """Test whether a point, in the frame of a collider's body, lies inside the bounding box of the collider."""
+    """Test whether point `p` lies inside the bounding box of a collider. `p` is in the frame of the collider's body."""
     root = program.collider_root[collider]
     d = p - program.node_center[root]
     half = program.node_half[root]
@@ -30,7 +31,10 @@ def in_bounds(program: Program, collider: int, p: wp.vec3) -> bool:
 
 @wp.func
 def _has_points_inside(program: Program, a: int, b: int, rel: Pose) -> bool:
-    """Test whether a component of collider a lies inside b's solid. `rel` is the pose of b's body in a's body frame."""
+    """Test whether a closed component of collider a lies inside collider b. Each component has one test point.
+
+    `rel` is the pose of b's body in the frame of a's body.
+    """
     at = wp.transpose(rel.rot)
     for i in range(program.collider_pointnum[a]):
         p = at * (program.point[program.collider_pointadr[a] + i] - rel.pos)
@@ -42,7 +46,7 @@ def _has_points_inside(program: Program, a: int, b: int, rel: Pose) -> bool:
 
 @wp.func
 def is_one_inside(program: Program, pair: int, poses: PairPoses) -> bool:
-    """Test whether one collider of a pair lies inside the other."""
+    """Test whether one collider of a pair lies inside the other. If one of them is a plane, the result is False."""
     a = program.pair_a[pair]
     b = program.pair_b[pair]
     if program.collider_plane[b] >= 0:
@@ -65,7 +69,8 @@ def encloses(
 ) -> bool:
     """Test whether, in any pair of a list, one collider lies inside the other.
 
-    All lanes of a block call it together, with the same poses as `collides`.
+    The list has `pairnum` pairs from index `pairadr`. All lanes of a block call this function together. `own_pos` and
+    `own_quat` are the world poses of the tested bodies. All other bodies have the poses `body_pos` and `body_quat`.
     """
     inside = int(0)
     for pair in range(pairadr + lane, pairadr + pairnum, wp.block_dim()):

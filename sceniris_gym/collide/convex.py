@@ -1,9 +1,11 @@
-"""Test whether two convex pieces are a margin apart. The same test covers distance, penetration and containment.
+"""Test whether two convex pieces are further apart than a margin. One test covers distance and penetration.
 
 E. Gilbert, D. Johnson, S. Keerthi, "A fast procedure for computing the distance between complex objects", IEEE J.
-Robotics and Automation 4(2), 1988. The procedure ends early here, because only yes or no matters. If the support point
-in some direction lies beyond the margin, the pieces are separated. If a point of the Minkowski difference lies within
-the margin, they are in contact.
+Robotics and Automation 4(2), 1988. This procedure (GJK) searches the point of the Minkowski difference of the pieces
+that is nearest to the origin. It ends early here, because only yes or no matters. If the support point of the Minkowski
+difference in some direction shows that the whole difference lies beyond the margin, the pieces are separated. If a
+point of the difference lies within the margin of the origin, the pieces are in contact. If one piece contains the
+other, the origin lies inside the difference, which also counts as contact.
 """
 
 import warp as wp
@@ -39,7 +41,10 @@ class Shape:
 
 @wp.func
 def piece_shape(program: Program, piece: int) -> Shape:
-    """Return the shape of a piece. Spheres and capsules are exact: a point or a segment, with a radius."""
+    """Return the shape of a convex piece.
+
+    A sphere is exact as a point with a radius, and so is a capsule as a segment with a radius.
+    """
     s = Shape()
     s.kind = program.piece_type[piece]
     s.size = program.piece_size[piece]
@@ -52,13 +57,13 @@ def piece_shape(program: Program, piece: int) -> Shape:
 
 @wp.func
 def segment_shape(half_length: float) -> Shape:
-    """Return a segment along the x axis of its frame."""
+    """Return a segment along the x axis of its frame, with the origin in the middle. `half_length` is in metres."""
     return Shape(kind=PieceType.SEGMENT, size=wp.vec3(half_length, 0.0, 0.0), vertadr=0, vertnum=0, radius=0.0)
 
 
 @wp.func
 def support(vert: wp.array[wp.vec3], s: Shape, d: wp.vec3) -> wp.vec3:
-    """Return the support point of the core: its furthest point along `d`, in the shape's frame."""
+    """Return the support point of a shape's core: its furthest point along `d`. Both are in the shape's frame."""
     best = wp.vec3(0.0, 0.0, 0.0)
     if s.kind == PieceType.BOX:
         best = wp.vec3(wp.sign(d[0]) * s.size[0], wp.sign(d[1]) * s.size[1], wp.sign(d[2]) * s.size[2])
@@ -86,14 +91,20 @@ def support(vert: wp.array[wp.vec3], s: Shape, d: wp.vec3) -> wp.vec3:
 
 @wp.func(inline=False)
 def least_extent(vert: wp.array[wp.vec3], s: Shape, frame: Pose, along: wp.vec3) -> float:
-    """Return the least coordinate [m] of a shape along a unit vector, both in the parent frame of `frame`."""
+    """Return the least coordinate [m] of a shape along the unit vector `along`.
+
+    `frame` is the pose of the shape in a parent frame. `along` and the coordinate are in the parent frame.
+    """
     down = -(wp.transpose(frame.rot) * along)
     return wp.dot(along, apply(frame, support(vert, s, down))) - s.radius
 
 
 @wp.func
 def _closest_on_segment(a: wp.vec3, b: wp.vec3):
-    """Return the point of a segment nearest to the origin, and a bit for each vertex that supports it."""
+    """Return the point of segment ab nearest to the origin, and a bit mask of the vertices that determine it.
+
+    Bit 0 stands for `a`, and bit 1 for `b`. If the point is between the two vertices, both bits are set.
+    """
     ab = b - a
     t = -wp.dot(a, ab)
     if t <= 0.0:
@@ -106,7 +117,7 @@ def _closest_on_segment(a: wp.vec3, b: wp.vec3):
 
 @wp.func
 def _nearer(a: wp.vec3, bits_a: int, b: wp.vec3, bits_b: int):
-    """Return the point that is nearer to the origin, and its bits. If both are equally near, return the first."""
+    """Return the point that is nearer to the origin, and its bit mask. If both are equally near, return `a`."""
     if wp.dot(b, b) < wp.dot(a, a):
         return b, bits_b
     return a, bits_a
@@ -114,9 +125,10 @@ def _nearer(a: wp.vec3, bits_a: int, b: wp.vec3, bits_b: int):
 
 @wp.func
 def _closest_on_triangle(a: wp.vec3, b: wp.vec3, c: wp.vec3):
-    """Return the point of a triangle nearest to the origin, and a bit for each vertex that supports it.
+    """Return the point of triangle abc nearest to the origin, and a bit mask of the vertices that determine it.
 
-    C. Ericson, "Real-Time Collision Detection", 2005, section 5.1.5. A triangle without area counts as its edges.
+    Bits 0, 1 and 2 stand for `a`, `b` and `c`. C. Ericson, "Real-Time Collision Detection", 2005, section 5.1.5. A
+    triangle without area is tested as three segments.
     """
     ab = b - a
     ac = c - a
@@ -137,7 +149,7 @@ def _closest_on_triangle(a: wp.vec3, b: wp.vec3, c: wp.vec3):
 
 @wp.func
 def _beyond(a: wp.vec3, b: wp.vec3, c: wp.vec3, d: wp.vec3) -> bool:
-    """Test whether the face abc of a tetrahedron separates the origin from d. True if the tetrahedron is flat."""
+    """Test whether face abc of a tetrahedron separates the origin from vertex `d`. True if the tetrahedron is flat."""
     n = wp.cross(b - a, c - a)
     toward = wp.dot(d - a, n)
     origin = -wp.dot(a, n)
@@ -159,9 +171,9 @@ def _is_flat(a: wp.vec3, b: wp.vec3, c: wp.vec3, d: wp.vec3) -> bool:
 
 @wp.func
 def _closest_on_tetrahedron(p0: wp.vec3, p1: wp.vec3, p2: wp.vec3, p3: wp.vec3):
-    """Return the point of a tetrahedron nearest to the origin, and a bit for each vertex that supports it.
+    """Return the point of a tetrahedron nearest to the origin, and a bit mask of the vertices that determine it.
 
-    All four bits are set if the origin lies inside.
+    Bits 0 to 3 stand for `p0` to `p3`. If the origin lies inside, all four bits are set, and the point has no meaning.
     """
     best = wp.vec3(1.0e15)  # beyond all points
     bits = int(15)
@@ -182,9 +194,10 @@ def _closest_on_tetrahedron(p0: wp.vec3, p1: wp.vec3, p2: wp.vec3, p3: wp.vec3):
 
 @wp.func
 def _kept(p0: wp.vec3, p1: wp.vec3, p2: wp.vec3, p3: wp.vec3, bits: int):
-    """Return the vertices of a simplex that support its nearest point, and their number.
+    """Return the vertices of a simplex whose bits are set in `bits`, followed by their number.
 
-    At most three vertices support it. Returned vertices beyond this number have no meaning.
+    At most three of the four bits are set. The function always returns three vertices. If fewer bits are set, the last
+    vertices have no meaning.
     """
     a = p0
     b = p1
@@ -207,9 +220,9 @@ def _kept(p0: wp.vec3, p1: wp.vec3, p2: wp.vec3, p3: wp.vec3, bits: int):
 def separated(vert: wp.array[wp.vec3], sa: Shape, sb: Shape, rel: Pose, mask: wp.vec3, margin: float) -> bool:
     """Test whether the distance between two shapes is above `margin` [m].
 
-    `rel` is the pose of `sb` in the frame of `sa`. `mask` multiplies coordinates in that frame: (1, 1, 1) tests the
-    shapes in space, and (1, 1, 0) tests their shadows on the xy plane. A distance that differs from the margin by less
-    than 1 um may count as not separated.
+    `rel` is the pose of `sb` in the frame of `sa`. `mask` multiplies coordinates in the frame of `sa`: (1, 1, 1) tests
+    the shapes in space, and (1, 1, 0) tests their shadows on the xy plane. If the distance is above the margin by less
+    than 1 um, the result may still be False.
     """
     limit = margin + sa.radius + sb.radius
     to_b = wp.transpose(rel.rot)

@@ -1,7 +1,8 @@
-"""The narrow phase: tests of two leaves of box trees, which are convex pieces, triangles or planes.
+"""The narrow phase: distance tests of two leaves of box trees.
 
-With `geometry: physics`, a leaf is a convex piece. With `geometry: visual`, it is a triangle or a round piece. A single
-pair of leaves that are too close rejects a candidate, so the order of the pairs does not matter.
+With `geometry: physics`, a leaf is a convex piece. With `geometry: visual`, it is a triangle or a round piece. The
+second leaf of a pair may also be a plane. A candidate is rejected if any pair of leaves is too close, so the order of
+the pairs does not matter.
 """
 
 import warp as wp
@@ -38,7 +39,10 @@ class OverPlane:
 
 @wp.struct
 class Leaf:
-    """A convex leaf in the frame of its body, within `radius` [m] of the origin of the leaf's frame."""
+    """A convex leaf of a box tree: its shape, and the pose of the shape's frame in the frame of the body.
+
+    The shape lies within `radius` [m] of the origin of its frame.
+    """
 
     shape: Shape
     pose: Pose
@@ -54,7 +58,10 @@ def pair_poses(
     body_pos: wp.array[wp.vec3],
     body_quat: wp.array[wp.vec4],
 ) -> PairPoses:
-    """Return the poses of a pair's bodies, from `own_*` for bodies of the tested candidate and `body_*` for others."""
+    """Return the world poses of a pair's bodies.
+
+    Bodies of the tested candidate have the poses `own_pos` and `own_quat`, and all others `body_pos` and `body_quat`.
+    """
     bodies = program.pair_bodies[pair]
     a = bodies[0]
     b = bodies[1]
@@ -74,9 +81,9 @@ def pair_poses(
 
 @wp.func
 def margin_of(program: Program, worldid: int, pair: int, support_body: int) -> float:
-    """Return the least allowed distance [m] of a pair, negative if the pair may penetrate.
+    """Return the least allowed distance [m] of a pair of colliders, negative if the pair may penetrate.
 
-    Clearances do not apply to the body that supports the object.
+    If the second body of the pair is `support_body`, the clearance does not apply.
     """
     margin = program.pair_margin[worldid, pair]
     if program.pair_bodies[pair][1] == support_body:
@@ -86,7 +93,7 @@ def margin_of(program: Program, worldid: int, pair: int, support_body: int) -> f
 
 @wp.func
 def support_of(program: Program, obj: int) -> int:
-    """Return the body that supports an object, or -1. The distance to this body ignores the clearance."""
+    """Return the body on which an object stands, or -1 if there is none. Clearances do not apply to this body."""
     if program.obj_kind[obj] == ObjectKind.STATIC:
         return -1
     return program.obj_ground[obj]
@@ -100,20 +107,23 @@ def piece_pose(program: Program, piece: int) -> Pose:
 
 @wp.func
 def piece_origin(program: Program, piece: int, body_pos: wp.array[wp.vec3], body_quat: wp.array[wp.vec4]) -> wp.vec3:
-    """Return the origin of a piece's frame in the world. It is the centre of the sphere of `piece_radius` around it."""
+    """Return the origin of a piece's frame in the world. A sphere of `piece_radius` around it encloses the piece."""
     body = program.piece_body[piece]
     return body_pos[body] + rot_vec_quat(program.piece_pos[piece], body_quat[body])
 
 
 @wp.func
 def lowest(program: Program, piece: int, in_body: wp.vec3) -> float:
-    """Return the least coordinate [m] of a convex piece along the unit vector `in_body`, both in the body's frame."""
+    """Return the least coordinate [m] of a convex piece along the unit vector `in_body`.
+
+    The vector and the coordinate are in the frame of the piece's body.
+    """
     return least_extent(program.vert, piece_shape(program, piece), piece_pose(program, piece), in_body)
 
 
 @wp.func
 def over_plane(program: Program, pose: Pose, plane_pose: Pose, plane: int) -> OverPlane:
-    """Return a plane as seen from a body, given the world poses of both bodies."""
+    """Return a plane as seen from a body. `pose` is the world pose of this body, `plane_pose` of the plane's body."""
     up = compose(plane_pose, piece_pose(program, plane))
     axis = wp.vec3(up.rot[0, 2], up.rot[1, 2], up.rot[2, 2])
     return OverPlane(wp.transpose(pose.rot) * axis, wp.dot(axis, pose.pos - up.pos))
@@ -121,14 +131,14 @@ def over_plane(program: Program, pose: Pose, plane_pose: Pose, plane: int) -> Ov
 
 @wp.func
 def _piece_leaf(program: Program, piece: int) -> Leaf:
-    """Return a piece as a leaf."""
+    """Return a convex piece as a `Leaf`."""
     pose = piece_pose(program, piece)
     return Leaf(shape=piece_shape(program, piece), pose=pose, radius=program.piece_radius[piece])
 
 
 @wp.func
 def _piece_of(program: Program, leaf: int) -> int:
-    """Return the piece of a leaf, or -1 for a triangle."""
+    """Return the number of the convex piece that a leaf is, or -1 if the leaf is a triangle."""
     if not program.visual:
         return leaf
     return wp.max(leaf - PIECE_LEAF, -1)
@@ -136,7 +146,7 @@ def _piece_of(program: Program, leaf: int) -> int:
 
 @wp.func
 def _leaf(program: Program, leaf: int) -> Leaf:
-    """Return a leaf: its piece, or the hull of a triangle's corners, which has no bounding radius."""
+    """Return a leaf by its number: a convex piece, or the hull of a triangle's corners with an unlimited radius."""
     piece = _piece_of(program, leaf)
     if piece >= 0:
         return _piece_leaf(program, piece)
@@ -148,9 +158,9 @@ def _leaf(program: Program, leaf: int) -> Leaf:
 def _separated(program: Program, pair: int, a: Leaf, b: Leaf, rel: Pose, margin: float) -> bool:
     """Test whether two leaves are further apart than `margin` [m].
 
-    `rel` is the pose of b's body in a's frame. A negative margin permits penetration. The leaves are then tested in
-    place, and again with b moved by the permitted depth along each separating direction of the pair. The result is True
-    if any of these tests succeeds.
+    `rel` is the pose of b's body in the frame of a's body. The leaves are tested in place. If `margin` is negative,
+    they may penetrate by this depth. They are then also tested with b moved by this depth along each separating
+    direction of the pair. The result is True if one of these tests finds the leaves apart.
     """
     frame = relative(a.pose, compose(rel, b.pose))
     here = frame.pos
@@ -168,7 +178,10 @@ def _separated(program: Program, pair: int, a: Leaf, b: Leaf, rel: Pose, margin:
 
 @wp.func
 def _leaves_separated(program: Program, pair: int, a: int, b: int, rel: Pose, margin: float) -> bool:
-    """Test whether two leaves (pieces or triangles) are further apart than `margin` [m]."""
+    """Test whether two leaves (convex pieces or triangles) are further apart than `margin` [m].
+
+    `rel` is the pose of b's body in the frame of a's body.
+    """
     if _piece_of(program, a) < 0 and _piece_of(program, b) < 0:
         b0, b1, b2 = apply(rel, program.face_a[b]), apply(rel, program.face_b[b]), apply(rel, program.face_c[b])
         return triangles_separated(program.face_a[a], program.face_b[a], program.face_c[a], b0, b1, b2, margin)
@@ -177,7 +190,10 @@ def _leaves_separated(program: Program, pair: int, a: int, b: int, rel: Pose, ma
 
 @wp.func
 def _lowest_of_leaf(program: Program, leaf: int, in_body: wp.vec3) -> float:
-    """Return the least coordinate [m] of a leaf along the unit vector `in_body`, both in the body's frame."""
+    """Return the least coordinate [m] of a leaf along the unit vector `in_body`.
+
+    The vector and the coordinate are in the frame of the leaf's body.
+    """
     piece = _piece_of(program, leaf)
     if piece >= 0:
         return lowest(program, piece, in_body)
@@ -189,9 +205,10 @@ def _lowest_of_leaf(program: Program, leaf: int, in_body: wp.vec3) -> float:
 
 @wp.func
 def inner_boxes_touch(program: Program, entry: wp.vec3i, poses: PairPoses, margin: float) -> bool:
-    """Test whether inner boxes prove that the leaves of an entry (pair, node of a, node of b) are within `margin` [m].
+    """Return True if inner boxes prove that the two pieces of an entry are at most `margin` [m] apart.
 
-    Triangles have no inner box.
+    An entry is (pair, node of a, node of b). An inner box lies inside its convex piece. Triangles and planes have no
+    inner box, and boxes cannot prove a penetration depth. In these cases, the result is False.
     """
     if program.visual or margin < 0.0 or program.pair_bodies[entry[0]][3] >= 0:
         return False
@@ -202,7 +219,7 @@ def inner_boxes_touch(program: Program, entry: wp.vec3i, poses: PairPoses, margi
 
 @wp.func
 def pieces_touch(program: Program, entry: wp.vec3i, poses: PairPoses, margin: float) -> bool:
-    """Test whether the pieces of an entry (pair, node of a, node of b) are no further apart than `margin` [m]."""
+    """Test whether the convex pieces of an entry (pair, node of a, node of b) are at most `margin` [m] apart."""
     a = ~program.node_child[entry[1]]
     plane = program.pair_bodies[entry[0]][3]
     if plane >= 0:
@@ -214,7 +231,10 @@ def pieces_touch(program: Program, entry: wp.vec3i, poses: PairPoses, margin: fl
 
 @wp.func
 def leaves_touch(program: Program, entry: wp.vec3i, poses: PairPoses, margin: float) -> bool:
-    """Test whether the leaves of an entry (pieces or triangles) are no further apart than `margin` [m]."""
+    """Test whether the leaves of an entry (pair, node of a, node of b) are at most `margin` [m] apart.
+
+    A leaf is a convex piece or a triangle.
+    """
     a = ~program.node_child[entry[1]]
     plane = program.pair_bodies[entry[0]][3]
     if plane >= 0:

@@ -1,4 +1,8 @@
-"""Test whether two triangles are a margin apart: edges against edges, vertices against faces, edges through faces."""
+"""Test whether two triangles are further apart than a margin.
+
+Each edge of a triangle is compared with each edge of the other, and each vertex with the other face. If an edge passes
+through the other face, the triangles are in contact.
+"""
 
 import warp as wp
 
@@ -15,10 +19,10 @@ _PARALLEL = wp.constant(1.0e-12)
 
 @wp.func
 def _thin_normal(e0: wp.vec3, e1: wp.vec3, e2: wp.vec3) -> wp.vec3:
-    """Return the normal of a thin triangle with these consecutive edges, or zero if the triangle has no height.
+    """Return the normal of a thin triangle with the consecutive edges e0, e1 and e2, or zero if it has no height.
 
-    The normal is exactly perpendicular to the longest edge, so rounding can only rotate it about this edge. Such a
-    rotation moves the plane within the triangle by less than the rounding of a vertex.
+    The normal is exactly perpendicular to the longest edge, so rounding can only rotate it about this edge. Inside the
+    triangle, such a rotation moves the plane by less than the rounding error of a vertex.
     """
     edge = e0
     after = e1
@@ -45,7 +49,7 @@ def _thin_normal(e0: wp.vec3, e1: wp.vec3, e2: wp.vec3) -> wp.vec3:
 
 @wp.func
 def _normal(a: wp.vec3, b: wp.vec3, c: wp.vec3) -> wp.vec3:
-    """Return the normal of a triangle, with twice its area as length, or zero if the triangle has no height."""
+    """Return the normal of triangle abc. Its length is twice the area of the triangle, or 0 without height."""
     ab = b - a
     ac = c - a
     n = wp.cross(ab, ac)
@@ -57,7 +61,7 @@ def _normal(a: wp.vec3, b: wp.vec3, c: wp.vec3) -> wp.vec3:
 
 @wp.func
 def _segments_within(p: wp.vec3, p1: wp.vec3, q: wp.vec3, q1: wp.vec3, limit_sq: float) -> bool:
-    """Test whether the segments from p to p1 and from q to q1 are within sqrt(limit_sq) of each other.
+    """Test whether the segments from p to p1 and from q to q1 are at most sqrt(limit_sq) apart.
 
     C. Ericson, "Real-Time Collision Detection", 2005, section 5.1.9.
     """
@@ -107,10 +111,11 @@ def _over_face(p: wp.vec3, a: wp.vec3, b: wp.vec3, c: wp.vec3, n: wp.vec3) -> bo
 def _meets_face(
     p: wp.vec3, q: wp.vec3, hp: float, hq: float, a: wp.vec3, b: wp.vec3, c: wp.vec3, n: wp.vec3, limit: float
 ) -> bool:
-    """Test whether the vertex p is within `limit` of the face abc, or the edge pq passes through it.
+    """Test whether the vertex p is within `limit` of the face abc, or the edge pq passes through this face.
 
-    The heights hp and hq of p and q over the face, and `limit`, are multiplied by |n|. The test is False for a face
-    without a normal, because a point near such a face is also near one of its edges.
+    `n` is the normal of the face. `limit` and the heights `hp` and `hq` of p and q over the face are multiplied by the
+    length of `n`. If the face has no normal, the result is False, because a point near the face is then also near an
+    edge.
     """
     if wp.abs(hp) < limit and _over_face(p, a, b, c, n):
         return True
@@ -131,7 +136,7 @@ def _all_beyond(h: wp.vec3, limit: float) -> bool:
 def triangles_separated(
     a0: wp.vec3, a1: wp.vec3, a2: wp.vec3, b0: wp.vec3, b1: wp.vec3, b2: wp.vec3, margin: float
 ) -> bool:
-    """Test whether the distance between two triangles in the same frame is above a positive `margin` [m]."""
+    """Test whether the distance between triangles a and b in the same frame is above a positive `margin` [m]."""
     na = _normal(a0, a1, a2)
     la = wp.length(na) * margin
     hb = wp.vec3(wp.dot(na, b0 - a0), wp.dot(na, b1 - a0), wp.dot(na, b2 - a0))
