@@ -1,1 +1,1 @@
-"""Device code that places one object in one world by the keys of a scene file. docs/language/ documents these keys."""
+"""Device code that places one object in one world, according to the scene file's keys (see docs/language/)."""

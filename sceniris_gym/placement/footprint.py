@@ -1,6 +1,6 @@
-"""Tests of `on`, `inside`, `in` and `ratio_on_support`: whether an obstacle covers a point, and footprints.
+"""Tests for `on`, `inside`, `in` and `ratio_on_support`: covered points, and footprints that extend beyond a support.
 
-A footprint is the shadow of a posed object, seen from above.
+The footprint of a posed object is its shadow, seen from above. An obstacle covers a point if it lies above this point.
 """
 
 import warp as wp
@@ -25,7 +25,10 @@ _ROUNDING = wp.constant(1.0e-5)
 
 @wp.func
 def inside_outline(program: Program, surface: int, p: wp.vec2) -> bool:
-    """Test whether `p` lies inside the outline of a surface and outside its holes, by crossings of a ray along x."""
+    """Test whether point `p` [m] lies inside the outline of a surface and outside its holes.
+
+    `p` is in the frame of the surface. The test counts the edges that a ray from `p` along x crosses.
+    """
     inside = bool(False)
     for i in range(program.surface_edgenum[surface]):
         a = program.edge_a[program.surface_edgeadr[surface] + i]
@@ -37,7 +40,7 @@ def inside_outline(program: Program, surface: int, p: wp.vec2) -> bool:
 
 @wp.func
 def outline_distance(program: Program, surface: int, p: wp.vec2) -> float:
-    """Return the distance [m] from `p` to the nearest edge of the outline of a surface."""
+    """Return the distance [m] from point `p` to the nearest edge of a surface's outline or of a hole in the surface."""
     least = float(1.0e30)
     for i in range(program.surface_edgenum[surface]):
         a = program.edge_a[program.surface_edgeadr[surface] + i]
@@ -49,10 +52,10 @@ def outline_distance(program: Program, surface: int, p: wp.vec2) -> float:
 
 @wp.func
 def shadow_on_edge(program: Program, piece: int, edge: int, rel: Pose) -> bool:
-    """Test whether an edge of an outline passes through the shadow of a piece.
+    """Test whether an edge of an outline passes through the shadow of a convex piece, seen from above.
 
-    `rel` is the pose of the piece in the outline's frame, z up. A convex shadow lies in an outline if one point of the
-    shadow does and no edge of the outline passes through the shadow.
+    `rel` is the pose of the piece in the outline's frame, whose z axis points up. A convex shadow lies in an outline if
+    one point of the shadow does and no edge of the outline passes through the shadow.
     """
     a = program.edge_a[edge]
     b = program.edge_b[edge]
@@ -70,7 +73,10 @@ def shadow_on_edge(program: Program, piece: int, edge: int, rel: Pose) -> bool:
 
 @wp.func
 def _inward(program: Program, edge: int, winding: int) -> wp.vec3:
-    """Return the inward unit normal of a convex outline's edge. `winding` is 1 counter-clockwise, -1 clockwise."""
+    """Return the unit normal of an edge of a convex outline. It points to the inside of the outline.
+
+    `winding` is 1 if the corners of the outline are counter-clockwise, and -1 if they are clockwise.
+    """
     along = wp.normalize(program.edge_b[edge] - program.edge_a[edge])
     return float(winding) * wp.vec3(-along[1], along[0], 0.0)
 
@@ -79,7 +85,8 @@ def _inward(program: Program, edge: int, winding: int) -> wp.vec3:
 def _lies_inside(program: Program, edge: int, winding: int, at: wp.vec3, radius: float) -> bool:
     """Test whether a sphere lies entirely on the inner side of an edge of a convex outline.
 
-    `at` is the sphere's centre in the outline's frame [m], and `winding` is as in `_inward`.
+    `at` is the sphere's centre in the outline's frame [m]. `winding` is 1 if the corners of the outline are
+    counter-clockwise, and -1 if they are clockwise.
     """
     a = program.edge_a[edge]
     inward = _inward(program, edge, winding)
@@ -90,7 +97,7 @@ def _lies_inside(program: Program, edge: int, winding: int, at: wp.vec3, radius:
 def _extends_beyond(program: Program, piece: int, edge: int, winding: int, rel: Pose) -> bool:
     """Test whether a piece with pose `rel` in the outline's frame extends beyond an edge of a convex outline.
 
-    `winding` is as in `_inward`.
+    `winding` is 1 if the corners of the outline are counter-clockwise, and -1 if they are clockwise.
     """
     a = program.edge_a[edge]
     inward = _inward(program, edge, winding)
@@ -108,10 +115,11 @@ def overhangs(
     body_pos: wp.array[wp.vec3],
     body_quat: wp.array[wp.vec4],
 ) -> bool:
-    """Test whether one piece of an object's footprint extends beyond the outline of its support at one edge.
+    """Test whether one convex piece of an object extends beyond one edge of a surface, seen from above.
 
-    `index` counts the pairs of pieces and edges, with edges fastest. `ground` is the pose of the surface's body. A
-    footprint lies on the surface if no pair overhangs.
+    `index` stands for a piece and an edge. All edges of the first piece come first, then all edges of the second piece.
+    `ground` is the world pose of the body that has the surface. The object's footprint lies on the surface if no pair
+    of a piece and an edge overhangs.
     """
     sides = program.surface_edgenum[surface]
     piece = program.shadow_list[program.obj_shadowadr[obj] + index // sides]
@@ -132,14 +140,20 @@ def overhangs(
 
 @wp.func
 def _upward(point: wp.vec3) -> Pose:
-    """Return a frame whose x axis points up. Its origin is the middle of the tested segment above `point`."""
+    """Return the frame of the vertical segment above `point` that is tested for obstacles.
+
+    The frame's origin is the middle of the segment, and its x axis points up.
+    """
     middle = point + wp.vec3(0.0, 0.0, _OVERHEAD_START + 0.5 * _OVERHEAD_REACH)
     return Pose(middle, wp.mat33(0.0, 0.0, -1.0, 0.0, 1.0, 0.0, 1.0, 0.0, 0.0))
 
 
 @wp.func
 def _crosses_box(half: wp.vec3, rel: Pose) -> bool:
-    """Test whether the segment of `_upward` crosses a box with pose `rel` in the segment's frame, slab by slab."""
+    """Test whether the vertical segment whose frame is `_upward` crosses a box.
+
+    `half` has the box's half extents [m], and `rel` is the pose of the box in the frame of the segment.
+    """
     origin = -(wp.transpose(rel.rot) * rel.pos)
     low = float(-0.5 * _OVERHEAD_REACH)
     high = float(0.5 * _OVERHEAD_REACH)
@@ -160,7 +174,7 @@ def _crosses_box(half: wp.vec3, rel: Pose) -> bool:
 def _is_under_piece(
     program: Program, piece: int, point: wp.vec3, body_pos: wp.array[wp.vec3], body_quat: wp.array[wp.vec4]
 ) -> bool:
-    """Test whether a convex piece lies above `point` (world frame)."""
+    """Test whether a convex piece lies vertically above `point` (world frame)."""
     beside = piece_origin(program, piece, body_pos, body_quat) - point
     if wp.length(wp.vec2(beside[0], beside[1])) > program.piece_radius[piece] + _ROUNDING:  # most pieces end here
         return False
@@ -177,7 +191,7 @@ def _is_under_piece(
 def _is_under_faces(
     program: Program, collider: int, point: wp.vec3, body_pos: wp.array[wp.vec3], body_quat: wp.array[wp.vec4]
 ) -> bool:
-    """Test whether a triangle of a collider lies above `point` (world frame)."""
+    """Test whether a triangle of a collider lies vertically above `point` (world frame)."""
     body = program.collider_body[collider]
     frame = pose_of(body_pos[body], body_quat[body])
     back = wp.transpose(frame.rot)
@@ -190,9 +204,10 @@ def _is_under_faces(
 def is_covered(
     program: Program, entry: int, point: wp.vec3, body_pos: wp.array[wp.vec3], body_quat: wp.array[wp.vec4]
 ) -> bool:
-    """Test whether an entry of `overhead_list` lies above `point` (world frame).
+    """Test whether an obstacle lies vertically above `point` (world frame).
 
-    An entry is a convex piece. With `geometry: visual`, it is a collider.
+    `entry` is the obstacle's entry of `overhead_list`: the number of a convex piece with `geometry: physics`, or of a
+    collider with `geometry: visual`.
     """
     if program.visual:
         return _is_under_faces(program, entry, point, body_pos, body_quat)

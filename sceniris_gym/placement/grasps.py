@@ -1,4 +1,4 @@
-"""Device code of `reachable`: compute TCP poses at the grasps of a posed object, and test grasps by the arm's map."""
+"""Device code of `reachable`: TCP poses at the grasps of a posed object, and tests of grasps with the arm's map."""
 
 import warp as wp
 
@@ -10,7 +10,10 @@ from sceniris_gym.reach.lookup import map_verdict
 
 @wp.func
 def grasp_pose(reach: Reach, grasp: int, base: Pose, body_pos: wp.array[wp.vec3], body_quat: wp.array[wp.vec4]) -> Pose:
-    """Return the pose of the TCP at a grasp in the frame of the arm's base, from body poses in the world frame."""
+    """Return the pose of the TCP at a grasp, in the frame of the arm's base.
+
+    `base` is the world pose of the arm's base. `body_pos` and `body_quat` are the world poses of all bodies.
+    """
     body = reach.grasp_body[grasp]
     quat = mul_quat(body_quat[body], reach.grasp_quat[grasp])
     return relative(base, pose_of(apply(pose_of(body_pos[body], body_quat[body]), reach.grasp_pos[grasp]), quat))
@@ -18,7 +21,7 @@ def grasp_pose(reach: Reach, grasp: int, base: Pose, body_pos: wp.array[wp.vec3]
 
 @wp.func
 def tcp_of(reach: Reach, grasp: int, body_pos: wp.array[wp.vec3], body_quat: wp.array[wp.vec4]):
-    """Return position [m] and orientation (wxyz) of the TCP at a grasp in the world."""
+    """Return the position [m] and the orientation (wxyz) of the TCP at a grasp, in the world frame."""
     body = reach.grasp_body[grasp]
     quat = body_quat[body]
     return body_pos[body] + rot_vec_quat(reach.grasp_pos[grasp], quat), mul_quat(quat, reach.grasp_quat[grasp])
@@ -26,9 +29,10 @@ def tcp_of(reach: Reach, grasp: int, body_pos: wp.array[wp.vec3], body_quat: wp.
 
 @wp.func
 def approaches(reach: Reach, column: int, grasp: int, body_quat: wp.array[wp.vec4]) -> bool:
-    """Test whether the hand can approach a grasp without passing through the support of its object.
+    """Test whether the hand can approach a grasp without passing through the support of the object.
 
-    An approach axis that rises too steeply would pass through the support.
+    If the object stands on a support, the z component of the approach axis may be at most `MOST_RISING`. A steeper axis
+    would pass through the support from below. `column` is the number of the reach target.
     """
     if not reach.reach_below[column]:
         return True
@@ -40,9 +44,10 @@ def approaches(reach: Reach, column: int, grasp: int, body_quat: wp.array[wp.vec
 def first_accepted(
     reach: Reach, column: int, stable: int, base: Pose, body_pos: wp.array[wp.vec3], body_quat: wp.array[wp.vec4]
 ) -> int:
-    """Return the first grasp of a stable pose that passes the map, as an index from the target's first grasp, or -1.
+    """Return the first grasp of a stable pose for which `passes_map` is True, or -1 if there is none.
 
-    `column` is the number of the reach target, and `base` is the pose of the arm's base.
+    The returned number counts from the first grasp of the reach target, whose number is `column`. `stable` is the
+    number of the stable pose, and `base` is the world pose of the arm's base.
     """
     adr = reach.stable_graspadr[stable]
     for grasp in range(adr, adr + reach.stable_graspnum[stable]):
@@ -55,9 +60,10 @@ def first_accepted(
 def passes_map(
     reach: Reach, column: int, grasp: int, base: Pose, body_pos: wp.array[wp.vec3], body_quat: wp.array[wp.vec4]
 ) -> bool:
-    """Return True if a grasp does not approach from below, and the arm's map accepts this grasp.
+    """Test whether a grasp does not approach from below through the support, and the arm's map accepts this grasp.
 
-    If the arm has no map, every grasp counts as accepted. The arguments are as in `first_accepted`.
+    If the arm has no reachability map, every grasp that does not approach from below passes. `column` is the number of
+    the reach target, and `base` is the world pose of the arm's base.
     """
     through = approaches(reach, column, grasp, body_quat)
     if reach.mapped and through:

@@ -21,7 +21,10 @@ def draw_joints(
     trial: int,
     qpos: wp.array[float],
 ):
-    """Draw the joint positions of an object in a world, and write them to `qpos`."""
+    """Draw the joint positions of an object in a world, and write them to `qpos`.
+
+    Joints that equality constraints couple to the drawn joints get their positions, too.
+    """
     adr = program.obj_drawadr[obj]
     u = wp.vec4(0.0)
     for i in range(program.obj_drawnum[obj]):
@@ -38,7 +41,7 @@ def draw_joints(
 
 @wp.func
 def follow_joints(program: Program, obj: int, qpos: wp.array[float]):
-    """Set the joints that an equality couples to the drawn joints of an object."""
+    """Set the joint positions that equality constraints couple to the drawn joint positions of an object."""
     adr = program.obj_followadr[obj]
     for i in range(adr, adr + program.obj_follownum[obj]):
         follow_joint(program.follow_driveradr, program.follow_qposadr, program.follow_coef, i, qpos)
@@ -48,7 +51,7 @@ def follow_joints(program: Program, obj: int, qpos: wp.array[float]):
 def follow_joint(
     driveradr: wp.array[int], qposadr: wp.array[int], coef: wp.array2d[wp.float64], i: int, qpos: wp.array[float]
 ):
-    """Set one joint to the value of its equality's polynomial, which is evaluated as in MuJoCo."""
+    """Set coupled joint `i` to the value of its equality constraint's polynomial, which is evaluated as in MuJoCo."""
     x = wp.float64(qpos[driveradr[i]]) - coef[i, 0]
     y = coef[i, 1] + x * (coef[i, 2] + x * (coef[i, 3] + x * (coef[i, 4] + x * coef[i, 5])))
     qpos[qposadr[i]] = float(y)
@@ -58,7 +61,7 @@ def follow_joint(
 def pose_body(
     program: Program, body: int, qpos: wp.array[float], body_pos: wp.array[wp.vec3], body_quat: wp.array[wp.vec4]
 ):
-    """Pose one body, given the pose of its parent."""
+    """Compute the world pose of one body from its parent's pose and the positions of its joints."""
     parent = program.body_parent[body]
     quat = mul_quat(body_quat[parent], program.body_quat[body])
     pos = body_pos[parent] + rot_vec_quat(program.body_pos[body], body_quat[parent])
@@ -86,10 +89,10 @@ def pose_bodies(
     body_pos: wp.array[wp.vec3],
     body_quat: wp.array[wp.vec4],
 ):
-    """Pose an object's bodies, parents before children.
+    """Compute the world poses of an object's bodies, parents before children.
 
-    `first` is the index of the first body to pose, in the object's list of bodies: 0, or 1 if the root is already
-    posed.
+    `first` is the index in the object's list of bodies from which poses are computed: 0, or 1 if the root already has
+    its pose.
     """
     adr = program.obj_bodyadr[obj]
     for i in range(first, program.obj_bodynum[obj]):

@@ -1,4 +1,4 @@
-"""Orientations: draw a yaw, a stable pose or any rotation, face another object, measure the pivot and bounds.
+"""The orientation of an object: draw it or face another object, then measure the object's pivot and bounds.
 
 Every orientation is a rotation with heading 0, followed by a yaw about the vertical. The rotation with heading 0
 determines the pivot, the bounds and the lowest point. The heading of an object is the direction of its root's x axis,
@@ -24,8 +24,8 @@ _TWO_PI = wp.constant(2.0 * math.pi)
 class StableDraw:
     """A drawn orientation: a rotation `quat` with heading 0, a yaw [rad], and the object's pivot and bounds.
 
-    `stable` is the number of the stable pose in `Program`. `pivot` is in the root's frame [m]. `bounds` is (low x, low
-    y, high x, high y) relative to the pivot [m], at heading 0.
+    `stable` is the index of the stable pose in the `stable_*` arrays of `Program`. `pivot` is in the root's frame [m].
+    `bounds` is (low x, low y, high x, high y) relative to the pivot [m], at heading 0.
     """
 
     stable: int
@@ -46,7 +46,10 @@ def heading_of(quat: wp.vec4) -> float:
 
 @wp.func
 def _any_quat(u: wp.vec4) -> wp.vec4:
-    """Return a uniform rotation. K. Shoemake, "Uniform random rotations", Graphics Gems III, 1992."""
+    """Return a uniformly distributed rotation (wxyz) from three uniform numbers, the first entries of `u`.
+
+    K. Shoemake, "Uniform random rotations", Graphics Gems III, 1992.
+    """
     a = wp.sqrt(1.0 - u[0])
     b = wp.sqrt(u[0])
     first = unit_circle(_TWO_PI * u[1])
@@ -56,10 +59,10 @@ def _any_quat(u: wp.vec4) -> wp.vec4:
 
 @wp.func
 def draw_stable(program: Program, obj: int, u: wp.vec4, w: wp.vec4) -> StableDraw:
-    """Draw an orientation of an object from uniform numbers.
+    """Draw an orientation of an object from the uniform random numbers `u` and `w`.
 
-    The first number of `u` gives the yaw. The last number of `w` gives the stable pose. With `orientation: any`, `w`
-    gives the rotation instead.
+    `u[0]` gives the yaw, and `w[3]` selects the stable pose. With `orientation: any`, `w` instead gives the whole
+    rotation, including its yaw.
     """
     stable = program.obj_stableadr[obj]
     last = stable + program.obj_stablenum[obj] - 1
@@ -77,7 +80,7 @@ def draw_stable(program: Program, obj: int, u: wp.vec4, w: wp.vec4) -> StableDra
 
 @wp.func
 def facing(at: wp.vec2, target: wp.vec2) -> float:
-    """Return the heading [rad] that points an object's front (-y) from `at` to `target`."""
+    """Return the heading [rad] with which the front (-y) of an object at `at` points to `target`."""
     d = rotated(target - at, 0.5 * wp.static(math.pi))
     return angle_of(d[0], d[1])
 
@@ -86,7 +89,7 @@ def facing(at: wp.vec2, target: wp.vec2) -> float:
 def _least(
     program: Program, obj: int, axis: wp.vec3, body_pos: wp.array[wp.vec3], body_quat: wp.array[wp.vec4]
 ) -> float:
-    """Return the least coordinate [m] of a posed object along a unit vector of the world."""
+    """Return the least coordinate [m] of a posed object along the unit vector `axis` of the world."""
     least = float(1.0e30)
     for i in range(program.obj_piecenum[obj]):
         piece = program.piece_list[program.obj_pieceadr[obj] + i]
@@ -119,11 +122,12 @@ def measure(
     body_pos: wp.array[wp.vec3],
     body_quat: wp.array[wp.vec4],
 ) -> StableDraw:
-    """Return `drawn` with the pivot and, for `Measure.WHOLE`, the bounds measured in the drawn joint state.
+    """Return `drawn` with the pivot measured at the drawn joint positions. `Measure.WHOLE` also measures the bounds.
 
-    The pivot is at the height of the lowest point. Horizontally, the pivot stays at the centre of the bounds that the
-    object has with joints in the start pose. With `orientation: any` and `Measure.WHOLE`, it is at the centre of the
-    measured bounds. The bodies remain posed with the root at the origin and heading 0.
+    The height of the pivot is the height of the object's lowest point. Horizontally, the pivot is the centre of the
+    bounds that the object has with joints in the start pose. With `orientation: any` and `Measure.WHOLE`, it is the
+    centre of the measured bounds instead. On return, `body_pos` and `body_quat` have the poses of the bodies with the
+    root at the origin and heading 0.
     """
     body_pos[program.obj_body[obj]] = wp.vec3(0.0)
     body_quat[program.obj_body[obj]] = drawn.quat
@@ -146,7 +150,7 @@ def bounds_of(
 ) -> wp.vec4:
     """Return the bounds (low x, low y, high x, high y) [m] of a posed object, relative to its pivot.
 
-    The x axis of the bounds points along the heading. `pivot_pose` is (x, y, z, heading) of the pivot.
+    The x axis of the bounds points along the object's heading. `pivot_pose` is (x, y, z, heading) of the pivot.
     """
     to = unit_circle(pivot_pose[3])
     ahead = wp.vec3(to[0], to[1], 0.0)

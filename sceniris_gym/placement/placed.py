@@ -1,4 +1,4 @@
-"""Placed objects for relations: pivot, heading and bounds, seen from above."""
+"""Placed objects as relations use them: pivot, heading and bounds, seen from above."""
 
 import warp as wp
 
@@ -7,7 +7,10 @@ from sceniris_gym.device.transforms import unit_circle
 
 @wp.struct
 class Placed:
-    """An object seen from above: its pivot [m], its x axis, and its bounds [m] in its own axes, from the pivot."""
+    """An object seen from above: its pivot [m], its x axis, and its bounds [m].
+
+    The bounds are relative to the pivot, and their x axis is the object's x axis.
+    """
 
     at: wp.vec2
     axis: wp.vec2
@@ -17,13 +20,16 @@ class Placed:
 
 @wp.func
 def placed(at: wp.vec2, heading: float, bounds: wp.vec4) -> Placed:
-    """Return an object from its pivot [m], heading [rad] and bounds (low x, low y, high x, high y)."""
+    """Return an object as `Placed`, from its pivot [m], heading [rad] and bounds (low x, low y, high x, high y) [m]."""
     return Placed(at, unit_circle(heading), wp.vec2(bounds[0], bounds[1]), wp.vec2(bounds[2], bounds[3]))
 
 
 @wp.func
 def is_there(present: wp.array[int], column: int) -> bool:
-    """Return whether a named object is present. Columns after the slots (objects with variants) are always present."""
+    """Return whether the object of a column is present in its world.
+
+    `present` has a column for each slot. Later columns stand for objects with variants, which are always present.
+    """
     if column < present.shape[0]:
         return present[column] != 0
     return True
@@ -84,7 +90,10 @@ def _outside_sq(p: Placed, x: wp.vec2) -> float:
 
 @wp.func
 def bounds_offset(p: Placed) -> float:
-    """Return the distance [m] of the pivot from the bounds. It is above 0 if drawn joints moved all geometry away."""
+    """Return the distance [m] of an object's pivot from its bounds, or 0 if the pivot is inside the bounds.
+
+    The pivot is outside if drawn joint positions have moved all geometry away from it.
+    """
     return wp.sqrt(_outside_sq(p, p.at))
 
 
@@ -101,7 +110,7 @@ def _apart_along(a: Placed, b: Placed, direction: wp.vec2) -> bool:
 def bounds_distance(a: Placed, b: Placed) -> float:
     """Return the distance [m] between the bounds of two objects, seen from above, or 0 if the bounds overlap.
 
-    Two disjoint convex polygons are closest at a corner of one of them.
+    Two convex polygons that do not overlap are closest at a corner of one of them, so the corners are compared.
     """
     apart = (
         _apart_along(a, b, a.axis)

@@ -1,6 +1,6 @@
-"""Small convex polygons on the device: hulls of points, clipping by half-planes, areas, and uniform points.
+"""Small convex polygons on the device: hulls of points, clipping by half-planes, areas, and draws of points.
 
-A polygon is an array of counter-clockwise corners [m] and the number of corners in use. One lane owns the array.
+A polygon is an array of counter-clockwise corners [m] and the number of corners in use. A single lane uses the array.
 """
 
 import warp as wp
@@ -38,9 +38,9 @@ def _sort_by_height(points: wp.array[wp.vec2], num: int):
 
 @wp.func
 def _turn_left(corners: wp.array[wp.vec2], base: int, num: int, p: wp.vec2) -> int:
-    """Drop corners from the end until the path turns left at the last corner towards `p`. Keep corners up to `base`.
+    """Drop corners from the end until the path turns left at its last corner, on the way to `p`.
 
-    Returns the number of remaining corners.
+    Corners with index `base` or lower are kept. Returns the number of remaining corners.
     """
     left = int(num)
     while left > base + 1:
@@ -53,12 +53,14 @@ def _turn_left(corners: wp.array[wp.vec2], base: int, num: int, p: wp.vec2) -> i
 
 @wp.func
 def convex_hull(points: wp.array[wp.vec2], num: int, corners: wp.array[wp.vec2]) -> int:
-    """Write the convex hull of points to `corners`, counter-clockwise from the lowest point.
+    """Write the convex hull of `num` points to `corners`, counter-clockwise from the lowest point.
 
-    Sorts the points in place. Points may coincide, and some may lie on a line, but not all of them. Returns the number
-    of corners, at most `num`. A. Andrew, "Another efficient algorithm for convex hulls in two dimensions", Information
-    Processing Letters 9(5), 1979. The line from the lowest to the highest point has a chain of corners on each side.
-    The chains are built one after the other, so that `num` corners are always enough room.
+    The function sorts `points` in place. Some points may coincide or lie on a line, but the points must not all lie on
+    one line. Returns the number of corners, at most `num`.
+
+    A. Andrew, "Another efficient algorithm for convex hulls in two dimensions", Information Processing Letters 9(5),
+    1979. The line from the lowest to the highest point has corners of the hull on both sides. The function finds the
+    corners on one side, then the corners on the other, so an array of `num` corners is always large enough.
     """
     _sort_by_height(points, num)
     lowest = points[0]
@@ -85,7 +87,7 @@ def convex_hull(points: wp.array[wp.vec2], num: int, corners: wp.array[wp.vec2])
 
 @wp.func
 def set_triangle(p: wp.array[wp.vec2], a: wp.vec2, b: wp.vec2, c: wp.vec2) -> int:
-    """Write a triangle to `p`, counter-clockwise, and return its number of corners."""
+    """Write triangle abc to `p` with its corners counter-clockwise. Return 3, the number of corners in use."""
     p[0] = a
     if cross2(b - a, c - a) >= 0.0:
         p[1] = b
@@ -98,11 +100,12 @@ def set_triangle(p: wp.array[wp.vec2], a: wp.vec2, b: wp.vec2, c: wp.vec2) -> in
 
 @wp.func
 def clip(p: wp.array[wp.vec2], num: int, h: HalfPlane) -> int:
-    """Clip `p` by a half-plane in place, and return the number of remaining corners.
+    """Clip polygon `p` by a half-plane in place, and return the number of remaining corners.
 
     I. Sutherland, G. Hodgman, "Reentrant polygon clipping", CACM 17(1), 1974. A convex polygon enters a half-plane at
-    most once. Writing is therefore at most one corner ahead of reading, so reading one corner in advance is enough. If
-    rounding makes the polygon enter twice, the second entry is ignored.
+    most once, so the number of corners written is at most one above the number of corners read. One corner is read in
+    advance, so no corner is overwritten before it is read. If rounding makes the polygon enter twice, the second entry
+    is ignored.
     """
     left = int(0)
     a = p[wp.max(num - 1, 0)]
@@ -136,10 +139,10 @@ def area(p: wp.array[wp.vec2], num: int) -> float:
 
 @wp.func
 def draw_in_polygon(p: wp.array[wp.vec2], num: int, pick: float, u: float, v: float) -> wp.vec2:
-    """Return a uniform point of a polygon with `num` corners `p`.
+    """Return a uniformly distributed point of the polygon with the `num` corners `p`.
 
-    The uniform number `pick` chooses a triangle of the fan around the first corner. `u` and `v` choose a point in this
-    triangle.
+    `pick`, `u` and `v` are uniform random numbers. The fan of triangles around the first corner fills the polygon:
+    `pick` chooses one of these triangles, and `u` and `v` choose a point in it.
     """
     left = 2.0 * pick * area(p, num)
     chosen = num - 1

@@ -1,8 +1,10 @@
 """Device code of `relations`: enclose the region of a relation in convex pieces, and test a point exactly.
 
-A wedge with distances is cut into slices of at most 30 degrees, and less in a thin ring. Four half-planes bound each
-slice: two rays, a chord inside the inner circle and a tangent outside the outer circle. Slices are disjoint, so their
-areas add up. The slices exceed the ring by less than the area of the ring, and points outside the ring are drawn again.
+A region with a direction and distances is a sector of a ring around the anchor. The sector is cut into slices of at
+most 30 degrees, or of less if the ring is thin. Four half-planes enclose each slice: two end at the rays on its sides,
+one at a chord of the inner circle, and one at a tangent of the outer circle. Slices are disjoint, so their areas add
+up. Together, they exceed the sector by less than the area of the sector. If a drawn point is outside the sector,
+another point is drawn.
 """
 
 import math
@@ -42,12 +44,12 @@ _NO_DIRECTION = wp.constant(1.0e-5)
 
 @wp.struct
 class ResolvedRelation:
-    """The region of one relation in one world.
+    """The region of one relation in one world, seen from above.
 
-    A sector has an apex, the direction of its axis [rad], a half angle [rad], and the least and greatest distance [m]
-    that its pieces enclose. A strip or a line extends along the unit vector `along`, from `low` to `high` as measured
-    from `apex`, and by `half` to both sides [m]. A hull has `hullnum` corners in a separate array. All pieces lie
-    within `reach` [m] of `apex`.
+    A sector extends from the direction `axis` [rad] by `half_angle` [rad] to both sides. Its pieces enclose all
+    distances from `low` to `high` [m] around `apex`. A strip or a line extends along the unit vector `along`, from
+    `low` to `high` [m] as measured from `apex`, and by `half` [m] to both sides of this direction. A hull has `hullnum`
+    corners in a separate array. All pieces lie within `reach` [m] of `apex`. If `reach` is above 1e29, it is unlimited.
     """
 
     active: bool
@@ -85,12 +87,14 @@ def _strip(apex: wp.vec2, along: wp.vec2, low: float, high: float, half: float, 
 
 @wp.func
 def _between(width: float, points: wp.array[wp.vec2], num: int, hull: wp.array[wp.vec2]) -> ResolvedRelation:
-    """Resolve `between` to the hull of the anchors, a strip if they lie on a line, or a square if they coincide.
+    """Return the region of `between`: the hull of the anchors' pivots, a strip, or a square.
+
+    If the pivots lie on a line, the region is a strip along this line. If they coincide, it is a square.
 
     Args:
         width: Width of the strip, and side of the square [m].
         points: Pivots of the present anchors [m].
-        num: Number of these anchors.
+        num: Number of the present anchors.
         hull: Out: the corners of the hull [m].
     """
     a = int(0)
@@ -121,17 +125,17 @@ def _between(width: float, points: wp.array[wp.vec2], num: int, hull: wp.array[w
 
 @wp.func
 def _beside(program: Program, rel: int, own: Placed, anchor: Placed, axis: float) -> ResolvedRelation:
-    """Resolve `beside` by bounds, to the line of pivot positions at which the gap between the bounds is right.
+    """Return the region of `beside` without sites: a line of pivot positions.
 
-    Perpendicular to the direction from the anchor to the object, the narrower bounds stay within the span of the wider
-    bounds.
+    On this line, the gap between the anchor's bounds and the object's bounds in the direction `axis` is the gap of the
+    relation. Along the line, the narrower bounds stay within the span of the wider bounds.
 
     Args:
-        program: The scene.
+        program: The scene, as device code reads it.
         rel: Number of the relation.
         own: The object to place.
-        anchor: The object next to it.
-        axis: Heading from the anchor to the object [rad].
+        anchor: The object next to which it is placed.
+        axis: Direction from the anchor to the object [rad].
     """
     side = rotated(wp.vec2(1.0, 0.0), axis)
     along = wp.vec2(-side[1], side[0])
@@ -146,7 +150,10 @@ def _beside(program: Program, rel: int, own: Placed, anchor: Placed, axis: float
 
 @wp.func
 def _joined(program: Program, rel: int, own: Placed, anchor: Placed) -> ResolvedRelation:
-    """Resolve `beside` at sites, to the only pivot position at which the two sites meet."""
+    """Return the region of `beside` with sites: the only pivot position at which the two sites meet.
+
+    If the relation has a gap, the object's site meets a point at this distance from the anchor's site.
+    """
     sites = program.rel_sites[rel]
     from_anchor = rotated_to(wp.vec2(sites[0], sites[1]), anchor.axis)
     apex = anchor.at + from_anchor - rotated_to(wp.vec2(sites[2], sites[3]), own.axis)
@@ -165,10 +172,10 @@ def resolve(
     present: wp.array[int],
     hull: wp.array[wp.vec2],
 ) -> ResolvedRelation:
-    """Resolve a relation to its region in one world. `own` has the heading and bounds of the object to place.
+    """Return the region of a relation in one world. `own` has the heading and bounds of the object to place.
 
-    Absent anchors are ignored. If too few anchors are present, the relation is not active. The corners of a hull are
-    written to `hull`.
+    Absent anchors are ignored. If too few anchors are present, the returned region has `active` False. If the region is
+    a hull, its corners are written to `hull`.
     """
     adr = program.rel_anchoradr[rel]
     points = wp.zeros(shape=(MAX_ANCHORS,), dtype=wp.vec2)
@@ -218,13 +225,16 @@ def resolve(
 
 @wp.func
 def depends_on_heading(program: Program, rel: int) -> bool:
-    """Return True if the region of a relation depends on the object's heading, and not only on its bounds."""
+    """Return True if the region of a relation depends on the heading of the object to place.
+
+    Other regions depend at most on the object's bounds.
+    """
     return program.rel_type[rel] == RelationType.BESIDE or program.rel_type[rel] == RelationType.JOINED
 
 
 @wp.func
 def side_num(s: ResolvedRelation) -> int:
-    """Return the number of half-planes around one piece of a relation, or INACTIVE."""
+    """Return the number of half-planes around each convex piece of a region, or INACTIVE for an inactive relation."""
     if not s.active:
         return INACTIVE
     if s.hullnum > 0:
@@ -236,7 +246,8 @@ def side_num(s: ResolvedRelation) -> int:
 def _slice_sides(program: Program, rel: int, s: ResolvedRelation, sides: wp.array[HalfPlane], first: int):
     """Write the four half-planes around each slice of a sector `s` to `sides`, starting at index `first`.
 
-    The half-planes are bounded by two rays, a chord of the inner circle and a tangent of the outer circle.
+    Two half-planes end at the rays on the sides of the slice, one at a chord of the inner circle, and one at a tangent
+    of the outer circle.
     """
     pieces = program.rel_piecenum[rel]
     slice = 2.0 * s.half_angle / float(pieces)
@@ -261,7 +272,7 @@ def _slice_sides(program: Program, rel: int, s: ResolvedRelation, sides: wp.arra
 def write_sides(
     program: Program, rel: int, s: ResolvedRelation, hull: wp.array[wp.vec2], sides: wp.array[HalfPlane], first: int
 ):
-    """Write the half-planes around all pieces of a relation to `sides`, starting at `first`."""
+    """Write the half-planes around all convex pieces of the region `s` to `sides`, starting at index `first`."""
     if not s.active:
         return
     if s.hullnum > 0:
@@ -289,7 +300,10 @@ def relation_holds(
     pivot_pose: wp.array[wp.vec4],
     bounds: wp.array[wp.vec4],
 ) -> bool:
-    """Test whether a relation holds exactly for the object `own`. Its pivot is already in a piece of the relation."""
+    """Test whether a relation holds exactly for the object `own`, whose pivot is already in a piece of its region.
+
+    The pieces of a sector are larger than the sector. For the other regions, the result is True.
+    """
     if not s.active or program.rel_type[rel] != RelationType.SECTOR:
         return True
     v = own.at - s.apex

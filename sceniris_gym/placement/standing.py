@@ -1,23 +1,28 @@
 """`stands`: test by statics on MuJoCo's soft contacts whether a candidate and all free objects below it stand.
 
 The *load* of an object in a stack is this object and everything on it, each as a rigid body. The *patch* of an object
-is the hull of the part of its foot on its support. A load stands if its centre of mass is inside the patch by a margin.
+is the hull of the part of its foot on its support. The *margin* of a load is the distance of its centre of mass from
+the edge of the patch, seen from above. Outside the patch, the margin is negative. A load stands if its margin exceeds a
+limit, which depends on the coefficients in `Law`.
 
-Contacts give way, as if each corner of the patch were a spring. A load sinks by d. If the centre of the load is e away
-from the centre of the patch, the load leans by d K^-1 e. Here K is the mean of the outer products of the patch's
-corners around their mean. All objects above move with the load, so the leans are computed in passes, which do not
-converge for a top-heavy stack. A load that falls by f until its support carries it is shaken by the impact. Its margin
-therefore has to exceed t sqrt(f h), where h is the height of its centre and `Law` has t.
+Contacts give way, as if each corner of the patch were a spring. A load sinks by d. If the centre of mass of the load is
+e away from the centre of the patch, the load leans by d K^-1 e. Here K is the mean of the outer products of the patch's
+corners around their mean. All objects above move with the load, so the leans are computed in several passes. For a
+top-heavy stack, the passes do not converge. A load that falls by f until its support carries it is shaken by the
+impact. Its margin therefore has to exceed t sqrt(f h). Here h is the height of its centre of mass above the foot, and
+`Law.shake` and `Law.lean` determine t.
 
-MuJoCo keeps four contacts of a face: the largest quadrilateral of its corners. On a round support with more corners, a
+MuJoCo keeps four contacts of a face: the largest quadrilateral of its corners. If a round support has more corners, a
 load near the rim is outside these four contacts, and tips until other contacts take over. This adds at most s sqrt(d h)
-to the margin. After a load on a curved foot has leaned by an angle a, its centre is higher than before if its margin is
-above h tan(a / 2). The load rolls until its centre is above the point of contact. With a radius of curvature R, it
-rotates by (R v + e) / (R - h), where v is the lean of the object that carries it. Its centre moves by h times this
-angle, and swings equally far beyond. If R is about h, the motion is slow.
+to the limit, where s is `Law.swap`.
 
-The corners of a patch are the furthest points in each of 16 directions, so its hull is a little smaller than the exact
-hull.
+A load on a curved foot may lean by an angle a. If its margin is above h tan(a / 2), this lean raises its centre of
+mass, so the load rolls back. It rolls until its centre of mass is above the point of contact. With a radius of
+curvature R, it rotates by (R v + e) / (R - h), where v is the lean of the object that carries it. Its centre of mass
+moves by h times this angle, and then swings on by the same distance. If R is about h, the motion is slow.
+
+The corners of a patch are the furthest points in each of 16 directions, so the hull of these corners is a little
+smaller than the exact hull.
 """
 
 import warp as wp
@@ -46,10 +51,11 @@ _MOVE = wp.constant(MOST_MOVE)
 
 @wp.struct
 class Level:
-    """An object of a stack, its load, and its patch.
+    """An object of a stack, with its load and its patch.
 
-    Lengths are in metres, along the world's axes, from the pivot of the candidate. `load` is the weight [kg] and centre
-    of the object and everything on it. `own` is the same without the next object above and the load of that object.
+    Lengths are in metres, along the world's axes, from the pivot of the candidate. `load` is the weight [kg] and the
+    centre of mass (x, y, z) of the object and everything on it. `own` leaves out the next object above in the stack,
+    and everything on that object.
     """
 
     foot: float  # height of the foot
@@ -78,7 +84,10 @@ def weigh(
     body_quat: wp.array[wp.vec4],
     origin: wp.vec3,
 ) -> wp.vec4:
-    """Return the weight [kg] of an object, and the sum of its bodies' weights times positions from `origin` [kg m]."""
+    """Return the weight [kg] of an object, and the sum over its bodies of weight times centre of mass [kg m].
+
+    The centres of mass are relative to `origin`.
+    """
     total = wp.vec4(0.0)
     for i in range(program.obj_bodynum[obj]):
         body = program.body_list[program.obj_bodyadr[obj] + i]
@@ -91,7 +100,7 @@ def weigh(
 
 @wp.func
 def _side(statics: Statics, number: int, ground: Pose) -> HalfPlane:
-    """Return the half-plane on the inner side of an edge, which belongs to a convex part of a surface."""
+    """Return the half-plane on the inner side of edge `number`, an edge of a convex part of a surface."""
     ends = statics.side[number]
     a = apply(ground, wp.vec3(ends[0], ends[1], 0.0))
     b = apply(ground, wp.vec3(ends[2], ends[3], 0.0))
@@ -100,7 +109,11 @@ def _side(statics: Statics, number: int, ground: Pose) -> HalfPlane:
 
 @wp.func
 def lies_on_a_part(statics: Statics, stable: int, at: wp.vec2, surface: int, ground: Pose) -> bool:
-    """Return True if the circle around a foot is on one convex part of a surface. For arguments see `find_patch`."""
+    """Return True if the circle around a foot lies on a single convex part of a surface.
+
+    The circle is around the pivot `at` [m], seen from above. `stable` is the number of the object's stable pose, which
+    has the radius of the circle. `ground` is the pose of the body that has the surface.
+    """
     for i in range(statics.surface_partnum[surface]):
         part = statics.surface_partadr[surface] + i
         nearest = float(1.0e30)
@@ -118,14 +131,17 @@ def find_patch(
 ) -> bool:
     """Write the corners of an object's patch and return True. If its foot is off the surface, return False.
 
+    The patch is the hull of the part of the foot on the surface. If this part is too small, the foot counts as off the
+    surface.
+
     Args:
         statics: The feet and contacts of all objects.
-        stable: The number of the object's stable pose.
-        at: The position of its pivot [m], seen from above.
-        heading: Its heading [rad].
-        surface: The surface that it stands on.
-        ground: The pose of the body that has this surface.
-        patch: The corners [m], counter-clockwise, shape (`DIRECTIONS`,).
+        stable: Number of the object's stable pose.
+        at: Position of the object's pivot [m], seen from above.
+        heading: Heading of the object [rad].
+        surface: Number of the surface on which the object stands.
+        ground: Pose of the body that has this surface.
+        patch: Out: the corners [m], counter-clockwise, shape (`DIRECTIONS`,).
     """
     best = wp.zeros(shape=(wp.static(DIRECTIONS),), dtype=float)
     points = wp.zeros(shape=(wp.static(_MOST_CORNERS),), dtype=wp.vec2)
@@ -198,9 +214,10 @@ def measure(level: Level, patch: wp.array[wp.vec2]) -> Level:
 
 @wp.func
 def _leans(level: Level, off: wp.vec2) -> wp.vec2:
-    """Return the lean [rad] of a load whose centre is `off` [m] from the middle of its patch.
+    """Return the lean [rad] of a load whose centre of mass is `off` [m] from the middle of its patch.
 
-    If `far` exceeds 1, a corner of a rectangular patch is lifted and the load rests on the other three corners.
+    If `off` is so large that a corner of a rectangular patch lifts, the load rests on the other three corners and leans
+    further.
     """
     lean = level.softness * off
     far = wp.sqrt(2.0 * wp.max(wp.dot(lean, off), 0.0) / wp.max(level.sink, 1.0e-30))
@@ -210,6 +227,8 @@ def _leans(level: Level, off: wp.vec2) -> wp.vec2:
 @wp.func
 def loads_stand(levels: wp.array[Level], num: int) -> bool:
     """Return True if all loads of a stack stay on their patches when contacts give way.
+
+    The candidate must also move by less than `MOST_MOVE` until it is at rest.
 
     Args:
         levels: The objects of the stack from the candidate down. The lowest object is last.
