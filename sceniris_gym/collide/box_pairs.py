@@ -1,15 +1,16 @@
-"""Tests of two boxes: separating axes, tests of the parts near the other shape, and boxes inside convex pieces.
+"""Distance tests of boxes and convex pieces: by separating axes, by near parts of large boxes, and by inner boxes.
 
 The separating axes are the face normals of both boxes, and the cross products of their edges: S. Gottschalk, M. Lin, D.
 Manocha, "OBBTree", SIGGRAPH 1996. Box a has the half extents `ha` [m], and box b has `hb` [m]. In the frame of a, the
 centre of b is at `t` [m], and the columns of `r` are the axes of b.
 
-Rounding hides small gaps. Next to a wall of ten metres, it hides a gap of 10 um. A large box is therefore cut to the
-part that is near the other shape. The general test of two convex pieces (`collide.convex.separated`) reports contact
-for some boxes of decimetres that are 10 to 100 um apart. Two boxes are therefore tested on their separating axes first.
+Rounding hides small gaps. Next to a box of ten metres, such as a wall, rounding hides a gap of 10 um. A large box is
+therefore cut to the part that is near the other shape. Because of rounding, the general test of two convex pieces
+(`collide.convex.separated`) also reports contact for some boxes of decimetres that are 10 to 100 um apart. Two boxes
+are therefore tested on their separating axes first.
 
 Some convex pieces have an inner box, which lies inside the piece. If the inner boxes of two pieces overlap, the pieces
-overlap too. The inner boxes prove this faster than a test of the pieces.
+overlap too. A test of the inner boxes proves this faster than a test of the pieces.
 """
 
 import warp as wp
@@ -42,7 +43,7 @@ def absolute(r: wp.mat33) -> wp.mat33:
 
 @wp.func
 def gap_at_faces(ha: wp.vec3, hb: wp.vec3, t: wp.vec3, f: wp.mat33) -> float:
-    """Return the widest gap [m] between two boxes along the face normals of a. Without a gap, it is negative.
+    """Return the widest gap [m] between boxes a and b along the face normals of a, negative if there is no gap.
 
     `f` has the absolute values of `r`, the rotation from the frame of b to the frame of a. For the face normals of b,
     pass (hb, ha), `t` along the axes of b, and the transpose of `f`.
@@ -66,9 +67,10 @@ def gap_across_edges(ha: wp.vec3, hb: wp.vec3, t: wp.vec3, r: wp.mat33, f: wp.ma
 
 @wp.func
 def _near_part(shape: Shape, at: wp.vec3, reach: float):
-    """Return the part of a box within `reach` [m] of a point along each axis, its centre, and True if it exists.
+    """Cut a box to the part within `reach` [m] of the point `at` along each axis.
 
-    The point `at` and the centre are in the frame of the box. A shape that is not a box is returned whole.
+    Returns the part, its centre, and whether the part exists. `at` and the centre are in the frame of the box. A shape
+    that is not a box is returned whole.
     """
     part = shape
     middle = wp.vec3(0.0)

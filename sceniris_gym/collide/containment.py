@@ -1,7 +1,7 @@
-"""Containment: test whether one collider lies inside the other although their surfaces do not intersect.
+"""Containment: test whether one collider lies inside the other even if their surfaces do not intersect.
 
-Each closed component of a collider has one test point. This point is inside the other collider according to the winding
-number of the other collider's mesh around it.
+Each closed component of a collider has one test point. The winding number of the other collider's mesh around this
+point decides whether the point is inside.
 """
 
 import warp as wp
@@ -14,7 +14,10 @@ from sceniris_gym.program.device import Program
 
 @wp.func
 def in_solid(program: Program, collider: int, p: wp.vec3) -> bool:
-    """Test whether point `p` lies in the volume that a collider's mesh encloses. `p` is in the frame of its body."""
+    """Test whether point `p` lies in the volume that the mesh of a collider encloses.
+
+    `p` is in the frame of the collider's body.
+    """
     mesh = program.collider_mesh[collider]
     query = wp.mesh_query_point_sign_winding_number(mesh, p, program.collider_depth[collider])
     return query.result and query.sign < 0.0

@@ -1,10 +1,10 @@
-"""Test whether two convex pieces are further apart than a margin. One test covers distance and penetration.
+"""Test whether two convex pieces are further apart than a margin. The same test detects penetration.
 
 E. Gilbert, D. Johnson, S. Keerthi, "A fast procedure for computing the distance between complex objects", IEEE J.
-Robotics and Automation 4(2), 1988. This procedure (GJK) searches the point of the Minkowski difference of the pieces
-that is nearest to the origin. It ends early here, because only yes or no matters. If the support point of the Minkowski
-difference in some direction shows that the whole difference lies beyond the margin, the pieces are separated. If a
-point of the difference lies within the margin of the origin, the pieces are in contact. If one piece contains the
+Robotics and Automation 4(2), 1988. This procedure (GJK) searches for the point of the Minkowski difference of the
+pieces that is nearest to the origin. It ends early here, because only yes or no matters. If the support point of the
+Minkowski difference in some direction shows that the whole difference lies beyond the margin, the pieces are separated.
+If a point of the difference lies within the margin of the origin, the pieces are in contact. If one piece contains the
 other, the origin lies inside the difference, which also counts as contact.
 """
 
@@ -43,7 +43,7 @@ class Shape:
 def piece_shape(program: Program, piece: int) -> Shape:
     """Return the shape of a convex piece.
 
-    A sphere is exact as a point with a radius, and so is a capsule as a segment with a radius.
+    A point with a radius represents a sphere exactly, and a segment with a radius represents a capsule exactly.
     """
     s = Shape()
     s.kind = program.piece_type[piece]

@@ -123,7 +123,11 @@ def lowest(program: Program, piece: int, in_body: wp.vec3) -> float:
 
 @wp.func
 def over_plane(program: Program, pose: Pose, plane_pose: Pose, plane: int) -> OverPlane:
-    """Return a plane as seen from a body. `pose` is the world pose of this body, `plane_pose` of the plane's body."""
+    """Return a plane as seen from a body.
+
+    `pose` is the world pose of this body. `plane_pose` is the world pose of the body of the plane, and `plane` is the
+    number of the plane's piece.
+    """
     up = compose(plane_pose, piece_pose(program, plane))
     axis = wp.vec3(up.rot[0, 2], up.rot[1, 2], up.rot[2, 2])
     return OverPlane(wp.transpose(pose.rot) * axis, wp.dot(axis, pose.pos - up.pos))
@@ -138,7 +142,7 @@ def _piece_leaf(program: Program, piece: int) -> Leaf:
 
 @wp.func
 def _piece_of(program: Program, leaf: int) -> int:
-    """Return the number of the convex piece that a leaf is, or -1 if the leaf is a triangle."""
+    """Return the number of a leaf's convex piece, or -1 if the leaf is a triangle."""
     if not program.visual:
         return leaf
     return wp.max(leaf - PIECE_LEAF, -1)
@@ -146,7 +150,10 @@ def _piece_of(program: Program, leaf: int) -> int:
 
 @wp.func
 def _leaf(program: Program, leaf: int) -> Leaf:
-    """Return a leaf by its number: a convex piece, or the hull of a triangle's corners with an unlimited radius."""
+    """Return a leaf by its number: a convex piece, or the hull of a triangle's corners.
+
+    The bounding radius of a triangle is unlimited.
+    """
     piece = _piece_of(program, leaf)
     if piece >= 0:
         return _piece_leaf(program, piece)
@@ -158,8 +165,8 @@ def _leaf(program: Program, leaf: int) -> Leaf:
 def _separated(program: Program, pair: int, a: Leaf, b: Leaf, rel: Pose, margin: float) -> bool:
     """Test whether two leaves are further apart than `margin` [m].
 
-    `rel` is the pose of b's body in the frame of a's body. The leaves are tested in place. If `margin` is negative,
-    they may penetrate by this depth. They are then also tested with b moved by this depth along each separating
+    `rel` is the pose of b's body in the frame of a's body. The leaves are tested in place. If `margin` is negative, say
+    -d, the leaves may penetrate by the depth d. They are then also tested with b moved by d along each separating
     direction of the pair. The result is True if one of these tests finds the leaves apart.
     """
     frame = relative(a.pose, compose(rel, b.pose))

@@ -27,7 +27,7 @@ _ROUNDING = wp.constant(1.0e-5)
 def inside_outline(program: Program, surface: int, p: wp.vec2) -> bool:
     """Test whether point `p` [m] lies inside the outline of a surface and outside its holes.
 
-    `p` is in the frame of the surface. The test counts the edges that a ray from `p` along x crosses.
+    `p` is in the frame of the body that has the surface. The test counts the edges that a ray from `p` along x crosses.
     """
     inside = bool(False)
     for i in range(program.surface_edgenum[surface]):
@@ -40,7 +40,10 @@ def inside_outline(program: Program, surface: int, p: wp.vec2) -> bool:
 
 @wp.func
 def outline_distance(program: Program, surface: int, p: wp.vec2) -> float:
-    """Return the distance [m] from point `p` to the nearest edge of a surface's outline or of a hole in the surface."""
+    """Return the distance [m] from point `p` to the nearest edge of a surface's outline or of a hole in the surface.
+
+    `p` is in the frame of the body that has the surface.
+    """
     least = float(1.0e30)
     for i in range(program.surface_edgenum[surface]):
         a = program.edge_a[program.surface_edgeadr[surface] + i]
@@ -117,9 +120,9 @@ def overhangs(
 ) -> bool:
     """Test whether one convex piece of an object extends beyond one edge of a surface, seen from above.
 
-    `index` stands for a piece and an edge. All edges of the first piece come first, then all edges of the second piece.
-    `ground` is the world pose of the body that has the surface. The object's footprint lies on the surface if no pair
-    of a piece and an edge overhangs.
+    `index` stands for a piece and an edge. It counts all edges with the first piece, then all edges with the second
+    piece, and so on. `ground` is the world pose of the body that has the surface. The object's footprint lies on the
+    surface if no pair of a piece and an edge overhangs.
     """
     sides = program.surface_edgenum[surface]
     piece = program.shadow_list[program.obj_shadowadr[obj] + index // sides]

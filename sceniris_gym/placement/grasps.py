@@ -1,4 +1,4 @@
-"""Device code of `reachable`: TCP poses at the grasps of a posed object, and tests of grasps with the arm's map."""
+"""Device code of `reachable`: TCP poses at grasps of a posed object, and tests of grasps with a reachability map."""
 
 import warp as wp
 
@@ -12,7 +12,7 @@ from sceniris_gym.reach.lookup import map_verdict
 def grasp_pose(reach: Reach, grasp: int, base: Pose, body_pos: wp.array[wp.vec3], body_quat: wp.array[wp.vec4]) -> Pose:
     """Return the pose of the TCP at a grasp, in the frame of the arm's base.
 
-    `base` is the world pose of the arm's base. `body_pos` and `body_quat` are the world poses of all bodies.
+    `base` is the world pose of the arm's base. `body_pos` and `body_quat` are world poses, indexed by body.
     """
     body = reach.grasp_body[grasp]
     quat = mul_quat(body_quat[body], reach.grasp_quat[grasp])

@@ -1,4 +1,4 @@
-"""The orientation of an object: draw it or face another object, then measure the object's pivot and bounds.
+"""The orientation of an object: draw it, turn it to face another object, and measure the pivot and bounds.
 
 Every orientation is a rotation with heading 0, followed by a yaw about the vertical. The rotation with heading 0
 determines the pivot, the bounds and the lowest point. The heading of an object is the direction of its root's x axis,

@@ -1,4 +1,4 @@
-"""Small convex polygons on the device: hulls of points, clipping by half-planes, areas, and draws of points.
+"""Small convex polygons on the device: hulls of points, clipping by half-planes, areas, and random points.
 
 A polygon is an array of counter-clockwise corners [m] and the number of corners in use. A single lane uses the array.
 """
@@ -38,7 +38,7 @@ def _sort_by_height(points: wp.array[wp.vec2], num: int):
 
 @wp.func
 def _turn_left(corners: wp.array[wp.vec2], base: int, num: int, p: wp.vec2) -> int:
-    """Drop corners from the end until the path turns left at its last corner, on the way to `p`.
+    """Drop corners from the end of a path until the path would turn left at its last corner to reach `p`.
 
     Corners with index `base` or lower are kept. Returns the number of remaining corners.
     """

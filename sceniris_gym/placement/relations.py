@@ -1,10 +1,10 @@
 """Device code of `relations`: enclose the region of a relation in convex pieces, and test a point exactly.
 
-A region with a direction and distances is a sector of a ring around the anchor. The sector is cut into slices of at
-most 30 degrees, or of less if the ring is thin. Four half-planes enclose each slice: two end at the rays on its sides,
-one at a chord of the inner circle, and one at a tangent of the outer circle. Slices are disjoint, so their areas add
-up. Together, they exceed the sector by less than the area of the sector. If a drawn point is outside the sector,
-another point is drawn.
+The region of a relation with a direction and distances is a sector of a ring around the anchor. The sector is cut into
+slices of at most 30 degrees, or of less if the ring is thin. Four half-planes enclose each slice: two end at the rays
+on its sides, one at a chord of the inner circle, and one at a tangent of the outer circle. Slices are disjoint, so
+their areas add up. Together, the slices exceed the sector by less than the area of the sector. If a drawn point is
+outside the sector, another point is drawn.
 """
 
 import math
@@ -302,7 +302,8 @@ def relation_holds(
 ) -> bool:
     """Test whether a relation holds exactly for the object `own`, whose pivot is already in a piece of its region.
 
-    The pieces of a sector are larger than the sector. For the other regions, the result is True.
+    The pieces of a sector enclose more than the sector, so the exact distance and direction are tested. The pieces of
+    other regions are exact, so for them the result is True.
     """
     if not s.active or program.rel_type[rel] != RelationType.SECTOR:
         return True

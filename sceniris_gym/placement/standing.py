@@ -8,7 +8,7 @@ limit, which depends on the coefficients in `Law`.
 Contacts give way, as if each corner of the patch were a spring. A load sinks by d. If the centre of mass of the load is
 e away from the centre of the patch, the load leans by d K^-1 e. Here K is the mean of the outer products of the patch's
 corners around their mean. All objects above move with the load, so the leans are computed in several passes. For a
-top-heavy stack, the passes do not converge. A load that falls by f until its support carries it is shaken by the
+top-heavy stack, the leans do not converge. A load that falls by f until its support carries it is shaken by the
 impact. Its margin therefore has to exceed t sqrt(f h). Here h is the height of its centre of mass above the foot, and
 `Law.shake` and `Law.lean` determine t.
 
@@ -228,7 +228,7 @@ def _leans(level: Level, off: wp.vec2) -> wp.vec2:
 def loads_stand(levels: wp.array[Level], num: int) -> bool:
     """Return True if all loads of a stack stay on their patches when contacts give way.
 
-    The candidate must also move by less than `MOST_MOVE` until it is at rest.
+    The result is also False if the candidate would move by `MOST_MOVE` or more until it is at rest.
 
     Args:
         levels: The objects of the stack from the candidate down. The lowest object is last.
