@@ -542,13 +542,6 @@ COMMANDS = {
 }
 
 
-def _check_options(command: str, arguments: Sequence[str]) -> None:
-    """Reject an option that was renamed. The error gives the new name."""
-    for option in (argument.partition("=")[0] for argument in arguments):
-        if option.startswith("--") and (new := old_names().get(f"{command} {option}")):
-            raise ArgumentError(f"{command}: '{option}' is now {new}. See sceniris-gym {command} --help.")
-
-
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run a command.
 
@@ -564,9 +557,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
         with warnings.catch_warnings():
             warnings.showwarning = each_once()
             if arguments[:1] and arguments[0] in COMMANDS:  # so that usage errors name this command's --help
-                _check_options(arguments[0], arguments[1:])
-                command, prog = COMMANDS[arguments[0]], f"sceniris-gym {arguments[0]}"
-                said = tyro.cli(command, prog=prog, args=arguments[1:])
+                command, prog = arguments[0], f"sceniris-gym {arguments[0]}"
+                for option in (argument.partition("=")[0] for argument in arguments[1:]):
+                    if option.startswith("--") and (new := old_names().get(f"{command} {option}")):
+                        raise ArgumentError(f"{command}: '{option}' is now {new}. See {prog} --help.")
+                said = tyro.cli(COMMANDS[command], prog=prog, args=arguments[1:])
             else:
                 said = tyro.extras.subcommand_cli_from_dict(
                     COMMANDS, prog="sceniris-gym", description=about, args=arguments

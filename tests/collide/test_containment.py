@@ -9,7 +9,7 @@ import trimesh
 import warp as wp
 from scipy.spatial.transform import Rotation
 
-from sceniris_gym.collide.containment import encloses, in_bounds, in_solid
+from sceniris_gym.collide.boxes import encloses, in_bounds, in_solid
 from sceniris_gym.geometry.colliders import collect_colliders, collider_arrays
 from sceniris_gym.geometry.pieces import extract_pieces
 from sceniris_gym.program.device import Program, fill_struct

@@ -2,8 +2,7 @@
 
 import warp as wp
 
-from sceniris_gym.collide.boxes import NARROW_STACK, SHARED_STACK, UNPROVEN, collides, collides_without_stack
-from sceniris_gym.collide.containment import encloses
+from sceniris_gym.collide.boxes import NARROW_STACK, SHARED_STACK, UNPROVEN, collides, collides_without_stack, encloses
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.reaching.search import IN_HAND, ReachSearch, ReachStep, candidate_num, takes_step
 from sceniris_gym.layout.wave.search import Workspace

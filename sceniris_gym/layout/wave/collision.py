@@ -15,10 +15,10 @@ from sceniris_gym.collide.boxes import (
     UNPROVEN,
     Step,
     collides,
+    is_one_inside,
     leaves_below_touch,
     next_step,
 )
-from sceniris_gym.collide.containment import is_one_inside
 from sceniris_gym.collide.leaves import inner_boxes_touch, margin_of, pieces_touch, support_of
 from sceniris_gym.device.blocks import block_sync
 from sceniris_gym.layout.layouts import LayoutsView
