@@ -74,15 +74,15 @@ class CompiledScene(RefusesOldNames):
     """A frozen scene on one device, without a batch dimension.
 
     Attributes:
-        scene: The model and its names.
+        scene: The compiled model, and the bodies of its named objects and robots.
         device: Warp's name of the device, e.g. "cuda:0".
         program: The placement program on the device.
-        reaching: The arms and their reach targets, None if no object has `reachable`.
+        reaching: The arms that have to reach objects, and these objects. None if no object has `reachable`.
         statics: Feet, contacts and loads on the device, None if no object can fall.
-        starts: The kinds of starts on the device, None if the scene has only the start pose.
+        starts: The kinds of starts (entries of `start` in the scene file) on the device. None without `start`.
         bank: The fallback bank of valid layouts, empty until `compile_scene` fills it.
         home_qpos: Start pose, shape (nq,).
-        home_xpos, home_xquat: Poses of all bodies at the start, shapes (nbody, 3) and (nbody, 4) wxyz.
+        home_xpos, home_xquat: Poses of all bodies in the start pose, shapes (nbody, 3) and (nbody, 4) wxyz.
         sides: Greatest number of half-planes that bound the pieces of one object's relations.
         pieces: Greatest number of pieces into which relations cut the region of one object.
         meshes: The device meshes of `program`.
@@ -119,12 +119,12 @@ class CompiledScene(RefusesOldNames):
 
     @property
     def sim_mjm(self) -> mujoco.MjModel:
-        """The simulated model, in which the variants of an object share a body. Without variants, it is `mjm`."""
+        """The model for simulation, with one body for all variants of an object. Without variants, it is `mjm`."""
         return self.scene.sim.mjm
 
     @property
     def hash(self) -> str:
-        """The hash of the scene, which is the first part of each layout id."""
+        """The hash of the scene. Each layout id begins with this hash."""
         return self.scene.hash
 
     def layout_id(self, seed: SupportsIndex, episode: SupportsIndex, split: str = "train", params: str = "") -> str:
@@ -160,22 +160,22 @@ class CompiledScene(RefusesOldNames):
 
     @property
     def home_state(self) -> dict[str, np.ndarray]:
-        """The start pose by field names of device structs: joint positions, and poses of all bodies."""
+        """The start pose as fields of a device struct, by name: joint positions, and poses of all bodies."""
         return {"qpos": self.home_qpos, "body_pos": self.home_xpos, "body_quat": self.home_xquat}
 
     @property
     def object_names(self) -> tuple[str, ...]:
-        """Names of all objects of the scene file, in its order."""
+        """Names of all objects, in the order of the scene file."""
         return tuple(self.config.objects)
 
     @cached_property
     def placed(self) -> tuple[str, ...]:
-        """Names in placement order: objects with a drawn pose or joints, and robots with a drawn base or joints."""
+        """Objects with a drawn pose or joints, and robots with a drawn base or joints, by name in placement order."""
         return tuple(placement_order(self.scene))
 
     @property
     def slots(self) -> tuple[str, ...]:
-        """Columns of `Layouts.present`: all objects in the order of the scene file, then the robots."""
+        """Names for the columns of `Layouts.present`: all objects in the order of the scene file, then the robots."""
         return slot_names(self.config)
 
     @property
@@ -185,15 +185,15 @@ class CompiledScene(RefusesOldNames):
 
     @property
     def attempts(self) -> int:
-        """Number of candidates that an object gets before its layout restarts.
+        """Greatest number of candidates of one object before the search for its layout restarts.
 
-        It is `attempts` of the scene file, or the number that compilation found for `auto`.
+        It is `attempts` of the scene file. If `attempts` is `auto`, compilation chose the number.
         """
         return int(self.program.attempts)
 
 
 def refuse_starts(compiled: CompiledScene, where: str) -> None:
-    """Reject a scene with kinds of starts, for callers that cannot close the fingers.
+    """Reject a scene that has `start`, for callers that cannot close the fingers of a gripper.
 
     Raises:
         NotSupportedError: The scene has `start`.
@@ -211,7 +211,7 @@ def refuse_draws(compiled: CompiledScene, where: str, instead: str) -> None:
     Args:
         compiled: The scene.
         where: The beginning of the error.
-        instead: How to draw them with this caller, as a phrase of the error after "draw by".
+        instead: Another way to draw physics and appearance with this caller. The error has it after "draw by".
 
     Raises:
         NotSupportedError: The scene has `randomize`.
@@ -239,7 +239,7 @@ def upload_scene(scene: SceneModel, device: str) -> CompiledScene:
 def upload_plan(plan: Plan, device: str, *, starts: bool = True) -> CompiledScene:
     """Upload a plan to a device, without checks and with an empty bank.
 
-    The scene's kinds of starts are uploaded only if `starts` is true.
+    If `starts` is false, the result has no kinds of starts.
     """
     scene = plan.scene
     is_visual = scene.config.geometry == "visual"

@@ -29,7 +29,7 @@ OWN_A, OWN_B = wp.constant(1), wp.constant(2)
 
 
 class Cover(IntEnum):
-    """The requirement on obstacles above a drawn point: `on` rejects them, `inside` requires one, `in` accepts both."""
+    """The rule for obstacles above a drawn point: `on` forbids them, `inside` requires one, `in` accepts both cases."""
 
     EITHER = 0
     OPEN = 1
@@ -37,7 +37,7 @@ class Cover(IntEnum):
 
 
 class Cause(IntEnum):
-    """The cause of a candidate's rejection. docs/language/sampling.md describes each."""
+    """The test that rejected a candidate. docs/language/sampling.md describes each cause."""
 
     NONE = 0
     OVERHEAD = 1
@@ -57,7 +57,7 @@ REACH_CAUSES = (Cause.UNREACHABLE, Cause.NO_IK, Cause.BLOCKED)
 
 
 class OrientationType(IntEnum):
-    """The draw of an orientation: a yaw added to a pose of the object, uniform over SO(3), or facing a target."""
+    """Ways to draw an orientation: add a yaw to a pose of the object, draw from all of SO(3), or face a target."""
 
     YAW = 0
     ANY = 1
@@ -65,7 +65,7 @@ class OrientationType(IntEnum):
 
 
 class Measure(IntEnum):
-    """The measurements of a drawn candidate: no measurement, its lowest point, or its lowest point and bounds."""
+    """Whether each candidate of an object needs its lowest point computed (`LOWEST`), or also its bounds (`WHOLE`)."""
 
     NOTHING = 0
     LOWEST = 1
@@ -284,7 +284,10 @@ SHARED = 0
 
 
 def fill_struct(declared: Any, instance: Any, arrays: Mapping[str, np.ndarray], device: str) -> Any:
-    """Fill array fields of a struct instance from NumPy arrays, with the declared types, and return the instance."""
+    """Copy NumPy arrays into the fields of a struct instance, and return the instance.
+
+    `declared` is the struct. It gives the types of its fields.
+    """
     for name, values in arrays.items():
         field = declared.vars[name].type
         shared = declared is Program and name in WORLD_FIELDS
@@ -299,9 +302,10 @@ def fill_struct(declared: Any, instance: Any, arrays: Mapping[str, np.ndarray], 
 
 
 def allocate(declared: Any, instance: Any, shapes: Mapping[str, Any], device: Any) -> Any:
-    """Set fields of a struct instance to arrays of zeros, with the declared types, and return the instance.
+    """Set fields of a struct instance to arrays of zeros, and return the instance.
 
-    A key of `shapes` is the name of a field, or several names separated by spaces. Its value is the shape of these.
+    `declared` is the struct. It gives the types of its fields. A key of `shapes` names a field, or several fields
+    separated by spaces, and its value is the shape of each of these fields.
     """
     for names, shape in shapes.items():
         for name in names.split():
@@ -310,13 +314,13 @@ def allocate(declared: Any, instance: Any, shapes: Mapping[str, Any], device: An
 
 
 def repeat(declared: Any, instance: Any, count: int, rows: Mapping[str, np.ndarray], device: str) -> None:
-    """Set the array fields named in `rows` of a struct instance to `count` copies of their row."""
+    """Set each field of a struct instance that `rows` names to an array with `count` copies of the row."""
     arrays = {name: np.tile(row, (count, *[1] * row.ndim)) for name, row in rows.items()}
     fill_struct(declared, instance, arrays, device)
 
 
 def copied(declared: Any, instance: Any) -> Any:
-    """Return a copy of a struct instance that shares its arrays."""
+    """Return a copy of a struct instance. Both share the same arrays."""
     other = declared()
     other.assign(instance)
     return other

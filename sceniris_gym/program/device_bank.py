@@ -7,7 +7,7 @@ from sceniris_gym.program.device import allocate
 
 @wp.struct
 class Bank:
-    """Layouts of the split "train", then layouts of "eval". Only `compile_scene` writes them."""
+    """The bank of a scene: layouts of the split "train", then layouts of "eval". Only `compile_scene` writes them."""
 
     ntrain: int
     seed: wp.array[wp.uint64]  # with `episode`, the key of each layout in the split of the bank
@@ -23,6 +23,6 @@ class Bank:
 
 
 def empty_bank(device: str) -> Bank:
-    """Return a bank without rows, which offers no fallback."""
+    """Return a bank without layouts, so no world can take a fallback from it."""
     shapes = {name: (0,) * Bank.vars[name].type.ndim for name in Bank.vars if name != "ntrain"}
     return allocate(Bank, Bank(), shapes, device)

@@ -1,7 +1,7 @@
 """Arms, reach targets and kinds of starts as device code reads them.
 
-Each arm has a separate `Reach`. Its fields for the arm and the gripper differ, and the other fields are the same in all
-of them. Reach targets are in placement order, each with its column in `Layouts.grasp`. A grasp is a pose of the TCP in
+Each arm has a separate `Reach`. The fields for the arm and its gripper differ between arms, and all other fields are
+the same. Reach targets are in placement order, each with its column in `Layouts.grasp`. A grasp is a pose of the TCP in
 the frame of one of the object's bodies. The TCP's +z axis is the approach axis, and its +y axis is the closing axis.
 Kinds of starts keep their numbers from the scene file.
 """
@@ -21,7 +21,7 @@ BASE = -2
 
 @wp.struct
 class Reach:
-    """An arm of a scene with the reach targets of all arms. It is never written after `compile_scene`."""
+    """One arm of a scene, and the reach targets of all arms. The fields do not change after `compile_scene`."""
 
     # The arm.
     number: int  # the first arm is 0
@@ -89,7 +89,7 @@ class Reach:
 
 
 class StartPose(IntEnum):
-    """The pose of the arm at the start, and the place of the object that it holds."""
+    """The pose of the arm in a kind of start. If the arm holds an object, also the place of this object."""
 
     HOME = 0
     PREGRASP = 1
@@ -103,7 +103,7 @@ class StartPose(IntEnum):
 
 @wp.struct
 class Starts:
-    """The kinds of starts of a scene. They are never written after `compile_scene`."""
+    """The kinds of starts (entries of `start`) of a scene. They do not change after `compile_scene`."""
 
     weight: wp.array[float]
     pose: wp.array[int]  # a StartPose
@@ -122,15 +122,15 @@ class Starts:
 
 @wp.func
 def is_drawn(interval: wp.vec2) -> bool:
-    """Return True if a start replaces the interval of a joint."""
+    """Return True if a start draws a joint from this interval. If low > high, the start keeps the joint."""
     return interval[0] <= interval[1]
 
 
 @wp.func
 def reaches(starts: Starts, kind: int, column: int) -> bool:
-    """Return True if a kind of start puts the arm at the reach target `column`.
+    """Return True if a kind of start moves the arm to the reach target `column`, or holds the target above its place.
 
-    The target is in its placed pose, or straight above it (`PREGRASP`, `STANDING` or `LIFTED`).
+    These are the poses `PREGRASP`, `STANDING` and `LIFTED`. With `HOME` and `HELD`, the arm need not reach the place.
     """
     pose = starts.pose[kind]
     return starts.target[kind, column] and pose != StartPose.HOME and pose != StartPose.HELD

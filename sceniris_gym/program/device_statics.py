@@ -1,4 +1,4 @@
-"""Feet, contacts and loads as device code reads them, only for scenes with objects that may fall.
+"""Feet, contacts and loads as device code reads them. They exist only if some object of the scene may fall.
 
 The *levels* of an object are the object, the free object that carries it, and so on down to a free object on a support
 that cannot move.
@@ -23,9 +23,9 @@ LawVector = wp.types.vector(length=7, dtype=float)
 
 @wp.struct
 class Statics:
-    """The feet, contacts and loads of the objects of a scene. They are never written after `compile_scene`.
+    """The feet, contacts and loads of the objects of a scene. They do not change after `compile_scene`.
 
-    If the scene draws masses, generators have copies with a row of body weights for each world.
+    If the scene draws masses, each generator of layouts has a copy with a row of body weights for each world.
     """
 
     direction: wp.array[wp.vec2]  # `DIRECTIONS`, counter-clockwise

@@ -1,4 +1,4 @@
-"""Effects of the worst draws on standing objects: contacts sink deeper, and gravity and wind tilt the load."""
+"""Worst effects of drawn physics on standing objects: how deep they sink, and how far gravity and wind tilt a load."""
 
 import copy
 from itertools import product
@@ -28,12 +28,14 @@ _GRID = 1001
 class Contact(NamedTuple):
     """The softest contact of two geoms.
 
+    If `randomize` draws the parameters of a contact, the softest contact combines the worst ends of these draws.
+
     Attributes:
-        own, below: Bodies of the two geoms, the upper one first.
-        ref: Its `solref`.
-        imps: Its `solimp`, with all combinations of the ends of draws.
-        cone: Effect of friction on its depth, as a factor.
-        friction: Its least coefficient of sliding friction.
+        own, below: Body of the upper geom, and body of the lower geom.
+        ref: The contact's `solref`.
+        imps: The contact's `solimp`, once for each combination of the ends of its draws.
+        cone: Factor of friction in the depth of the contact.
+        friction: The contact's least coefficient of sliding friction.
     """
 
     own: int
@@ -45,11 +47,11 @@ class Contact(NamedTuple):
 
 
 def contact_of(scene: SceneModel, a: int, b: int) -> Contact:
-    """Return the contact of two geoms as in the chapter "Computation" of MuJoCo's manual.
+    """Return the softest contact of two geoms, from the chapter "Computation" of MuJoCo's manual.
 
-    Its numbers come from an explicit pair, from the geom of higher priority, or from both geoms, mixed. With a
-    pyramidal cone, MuJoCo derives the softness of all n edges from the first edge, so friction m changes the softness
-    by m^2 (1 + m^2) / (n / 2).
+    The contact's parameters come from an explicit contact pair, from the geom of higher priority, or from a mix of both
+    geoms. With a pyramidal friction cone, MuJoCo derives the softness of all n edges from the first edge. A friction
+    coefficient m therefore multiplies the softness by m^2 (1 + m^2) / (n / 2).
     """
     mjm, least, most = scene.mjm, scene.least, scene.most
     rank = mjm.geom_priority[[a, b]]
@@ -75,15 +77,16 @@ def contact_of(scene: SceneModel, a: int, b: int) -> Contact:
 
 
 def contact_heights(pieces: list[Piece], shape: HomeShape, pose: StablePose) -> np.ndarray:
-    """Return the heights over the lowest point [m] at which pieces touch soft, level ground.
+    """Return the heights [m] of points at which an object that sinks into level ground touches the ground.
 
     Args:
-        pieces: The pieces.
+        pieces: The pieces of the object.
         shape: The shape of these pieces.
-        pose: Their pose.
+        pose: The stable pose of the object.
 
     Returns:
-        Shape (npiece, `CONTACTS`), inf for missing contacts of a piece.
+        The heights over the lowest of these points, shape (npiece, `CONTACTS`). If a piece has fewer contacts, the
+        rest of its row is inf.
     """
     found, up = np.full((len(pieces), CONTACTS), np.inf), matrix(pose.quat)[2]
     for p, points, axis, row in zip(pieces, shape.points(), shape.axes(), found, strict=True):
@@ -103,11 +106,12 @@ def deepest(
 
     Args:
         scene: The scene.
-        contacts: The contacts of each of its pieces with the support.
-        foot: Heights of these contacts, as from `contact_heights`. The object sinks until its lowest contacts carry it.
+        contacts: For each piece of the object, the contacts of the piece with the support.
+        foot: Heights of these contacts, as `contact_heights` returns them. The object sinks until its lowest contacts
+            carry it.
         bodies: The bodies of the object.
         load: Greatest weight [kg] of the object and everything on it.
-        is_whole: Whether its whole foot is on its support. If not, only half of its contacts carry it.
+        is_whole: Whether the whole foot of the object is on the support. If not, only half of its contacts carry it.
     """
     heights, light, found = np.sort(foot[foot < _HIGHEST]), scene.least.body_invweight0[:, 0], 0.0
     heights = heights if is_whole else heights[: max(len(heights) // 2, CONTACTS)]
@@ -147,15 +151,15 @@ def depth_of(scene: SceneModel, contact: Contact, load: np.ndarray | float, inve
 
 
 def least_upright(scene: SceneModel) -> np.ndarray:
-    """Return the drawn gravity [m/s^2] furthest from straight down, shape (3,)."""
+    """Return the gravity [m/s^2] that points furthest from straight down within the draws, shape (3,)."""
     low, high = scene.least.opt.gravity, scene.most.opt.gravity
     return np.array([*np.where(np.abs(low) > np.abs(high), low, high)[:2], high[2]])
 
 
 def wind_push(scene: SceneModel, o: PlacedObject) -> float:
-    """Return the greatest force [N/kg] of the wind on a free object, for each kilogram of its least mass.
+    """Return the greatest force of the wind on a free object, divided by the object's least mass [N/kg].
 
-    The wind blows along each of the object's inertial axes in turn.
+    The wind is tried along each inertial axis of the object's root body.
     """
     speed = np.linalg.norm(np.maximum(np.abs(scene.least.opt.wind), np.abs(scene.most.opt.wind)))
     if not speed:
@@ -171,6 +175,6 @@ def wind_push(scene: SceneModel, o: PlacedObject) -> float:
 
 
 def tilt_of(scene: SceneModel, objects: list[PlacedObject]) -> float:
-    """Return the tangent of the greatest angle by which gravity and wind pull objects away from straight down."""
+    """Return the tangent of the greatest angle between straight down and the pull of gravity and wind on objects."""
     pull, push = least_upright(scene), max((wind_push(scene, o) for o in objects), default=0.0)
     return float((np.hypot(*pull[:2]) + push) / max(-pull[2] - push, mujoco.mjMINVAL))

@@ -1,4 +1,4 @@
-"""Warnings about a scene. They are issued at the caller's line, and stored to repeat them for a cached scene."""
+"""Warnings about a scene. They point at the user's line, and are stored so that a cached scene repeats them."""
 
 import os
 import sys
@@ -15,7 +15,7 @@ _noted: ContextVar[list[UserWarning] | None] = ContextVar("noted", default=None)
 
 
 def warn(warning: UserWarning) -> None:
-    """Issue a warning at the line that called this package, and note it for `noting`."""
+    """Issue a warning that points at the line that called this package. Inside a `noting` block, also collect it."""
     noted = _noted.get()
     if noted is not None:
         noted.append(warning)

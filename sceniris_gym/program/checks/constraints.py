@@ -1,4 +1,4 @@
-"""Checks of constraints that layouts could break: welds, connects and tendons, and limits of fixed tendons."""
+"""Checks of constraints that layouts could break: welds, connects, spatial tendons, and limits of fixed tendons."""
 
 from collections.abc import Iterable, Mapping
 
@@ -60,13 +60,15 @@ def check_constraints(plan: Plan) -> None:
 
 
 class _Drawn:
-    """The movers of bodies: placed objects, drawn joints and joints that follow them. Layouts differ in these.
+    """The movers of a plan: placed objects, drawn joints, and joints that follow drawn joints.
+
+    A mover changes the poses of bodies from layout to layout.
 
     Attributes:
         mjm: The model.
-        owners: The object or robot to which a body belongs. Other bodies have no entry.
+        owners: The object or robot that contains a body, by body id. Other bodies have no entry.
         joints: Ids of the drawn and following joints.
-        above: For each body, the movers that change its pose: ids of joints and names of objects.
+        above: For each body, the movers that change the body's pose, as joint ids and object names.
     """
 
     def __init__(self, plan: Plan) -> None:
@@ -82,7 +84,7 @@ class _Drawn:
             self.above.append(self.above[self.mjm.body_parentid[body]] | own)
 
     def owner(self, body: int) -> str:
-        """Return the object or robot of a body, or "world"."""
+        """Return the name of the object or robot that contains a body, or "world"."""
         return self.owners.get(body, "world")
 
     def apart(self, bodies: Iterable[int]) -> frozenset[int | str]:
@@ -96,12 +98,12 @@ class _Drawn:
         return frozenset(self.joints.intersection(joints)) if joints else self.apart(_bodies_of(self.mjm, tendon))
 
     def names(self, joints: Iterable[int | str]) -> str:
-        """Return the quoted names of the joints among some movers, for errors."""
+        """Return the quoted names of those movers that are joints, for errors."""
         return ", ".join(f"'{self.mjm.joint(j).name}'" for j in sorted(j for j in joints if isinstance(j, int)))
 
 
 def _check_loop(label: str, drawn: _Drawn, a: int, b: int) -> None:
-    """Check a weld or a connect of two bodies."""
+    """Check that layouts do not move the two bodies of a weld or a connect relative to each other."""
     apart = drawn.apart((a, b))
     if not apart:
         return
@@ -118,7 +120,7 @@ def _check_loop(label: str, drawn: _Drawn, a: int, b: int) -> None:
 
 
 def _check_spatial(where: str, drawn: _Drawn, tendon: int) -> None:
-    """Check that draws do not change the length of a spatial tendon that has limits, or is a spring between objects."""
+    """Check that layouts do not stretch a spatial tendon that has limits, or stiffness and two or more objects."""
     mjm = drawn.mjm
     limited, springs = has_active_limits(mjm, tendon), not mjm.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_SPRING
     stretched = drawn.stretching(tendon)
@@ -158,7 +160,7 @@ def has_active_limits(mjm: mujoco.MjModel, tendon: int) -> bool:
 
 
 def tendon_joints(mjm: mujoco.MjModel, tendon: int) -> dict[int, float]:
-    """Return the coefficient of each joint of a fixed tendon, by joint id. Empty for a spatial tendon."""
+    """Return the coefficients of a fixed tendon by joint id. For a spatial tendon, the dict is empty."""
     adr = int(mjm.tendon_adr[tendon])
     wraps = range(adr, adr + int(mjm.tendon_num[tendon]))
     return {
@@ -169,7 +171,7 @@ def tendon_joints(mjm: mujoco.MjModel, tendon: int) -> dict[int, float]:
 def check_tendon_limits(plan: Plan) -> None:
     """Check that drawn joints and their followers keep each fixed tendon within the tendon's limits.
 
-    If the start pose already exceeds the limits of a tendon, draws may not exceed them further.
+    If a tendon is already beyond a limit in the start pose, draws may take it as far as the start pose does.
 
     Raises:
         SceneKeyError: Draws would take a tendon beyond its limits.

@@ -22,8 +22,8 @@ def check_supports(plan: Plan) -> None:
     """Check that objects can stand on the supports named in the scene file.
 
     Raises:
-        NotSupportedError: A support leans at home. Surfaces have to be level in the frame of their body.
-        SceneKeyError: An object has `inside: floor`, or is on an endless plane and has no region.
+        NotSupportedError: The z axis of a supporting body does not point up in the start pose.
+        SceneKeyError: An object has `inside: floor`, or is on an endless plane without a region that bounds its places.
     """
     config = plan.scene.config
     for o in plan.objects:
@@ -48,11 +48,12 @@ def check_supports(plan: Plan) -> None:
 
 
 def check_relations(plan: Plan) -> None:
-    """Check that each object's relations can be combined and are not too many, and that `between` has a width.
+    """Check each object's relations: their number, their combination, and the `width` of `between`.
 
     Raises:
-        SceneKeyError: Relations have too many corners or pieces, `beside` is combined with `face_to`, a width is
-            missing, or a region has too many points on several surfaces.
+        SceneKeyError: The relations cut the region into too many pieces, or into pieces with too many corners. `beside`
+            is combined with `face_to`. `between` has no `width`, and the object has no geom that could give one. A
+            region has too many points on several surfaces.
     """
     for o in plan.objects:
         relations, where = o.config.relations, f"{plan.scene.config.where}: objects.{o.name}.relations"
@@ -87,7 +88,7 @@ def check_relations(plan: Plan) -> None:
 
 
 def check_followers(plan: Plan) -> None:
-    """Check that joints that follow a drawn joint belong to the same object and stay within their limits.
+    """Check that a joint that follows a drawn joint belongs to the same object and stays within its limits.
 
     Raises:
         NotSupportedError: A joint of another object follows a drawn joint.
@@ -132,11 +133,11 @@ def check_heaps(plan: Plan) -> None:
 
 
 def check_reach(plan: Plan) -> None:
-    """Check that each reach target can be tested by its tier, and warn if `ik` replaces a map.
+    """Check that each reach target can be tested as its tier demands. Warn if `ik` replaces a tier that needs a map.
 
     Raises:
         MapError: A tier needs a map, and the arm has no map.
-        SceneKeyError: A tier needs to pose an arm that is not in the scene.
+        SceneKeyError: The tier is `ik` or `clear`, which pose the arm, but the robot has `in_scene: false`.
     """
     config, where = plan.scene.config, plan.scene.config.where
     for i, one in enumerate(plan.reaching.arms):

@@ -1,4 +1,4 @@
-"""Warnings about accepted but probably unintended oddities. A warning names one kind, its extent and a remedy."""
+"""Warnings about scenes that are valid, but probably not as intended. Each warning names the parts and a remedy."""
 
 from collections.abc import Iterator
 
@@ -27,7 +27,7 @@ _FINE = 128.0
 
 
 def warn_of_oddities(plan: Plan) -> None:
-    """Warn about oddities in a scene, with one `ModelWarning` for each kind."""
+    """Warn about parts of a scene that are probably unintended. All findings of a kind share one `ModelWarning`."""
     is_physics = plan.scene.config.geometry == "physics"
     for kind in (_filled, _sizes, _sunk, _coarse) if is_physics else (_flat, _sizes, _coarse):
         for text in kind(plan):
@@ -35,7 +35,7 @@ def warn_of_oddities(plan: Plan) -> None:
 
 
 def _flat(plan: Plan) -> Iterator[str]:
-    """Warn about faces without area in visual geometry. They have no inside and no normal."""
+    """Warn about mesh faces without area, which collision tests of visual geometry leave out."""
     meshes = {p.geom: p.mesh for p in plan.pieces if p.mesh is not None}
     counts = {g: int(flat_faces(m.triangles).sum()) + m.metadata.get("left_out", 0) for g, m in meshes.items()}
     found = [f"{count} of geom '{geom_name(plan.scene.mjm, geom)}'" for geom, count in counts.items() if count]
@@ -47,7 +47,7 @@ def _flat(plan: Plan) -> Iterator[str]:
 
 
 def _filled(plan: Plan) -> Iterator[str]:
-    """Warn about meshes whose convex hull, which collides, is much larger than the mesh."""
+    """Warn about meshes whose convex hull is much larger than the mesh. MuJoCo collides a mesh as its convex hull."""
     mjm, found = plan.scene.mjm, []
     for p in plan.pieces:
         if p.type == PieceType.HULL and p.mesh is not None:
@@ -64,7 +64,7 @@ def _filled(plan: Plan) -> Iterator[str]:
 
 
 def _sizes(plan: Plan) -> Iterator[str]:
-    """Warn about objects with a size that suggests other units."""
+    """Warn about objects that are so large or small that their lengths are probably not in metres."""
     found = []
     for name in plan.slots:
         bodies = set(plan.scene.subtree(name))
@@ -81,7 +81,7 @@ def _sizes(plan: Plan) -> Iterator[str]:
 
 
 def _sunk(plan: Plan) -> Iterator[str]:
-    """Warn about geoms that overlap at home and that layouts do not place."""
+    """Warn about geoms that overlap in the start pose and belong to bodies that layouts do not place."""
     scene, mjm = plan.scene, plan.scene.mjm
     is_pushed = not mjm.opt.disableflags & _NO_CONTACTS
     still: list[str] = []
@@ -111,9 +111,9 @@ def _sunk(plan: Plan) -> Iterator[str]:
 
 
 def _overlaps(mjm: mujoco.MjModel, home: mujoco.MjData, pieces: list[Piece]) -> Iterator[tuple[float, tuple[int, int]]]:
-    """Yield the deepest overlap at home between each two kinematic trees: its depth [m] and the two geoms.
+    """Yield the deepest overlap of each two kinematic trees in the start pose: the depth [m] and the two geoms.
 
-    Overlaps that involve a movable geom, and overlaps of geoms that never move, are reported separately.
+    Two trees may have two results: one for pairs with a movable geom, and one for pairs of geoms that cannot move.
     """
     rules = ContactRules(mjm, "physics")
     deepest: dict[tuple[int, int, bool], tuple[float, tuple[int, int]]] = {}
@@ -135,18 +135,18 @@ def _can_move(mjm: mujoco.MjModel, geom: int) -> bool:
 
 
 def _owner(scene: SceneModel, geom: int) -> str:
-    """Return the name of the object, robot or model body that contains a geom."""
+    """Return the name of the object or robot that contains a geom, or else of the root body of the geom's tree."""
     root = int(scene.mjm.body_rootid[scene.mjm.geom_bodyid[geom]])
     return scene.owners.get(root) or str(scene.mjm.body(root).name)
 
 
 def _geom_of(scene: SceneModel, geom: int) -> str:
-    """Return the name of a geom and its owner, for messages."""
+    """Return the names of a geom and of its `_owner`, for messages."""
     return f"geom '{geom_name(scene.mjm, geom)}' of '{_owner(scene, geom)}'"
 
 
 def _cure(scene: SceneModel, geom: int) -> str:
-    """Return the remedy for an overlap of a movable geom at the start."""
+    """Return the remedy for a movable geom that overlaps another geom in the start pose."""
     name, mjm = _owner(scene, geom), scene.mjm
     root = int(mjm.body_rootid[mjm.geom_bodyid[geom]])
     robot = scene.config.all_robots.get(name)
@@ -160,9 +160,10 @@ def _cure(scene: SceneModel, geom: int) -> str:
 
 
 def _coarse(plan: Plan) -> Iterator[str]:
-    """Warn about geoms so far from the origin that rounding there may exceed the least clearance of an object.
+    """Warn about geoms whose distant ends are rounded by more than the least clearance of an object.
 
-    A drawn joint has the clearance 0.
+    The further a geom reaches from the world's origin, the coarser its rounding. An object with drawn joints at
+    a fixed place has the clearance 0.
     """
     mjm, found = plan.scene.mjm, []
     drawn = [o.config for o in plan.objects if o.config.kind != "marker"]
@@ -183,7 +184,7 @@ def _coarse(plan: Plan) -> Iterator[str]:
 
 
 def _near(mjm: mujoco.MjModel, home: mujoco.MjData, pieces: list[Piece]) -> Iterator[tuple[Piece, Piece]]:
-    """Yield pairs of pieces whose bounding spheres meet at home, computed row by row to save memory."""
+    """Yield the pairs of pieces whose bounding spheres meet in the start pose. No table of all pairs is stored."""
     geoms = [p.geom for p in pieces]
     at, radius = home.geom_xpos[geoms], mjm.geom_rbound[geoms]
     radius = np.where(radius > 0.0, radius, np.inf)  # 0 for a plane
@@ -194,6 +195,6 @@ def _near(mjm: mujoco.MjModel, home: mujoco.MjData, pieces: list[Piece]) -> Iter
 
 
 def _some(found: list[str], most: int = 5) -> str:
-    """Return the first findings of a list, and the number of the others."""
+    """Join the first `most` entries of a list, and add the number of the other entries."""
     more = f", and {len(found) - most} more" if len(found) > most else ""
     return ", ".join(found[:most]) + more

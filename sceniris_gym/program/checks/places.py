@@ -1,4 +1,4 @@
-"""Checks that places are near enough for single precision, and away from the parking places of absent objects."""
+"""Checks that objects stay near enough to the origin for single precision, and away from parked objects."""
 
 import mujoco
 import numpy as np
@@ -16,15 +16,15 @@ _NEAREST = PARKING_FROM - PARKING_SPACING
 
 
 def check_distances(plan: Plan) -> None:
-    """Check that objects and the ends of obstacles stay within distances that single precision resolves.
+    """Check that objects and obstacles stay near enough to the world's origin for single precision.
 
-    Obstacles that are wholly beyond these distances and are not objects of the scene are ignored, because placed
-    objects cannot reach them.
+    A geom that is wholly too far away is ignored if it is not part of an object or robot of the scene, because no
+    placed object can reach this geom.
 
     Raises:
         NotSupportedError: A placed object has a plane as a geom.
-        SceneKeyError: An object stands too far away or may be placed there, a geom reaches too far, or a joint is drawn
-            too far out.
+        SceneKeyError: An object or robot stands too far from the origin, or may be placed too far from it. A geom ends
+            too far from it. A joint is drawn up to a too large position.
     """
     placed = {o.name for o in plan.objects if o.kind != ObjectKind.STATIC}
     config = plan.scene.config
@@ -73,10 +73,10 @@ def check_distances(plan: Plan) -> None:
 
 
 def _check_region(plan: Plan, o: PlacedObject, placed: set[str]) -> None:
-    """Check that an object cannot be placed too far away on its support.
+    """Check that an object cannot be placed on its support too far from the world's origin.
 
-    If the support is itself placed, only the size of the object's region is checked. The support's own region limits
-    how far away the support can be.
+    If the support is also placed, only the extent of the object's region on the support is checked. The check of the
+    support limits how far the support is from the origin.
     """
     if o.support is None or o.config.support is None:
         return
@@ -94,10 +94,10 @@ def _check_region(plan: Plan, o: PlacedObject, placed: set[str]) -> None:
 
 
 def check_parking(plan: Plan) -> None:
-    """Check that absent objects fit into their parking places, and that other objects stay away from these places.
+    """Check that objects that may be absent fit into their parking places, and that no other object gets there.
 
     Raises:
-        SceneKeyError: An object is too large to be parked, or may get to the parking places.
+        SceneKeyError: An object is too large to be parked. An object or body may get to the parking places.
     """
     config = plan.scene.config
     if not config.absent:
@@ -128,7 +128,7 @@ def check_parking(plan: Plan) -> None:
 
 
 def _corner(plan: Plan, o: PlacedObject, corners: dict[str, np.ndarray]) -> np.ndarray:
-    """Return the greatest x and y [m] that an object may reach, in all of its places and joint states."""
+    """Return the greatest x and y [m] that an object may reach. `corners` has these for its support, by name."""
     size = _size(plan, o)
     if not o.config.is_placed:
         return corners.get(o.name, np.full(2, -np.inf)) + (2.0 * size if o.joint_ranges else 0.0)
@@ -144,7 +144,7 @@ def _corner(plan: Plan, o: PlacedObject, corners: dict[str, np.ndarray]) -> np.n
 
 
 def _size(plan: Plan, o: PlacedObject) -> float:
-    """Return an upper bound [m] of the distance from an object's root to its pieces, over all drawn joint states."""
+    """Return an upper bound [m] of the distance from an object's root to its pieces, for all drawn joint positions."""
     mjm = plan.scene.mjm
     own = [p for p in plan.pieces if p.body in o.bodies]
     if not own:

@@ -1,4 +1,4 @@
-"""Checks of the simulation's needs: a solver and features that MuJoCo-Warp supports, and memory."""
+"""Checks that MuJoCo-Warp supports the model's solver and features, and that there is enough memory."""
 
 import contextlib
 from pathlib import Path
@@ -18,7 +18,7 @@ _PAIR_BYTES = 600
 
 
 def check_solver(plan: Plan) -> None:
-    """Check that MuJoCo-Warp has the solver of the model.
+    """Check that MuJoCo-Warp supports the solver that the model selects.
 
     Raises:
         NotSupportedError: MuJoCo-Warp lacks the solver.
@@ -30,7 +30,7 @@ def check_solver(plan: Plan) -> None:
 
 
 def put_simulated(mjm: mujoco.MjModel, where: str) -> mjw.Model:
-    """Return mujoco_warp's Model on Warp's current device.
+    """Return a model as a `mujoco_warp.Model` on Warp's current device.
 
     Raises:
         NotSupportedError: The model has a feature that MuJoCo-Warp lacks. The message begins with `where`.
@@ -42,10 +42,10 @@ def put_simulated(mjm: mujoco.MjModel, where: str) -> mjw.Model:
 
 
 def check_pairs_fit(plan: Plan) -> None:
-    """Check that the list of pairs of colliders, which compilation makes, fits into memory.
+    """Check that the pairs of colliders that compilation lists for the collision tests fit into memory.
 
     Raises:
-        MemoryLimitError: The list does not fit.
+        MemoryLimitError: The list of pairs does not fit.
     """
     solid = {(p.body, p.contact_class) for p in plan.pieces if p.type != PieceType.PLANE}
     number = len(solid) + sum(p.type == PieceType.PLANE for p in plan.pieces)
@@ -59,10 +59,11 @@ def check_memory(what: str, needed: int, device: str, cure: str) -> None:
     """Check that a large allocation fits into free memory.
 
     Args:
-        what: The beginning of the error, with the place and the allocation: 'a.yaml: the pairs of 12 colliders'.
+        what: The beginning of the error: the file and the subject that takes memory, e.g. 'a.yaml: the pairs of 12
+            colliders'.
         needed: Least number of bytes that the allocation takes.
         device: Warp's name of the device.
-        cure: The remedy.
+        cure: The last sentence of the error: how the user can save memory.
 
     Raises:
         MemoryLimitError: The allocation does not fit.

@@ -1,4 +1,4 @@
-"""Checks of standing: an object collides with its support, weighs on it, and the support does not give way."""
+"""Checks that objects can stand: they collide with their support, do not fall over, and it does not give way."""
 
 import copy
 import itertools
@@ -42,12 +42,14 @@ _ANYWAY = "or write 'stands: false' if it is meant to fall"
 
 
 def check_standing(plan: Plan) -> None:
-    """Check that each object that has to stand can do so on its support.
+    """Check that each object that has to stand can stand on its support.
 
     Raises:
-        SceneKeyError: Gravity does not point down, or contacts are off or too soft. A support does not carry its
-            object, carries it at another height, or moves it. Drawn joints move parts of an object below its foot. An
-            object falls over, too many objects stand on each other, or a joint gives way.
+        SceneKeyError: Gravity does not point down, or contacts are off or too soft. An object falls through its
+            support, slides off it, or is thrown off. The surface of a geom moves the object like a belt. The object
+            would stand above or below the height where it is placed. Drawn joints move parts of the object below its
+            foot. The object falls or rolls over, or has no weight. Too many objects stand on each other. A joint of the
+            support or of the object gives way.
     """
     config, draws = plan.scene.config, plan.scene.draws
     models = dict.fromkeys(at_ends(plan.scene.mjm, draws, **ends) for ends in ({}, _HEAVY, _LIGHT))
@@ -117,7 +119,7 @@ def check_standing(plan: Plan) -> None:
 
 
 def _check_gravity(scene: SceneModel, o: PlacedObject, where: str) -> None:
-    """Reject a model whose contacts are off, or whose greatest drawn tilt of gravity and wind is too large."""
+    """Reject a model whose contacts are off, or whose gravity and wind may pull too far away from straight down."""
     mjm, bits = scene.mjm, mujoco.mjtDisableBit
     pull, push = least_upright(scene), wind_push(scene, o)
     if np.hypot(*pull[:2]) + push > -pull[2] * np.tan(np.radians(_TILT)):
@@ -132,9 +134,10 @@ def _check_gravity(scene: SceneModel, o: PlacedObject, where: str) -> None:
 
 
 def _check_joints(plan: Plan, mjm: mujoco.MjModel, o: PlacedObject, load: float, where: str) -> None:
-    """Reject a support that gives way under a load [kg] on its corners.
+    """Reject a support that gives way under a load [kg].
 
-    MuJoCo C simulates the support, with placed objects held.
+    MuJoCo C simulates the support with the load on each corner of the box around the object's regions. Free joints of
+    placed objects are held.
     """
     assert o.ground is not None
     low, high = o.corners.min(axis=0), o.corners.max(axis=0)
@@ -175,7 +178,7 @@ def _check_joints(plan: Plan, mjm: mujoco.MjModel, o: PlacedObject, load: float,
 
 
 def _check_own_joints(plan: Plan, mjm: mujoco.MjModel, o: PlacedObject, stance: Stance, where: str) -> None:
-    """Reject an object that moves on its support in MuJoCo C, but stands with all of its joints held."""
+    """Reject an object that stands in MuJoCo C if its joints are held, but moves if they are not."""
     home = plan.scene.home
     is_own, ground = np.isin(mjm.jnt_bodyid, o.bodies), int(o.ground or 0)
     free, *inner = np.flatnonzero(is_own).tolist()
@@ -209,7 +212,7 @@ def _check_own_joints(plan: Plan, mjm: mujoco.MjModel, o: PlacedObject, stance: 
 
 
 def _states(o: PlacedObject) -> list[dict[int, float]]:
-    """Return five sets of joint positions by qposadr, from one end of the draws to the other. Empty without draws."""
+    """Return five joint states (qpos by address) from the low to the high ends of the draws, or [] without draws."""
     drawn = [(r.qposadr, r.choice or np.linspace(r.low, r.high, 5)) for r in o.joint_ranges]
     return [{adr: values[(len(values) - 1) * i // 4] for adr, values in drawn} for i in range(5 if drawn else 0)]
 
@@ -228,7 +231,7 @@ def _point(data: mujoco.MjData, body: int, at: np.ndarray) -> np.ndarray:
 
 
 def _yielding(mjm: mujoco.MjModel, home: mujoco.MjData, body: int, at: np.ndarray) -> set[int]:
-    """Return the joints that let a load move a support up or down at a point `at` in the support's frame [m]."""
+    """Return the joints except free joints that move a point of a body up or down. `at` is in the body's frame [m]."""
     jacobian = np.zeros((3, mjm.nv))
     mujoco.mj_jac(mjm, home, jacobian, None, _point(home, body, at), body)
     joints = mjm.dof_jntid[np.abs(jacobian[2]) > _LEAST_LIFT]
