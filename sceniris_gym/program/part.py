@@ -1,4 +1,4 @@
-"""The program that places only some objects of a scene. All other bodies keep their current poses."""
+"""A placement program for only some objects of a scene. All other bodies keep their current poses."""
 
 import math
 from collections.abc import Sequence
@@ -29,14 +29,14 @@ def chosen_objects(
 
     Args:
         compiled: The scene.
-        objects: One name or several.
-        where: Name of the calling function, with which errors begin.
-        present: Objects that are present in some world, or None for all. Absent objects need not be chosen together
-            with their support.
+        objects: Name of one object, or names of several objects. An object stands for all of its variants.
+        where: Name of the calling function, as the beginning of errors.
+        present: Names of the objects that are present in at least one world, or None if all may be. An object that is
+            absent from all worlds need not be named together with its support.
 
     Raises:
         ArgumentTypeError: `objects` has values that are not names.
-        ArgumentError: `objects` is empty, or lacks an object that stands on a named object or shares its heap.
+        ArgumentError: `objects` is empty, or does not name an object that stands on a named object or is in its heap.
         UnknownNameError: The scene does not place an object of this name.
     """
     config = compiled.config
@@ -64,7 +64,7 @@ def chosen_objects(
 def _given(carriers: Sequence[int | None], chosen: Sequence[int]) -> list[int]:
     """Return the numbers of objects that are not chosen, but carry a chosen object or stand on such a carrier.
 
-    Objects that stand on a chosen object are never among them: they are also chosen, or absent.
+    An object that stands on a chosen object is never returned, because it is also chosen or absent.
     """
     found = {carrier for number in chosen for carrier in chain_below(number, carriers)[1:]}
     for number, carrier in enumerate(carriers):  # carriers come before their loads
@@ -74,13 +74,13 @@ def _given(carriers: Sequence[int | None], chosen: Sequence[int]) -> list[int]:
 
 
 def part_of(compiled: CompiledScene, names: Sequence[str]) -> CompiledScene:
-    """Return the scene with a program that only places these objects. Every other body is an obstacle.
+    """Return the scene with a program that only places the named objects. Every other body is an obstacle.
 
-    Each of its layouts starts from a row with the poses of all other bodies. Joints or physics may have tilted a
-    support. Such a support is used only while it is level.
+    The caller gives the poses of all other bodies for each layout. In these poses, joints or physics may have tilted a
+    support. A tilted support is not used.
 
-    Free objects that carry one of these objects, and all other loads of such carriers, keep their poses. They still
-    come first in the program, because the test of standing needs them.
+    Free objects that carry a named object, and all other objects on these carriers, keep their poses. They still come
+    first in the program, because the test of standing needs them.
 
     Args:
         compiled: The scene.

@@ -1,4 +1,4 @@
-"""Start of the collision test of `collide/boxes.py`: pairs of boxes from the trees of two colliders."""
+"""The first pairs of boxes that the collision test of `collide/boxes.py` compares, from the trees of two colliders."""
 
 from collections.abc import Collection, Sequence
 
@@ -13,7 +13,7 @@ Entry = tuple[int, int, int]
 
 
 class Trees:
-    """The trees of boxes of all colliders: the half sizes of the boxes, and the first child of each node.
+    """The box trees of all colliders. A leaf is the box of a piece or face, other nodes have two children.
 
     Args:
         colliders: All colliders.
@@ -25,14 +25,15 @@ class Trees:
         self._child = np.concatenate([*(c.child for c in colliders), np.zeros(0, int)])  # ~leaf for a leaf
 
     def first_nodes(self, entries: Sequence[Entry], lanes: int) -> list[Entry]:
-        """Return the first entries of the descent of both trees: (pair, node of a, node of b).
+        """Return the first entries that the collision test of one object compares.
 
-        The largest boxes are opened in advance for all poses, until every lane has an entry. This saves the first
-        passes of every test, which would leave most lanes idle.
+        The test compares the boxes of an entry, and replaces the larger of two overlapping boxes by its children. With
+        few entries, most lanes would idle in the first passes. The largest boxes are therefore replaced here, once for
+        all poses, until each lane has an entry.
 
         Args:
-            entries: The test of one object, in as few entries as possible.
-            lanes: Number of lanes that share the work. A single lane is fastest with the fewest entries.
+            entries: The entries with the largest boxes, usually one entry for each pair of colliders.
+            lanes: Number of GPU lanes that share the work. A single lane is fastest with the fewest entries.
         """
         found = list(entries)
         while 0 < len(found) < lanes:
@@ -45,12 +46,12 @@ class Trees:
         return found
 
     def without(self, a: int, b: int, left_out: Collection[Nodes]) -> list[Nodes]:
-        """Return pairs of nodes that together cover all pairs of leaves below two nodes, except the pairs left out.
+        """Return pairs of nodes that cover each pair of a leaf below `a` and a leaf below `b`, without some pairs.
 
         Args:
-            a: A node. The recursion starts at the root of a collider.
-            b: A node of the other collider.
-            left_out: Pairs of leaves, as nodes of a and of b.
+            a: A node of one collider. The recursion starts at the root.
+            b: A node of another collider.
+            left_out: The pairs of leaves to leave out.
         """
         within = [(x, y) for x, y in left_out if x in self._leaves(a) and y in self._leaves(b)]
         if not within:
@@ -60,7 +61,7 @@ class Trees:
         return [found for nodes in self._opened(a, b) for found in self.without(*nodes, within)]
 
     def leaves(self, collider: int) -> dict[int, int]:
-        """Return the numbers of a collider's pieces by their leaf nodes. A plane counts as a leaf."""
+        """Return the number of the piece in each leaf of a collider, by node. The root of a plane counts as a leaf."""
         one = self._colliders[collider]
         if one.plane >= 0:
             return {one.root: one.plane}
@@ -70,12 +71,12 @@ class Trees:
         return bool(self._child[node] < 0)
 
     def _leaves(self, node: int) -> list[int]:
-        """Return the leaves below a node."""
+        """Return the leaves below a node, or the node if it is a leaf."""
         first = int(self._child[node])
         return [node] if first < 0 else self._leaves(first) + self._leaves(first + 1)
 
     def _opened(self, a: int, b: int) -> list[Nodes]:
-        """Split a pair of boxes into two smaller pairs. At least one of the boxes is not a leaf."""
+        """Replace the larger box of a pair by its two children, which gives two pairs. A leaf has no children."""
         if self._is_leaf(b) or (not self._is_leaf(a) and self._half[a].max() > self._half[b].max()):
             return [(int(self._child[a]), b), (int(self._child[a]) + 1, b)]
         return [(a, int(self._child[b])), (a, int(self._child[b]) + 1)]

@@ -1,4 +1,4 @@
-"""Distances between geoms at home, and the direction of the shortest move that separates overlapping geoms."""
+"""Distances between geoms in the start pose, and the shortest moves that separate overlapping geoms."""
 
 from dataclasses import dataclass
 
@@ -23,8 +23,9 @@ class Touch:
     """The distance of two geoms.
 
     Attributes:
-        distance: Their distance [m]. If it is negative, one of them must move by this length to leave the other.
-        direction: Unit vector in the world from the first geom to the second, shape (3,).
+        distance: The distance [m]. If the geoms overlap, it is negative: the length of the shortest move
+            that separates them.
+        direction: Unit vector from the first geom to the second in the world frame, shape (3,).
     """
 
     distance: float
@@ -32,15 +33,15 @@ class Touch:
 
 
 class HomeTouch:
-    """Measures distances between the geoms of a model at home.
+    """Measures distances between the geoms of a model in one state.
 
-    An overlap is the least overlap found along separating directions, from the exact extents of both geoms. It is
-    therefore never less than the true overlap. MuJoCo's depths stop early for some round shapes, and MuJoCo reports
-    some capsules inside a box as outside.
+    For overlapping geoms, it searches for the direction with the shortest move that separates them. The length of a
+    move comes from the exact extents of both geoms, so the result is never shorter than the shortest move. MuJoCo's
+    search for the depth stops early for some round shapes, and MuJoCo reports some capsules inside a box as outside.
 
     Args:
         mjm: The model.
-        home: Its poses, usually at home.
+        home: The state, usually the start pose.
     """
 
     def __init__(self, mjm: mujoco.MjModel, home: mujoco.MjData) -> None:
@@ -75,7 +76,7 @@ class HomeTouch:
         return best if best.distance < near else None
 
     def _directions(self, a: Piece, b: Piece) -> np.ndarray:
-        """Return candidate directions: MuJoCo's, from centre to centre, the axes of both geoms and their products."""
+        """Return unit vectors to try: MuJoCo's direction, between the centres, the axes and their cross products."""
         home, fromto = self._home, np.zeros(6)
         mujoco.mj_geomDistance(self._mjm, home, a.geom, b.geom, _FAR, fromto)
         away, apart = fromto[3:] - fromto[:3], home.geom_xpos[b.geom] - home.geom_xpos[a.geom]
@@ -87,10 +88,10 @@ class HomeTouch:
         return found[length > 0.0] / length[length > 0.0, None]
 
     def _shortest(self, a: Piece, b: Piece, direction: np.ndarray) -> Touch:
-        """Improve a separating direction until its overlap is least.
+        """Start from a direction, and search for the direction of the shortest move that separates a and b.
 
-        Each step moves b out of a along the current direction, and a little further. The direction of the shortest
-        distance between a and b is then at least as good, because it separates them the most.
+        Each step moves b along the current direction until b is just outside a. The shortest
+        distance between a and b there gives the next direction. The search ends when the move gets no shorter.
         """
         overlap = float(self._overlaps(a, b, direction[None])[0])
         fromto = np.zeros(6)

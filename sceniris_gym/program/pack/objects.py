@@ -32,7 +32,7 @@ _FLUSH = 5.0e-5
 
 
 def pack_objects(plan: Plan, rules: PairRules, joints: dict[str, JoinedSites]) -> dict[str, np.ndarray]:
-    """Return the fields `obj_*` and their lists, without pairs. `joints` comes from `joints_of`."""
+    """Return the fields `obj_*` and the lists that they index, except pairs. `joints` is the result of `joints_of`."""
     objects, slots, shared = plan.objects, plan.slots, plan.scene.config.owners
     boxes = [_box(o.config) for o in objects]
     followers, followed = addressed("obj_follow", (o.followers for o in objects))
@@ -60,7 +60,7 @@ def pack_objects(plan: Plan, rules: PairRules, joints: dict[str, JoinedSites]) -
 
 
 def _heaps(objects: list[PlacedObject]) -> dict[str, np.ndarray]:
-    """Return the settled poses of the objects of heaps, object by object."""
+    """Return the field `obj_heap`, and the settled poses of all objects in heaps, object after object."""
     rows, adr, num = ranges([] if o.heap is None else list(np.hstack([o.heap.pos, o.heap.quat])) for o in objects)
     streams = np.array([0 if o.heap is None else o.heap.stream for o in objects], int)
     heaped = np.array([o.heap is not None for o in objects], bool)
@@ -69,7 +69,7 @@ def _heaps(objects: list[PlacedObject]) -> dict[str, np.ndarray]:
 
 
 def _joint_ranges(objects: list[PlacedObject]) -> dict[str, np.ndarray]:
-    """Return the draws of joint positions."""
+    """Return the fields `obj_draw*`, `draw_*` and `choice`: the ranges or choices of each drawn joint."""
     drawn, draws = addressed("obj_draw", (o.joint_ranges for o in objects))
     choice, choices = addressed("draw_choice", (r.choice for r in drawn))
     return {
@@ -83,7 +83,7 @@ def _joint_ranges(objects: list[PlacedObject]) -> dict[str, np.ndarray]:
 
 
 def _orientations(plan: Plan, joints: dict[str, JoinedSites]) -> dict[str, np.ndarray]:
-    """Return the draws of orientations, and their stable poses. Steps that only draw joints keep their orientation."""
+    """Return the fields for drawing orientations, and the stable poses of each object. Static objects have no poses."""
     drawn = [o.config.drawn_orientation for o in plan.objects]
     yaws = [(joints[o.name].yaw,) * 2 if o.name in joints else d.yaw for o, d in zip(plan.objects, drawn, strict=True)]
     poses, fields = addressed("obj_stable", (o.stable_poses for o in plan.objects))
@@ -101,7 +101,7 @@ def _orientations(plan: Plan, joints: dict[str, JoinedSites]) -> dict[str, np.nd
 
 
 def _bodies_and_pieces(plan: Plan, colliders: list[Collider]) -> dict[str, np.ndarray]:
-    """Return the bodies and pieces of each object, the pieces of its footprint, and the obstacles that may cover it."""
+    """Return four lists for each object: its bodies, its pieces, its footprint, and the obstacles that may cover it."""
     objects = plan.objects
     of_body: dict[int, list[int]] = {}
     for i, p in enumerate(plan.pieces):
@@ -123,12 +123,12 @@ def _bodies_and_pieces(plan: Plan, colliders: list[Collider]) -> dict[str, np.nd
 
 
 def footprint_hulls(objects: list[PlacedObject]) -> list[Piece]:
-    """Return the footprints that are separate pieces, numbered after all obstacles."""
+    """Return the hulls that serve as footprints. In `piece_*`, they come after all obstacles, in this order."""
     return [o.footprint for o in objects if o.footprint is not None]
 
 
 def _gap(rules: PairRules, o: PlacedObject) -> float:
-    """Return the height [m] over the support: `gap` of the scene file, or more if MuJoCo's contact begins above it."""
+    """Return the height [m] at which an object is placed over its support: `gap`, or more if contacts begin higher."""
     if o.heap is not None:
         return 0.0
     pairs = itertools.product(rules.of(o.bodies), rules.of([o.ground]))
@@ -137,10 +137,10 @@ def _gap(rules: PairRules, o: PlacedObject) -> float:
 
 
 def _overhead(plan: Plan, colliders: list[Collider], o: PlacedObject) -> list[int]:
-    """Return the pieces around a support that may cover an object on it. With visual geometry, return their colliders.
+    """Return the pieces that may cover an object on its support. With visual geometry, return colliders instead.
 
-    Planes never cover an object. A piece of the support itself only counts if it rises above one of the object's
-    surfaces.
+    Planes never cover an object. A piece of the supporting body is left out if it does not rise above any of the
+    object's surfaces.
     """
     if o.cover == Cover.EITHER:
         return []
@@ -156,7 +156,7 @@ def _overhead(plan: Plan, colliders: list[Collider], o: PlacedObject) -> list[in
 
 
 def _measured(plan: Plan, o: PlacedObject) -> Measure:
-    """Return how much of an object has to be measured for each candidate."""
+    """Return the quantities of an object that have to be computed for each candidate."""
     if not any(p.body in o.bodies for p in plan.pieces):
         return Measure.NOTHING
     if o.orientation == "any":
@@ -171,14 +171,14 @@ def _measured(plan: Plan, o: PlacedObject) -> Measure:
 
 
 def _address(mjm: mujoco.MjModel, body: int, kind: ObjectKind) -> int:
-    """Return the address of a free object's pose in qpos, or the number of the mocap body of another object."""
+    """Return the address of a free object's pose in qpos. For other objects, return the mocap id of the body."""
     if kind == ObjectKind.FREE:
         return int(mjm.jnt_qposadr[mjm.body_jntadr[body]])
     return int(mjm.body_mocapid[body])
 
 
 def _box(config: ObjectConfig) -> tuple:
-    """Return the corners of an object's box in space, or an empty box."""
+    """Return the lower and the upper corner of an object's 3D region. They are zeros if its region is no 3D box."""
     region = config.region
     if region is None or region.box is None or not region.is_3d:
         return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
@@ -186,7 +186,7 @@ def _box(config: ObjectConfig) -> tuple:
 
 
 def fill_views(plan: Plan, arm_lists: Mapping[str, np.ndarray], device: str) -> None:
-    """Fill the view of each arm that has reach targets.
+    """Fill `view`, the struct for device code, of each arm that has reach targets.
 
     Args:
         plan: The plan of the scene.
@@ -205,13 +205,13 @@ def fill_views(plan: Plan, arm_lists: Mapping[str, np.ndarray], device: str) -> 
 
 
 def set_map_and_arm(one: ReachingArm, device: str) -> None:
-    """Set the map and the arm in the view of an arm."""
+    """Set the map and the joints in `one.view`, the struct of an arm for device code."""
     one.view.map = MapView() if one.map is None else one.map.view(device)
     one.view.arm = arm_view(one.arm, device)
 
 
 def _arm_fields(scene: SceneModel, home: mujoco.MjData, one: ReachingArm) -> dict[str, np.ndarray]:
-    """Set the scalar fields of an arm's view, and return its arrays that differ between arms."""
+    """Set the scalar fields of `one.view`, and return the values of its arrays that differ between arms."""
     view, gripper, present = one.view, one.gripper, one.robot not in scene.apart
     hand = sorted(carried(scene.mjm, one.arm)) if present else []
     view.base_body = scene.bodies[one.robot]
@@ -234,7 +234,7 @@ def _arm_fields(scene: SceneModel, home: mujoco.MjData, one: ReachingArm) -> dic
 
 
 def _target_arrays(plan: Plan, bases: list[int]) -> dict[str, np.ndarray]:
-    """Return the arrays that all arms share: reach targets and their grasps."""
+    """Return the arrays that all arms share: reach targets and grasps. `bases` is each arm's `Reach.base_obj`."""
     targets, rows = plan.reaching.targets, len(plan.reaching.targets)
     grasps, fields = addressed("reach_grasp", (t.grasp_set.grasps for t in targets))
     numbers = np.full(len(plan.objects), UNASKED)

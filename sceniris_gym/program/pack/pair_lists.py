@@ -1,4 +1,4 @@
-"""Pairs of colliders as lists in `device.Program`: first a list for each object, then lists for arms in a grasp."""
+"""Pairs of colliders to keep apart, as lists for device code: one list per object, then lists for grasping arms."""
 
 import numpy as np
 
@@ -12,7 +12,9 @@ ARM_LISTS = ("arm_pairadr", "arm_pairnum", "arm_broadadr", "arm_broadnum", "arm_
 
 
 def pack_pairs(plan: Plan, rules: PairRules, lanes: int) -> dict[str, np.ndarray]:
-    """Return lists of pairs of colliders to keep apart, with their margins: one for each object, then lists for arms.
+    """Return the pairs of colliders to keep apart, and their margins, as lists for objects and lists for arms.
+
+    The lists for objects are fields of `Program`. The lists for arms that grasp a target are `ARM_LISTS` of `Reach`.
 
     Args:
         plan: The plan.

@@ -1,8 +1,8 @@
-"""Pairs of colliders to keep apart, with their margins, for each placed object and for an arm in a grasp.
+"""Pairs of colliders to keep apart, with their margins, for each placed object and for an arm that grasps a target.
 
-Parts of one object may already touch at home. With `geometry: physics`, such geoms keep at least their distance at
-home, or at most their depth there. The other geoms of their bodies are kept apart. Visual geometry has no depth, so
-colliders that touch at home are not tested.
+Two geoms of one object may already touch in the start pose. With `geometry: physics`, drawn joints may not bring them
+closer, or deeper into each other, than in the start pose. All other geoms of their bodies are kept apart. Depth is not
+defined for visual geometry, so colliders that touch in the start pose are not tested against each other.
 """
 
 from collections.abc import Container, Iterable
@@ -40,11 +40,12 @@ class Pair:
 
     Attributes:
         a, b: The colliders. A plane is b.
-        margin: Least allowed distance [m]. If it is negative, one may be inside the other by this depth.
-        starts: Pairs of nodes of a and b from which the test descends both trees.
-        geoms: The two geoms that touch at home, None for all other pairs.
-        directions: Separating directions to try. They bound the depth of b's geom in a's. Unit vectors in the frame of
-            a's body, then in the frame of b's body, shape (n, 3) each. The best direction at home is the first.
+        margin: Least allowed distance [m]. If it is negative, a and b may overlap by this depth.
+        starts: Pairs of a node of a and a node of b. The test descends both box trees from these nodes.
+        geoms: If this pair is two geoms that touch in the start pose, their ids. None for pairs of whole colliders.
+        directions: Directions along which the test tries to separate the two geoms. Each gives an upper bound of their
+            overlap. Unit vectors in the frame of a's body, then in the frame of b's body, shape (n, 3) each. The first
+            direction is the best in the start pose.
     """
 
     a: int
@@ -57,19 +58,19 @@ class Pair:
 
 @dataclass(frozen=True)
 class ArmPairs:
-    """Pairs of an arm in a grasp, in lists as `collider_pairs` returns them.
+    """Pairs of colliders to keep apart while an arm grasps a target, as lists of `Pair`.
 
     Attributes:
         robots: For each reach target, in placement order, the robot that has to reach it.
-        itself: For each of these robots, pairs of the robot with itself that MuJoCo would report.
+        itself: For each of these robots, pairs within the robot between which MuJoCo would report contacts.
         scene: For each reach target, pairs of the robot with all bodies except markers. The hand (all bodies that the
             robot's last joint moves) may touch the target.
         hand: For each reach target, pairs of the hand with all bodies except markers and the target, sorted by the
             number of the placed object. Bodies that are not placed come first.
         owners: For each pair in `hand`, the number of the placed object that the hand has to avoid, or -1.
         target: For each reach target, pairs of the hand with the target.
-        held: For each reach target that a start holds in the air, pairs of the robot and the target with all other
-            bodies except markers. The hand may touch the target. Empty for other targets.
+        held: For each reach target, pairs of the robot and the target with all other bodies except markers. The hand
+            may touch the target. The list is empty if no kind of start holds the target in the air.
     """
 
     robots: list[str] = field(default_factory=list)
@@ -82,7 +83,7 @@ class ArmPairs:
 
 
 class PairRules:
-    """MuJoCo's rules for the colliders of a scene: the pairs that can meet, and the distance at which they touch.
+    """MuJoCo's rules for the colliders of a scene: which pairs can touch, and at which distance contacts begin.
 
     Args:
         scene: The scene.
@@ -98,7 +99,7 @@ class PairRules:
         self._filters_parents = not scene.mjm.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_FILTERPARENT
 
     def of(self, bodies: Container[int]) -> list[int]:
-        """Return the colliders of some bodies."""
+        """Return the numbers of the colliders that belong to `bodies`."""
         return [c for c, one in enumerate(self.colliders) if one.body in bodies]
 
     def touch(self, a: int, b: int) -> float:
@@ -134,7 +135,7 @@ class PairRules:
         return not ((wa != 0 and wa == weld[parent[wb]]) or (wb != 0 and wb == weld[parent[wa]]))
 
     def geoms(self, collider: int) -> list[int]:
-        """Return the geoms of a collider. With `geometry: visual`, return the colliding geoms of its body."""
+        """Return the geoms of a collider. With `geometry: visual`, return all colliding geoms of the body."""
         one = self.colliders[collider]
         of_body = np.flatnonzero(self.mjm.geom_bodyid == one.body).tolist()
         if self._simulated is not self.contacts:
@@ -146,12 +147,12 @@ class PairRules:
         return self.contacts.is_explicit(*self._classes(a, b))
 
     def _classes(self, a: int, b: int) -> tuple[int, int]:
-        """Return the contact classes of two colliders."""
+        """Return the contact class of each of two colliders, as in `ContactRules`."""
         return self.colliders[a].contact_class, self.colliders[b].contact_class
 
 
 def collider_pairs(plan: Plan, rules: PairRules) -> list[list[Pair]]:
-    """For each object of a plan, return the pairs of colliders that have to be apart when the object is placed.
+    """For each object of a plan, return the pairs of colliders that have to be apart after the object is placed.
 
     Args:
         plan: The plan.
@@ -191,7 +192,7 @@ def _marker_bodies(scene: SceneModel) -> set[int]:
 
 
 def arm_pairs(plan: Plan, rules: PairRules) -> ArmPairs:
-    """Return the pairs of colliders to keep apart for an arm in a grasp.
+    """Return the pairs of colliders to keep apart while an arm grasps a reach target.
 
     Args:
         plan: The plan.
@@ -229,7 +230,7 @@ def arm_pairs(plan: Plan, rules: PairRules) -> ArmPairs:
 
 
 def _among(rules: PairRules, plan: Plan, bodies: list[int]) -> list[Pair]:
-    """Return the pairs of colliders within one object, except pairs of a body and its parent."""
+    """Return the pairs of colliders within one object or robot. A body and its parent make no pair."""
     own = rules.of(bodies)
     pairs = [rules.apart(a, b, rules.touch(a, b)) for a, b in product(own, own) if a < b and rules.meet_within(a, b)]
     if not rules.is_physics:
@@ -241,8 +242,8 @@ def _among(rules: PairRules, plan: Plan, bodies: list[int]) -> list[Pair]:
 def _touch_at_home(rules: PairRules, plan: Plan, pair: Pair) -> bool:
     """Return whether two colliders touch in the start pose of the model.
 
-    Each pair of geoms is measured separately. In the start pose, all objects without a pose are at the origin and have
-    more contacts than MuJoCo can store.
+    Each pair of geoms is measured. MuJoCo's list of contacts could overflow, because in the start pose all objects
+    without a pose are at the origin.
     """
     near = max(pair.margin, _NEAR)
     geoms = [rules.geoms(collider) for collider in (pair.a, pair.b)]
@@ -250,7 +251,7 @@ def _touch_at_home(rules: PairRules, plan: Plan, pair: Pair) -> bool:
 
 
 def _as_at_home(rules: PairRules, plan: Plan, home: HomeTouch, pair: Pair) -> list[Pair]:
-    """Return a pair without its geoms that touch at home, and these geoms as separate pairs."""
+    """Split off each two geoms of a pair that touch in the start pose as a separate pair. The rest comes first."""
     touching = []
     leaves = [rules.trees.leaves(collider).items() for collider in (pair.a, pair.b)]
     for (node, first), (other, second) in product(*leaves):
@@ -265,6 +266,6 @@ def _as_at_home(rules: PairRules, plan: Plan, home: HomeTouch, pair: Pair) -> li
 
 
 def _directions(plan: Plan, piece: Piece, direction: np.ndarray) -> np.ndarray:
-    """Return a world direction at home and the piece's axes, with both signs, in the frame of the piece's body."""
+    """Return `direction` (in the world frame at home) and the piece's axes, with both signs, in the body's frame."""
     found = np.vstack([plan.scene.home.xmat[piece.body].reshape(3, 3).T @ direction, matrix(piece.quat).T])
     return np.concatenate([found, -found])

@@ -1,4 +1,4 @@
-"""The plan of a scene as flat arrays of `device.Program`, and as the structs `Starts` and `Statics`."""
+"""Conversion of a plan into the flat arrays of `device.Program`, and into the structs `Starts` and `Statics`."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ _NO_FOOT = Foot([np.zeros((1, 2))], CURVED, margin=0.0, most=0.0)
 
 
 def pack_program(plan: Plan, colliders: list[Collider], lanes: int) -> dict[str, np.ndarray]:
-    """Return `ARM_LISTS`, and all fields of `device.Program` except the fields of colliders.
+    """Return all array fields of `device.Program` except the fields of colliders, and the lists `ARM_LISTS` of `Reach`.
 
     Args:
         plan: The plan.
         colliders: Its colliders.
-        lanes: Number of lanes that share the work of a world.
+        lanes: Number of GPU lanes that share the work of a world.
     """
     scene, rules, joints = plan.scene, PairRules(plan.scene, colliders), joints_of(plan)
     return (
@@ -61,15 +61,16 @@ def pack_program(plan: Plan, colliders: list[Collider], lanes: int) -> dict[str,
 
 
 def pack_starts(plan: Plan, bounds: np.ndarray, device: str) -> Starts | None:
-    """Return the kinds of starts of a scene on a device, or None.
+    """Return the kinds of starts of a scene on a device, or None if the scene has no `start`.
 
     Args:
         plan: The plan.
-        bounds: Greatest absolute values of qpos, shape (nq,). They are raised in place to cover all starts.
+        bounds: Greatest absolute value of each qpos in a layout, shape (nq,). Values that a start exceeds are raised in
+            place.
         device: Warp's name of the device.
 
     Raises:
-        ScenirisError: A kind does not fit the scene, as in `plan_grips` and `plan_starts`.
+        ScenirisError: A kind of start does not fit the scene. `plan_grips` and `plan_starts` raise the errors.
     """
     if not plan.scene.config.start:
         return None
@@ -88,7 +89,7 @@ def pack_starts(plan: Plan, bounds: np.ndarray, device: str) -> Starts | None:
 
 
 def pack_groups(groups: Collection[GroupConfig], slots: Sequence[str]) -> dict[str, np.ndarray]:
-    """Return the fields `group` and `group_*`: the slots of each group's members, and how many may be present."""
+    """Return the fields `group` and `group_*`: the slots of each group's members, and how many members are present."""
     members, found = addressed("slot", ([slots.index(name) for name in g.of] for g in groups))
     counts = np.reshape([g.count for g in groups], (-1, 2)).T
     return {
@@ -100,7 +101,7 @@ def pack_groups(groups: Collection[GroupConfig], slots: Sequence[str]) -> dict[s
 
 
 def pack_pieces(pieces: list[Piece], visual: bool) -> dict[str, np.ndarray]:
-    """Return the fields `piece_*`, `inner_*` and `vert`. Visual geometry tests faces and needs no inner boxes."""
+    """Return the fields `piece_*`, `inner_*` and `vert`. With visual geometry, all inner boxes are empty."""
     vert, fields = addressed("piece_vert", (p.vertices for p in pieces))
     boxes = [NO_INNER_BOX if visual else inner_box(p) for p in pieces]
     return {
@@ -113,10 +114,10 @@ def pack_pieces(pieces: list[Piece], visual: bool) -> dict[str, np.ndarray]:
 
 
 def pack_bodies(mjm: mujoco.MjModel, home_qpos: np.ndarray) -> dict[str, np.ndarray]:
-    """Return bodies and joints for forward kinematics, which supports only hinges and slides.
+    """Return the fields `body_*` and `jnt_*` for forward kinematics on the device, with only hinges and slides.
 
-    Free and ball joints are never drawn. A root with a freejoint gets its start pose as the pose of its body. A ball
-    joint becomes a hinge at the angle of its start pose.
+    Free and ball joints are never drawn, so they are replaced. The pose of a free body in the start pose becomes its
+    fixed pose. A ball joint becomes a hinge whose rotation is the joint's rotation in the start pose.
     """
     pos, quat, num = mjm.body_pos.copy(), mjm.body_quat.copy(), mjm.body_jntnum.copy()
     axis, qpos0 = mjm.jnt_axis.copy(), mjm.qpos0[mjm.jnt_qposadr].copy()
@@ -146,8 +147,8 @@ def pack_bodies(mjm: mujoco.MjModel, home_qpos: np.ndarray) -> dict[str, np.ndar
 def layout_bounds(plan: Plan) -> dict[str, np.ndarray]:
     """Return the fields `bound_*` (greatest absolute values) and `quat_qposadr` (addresses of quaternions in qpos).
 
-    Drawn joints and their followers stay within their draws, and other joints stay at home. Placed objects stay within
-    the greatest size of a scene. Absent objects are parked outside of this size, further out if there are more objects.
+    A drawn joint stays within its range, its followers move with it, and other joints keep the start pose. Placed and
+    parked objects stay within `MOST_WIDE` of the origin, plus one parking space for each object or robot.
     """
     mjm = plan.scene.mjm
     far = MOST_WIDE + PARKING_SPACING * len(plan.slots)
@@ -211,9 +212,10 @@ def pack_statics(plan: Plan, device: str) -> Statics | None:
 
 
 def _loads(chain: list[int], carriers: list[int | None], number: int) -> list[list[int]]:
-    """Return the loads of each level of object `number`.
+    """Return the loads of each level of object `number`, as numbers of objects.
 
-    A load of a level is an object placed before this object that stands on the level, directly or on other loads.
+    `chain` has the levels: the object, its carrier, the carrier's carrier and so on. A load of a level stands on this
+    level, directly or on other loads, is not itself a level, and is placed before the object.
     """
     loads: dict[int, list[int]] = {i: [] for i in chain}
     for other in range(number):
@@ -224,7 +226,7 @@ def _loads(chain: list[int], carriers: list[int | None], number: int) -> list[li
 
 
 def _convex_parts(surface: SupportSurface) -> list[np.ndarray]:
-    """Split a surface into convex polygons: ends of their edges [m], counter-clockwise, shape (n, 4) each."""
+    """Split a surface into convex polygons (n, 4). A row (x, y, x, y) [m] is an edge. Edges run counter-clockwise."""
     hull = surface.outline.convex_hull
     if hull.area - surface.outline.area > 1e-9:
         corners = list(triangulate(surface.outline))

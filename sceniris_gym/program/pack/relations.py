@@ -1,4 +1,4 @@
-"""The relations of a plan, and the triangles of regions that they cut, as fields of `device.Program`."""
+"""The relations of a plan, and the triangles of the regions that relations cut, as fields of `device.Program`."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _UPRIGHT = 1e-2
 
 
 def pack_relations(plan: Plan, joints: dict[str, JoinedSites]) -> dict[str, np.ndarray]:
-    """Return the fields `rel_*`, and the range of relations of each object. `joints` comes from `joints_of`."""
+    """Return the fields `rel_*`, and each object's range in these fields. `joints` is the result of `joints_of`."""
     owned = [(o, r) for o in plan.objects for r in o.config.relations]
     sites = [[*joints[o.name].at, *joints[o.name].own] if isinstance(r, Joined) else [0.0] * 4 for o, r in owned]
     relations, of_objects = addressed("obj_rel", (o.config.relations for o in plan.objects))
@@ -55,7 +55,7 @@ def pack_relations(plan: Plan, joints: dict[str, JoinedSites]) -> dict[str, np.n
 
 
 def joints_of(plan: Plan) -> dict[str, JoinedSites]:
-    """Return the sites of all joined objects, by the names of these objects.
+    """Return the sites of each object with a relation `beside` that names sites, by object name.
 
     Raises:
         UnknownNameError, SceneKeyError: As in `joined_sites`.
@@ -69,7 +69,7 @@ def joints_of(plan: Plan) -> dict[str, JoinedSites]:
 
 
 def region_pieces(relation: Relation) -> int:
-    """Return the number of convex pieces that together cover the allowed places of a relation."""
+    """Return the number of convex pieces that together cover the places that a relation allows."""
     if not isinstance(relation, Sector):
         return 1
     angle = math.pi
@@ -81,17 +81,17 @@ def region_pieces(relation: Relation) -> int:
 
 
 def most_sides(plan: Plan) -> int:
-    """Return the greatest number of half-planes around the pieces of one object's relations."""
+    """Return the greatest number of half-planes that the pieces of one object's relations have together."""
     return max((sum(map(_sides, o.config.relations)) for o in plan.objects), default=0)
 
 
 def _sides(relation: Relation) -> int:
-    """Return the greatest number of half-planes around the pieces of a relation."""
+    """Return the greatest number of half-planes that all pieces of a relation have together."""
     return max(4, len(relation.anchors)) * region_pieces(relation)
 
 
 def _insists(o: PlacedObject) -> bool:
-    """Return whether another draw of an object's orientation or joints may open an empty region."""
+    """Return whether a candidate without allowed places may get some with another draw of its orientation or joints."""
     varies = len(o.stable_poses) > 1 or bool(o.joint_ranges) or o.orientation == "any"
     by_bounds = any(r.by_bounds or (varies and r.has_own_width) for r in o.config.relations)
     return by_bounds or o.erosion > 0.0 or len({id(surfaces) for surfaces in o.surfaces}) > 1
@@ -102,10 +102,10 @@ class JoinedSites:
     """The sites that join one object to another, seen from above and with both headings 0.
 
     Attributes:
-        to: The other object.
-        at: Place for the joined object's site, relative to the pivot of the other object [m], shape (2,). It is the
-            other object's site, moved by the gap along the x axis of this site.
-        own: Position of the joined object's site from its pivot [m], shape (2,).
+        to: Name of the other object.
+        at: The point where the joined object's site has to be, relative to the pivot of the other object [m], shape
+            (2,). It is the site of the other object, moved by the gap along the x axis of this site.
+        own: Position of the joined object's site relative to the joined object's pivot [m], shape (2,).
         yaw: The heading of the joined object minus the heading of the other object [rad].
     """
 
@@ -120,13 +120,14 @@ def joined_sites(plan: Plan, name: str, relation: Joined, where: str) -> JoinedS
 
     Args:
         plan: The plan.
-        name: The object.
-        relation: Its relation to the other object.
+        name: Name of the object.
+        relation: The object's relation to the other object.
         where: The relation's key, as the beginning of errors.
 
     Raises:
         UnknownNameError: An object has no such site.
-        SceneKeyError: Joints move one of the sites, its x axis is vertical, or its object has no fixed upright pose.
+        SceneKeyError: A joint moves one of the sites, the site's x axis is vertical, or the site's object has the
+            orientation `any` or `stable`.
     """
     words = relation.beside
     its, its_yaw = _site(plan, words.of, words.of_site, f"{where}.beside.of_site")
@@ -162,7 +163,7 @@ def _site(plan: Plan, name: str, word: str, where: str) -> tuple[np.ndarray, flo
 
 
 def _upright(placed: PlacedObject, where: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return the orientation (3, 3) of a placed object at heading 0, and its pivot in its root's frame [m]."""
+    """Return the orientation (3, 3) of a placed object at heading 0, and its pivot in the root body's frame [m]."""
     if placed.orientation in ("any", "stable"):
         raise SceneKeyError(
             f"{where}: '{placed.name}' has the orientation '{placed.orientation}', which moves its site. Give the "
@@ -172,7 +173,7 @@ def _upright(placed: PlacedObject, where: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _at_home(plan: Plan, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return the orientation at heading 0 and the pivot of an object that keeps its pose in the model."""
+    """Return the same as `_upright` for an object that keeps its pose from the model."""
     root, pivot_pose = plan.scene.bodies[name], plan.pivot_pose[plan.slots.index(name)]
     mat = plan.scene.home.xmat[root].reshape(3, 3)
     level = matrix(np.array([math.cos(0.5 * pivot_pose[3]), 0.0, 0.0, -math.sin(0.5 * pivot_pose[3])])) @ mat
@@ -180,7 +181,7 @@ def _at_home(plan: Plan, name: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def pack_regions(objects: list[PlacedObject]) -> dict[str, np.ndarray]:
-    """Return the triangles in the regions of all stable poses, without duplicates, and the outlines of surfaces."""
+    """Return the triangles and surface outlines of all regions. A region that several stable poses share comes once."""
     regions = _regions(objects)
     number = {key: i for i, key in enumerate(regions)}
     used = np.array([number[id(mine)] for o in objects for mine in o.surfaces], int)
@@ -208,17 +209,17 @@ def pack_regions(objects: list[PlacedObject]) -> dict[str, np.ndarray]:
 
 
 def _regions(objects: list[PlacedObject]) -> dict[int, list[SupportSurface]]:
-    """Return the lists of surfaces of all stable poses, by the `id` of the list. Poses may share a list."""
+    """Return the list of surfaces of each stable pose, keyed by `id` of the list, so that a shared list comes once."""
     return {id(mine): mine for o in objects for mine in o.surfaces}
 
 
 def surfaces_of_regions(objects: list[PlacedObject]) -> list[SupportSurface]:
-    """Return the surfaces of all stable poses in the order of the fields `surface_*`."""
+    """Return the surfaces of all regions, in the order of the fields `surface_*`."""
     return [surface for mine in _regions(objects).values() for surface in mine]
 
 
 def _winding(edges: np.ndarray) -> int:
-    """Return 1 for the edges of a convex counter-clockwise ring, -1 for a clockwise ring, and 0 for all others."""
+    """Return 1 if the edges form a convex counter-clockwise ring, -1 for a convex clockwise ring, and otherwise 0."""
     sides = edges[:, 1] - edges[:, 0]
     after = np.roll(sides, -1, axis=0)
     angles = np.arctan2(sides[:, 0] * after[:, 1] - sides[:, 1] * after[:, 0], (sides * after).sum(axis=1))
@@ -229,14 +230,14 @@ def _winding(edges: np.ndarray) -> int:
 
 
 def cut_pieces(o: PlacedObject) -> int:
-    """Return the greatest number of pieces that relations make of the region of an object. Points are never cut."""
+    """Return the greatest number of pieces into which relations cut an object's region. Points are never cut."""
     triangles = max((sum(len(s.triangles) for s in surfaces) for surfaces in o.surfaces), default=0)
     has_points = o.config.region is not None and o.config.region.points is not None
     return triangles * (min(_cuts(o), 1) if has_points else _cuts(o))
 
 
 def _cuts(o: PlacedObject) -> int:
-    """Return the number of pieces that an object's relations make of each triangle, 0 if its region never changes."""
+    """Return into how many pieces an object's relations cut a triangle. 0 if the region is the same in all worlds."""
     in_space = o.support is None and any(o.surfaces)
     if o.config.relations or o.tilts or o.erosion > 0.0 or in_space:
         return math.prod(region_pieces(r) for r in o.config.relations)
