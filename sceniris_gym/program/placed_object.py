@@ -1,4 +1,4 @@
-"""`PlacedObject`, one step of the placement program with all its draws, and the obstacles and surfaces around it.
+"""`PlacedObject`: one step of the placement program. Also the obstacles of a scene, and the surfaces of supports.
 
 A surface is a level face of a support, cropped to the region of an object.
 """
@@ -26,7 +26,7 @@ _COVERS = {"in": Cover.EITHER, "on": Cover.OPEN, "inside": Cover.COVERED}
 
 @dataclass(frozen=True)
 class JointRange:
-    """The draw of a joint position [m or rad]: one of `choice` if it is not empty, otherwise uniform in [low, high].
+    """The draw of a joint position [m or rad]: uniform in [low, high], or one of `choice` if `choice` is not empty.
 
     `qposadr` is the joint's address in qpos.
     """
@@ -38,7 +38,7 @@ class JointRange:
 
     @property
     def intervals(self) -> list[tuple[float, float]]:
-        """The intervals of possible positions. Each value of `choice` is an interval of zero length."""
+        """The intervals that contain all drawn positions. Each value of `choice` is an interval of zero length."""
         return [(value, value) for value in self.choice] or [(self.low, self.high)]
 
 
@@ -48,22 +48,22 @@ class PlacedObject:
 
     Attributes:
         name: The object's name, or the robot's.
-        stream: Number of its random stream, from its place in the scene file.
-        kind: Its kind of pose, STATIC if only joint positions are drawn.
+        stream: Number of its random stream, which depends on its position in the scene file.
+        kind: FREE, FIXTURE or MARKER. STATIC if only joint positions are drawn, and not the pose.
         bodies: Its bodies, the root first, parents before children.
         config: Its settings in the scene file. A robot with a fixed base has the settings of a static object.
         joint_ranges: The draws of its joints.
         followers: Couplings of joints that follow drawn joints, drivers before their followers.
-        footprint: If `ratio_on_support` is 1, the hull of all its pieces, which must lie on the support as a whole.
-            None if it has only one piece, or drawn joints. In both cases, each piece is a separate footprint.
-        stable_poses: The poses of its orientation, empty for STATIC.
+        footprint: With `ratio_on_support: 1`, the hull of all its pieces, which must lie wholly on the support. None
+            for another ratio, a single piece, or drawn joints. Each piece is then a footprint.
+        stable_poses: The poses that its orientation is drawn from, empty for STATIC.
         support: The support that carries it. None if its region is in space, or for STATIC.
-        tilts: Whether the support may lean in drawn states.
-        surfaces: For each stable pose, a list of surfaces that can carry it, with their regions. If its region is in
-            space, the list has its points, or with relations the box seen from above. Poses share equal lists.
-        erosion: Distance of its pivot from the outlines, as a fraction of the shorter edge of the drawn bounds. It is 0
-            if that edge is fixed within each stable pose, because the regions are then already eroded.
-        heap: The settled poses of its heap, or None.
+        tilts: Whether draws may tilt the support.
+        surfaces: For each stable pose, the surfaces that can carry it, with their regions. Without a support, they have
+            the points of its 3D region or, if it has relations, the 3D box seen from above. Poses share equal lists.
+        erosion: Least distance of its pivot from the outlines of surfaces, divided by the shorter edge of its bounds.
+            0 if that edge is fixed in each stable pose, because the regions are then already shrunk.
+        heap: Its settled poses in a heap, or None.
     """
 
     name: str
@@ -96,21 +96,21 @@ class PlacedObject:
 
     @property
     def corners(self) -> np.ndarray:
-        """The corners [m] of upright boxes around its regions, in the frame of its ground, shape (n, 3)."""
+        """The corners [m] of the rectangles around its regions, in the frame of its ground, shape (n, 3)."""
         boxes = [(s.region.bounds, s.height) for surfaces in self.surfaces for s in surfaces]
         return np.array([[x, y, z] for ends, z in boxes for x in ends[::2] for y in ends[1::2]])
 
     @property
     def orientation(self) -> str:
-        """The kind of its orientation, "yaw" for a robot with a fixed base."""
+        """Kind of its drawn orientation, such as "yaw" or "stable". For a robot with a fixed base, it is "yaw"."""
         return self.config.drawn_orientation.kind
 
     @property
     def cover(self) -> Cover:
-        """The required cover above its drawn point.
+        """Whether an obstacle must or must not be above its drawn point.
 
-        `on` requires an open place only if the support belongs to an object. A support of the model, such as a room
-        with a ceiling, may also be covered.
+        `on` forbids obstacles above the point only if the support belongs to an object. Above a support of the model,
+        such as a room with a ceiling, they are accepted.
         """
         if self.support is None or self.support.is_floor:
             return Cover.EITHER
@@ -130,7 +130,7 @@ def obstacles(scene: SceneModel) -> list[Piece]:
     """Return all pieces of a scene, sorted by body, planes before solid pieces.
 
     Raises:
-        MeshError, NotSupportedError: A geom cannot be an obstacle. The error names the key of its asset.
+        MeshError, NotSupportedError: A geom cannot be an obstacle. The error names the key of the geom's asset.
     """
     config = scene.config
     where = dict.fromkeys(range(scene.mjm.nbody), config.where)
@@ -151,10 +151,11 @@ def surfaces_of(
         scene: The scene.
         o: The object, or a robot whose base is drawn, without its surfaces.
         pieces: All obstacles.
-        edges: The least shorter edge of the bounds [m] for each stable pose. `ratio_on_support` is a fraction of it.
+        edges: For each stable pose, the shorter edge of the object's bounds [m], at its least. Regions are shrunk by
+            `ratio_on_support` times half of this edge.
 
     Raises:
-        SceneKeyError: The support has no level surface, or no area after its erosion and cropping to the region.
+        SceneKeyError: The support has no level surface, or no area is left after shrinking and cropping to the region.
     """
     config, support = o.config, o.support
     if config.support is None or support is None:
@@ -181,10 +182,10 @@ def surfaces_of(
 
 
 def may_lean(scene: SceneModel, support: Support) -> bool:
-    """Return whether drawn states may tilt a support.
+    """Return whether draws may tilt a support that belongs to an object or robot.
 
-    They may if its object has the orientation `stable` or `any`, or if a drawn hinge between the object's root and the
-    support has an axis that is not vertical.
+    Draws may tilt it if the object has the orientation `stable` or `any`, or if a drawn hinge between the object's root
+    and the support has an axis that is not vertical.
     """
     if support.owner is None:
         return False
@@ -200,7 +201,7 @@ def may_lean(scene: SceneModel, support: Support) -> bool:
 
 
 def _level_surfaces(support: Support, pieces: list[Piece], *, open_above: bool) -> list[SupportSurface]:
-    """Return the level surfaces of a support. `open_above` has an effect only if the support belongs to an object."""
+    """Return the level surfaces of a support. `open_above` leaves out covered areas if the support is an object's."""
     own = [p for p in pieces if p.body == support.body]
     covered = open_above and support.owner is not None
     return supports.level_surfaces(support.body, own, open_above=covered, geom=support.geom)

@@ -35,11 +35,13 @@ class Plan:
         scene: The scene.
         objects: Its objects in placement order.
         pieces: All obstacles, sorted by body, planes before solid pieces.
-        slots: Names by slot: all objects in the order of the scene file, then the robots.
-        columns: Names by column: the slots, then the objects with variants.
-        pivot_pose: The pivot [m] (for a robot, its base) and heading [rad] of each column at home, shape (ncolumn, 4).
-        bounds: Bounds [m] of each column at home: low x, low y, high x, high y, shape (ncolumn, 4). They are relative
-            to its pivot, and along the axes of its heading.
+        slots: Name of each slot: all objects in the order of the scene file, then the robots.
+        columns: Name of each column of the two arrays below: the slots, then one more column for each object with
+            variants. In a world, this column has the values of the present variant.
+        pivot_pose: For each column, the pivot [m] (for a robot, the base) and heading [rad] in the start pose, shape
+            (ncolumn, 4).
+        bounds: For each column, the bounds [m] in the start pose relative to the pivot, along the axes of the heading:
+            low x, low y, high x, high y, shape (ncolumn, 4).
     """
 
     scene: SceneModel
@@ -62,9 +64,9 @@ class Plan:
 
     @cached_property
     def solids(self) -> list[tuple[Piece, np.ndarray, np.ndarray]]:
-        """All pieces except planes, each with the box around it in the home pose.
+        """All pieces except planes: the piece, and the lower and upper corner of its bounding box in the start pose.
 
-        The box has the world's axes. Its lower corner [m] comes before its upper corner, shape (3,) each.
+        The corners [m] are in the world frame, shape (3,) each. The box is along the axes of the world.
         """
         found = []
         for p in (p for p in self.pieces if p.type != PieceType.PLANE):
@@ -74,13 +76,16 @@ class Plan:
 
 
 def placement_order(scene: SceneModel) -> list[str]:
-    """Return names in the order of placement: steps that only draw joints, robots, then objects in the file's order.
+    """Return the names of objects and robots in placement order.
 
-    An object comes after the objects that it refers to. Objects that a start places at markers, and these markers, come
-    first: later objects can avoid an object at its marker, but the object at its marker cannot avoid them.
+    Objects and robots with drawn joints at a fixed place come first. Robots with a drawn base follow, then the other
+    objects in the order of the scene file. An object always comes after the objects in its keys, such as its support.
+
+    If a start places objects at markers, these objects and markers come before all other placed objects. An object at
+    its marker cannot move out of the way, but objects that are placed later can avoid it.
 
     Raises:
-        SceneKeyError: Objects refer to each other.
+        SceneKeyError: Objects refer to each other in a circle.
     """
     config = scene.config
     names = (*config.all_robots, *config.objects)
@@ -104,16 +109,16 @@ def placement_order(scene: SceneModel) -> list[str]:
 
 
 def slot_names(config: SceneConfig) -> tuple[str, ...]:
-    """Return names by slot: all objects in the order of the scene file, then the robots."""
+    """Return the name of each slot: all objects in the order of the scene file, then the robots."""
     return (*config.objects, *config.all_robots)
 
 
 def build_plan(scene: SceneModel) -> Plan:
-    """Return the placement program of a scene, before `checks/` has tested it.
+    """Return the placement program of a scene. The checks in `checks/` come afterwards.
 
     Raises:
-        SceneKeyError: Objects refer to each other. A heap has no settled rows. A support has no level surface, or no
-            area after its erosion and cropping to the region. An object has no stable pose.
+        SceneKeyError: Objects refer to each other in a circle. A heap has no settled rows. A support has no level
+            surface, or no area is left after shrinking and cropping to the region. An object has no stable pose.
         MeshError, NotSupportedError: A geom cannot be an obstacle.
     """
     pieces, heaps = obstacles(scene), heap_poses(scene)
@@ -129,7 +134,7 @@ def build_plan(scene: SceneModel) -> Plan:
 
 
 def _standing(scene: SceneModel, name: str, pieces: list[Piece]) -> tuple[np.ndarray, np.ndarray]:
-    """Return an object's row of `Plan.pivot_pose` and its row of `Plan.bounds`."""
+    """Return the rows of `Plan.pivot_pose` and `Plan.bounds` for an object or robot."""
     root, home = scene.bodies[name], scene.home
     shape = HomeShape(home, root, _solid(pieces, scene.subtree(name)))
     mat = home.xmat[root].reshape(3, 3)
@@ -140,19 +145,19 @@ def _standing(scene: SceneModel, name: str, pieces: list[Piece]) -> tuple[np.nda
 
 
 def _solid(pieces: list[Piece], bodies: list[int]) -> list[Piece]:
-    """Return the pieces of some bodies without planes, which are endless."""
+    """Return the pieces of some bodies. Planes are left out, because they have no bounds."""
     return [p for p in pieces if p.body in bodies and p.type != PieceType.PLANE]
 
 
 def _around_base(pose: StablePose) -> StablePose:
-    """Return a robot's pose with its base as the pivot, at the height of its lowest point."""
+    """Return a robot's pose with another pivot: the origin of the base, at the height of the robot's lowest point."""
     rotation = matrix(pose.quat)
     at = rotation @ pose.pivot
     return replace(pose, pivot=rotation.T @ np.array([0.0, 0.0, at[2]]), bounds=pose.bounds + np.tile(at[:2], 2))
 
 
 def _placed_object(scene: SceneModel, name: str, pieces: list[Piece], heap: HeapPoses | None) -> PlacedObject:
-    """Return the step of the program that places an object or a robot."""
+    """Return the step of the program for an object or a robot, which draws a pose, joint positions, or both."""
     config, bodies = scene.config.parts.get(name), scene.subtree(name)
     if config is None:  # a robot whose base is not drawn
         config = ObjectConfig(kind="static", clearance=scene.config.all_robots[name].clearance)

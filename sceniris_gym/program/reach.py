@@ -1,4 +1,4 @@
-"""The reach targets of a scene on the host: arms with targets, their maps, tiers and grasps."""
+"""The reach targets of a scene on the host, with their grasps and tiers, and the arms that reach them."""
 
 import json
 from dataclasses import dataclass, field
@@ -20,15 +20,15 @@ from sceniris_gym.scene.model import SceneModel
 
 @dataclass(frozen=True)
 class ReachTarget:
-    """An object that should be reachable.
+    """An object with `reachable` in the scene file, which an arm should reach in each layout.
 
     Attributes:
         name: The object.
         number: Its index in placement order.
         arm: Index in `Reaching.arms` of the arm that has to reach it.
         late: Whether it is placed before the base of its arm.
-        early: Whether each object placed after it has to leave it a free grasp.
-        tier: How thoroughly its reachability is proven.
+        early: Whether each object that is placed later must leave at least one grasp of this target free.
+        tier: The test that decides whether it is reachable.
         grasp_set: Its grasps.
     """
 
@@ -50,7 +50,7 @@ class ReachingArm:
         arm: The arm.
         gripper: Its gripper.
         map: The arm's map, or None.
-        view: The arm with the reach targets of all arms, for device code. `pack.objects` fills it.
+        view: The struct for device code, with this arm and the reach targets of all arms. `pack.objects` fills it.
     """
 
     robot: str
@@ -78,12 +78,12 @@ class Reaching:
 
     @property
     def njoint(self) -> int:
-        """The greatest number of joints of an arm."""
+        """The number of joints of the arm with the most joints."""
         return max(len(one.arm.joints) for one in self.arms)
 
     @property
     def staged(self) -> bool:
-        """True if a target needs a test after placing: its tier requires it, or its arm's base is placed later."""
+        """True if a reach target has to be tested after placing, due to its tier or because its arm is placed later."""
         return not all(target.tier.needs_map and not target.late for target in self.targets)
 
     @property
@@ -95,8 +95,8 @@ class Reaching:
 def plan_reaching(scene: SceneModel, objects: list[PlacedObject], pieces: list[Piece]) -> Reaching:
     """Find the arms of a scene with reach targets, their maps and the grasps of the targets.
 
-    A target is tested by its `reachable` tier, or by `ik` if that tier needs a map and the arm's map is missing or not
-    accurate enough.
+    The key `reachable` of an object names the tier of its test. If this tier needs a map, and the arm's map is missing
+    or not accurate enough, the tier `ik` is used instead.
 
     Args:
         scene: The scene.
@@ -105,7 +105,7 @@ def plan_reaching(scene: SceneModel, objects: list[PlacedObject], pieces: list[P
 
     Raises:
         ArmError: A robot is not a serial arm.
-        UnknownNameError: A robot has no site `tcp`, or an object has no grasp of the chosen name.
+        UnknownNameError: A robot has no site `tcp`, or an object has no grasp with a name that `grasp` selects.
         MapError: A map belongs to another arm, or is damaged.
         GraspError: The gripper cannot grasp an object.
     """
@@ -136,7 +136,7 @@ def plan_reaching(scene: SceneModel, objects: list[PlacedObject], pieces: list[P
 
 
 def robot_arm(scene: SceneModel, name: str = ROBOT) -> SerialArm:
-    """Return the arm of a robot of a scene: from its root body to its tool centre point.
+    """Return the serial arm of a robot, from the robot's root body to its tool centre point.
 
     Raises:
         ArmError: The robot is not a serial arm.
@@ -175,7 +175,7 @@ def load_map(arm: SerialArm, robot: RobotConfig, where: str) -> ReachMap | None:
 
 
 def asset_and_words(robot: RobotConfig) -> tuple[str, str]:
-    """Return the arguments of `build_command` for a robot: its file, and the options for its TCP."""
+    """Return the arguments of `build_command` for a robot: the asset, and the options that set the TCP."""
     file, words = robot.asset or robot.name, robot.model_dump(mode="json", exclude_unset=True).get("tcp")
     if words is None:
         return file, ""

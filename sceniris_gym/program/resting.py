@@ -1,4 +1,4 @@
-"""Stable poses of an object in simulation, with its weight, contact margins and drawn joints."""
+"""Stable poses of an object, from its weight, contact margins and drawn joints."""
 
 from collections.abc import Iterator
 from itertools import chain, product
@@ -27,8 +27,9 @@ _LEAST_WEIGHT = 1.0e-3
 def stable_poses(scene: SceneModel, o: PlacedObject, own: list[Piece]) -> list[tuple[np.ndarray, float]]:
     """Return the stable poses of an object and their probabilities, from its collision geometry if it has any.
 
-    Poses and probabilities come from its home state. A free object only keeps the poses in which it rests in all drawn
-    states of its joints. It rests on the pieces that its support carries, at the distance at which contacts begin.
+    Poses and probabilities are computed with the joints in the start pose. A free object only keeps a pose
+    if it rests in this pose for all drawn joint positions. It rests on the pieces that collide with its support, at the
+    distance where their contacts begin.
 
     Args:
         scene: The scene.
@@ -74,7 +75,7 @@ def stable_poses(scene: SceneModel, o: PlacedObject, own: list[Piece]) -> list[t
 
 
 def check_weight(scene: SceneModel, bodies: list[int], where: str) -> None:
-    """Reject an object that `gravcomp` lifts off its support. An object without any weight does not move."""
+    """Reject an object that `gravcomp` lifts off its support. An object without any weight floats and is accepted."""
     left = np.minimum(weights(scene.least), weights(scene.most))[bodies]
     least = _LEAST_WEIGHT * scene.least.body_mass[bodies].sum()
     if left.sum() <= least and np.abs(left).max() > least:
@@ -85,7 +86,7 @@ def check_weight(scene: SceneModel, bodies: list[int], where: str) -> None:
 
 
 def touch_distances(scene: SceneModel, pieces: list[Piece], ground: int) -> list[float | None]:
-    """Return the distance [m] at which a body begins to carry each piece in MuJoCo, None if it never does."""
+    """For each piece, return the distance [m] at which MuJoCo's contact with a body begins, or None without contact."""
     mjm, rules = scene.mjm, scene.contact_rules
     under = {int(rules.classes[g]) for g in np.flatnonzero(mjm.geom_bodyid == ground) if rules.collides(int(g))}
 
@@ -100,10 +101,10 @@ def touch_distances(scene: SceneModel, pieces: list[Piece], ground: int) -> list
 
 
 def drawn_states(scene: SceneModel, o: PlacedObject) -> Iterator[mujoco.MjData]:
-    """Yield states of the drawn joints of an object, including the ends of their ranges.
+    """Yield states of a model that together cover the ranges of the drawn joints of an object.
 
-    The states are on a grid, or random if the grid would be too large. They share one MjData, because creating many
-    takes long.
+    The positions form a grid that includes the ends of the ranges. If the grid would be too large, they are random.
+    Each state is the same MjData object with other values, because it takes long to create many.
     """
     levels = [np.unique([np.linspace(low, high, _LEVELS) for low, high in d.intervals]) for d in o.joint_ranges]
     if not levels:
@@ -130,7 +131,8 @@ def drawn_states(scene: SceneModel, o: PlacedObject) -> Iterator[mujoco.MjData]:
 def _drop(resting: HomeShape, whole: HomeShape, quat: np.ndarray) -> float:
     """Return the height [m] by which an object in a pose falls until its support carries it.
 
-    The object starts with its lowest point at the greatest distance at which the support carries one of its pieces.
+    `resting` has the pieces that collide with the support, and `whole` has all pieces. Before the fall, the
+    lowest point is as high above the support as the greatest contact distance of the pieces in `resting`.
     """
     return float(resting.margins.max()) + resting.bottom(quat) - whole.bottom(quat)
 

@@ -1,4 +1,4 @@
-"""Stances of free objects: their feet, the springs of MuJoCo's contacts below them, and their loads."""
+"""Stances of free objects: their feet, their depth in MuJoCo's soft contacts, and the loads on them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -55,17 +55,19 @@ _MAX_TILT = 1.0e-3
 
 
 class Law(NamedTuple):
-    """Coefficients of the margin that keeps a load from falling. `placement/standing.py` has the formula.
+    """Coefficients of the margin: how far the centre of mass of a load has to be inside its patch so that it stands.
+
+    The docstring of `placement/standing.py` has the formula, and explains load, patch, fall and sink.
 
     Attributes:
-        shake: The margin as a fraction of the root of fall times height.
+        shake: Margin for the impact of the fall onto the support, divided by the root of fall times height.
         lean: Increase of `shake` for each radian of lean of the load.
-        soft: Factor by which the computed lean is multiplied.
-        hold: Fraction of the patch's radius in which contacts hold the load, wherever MuJoCo keeps its four contacts.
-        swap: Additional margin for the moment when other contacts replace the four, as a fraction of the root of sink
-            times height.
-        tip: Additional margin of a foot that rolls, as a fraction of height.
-        steady: Least distance of the centre of mass below the centre of curvature, as a fraction of the radius.
+        soft: Factor for the computed lean.
+        hold: Fraction of the patch's radius within which a load stands whichever four contacts MuJoCo keeps.
+        swap: Additional margin while other contacts replace these four, divided by the root of sink times height.
+        tip: Additional margin of a curved foot, divided by height.
+        steady: Least distance of the centre of mass below the centre of curvature of a curved foot, divided by the
+            foot's radius.
     """
 
     shake: float
@@ -92,14 +94,14 @@ MuJoCo C (`tests.stress.mixed`, first scene 30000, seed 990).
 
 
 class Roll(NamedTuple):
-    """The rectangle around a curved foot, from which the roll of the object is computed.
+    """The rectangle around a curved foot. The test of standing uses it to compute how far the object rolls.
 
-    It is seen from above, relative to the object's pivot at heading 0.
+    The rectangle is seen from above, relative to the object's pivot, for the object at heading 0.
 
     Attributes:
-        center: Its centre [m], shape (2,).
-        axis: Unit vector along its first side, shape (2,).
-        reach: Half of its length along `axis`, and half of its length across `axis` [m], shape (2,).
+        center: Centre [m], shape (2,).
+        axis: Unit vector along the first side, shape (2,).
+        reach: Half of the length along `axis`, and half of the length across `axis` [m], shape (2,).
     """
 
     center: np.ndarray = np.zeros(2)
@@ -113,18 +115,20 @@ _NO_ROLL = Roll()
 
 @dataclass(frozen=True)
 class Foot:
-    """The foot of an object in one of its stable poses, seen from above around its pivot at heading 0.
+    """The foot of an object in one of its stable poses: the part of the object that rests on the support.
+
+    The foot is seen from above, relative to the object's pivot, for the object at heading 0.
 
     Attributes:
         parts: Corners [m] of its convex parts, as `geometry.feet.flat_foot` and `curved_foot` return them.
-        law: The margin that the object needs on this foot.
-        margin: Least distance [m] of the object's centre of mass, without its load, from the edge of the foot over all
-            drawn states of its joints. Negative outside the foot, -inf if draws of masses move the centre of mass.
-        most: Greatest distance [m] instead of the least, over the same states.
+        law: Coefficients of the margin that the object needs on this foot.
+        margin: How far [m] the object's centre of mass, without its load, is inside the edge of the foot: the least
+            value over all drawn joint positions. Negative outside the foot, -inf if drawn masses move the centre.
+        most: The greatest value over the same joint positions.
         bottom: Height [m] over the object's root of the lowest point that drawn joints do not move.
-        hangs: Greatest depth [m] of parts that drawn joints move, below `bottom`. Negative if they stay above it.
-        drop: Height [m] of the object's fall until its support carries it, negative inside the support. It is 0 unless
-            the geoms that collide differ from the geoms used for placing.
+        hangs: How far [m] drawn joints can move parts of the object below `bottom`. Negative if all stay above.
+        drop: Height [m] of the fall of the object from its place onto the support. Negative if it is placed inside the
+            support. 0 if the geoms used for placing also collide.
         roll: The rectangle of a curved foot.
     """
 
@@ -144,19 +148,18 @@ class Stance:
 
     Attributes:
         levels: The stack as numbers in `Plan.objects`: the object, the free object that carries it, and so on down to
-            a free object on a support that cannot move.
+            a free object on a support that stays in place. Empty if the object does not have to stand.
         feet: Its foot in each of its stable poses, empty if it does not collide with its support.
         load: Greatest simultaneous weight [kg] of the object and everything on it.
-        depth: Greatest depth of its sink into the support [m].
+        depth: Greatest depth of the object in its support [m].
         touch: Distance at which its support begins to carry it [m], 0 without contact margins.
-        friction: Greatest coefficient of sliding friction between the object and its support, with the least drawn
-            friction.
-        is_whole: Whether its whole foot is on its support.
-        is_belt: Whether the surface of one of its geoms or of its support moves, as a belt does.
-        tilt: Tangent of the greatest angle by which gravity and wind pull away from straight down.
-        sinks: Depths [m] of its contacts with the least drawn masses, for the test of standing. The key None has the
-            depth under `load`. The number of an object on it has the depth under the greatest load that includes this
-            object. Each depth assumes four contacts, as soft as a friction of 1 or more makes them.
+        friction: Least drawn coefficient of sliding friction in the contact with the support with the most friction.
+        is_whole: Whether its whole foot is always on its support.
+        is_belt: Whether a geom of the object or of its support has a `surfacevel`, which moves the object like a belt.
+        tilt: Tangent of the greatest angle between straight down and the pull of gravity and wind.
+        sinks: Depths [m] of the object in its support at the least drawn masses, for the test of standing. The key None
+            has the depth under `load`. The number of an object above it has the depth under the greatest load that
+            includes the object above. Each depth assumes four contacts, as soft as a friction of 1 or more makes them.
     """
 
     levels: list[int]
@@ -172,7 +175,7 @@ class Stance:
 
     @property
     def is_certain(self) -> bool:
-        """True if the object stands wherever it is placed. Only objects on it are then tested for standing."""
+        """True if the object stands wherever it is placed. Only objects on top of it then need the test of standing."""
         is_alone = len(self.levels) < 2 and self.is_whole and not self.tilt
         return is_alone and all(f.margin > 0.0 for f in self.feet)
 
@@ -182,7 +185,7 @@ NO_STANCE = Stance([], [], 0.0, 0.0, 0.0, 0.0, is_whole=True)
 
 
 def stances(scene: SceneModel, objects: list[PlacedObject], pieces: list[Piece]) -> list[Stance]:
-    """Return the stance of each object of a plan.
+    """Return the stance of each object of a plan: its foot, contacts and loads.
 
     Args:
         scene: The scene.
@@ -209,8 +212,8 @@ def stances(scene: SceneModel, objects: list[PlacedObject], pieces: list[Piece])
 def _loads(scene: SceneModel, objects: list[PlacedObject], below: list[int | None]) -> list[dict[int | None, float]]:
     """Return the greatest simultaneous weight [kg] of each object and everything on it.
 
-    The key None has the maximum over all worlds. The number of an object has the maximum over worlds where that object
-    is present.
+    The result has a dict for each object. The key None has the maximum over all worlds, and the number of an object has
+    the maximum over worlds with this object.
     """
     own = np.array([weights(scene.most)[o.bodies].sum() for o in objects])
     on: list[dict[str | None, list[int]]] = [{} for _ in objects]  # by group: a world may omit some of its members
@@ -227,13 +230,13 @@ def _loads(scene: SceneModel, objects: list[PlacedObject], below: list[int | Non
 
 
 def chain_below(number: int, carriers: Sequence[int | None]) -> list[int]:
-    """Return the numbers of an object and of all its carriers, downwards."""
+    """Return the number of an object, then of its carrier, of the carrier's carrier, and so on downwards."""
     carrier = carriers[number]
     return [number, *([] if carrier is None else chain_below(carrier, carriers))]
 
 
 def _is_heavy(scene: SceneModel, o: PlacedObject, pieces: list[Piece], stance: Stance) -> bool:
-    """Return whether an object stands anywhere and is heavy enough to stay in place under any of its loads."""
+    """Return whether an object stands wherever it is placed, and is too heavy for its loads to tip it."""
     mjm, home, joints = scene.mjm, scene.home, scene.moving_joints(o.name)
     # A joint must not move its load sideways. A joint that tilts does no harm, as a tilted surface is not a support.
     tilts = all(mjm.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE and abs(home.xaxis[j][2]) < _MAX_TILT for j in joints)
@@ -246,13 +249,13 @@ def _is_heavy(scene: SceneModel, o: PlacedObject, pieces: list[Piece], stance: S
 
 
 def carriers_of(objects: list[PlacedObject]) -> list[int | None]:
-    """Return the number of the placed free object that carries each object, or None."""
+    """For each object, return the number of the placed free object that carries it, or None."""
     free = {o.name: i for i, o in enumerate(objects) if o.kind == ObjectKind.FREE}
     return [None if o.support is None else free.get(str(o.support.owner)) for o in objects]
 
 
 def _stance(scene: SceneModel, o: PlacedObject, pieces: list[Piece], loads: dict[int | None, float]) -> Stance:
-    """Return the stance of one object under its loads, which `_loads` returns."""
+    """Return the stance of one object. `loads` is its dict from `_loads`."""
     load, support, mjm = loads[None], o.support, scene.mjm
     assert support is not None
     drawn = [adr for adr, (low, high) in o.spans.items() if low < high]
@@ -324,14 +327,16 @@ def _foot(
     """Return the foot of an object in one of its poses.
 
     Args:
-        shapes: Four shapes in each state of its joints: all pieces that its support carries, the carried pieces that
-            drawn joints do not move (they form the foot), all pieces used for placing that drawn joints do not move,
-            and the pieces used for placing that drawn joints move.
+        shapes: For each state of the drawn joints, four shapes of the object. The first has all pieces that the support
+            carries. The second has only the carried pieces that drawn joints do not move, and forms the foot. The third
+            and the fourth have the pieces used for placing: pieces that drawn joints do not move, and pieces that they
+            move.
         pose: The pose.
         law: The `Law` of the foot if it is neither round nor curved.
-        lower: Height [m] of the support used for placing over the support that collides.
-        is_shifted: Whether draws of masses move its centre of mass.
-        takes_edges: Whether the support carries edges and corners of pieces. If not, a foot with them does not hold.
+        lower: How much higher [m] the surface used for placing is than the top of the support's colliding geoms.
+        is_shifted: Whether draws of masses move the object's centre of mass.
+        takes_edges: Whether the support carries edges and corners of pieces. If not, a foot that has some does not hold
+            the object.
         steady: `Law.steady` of a curved foot.
     """
     rotation, quat, (whole, standing, fixed, _) = matrix(pose.quat).T, pose.quat, shapes[0]
@@ -361,13 +366,13 @@ def _foot(
 
 
 def _rolling(shape: HomeShape, pose: StablePose, lean: float, steady: float) -> tuple[list[np.ndarray], Law, Roll]:
-    """Return the curved foot of an object that rights itself after a lean, the foot's `Law`, and its rectangle.
+    """Return the curved foot of an object that rolls back after it leans, the foot's `Law`, and its rectangle.
 
     Args:
         shape: The pieces that the support carries.
         pose: The stable pose.
-        lean: The lean [rad]. A greater lean gives a larger foot.
-        steady: `Law.steady`.
+        lean: Lean of the object [rad]. A greater angle gives a larger foot.
+        steady: `Law.steady` of the result.
     """
     rotation = matrix(pose.quat)
     corners = curved_foot(lambda up: shape.lowest(up @ rotation) - up @ rotation @ pose.pivot, lean)
@@ -380,13 +385,16 @@ def _rolling(shape: HomeShape, pose: StablePose, lean: float, steady: float) -> 
 
 
 def _spare(roll: Roll, law: Law, ends: np.ndarray) -> np.ndarray:
-    """Return how much further [m] an object on a curved foot may roll, shape (n,). Negative if it rolls too far.
+    """Return by how much [m] the roll of an object on a curved foot is below the limit. Negative if it rolls too far.
 
     Args:
         roll: The rectangle around the curved foot.
         law: The `Law` of this foot.
-        ends: Positions of the object's centre of mass relative to its pivot [m], one per drawn state of its joints,
-            shape (n, 3).
+        ends: Position of the object's centre of mass relative to its pivot [m] in each state of its drawn joints, shape
+            (n, 3).
+
+    Returns:
+        Shape (n,).
     """
     tan, axes = law.tip / RISE, np.array([roll.axis, [-roll.axis[1], roll.axis[0]]])
     height = ends[:, 2:]
@@ -404,7 +412,7 @@ def _cannot_leave(o: PlacedObject, feet: list[Foot], walls: list[Piece]) -> bool
     Args:
         o: The object.
         feet: Its foot in each of its stable poses.
-        walls: The pieces of the support that may be walls.
+        walls: The pieces of the support that may be such walls.
     """
     for surfaces, own in zip(o.surfaces, feet, strict=True):
         reach = np.linalg.norm(np.concatenate(own.parts), axis=1).max()
@@ -419,7 +427,7 @@ def _cannot_leave(o: PlacedObject, feet: list[Foot], walls: list[Piece]) -> bool
 
 
 def _is_walled(surface: SupportSurface, height: float, walls: list[Piece]) -> bool:
-    """Return whether pieces of `walls` stand all around a surface, up to a height [m] above it."""
+    """Return whether the pieces `walls` enclose a surface and rise at least `height` [m] above it."""
     ends = surface.height + _NEAR, surface.height + max(height, _NEAR)
     meshes = [p.mesh for p in walls if p.mesh is not None and p.mesh.is_convex]
     low, high = ([section(mesh, z) for mesh in meshes] for z in ends)

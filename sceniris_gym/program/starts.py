@@ -1,4 +1,4 @@
-"""The kinds of starts of a scene: their grasps, grips, joints and markers, by their numbers in the plan."""
+"""The kinds of starts of a scene (entries of `start`), as arrays of the numbers of their targets, grasps and joints."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
@@ -36,10 +36,12 @@ _FITS = {
 
 
 def plan_grips(plan: Plan) -> tuple[Grip, ...]:
-    """Return the grip of each grasp of all reach targets. If no start holds a target, none of its grips fits.
+    """Return a grip (the closed fingers) for each grasp of all reach targets.
+
+    If no kind of start holds a target, its grips are not computed, and their `fits` is False.
 
     Raises:
-        NotSupportedError: An arm has no fingers that close.
+        NotSupportedError: A start holds a target with an arm that has no fingers to close.
     """
     config = plan.scene.config
     kinds = [(kind, kind.targets(config.groups)) for kind in config.start if kind.robot == "grasp"]
@@ -66,10 +68,11 @@ def plan_grips(plan: Plan) -> tuple[Grip, ...]:
 
 
 def weakest(scene: SceneModel) -> list[mujoco.MjModel]:
-    """Return the models in which a gripper holds the least, at the weakest ends of all draws.
+    """Return models with the drawn physics parameters at which a gripper holds an object least well.
 
-    Joint friction and stiffness of the gripper resist closing, so they are at their greatest. The worst values of the
-    actuators' constant force and of centres of mass are unknown, so the models cover all corners of these draws.
+    Joint friction and joint stiffness are greatest, because they resist the closing of the fingers. For the constant
+    force of actuators and for centres of mass, the worst value is unknown. There is one model for each combination of
+    the ends of these draws.
     """
     ends, draws = {**WEAK, "dof_frictionloss": "most", "jnt_stiffness": "most"}, scene.draws
     unknown = product(corners(draws, "actuator_biasprm"), corners(draws, "body_ipos"))
@@ -77,7 +80,7 @@ def weakest(scene: SceneModel) -> list[mujoco.MjModel]:
 
 
 def _downs(placed: PlacedObject, target: ReachTarget, grasp: int) -> np.ndarray:
-    """Return the downward direction in an object's frame for each stable pose that allows a grasp, shape (n, 3)."""
+    """Return the direction of gravity in the object's frame for each stable pose that allows `grasp`, shape (n, 3)."""
     if placed.orientation == "any":
         return _ALL_WAYS
     spans = zip(placed.stable_poses, target.grasp_set.spans, strict=True)
@@ -85,11 +88,11 @@ def _downs(placed: PlacedObject, target: ReachTarget, grasp: int) -> np.ndarray:
 
 
 def plan_starts(plan: Plan, grips: tuple[Grip, ...]) -> dict[str, np.ndarray]:
-    """Return the fields of `Starts` by name, with a row for each kind of start, or for each grasp.
+    """Return the fields of `Starts` by name. `grip_*` have a row for each grasp, other 2D fields one for each kind.
 
     Raises:
-        UnknownNameError: A grasp or a joint does not exist.
-        SceneKeyError: An object does not draw a joint of the start, or cannot be held in any selected grasp.
+        UnknownNameError: A start names a grasp or a joint that does not exist.
+        SceneKeyError: A start sets a joint that its object does not draw, or no selected grasp can hold a target.
     """
     kinds = [_kind(plan, grips, i, config) for i, config in enumerate(plan.scene.config.start)]
     robots = [b for one in plan.reaching.arms for b in plan.scene.subtree(one.robot)[1:]]
@@ -102,7 +105,7 @@ def plan_starts(plan: Plan, grips: tuple[Grip, ...]) -> dict[str, np.ndarray]:
 
 
 def _kind(plan: Plan, grips: tuple[Grip, ...], number: int, config: StartConfig) -> dict[str, ArrayLike]:
-    """Return the row of each field for one kind of start."""
+    """Return the row of one kind of start in each field of `Starts`, by field name."""
     where, pose, arm = f"{plan.scene.config.where}: start.{number}", _pose(config), -1
     names, arm_range = config.targets(plan.scene.config.groups), np.tile(_UNDRAWN, (MAX_JOINTS, 1))
     targets, counts = plan.reaching.targets, [np.zeros(0, bool)]
@@ -137,7 +140,7 @@ def _kind(plan: Plan, grips: tuple[Grip, ...], number: int, config: StartConfig)
 
 
 def _arm_range(plan: Plan, one: ReachingArm, config: StartConfig, where: str) -> np.ndarray:
-    """Return the intervals from which a kind of start draws the joints of an arm, shape (MAX_JOINTS, 2)."""
+    """Return the interval for each joint of an arm in a kind of start, shape (MAX_JOINTS, 2). Undrawn: low > high."""
     if one.robot in plan.scene.apart:
         raise SceneKeyError(f"{where}: should have a robot that is in the scene, but its 'in_scene' is false.")
     found, index = np.tile(_UNDRAWN, (MAX_JOINTS, 1)), one.arm.qposadr.tolist()
@@ -159,7 +162,7 @@ def _pose(config: StartConfig) -> StartPose:
 
 
 def _counting(config: StartConfig, target: ReachTarget, where: str) -> np.ndarray:
-    """Return a mask of the grasps of a target that match the glob of a start, shape (ngrasp,), bool."""
+    """Return a mask of the target's grasps with names that match the start's `grasp`, shape (ngrasp,), bool."""
     names = [grasp.name for grasp in target.grasp_set.grasps]
     found = [config.grasp is None or matches(name, config.grasp) for name in names]
     if target.name == config.of and not any(found):
@@ -168,13 +171,13 @@ def _counting(config: StartConfig, target: ReachTarget, where: str) -> np.ndarra
 
 
 def _drawn(plan: Plan, owner: str, words: Mapping[str, JointConfig], where: str) -> Iterator[JointRange]:
-    """Yield the draws of joints of an object or a robot."""
+    """Yield a `JointRange` for each joint of an object or robot that `words` names."""
     for joint, config in plan.scene.resolve_joints(owner, words, where).items():
         yield joint_range(plan.scene, joint, config)
 
 
 def _draw_ranges(plan: Plan, words: Mapping[str, JointConfig], where: str) -> np.ndarray:
-    """Return the interval that a start gives to each joint draw of the plan, in the plan's order, shape (ndraw, 2)."""
+    """Return the interval that a start gives to each drawn joint of the plan, shape (ndraw, 2). Not set: low > high."""
     usual = [r.qposadr for o in plan.objects for r in o.joint_ranges]
     found = np.tile(_UNDRAWN, (len(usual), 1))
     for key, config in words.items():

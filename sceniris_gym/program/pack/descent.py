@@ -32,7 +32,7 @@ class Trees:
         all poses, until each lane has an entry.
 
         Args:
-            entries: The entries with the largest boxes, usually one entry for each pair of colliders.
+            entries: For each pair of colliders of the test, usually one entry: the roots of both trees.
             lanes: Number of GPU lanes that share the work. A single lane is fastest with the fewest entries.
         """
         found = list(entries)

@@ -23,8 +23,7 @@ class Touch:
     """The distance of two geoms.
 
     Attributes:
-        distance: The distance [m]. If the geoms overlap, it is negative: the length of the shortest move
-            that separates them.
+        distance: The distance [m]. For overlapping geoms, minus the length of the shortest move that separates them.
         direction: Unit vector from the first geom to the second in the world frame, shape (3,).
     """
 
@@ -76,7 +75,7 @@ class HomeTouch:
         return best if best.distance < near else None
 
     def _directions(self, a: Piece, b: Piece) -> np.ndarray:
-        """Return unit vectors to try: MuJoCo's direction, between the centres, the axes and their cross products."""
+        """Return unit vectors to try: MuJoCo's direction, from centre to centre, all axes and their cross products."""
         home, fromto = self._home, np.zeros(6)
         mujoco.mj_geomDistance(self._mjm, home, a.geom, b.geom, _FAR, fromto)
         away, apart = fromto[3:] - fromto[:3], home.geom_xpos[b.geom] - home.geom_xpos[a.geom]
@@ -90,8 +89,8 @@ class HomeTouch:
     def _shortest(self, a: Piece, b: Piece, direction: np.ndarray) -> Touch:
         """Start from a direction, and search for the direction of the shortest move that separates a and b.
 
-        Each step moves b along the current direction until b is just outside a. The shortest
-        distance between a and b there gives the next direction. The search ends when the move gets no shorter.
+        Each step moves b along the current direction until b is just outside a. The shortest distance between a and b
+        then gives the next direction. The search ends when the move gets no shorter.
         """
         overlap = float(self._overlaps(a, b, direction[None])[0])
         fromto = np.zeros(6)

@@ -230,7 +230,7 @@ def arm_pairs(plan: Plan, rules: PairRules) -> ArmPairs:
 
 
 def _among(rules: PairRules, plan: Plan, bodies: list[int]) -> list[Pair]:
-    """Return the pairs of colliders within one object or robot. A body and its parent make no pair."""
+    """Return the pairs of colliders within one object or robot. A body and its parent make no pair, as in MuJoCo."""
     own = rules.of(bodies)
     pairs = [rules.apart(a, b, rules.touch(a, b)) for a, b in product(own, own) if a < b and rules.meet_within(a, b)]
     if not rules.is_physics:
