@@ -65,7 +65,7 @@ class OrientationType(IntEnum):
 
 
 class Measure(IntEnum):
-    """Whether each candidate of an object needs its lowest point computed (`LOWEST`), or also its bounds (`WHOLE`)."""
+    """Quantities to compute for each candidate of an object: `LOWEST` is its lowest point, `WHOLE` also the bounds."""
 
     NOTHING = 0
     LOWEST = 1

@@ -107,7 +107,7 @@ class PlacedObject:
 
     @property
     def cover(self) -> Cover:
-        """Whether an obstacle must or must not be above its drawn point.
+        """The rule for obstacles above its drawn point.
 
         `on` forbids obstacles above the point only if the support belongs to an object. Above a support of the model,
         such as a room with a ceiling, they are accepted.
