@@ -2,9 +2,9 @@
 
 Lengths are in metres, angles in radians, quaternions wxyz. Poses are relative to the parent frame. As in MuJoCo, a pair
 (`xadr`, `xnum`) selects a range of the list `x` or `x_*`. *Slots* number the objects in the order of the scene file,
-then the robots. Pivot poses and bounds are numbered by *columns*: the slots, then one column for each object with
-variants, which holds its present variant. A *collider* is tested as a whole. It is one plane, or the pieces of one body
-that share a tree of boxes.
+then the robots. Pivot poses and bounds are numbered by *columns*: the slots, then one more column for each object with
+variants, which has the values of the present variant. A *collider* is tested as a whole. It is one plane, or the pieces
+of one body that share a tree of boxes.
 """
 
 from collections.abc import Mapping
@@ -65,7 +65,7 @@ class OrientationType(IntEnum):
 
 
 class Measure(IntEnum):
-    """Quantities to compute for each candidate of an object: `LOWEST` is its lowest point, `WHOLE` also the bounds."""
+    """Quantities to compute for each candidate: the lowest point (`LOWEST`), or also the bounds (`WHOLE`)."""
 
     NOTHING = 0
     LOWEST = 1

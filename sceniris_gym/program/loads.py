@@ -34,7 +34,7 @@ class Contact(NamedTuple):
         own, below: Body of the upper geom, and body of the lower geom.
         ref: The contact's `solref`.
         imps: The contact's `solimp`, once for each combination of the ends of its draws.
-        cone: Factor of friction in the depth of the contact.
+        cone: Factor in the depth of the contact, which depends on friction.
         friction: The contact's least coefficient of sliding friction.
     """
 
@@ -128,7 +128,7 @@ def depth_of(scene: SceneModel, contact: Contact, load: np.ndarray | float, inve
     """Return the depths [m] at which a contact carries loads [kg], with the greatest pull of gravity.
 
     At rest, a contact with impedance d under a force f has the depth (1 - d) / d^2 w f / k. Here w is the sum of the
-    inverse weights of its bodies [1/kg], and k = 1 / (dmax^2 timeconst^2 dampratio^2). The impedance d grows with the
+    inverse weights of both bodies [1/kg], and k = 1 / (dmax^2 timeconst^2 dampratio^2). The impedance d grows with the
     depth from dmin to dmax, as in the chapter "Computation" of MuJoCo's manual.
     """
     opt, ref = scene.mjm.opt, contact.ref

@@ -76,8 +76,8 @@ def _given(carriers: Sequence[int | None], chosen: Sequence[int]) -> list[int]:
 def part_of(compiled: CompiledScene, names: Sequence[str]) -> CompiledScene:
     """Return the scene with a program that only places the named objects. Every other body is an obstacle.
 
-    The caller gives the poses of all other bodies for each layout. In these poses, joints or physics may have tilted a
-    support. A tilted support is not used.
+    The caller gives the poses of all other bodies for each layout. Joints or physics may have tilted a support. No
+    object is placed on a support while it is tilted.
 
     Free objects that carry a named object, and all other objects on these carriers, keep their poses. They still come
     first in the program, because the test of standing needs them.

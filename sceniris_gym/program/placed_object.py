@@ -1,4 +1,4 @@
-"""`PlacedObject`: one step of the placement program. Also the obstacles of a scene, and the surfaces of supports.
+"""`PlacedObject`: one step of the placement program. The module also finds obstacles, and surfaces of supports.
 
 A surface is a level face of a support, cropped to the region of an object.
 """
@@ -59,7 +59,7 @@ class PlacedObject:
         stable_poses: The poses that its orientation is drawn from, empty for STATIC.
         support: The support that carries it. None if its region is in space, or for STATIC.
         tilts: Whether draws may tilt the support.
-        surfaces: For each stable pose, the surfaces that can carry it, with their regions. Without a support, they have
+        surfaces: For each stable pose, the surfaces that can carry it, with their regions. Without a support, these are
             the points of its 3D region or, if it has relations, the 3D box seen from above. Poses share equal lists.
         erosion: Least distance of its pivot from the outlines of surfaces, divided by the shorter edge of its bounds.
             0 if that edge is fixed in each stable pose, because the regions are then already shrunk.
@@ -151,8 +151,8 @@ def surfaces_of(
         scene: The scene.
         o: The object, or a robot whose base is drawn, without its surfaces.
         pieces: All obstacles.
-        edges: For each stable pose, the shorter edge of the object's bounds [m], at its least. Regions are shrunk by
-            `ratio_on_support` times half of this edge.
+        edges: For each stable pose, the least length [m] of the shorter edge of the object's bounds. Regions are shrunk
+            by `ratio_on_support` times half of this length.
 
     Raises:
         SceneKeyError: The support has no level surface, or no area is left after shrinking and cropping to the region.

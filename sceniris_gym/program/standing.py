@@ -153,7 +153,7 @@ class Stance:
         load: Greatest simultaneous weight [kg] of the object and everything on it.
         depth: Greatest depth of the object in its support [m].
         touch: Distance at which its support begins to carry it [m], 0 without contact margins.
-        friction: Least drawn coefficient of sliding friction in the contact with the support with the most friction.
+        friction: Least drawn coefficient of sliding friction, in the contact that has the most friction.
         is_whole: Whether its whole foot is always on its support.
         is_belt: Whether a geom of the object or of its support has a `surfacevel`, which moves the object like a belt.
         tilt: Tangent of the greatest angle between straight down and the pull of gravity and wind.

@@ -88,7 +88,7 @@ def _downs(placed: PlacedObject, target: ReachTarget, grasp: int) -> np.ndarray:
 
 
 def plan_starts(plan: Plan, grips: tuple[Grip, ...]) -> dict[str, np.ndarray]:
-    """Return the fields of `Starts` by name. `grip_*` have a row for each grasp, other 2D fields one for each kind.
+    """Return the fields of `Starts` by name. Most have a row for each kind of start, `grip_*` for each grasp.
 
     Raises:
         UnknownNameError: A start names a grasp or a joint that does not exist.

@@ -120,7 +120,7 @@ def _check_loop(label: str, drawn: _Drawn, a: int, b: int) -> None:
 
 
 def _check_spatial(where: str, drawn: _Drawn, tendon: int) -> None:
-    """Check that layouts do not stretch a spatial tendon that has limits, or stiffness and two or more objects."""
+    """Check that layouts do not stretch a spatial tendon that is limited, or stiff and between two objects."""
     mjm = drawn.mjm
     limited, springs = has_active_limits(mjm, tendon), not mjm.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_SPRING
     stretched = drawn.stretching(tendon)
@@ -171,7 +171,7 @@ def tendon_joints(mjm: mujoco.MjModel, tendon: int) -> dict[int, float]:
 def check_tendon_limits(plan: Plan) -> None:
     """Check that drawn joints and their followers keep each fixed tendon within the tendon's limits.
 
-    If a tendon is already beyond a limit in the start pose, draws may take it as far as the start pose does.
+    If a tendon is already beyond a limit in the start pose, draws may take it as far beyond as the start pose does.
 
     Raises:
         SceneKeyError: Draws would take a tendon beyond its limits.

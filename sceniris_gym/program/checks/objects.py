@@ -116,10 +116,10 @@ def check_followers(plan: Plan) -> None:
 
 
 def check_heaps(plan: Plan) -> None:
-    """Check that the rows of each heap were settled with the objects and the container that the scene has now.
+    """Check that the settled poses of each heap come from the objects and the container that the scene has now.
 
     Raises:
-        SceneKeyError: The rows were settled with other shapes or masses.
+        SceneKeyError: The poses were settled with other shapes or masses.
     """
     config = plan.scene.config
     made_with = {o.name: o.heap.settled_with for o in plan.objects if o.heap is not None}

@@ -23,8 +23,8 @@ def check_distances(plan: Plan) -> None:
 
     Raises:
         NotSupportedError: A placed object has a plane as a geom.
-        SceneKeyError: An object or robot stands too far from the origin, or may be placed too far from it. A geom ends
-            too far from it. A joint is drawn up to a too large position.
+        SceneKeyError: An object or robot stands too far from the origin, or may be placed too far away. A geom reaches
+            too far. The range of a drawn joint includes too large positions.
     """
     placed = {o.name for o in plan.objects if o.kind != ObjectKind.STATIC}
     config = plan.scene.config
@@ -128,7 +128,7 @@ def check_parking(plan: Plan) -> None:
 
 
 def _corner(plan: Plan, o: PlacedObject, corners: dict[str, np.ndarray]) -> np.ndarray:
-    """Return the greatest x and y [m] that an object may reach. `corners` has these for its support, by name."""
+    """Return the greatest x and y [m] that an object may reach. `corners` has the same for others, by name."""
     size = _size(plan, o)
     if not o.config.is_placed:
         return corners.get(o.name, np.full(2, -np.inf)) + (2.0 * size if o.joint_ranges else 0.0)

@@ -1,4 +1,4 @@
-"""Checks that objects can stand: they collide with their support, do not fall over, and it does not give way."""
+"""Checks that objects can stand: they collide with supports and do not fall, and supports do not give way."""
 
 import copy
 import itertools
@@ -48,8 +48,8 @@ def check_standing(plan: Plan) -> None:
         SceneKeyError: Gravity does not point down, or contacts are off or too soft. An object falls through its
             support, slides off it, or is thrown off. The surface of a geom moves the object like a belt. The object
             would stand above or below the height where it is placed. Drawn joints move parts of the object below its
-            foot. The object falls or rolls over, or has no weight. Too many objects stand on each other. A joint of the
-            support or of the object gives way.
+            foot. The object falls or rolls over, or `gravcomp` lifts it. Too many objects stand on each other.
+            A joint of the support or of the object gives way.
     """
     config, draws = plan.scene.config, plan.scene.draws
     models = dict.fromkeys(at_ends(plan.scene.mjm, draws, **ends) for ends in ({}, _HEAVY, _LIGHT))
@@ -231,7 +231,7 @@ def _point(data: mujoco.MjData, body: int, at: np.ndarray) -> np.ndarray:
 
 
 def _yielding(mjm: mujoco.MjModel, home: mujoco.MjData, body: int, at: np.ndarray) -> set[int]:
-    """Return the joints except free joints that move a point of a body up or down. `at` is in the body's frame [m]."""
+    """Return the joints (no free joints) that move a point of a body up or down. `at` [m] is in the body's frame."""
     jacobian = np.zeros((3, mjm.nv))
     mujoco.mj_jac(mjm, home, jacobian, None, _point(home, body, at), body)
     joints = mjm.dof_jntid[np.abs(jacobian[2]) > _LEAST_LIFT]

@@ -27,9 +27,9 @@ class Trees:
     def first_nodes(self, entries: Sequence[Entry], lanes: int) -> list[Entry]:
         """Return the first entries that the collision test of one object compares.
 
-        The test compares the boxes of an entry, and replaces the larger of two overlapping boxes by its children. With
-        few entries, most lanes would idle in the first passes. The largest boxes are therefore replaced here, once for
-        all poses, until each lane has an entry.
+        An entry is a pair of colliders, and a node of each tree. The test compares the boxes of both nodes. If they
+        overlap, it replaces the larger box by its children. With few entries, most lanes would idle in the first
+        passes. The largest boxes are therefore replaced here, once for all poses, until each lane has an entry.
 
         Args:
             entries: For each pair of colliders of the test, usually one entry: the roots of both trees.
@@ -46,7 +46,7 @@ class Trees:
         return found
 
     def without(self, a: int, b: int, left_out: Collection[Nodes]) -> list[Nodes]:
-        """Return pairs of nodes that cover each pair of a leaf below `a` and a leaf below `b`, without some pairs.
+        """Return pairs of nodes that cover all pairs of a leaf below `a` and a leaf below `b`, except `left_out`.
 
         Args:
             a: A node of one collider. The recursion starts at the root.

@@ -36,7 +36,7 @@ _CLEAR_OF_HELD = 2.0e-3
 
 @dataclass(frozen=True)
 class Pair:
-    """Two colliders to keep apart, or two of their geoms that touch at home.
+    """Two colliders to keep apart, or two of their geoms that touch in the start pose.
 
     Attributes:
         a, b: The colliders. A plane is b.
@@ -113,7 +113,7 @@ class PairRules:
         return Pair(a, b, margin, ((self.colliders[a].root, self.colliders[b].root),))
 
     def meet(self, a: int, b: int) -> bool:
-        """Return whether two colliders can touch at all. Two planes cannot.
+        """Return whether two colliders can touch at all. Two planes or two static bodies cannot.
 
         Fixtures are kept apart even if MuJoCo would not report their contact.
         """

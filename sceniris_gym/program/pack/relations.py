@@ -104,7 +104,7 @@ class JoinedSites:
     Attributes:
         to: Name of the other object.
         at: The point where the joined object's site has to be, relative to the pivot of the other object [m], shape
-            (2,). It is the site of the other object, moved by the gap along the x axis of this site.
+            (2,). This is the other object's site, moved by the gap along the site's x axis.
         own: Position of the joined object's site relative to the joined object's pivot [m], shape (2,).
         yaw: The heading of the joined object minus the heading of the other object [rad].
     """
