@@ -25,8 +25,7 @@ from sceniris_gym.program.device_bank import Bank, empty_bank
 from sceniris_gym.program.device_reach import Starts
 from sceniris_gym.program.device_statics import Statics
 from sceniris_gym.program.pack.objects import fill_views
-from sceniris_gym.program.pack.pair_lists import ARM_LISTS
-from sceniris_gym.program.pack.program import pack_program, pack_starts, pack_statics
+from sceniris_gym.program.pack.program import ARM_LISTS, pack_program, pack_starts, pack_statics
 from sceniris_gym.program.pack.relations import cut_pieces, most_sides
 from sceniris_gym.program.plan import Plan, build_plan, placement_order, slot_names
 from sceniris_gym.program.reach import Reaching

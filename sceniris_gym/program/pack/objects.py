@@ -190,7 +190,7 @@ def fill_views(plan: Plan, arm_lists: Mapping[str, np.ndarray], device: str) -> 
 
     Args:
         plan: The plan of the scene.
-        arm_lists: The fields `pack.pair_lists.ARM_LISTS`, which all arms share.
+        arm_lists: The fields `pack.program.ARM_LISTS`, which all arms share.
         device: Warp's name of the device.
     """
     arms, names = plan.reaching.arms, [o.name for o in plan.objects]

@@ -19,9 +19,8 @@ from sceniris_gym.program.device import Program
 from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.program.device_statics import Statics
 from sceniris_gym.program.pack.objects import pack_objects
-from sceniris_gym.program.pack.pair_lists import ARM_LISTS, pack_pairs
 from sceniris_gym.program.pack.pairs import PairRules
-from sceniris_gym.program.pack.program import layout_bounds, pack_starts, pack_statics
+from sceniris_gym.program.pack.program import ARM_LISTS, layout_bounds, pack_pairs, pack_starts, pack_statics
 from sceniris_gym.program.pack.relations import joints_of, pack_regions, pack_relations, surfaces_of_regions
 from sceniris_gym.program.plan import Plan, build_plan
 from sceniris_gym.scene.build import build_model
