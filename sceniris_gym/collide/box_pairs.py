@@ -6,8 +6,8 @@ centre of b is at `t` [m], and the columns of `r` are the axes of b.
 
 Rounding hides small gaps. Next to a box of ten metres, such as a wall, rounding hides a gap of 10 um. A large box is
 therefore cut to the part that is near the other shape. Because of rounding, the general test of two convex pieces
-(`collide.convex.separated`) also reports contact for some boxes of decimetres that are 10 to 100 um apart. Two boxes
-are therefore tested on their separating axes first.
+(`collide.convex.separated`) also reports contact for some boxes that are decimetres wide and 10 to 100 um apart. Two
+boxes are therefore tested on their separating axes first.
 
 Some convex pieces have an inner box, which lies inside the piece. If the inner boxes of two pieces overlap, the pieces
 overlap too. A test of the inner boxes proves this faster than a test of the pieces.
@@ -45,8 +45,8 @@ def absolute(r: wp.mat33) -> wp.mat33:
 def gap_at_faces(ha: wp.vec3, hb: wp.vec3, t: wp.vec3, f: wp.mat33) -> float:
     """Return the widest gap [m] between boxes a and b along the face normals of a, negative if there is no gap.
 
-    `f` has the absolute values of `r`, the rotation from the frame of b to the frame of a. For the face normals of b,
-    pass (hb, ha), `t` along the axes of b, and the transpose of `f`.
+    `t` [m] is the centre of b in the frame of a. `f` has the absolute values of `r`, the rotation from the frame of b
+    to the frame of a. For the face normals of b, pass (hb, ha), `t` along the axes of b, and the transpose of `f`.
     """
     return wp.max(wp.abs(t) - ha - f * hb)
 
@@ -55,7 +55,8 @@ def gap_at_faces(ha: wp.vec3, hb: wp.vec3, t: wp.vec3, f: wp.mat33) -> float:
 def gap_across_edges(ha: wp.vec3, hb: wp.vec3, t: wp.vec3, r: wp.mat33, f: wp.mat33, i: int, j: int) -> float:
     """Return the gap [m] along the cross product of edge i of a and edge j of b, times that product's length (<= 1).
 
-    `f` has the absolute values of `r`.
+    `t` [m] is the centre of b in the frame of a, and the columns of `r` are the axes of b in this frame. `f` has the
+    absolute values of `r`.
     """
     i1 = (i + 1) % 3
     i2 = (i + 2) % 3
@@ -69,8 +70,8 @@ def gap_across_edges(ha: wp.vec3, hb: wp.vec3, t: wp.vec3, r: wp.mat33, f: wp.ma
 def _near_part(shape: Shape, at: wp.vec3, reach: float):
     """Cut a box to the part within `reach` [m] of the point `at` along each axis.
 
-    Returns the part, its centre, and whether the part exists. `at` and the centre are in the frame of the box. A shape
-    that is not a box is returned whole.
+    Returns the part, its centre, and whether the box has such a part. `at` and the centre are in the frame of the box.
+    A shape that is not a box is returned whole.
     """
     part = shape
     middle = wp.vec3(0.0)

@@ -76,9 +76,11 @@ def _nodes_separated(program: Program, pair: int, na: int, nb: int, poses: PairP
 
 @wp.struct
 class Step:
-    """The next step after an entry: two entries with child nodes if `inner`, or a narrow-phase test if `leaf`.
+    """The result of `next_step` for one entry (pair, node of a, node of b) of the tree descent.
 
-    If both are False, the boxes of the entry are apart, and the entry is dropped.
+    If `inner` is True, the entries `left` and `right` with child nodes replace the entry. If `leaf` is True, both nodes
+    are leaves, and the narrow phase tests them. If both are False, the boxes of the two nodes are apart, and the entry
+    is dropped.
     """
 
     inner: bool
@@ -89,7 +91,7 @@ class Step:
 
 @wp.func
 def next_step(program: Program, entry: wp.vec3i, poses: PairPoses, margin: float) -> Step:
-    """Test whether the boxes of an entry's nodes are near each other, and return the next step."""
+    """Test whether the boxes of an entry (pair, node of a, node of b) are near each other, and return the next step."""
     step = Step()
     pair = entry[0]
     na = entry[1]

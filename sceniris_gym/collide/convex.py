@@ -63,7 +63,10 @@ def segment_shape(half_length: float) -> Shape:
 
 @wp.func
 def support(vert: wp.array[wp.vec3], s: Shape, d: wp.vec3) -> wp.vec3:
-    """Return the support point of a shape's core: its furthest point along `d`. Both are in the shape's frame."""
+    """Return the support point of a shape's core: the core's furthest point along `d`.
+
+    The point and `d` are in the shape's frame.
+    """
     best = wp.vec3(0.0, 0.0, 0.0)
     if s.kind == PieceType.BOX:
         best = wp.vec3(wp.sign(d[0]) * s.size[0], wp.sign(d[1]) * s.size[1], wp.sign(d[2]) * s.size[2])
@@ -149,7 +152,10 @@ def _closest_on_triangle(a: wp.vec3, b: wp.vec3, c: wp.vec3):
 
 @wp.func
 def _beyond(a: wp.vec3, b: wp.vec3, c: wp.vec3, d: wp.vec3) -> bool:
-    """Test whether face abc of a tetrahedron separates the origin from vertex `d`. True if the tetrahedron is flat."""
+    """Test whether face abc of a tetrahedron separates the origin from vertex `d`.
+
+    If the tetrahedron is flat, the result is True.
+    """
     n = wp.cross(b - a, c - a)
     toward = wp.dot(d - a, n)
     origin = -wp.dot(a, n)

@@ -22,7 +22,7 @@ SKIN = 5.0e-6
 
 @wp.struct
 class PairPoses:
-    """World poses of the two bodies of a pair of colliders, and the pose of b's body in a's frame."""
+    """World poses of the bodies of colliders a and b of a pair, and the pose of b's body in the frame of a's body."""
 
     a: Pose
     b: Pose
@@ -58,9 +58,10 @@ def pair_poses(
     body_pos: wp.array[wp.vec3],
     body_quat: wp.array[wp.vec4],
 ) -> PairPoses:
-    """Return the world poses of a pair's bodies.
+    """Return the poses of the two bodies of a pair of colliders.
 
-    Bodies of the tested candidate have the poses `own_pos` and `own_quat`, and all others `body_pos` and `body_quat`.
+    The poses of the tested candidate's bodies come from `own_pos` and `own_quat`. The poses of all other bodies come
+    from `body_pos` and `body_quat`. All four arrays are in the world frame, and indexed by body.
     """
     bodies = program.pair_bodies[pair]
     a = bodies[0]
@@ -152,7 +153,7 @@ def _piece_of(program: Program, leaf: int) -> int:
 def _leaf(program: Program, leaf: int) -> Leaf:
     """Return a leaf by its number: a convex piece, or the hull of a triangle's corners.
 
-    The bounding radius of a triangle is unlimited.
+    For a triangle, the `radius` of the result is 1e30, because it is not computed.
     """
     piece = _piece_of(program, leaf)
     if piece >= 0:
@@ -215,7 +216,7 @@ def inner_boxes_touch(program: Program, entry: wp.vec3i, poses: PairPoses, margi
     """Return True if inner boxes prove that the two pieces of an entry are at most `margin` [m] apart.
 
     An entry is (pair, node of a, node of b). An inner box lies inside its convex piece. Triangles and planes have no
-    inner box, and boxes cannot prove a penetration depth. In these cases, the result is False.
+    inner box. If the entry has one of these, or if `margin` is negative, the result is False.
     """
     if program.visual or margin < 0.0 or program.pair_bodies[entry[0]][3] >= 0:
         return False
@@ -226,7 +227,10 @@ def inner_boxes_touch(program: Program, entry: wp.vec3i, poses: PairPoses, margi
 
 @wp.func
 def pieces_touch(program: Program, entry: wp.vec3i, poses: PairPoses, margin: float) -> bool:
-    """Test whether the convex pieces of an entry (pair, node of a, node of b) are at most `margin` [m] apart."""
+    """Test whether the leaves of an entry (pair, node of a, node of b) are at most `margin` [m] apart.
+
+    Leaf a is a convex piece, and leaf b is a convex piece or a plane.
+    """
     a = ~program.node_child[entry[1]]
     plane = program.pair_bodies[entry[0]][3]
     if plane >= 0:
@@ -240,7 +244,7 @@ def pieces_touch(program: Program, entry: wp.vec3i, poses: PairPoses, margin: fl
 def leaves_touch(program: Program, entry: wp.vec3i, poses: PairPoses, margin: float) -> bool:
     """Test whether the leaves of an entry (pair, node of a, node of b) are at most `margin` [m] apart.
 
-    A leaf is a convex piece or a triangle.
+    Leaf a is a convex piece or a triangle, and leaf b is a convex piece, a triangle or a plane.
     """
     a = ~program.node_child[entry[1]]
     plane = program.pair_bodies[entry[0]][3]

@@ -49,7 +49,10 @@ def _thin_normal(e0: wp.vec3, e1: wp.vec3, e2: wp.vec3) -> wp.vec3:
 
 @wp.func
 def _normal(a: wp.vec3, b: wp.vec3, c: wp.vec3) -> wp.vec3:
-    """Return the normal of triangle abc. Its length is twice the area of the triangle, or 0 without height."""
+    """Return the normal of triangle abc. The length of the normal is twice the area of the triangle.
+
+    If the triangle has no height, the normal is zero.
+    """
     ab = b - a
     ac = c - a
     n = wp.cross(ab, ac)

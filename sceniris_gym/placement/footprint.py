@@ -120,9 +120,9 @@ def overhangs(
 ) -> bool:
     """Test whether one convex piece of an object extends beyond one edge of a surface, seen from above.
 
-    `index` stands for a piece and an edge. It counts all edges with the first piece, then all edges with the second
-    piece, and so on. `ground` is the world pose of the body that has the surface. The object's footprint lies on the
-    surface if no pair of a piece and an edge overhangs.
+    `index` numbers the pairs of a piece and an edge: first all edges with the first piece, then all edges with the
+    second piece, and so on. `ground` is the world pose of the body that has the surface. The object's footprint lies on
+    the surface if no pair of a piece and an edge overhangs.
     """
     sides = program.surface_edgenum[surface]
     piece = program.shadow_list[program.obj_shadowadr[obj] + index // sides]
@@ -153,9 +153,9 @@ def _upward(point: wp.vec3) -> Pose:
 
 @wp.func
 def _crosses_box(half: wp.vec3, rel: Pose) -> bool:
-    """Test whether the vertical segment whose frame is `_upward` crosses a box.
+    """Test whether the vertical segment above a point crosses a box.
 
-    `half` has the box's half extents [m], and `rel` is the pose of the box in the frame of the segment.
+    `half` has the box's half extents [m]. `rel` is the pose of the box in the segment's frame, which `_upward` returns.
     """
     origin = -(wp.transpose(rel.rot) * rel.pos)
     low = float(-0.5 * _OVERHEAD_REACH)

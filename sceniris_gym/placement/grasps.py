@@ -46,8 +46,8 @@ def first_accepted(
 ) -> int:
     """Return the first grasp of a stable pose for which `passes_map` is True, or -1 if there is none.
 
-    The returned number counts from the first grasp of the reach target, whose number is `column`. `stable` is the
-    number of the stable pose, and `base` is the world pose of the arm's base.
+    The result is the grasp's number among all grasps of the reach target `column`, from 0. `stable` is the number of
+    the stable pose, and `base` is the world pose of the arm's base.
     """
     adr = reach.stable_graspadr[stable]
     for grasp in range(adr, adr + reach.stable_graspnum[stable]):
@@ -60,10 +60,10 @@ def first_accepted(
 def passes_map(
     reach: Reach, column: int, grasp: int, base: Pose, body_pos: wp.array[wp.vec3], body_quat: wp.array[wp.vec4]
 ) -> bool:
-    """Test whether a grasp does not approach from below through the support, and the arm's map accepts this grasp.
+    """Return True if a grasp has a free approach (see `approaches`), and the arm's reachability map accepts the grasp.
 
-    If the arm has no reachability map, every grasp that does not approach from below passes. `column` is the number of
-    the reach target, and `base` is the world pose of the arm's base.
+    If the arm has no reachability map, only the approach is tested. `column` is the number of the reach target, and
+    `base` is the world pose of the arm's base.
     """
     through = approaches(reach, column, grasp, body_quat)
     if reach.mapped and through:

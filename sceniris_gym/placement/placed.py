@@ -49,7 +49,7 @@ def rotated(v: wp.vec2, angle: float) -> wp.vec2:
 
 @wp.func
 def bounds_corner(p: Placed, i: int) -> wp.vec2:
-    """Return corner `i` (0 to 3, counter-clockwise) of an object's bounds in the world."""
+    """Return corner `i` (0 to 3, counter-clockwise) of an object's bounds in the world frame [m]."""
     x = p.low[0]
     y = p.low[1]
     if i == 1 or i == 2:

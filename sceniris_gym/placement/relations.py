@@ -47,9 +47,10 @@ class ResolvedRelation:
     """The region of one relation in one world, seen from above.
 
     A sector extends from the direction `axis` [rad] by `half_angle` [rad] to both sides. Its pieces enclose all
-    distances from `low` to `high` [m] around `apex`. A strip or a line extends along the unit vector `along`, from
-    `low` to `high` [m] as measured from `apex`, and by `half` [m] to both sides of this direction. A hull has `hullnum`
-    corners in a separate array. All pieces lie within `reach` [m] of `apex`. If `reach` is above 1e29, it is unlimited.
+    points of the sector at distances from `low` to `high` [m] from `apex`. A strip or a line extends along the unit
+    vector `along`, from `low` to `high` [m] as measured from `apex`, and by `half` [m] to both sides of this direction.
+    A hull has `hullnum` corners in a separate array. All pieces lie within `reach` [m] of `apex`. A `reach` of 1e29
+    (`_NO_LIMIT`) means that no such distance is computed.
     """
 
     active: bool
@@ -80,7 +81,7 @@ def _strip(apex: wp.vec2, along: wp.vec2, low: float, high: float, half: float, 
         low: Beginning of the strip, as a distance from `apex` along `along` [m].
         high: End of the strip, measured in the same way [m].
         half: Half of the strip's width [m].
-        reach: Radius of a circle around `apex` that encloses the strip [m].
+        reach: Radius of a circle around `apex` that encloses the strip [m], or `_NO_LIMIT`.
     """
     return ResolvedRelation(True, 0, apex, 0.0, 0.0, along, low, high, half, reach)
 
@@ -234,7 +235,7 @@ def depends_on_heading(program: Program, rel: int) -> bool:
 
 @wp.func
 def side_num(s: ResolvedRelation) -> int:
-    """Return the number of half-planes around each convex piece of a region, or INACTIVE for an inactive relation."""
+    """Return the number of half-planes around each convex piece of a region, or INACTIVE if `active` is False."""
     if not s.active:
         return INACTIVE
     if s.hullnum > 0:
@@ -300,7 +301,7 @@ def relation_holds(
     pivot_pose: wp.array[wp.vec4],
     bounds: wp.array[wp.vec4],
 ) -> bool:
-    """Test whether a relation holds exactly for the object `own`, whose pivot is already in a piece of its region.
+    """Test whether a relation holds exactly for the object `own`, whose pivot already lies in a piece of the region.
 
     The pieces of a sector enclose more than the sector, so the exact distance and direction are tested. The pieces of
     other regions are exact, so for them the result is True.

@@ -53,9 +53,9 @@ _MOVE = wp.constant(MOST_MOVE)
 class Level:
     """An object of a stack, with its load and its patch.
 
-    Lengths are in metres, along the world's axes, from the pivot of the candidate. `load` is the weight [kg] and the
-    centre of mass (x, y, z) of the object and everything on it. `own` leaves out the next object above in the stack,
-    and everything on that object.
+    Positions [m] are relative to the candidate's pivot, along the world's axes. `load` is the weight [kg] and the
+    centre of mass (x, y, z) of the object and everything on it. `own` is the same without the next object above in the
+    stack, and without everything on that next object.
     """
 
     foot: float  # height of the foot
