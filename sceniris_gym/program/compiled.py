@@ -108,7 +108,7 @@ class CompiledScene(RefusesOldNames):
 
     @property
     def config(self) -> SceneConfig:
-        """The scene as the user wrote it."""
+        """The configuration of the scene, as the user wrote it."""
         return self.scene.config
 
     @property
@@ -179,7 +179,7 @@ class CompiledScene(RefusesOldNames):
 
     @property
     def related(self) -> bool:
-        """True if the region of any object differs between worlds."""
+        """True if the region of at least one object differs between worlds."""
         return bool(self.program.obj_cutnum.numpy().any())
 
     @property

@@ -91,7 +91,7 @@ class PlacedObject:
 
     @property
     def ground(self) -> int | None:
-        """The body that carries it. None if its region is in space, or for STATIC."""
+        """The body that carries the object. None for a 3D region, which has no support, or if the kind is STATIC."""
         return None if self.support is None else self.support.body
 
     @property

@@ -52,7 +52,7 @@ class HomeTouch:
         self._spread = np.stack([ring * np.cos(angles), ring * np.sin(angles), height], axis=1)
 
     def between(self, a: Piece, b: Piece, near: float) -> Touch | None:
-        """Return the distance of two pieces, or None if it is at least `near` [m]. A plane has to be piece b."""
+        """Return the `Touch` of two pieces, or None if they are `near` [m] or more apart. A plane has to be piece b."""
         if b.type == PieceType.PLANE:
             down = -self._home.geom_xmat[b.geom].reshape(3, 3)[:, 2]
             top = down @ self._home.geom_xpos[b.geom]
