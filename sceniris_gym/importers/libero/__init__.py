@@ -1,1 +1,1 @@
-"""Problem files of LIBERO, read as scenes of this package."""
+"""Reads problem files of the LIBERO benchmark as scenes of this package."""

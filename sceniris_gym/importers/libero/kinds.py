@@ -1,9 +1,9 @@
-"""LIBERO's classes: their sizes, headings and joints, and stand-in boxes for missing models.
+"""LIBERO's classes of objects and fixtures: sizes, headings and joints, and the boxes that stand in for missing models.
 
-Headings match the poses that LIBERO's samplers produce. For some classes the samplers write a quaternion in a different
-component order than MuJoCo reads. An object sampled at an angle a about its x axis therefore stands upright, with a
-heading of 180 degrees - a. The initial states that LIBERO ships show the same headings. Sizes and positions were
-measured on LIBERO's models.
+Headings match the poses that LIBERO's samplers produce. For some classes, LIBERO's samplers write a quaternion in
+another component order than MuJoCo reads. If such a sampler draws an angle a about an object's x axis, the object
+stands upright with the heading 180 degrees - a. The initial states in LIBERO's data set show the same headings. Sizes
+and positions were measured on LIBERO's models.
 """
 
 from collections.abc import Mapping
@@ -17,16 +17,16 @@ Vec3 = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Box:
-    """A box of a stand-in.
+    """One box of the model that stands in for a missing model of LIBERO.
 
     Attributes:
-        pos: Centre [m].
-        size: Full edges [m].
-        open: The side without a wall, such as '-y' or '+z', or '' for a solid box.
-        inside, top: Names of the sites in the box and on top of it, or ''.
-        joint: Name of its joint, or '' if it is fixed. The box slides along y, or rotates about z if it has an anchor.
+        pos: Centre of the box [m].
+        size: Full edges of the box [m].
+        open: For a hollow box, the side without a wall, such as '-y' or '+z'. '' for a solid box.
+        inside, top: Names of the sites in the box and on top of the box, or '' for no site.
+        joint: Name of the box's joint, or '' if the box is fixed. Without `anchor`, the box slides along y.
         range: Range of the joint [m or rad].
-        anchor: A point on the axis of rotation [m].
+        anchor: If given, the box rotates about the vertical axis through this point [m].
     """
 
     pos: Vec3
@@ -46,10 +46,11 @@ class Kind:
     Attributes:
         size: Edges of the bounding box [m] when upright: along the x axis, to the left, and up.
         yaw: Least and greatest heading [degrees] of an object. A fixture takes its heading from its region.
-        up: The axis of the model that points up.
-        inside: Name of the site in a stand-in that is open at the top, or '' for a solid box.
-        boxes: Boxes of the stand-in. If empty, the stand-in is one box of `size`.
-        states: Range of joint positions [m or rad] for each predicate of the start.
+        up: The axis of LIBERO's model that points up.
+        inside: If `boxes` is empty, the name of the site in the stand-in box, which is then open at the top. '' for a
+            solid box.
+        boxes: Boxes of the stand-in model. If empty, the stand-in is one box of `size`.
+        states: Start predicate, such as 'Open' -> range of joint positions [m or rad].
     """
 
     size: Vec3
@@ -62,13 +63,13 @@ class Kind:
 
 @dataclass(frozen=True)
 class Workspace:
-    """A work surface.
+    """A work surface of LIBERO. All coordinates are in the world frame [m].
 
     Attributes:
-        origin: Origin of the file's rectangles, world frame [m].
-        low, high: Corners of the surface, world frame [m].
-        top: Height of the surface [m].
-        base: Base of LIBERO's arm, world frame [m].
+        origin: Origin for the rectangles of problem files.
+        low, high: Opposite corners of the surface in x and y.
+        top: Height of the surface.
+        base: Position of the base of LIBERO's arm.
     """
 
     origin: Vec3
@@ -177,10 +178,10 @@ ROTATION = {"z": (1.0, 0.0, 0.0, 0.0), "y": (0.5**0.5, 0.5**0.5, 0.0, 0.0)}
 
 
 def moving(problem: Problem, predicate: Predicate) -> tuple[str, tuple[float, float]]:
-    """Return the fixture of a predicate such as `Open`, and its range of joint positions [m or rad].
+    """Return the fixture that a predicate such as `Open` names, and the joint positions [m or rad] that it requires.
 
     Raises:
-        UnknownNameError: The fixture does not have this state.
+        UnknownNameError: The predicate names no fixture, or does not apply to the fixture's class.
     """
     region, word = problem.regions.get(predicate.names[0]), predicate.word
     name = predicate.names[0] if region is None else region.target

@@ -37,7 +37,7 @@ _SIDES = ("-x", "+x", "-y", "+y", "-z", "+z")
 
 
 def load_thing(name: str, kind: Kind, assets: Path, where: str) -> mujoco.MjSpec | None:
-    """Load LIBERO's model of a class in its upright orientation. Return None if the folder does not have it.
+    """Load LIBERO's model of a class, and turn it upright. Return None if the folder `assets` lacks this model.
 
     Raises:
         SceneFileError: MuJoCo cannot read the model, or a file that it refers to is missing.
@@ -56,7 +56,7 @@ def load_thing(name: str, kind: Kind, assets: Path, where: str) -> mujoco.MjSpec
 
 
 def stand_in(kind: Kind) -> mujoco.MjSpec:
-    """Return a model of boxes that stands in for LIBERO's model of a class, with the size of the class."""
+    """Return a model of boxes that stands in for LIBERO's model of a class. It has the same size as LIBERO's model."""
     spec = mujoco.MjSpec()
     spec.compiler.degree = False
     inner = spec.worldbody.add_body().add_body(name=INNER)
@@ -79,13 +79,13 @@ def stand_in(kind: Kind) -> mujoco.MjSpec:
 
 
 def _add_walls(body: mujoco.MjsBody, at: np.ndarray, half: np.ndarray, opening: str) -> None:
-    """Add a solid box to a body, or five walls within the same bounds.
+    """Add a box to a body: a solid box, or a hollow box of five walls with the same bounds.
 
     Args:
         body: The body.
         at: Centre of the box [m].
-        half: Half of its sides [m].
-        opening: The side without a wall, such as "+z". Empty for a solid box.
+        half: Half of the box's edges [m].
+        opening: The side of a hollow box that has no wall, such as "+z". Empty for a solid box.
     """
     for i, side in enumerate(_SIDES if opening else ("",)):
         pos, size = at.copy(), half.copy()
@@ -97,7 +97,7 @@ def _add_walls(body: mujoco.MjsBody, at: np.ndarray, half: np.ndarray, opening: 
 
 
 def _with_unique_names(text: str) -> str:
-    """Rename repeated names in `<asset>`: MuJoCo rejects two elements of the same type and name."""
+    """Return an MJCF text with unique names in `<asset>`. MuJoCo rejects two elements of the same type and name."""
     root = ElementTree.fromstring(text)
     seen: Counter[tuple[str, str]] = Counter()
     for element in (element for asset in root.iter("asset") for element in asset if element.get("name")):
@@ -116,7 +116,7 @@ _RADIUS = 0.025  # margin [m] that most of LIBERO's objects keep to the edge of 
 
 
 def kinds_of(problem: Problem) -> dict[str, Kind]:
-    """Check the classes of a problem, and return the class of each object and fixture but the work surface."""
+    """Return the class of each object and fixture, without the work surface. Reject classes that LIBERO lacks."""
     found = {}
     for name, kind in problem.things.items():
         word, table = ("object", OBJECTS) if name in problem.objects else ("fixture", {**FIXTURES, **WORKSPACES})
@@ -133,7 +133,7 @@ def _rounded(values: Any) -> list:
 
 
 class Places:
-    """Translates a problem into the keys of a scene file: supports, regions, orientations and joints."""
+    """Translates a problem into scene file entries: supports, regions, orientations and joints of all objects."""
 
     def __init__(self, problem: Problem, surface: str, space: Workspace, spec: mujoco.MjSpec, widen: float) -> None:
         self._problem, self._surface, self._space, self._spec, self._widen = problem, surface, space, spec, widen
@@ -149,7 +149,10 @@ class Places:
         )
 
     def words(self, added: list[str]) -> dict[str, Any]:
-        """Return the words of all objects by name. Objects in `added` may stand anywhere around the rectangles."""
+        """Return the scene file entry of each object and fixture, by name.
+
+        Objects in `added`, which are the clutter, may stand anywhere in and near the file's rectangles.
+        """
         placing = [predicate for predicate in self._problem.init if predicate.word in ("On", "In")]
         count = Counter(predicate.names[0] for predicate in placing)
         for name in self._yaw:
@@ -171,7 +174,7 @@ class Places:
         return found
 
     def _place(self, predicate: Predicate) -> dict[str, Any]:
-        """Return the scene file entry of the object or fixture that an `On` or `In` of the start places."""
+        """Return the scene file entry of the object or fixture that a start predicate `On` or `In` places."""
         (name, target), where = predicate.names, predicate.where
         check_names("thing", [name], where, self._yaw)
         region = self._problem.regions.get(target)
@@ -193,13 +196,21 @@ class Places:
         return self._on_thing(name, target)
 
     def _on_surface(self, name: str, corners: np.ndarray) -> dict[str, Any]:
-        """Return the words of an object with its origin in a rectangle, shape (2, 2), cut at the surface's edge."""
+        """Return the scene file entry of an object whose origin is in a rectangle of the work surface.
+
+        Args:
+            name: The object.
+            corners: Low and high corner of the rectangle [m], shape (2, 2). It is cut at the edge of the surface.
+        """
         origin = np.array(self._space.origin[:2])
         inside = np.clip(corners, self._space.low - origin, self._space.high - origin)
         return {"on": self._surface, **self._within(name, self._yaw[name], inside)}
 
     def _on_thing(self, name: str, target: str) -> dict[str, Any]:
-        """Return the words of an object anywhere on the work surface, or over the middle of another, above its rim."""
+        """Return the scene file entry of an object on a target: the work surface, or another object.
+
+        On the work surface, the object may be anywhere. On another object, it is over the middle and above the rim.
+        """
         if target == self._surface:
             return {"on": target, **self._within(name, self._yaw[name])}
         yaw, support = self._relative(name, target), self._mjm.body(f"{target}/{INNER}").id
@@ -215,14 +226,14 @@ class Places:
     def _on_site(self, name: str, region: Region, word: str, where: str) -> dict[str, Any]:
         """Return the scene file entry of an object on or in a site.
 
-        As in LIBERO, positions lie in a rectangle around the site's centre. Its sides are half as long as the site's,
-        less the object's radius at each end.
+        As in LIBERO, the object's origin lies in a rectangle around the site's centre. The sides of the rectangle are
+        half as long as the site's, and then shorter by the object's radius at each end.
 
         Args:
             name: The object.
             region: The region of the problem, which names the site.
             word: The predicate, `On` or `In`.
-            where: The beginning of errors.
+            where: Prefix of error messages.
         """
         site = self._site(region, where)
         radius = self._spec.site(f"{name}/horizontal_radius_site")
@@ -233,18 +244,27 @@ class Places:
         return {word.lower(): site.parent.name, **self._within(name, self._relative(name, region.target), corners)}
 
     def _within(self, name: str, yaw: np.ndarray, corners: np.ndarray | None = None) -> dict[str, Any]:
-        """Return the words of an object with these headings and its origin in a rectangle, shape (2, 2)."""
+        """Return the keys `kind`, `orientation` and `region` of an object.
+
+        Args:
+            name: The object.
+            yaw: Least and greatest heading [degrees], shape (2,).
+            corners: Low and high corner [m] of the rectangle for the object's origin, shape (2, 2). None for no region.
+        """
         kind = {"kind": "fixture"} if name in self._problem.fixtures else {}
         region = {} if corners is None else {"region": {"box": _rounded(corners + self._pivot(name, yaw))}}
         return {**kind, "orientation": {"yaw": _rounded(yaw)}, **region}
 
     def _relative(self, name: str, target: str) -> np.ndarray:
-        """Return the headings of an object relative to the target's mean heading."""
+        """Return an object's least and greatest heading [degrees], relative to the mean heading of `target`."""
         yaw = self._yaw[name]
         return yaw - yaw.mean() + math.remainder(yaw.mean() - self._yaw[target].mean(), 360.0)
 
     def _pivot(self, name: str, yaw: np.ndarray) -> np.ndarray:
-        """Return the pivot [m] relative to the origin that LIBERO places, at the mean heading."""
+        """Return the vector [m] in x and y from an object's origin to its pivot, at the object's mean heading.
+
+        The vector is needed because LIBERO's rectangles are for origins, and regions are for pivots.
+        """
         root = self._mjm.body(name).id
         inside = subtree(self._mjm, root)
         shape = HomeShape(self._data, root, [p for p in self._pieces if p.body in inside])
@@ -253,7 +273,7 @@ class Places:
         return np.array([math.cos(angle) * x - math.sin(angle) * y, math.sin(angle) * x + math.cos(angle) * y])
 
     def _state(self, predicate: Predicate) -> tuple[str, dict[str, Any]]:
-        """Return the fixture and the joints that a predicate such as `Open` moves."""
+        """Return the fixture that a predicate such as `Open` names, and the entries for the joints that it moves."""
         name, positions = moving(self._problem, predicate)
         region = self._problem.regions.get(predicate.names[0])
         found = self._spec.body(name).find_all("joint")

@@ -20,13 +20,13 @@ _ATTRIBUTES = (":target", ":ranges", ":yaw_rotation", ":rgba")
 
 
 class Word(str):
-    """A word of the file. `where` is its position, 'FILE:LINE'."""
+    """A word of the file. `where` is the word's position, 'FILE:LINE'."""
 
     where = ""
 
 
 class Group(list):
-    """Words and groups in a pair of parentheses. `where` is the position of the opening one, 'FILE:LINE'."""
+    """A list of words and groups in parentheses. `where` is the position of the '(', 'FILE:LINE'."""
 
     where = ""
 
@@ -36,12 +36,12 @@ class Group(list):
 
 @dataclass(frozen=True)
 class Predicate:
-    """A predicate of objects, fixtures or regions, such as On(plate_1, kitchen_table_plate_region).
+    """A predicate about objects, fixtures or regions, such as (On plate_1 kitchen_table_plate_region).
 
     Attributes:
         word: A key of `PREDICATES`.
-        names: The objects, fixtures or regions.
-        where: Position in the file, 'FILE:LINE: (On ...)'.
+        names: The objects, fixtures or regions that the predicate is about.
+        where: Beginning of error messages: position and text, 'FILE:LINE: (On ...)'.
     """
 
     word: str
@@ -58,11 +58,11 @@ class Region:
 
     Attributes:
         target: The work surface, fixture or object that has the region.
-        name: Name without the target's name.
+        name: Name of the region. Predicates use 'TARGET_NAME'.
         boxes: Rectangles (low x, low y, high x, high y) [m], relative to the origin of the work surface. Empty for a
             site.
-        yaw: Least and greatest heading [rad] of a fixture placed in the region.
-        where: Position in the file, 'FILE:LINE'.
+        yaw: Least and greatest heading [rad] of a fixture that is placed in the region.
+        where: Position of the region in the file, 'FILE:LINE'.
     """
 
     target: str
@@ -74,16 +74,17 @@ class Region:
 
 @dataclass(frozen=True)
 class Problem:
-    """A problem file.
+    """The contents of a problem file.
 
     Attributes:
         path: The file.
-        language: The instruction.
-        regions: Regions by the names that predicates use: 'TARGET_NAME'.
-        fixtures, objects: Class of each fixture and of each object, by name.
+        language: The instruction to the robot.
+        regions: Name as in predicates, 'TARGET_NAME' -> region.
+        fixtures, objects: Name -> class, for each fixture and for each object.
         of_interest: Objects and regions that the task involves.
-        init, goal: Predicates of the start, and of the goal, which are all required.
-        places: Position of each fixture and object in the file, 'FILE:LINE'.
+        init: Predicates that are true at the start.
+        goal: Predicates that must all be true for success.
+        places: Name of a fixture or object -> its position in the file, 'FILE:LINE'.
     """
 
     path: Path
@@ -153,7 +154,7 @@ def read_problem(path: str | Path) -> Problem:
 
 
 def _parsed(text: str, file: Path) -> Group:
-    """Return the first group of a text. Its words and groups store their positions."""
+    """Parse the text of a file, and return the outermost group. All words and groups store their positions."""
     top = Group()
     stack = [top]
     for number, line in enumerate(text.split("\n"), 1):
@@ -178,7 +179,7 @@ def _parsed(text: str, file: Path) -> Group:
 
 
 def _sections(group: Group, file: Path) -> dict[str, Group]:
-    """Return all sections by name without ':'. Sections that the file lacks are empty."""
+    """Return the sections of a file: name without ':' -> group. If the file lacks a section, its group is empty."""
     found = {name: Group() for name in _SECTIONS}
     for part in group[1:]:
         head = str([*part, "()"][0]) if isinstance(part, Group) else f"{part} without parentheses"
@@ -220,7 +221,7 @@ def _rows(value: list, size: int) -> list[tuple[float, ...]]:
 
 
 def _typed(group: Group) -> Iterator[tuple[Word, str]]:
-    """Yield each name with its class, from `a b - class c - class`."""
+    """Yield each name with its class. In the file, names are followed by their class: `a b - class_1 c - class_2`."""
     names: list[Word] = []
     words = iter(_words(group))
     for word in words:

@@ -30,7 +30,8 @@ class LiberoTask:
     """A problem file as a scene and a goal.
 
     Attributes:
-        scene: The scene. Its model is an MjSpec with a body for each object and fixture, and sites `NAME/REGION`.
+        scene: The scene. Its model is an MjSpec. It has a body for each object and fixture, and a site for each region,
+            named 'TARGET/REGION'.
         problem: The parsed file: `language`, `goal`, `of_interest`, and the class of each object and fixture.
     """
 
@@ -48,20 +49,22 @@ def read_bddl(
 ) -> LiberoTask:
     """Read a problem file of LIBERO (BDDL).
 
-    Rectangles become regions of the work surface. Sites of fixtures and objects become regions of the site's body.
-    `Open`, `Close`, `Turnon` and `Turnoff` become joint ranges, with LIBERO's limits.
+    If an object starts in a rectangle, the rectangle becomes the object's region on the work surface. If it starts on
+    or in a site, it gets a region on the site's body. `Open`, `Close`, `Turnon` and `Turnoff` at the start become
+    ranges of joint positions, with LIBERO's limits.
 
     Args:
         path: The file.
         assets: The folder of LIBERO's models, which contains `stable_hope_objects` and similar folders. Boxes stand in
             for missing models, and a warning lists these boxes and their sizes.
-        widen: Factor that enlarges each rectangle about its centre, up to the edge of the work surface.
-        clutter: Number of extra objects in each layout. Each layout draws them from 2 * `clutter` objects of classes
-            that the file does not use. They stand within 10 cm of the file's rectangles.
-        robot: An arm, placed where LIBERO puts its arm at the work surface: an asset, or a mapping as in a scene file.
+        widen: Factor that enlarges each rectangle about its centre. It is cut at the edge of the work surface.
+        clutter: Number of extra objects in each layout. Each layout draws them from 2 * `clutter` objects, whose
+            classes the file does not use. They stand within 10 cm of the rectangle around all rectangles of the file.
+        robot: An arm: the name of an asset, or a mapping as under `robot` in a scene file. Unless the mapping has a
+            `base`, the arm stands where LIBERO puts its arm for this work surface.
 
     Returns:
-        The scene, and the goal.
+        The scene, and the problem with the goal.
 
     Raises:
         SceneFileError: The file, the folder or a model is missing or cannot be read.
@@ -96,7 +99,7 @@ def read_bddl(
 
 
 def _workspace(problem: Problem) -> tuple[str, Workspace]:
-    """Return the work surface and its name in the file, which is 'floor' for a floor."""
+    """Return the name of the work surface in the file, which is 'floor' for a floor, and the work surface."""
     found = [name for name, kind in problem.fixtures.items() if kind in WORKSPACES]
     if len(found) != 1:
         listing = ", ".join(WORKSPACES)
@@ -111,7 +114,7 @@ def _workspace(problem: Problem) -> tuple[str, Workspace]:
 
 
 def _model(problem: Problem, surface: str, space: Workspace, assets: Path | None) -> mujoco.MjSpec:
-    """Build an MjSpec with the work surface, its zones, and all objects and fixtures at the origin."""
+    """Build an MjSpec with the work surface, sites for its regions, and all objects and fixtures at the origin."""
     if assets is not None and not assets.is_dir():
         raise SceneFileError(
             f"read_bddl: assets: there is no folder '{assets}'. Give the folder that has 'stable_hope_objects'."
@@ -137,7 +140,10 @@ def _model(problem: Problem, surface: str, space: Workspace, assets: Path | None
 
 
 def _add_surface(spec: mujoco.MjSpec, problem: Problem, surface: str, space: Workspace) -> None:
-    """Add the work surface, with its frame at the origin of the rectangles, and a site for each rectangle."""
+    """Add the work surface, unless it is the floor, and a site for each region on it.
+
+    The body of the work surface has its frame at the origin of the file's rectangles.
+    """
     x, y, z = space.origin
     body = spec.worldbody
     if surface != FLOOR:

@@ -1,4 +1,4 @@
-"""Writes a first scene file for a model: its robot, its free bodies on their supports, and a list of all supports."""
+"""Writes a first scene file for a model. The file has the model's robot, its free bodies, and a list of supports."""
 
 import json
 import re
@@ -47,7 +47,7 @@ class Entry:
 
     Attributes:
         name: Name of the object, or 'robot'.
-        words: Its keys and values in the scene file.
+        words: The keys and values below this name in the scene file.
         notes: Comments above the entry.
         why: Why the entry is commented out, or "" if it is active.
     """
@@ -67,15 +67,15 @@ class Entry:
 
 @dataclass
 class FirstScene:
-    """A first scene of a model.
+    """A first scene of a model, before it is written as a scene file.
 
     Attributes:
         model: File of the model.
-        start: A sentence about the start pose.
-        home: Keyframe of the start pose, or None if the scene does not have to name it.
-        robot: The robot, or None.
-        objects: The objects.
-        supports: Static bodies and geoms with level surfaces, largest first.
+        start: A sentence about the start pose, which becomes a comment.
+        home: Keyframe of the start pose. None if the start pose is the keyframe 'home' or `qpos0`, as by default.
+        robot: Entry of the robot, or None if the model has no arm.
+        objects: Entries of the objects. A support comes before the objects on it.
+        supports: Static bodies and geoms with level surfaces, largest first. A comment lists them.
     """
 
     model: Path
@@ -93,7 +93,7 @@ class FirstScene:
         return found | {"objects": {e.name: e.words for e in self.objects if not e.why}}
 
     def comment_out(self, name: str, why: str) -> None:
-        """Comment out an object and all objects that it supports, or the robot."""
+        """Comment out the entry `name`: the robot, or an object. Objects on this object are commented out too."""
         if name == ROBOT and self.robot is not None:
             self.robot.why = why
         out = {name: why}
@@ -138,7 +138,7 @@ class FirstScene:
 
 
 def first_scene(path: Path) -> FirstScene:
-    """Read a model and derive a first scene.
+    """Read a model, and propose a scene with its arm, its free bodies and its supports.
 
     Raises:
         SceneFileError: The file is missing, or MuJoCo cannot read or compile it.
@@ -169,7 +169,7 @@ def first_scene(path: Path) -> FirstScene:
 
 @dataclass(frozen=True)
 class _Bodies:
-    """Writes entries for the free bodies of a model, from the start pose and the supports."""
+    """Makes an entry for each free body of a model. The support is the one below the body in the start pose."""
 
     mjm: mujoco.MjModel
     data: mujoco.MjData
@@ -178,7 +178,7 @@ class _Bodies:
     supports: list[FoundSupport]
 
     def entries(self) -> list[Entry]:
-        """Return an entry for each body. Supports come before the objects on them."""
+        """Return an entry for each free body. A body that supports others comes before them."""
         found = {name: self._entry(name, body) for name, body in self.free.items()}
         ordered: dict[str, Entry] = {}
         for name in found:
@@ -210,7 +210,12 @@ class _Bodies:
         return Entry(name, {**words, **self._standing(largest, body)}, (said, *self._tilted(body)))
 
     def _not_beneath(self, geom: int | None, named: tuple | None) -> str:
-        """Explain why the geom beneath a body in the start pose cannot be its support in the scene."""
+        """Explain why the geom beneath a body in the start pose cannot support the body in the scene.
+
+        Args:
+            geom: Id of the geom, or None if there is no geom.
+            named: Name and support of the geom from `named_support`, or None.
+        """
         if geom is None:
             return "The start pose has no geom beneath it."
         if named is not None:
@@ -219,7 +224,7 @@ class _Bodies:
         return f"Geom {geom} of body '{label}' beneath it cannot be a support: it moves or has no name."
 
     def _standing(self, support: FoundSupport, body: int) -> dict[str, Any]:
-        """Return the keys that place a body on a support. Overhang is off, unless the support is endless."""
+        """Return the keys that place a body on a support. If the support has edges, the body may not overhang them."""
         words: dict[str, Any] = {"on" if support.open_above else "in": support.name}
         if support.is_endless or max(support.extent) > _LARGE:
             mat = self.data.xmat[support.body].reshape(3, 3)
@@ -233,7 +238,7 @@ class _Bodies:
         return float(self.data.xpos[support.body][2]) + support.surfaces[-1].height
 
     def _tilted(self, body: int) -> tuple[str, ...]:
-        """Return a note if the start pose tilts a body against `qpos0`, because layouts place it as in `qpos0`."""
+        """Return a note if a body is tilted in the start pose relative to `qpos0`. Layouts ignore this tilt."""
         upright = self.data.xmat[body].reshape(3, 3)[2] @ matrix(self.mjm.body_quat[body])[2]
         note = "The start pose tilts it, but layouts place it upright as in `qpos0`. To change that, see `orientation`."
         return (note,) if upright < np.cos(np.radians(5.0)) else ()
@@ -245,7 +250,7 @@ class _Bodies:
 
 
 def _robot(mjm: mujoco.MjModel, data: mujoco.MjData, arms: list[FoundArm]) -> Entry | None:
-    """Return the first arm of a model as its robot."""
+    """Return the robot's entry for the first of `arms`, or None if there is no arm."""
     if not arms:
         return None
     arm, *others = arms
@@ -260,12 +265,12 @@ def _robot(mjm: mujoco.MjModel, data: mujoco.MjData, arms: list[FoundArm]) -> En
 
 
 def reach_note(mjm: mujoco.MjModel, base: str, tcp: str) -> str:
-    """Return a comment on `reachable` for a robot: how to use it, or why it does not work.
+    """Return a comment for the scene file: how to use `reachable` with a robot, or why the robot does not allow it.
 
     Args:
         mjm: The model of the scene.
         base: Root body of the robot.
-        tcp: Site of its tool centre point.
+        tcp: Site of the robot's tool centre point.
     """
     try:
         SerialArm.from_model(mjm, base, tcp)
@@ -275,7 +280,7 @@ def reach_note(mjm: mujoco.MjModel, base: str, tcp: str) -> str:
 
 
 def _names(mjm: mujoco.MjModel, bodies: Iterable[int]) -> dict[str, int]:
-    """Return the bodies by object name. The object name comes from the name or the id of the body."""
+    """Return a mapping: object name -> body. An object is named after its body, or after the body's id."""
     found: dict[str, int] = {}
     for body in bodies:
         parts = mjm.body(body).name.split("/")
@@ -287,7 +292,7 @@ def _names(mjm: mujoco.MjModel, bodies: Iterable[int]) -> dict[str, int]:
 
 
 def _slides(mjm: mujoco.MjModel, body: int) -> bool:
-    """Return whether a body moves on two or more slide joints in place of a freejoint, without actuators."""
+    """Return whether a body has two or more slide joints without actuators, which imitate a freejoint."""
     slides = np.flatnonzero((mjm.jnt_bodyid == body) & (mjm.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE))
     return len(slides) >= 2 and not np.isin(mjm.actuator_trnid[:, 0], slides).any()
 

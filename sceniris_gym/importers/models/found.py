@@ -41,9 +41,9 @@ class FoundArm:
     Attributes:
         mjm: The model.
         base: Root body of the arm, a child of the world.
-        hand: Last body of the joint chain.
-        joints: Joints of the chain, starting at the base.
-        fingers: Moving bodies below the hand.
+        hand: Last body of the arm's chain of joints.
+        joints: Ids of the joints in this chain, from the base to the hand.
+        fingers: Bodies below the hand that finger joints move. Empty for an arm without fingers.
     """
 
     mjm: mujoco.MjModel
@@ -54,16 +54,17 @@ class FoundArm:
 
     @cached_property
     def palm(self) -> tuple[int, ...]:
-        """The hand and all bodies that are fixed to it."""
+        """The hand and all bodies that are fixed to the hand."""
         weld = self.mjm.body_weldid
         return tuple(b for b in subtree(self.mjm, self.hand) if weld[b] == weld[self.hand])
 
     def tcp(self, data: mujoco.MjData) -> TcpConfig:
-        """Return the tool centre point (TCP) as written in a scene file.
+        """Return a tool centre point (TCP) for the arm, as the key `tcp` of a scene file.
 
-        If the hand has a site with a name such as 'tcp', that site is the TCP. Otherwise, the TCP is between the
-        fingertips, or at the origin of the last body of an arm without fingers. Its +z axis points from the hand to the
-        fingertips. If the fingers are at the hand's origin, +z is the axis of the last joint.
+        If the hand has a site with a name such as 'tcp', the TCP is at that site. Otherwise, the TCP is between the
+        fingertips, or, for an arm without fingers, at the origin of the last body. The +z axis of the TCP points from
+        the hand to the fingers. If there are no fingers, or if they are at the hand's origin, +z is along the axis of
+        the last joint.
 
         Args:
             data: The model in its start pose, after `mj_kinematics`.
@@ -85,7 +86,12 @@ class FoundArm:
         return TcpConfig.model_validate({"body": name, "offset": offset, **_rotation_to(along)})
 
     def _along(self, data: mujoco.MjData, mat: np.ndarray) -> np.ndarray:
-        """Return the approach axis in a frame of the hand. It snaps to an axis of this frame if one is near."""
+        """Return the approach axis in a frame of the hand. If it is near an axis of this frame, return that axis.
+
+        Args:
+            data: The model in its start pose.
+            mat: Orientation of the frame in the world, shape (3, 3).
+        """
         along, hand = np.zeros(3), data.xpos[self.hand]
         if self.fingers:
             points = _points(self.mjm, data, self.fingers)
@@ -102,8 +108,9 @@ class FoundArm:
 def find_arms(mjm: mujoco.MjModel) -> list[FoundArm]:
     """Return the arms of a model. Arms with fingers come first, then arms with more joints.
 
-    The search starts at each child of the world and follows the branch with the most joints in a row, while all other
-    branches are much shorter. Where two branches are similar, they are either fingers or the arms of a torso.
+    The search starts at each child of the world. At each body, it follows the branch with the most joints in a row if
+    all other branches are much shorter. If two branches have similar lengths, short branches are fingers, and long
+    branches are the arms of a torso.
     """
     roots = (root for root in range(1, mjm.nbody) if mjm.body_parentid[root] == 0)
     found = [arm for root in roots for arm in _arms_below(mjm, root, root, ())]
@@ -131,7 +138,7 @@ def _arms_below(mjm: mujoco.MjModel, base: int, body: int, joints: tuple[int, ..
 
 
 def _in_a_row(mjm: mujoco.MjModel, root: int) -> int:
-    """Return the largest number of joints on a path from a body down to a descendant, including the body's joints."""
+    """Return the largest number of joints on a path from `root` down to a descendant. Joints of `root` count too."""
     count = {int(mjm.body_parentid[root]): 0}
     for body in subtree(mjm, root):
         count[body] = count[int(mjm.body_parentid[body])] + int(mjm.body_jntnum[body])
@@ -139,19 +146,19 @@ def _in_a_row(mjm: mujoco.MjModel, root: int) -> int:
 
 
 def _ends_in_finger(mjm: mujoco.MjModel, body: int) -> bool:
-    """Return whether the remaining chain has a single joint, a slide, as in a gripper with one moving finger."""
+    """Return whether the only joint in a body and its descendants is a slide, as for a gripper with one finger."""
     own = [j for b in subtree(mjm, body) for j in range(mjm.njnt) if mjm.jnt_bodyid[j] == b]
     return len(own) == 1 and mjm.jnt_type[own[0]] == mujoco.mjtJoint.mjJNT_SLIDE
 
 
 def _points(mjm: mujoco.MjModel, data: mujoco.MjData, bodies: tuple[int, ...]) -> np.ndarray:
-    """Return body origins and the corners of the bodies' geom bounds, world frame [m], shape (n, 3)."""
+    """Return the origins of bodies and the corners of their geoms' boxes, in the world frame [m], shape (n, 3)."""
     corners = geom_corners(mjm, data, np.flatnonzero(np.isin(mjm.geom_bodyid, bodies)))
     return np.concatenate([data.xpos[list(bodies)], corners])
 
 
 def _rotation_to(along: np.ndarray) -> dict[str, float]:
-    """Return the roll and pitch [degrees] that rotate the z axis to a direction. Zero angles are omitted."""
+    """Return the roll and pitch [degrees] that rotate the z axis to the direction `along`. Zero angles are omitted."""
     if math.degrees(math.acos(np.clip(along[2], -1.0, 1.0))) < _CLOSE:
         return {}
     x, y, z = along
@@ -166,10 +173,11 @@ class FoundSupport:
     """A support with its level surfaces.
 
     Attributes:
-        name: Name in a scene file.
-        body: Id of its body.
-        surfaces: Level surfaces, lowest first. May be empty.
-        open_above: Whether the surfaces are open above. Objects then stand 'on' the support, and otherwise 'in' it.
+        name: Name of the support in a scene file.
+        body: Id of the support's body.
+        surfaces: Level surfaces of the support, lowest first. May be empty.
+        open_above: If True, no part of the body is above the surfaces, and objects stand 'on' the support. If False,
+            the surfaces are covered, and objects stand 'in' the support.
     """
 
     name: str
@@ -184,7 +192,7 @@ class FoundSupport:
 
     @property
     def extent(self) -> tuple[float, float]:
-        """Size of the surfaces' bounds along the x and y axes of the body [m]."""
+        """Edges of the rectangle around all surfaces, along the x and y axes of the body [m]."""
         x0, y0, x1, y1 = shapely.union_all([s.outline for s in self.surfaces]).bounds
         return x1 - x0, y1 - y0
 
@@ -195,10 +203,11 @@ class FoundSupport:
 
 
 def geom_beneath(mjm: mujoco.MjModel, data: mujoco.MjData, root: int) -> int | None:
-    """Return the first collision geom straight below the middle of a body and its descendants, or None.
+    """Return the geom that supports a body in the start pose: the first collision geom on a ray down, or None.
 
-    The ray starts at the top of the body, so a geom that the body is sunk into counts. A moving geom counts only if it
-    reaches below the foot of the body. Otherwise it may stand on the body.
+    The ray goes through the middle of the body and its descendants, and ignores their geoms. It starts at their top,
+    because the body may be sunk into the geom. A geom that can move is ignored unless it reaches lower than the body,
+    because it may stand on the body.
 
     Args:
         mjm: The model.
@@ -223,9 +232,9 @@ def geom_beneath(mjm: mujoco.MjModel, data: mujoco.MjData, root: int) -> int | N
 def supports_of(
     mjm: mujoco.MjModel, bodies: Mapping[str, int], robots: Iterable[int], pieces: Sequence[Piece]
 ) -> list[FoundSupport]:
-    """Return all static, named supports that have a level surface, largest first.
+    """Return the static bodies and geoms that have a name and a level surface, largest surface first.
 
-    Robots are excluded. If one named geom has the whole surface of a body, the list has the geom and not the body.
+    Bodies of robots are left out. If all surfaces of a body belong to one named geom, only this geom is returned.
 
     Args:
         mjm: The model.
@@ -241,7 +250,13 @@ def supports_of(
 
 
 def support_of(name: str, support: Support, pieces: Sequence[Piece]) -> FoundSupport:
-    """Return a support with its level surfaces that are open above. If all are covered, return the covered surfaces."""
+    """Return a support with its level surfaces that its body does not cover. If all are covered, return all of them.
+
+    Args:
+        name: Name of the support in a scene file.
+        support: The support.
+        pieces: Convex pieces of the model.
+    """
     own = [p for p in pieces if p.body == support.body]
     above = level_surfaces(support.body, own, open_above=True, geom=support.geom)
     found = above or level_surfaces(support.body, own, open_above=False, geom=support.geom)
@@ -249,7 +264,16 @@ def support_of(name: str, support: Support, pieces: Sequence[Piece]) -> FoundSup
 
 
 def named_support(mjm: mujoco.MjModel, geom: int, bodies: Mapping[str, int]) -> tuple[str, Support] | None:
-    """Return the support of a geom and its name: the geom itself, its body, or a part of an object. None if unnamed."""
+    """Return the support that contains a geom, with the support's name in a scene file. None if it has no name.
+
+    The support of a geom in an object is the object or its part. The support of a static geom is the geom if it has a
+    name, and otherwise the geom's body. For other geoms, which may move, return None.
+
+    Args:
+        mjm: The model.
+        geom: Id of the geom.
+        bodies: Root bodies of the scene's objects, by name.
+    """
     body = int(mjm.geom_bodyid[geom])
     owner = next((name for name, root in bodies.items() if body in subtree(mjm, root)), None)
     if owner is not None:

@@ -1,7 +1,8 @@
 """Decomposes a mesh into few convex parts within a tolerance.
 
-Each connected piece is replaced by its hull if that fits, and is cut by CoACD otherwise. Parts of a solid that still do
-not fit are split along planes. Finally, parts are merged.
+If the hull of a connected piece is within the tolerance, the hull is the part. Otherwise, CoACD cuts the piece into
+parts. If the mesh is a solid, parts that are not within the tolerance are then split along planes. Finally, parts are
+merged as far as the tolerance allows.
 """
 
 from __future__ import annotations
@@ -62,7 +63,7 @@ class Parts:
         meshes: The parts [m].
         fit: Distances between the parts and the mesh.
         tolerance: Largest allowed distance [m].
-        method: The methods that found the parts, in words.
+        method: Text for the manifest: the methods that found the parts, such as "2 x CoACD, 1 x hull, split".
     """
 
     meshes: tuple[trimesh.Trimesh, ...]
@@ -72,7 +73,7 @@ class Parts:
 
 
 def convex_parts(solid: Solid, where: str, tolerance: float | None = None) -> Parts:
-    """Find few convex parts that stay within a tolerance of a mesh.
+    """Find few convex parts whose distance from a mesh is at most a tolerance, as `Fit` measures it.
 
     Args:
         solid: The mesh.
@@ -112,10 +113,10 @@ def convex_parts(solid: Solid, where: str, tolerance: float | None = None) -> Pa
 
 
 def inertia_of(solid: Solid, parts: Parts, density: float, where: str) -> Inertia:
-    """Return the inertia of a homogeneous link.
+    """Return the inertia of a link with the same density everywhere.
 
-    If the surface is a single closed piece, it defines the volume. Otherwise, the union of the convex parts does:
-    overlapping pieces would count twice, and a shell has no volume.
+    If the surface is a single closed piece, the link's volume is the volume inside it. Otherwise, the volume is the
+    union of the convex parts. This counts overlapping pieces once, and gives a shell a volume.
 
     Args:
         solid: Surface of the link [m].
@@ -145,10 +146,11 @@ def inertia_of(solid: Solid, parts: Parts, density: float, where: str) -> Inerti
 def _merged(
     found: list[trimesh.Trimesh], beyond: Beyond, exact: Measure, allowed: float
 ) -> tuple[list[trimesh.Trimesh], Fit]:
-    """Merge parts as far as the final check allows, and return them with their fit.
+    """Merge parts as long as they stay within the tolerance, and return the merged parts with their fit.
 
-    If no attempt passes the check, return the parts with the smallest error. Attempts with at most `MOST_PARTS` parts
-    take precedence.
+    The merge uses the fast measure `beyond`. After each attempt, `exact` measures the error. If the error is too
+    large, the parts are merged again with a smaller tolerance. If no attempt is within the tolerance, return the
+    attempt with the smallest error. Attempts with at most `MOST_PARTS` parts take precedence.
     """
     aimed, tried = _MERGED * allowed, []
     for _ in range(_MERGES):
@@ -163,12 +165,13 @@ def _merged(
 
 
 def merge(parts: list[trimesh.Trimesh], beyond: Beyond, allowed: float) -> list[trimesh.Trimesh]:
-    """Merge pairs of parts. Pairs whose common hull adds the least volume come first.
+    """Replace pairs of parts by their common hull while the hull stays near the mesh, least added volume first.
 
     Args:
-        parts: Convex parts that fit.
-        beyond: Returns how far the outside of a part is from the mesh [m], given the other parts.
-        allowed: Largest allowed distance [m].
+        parts: Convex parts.
+        beyond: Takes a part and the other parts. Returns the largest distance [m] from the outside of the part to the
+            mesh.
+        allowed: Largest distance [m] that `beyond` may return for a hull.
     """
     alive = dict(enumerate(parts))
     fresh = itertools.count(len(parts))
@@ -196,13 +199,13 @@ def merge(parts: list[trimesh.Trimesh], beyond: Beyond, allowed: float) -> list[
 
 
 def _rank(found: tuple[list[trimesh.Trimesh], Fit]) -> tuple[bool, float]:
-    """Return a sort key: at most `MOST_PARTS` parts first, then the smallest error."""
+    """Return a sort key: results with at most `MOST_PARTS` parts come first, and among these the smallest error."""
     return len(found[0]) > MOST_PARTS, found[1].error
 
 
 @dataclass(frozen=True)
 class _Cut:
-    """Parts of a connected piece, the method that found them, and a solid close to the piece."""
+    """Convex parts of a connected piece, the method that found them, and the piece as a solid, slightly simplified."""
 
     parts: list[trimesh.Trimesh]
     method: str
@@ -210,7 +213,11 @@ class _Cut:
 
 
 def _of_piece(piece: trimesh.Trimesh, closed: bool, allowed: float) -> _Cut:
-    """Cut a connected piece. A shell is cut until its parts fit. A solid is cut once: its parts are split later."""
+    """Cut a connected piece into convex parts.
+
+    A shell is cut with finer and finer thresholds until its parts are within `allowed` [m]. A solid is cut only once,
+    because `splitting.split` refines its parts later.
+    """
     hull = [splitting.small_hull(piece.vertices, allowed)]
     measure = Measure(piece, allowed)
     error = 0.0 if float(piece.extents.max()) < allowed else measure.fit(hull).error
@@ -252,7 +259,7 @@ def _simpler(mesh: trimesh.Trimesh, off: float) -> trimesh.Trimesh:
 
 
 def _cut(mesh: trimesh.Trimesh, threshold: float, closed: bool, allowed: float) -> list[trimesh.Trimesh]:
-    """Cut a mesh with CoACD, and reduce the vertices of its parts. CoACD first encloses an open mesh in a surface."""
+    """Cut a mesh with CoACD, and reduce the vertices of each part. If the mesh is open, CoACD first closes it."""
     # One thread finds the same parts on every machine. Several threads wait for each other on busy cores.
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     coacd = import_extra("coacd", "import")
@@ -271,7 +278,7 @@ def _cut(mesh: trimesh.Trimesh, threshold: float, closed: bool, allowed: float) 
 
 
 def _pieces(mesh: trimesh.Trimesh) -> list[trimesh.Trimesh]:
-    """Return the connected pieces that have a volume, or the whole mesh if some pieces are cavities."""
+    """Return the connected pieces that are not flat. If a piece is a cavity or there are too many, return the mesh."""
     pieces = [
         piece for piece in mesh.split(only_watertight=False) if splitting.hull_or_none(piece.vertices) is not None
     ]

@@ -1,9 +1,9 @@
-"""Measures how far convex parts are from the surface that they replace, and the surface from the parts.
+"""Measures the distance between convex parts and the surface that they replace, in both directions.
 
 The error is the larger of two distances: from the surface to the parts, and from the outside of the parts to the
-surface. The outside consists of all points that a ball can touch, with the tolerance as its diameter. A gap between
-parts is not an error if the ball cannot enter it: parts could close the gap by growing by half the tolerance or less.
-Surface points inside such a gap are measured like all others.
+surface. The outside consists of the points that a ball can touch when it rolls over the parts. The ball's diameter is
+the tolerance. Narrow gaps between parts are therefore no error: if the ball cannot enter a gap, parts that grow by half
+the tolerance close it. For the first distance, surface points inside such gaps count like all others.
 """
 
 from collections.abc import Callable
@@ -30,11 +30,12 @@ _NEEDLE = 1e-6  # sine of the smallest angle in a face: FCL's distances from sha
 
 @dataclass(frozen=True)
 class Fit:
-    """The distances between parts and a mesh [m].
+    """The distances between convex parts and a mesh [m].
 
     Attributes:
-        bare: How far the mesh sticks out of the parts.
-        beyond: How far the outside of the parts is from the surface, because the parts fill a hollow or stick out.
+        bare: Largest distance from a point of the mesh to the parts. 0 if the parts contain the mesh.
+        beyond: Largest distance from the outside of the parts to the mesh. It is large if parts fill a hollow of the
+            mesh or stick out of it.
     """
 
     bare: float
@@ -52,12 +53,13 @@ def tolerance_of(mesh: trimesh.Trimesh) -> float:
 
 
 class Measure:
-    """Measures parts against one mesh, at points drawn with a fixed seed.
+    """Measures the distances between convex parts and one mesh, at sample points drawn with a fixed seed.
 
     Args:
         mesh: The mesh, which may be open.
-        tolerance: Largest allowed distance between parts and mesh [m]. The ball's diameter is derived from it.
-        samples: Number of points on the mesh.
+        tolerance: Largest allowed distance between parts and mesh [m]. 0.8 times this is the diameter of the ball that
+            finds the outside of the parts, see the module.
+        samples: Number of sample points on the mesh.
     """
 
     def __init__(self, mesh: trimesh.Trimesh, tolerance: float, samples: int = _SAMPLES) -> None:
@@ -68,7 +70,7 @@ class Measure:
         )
 
     def fit(self, parts: list[trimesh.Trimesh]) -> Fit:
-        """Return the distances between the mesh and its closed, convex parts."""
+        """Return the distances between the mesh and convex parts of it, which are closed meshes."""
         beside = _BESIDE * self._size
         out = np.min([height_over(part, self._points) for part in parts], axis=0)
         bare = 0.0
@@ -79,7 +81,7 @@ class Measure:
         return Fit(bare, beyond)
 
     def beyond(self, part: trimesh.Trimesh, others: list[trimesh.Trimesh]) -> float:
-        """Return the largest distance [m] from the surface to the outside of a part that other parts may cover."""
+        """Return the largest distance [m] from the outside of a part to the mesh. Areas in `others` do not count."""
         share = max(int(self.samples * min(float(part.area) / self._area, 1.0)), _LEAST)
         apart = np.sqrt(float(part.area) / share)
         points, normals = points_with_normals(part.triangles, share)
@@ -104,11 +106,18 @@ class Measure:
     def _touched(
         self, points: np.ndarray, normals: np.ndarray, near: list[trimesh.Trimesh]
     ) -> tuple[np.ndarray, float, np.ndarray]:
-        """Find the points of a part that other parts do not cover, and the farthest of them that the ball touches.
+        """Find the points of a part that lie outside all other parts, and the largest distance from them to the mesh.
+
+        Only points that the ball can touch count for the largest distance: there, the ball intersects no other part.
+
+        Args:
+            points: Points on the surface of the part [m], shape (n, 3).
+            normals: Outward normals at these points, shape (n, 3).
+            near: Other parts near the part.
 
         Returns:
-            Upper bounds of the distances from these points to the surface [m], shape (m,), the distance of the farthest
-            point that the ball touches [m], and the indices of these points, shape (m,).
+            For each of the m points outside all other parts, an upper bound of its distance to the mesh [m], shape
+            (m,). The largest distance of a point that counts [m]. The indices of the m points in `points`, shape (m,).
         """
         beside = _BESIDE * self._size
         middles, bare = points + self._radius * normals, np.ones(len(points), bool)
@@ -124,19 +133,25 @@ class Measure:
 
 
 def are_near(one: trimesh.Trimesh, other: trimesh.Trimesh, distance: float) -> bool:
-    """Return whether the bounding boxes of two parts are within a distance [m]."""
+    """Return whether the bounding boxes of two parts are at most `distance` [m] apart along each axis."""
     low, high = one.bounds
     return bool((low <= other.bounds[1] + distance).all() and (other.bounds[0] <= high + distance).all())
 
 
 def height_over(part: trimesh.Trimesh, points: np.ndarray) -> np.ndarray:
-    """Return the largest height of points (n, 3) above the face planes of a convex part, negative inside the part."""
+    """Return the height of each point above the part's face planes, the largest over all planes, shape (n,).
+
+    The height is negative inside the convex part. `points` has shape (n, 3) [m].
+    """
     normals = part.face_normals
     return (points @ normals.T - (normals * part.triangles[:, 0]).sum(axis=1)).max(axis=1)
 
 
 def _distance_over(part: trimesh.Trimesh, point: np.ndarray, enough: float) -> float:
-    """Return the distance [m] from a convex part to a point (3,) outside it, or a lower bound of at least `enough`."""
+    """Return the distance [m] from a convex part to a point (3,) outside the part.
+
+    If a quick lower bound already is `enough` [m] or more, return this bound instead.
+    """
     if (height := float(height_over(part, point[None])[0])) >= enough:
         return height
     nearest = trimesh.triangles.closest_point(part.triangles, np.broadcast_to(point, (len(part.faces), 3)))
@@ -144,7 +159,10 @@ def _distance_over(part: trimesh.Trimesh, point: np.ndarray, enough: float) -> f
 
 
 class Distances:
-    """Distances from triangles. FCL computes them where bounds from sample points are not enough.
+    """Finds the largest distance from points to a set of triangles.
+
+    Sample points on the triangles give an upper bound for each point. The collision library FCL computes the exact
+    distance only for the points with the largest bounds.
 
     Args:
         vertices: Corners of the triangles [m], shape (n, 3).
@@ -173,11 +191,11 @@ class Distances:
 
         Args:
             points: The points [m], shape (n, 3).
-            counts: Returns whether the point with this index counts.
+            counts: Takes the index of a point. Returns False if the point should be ignored.
 
         Returns:
-            An upper bound of each point's distance [m], shape (n,), the largest distance of a point that counts, or 0,
-            and the index of this point.
+            An upper bound of each point's distance [m], shape (n,). The largest distance of a point that counts [m], 0
+            if no point counts. The index of that point.
         """
         at_most, most, which = self._samples.query(points)[0], 0.0, 0
         for i in np.argsort(-at_most):
@@ -191,7 +209,7 @@ class Distances:
 
 
 def points_with_normals(triangles: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Sample points on triangles (n, 3, 3), uniform by area, and their normals, shapes (count, 3)."""
+    """Draw points on triangles (n, 3, 3), uniformly by area. Return the points and their normals, shapes (count, 3)."""
     rng = np.random.default_rng(0)
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     area = np.linalg.norm(normals, axis=1)

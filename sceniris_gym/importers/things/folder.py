@@ -37,9 +37,9 @@ class Outcome:
 
 
 def things_in(folder: Path) -> list[Path]:
-    """Return all importable files below a folder, in alphabetical order.
+    """Return all files below a folder that can be imported, in alphabetical order.
 
-    Meshes that a URDF in the folder refers to are part of that URDF, so they are omitted.
+    Meshes that a URDF file in the folder names are left out, because they are imported with the URDF file.
     """
     found = sorted(path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES and path.is_file())
     texts = [path.read_text(errors="replace") for path in found if path.suffix.lower() == ".urdf"]
@@ -92,7 +92,7 @@ def _told(error: ScenirisError) -> dict[str, str]:
 
 
 def _targets(sources: list[Path], out: Path) -> list[Path]:
-    """Return the path of each source's MJCF file. MuJoCo and scene files accept these names."""
+    """Return the path of the MJCF file for each source. Its name has only characters that scene files accept."""
     taken: set[str] = set()
     targets = []
     for source in sources:

@@ -23,7 +23,10 @@ _FLOOR = 0.002  # between the hand and the support of the object
 
 @dataclass(frozen=True)
 class GraspSite:
-    """A grasp: position [m] and orientation (wxyz) of the TCP. z is the approach axis, y the closing axis."""
+    """A grasp: position [m] and orientation (wxyz) of the TCP, and the width [m] of the object between the fingers.
+
+    The z axis of the TCP is the approach axis, and the y axis is the closing axis.
+    """
 
     pos: np.ndarray
     quat: np.ndarray
@@ -31,11 +34,11 @@ class GraspSite:
 
 
 def antipodal_grasps(triangles: np.ndarray, points: np.ndarray) -> list[GraspSite]:
-    """Find grasps spread over an object that stands at z = 0.
+    """Find grasps of an object that stands at z = 0. The grasps are spread over the object.
 
     Args:
-        triangles: Surface of the object, facing outwards [m], shape (n, 3, 3).
-        points: Points of the object that the open hand must not touch [m], shape (m, 3).
+        triangles: Surface of the object [m], with normals that point outwards, shape (n, 3, 3).
+        points: Points of the object that must be outside the open hand [m], shape (m, 3).
     """
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     area = np.linalg.norm(normals, axis=1)
@@ -52,7 +55,18 @@ def antipodal_grasps(triangles: np.ndarray, points: np.ndarray) -> list[GraspSit
 
 
 def _through(triangles: np.ndarray, start: np.ndarray, direction: np.ndarray) -> tuple[float, int] | None:
-    """Return a ray's length within the solid, and the triangle of its exit (Moeller and Trumbore 1997)."""
+    """Return the first triangle that a ray hits and the distance to it [m] (Moeller and Trumbore 1997).
+
+    The ray starts on the surface of a solid and goes inwards, so the hit is on the opposite side of the solid.
+
+    Args:
+        triangles: Surface of the solid [m], shape (n, 3, 3).
+        start: Start of the ray [m], shape (3,).
+        direction: Direction of the ray, a unit vector, shape (3,).
+
+    Returns:
+        The distance and the index of the triangle, or None if the ray hits no triangle.
+    """
     a, e1, e2 = triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     p = np.cross(direction, e2)
     det = (e1 * p).sum(axis=1)
@@ -67,7 +81,14 @@ def _through(triangles: np.ndarray, start: np.ndarray, direction: np.ndarray) ->
 
 
 def _around(middle: np.ndarray, closing: np.ndarray, width: float, points: np.ndarray) -> list[GraspSite]:
-    """Return the collision-free grasps with this closing axis, at most one per approach direction."""
+    """Return grasps at two opposite contacts, one for each approach direction. Grasps that collide are left out.
+
+    Args:
+        middle: Midpoint of the contacts [m], shape (3,).
+        closing: The closing axis: direction from one contact to the other, shape (3,).
+        width: Distance of the contacts [m].
+        points: Points of the object that must be outside the open hand [m], shape (n, 3).
+    """
     side = np.cross(closing, np.eye(3)[np.argmin(np.abs(closing))])
     side /= np.linalg.norm(side)
     other, found = np.cross(closing, side), []
@@ -80,7 +101,7 @@ def _around(middle: np.ndarray, closing: np.ndarray, width: float, points: np.nd
 
 
 def _is_clear(local: np.ndarray, gap: float, height: float, up: np.ndarray) -> bool:
-    """Return whether the open hand contains no point and stays above the floor.
+    """Return whether no point is inside the open hand, and the hand is above the floor.
 
     Args:
         local: Points in the TCP frame [m], shape (n, 3).
@@ -99,7 +120,10 @@ def _is_clear(local: np.ndarray, gap: float, height: float, up: np.ndarray) -> b
 
 
 def _spread(found: list[GraspSite], size: float) -> list[GraspSite]:
-    """Select at most `MOST` grasps, each as far as possible from the previous ones."""
+    """Select at most `MOST` grasps: first the one most nearly from above, then always the one farthest from the rest.
+
+    The distance of two grasps depends on their positions, divided by the object's `size` [m], and on their rotations.
+    """
     if not found:
         return []
     features = np.array([np.concatenate([g.pos / size, matrix(g.quat).ravel() * 0.5]) for g in found])

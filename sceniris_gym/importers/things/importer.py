@@ -39,8 +39,8 @@ class Rest:
 
     Attributes:
         quat: Orientation of the asset, wxyz, at heading 0.
-        probability: Fraction of random throws that end in this pose.
-        moved: How far the asset moves within half a second, released in this pose [m].
+        probability: Estimated fraction of random throws after which the asset rests in this pose.
+        moved: How far the asset moves in a simulation of half a second that starts in this pose [m].
     """
 
     quat: np.ndarray
@@ -49,7 +49,7 @@ class Rest:
 
 
 def resting_poses(path: Path) -> list[Rest]:
-    """Return the most probable resting poses of an asset. The list is empty if the asset rolls out of every pose."""
+    """Return the resting poses of an asset, most probable first, at most 6. Empty if the asset has no stable pose."""
     spec = mujoco.MjSpec.from_file(str(path))
     spec.worldbody.bodies[0].add_freejoint()
     mjm = spec.compile()
@@ -64,12 +64,12 @@ def resting_poses(path: Path) -> list[Rest]:
 
 
 def stands(rests: list[Rest], up: np.ndarray) -> bool:
-    """Return whether a direction in the asset's frame, shape (3,), points up in one of the poses."""
+    """Return whether the direction `up` in the asset's frame, shape (3,), points up in one of the resting poses."""
     return any(matrix(rest.quat)[2] @ up > _STANDING for rest in rests)
 
 
 def moved(path: Path, quat: np.ndarray) -> float:
-    """Simulate an asset on a floor, and return how far the corners of its bounds move [m] in half a second.
+    """Simulate an asset on a floor for half a second. Return how far [m] a corner of its bounds moves at most.
 
     Args:
         path: The asset's MJCF file.
@@ -110,12 +110,13 @@ class Options:
     """The user's choices for an import.
 
     Attributes:
-        scale: Metres per unit of length, or the name of a unit. If None, it comes from the file or is guessed.
-        up: The axis that points up. If None, it comes from the file or is guessed.
+        scale: Metres per unit of length, as a number in text, or the name of a unit, such as "mm". If None, the scale
+            comes from the file or is guessed.
+        up: The axis of the file that points up: "x", "y" or "z". If None, it comes from the file or is guessed.
         density: Density [kg/m^3].
         tolerance: Largest distance between the convex parts and the surface [m]. If None, 2 mm or 2% of the longest
-            edge, whichever is larger.
-        shell: Whether open surfaces are sheets that enclose no volume.
+            edge of each link, whichever is larger.
+        shell: Whether the surfaces are sheets that enclose no volume. If so, holes in them are not closed.
     """
 
     scale: str | None = None
@@ -145,14 +146,15 @@ def import_thing(source: Path, out: Path, options: Options | None = None, ask: A
         source: A file with one of `SUFFIXES`.
         out: The MJCF file to write. Meshes, images and `manifest.json` go to a folder of the same name next to it.
         options: The user's choices.
-        ask: Prompts for a scale if the size is implausible. If None, an implausible size is an error.
+        ask: Function that prompts the user for a scale if the object is smaller than 1 mm or larger than 50 m. If None,
+            such a size is an error.
 
     Returns:
-        The manifest: sources of scale and up axis, repairs, measurements, and the hashes of all files.
+        The manifest: scale and up axis with their sources, repairs, measurements, and the hashes of all files.
 
     Raises:
-        MeshError: The object is empty, flat, open, too large, too small, too thin, has too many faces, or no convex
-            parts fit.
+        MeshError: The object is empty, flat, open, too large, too small or too thin, or has too many faces or
+            non-finite vertices. Or the convex parts are too many or not within the tolerance.
         SceneFileError: The file cannot be read, or a file that it refers to does not exist.
         NotSupportedError: The file type, or an element such as a floating joint, is not supported.
         MissingExtraError: The import needs a package of the extra `import`.
@@ -235,7 +237,15 @@ def _read(source: Path) -> Thing:
 
 
 def _written(link: Link, solid: Solid | None, parts: Parts | None, density: float, where: str) -> Link:
-    """Return the link as the asset has it: with an inertia, and with convex parts as solids."""
+    """Return a link as it is written to the asset: its collision surfaces are the convex parts, and it has an inertia.
+
+    Args:
+        link: The link as read from the file.
+        solid: The repaired surface of the link. None if the link has no geometry.
+        parts: Convex parts of this surface, or None.
+        density: Density [kg/m^3], for a link whose file gives no inertia.
+        where: Prefix of error messages.
+    """
     if solid is None or parts is None:
         return replace(link, inertia=link.inertia or _FRAME)
     hulls = tuple(Surface(np.asarray(part.vertices), np.asarray(part.faces)) for part in parts.meshes)
@@ -244,7 +254,12 @@ def _written(link: Link, solid: Solid | None, parts: Parts | None, density: floa
 
 
 def _grasps(link: Link, written: Link) -> list[GraspSite]:
-    """Return grasps of the root link that avoid both its surface and its convex parts."""
+    """Return grasps of the root link in which the open hand avoids the link's surface and its convex parts.
+
+    Args:
+        link: The link as read from the file.
+        written: The link as written to the asset, with its convex parts.
+    """
     if not written.solids:
         return []
     triangles = np.concatenate([surface.vertices[surface.faces] for surface in link.touched])
@@ -253,7 +268,7 @@ def _grasps(link: Link, written: Link) -> list[GraspSite]:
 
 
 def _findings(thing: Thing, solids: Iterable[Solid], cut: Collection[Parts], rests: list[Rest]) -> dict[str, Any]:
-    """Return the repairs, parts, resting poses and notes of the manifest."""
+    """Return the manifest's entries on repairs, convex parts, resting poses and notes."""
     notes = [*thing.notes]
     if not any(rest.moved < STILL for rest in rests):
         notes.append("it has no stable pose: it rolls or tips over")

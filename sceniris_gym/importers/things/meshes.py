@@ -35,7 +35,7 @@ def read_mesh(path: Path) -> Thing:
 
 
 def read_surfaces(path: Path) -> tuple[Surface, ...]:
-    """Read the surfaces of a mesh file, one per material. Raises the errors of `read_mesh`."""
+    """Read the surfaces of a mesh file, one for each mesh and material. Raises the same errors as `read_mesh`."""
     if path.suffix.lower() == ".dae":
         import_extra("collada", "import", "pycollada")
     try:
@@ -67,10 +67,10 @@ def read_surfaces(path: Path) -> tuple[Surface, ...]:
 
 
 class _Beside(FilePathResolver):
-    """Opens the files of a mesh, such as materials and buffers, and rejects pipes and devices."""
+    """Lets trimesh open the files that a mesh file names, such as materials and buffers. Rejects pipes and devices."""
 
     def get(self, name: str) -> Any:
-        """Return the contents of a file."""
+        """Return the contents of the file `name` in the mesh's folder."""
         opened(Path(self.parent, name.strip())).close()
         return super().get(name)
 
@@ -84,7 +84,7 @@ def _surface(mesh: trimesh.Trimesh, pose: np.ndarray) -> Surface:
 
 
 def _look(visual: Any) -> tuple[tuple[float, ...], Any, np.ndarray | None]:
-    """Return the colour, the image and the texture coordinates of a trimesh visual."""
+    """Return the colour, texture image and texture coordinates of `Trimesh.visual`. The last two may be None."""
     if visual.kind == "texture":
         material = visual.material
         image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
@@ -108,13 +108,14 @@ _MOMENTS = ("ixx", "ixy", "ixz", "ixy", "iyy", "iyz", "ixz", "iyz", "izz")
 
 
 def read_urdf(path: Path) -> Thing:
-    """Read a URDF file.
+    """Read a URDF file as an object with all its links.
 
-    Mesh paths are relative to the file. `package://` and `model://` search the folders above it.
+    Paths of meshes are relative to the URDF file. A path that starts with `package://` or `model://` is searched in the
+    folders above the URDF file.
 
     Raises:
-        SceneFileError: The file is not a URDF, its links do not form a tree, or meshes are missing.
-        NotSupportedError: It has a floating or planar joint, or a shape that URDF does not define.
+        SceneFileError: The file is not a URDF file, its links do not form a tree, or meshes are missing.
+        NotSupportedError: The file has a floating or planar joint, or a shape that URDF does not define.
     """
     try:
         robot = ElementTree.parse(path).getroot()
@@ -237,7 +238,7 @@ def _inertia(element: ElementTree.Element | None) -> Inertia | None:
 
 
 def _origin(element: ElementTree.Element) -> tuple[np.ndarray, np.ndarray]:
-    """Return the pose of an element: position and orientation (wxyz)."""
+    """Return the pose in the `<origin>` of a URDF element: position and orientation (wxyz)."""
     origin = element.find("origin")
     attributes = {} if origin is None else origin.attrib
     return _floats(attributes.get("xyz"), (0, 0, 0)), of_angles(_floats(attributes.get("rpy"), (0, 0, 0)))

@@ -1,4 +1,4 @@
-"""Repairs the surfaces of a link into one closed mesh, and reports each repair."""
+"""Joins the surfaces of a link into one mesh, closes and orients it, and reports each repair."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -24,13 +24,14 @@ _EMPTY = 1e-9  # fraction of the cubed size: the smallest enclosed volume
 
 @dataclass(frozen=True)
 class Solid:
-    """A surface as one mesh.
+    """The surfaces of a link as one repaired mesh.
 
     Attributes:
         mesh: The mesh [m], with merged vertices.
         closed: Whether the mesh encloses a volume. A shell does not.
-        report: The repairs, in words.
-        patches: A visual surface with the triangles that close holes. Empty if all these triangles have zero area.
+        report: A sentence for each repair.
+        patches: One visual surface of the triangles that close holes. Empty if no hole was closed, or if these
+            triangles all have zero area.
     """
 
     mesh: trimesh.Trimesh
@@ -40,10 +41,10 @@ class Solid:
 
 
 def check_faces(surfaces: Sequence[Surface], where: str) -> None:
-    """Check the number of faces, and that all vertices are finite.
+    """Check that surfaces have faces, not too many of them, and only finite vertices.
 
     Raises:
-        MeshError: The surfaces have no faces, more than `MOST_FACES`, or non-finite vertices.
+        MeshError: The surfaces have no faces, more than `MOST_FACES` faces, or non-finite vertices.
     """
     count = sum(len(surface.faces) for surface in surfaces)
     if count == 0:
@@ -61,10 +62,12 @@ def check_faces(surfaces: Sequence[Surface], where: str) -> None:
 def repair(surfaces: Sequence[Surface], where: str, *, shell: bool = False) -> Solid:
     """Merge vertices, drop degenerate and duplicate faces, close small holes, and orient all faces outwards.
 
+    If large holes are open but the convex hull is within the default tolerance, the hull replaces the surface.
+
     Args:
         surfaces: The surfaces of a link [m].
         where: Prefix of error messages.
-        shell: Whether the surface is a sheet without volume. If so, holes stay open.
+        shell: Whether the surface is a sheet without volume. If so, holes are not closed.
 
     Raises:
         MeshError: The mesh is flat, encloses no volume, or has holes that are too large.
@@ -125,7 +128,10 @@ def _joined(surfaces: Sequence[Surface]) -> trimesh.Trimesh:
 
 
 def _holes(mesh: trimesh.Trimesh) -> list[np.ndarray]:
-    """Return the boundary edges of each hole, arrays of shape (n, 2), each edge in the direction of its face."""
+    """Return the boundary edges of each hole as pairs of vertices, shape (n, 2) per hole.
+
+    The vertices of an edge are in the same order as in the face that has the edge.
+    """
     edges = mesh.edges
     _, which, count = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True, return_counts=True)
     single = edges[(count[which.ravel()] % 2) == 1]
@@ -136,7 +142,7 @@ def _holes(mesh: trimesh.Trimesh) -> list[np.ndarray]:
 
 
 def _loops(edges: np.ndarray) -> list[np.ndarray]:
-    """Split connected edges (n, 2) into simple loops. Edges that do not form loops stay in one array."""
+    """Split connected edges (n, 2) into simple loops. If the edges do not form loops, return them as one array."""
     graph = networkx.MultiDiGraph(edges.tolist())
     if not networkx.is_eulerian(graph):
         return [edges]
@@ -151,7 +157,7 @@ def _loops(edges: np.ndarray) -> list[np.ndarray]:
 
 
 def _vector_area(vertices: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Return the area vector of a flat patch in a loop of edges: along its normal, with its area as the length."""
+    """Return the area vector [m^2] of a loop of edges, shape (3,): the normal times the area of a patch in the loop."""
     a, b = vertices[edges[:, 0]], vertices[edges[:, 1]]
     middle = 0.5 * (a + b).mean(axis=0)
     return 0.5 * np.cross(a - middle, b - middle).sum(axis=0)
@@ -160,7 +166,7 @@ def _vector_area(vertices: np.ndarray, edges: np.ndarray) -> np.ndarray:
 def _capped(
     mesh: trimesh.Trimesh, loops: list[np.ndarray], rgba: tuple[float, ...]
 ) -> tuple[trimesh.Trimesh, tuple[Surface, ...]]:
-    """Close each hole with triangles around its middle.
+    """Close each hole with triangles that meet in the middle of the hole.
 
     Args:
         mesh: The mesh.
@@ -168,7 +174,7 @@ def _capped(
         rgba: Colour of the new triangles.
 
     Returns:
-        The closed mesh, and a surface of the new triangles that have area (empty if none has).
+        The closed mesh, and one surface of those new triangles that have an area. Empty if no triangle has an area.
     """
     middles = np.array([mesh.vertices[np.unique(edges)].mean(axis=0) for edges in loops])
     faces = np.concatenate(

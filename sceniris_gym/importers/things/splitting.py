@@ -1,7 +1,8 @@
-"""Splits convex parts along planes until all parts stay close to a closed solid.
+"""Splits convex parts along planes until no part sticks out of a closed solid by more than an allowed distance.
 
-The plane goes through the point that sticks out farthest, or along a nearby face, such as the wall of a slot or the
-floor of a pocket. The best plane minimises the hull volume of both halves.
+For each split, several planes are tried: planes through the point of the part that sticks out farthest, and planes
+along nearby faces, such as the wall of a slot or the floor of a pocket. The best plane gives the two halves whose hulls
+have the smallest total volume.
 """
 
 from __future__ import annotations
@@ -36,8 +37,8 @@ class Excess:
     """Measures how far convex parts stick out of a solid.
 
     Args:
-        solid: The closed solid, close to `mesh`.
-        mesh: Reference surface for distances [m].
+        solid: The solid. Only areas of a part outside this solid stick out.
+        mesh: How far an area sticks out is its distance to this surface [m]. The solid is a simplified copy of it.
         allowed: How far parts may stick out [m].
     """
 
@@ -47,7 +48,7 @@ class Excess:
         self._size = float(mesh.extents.max())
 
     def of(self, part: trimesh.Trimesh) -> tuple[float, np.ndarray]:
-        """Return how far a part sticks out [m], and its farthest point, shape (3,)."""
+        """Return how far a part sticks out of the solid [m], and the point that sticks out farthest, shape (3,)."""
         out = mesh_of(hull_of(part.vertices) - self.solid)
         if not len(out.faces):
             return 0.0, part.vertices[0]
@@ -61,17 +62,17 @@ class Excess:
         return most, points[which]
 
     def beyond(self, part: trimesh.Trimesh, others: Sequence[trimesh.Trimesh]) -> float:
-        """Return how far a part sticks out [m], including areas that other parts cover."""
+        """Return how far a part sticks out of the solid [m], for `merge`. `others` has no effect."""
         return self.of(part)[0]
 
 
 def split(parts: Sequence[trimesh.Trimesh], excess: Excess, most: int) -> list[trimesh.Trimesh]:
-    """Split parts that stick out of the solid, again and again, until all parts fit or there are `most` parts.
+    """Split parts that stick out of a solid too far, until all parts fit or there are more than `most` parts.
 
     Args:
         parts: Convex parts that cover the solid.
-        excess: Measures how far parts stick out of the solid.
-        most: Largest number of parts.
+        excess: Has the solid and the allowed distance, and measures how far a part sticks out.
+        most: If there are more parts than this number, no part is split further.
     """
     found, pieces = [], []
     for part in parts:
@@ -95,7 +96,16 @@ def split(parts: Sequence[trimesh.Trimesh], excess: Excess, most: int) -> list[t
 
 
 def _halves(piece: manifold3d.Manifold, where: np.ndarray, away: float) -> tuple[manifold3d.Manifold, ...]:
-    """Return both sides of the best plane near a point, or an empty tuple if no plane cuts the piece there."""
+    """Cut a piece of the solid along the best plane near a point, see the module.
+
+    Args:
+        piece: The piece.
+        where: The point that sticks out farthest [m], shape (3,).
+        away: How far this point sticks out [m]. Vertices within 1.5 times this distance give further planes.
+
+    Returns:
+        The two halves, or an empty tuple if no plane near the point cuts the piece.
+    """
     mesh, best, least = mesh_of(piece), (), np.inf
     near = mesh.vertices[np.linalg.norm(mesh.vertices - where, axis=1) <= _NEAR * away]
     for normal in _normals(mesh):
@@ -114,7 +124,7 @@ def _halves(piece: manifold3d.Manifold, where: np.ndarray, away: float) -> tuple
 
 
 def _normals(mesh: trimesh.Trimesh) -> Iterable[np.ndarray]:
-    """Yield the axes, and the face normals with the largest total area. Opposite normals count as equal."""
+    """Yield normals of planes to try: the three axes, then the mean normals of the largest groups of parallel faces."""
     normals = mesh.face_normals * np.where(mesh.face_normals @ [1.0, 1e-2, 1e-4] < 0.0, -1.0, 1.0)[:, None]
     _, alike = np.unique(np.round(_ALIKE * normals), axis=0, return_inverse=True)
     areas = np.bincount(alike.ravel(), mesh.area_faces)
@@ -128,8 +138,9 @@ def _normals(mesh: trimesh.Trimesh) -> Iterable[np.ndarray]:
 def small_hull(points: np.ndarray, allowed: float = np.inf) -> trimesh.Trimesh:
     """Return the convex hull of points (n, 3), with fewer vertices if it has more than `_MOST_VERTICES`.
 
-    The reduced hull has the farthest vertices in evenly spread directions. These miss regions that are nearly flat, so
-    more vertices are added until all vertices of the hull are within `allowed` [m].
+    The smaller hull keeps the vertex that is farthest in each of many evenly spread directions. In regions that are
+    nearly flat, this may drop vertices that matter. Vertices are therefore added until no vertex of the full hull is
+    farther than `allowed` [m] outside the smaller hull.
     """
     hull = convex_hull(points)
     if len(hull.vertices) <= _MOST_VERTICES:
@@ -149,13 +160,13 @@ def small_hull(points: np.ndarray, allowed: float = np.inf) -> trimesh.Trimesh:
 
 
 def hull_or_none(points: np.ndarray, allowed: float = np.inf) -> trimesh.Trimesh | None:
-    """Return `small_hull` of points (n, 3), or None if they are coplanar."""
+    """Return `small_hull` of points (n, 3), or None if the points are nearly in one plane."""
     flat = hull_of(points).volume() <= 1e-9 * float(np.ptp(points, axis=0).max()) ** 3
     return None if flat else small_hull(points, allowed)
 
 
 def manifold_of(mesh: trimesh.Trimesh) -> manifold3d.Manifold:
-    """Convert a closed mesh to a solid. The solid is empty unless each edge has two faces.
+    """Convert a closed mesh to a solid. If an edge of the mesh does not have exactly two faces, the solid is empty.
 
     Raises:
         MissingExtraError: manifold3d is not installed.
@@ -165,9 +176,10 @@ def manifold_of(mesh: trimesh.Trimesh) -> manifold3d.Manifold:
 
 
 def hull_of(points: np.ndarray) -> manifold3d.Manifold:
-    """Return the convex hull of points (n, 3) as a solid. It is empty if the points are coplanar.
+    """Return the convex hull of points (n, 3) as a solid. If the points are in one plane, the solid is empty.
 
-    Convex parts are converted to solids this way, because the faces of nearly flat parts may not form a manifold.
+    Convex parts are converted to solids by this function and not by `manifold_of`, because the faces of a nearly flat
+    part may not form a manifold.
 
     Raises:
         MissingExtraError: manifold3d is not installed.

@@ -1,4 +1,4 @@
-"""An imported object as a tree of links with surfaces and solids, read from any format and written as MJCF."""
+"""An imported object as a tree of links, as the readers of all file formats return it, and its export to MJCF."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
@@ -38,7 +38,7 @@ class Surface:
     uv: np.ndarray | None = None
 
     def moved(self, rotation: np.ndarray, shift: np.ndarray | float = 0.0) -> Self:
-        """Return the surface with its vertices multiplied by a matrix, shape (3, 3), then shifted."""
+        """Return the surface with each vertex multiplied by `rotation`, any matrix (3, 3), and shifted by `shift`."""
         # A matrix that mirrors turns the faces inside out, so their vertex order is reversed.
         faces = self.faces[:, ::-1] if np.linalg.det(rotation) < 0.0 else self.faces
         return replace(self, vertices=self.vertices @ rotation.T + shift, faces=faces)
@@ -46,13 +46,13 @@ class Surface:
 
 @dataclass(frozen=True)
 class Joint:
-    """A joint between a link and its parent. Its axis passes through the link's origin.
+    """A joint between a link and its parent. The axis of the joint passes through the link's origin.
 
     Attributes:
         name: Name of the joint.
         type: "hinge" or "slide".
         axis: Axis in the link's frame, shape (3,).
-        range: Limits [rad, or the unit of length], or None if unlimited.
+        range: Limits, or None if unlimited [rad for a hinge, the object's unit of length for a slide].
     """
 
     name: str
@@ -63,7 +63,7 @@ class Joint:
 
 @dataclass(frozen=True)
 class Inertia:
-    """Mass [kg], centre of mass, and inertia matrix about the centre of mass in the link's axes, shape (3, 3)."""
+    """Mass [kg], centre of mass in the link's frame, and inertia matrix about it along the link's axes, (3, 3)."""
 
     mass: float
     center: np.ndarray
@@ -71,7 +71,7 @@ class Inertia:
 
     @property
     def least(self) -> float:
-        """Smallest principal moment [kg m^2]."""
+        """Smallest principal moment of inertia [kg m^2]."""
         return float(np.linalg.eigvalsh(self.matrix)[0])
 
 
@@ -86,8 +86,8 @@ class Link:
         quat: Orientation in the parent's frame, wxyz.
         joint: Joint to the parent, or None if the link is fixed to it.
         surfaces: Visual surfaces.
-        solids: Collision surfaces. If empty, the visual surfaces are used.
-        inertia: Inertia from the file, or None.
+        solids: Collision surfaces. If empty, the visual surfaces are used for collision too.
+        inertia: Inertia of the link. None if the file has no usable inertia.
     """
 
     name: str
@@ -101,25 +101,25 @@ class Link:
 
     @property
     def touched(self) -> tuple[Surface, ...]:
-        """Source surfaces of the collision geometry."""
+        """The surfaces that define the collision geometry: `solids`, or `surfaces` if there are no solids."""
         return self.solids or self.surfaces
 
     def moved(self, rotation: np.ndarray, shift: np.ndarray | float = 0.0) -> Self:
-        """Return the link with all of its surfaces moved in the link's frame."""
+        """Return the link with all its surfaces moved by `Surface.moved`. The link's frame and inertia stay."""
         surfaces, solids = (tuple(s.moved(rotation, shift) for s in kind) for kind in (self.surfaces, self.solids))
         return replace(self, surfaces=surfaces, solids=solids)
 
 
 @dataclass(frozen=True)
 class Thing:
-    """An object as its file describes it.
+    """An object as its file describes it, in the unit of length and the axes of the file.
 
     Attributes:
         name: Name of the object.
         links: Links, parents before their children. The first link is the root.
         meters: Metres per unit of length, or None if the file does not specify a unit.
-        up: The axis that points up, "x", "y" or "z", or None if the file does not specify it.
-        notes: Remarks on parts of the file that were changed or left out.
+        up: The axis that points up, "x", "y" or "z", or None if the file does not specify an axis.
+        notes: Sentences about parts of the file that were changed or left out.
     """
 
     name: str
@@ -129,7 +129,7 @@ class Thing:
     notes: tuple[str, ...] = ()
 
     def points(self) -> np.ndarray:
-        """Return all vertices in the root's frame, with joints at zero, shape (n, 3)."""
+        """Return the vertices of all surfaces of all links in the root's frame, with joints at zero, shape (n, 3)."""
         frames: dict[str | None, tuple[np.ndarray, np.ndarray]] = {None: (np.eye(3), np.zeros(3))}
         found = [np.zeros((0, 3))]
         for link in self.links:
@@ -139,17 +139,17 @@ class Thing:
         return np.concatenate(found)
 
     def extents(self) -> np.ndarray:
-        """Return the edge lengths of the bounding box, shape (3,)."""
+        """Return the edge lengths of the object's bounding box along the root's axes, shape (3,)."""
         return np.ptp(points, axis=0) if len(points := self.points()) else np.zeros(3)
 
     def scaled(self, factor: float) -> Self:
-        """Return the object in another unit of length. Masses do not change."""
+        """Return the object with all lengths multiplied by a factor. Masses do not change."""
         return replace(self, links=tuple(_scaled(link, factor) for link in self.links))
 
     def moved(self, rotation: np.ndarray, shift: np.ndarray) -> Self:
-        """Return the object rotated by `rotation` (3, 3), then shifted by `shift` (3,), in the root's frame.
+        """Return the object rotated by `rotation` (3, 3) and then shifted by `shift` (3,), in the root's frame.
 
-        The root link's frame stays at the origin, so the surfaces, inertia and child links of the root are moved.
+        The root's frame stays at the origin. Instead, the root's surfaces and inertia and its child links move.
         """
         root, *rest = self.links
         inertia = root.inertia
@@ -178,10 +178,10 @@ _JOINT = {"damping": "0.05", "frictionloss": "0.05"}  # so that a door or drawer
 
 
 def write_asset(thing: Thing, grasps: Sequence[GraspSite], path: Path) -> list[Path]:
-    """Write an MJCF file, and its meshes and images into the folder of the same name next to it.
+    """Write an MJCF file, and its meshes and images into a folder of the same name next to the file.
 
-    File names in the folder start with the asset's name, because a scene collects the files of all its assets in one
-    place.
+    The name of each file in the folder starts with the asset's name, because a scene keeps the files of all its assets
+    in one dictionary, `MjSpec.assets`.
 
     Args:
         thing: The object in metres, z up, with its root at the asset's origin. The solids of each link are its convex
@@ -233,7 +233,7 @@ def write_asset(thing: Thing, grasps: Sequence[GraspSite], path: Path) -> list[P
 
 
 class _Writer:
-    """Numbers and writes the meshes, materials and images of an asset."""
+    """Writes the meshes and images of an asset, and adds their MJCF elements under numbered names."""
 
     def __init__(self, folder: Path, asset: ElementTree.Element) -> None:
         self._folder, self._asset = folder, asset

@@ -1,6 +1,6 @@
-"""Finds an object's unit of length and up axis: from the user, the file, a prompt, or a guess.
+"""Finds an object's unit of length and up axis: from the user's options, the file, a prompt, or a guess.
 
-The manifest records where the unit and the axis came from.
+The manifest of the asset records which of these was the source.
 """
 
 import sys
@@ -28,7 +28,7 @@ Ask = Callable[[str], str]
 
 
 def ask_on_terminal() -> Ask | None:
-    """Return a function that prompts on the terminal, or None if there is no terminal."""
+    """Return a function that prompts the user on the terminal, or None if the program does not run on a terminal."""
     if not (sys.stdin.isatty() and sys.stderr.isatty()):
         return None
 
@@ -40,10 +40,10 @@ def ask_on_terminal() -> Ask | None:
 
 
 def parse_scale(text: str) -> float:
-    """Return metres per unit of length, from a number or the name of a unit.
+    """Return the metres per unit of length from a text: a number, or the name of a unit in `UNITS`.
 
     Raises:
-        ArgumentError: The text is not a positive number or a unit.
+        ArgumentError: The text is not a positive number and not the name of a unit.
     """
     try:
         factor = UNITS[text] if text in UNITS else float(text)
@@ -55,14 +55,16 @@ def parse_scale(text: str) -> float:
 
 
 def find_scale(thing: Thing, scale: str | None, ask: Ask | None, where: str) -> tuple[float, str]:
-    """Return an object's metres per unit of length, and the source of this number.
+    """Return the metres per unit of length of an object, and the source of this number in words.
 
-    A given scale takes precedence over the file's unit. Without either, the unit is assumed to be a metre.
+    If the user gives a `scale` (a number or the name of a unit), it is used. Otherwise, the file's unit is used, or
+    metres if the file has no unit. If the longest edge of the object is then below 1 mm or above 50 m, `ask` prompts
+    the user for another scale. Error messages begin with `where`.
 
     Raises:
-        MeshError: The object would be smaller than 1 mm or larger than 50 m, and `ask` is None or its answer does not
-            help.
-        ArgumentError: The scale or the answer is invalid.
+        MeshError: The longest edge is below 1 mm or above 50 m, and `ask` is None, or the user's answer does not change
+            this.
+        ArgumentError: The scale or the user's answer is not a positive number and not the name of a unit.
     """
     size = float(thing.extents().max())
     if scale is not None:
@@ -86,12 +88,15 @@ def find_scale(thing: Thing, scale: str | None, ask: Ask | None, where: str) -> 
 
 
 def find_up(thing: Thing, up: str | None, stands: Callable[[str], bool]) -> tuple[str, str]:
-    """Return the axis of the file that points up, and the source of this choice.
+    """Return the axis of the file that points up, and the source of this choice in words.
+
+    If `up` is given, it is used. Otherwise, the file's up axis is used. If the file has no up axis, the axis is y if
+    the object stands with y up but not with z up, and otherwise z.
 
     Args:
         thing: The object.
-        up: The axis given by the user, or None.
-        stands: Returns whether the object would stand with this axis up.
+        up: The user's choice, "x", "y" or "z", or None.
+        stands: Takes an axis. Returns whether the object stands stably when this axis points up.
     """
     if up is not None:
         return up, "as given"
@@ -104,7 +109,11 @@ def find_up(thing: Thing, up: str | None, stands: Callable[[str], bool]) -> tupl
 
 
 def _choices(size: float) -> str:
-    """Suggest units that give an object of this size [units] a usual length, or at least an accepted length."""
+    """Return the end of an error message: values of `--scale` that would give the object a plausible size.
+
+    Args:
+        size: Longest edge of the object, in the file's unit of length.
+    """
     if size == 0.0:
         return "All its vertices coincide: export the file again"
     for low, high in (_USUAL, (LEAST_SIZE, MOST_SIZE)):

@@ -15,9 +15,9 @@ from sceniris_gym.importers.things.thing import GREY, Link, Surface, Thing
 
 
 def read_usd(path: Path) -> Thing:
-    """Read all visible meshes and primitives of a stage, at its earliest time, as an object with one link.
+    """Read all visible meshes and primitives of a USD stage as an object with one link.
 
-    Every instance of a prototype is read.
+    Animated values are read at the earliest time. If the stage has several instances of a prototype, each is read.
 
     Raises:
         SceneFileError: The file cannot be read, or refers to a file that does not exist.
@@ -55,7 +55,7 @@ def read_usd(path: Path) -> Thing:
 
 
 def _surfaces(prim: Any, time: Any) -> Iterator[Surface]:
-    """Yield the triangles of a mesh or primitive in the prim's frame."""
+    """Yield the surface of a mesh or primitive, in the prim's frame. A prim without faces has no surface."""
     colours = UsdGeom.Gprim(prim).GetDisplayColorAttr().Get(time)
     rgba = (*(float(c) for c in np.mean(np.array(colours), axis=0)), 1.0) if colours else GREY
     if not prim.IsA(UsdGeom.Mesh):
@@ -85,7 +85,14 @@ def _surfaces(prim: Any, time: Any) -> Iterator[Surface]:
 
 
 def _fans(counts: np.ndarray) -> np.ndarray:
-    """Split polygons into fans of triangles. Return corner indices, shape (n, 3)."""
+    """Split polygons into triangles that share the polygon's first corner.
+
+    Args:
+        counts: Number of corners of each polygon. The corners of all polygons are numbered in order.
+
+    Returns:
+        Numbers of the three corners of each triangle, shape (n, 3).
+    """
     first = np.cumsum(counts) - counts
     fans = [first[counts > i + 2, None] + [0, i + 1, i + 2] for i in range(int(counts.max()) - 2)]
     return np.concatenate([*fans, np.zeros((0, 3), int)])
@@ -112,7 +119,7 @@ def _primitive(prim: Any, time: Any) -> Any:
 
 
 def _material(prim: Any) -> tuple[tuple[float, ...] | None, Any]:
-    """Return the colour or the image of a prim's preview surface."""
+    """Return the colour and the image of a prim's diffuse material. At least one of them is None."""
     material, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()
     shader = material.ComputeSurfaceSource()[0] if material else None
     diffuse = shader.GetInput("diffuseColor") if shader else None
@@ -127,7 +134,7 @@ def _material(prim: Any) -> tuple[tuple[float, ...] | None, Any]:
 
 
 def _picture(asset: Any) -> Any:
-    """Load an image at an asset path, which may be inside an archive. Return None if it cannot be read."""
+    """Load the image at a USD asset path, also from inside a .usdz file. Return None if the image cannot be read."""
     if asset is None or not asset.resolvedPath:
         return None
     opened = Ar.GetResolver().OpenAsset(Ar.ResolvedPath(asset.resolvedPath))
@@ -140,7 +147,7 @@ def _picture(asset: Any) -> Any:
 
 
 def _coordinates(prim: Any, time: Any, corners: np.ndarray, npoint: int) -> np.ndarray | None:
-    """Return the texture coordinates of all face corners, shape (ncorner, 2), or None."""
+    """Return the texture coordinates of all corners of faces, shape (ncorner, 2), or None if the mesh has none."""
     api = UsdGeom.PrimvarsAPI(prim)
     uv = next((api.GetPrimvar(name) for name in ("st", "UVMap", "uv", "st_0") if api.HasPrimvar(name)), None)
     values = None if uv is None else uv.ComputeFlattened(time)
