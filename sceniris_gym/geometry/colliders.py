@@ -1,4 +1,4 @@
-"""Colliders: the pieces of a body, under a tree of bounding boxes. Also finds a box inside each convex piece."""
+"""Groups the pieces of each body into colliders with a tree of bounding boxes. Also finds a box inside each piece."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -36,7 +36,7 @@ NO_INNER_BOX = np.zeros(3), np.zeros(3)
 
 @dataclass(frozen=True)
 class Collider:
-    """The solid pieces of one body that have one contact class, under one tree of bounding boxes. Or a single plane.
+    """One plane, or all other pieces of one body and one contact class, with a tree of bounding boxes over them.
 
     Attributes:
         body: Id of the body.
@@ -47,7 +47,7 @@ class Collider:
         child: For each node, the number of its left child, shape (n,). The right child has the next number. A leaf
             stores ~number of its piece or face instead.
         mesh: Closed surface of the pieces on the device. None if the pieces collide as convex forms.
-        depth_inside: Upper bound [m] of the distance from a point inside the mesh to its surface.
+        depth_inside: Upper bound [m] of the distance from any point inside the mesh to the mesh's surface.
         points: One point on each closed component of the mesh [m], shape (m, 3).
         faces: The triangles that are leaves of the tree [m], shape (k, 3, 3).
     """
@@ -68,8 +68,8 @@ class Collider:
 def collect_colliders(pieces: list[Piece], visual: bool, device: str) -> list[Collider]:
     """Return a collider for the solid pieces of each body and contact class, and one for each plane.
 
-    Leaves are pieces, or faces if `visual`. A round piece is always one leaf, because faces cannot describe it exactly.
-    The mesh of the collider also has faces of round pieces, but they only serve the tests of containment and covers.
+    The leaves of a tree are pieces, or if `visual`, faces and round pieces, which faces cannot describe exactly.
+    `Collider.mesh` also has faces of round pieces, but only tests of whether a point is inside or below use them.
     """
     found: list[Collider] = []
     nodes = faces = 0
@@ -134,7 +134,7 @@ def _of_faces(key: tuple[int, int, int], nodes: int, faces: int, solid: dict[int
 def _collider(
     key: tuple[int, int, int], nodes: int, lower: np.ndarray, upper: np.ndarray, leaves: np.ndarray
 ) -> Collider:
-    """Return a collider, with the tree over its leaves.
+    """Build the tree over the leaves of a collider, and return the collider.
 
     Args:
         key: The first fields of `Collider`: body, contact class and plane.
@@ -227,7 +227,7 @@ def _measure_depth(
 
 
 def most_depth(mesh: wp.Mesh, lower: np.ndarray, upper: np.ndarray, device: str) -> float:
-    """Return an upper bound [m] of the distance from a point inside a closed mesh to its surface.
+    """Return an upper bound [m] of the distance from any point inside a closed mesh to the mesh's surface.
 
     Args:
         mesh: The mesh, with winding numbers.
@@ -264,7 +264,7 @@ def inner_box(piece: Piece) -> Box:
 
 
 def _hull_inner_box(piece: Piece) -> Box:
-    """Return the inner box of a hull. The box starts in the middle with the bounds' proportions. Then it grows."""
+    """Return the inner box of a hull: start with a scaled copy of its bounding box, and move each side outwards."""
     if piece.mesh is None:
         return NO_INNER_BOX
     triangles = (piece.mesh.triangles - piece.pos) @ matrix(piece.quat)

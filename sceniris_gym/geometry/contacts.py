@@ -7,10 +7,11 @@ import numpy as np
 
 
 class ContactRules:
-    """The contact rules of a model, by contact class: geoms of one class collide with the same geoms, equally far away.
+    """The contact rules of a model, by contact class.
 
-    Explicit `<pair>`s take precedence over contact bits, and have separate margins. `PairRules` in
-    `program/pack/pairs.py` combines these rules with excludes, parents and static geoms.
+    Geoms of the same contact class collide with the same other geoms, and at the same distances. Explicit `<pair>`s
+    take precedence over contact bits, and have separate margins. `PairRules` in `program/pack/pairs.py` combines these
+    rules with MuJoCo's rules for excluded bodies, parent and child bodies, and static geoms.
 
     Args:
         mjm: The model.
@@ -18,8 +19,10 @@ class ContactRules:
 
     Attributes:
         classes: Contact class of each geom, shape (ngeom,).
-        meet: Returns whether geoms of two classes collide, by an explicit pair or matching contact bits.
-        distance: Returns the distance [m] at which a contact of geoms of two classes acts. 0 if they have no margin.
+        meet: Function of two classes. Returns whether their geoms collide, because of an explicit pair or because their
+            contact bits match.
+        distance: Function of two classes. Returns the distance [m] below which their geoms are in contact. 0 if they
+            have no margin.
     """
 
     def __init__(self, mjm: mujoco.MjModel, geometry: str) -> None:
@@ -40,12 +43,12 @@ class ContactRules:
         self.classes = np.array([first.setdefault(key, geom) for geom, key in enumerate(keys)], int)
 
     def collides(self, geom: int) -> bool:
-        """Return whether a geom can collide at all."""
+        """Return whether a geom can collide with some other geom: it has contact bits or is in a `<pair>`."""
         bits = int(self._mjm.geom_contype[geom] | self._mjm.geom_conaffinity[geom])
         return bits != 0 or any(geom in pair for pair in self._paired)
 
     def is_explicit(self, a: int, b: int) -> bool:
-        """Return whether geoms of two classes form an explicit `<pair>`. Such a pair ignores excludes and parents."""
+        """Return whether the geoms of two classes form a `<pair>`. MuJoCo never filters such a pair by its bodies."""
         return bool(self._paired) and frozenset((a, b)) in self._paired
 
     def excludes(self, body: int, other: int) -> bool:

@@ -1,4 +1,4 @@
-"""Feet: the foot of an object is the part of its underside that carries it, seen from above."""
+"""Computes feet. The foot of an object is the part of its underside on which it stands, seen from above."""
 
 from collections.abc import Callable
 
@@ -22,18 +22,18 @@ _SHARE = 0.5
 
 
 def flat_foot(pieces: list[np.ndarray]) -> list[np.ndarray]:
-    """Return the foot of each convex piece on level ground. If the underside is curved, there is no flat foot.
+    """Return the foot of each convex piece of an object on level ground.
 
-    The object leans in all directions by the rocking angle of stable poses, or by less if a point would move by more
-    than 3 mm. A piece has a foot if it touches the ground while the object is upright or leans. The corners of the foot
-    are the piece's lowest points when it leans by this angle.
+    To find the foot, the object leans in `MAX_FOOT` directions. The angle is `ROCKING`, or less if a point of the
+    object would move by more than 3 mm. A piece has a foot if it touches the ground when the object is upright or
+    leans. For each direction, the lowest point of the piece is a corner of this foot.
 
     Args:
         pieces: Vertices of each piece [m], z up, shape (n, 3).
 
     Returns:
         For each piece that has a foot, the corners of the foot [m], counter-clockwise, at most `MAX_FOOT`, shape
-        (m, 2). Empty if the underside is curved, because the object would roll.
+        (m, 2). The list is empty if the underside is curved, because the object would roll.
     """
     points = np.concatenate(pieces)
     owner = np.repeat(np.arange(len(pieces)), [len(piece) for piece in pieces])
@@ -49,14 +49,15 @@ def flat_foot(pieces: list[np.ndarray]) -> list[np.ndarray]:
 
 
 def curved_foot(lowest: Callable[[np.ndarray], np.ndarray], angle: float) -> np.ndarray:
-    """Return the corners [m] of a curved foot, shape (n, 2).
+    """Return the corners [m] of the foot of an object with a curved underside, shape (n, 2).
 
-    If the centre of mass is above the foot, a lean by `angle` in any direction raises it by more than its height times
-    the tangent of half the angle.
+    Let h be the height of the object's centre of mass above the ground. If this centre is above the foot, and farther
+    than h * tan(angle / 2) from its edges, a lean by `angle` in any direction raises the centre: the object rolls back.
 
     Args:
-        lowest: Function of upward directions, shape (n, 3). It returns the height [m] of the object's lowest point
-            along each direction, shape (n,), relative to a point on the ground below the object.
+        lowest: Function of n upward directions, shape (n, 3). For each direction, it returns the height [m] of the
+            object's lowest point along this direction, relative to a fixed point on the ground below the object,
+            shape (n,).
         angle: Angle of the lean [rad].
     """
 
@@ -80,18 +81,18 @@ def curved_foot(lowest: Callable[[np.ndarray], np.ndarray], angle: float) -> np.
 
 
 def _touching(points: np.ndarray, lean: float) -> np.ndarray:
-    """Return the index of the lowest of `points` (n, 3) after a lean [rad] in each of MAX_FOOT directions."""
+    """For each of MAX_FOOT directions, return the index of the lowest of `points` (n, 3) after a lean [rad]."""
     return (points[:, 2:] * np.cos(lean) - points[:, :2] @ (np.sin(lean) * around(MAX_FOOT)).T).argmin(axis=0)
 
 
 def _corners(points: np.ndarray, lean: float) -> np.ndarray:
-    """Return the corners of a piece's foot, shape (n, 2): those `points` (m, 3) that are lowest during a lean [rad]."""
+    """Return the corners of a piece's foot, shape (n, 2): the point of `points` (m, 3) that is lowest in each lean."""
     found = points[_touching(points, lean), :2]
     kept = found[(found != np.roll(found, 1, axis=0)).any(axis=1)]
     return kept if len(kept) else found[:1]
 
 
 def around(number: int) -> np.ndarray:
-    """Return evenly spaced unit vectors on a circle, shape (number, 2). An offset keeps them off the axes."""
+    """Return evenly spaced unit vectors on a circle, shape (number, 2). None of them is parallel to an axis."""
     angle = 2.0 * np.pi * (np.arange(number) + 0.47) / number
     return np.stack([np.cos(angle), np.sin(angle)], axis=1)

@@ -2,7 +2,7 @@
 
 `geometry: physics` uses the geoms that MuJoCo collides, with convex hulls of meshes. `geometry: visual` uses the
 visible geoms (groups 0 to 2): meshes and boxes as closed triangle meshes, and round primitives. In both cases, a piece
-also has a convex form, which gives its extents and its shadow.
+also has a convex form, which determines the bounds of the piece and its outline from above.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 class PieceType(IntEnum):
-    """Kinds of convex pieces. Each piece is centred at its frame. SEGMENT is only for tests and never an obstacle."""
+    """Kinds of convex forms, centred at the piece's frame. No piece is a SEGMENT: distance tests use it for lines."""
 
     SPHERE = 0
     CAPSULE = 1
@@ -60,7 +60,7 @@ _SMALL, _ENLARGED = 0.01, 1024.0
 
 @dataclass(frozen=True)
 class Piece:
-    """One geom as an obstacle.
+    """One geom of the model as an obstacle. The convex form is a primitive, a plane, or the convex hull of a mesh.
 
     Attributes:
         geom: Id of the geom in the MjModel.
@@ -71,7 +71,8 @@ class Piece:
         size: MuJoCo's sizes [m] of a primitive, shape (3,).
         vertices: Vertices [m] of a hull in the piece's frame, shape (n, 3), empty for primitives.
         mesh: Closed surface of the geom in the body's frame, None for a plane. Round primitives are tessellated. With
-            `geometry: physics`, the mesh only serves to find flat faces, outlines, and obstacles above a point.
+            `geometry: physics`, collision tests do not use the mesh. It gives the flat faces and outline of the geom,
+            and shows whether the geom is above a point.
         contact_class: Class of the geom in `ContactRules`.
     """
 
@@ -89,7 +90,7 @@ class Piece:
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """The lower and the upper corner [m] of the bounding box of the convex form, in the body's frame.
 
-        Cached, because a scene of 1,000 objects reads them two million times.
+        The corners are cached, because a scene of 1,000 objects reads them two million times.
         """
         return self.extents(np.eye(3))
 
@@ -108,7 +109,10 @@ class Piece:
         }.get(self.type, float(np.linalg.norm(self.size)))
 
     def extents(self, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the least and greatest coordinate [m] of the convex form along each row of `axes` (body's frame)."""
+        """Return the least and the greatest coordinate [m] of the convex form along each axis, shape (n,) each.
+
+        The rows of `axes`, shape (n, 3), are the axes in the body's frame.
+        """
         local = axes @ matrix(self.quat)
         middle = axes @ self.pos
         if self.type == PieceType.HULL:
@@ -131,7 +135,7 @@ class Piece:
 def extract_pieces(
     mjm: mujoco.MjModel, geometry: str, bodies: set[int] | None = None, where: Mapping[int, str] | None = None
 ) -> list[Piece]:
-    """Return all pieces of a model, in the order of its geoms.
+    """Return the pieces of a model, in the order of the model's geoms.
 
     Args:
         mjm: The model.
@@ -158,7 +162,7 @@ def extract_pieces(
 
 
 def _check_flexes(mjm: mujoco.MjModel, geometry: str, bodies: set[int] | None, where: Mapping[int, str]) -> None:
-    """Reject flexes, which have no fixed shape, if they collide. With visual geometry, also reject visible flexes."""
+    """Reject flexes that collide, because a flex has no fixed shape. With visual geometry, also reject visible ones."""
     for flex in range(mjm.nflex):
         vert, node = mjm.flex_vertadr[flex], mjm.flex_nodeadr[flex]
         nodes = mjm.flex_nodebodyid[node : node + mjm.flex_nodenum[flex]] if mjm.flex_nodenum[flex] else []
@@ -235,18 +239,18 @@ def convex_hull(points: np.ndarray) -> trimesh.Trimesh:
 
 @functools.lru_cache(maxsize=512)
 def _known_hull(points: bytes) -> trimesh.Trimesh:
-    """Return the convex hull of a mesh, cached for all geoms of the mesh. The caller must copy it before changes."""
+    """Return the convex hull of float64 points as bytes. The hull is cached: a caller that changes it must copy it."""
     return convex_hull(np.frombuffer(points).reshape(-1, 3))
 
 
 def mesh_vertices(mjm: mujoco.MjModel, mesh: int) -> np.ndarray:
-    """Return the vertices [m] of a mesh, in the frame of its geoms, shape (n, 3)."""
+    """Return the vertices [m] of a mesh of the model, in the frame of a geom with this mesh, shape (n, 3)."""
     first = mjm.mesh_vertadr[mesh]
     return mjm.mesh_vert[first : first + mjm.mesh_vertnum[mesh]].astype(float)
 
 
 def mesh_surface(mjm: mujoco.MjModel, mesh: int) -> trimesh.Trimesh:
-    """Return the unprocessed triangles of a mesh, in the frame of its geoms."""
+    """Return the triangles of a mesh as MuJoCo stores them, in the frame of a geom with this mesh."""
     import trimesh
 
     first = mjm.mesh_faceadr[mesh]
@@ -255,10 +259,11 @@ def mesh_surface(mjm: mujoco.MjModel, mesh: int) -> trimesh.Trimesh:
 
 
 def hull_vertices(mjm: mujoco.MjModel, mesh: int, what: str) -> np.ndarray:
-    """Return the vertices [m] of a mesh's convex hull in MuJoCo, in the geom's frame, shape (n, 3).
+    """Return the vertices [m] of a mesh's convex hull, in the frame of a geom with this mesh, shape (n, 3).
 
-    If collision geoms use the mesh, MuJoCo stores the ids of the hull's vertices in `mesh_graph` (numvert, numface,
-    numvert edge addresses, numvert ids, ...). Error messages begin with `what`.
+    If a collision geom uses the mesh, MuJoCo stores the ids of the hull's vertices in `mesh_graph`. The layout is
+    numvert, numface, numvert edge addresses, numvert ids, ... For other meshes, the hull is computed. Error messages
+    begin with `what`.
     """
     vertices = mesh_vertices(mjm, mesh)
     graph = mjm.mesh_graphadr[mesh]

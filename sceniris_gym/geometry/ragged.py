@@ -6,7 +6,7 @@ import numpy as np
 
 
 def ranges(lists: Iterable) -> tuple[list, np.ndarray, np.ndarray]:
-    """Return the entries of all lists as one list, and the start and length of each original list in this list."""
+    """Join lists into one list. Return this list, and for each original list its start and its length."""
     lists = list(lists)
     num = np.array([len(x) for x in lists], int)
     adr = np.concatenate([[0], np.cumsum(num)[:-1]]) if len(num) else np.zeros(0, int)
@@ -14,12 +14,15 @@ def ranges(lists: Iterable) -> tuple[list, np.ndarray, np.ndarray]:
 
 
 def addressed(name: str, lists: Iterable) -> tuple[list, dict[str, np.ndarray]]:
-    """Return the entries of all lists as one list. Also return each list's start `{name}adr` and length `{name}num`."""
+    """Join lists into one list. Return this list, and arrays of the starts `{name}adr` and lengths `{name}num`."""
     flat, adr, num = ranges(lists)
     return flat, {f"{name}adr": adr, f"{name}num": num}
 
 
 def columns(prefix: str, rows: Sequence, **widths: int) -> dict[str, np.ndarray]:
-    """Return an array `{prefix}_{name}` for each attribute `name` of the rows. `widths` maps a name to its width."""
+    """Return an array `{prefix}_{name}` of each attribute `name` over all rows.
+
+    `widths` maps the name of each attribute to the number of values in it.
+    """
     shapes = {name: (-1,) if width == 1 else (-1, width) for name, width in widths.items()}
     return {f"{prefix}_{name}": np.reshape([getattr(r, name) for r in rows], shape) for name, shape in shapes.items()}

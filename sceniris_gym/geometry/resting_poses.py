@@ -1,4 +1,4 @@
-"""The poses in which an object can rest: as authored, or its stable poses with their probabilities."""
+"""The poses in which an object can rest: a given orientation, or its stable poses with their probabilities."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class StablePose:
     Attributes:
         quat: Orientation of the object's root, wxyz.
         pivot: Bottom centre of the object's bounds [m], in the root's frame.
-        bounds: Bounds of the object in xy, relative to the pivot [m]: low x, low y, high x, high y.
+        bounds: Bounds of the object in this pose, relative to the pivot [m]: low x, low y, high x, high y.
         probability: Probability that a layout draws this pose.
     """
 
@@ -61,18 +61,18 @@ class StablePose:
 
     @property
     def short_edge(self) -> float:
-        """The shorter edge of the bounds [m]."""
+        """The shorter edge of the object's bounds [m]."""
         return float((self.bounds[2:] - self.bounds[:2]).min())
 
 
 class HomeShape:
-    """The pieces of an object in its home state, in the frame of its root.
+    """The shape of an object with its joints in the home state, in the frame of its root.
 
     Args:
         home: MjData in the home state.
         root: Root body of the object. `gravcomp` only counts if the root is a child of the world.
         pieces: Pieces of the object.
-        margins: Distance [m] at which a support carries each piece, shape (npiece,), 0 by default.
+        margins: Contact distance [m] between each piece and the support, shape (npiece,), 0 by default.
     """
 
     def __init__(self, home: mujoco.MjData, root: int, pieces: list[Piece], margins: np.ndarray | None = None) -> None:
@@ -97,7 +97,7 @@ class HomeShape:
         return StablePose(quat, rotation.T @ bottom, np.concatenate([-half, half]), probability)
 
     def inner_radius(self) -> float:
-        """Return the radius [m] of a ball inside the hull. The bounds are at least twice as wide in any orientation."""
+        """Return the radius [m] of a ball inside the convex hull. In any pose, the bounds are at least 2 radii wide."""
         if not self._pieces:
             return 0.0
         hull = convex_hull(np.concatenate(self.points()))
@@ -105,7 +105,7 @@ class HomeShape:
         return max(float((to_faces * hull.face_normals).sum(axis=1).min()), 0.0)
 
     def hull(self, body: int) -> Piece:
-        """Return the convex hull of all pieces as a piece of the root body `body`: the footprint in any orientation."""
+        """Return the convex hull of all pieces as one piece of the root body `body`, to compute footprints from it."""
         vertices = convex_hull(np.concatenate(self.points())).vertices
         middle = vertices.mean(axis=0)
         unit = np.array([1.0, 0.0, 0.0, 0.0])
@@ -121,7 +121,7 @@ class HomeShape:
         return np.array([mat @ matrix(p.quat)[:, 2] for p, mat in zip(self._pieces, self._mats, strict=True)])
 
     def _carried_points(self) -> np.ndarray:
-        """Return all vertices [m], shape (n, 3). Pieces with more than the least margin have their faces moved out."""
+        """Return all vertices [m], shape (n, 3). Faces of a piece move out by its margin less the smallest margin."""
         more = self.margins - self.margins.min()
         if not more.any():
             return np.concatenate(self.points())
@@ -133,20 +133,20 @@ class HomeShape:
         return np.concatenate(points)
 
     def bottom(self, quat: np.ndarray) -> float:
-        """Return the height [m] of the pose's lowest point relative to the root, margins included. Usually below 0."""
+        """Return the height [m] of the lowest point relative to the root's origin, less margins. Usually negative."""
         up = matrix(quat)[2:]
         return float((up @ self.center_of_mass - self._height(up))[0])
 
     def holds(self, quat: np.ndarray) -> bool:
-        """Return whether gravity rights a pose after each tilt from 1 to `STABLE_TILT` degrees, in 24 directions."""
+        """Return whether gravity restores a pose after tilts of 1 to `STABLE_TILT` degrees, in 24 directions."""
         return self._comes_back(matrix(quat), _SIDES[0], np.arange(_LEANING, STABLE_TILT + _COARSE, _COARSE))
 
     def stable(self, where: str) -> list[tuple[np.ndarray, float]]:
         """Return the stable poses on a plane: orientations of the root (wxyz, of heading 0) and their probabilities.
 
-        Poses and probabilities are the quasi-static estimate of K. Goldberg et al., "Part pose statistics", 1999. Poses
-        in which the object tips over or rolls at tilts up to `STABLE_TILT` are left out. If many small faces form a
-        curved bottom, the lowest face represents all of them.
+        Poses and probabilities are estimated as in K. Goldberg et al., "Part pose statistics", 1999. A pose is left out
+        if the object tips over or rolls after a tilt of at most `STABLE_TILT`. If many small faces form a curved
+        bottom, the pose on the lowest face stands for the poses on all of them.
 
         Raises:
             SceneKeyError: No pose is stable, or the centre of mass is outside the hull. The error begins with `where`.
@@ -183,15 +183,15 @@ class HomeShape:
         return [(of_heading_zero(transforms[i][:3, :3]), float(p)) for i, p in zip(kept, share, strict=True)]
 
     def _rocking_regions(self, rotations: np.ndarray, probability: np.ndarray, kept: list[int]) -> dict[int, float]:
-        """Return poses on a curved bottom of many small faces. From each of them, the object rolls to the lowest face.
+        """Group the poses on small faces of a curved bottom into regions. In a region, the object rolls to one pose.
 
         Args:
             rotations: Orientations in which the object lies on a face, shape (n, 3, 3).
-            probability: The probability of each orientation.
-            kept: Numbers of the stable orientations. Orientations near these do not form regions.
+            probability: The probability of each orientation, shape (n,).
+            kept: Indices of orientations that are already known to be stable. Regions near them are left out.
 
         Returns:
-            The lowest pose of each region, with the probability of the whole region.
+            Index of the lowest pose of each region -> the probability of the whole region.
         """
         from scipy.spatial import KDTree
 
@@ -211,11 +211,11 @@ class HomeShape:
         return found
 
     def _rocks_back(self, rotation: np.ndarray, sides: int, step: float) -> bool:
-        """Return whether gravity rights a pose on a bottom of many small faces, after tilts of up to `STABLE_TILT`.
+        """Return whether gravity restores a pose on a bottom of many small faces, after tilts of up to `STABLE_TILT`.
 
         As the object tilts on such a bottom, its centre of mass goes up and down a little. The centre therefore has to
-        rise over each span of the angle `ROCKING`, but not over each step. The tilts end one span beyond `STABLE_TILT`,
-        so that small waves at the end are also ignored.
+        rise over each interval of `ROCKING` degrees, but not over each step. The tilts end at `STABLE_TILT` plus
+        `ROCKING`, so that the centre may also go down a little just below `STABLE_TILT`.
 
         Args:
             rotation: The pose, shape (3, 3).
@@ -226,15 +226,15 @@ class HomeShape:
         return self._comes_back(rotation, sides, tilts, round(ROCKING / step))
 
     def _comes_back(self, rotation: np.ndarray, sides: int, degrees: np.ndarray, span: int = 1) -> bool:
-        """Return whether gravity rights a pose after all of the given tilts.
+        """Return whether gravity restores a pose after all of the given tilts.
 
-        It does so if the height of the centre of mass above the lowest point increases over each span of tilts.
+        This is so if, after each tilt, the centre of mass is higher above the lowest point than `span` tilts before.
 
         Args:
             rotation: The pose, shape (3, 3).
             sides: Number of directions of the tilts.
-            degrees: The tilts, in ascending order.
-            span: Number of steps from the first to the last tilt of a span.
+            degrees: The tilts [degrees], in ascending order. The pose is tilted by each, in each direction.
+            span: Number of steps in `degrees` over which the height should increase.
         """
         if len(degrees) > 2 * span + 2 and not self._comes_back(rotation, sides, degrees[-span - 1 :], span):
             return False  # the largest tilts are tested first, because they reject most faces
@@ -246,11 +246,11 @@ class HomeShape:
         return bool((height[span:] - height[:-span] > _LEAST_RISE).all())
 
     def _height(self, up: np.ndarray) -> np.ndarray:
-        """Return the height [m] of the centre of mass above the lowest point, for up directions in the root's frame."""
+        """Return the height [m] of the centre of mass above the lowest point, shape (n,), as `lowest` takes `up`."""
         return up @ self.center_of_mass - self.lowest(up)
 
     def lowest(self, up: np.ndarray) -> np.ndarray:
-        """Return the height [m] of the lowest point, margins included, for up directions in the root's frame."""
+        """Return the lowest point's height less margins [m], (n,), for each up direction (n, 3) in the root's frame."""
         lowest = np.full(len(up), np.inf)
         for p, mat, at, margin in zip(self._pieces, self._mats, self._at, self.margins, strict=True):
             lowest = np.minimum(lowest, p.extents(up @ mat)[0] + up @ at - margin)
@@ -258,7 +258,7 @@ class HomeShape:
 
 
 def _closed_hull(points: np.ndarray) -> trimesh.Trimesh:
-    """Return a closed convex hull of points (n, 3). Points that are too close to each other are rounded first."""
+    """Return a closed convex hull of points (n, 3). If the hull has holes, round the points, and compute it again."""
     hull, size = convex_hull(points), float(np.ptp(points, axis=0).max())
     for share in _ROUND:
         if hull.is_watertight:
@@ -268,12 +268,12 @@ def _closed_hull(points: np.ndarray) -> trimesh.Trimesh:
 
 
 def weights(mjm: mujoco.MjModel) -> np.ndarray:
-    """Return the mass [kg] of each body on which gravity acts, without the share of `gravcomp`, shape (nbody,)."""
+    """Return the mass [kg] of each body, less the fraction that `gravcomp` compensates, shape (nbody,)."""
     return mjm.body_mass * (1.0 - mjm.body_gravcomp)
 
 
 def _center_of_weight(home: mujoco.MjData, root: int) -> np.ndarray:
-    """Return the centre of weight [m] of a body and its descendants: the centre of mass if there is no `gravcomp`."""
+    """Return the centre of mass [m] of a body and its descendants. Each mass is reduced as in `weights`."""
     mjm = home.model
     inside = mjm.body_rootid == root
     weight = weights(mjm)[inside]
@@ -283,7 +283,7 @@ def _center_of_weight(home: mujoco.MjData, root: int) -> np.ndarray:
 
 
 def heading_of(mat: np.ndarray) -> float:
-    """Return the heading [rad] of a body with orientation `mat`, shape (3, 3): its x axis, seen from above.
+    """Return the heading [rad] of a body with orientation `mat`, shape (3, 3): the angle of its x axis from above.
 
     If the x axis points straight up or down, the heading is the direction of the y axis minus a right angle.
     """
@@ -293,7 +293,7 @@ def heading_of(mat: np.ndarray) -> float:
 
 
 def of_heading_zero(mat: np.ndarray) -> np.ndarray:
-    """Return the orientation `mat`, shape (3, 3), rotated about the vertical to heading 0, as wxyz."""
+    """Rotate the orientation `mat`, shape (3, 3), about the vertical to heading 0. Return a quaternion, wxyz."""
     back = -heading_of(mat)
     rotation = np.array([[np.cos(back), -np.sin(back), 0.0], [np.sin(back), np.cos(back), 0.0], [0.0, 0.0, 1.0]])
     return quaternion(rotation @ mat)

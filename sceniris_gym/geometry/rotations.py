@@ -20,12 +20,12 @@ def pose_matrix(pos: np.ndarray, quat: np.ndarray) -> np.ndarray:
 
 
 def product(first: np.ndarray, then: np.ndarray) -> np.ndarray:
-    """Return the product of two wxyz quaternions."""
+    """Return the product first * then of two wxyz quaternions."""
     return _computed(4, mujoco.mju_mulQuat, first, then)
 
 
 def of_angles(angles: np.ndarray) -> np.ndarray:
-    """Return the wxyz quaternion of rotations about the fixed axes x, then y, then z, by `angles` [rad], shape (3,)."""
+    """Rotate about the fixed x axis, then y, then z, by `angles` [rad], shape (3,). Return the wxyz quaternion."""
     return _computed(4, mujoco.mju_euler2Quat, angles, "XYZ")
 
 

@@ -39,14 +39,14 @@ _ARC = 64
 
 @dataclass(frozen=True)
 class SupportSurface:
-    """A level part of a body's surface.
+    """A level part of a body's surface, on which objects can stand.
 
     Attributes:
         body: Id of the body (0: the world, for the floor).
         height: Height z of the surface [m] in the body's frame.
-        outline: The whole surface [m], in x and y of the body's frame.
-        region: The part of the surface where an object's pivot may be: an area or points [m].
-        is_endless: Whether the surface is a plane without sizes. The outline is then only a part of the plane.
+        outline: The whole surface as polygons [m], in x and y of the body's frame.
+        region: The part of the surface where an object's pivot may be: polygons or points [m].
+        is_endless: Whether the surface is an infinite plane. The outline is then a large square of this plane.
     """
 
     body: int
@@ -64,11 +64,13 @@ class SupportSurface:
 def level_surfaces(
     body: int, pieces: list[Piece], *, open_above: bool, geom: int | None = None
 ) -> list[SupportSurface]:
-    """Return the level surfaces of a body, lowest first. If `geom` is given, return only the surfaces of this geom.
+    """Return the level surfaces of a body: planes first, then the others from low to high.
+
+    If `geom` is given, only the surfaces of this geom are returned.
 
     If a piece of the body stands on a surface, the area below this piece is cut out. With `open_above`, the area below
-    any piece of the body is cut out, because the pieces of a body never move relative to each other. Strips narrower
-    than 2 cm are left out.
+    any higher piece of the body is cut out, so no part of the body is above the surfaces. Strips narrower than 2 cm
+    are left out.
     """
     meshes = [p.mesh for p in pieces if p.mesh is not None]
     carrying = [p for p in pieces if geom is None or p.geom == geom]
@@ -86,7 +88,7 @@ def level_surfaces(
 
 
 def _plane_surface(body: int, plane: Piece) -> SupportSurface:
-    """Return the rectangle of a plane. The rectangle of an endless plane is larger than the area of all objects."""
+    """Return a plane's rectangle as a surface. For an infinite plane, the rectangle is larger than any layout."""
     x, y = (half if half > 0.0 else _ENDLESS for half in plane.size[:2])
     corners = np.array([[-x, -y, 0.0], [x, -y, 0.0], [x, y, 0.0], [-x, y, 0.0]]) @ matrix(plane.quat).T + plane.pos
     seen = MultiPolygon([Polygon(corners[:, :2])])
@@ -94,7 +96,7 @@ def _plane_surface(body: int, plane: Piece) -> SupportSurface:
 
 
 def rectangle(low: Sequence[float] | np.ndarray, high: Sequence[float] | np.ndarray) -> SupportSurface:
-    """Return a rectangle at height 0 along the world's axes, for the ground or a shadow.
+    """Return a surface of the world body at height 0: a rectangle with edges along x and y.
 
     `low` and `high` are the x and y [m] of two opposite corners.
     """
@@ -103,9 +105,9 @@ def rectangle(low: Sequence[float] | np.ndarray, high: Sequence[float] | np.ndar
 
 
 def points_in_space(points: Points) -> list[SupportSurface]:
-    """Return surfaces that hold the given points in space. Points of equal height share a surface.
+    """Return surfaces whose regions are the given points, for an object without a support.
 
-    The outline of a surface is the rectangle around the surface's points, with a margin of 1 cm.
+    Points of equal height share a surface. Its outline is the rectangle around these points, with a margin of 1 cm.
     """
     found = []
     for z in dict.fromkeys(z for *_, z in points):
@@ -117,14 +119,19 @@ def points_in_space(points: Points) -> list[SupportSurface]:
 def crop(
     surfaces: list[SupportSurface], region: RegionConfig | None, erosions: Sequence[float], where: str
 ) -> list[list[SupportSurface]]:
-    """Return the surfaces with their regions cropped to `region`, once for each erosion [m] of the outlines.
+    """Set the region of each surface: its outline, eroded so that an object does not overhang, and cut to `region`.
+
+    Args:
+        surfaces: The surfaces of the support.
+        region: The object's `region` in the scene file, or None for the whole eroded outline.
+        erosions: How far [m] the outlines shrink, for each stable pose of the object.
+        where: Prefix of error messages.
 
     Returns:
         For each erosion, the surfaces whose regions are not empty. Equal erosions share one list.
 
     Raises:
-        SceneKeyError: No surface has an area left, or a point of the region is not on a surface. The error begins with
-            `where`.
+        SceneKeyError: No surface has an area left, or a point of the region is not on a surface.
     """
     rounded = [round(erosion, 7) for erosion in erosions]  # erosions of poses that differ only by rounding are equal
     erosion, points = min(rounded), None if region is None else region.points
@@ -156,10 +163,10 @@ def crop(
 def _kept(
     surfaces: list[SupportSurface], keep: Polygon | None, points: Points | None, erosion: float
 ) -> list[SupportSurface]:
-    """Return the surfaces with new regions: the outline, eroded [m] and then cut to `keep`.
+    """Set the region of each surface: the outline eroded by `erosion` [m], then cut to `keep`.
 
-    If `points` are given, a region has those points that lie on the eroded outline. Surfaces with an empty region are
-    left out.
+    If `points` are given, the region has the points that lie in the eroded outline instead. Surfaces with an empty
+    region are left out.
     """
     found = []
     for surface in surfaces:
@@ -194,13 +201,13 @@ def areas(triangles: np.ndarray) -> np.ndarray:
 
 
 def weights(triangles: np.ndarray) -> np.ndarray:
-    """Return the weights with which triangles of a region are drawn: their areas, or 1 for points."""
+    """Return the weight of each triangle of a region, shape (n,), to draw one at random: its area, or 1 for a point."""
     sizes = areas(triangles)
     return np.where(sizes > 0.0, sizes, 1.0)
 
 
 def edges(outline: MultiPolygon) -> np.ndarray:
-    """Return the edges [m] of an outline and of the holes in it, shape (n, 2, 2)."""
+    """Return the edges [m] of an outline and of its holes as pairs of points, shape (n, 2, 2)."""
     rings = [ring for p in outline.geoms for ring in (p.exterior, *p.interiors)]
     sides = [np.stack([c[:-1], c[1:]], axis=1) for c in (np.asarray(r.coords)[:, :2] for r in rings)]
     return np.concatenate(sides)
@@ -217,7 +224,7 @@ def _crop_shape(surfaces: list[SupportSurface], region: RegionConfig) -> Polygon
 
 
 def _levels(meshes: list[trimesh.Trimesh]) -> list[tuple[float, MultiPolygon]]:
-    """Return the heights of level faces and the area at each height, lowest first."""
+    """Group the level, upward faces of meshes by height. Return each height [m] with the faces' area, lowest first."""
     flat = [m.triangles[m.face_normals[:, 2] > _COS_MAX_SLOPE] for m in meshes]
     triangles = np.concatenate(flat) if flat else np.zeros((0, 3, 3))
     if not len(triangles):
@@ -236,7 +243,7 @@ def _levels(meshes: list[trimesh.Trimesh]) -> list[tuple[float, MultiPolygon]]:
 
 
 def section(mesh: trimesh.Trimesh, z: float) -> shapely.Geometry | None:
-    """Return the cross-section of a closed mesh at height z."""
+    """Return the area of the horizontal cut through a closed mesh at height `z` [m], or None if there is no cut."""
     if not mesh.bounds[0, 2] < z < mesh.bounds[1, 2]:
         return None
     cut = mesh.section([0.0, 0.0, 1.0], [0.0, 0.0, z])
@@ -248,7 +255,7 @@ def section(mesh: trimesh.Trimesh, z: float) -> shapely.Geometry | None:
 
 
 def _shadow(mesh: trimesh.Trimesh, z: float) -> shapely.Geometry | None:
-    """Return the vertical shadow of the part of a mesh that is above z."""
+    """Return the outline, seen from above, of the part of a mesh above height `z` [m], or None if there is none."""
     if mesh.bounds[1, 2] <= z:
         return None
     above = mesh.slice_plane([0.0, 0.0, z], [0.0, 0.0, 1.0]) if mesh.bounds[0, 2] < z else mesh
@@ -259,5 +266,5 @@ def _shadow(mesh: trimesh.Trimesh, z: float) -> shapely.Geometry | None:
 
 
 def _parts(geometry: shapely.Geometry) -> MultiPolygon:
-    """Return the parts of a geometry that have an area. Lines and points are left out."""
+    """Return the polygons of a geometry. Its lines and points are left out, because they have no area."""
     return MultiPolygon([g for g in shapely.get_parts(geometry) if isinstance(g, Polygon) and g.area > 0.0])

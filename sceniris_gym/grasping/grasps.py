@@ -1,10 +1,11 @@
 """Grasps of an object: TCP poses that an arm should be able to reach.
 
-A grasp is a frame midway between the fingertips, with +z along the approach axis and +y along the closing axis. Assets
-define grasps as sites `grasp_*`. Because the gripper's fingers are interchangeable, each site also gives a second
-grasp, rotated by 180 degrees about the approach axis. If an asset has no such sites, grasps are generated from its
-geometry for each stable pose: from above with 8 yaws, also tilted by 15, 30 and 45 degrees, and from the side if the
-object is taller than wide. Grasps that need more than the gripper's widest opening are dropped.
+A grasp is a pose of the TCP, midway between the fingertips. Its +z axis is the approach axis, and its +y axis is the
+closing axis. An asset defines grasps as sites `grasp_*`. Because the gripper's two fingers are interchangeable, each
+site also gives a second grasp, rotated by 180 degrees about the approach axis. If an asset has no such sites, grasps
+are generated from its geometry for each stable pose. They come from above, with 8 yaws and tilts of 0, 15, 30 and 45
+degrees, and also from the side if the object is taller than wide. Grasps that need more than the gripper's widest
+opening are dropped.
 """
 
 import math
@@ -38,7 +39,10 @@ _UPS = ((1, 0, 0, 0), (0, 1, 0, 0), (1, 0, -1, 0), (1, 0, 1, 0), (1, 1, 0, 0), (
 
 
 def comes_from_below(approach_z: float) -> bool:
-    """Return whether a gripper with this z component of its approach axis (world frame) would cross the support."""
+    """Return whether a gripper would come through the support, because its approach axis points up too steeply.
+
+    `approach_z` is the z component of the approach axis, a unit vector in the world frame.
+    """
     return approach_z > MOST_RISING
 
 
@@ -47,8 +51,8 @@ class Grasp:
     """A pose of the TCP in the frame of one of the object's bodies.
 
     Attributes:
-        name: Name of the site. The grasp that is rotated by 180 degrees has the suffix " rolled". A generated grasp is
-            called "top", "tilt 15", ... or "side", followed by the yaw in degrees.
+        name: Name of the site. The second grasp of a site has the suffix " rolled". A generated grasp is called "top",
+            "tilt 15", ... or "side", followed by the yaw in degrees, such as "tilt 15 90".
         body: Id of the body.
         pos: Position [m] in the body's frame, shape (3,).
         quat: Orientation, wxyz.
@@ -67,7 +71,7 @@ class GraspSet:
     """All grasps of an object, grouped by its stable poses.
 
     Attributes:
-        grasps: The grasps, in the order of trials.
+        grasps: The grasps. The test for reachability tries them in this order.
         spans: For each stable pose of the object, the index of its first grasp in `grasps` and its number of grasps.
     """
 
@@ -81,8 +85,8 @@ class Graspable:
     Args:
         scene: The scene.
         name: The object.
-        pieces: All obstacles of the scene.
-        home: The model at its start pose.
+        pieces: Pieces of all geoms of the scene.
+        home: MjData at the start pose.
     """
 
     def __init__(self, scene: SceneModel, name: str, pieces: list[Piece], home: mujoco.MjData) -> None:
@@ -107,7 +111,7 @@ class Graspable:
 
         Args:
             poses: Stable poses of the object.
-            any_rotation: Whether the object may have any orientation, with any side up.
+            any_rotation: Whether the object has `orientation: any`, so that any side may be up.
             gripper: The gripper.
             pattern: A glob for the names of grasps, with or without the prefix 'grasp_' of sites. If None, all match.
 
@@ -138,7 +142,7 @@ class Graspable:
         return GraspSet(tuple(grasps), tuple(zip(adr.tolist(), num.tolist(), strict=True)))
 
     def _named(self, groups: list[list[Grasp]], pattern: str) -> list[list[Grasp]]:
-        """Return the grasps whose names match a glob. If a site matches, both of its grasps are returned."""
+        """Drop the grasps whose names do not match a glob. If a site's name matches, both grasps of the site stay."""
         known = {g.name: g.name.removesuffix(_ROLLED) for group in groups for g in group}
         found = {name for name, site in known.items() if matches(site, pattern)}
         if known and not found:
@@ -173,7 +177,13 @@ class Graspable:
         return found
 
     def _from_above(self, rotation: np.ndarray, tilts: tuple[float, ...], gripper: Gripper) -> list[Grasp]:
-        """Return grasps of the object in an orientation (3, 3), for tilts [degrees] of the approach axis from down."""
+        """Return grasps of the object in an orientation, for several tilts and all yaws.
+
+        Args:
+            rotation: Orientation of the object's root, shape (3, 3).
+            tilts: Angles between straight down and the approach axis [degrees].
+            gripper: The gripper.
+        """
         found = []
         for tilt in tilts:
             for yaw in np.arange(YAWS) * 360.0 / YAWS:
@@ -187,7 +197,18 @@ class Graspable:
     def _at_center(
         self, rotation: np.ndarray, axes: np.ndarray, tilt: float, gripper: Gripper
     ) -> tuple[np.ndarray, float] | None:
-        """Return the position of a grasp with these axes and the opening it needs, or None if the fingers miss."""
+        """Put a grasp at the centre of the object.
+
+        Args:
+            rotation: Orientation of the object's root, shape (3, 3).
+            axes: Axes of the TCP in the root's frame as columns, shape (3, 3).
+            tilt: Angle between straight down and the approach axis [degrees].
+            gripper: The gripper.
+
+        Returns:
+            Position of the TCP in the root's frame [m] and the opening that the grasp needs [m]. None if no part of the
+            object is between the fingers.
+        """
         if not len(self.triangles):
             return np.zeros(3), 0.0
         low, high = _extents(self.triangles @ rotation.T)
@@ -217,13 +238,13 @@ class Graspable:
 
 
 def matches(name: str, pattern: str) -> bool:
-    """Return whether a grasp's name matches a glob. " rolled" is ignored, and the prefix 'grasp_' is optional."""
+    """Return whether a grasp's name matches a glob, with or without its prefix 'grasp_'. " rolled" is ignored."""
     name = name.removesuffix(_ROLLED)
     return fnmatchcase(name, pattern) or fnmatchcase(name.removeprefix(PREFIX), pattern)
 
 
 def tcp_axes(yaw: float, tilt: float) -> np.ndarray:
-    """Return the axes of a TCP as columns (3, 3). First it is tilted about its closing axis, then about the vertical.
+    """Return the axes of a TCP as columns (3, 3). The TCP is tilted about its closing axis, then turned by the yaw.
 
     Args:
         yaw: Angle from the y axis to the closing axis, about the vertical [degrees].
@@ -236,19 +257,19 @@ def tcp_axes(yaw: float, tilt: float) -> np.ndarray:
 
 
 def section(triangles: np.ndarray, pos: np.ndarray, axes: np.ndarray, gripper: Gripper) -> tuple[float, float] | None:
-    """Return the extent along the closing axis of the solid between the fingers.
+    """Return the extent, along the closing axis, of the part of an object that is between the fingers.
 
-    Only the part of the solid within the fingers' width and up to their tips counts. If a finger fits between two such
-    parts, only the part nearest to the TCP counts.
+    This part is as wide as the fingers and ends at the fingertips. If a finger fits into a gap in this part, only the
+    piece nearest to the TCP counts.
 
     Args:
-        triangles: Closed surfaces [m], shape (n, 3, 3).
+        triangles: Closed surfaces of the object [m], shape (n, 3, 3).
         pos: Position of the TCP in the frame of the triangles [m], shape (3,).
         axes: Axes of the TCP in this frame as columns, shape (3, 3).
         gripper: The gripper.
 
     Returns:
-        Smallest and largest coordinate [m] relative to the TCP, or None if the solid is not between the open fingers.
+        Smallest and largest coordinate [m] relative to the TCP, or None if no part is between the open fingers.
     """
     spans = _clipped(triangles, pos, axes, gripper.half_width, gripper.tip)[:, 1]
     if not len(spans):
@@ -264,22 +285,23 @@ def section(triangles: np.ndarray, pos: np.ndarray, axes: np.ndarray, gripper: G
 
 
 def _ahead(triangles: np.ndarray, pos: np.ndarray, axes: np.ndarray, gripper: Gripper) -> tuple[float, float]:
-    """Return the least and greatest distance [m] of the solid from the TCP along the approach axis.
+    """Return the least and the greatest distance [m] of an object from the TCP, along the approach axis.
 
-    Only the part of the solid within the fingers' width counts.
+    Only the part of the object within the fingers' width counts. The arguments are as in `section`.
     """
     spans = _clipped(triangles, pos, axes, gripper.half_width, np.inf)[:, 2]
     return (float(spans[:, 0].min()), float(spans[:, 1].max())) if len(spans) else (0.0, 0.0)
 
 
 def _clipped(triangles: np.ndarray, pos: np.ndarray, axes: np.ndarray, half_width: float, tip: float) -> np.ndarray:
-    """Clip triangles to |x| <= half_width and z <= tip in the TCP frame, and return their extents.
+    """Clip triangles to |x| <= half_width and z <= tip in the TCP frame. Return the extents of the clipped triangles.
 
-    The corners of a clipped triangle are its vertices, the intersections of its edges with the three planes, and its
-    intersections with the two lines where the planes meet.
+    The corners of a clipped triangle are found among these points: the triangle's vertices, the intersections of its
+    edges with the three planes, and its intersections with the two lines in which the planes meet.
 
     Returns:
-        Smallest and largest coordinate along each axis [m], shape (n, 3, 2). Triangles outside are dropped.
+        Smallest and largest coordinate of each clipped triangle along each axis of the TCP [m], shape (n, 3, 2).
+        Triangles that are completely clipped are dropped.
     """
     local = (triangles - pos) @ axes
     low, high = local.min(axis=1), local.max(axis=1)
@@ -298,7 +320,10 @@ def _clipped(triangles: np.ndarray, pos: np.ndarray, axes: np.ndarray, half_widt
 
 
 def _crossings(triangles: np.ndarray, axis: int, value: float) -> np.ndarray:
-    """Return the points where triangle edges cross the plane `axis` = `value`, NaN if they do not, shape (n, 3, 3)."""
+    """Return the point where each edge of triangles (n, 3, 3) crosses a plane, shape (n, 3, 3). NaN for no crossing.
+
+    The plane contains the points whose coordinate along `axis` (0, 1 or 2) is `value` [m].
+    """
     other = np.roll(triangles, -1, axis=1)
     a, b = triangles[..., axis] - value, other[..., axis] - value
     with np.errstate(divide="ignore", invalid="ignore"):

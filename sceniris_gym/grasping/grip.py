@@ -1,7 +1,7 @@
-"""Grips: how far a gripper closes on an object in each grasp, and the sideways shift that centres the gripper on it.
+"""Grips: for each grasp, how far the gripper closes on the object, and how far it shifts sideways to be centred.
 
-Both fingers close at the same time, so they would push an off-centre object sideways. Distances always use MuJoCo's
-collision geometry, also with `geometry: visual`, because the fingers hold the object by its collision geometry.
+Both fingers close at the same time, so they would push an object that is not in the middle sideways. Distances always
+use MuJoCo's collision geometry, also with `geometry: visual`, because MuJoCo simulates contacts with this geometry.
 """
 
 import copy
@@ -37,8 +37,9 @@ class Grip:
         share: Opening of the gripper, from 0 (closed) to 1 (open).
         pos: Position [m] of the TCP, midway between the contacts, in the frame of the grasp's body, shape (3,).
         fits: Whether the fingers touch the object from both sides without pushing it away.
-        lifts: Whether the fingers hold the object in the orientation in which it is placed. False if not tested.
-        holds: Whether the fingers hold the object under gravity in any direction. False if not tested.
+        lifts: Whether the fingers hold the object if it hangs in the orientation in which it was placed. False if this
+            was not tested.
+        holds: Whether the fingers hold the object for gravity in any direction. False if this was not tested.
     """
 
     share: float
@@ -52,7 +53,8 @@ class Fingers:
     """Closes the fingers of a gripper on the objects of its scene.
 
     Args:
-        models: One copy of the model for each combination of extreme random parameters that may weaken the hold.
+        models: Copies of the model, one for each combination of extreme values of the random parameters that affect
+            how firmly the fingers hold.
         arm: The arm in the model.
         gripper: The arm's gripper.
         home: MjData at the start pose. Joints inside objects keep their positions.
@@ -71,7 +73,7 @@ class Fingers:
         self._sides = [geoms[moves & side].tolist() for side in (left, ~left)]
 
     def grips(self, bodies: Sequence[int], grasps: Sequence[Grasp]) -> tuple[Grip, ...]:
-        """Return the grip for each grasp of the object with these bodies."""
+        """Return the grip for each of `grasps`. `bodies` are the bodies of the object."""
         geoms = np.flatnonzero(np.isin(self._mjm.geom_bodyid, bodies)).tolist()
         pairs = [
             [(f, g) for f in side for g in geoms if self._rules.meet(*self._rules.classes[[f, g]])]
@@ -82,7 +84,12 @@ class Fingers:
         return tuple(self._grip(grasp, pairs) for grasp in grasps)
 
     def _grip(self, grasp: Grasp, pairs: list[list[tuple[int, int]]]) -> Grip:
-        """Close the fingers until both sides penetrate the object by `INSIDE`."""
+        """Close the fingers and shift the gripper until each side penetrates the object by `INSIDE`.
+
+        Args:
+            grasp: The grasp.
+            pairs: For each side of the gripper, the pairs (finger geom, object geom) that can collide.
+        """
         shift, low, high = 0.0, 0.0, 1.0
         for _ in range(_STEPS):
             share = 0.5 * (low + high)
@@ -94,7 +101,14 @@ class Fingers:
         return Grip(high, pos, bool((np.abs(gaps + INSIDE) < _FITS).all()))
 
     def _gaps(self, share: float, shift: float, grasp: Grasp, pairs: list[list[tuple[int, int]]]) -> np.ndarray:
-        """Return the smallest distance [m] of the fingers on each side from an object shifted by `shift` [m]."""
+        """Return the smallest distance [m] between the fingers and the object on each side of the gripper, shape (2,).
+
+        Args:
+            share: Opening of the gripper, from 0 (closed) to 1 (open).
+            shift: Distance [m] by which the TCP moves along the closing axis of the grasp.
+            grasp: The grasp.
+            pairs: As in `_grip`.
+        """
         data, home = self._data, self._home
         self._pose(share)
         at, rotation, there = self._in_hand(grasp, grasp.pos + matrix(grasp.quat)[:, 1] * shift)
@@ -105,7 +119,9 @@ class Fingers:
         return np.array(near)
 
     def _in_hand(self, grasp: Grasp, pos: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return (at, rotation, there). `at + rotation @ (x - there)` moves a point x of the object into the hand.
+        """Return (at, rotation, there), which move the object into the hand.
+
+        A point x of the object at the start pose gets the position `at + rotation @ (x - there)`.
 
         Args:
             grasp: The grasp.
@@ -117,21 +133,21 @@ class Fingers:
         return data.site_xpos[self._site].copy(), rotation, home.xpos[grasp.body] + body @ pos
 
     def hold(self, bodies: Sequence[int], grasp: Grasp, grip: Grip, downs: np.ndarray) -> bool:
-        """Simulate half a second in MuJoCo C, and return whether the closed fingers hold a free object in all models.
+        """Simulate half a second in MuJoCo C, and return whether the closed fingers hold the object in all models.
 
-        Only the hand and the object collide.
+        The object is free, and only the hand and the object collide.
 
         Args:
             bodies: Bodies of the object, the root first.
             grasp: The grasp.
             grip: The grip of this grasp.
-            downs: Directions of gravity in the root's frame, shape (n, 3), or zeros if something else carries the
-                object. The fingers must hold the object for all directions.
+            downs: Directions of gravity in the frame of the object's root, shape (n, 3). The fingers should hold the
+                object for each of them. A row of zeros tests without gravity, for an object that a support carries.
         """
         return all(self._holds(copy.copy(model), bodies, grasp, grip, downs) for model in self._models)
 
     def _holds(self, alone: mujoco.MjModel, bodies: Sequence[int], grasp: Grasp, grip: Grip, downs: np.ndarray) -> bool:
-        """Run the hold test in one model. The model is modified."""
+        """Do the test of `hold` in one model. `alone` is this model, which the test modifies."""
         data, home, root = self._data, self._home, bodies[0]
         apart = ~np.isin(alone.geom_bodyid, [*self._hand, *bodies])
         alone.geom_contype[apart] = alone.geom_conaffinity[apart] = 0

@@ -1,8 +1,8 @@
-"""Measures the gripper of an arm from its geometry: its opening, and the dimensions of its fingers.
+"""Measures the gripper of an arm from the arm's geometry: the opening, and the dimensions of the fingers.
 
-Finger joints are the joints of the hand that do not move the TCP. If an equality makes a joint follow another joint, it
-also follows here, so one joint opens a gripper with two mirrored fingers. All lengths are in the TCP frame, with +z
-along the approach axis and +y along the closing axis.
+Finger joints are the joints of the hand that do not move the TCP. If an equality makes a finger joint follow another
+finger joint, only the other joint is set. A gripper with two mirrored fingers is then opened by one joint. All lengths
+are in the TCP frame, with +z along the approach axis and +y along the closing axis.
 """
 
 from __future__ import annotations
@@ -45,14 +45,14 @@ class Gripper:
     Attributes:
         opening: Widest gap between the fingers, 1000 for a tool without fingers.
         closed: Smallest gap between the fingers.
-        tip: Distance of the fingertips beyond the TCP.
-        depth: Distance from the palm to the TCP.
+        tip: How far the fingertips are beyond the TCP, along the approach axis.
+        depth: Distance from the palm to the TCP, along the approach axis.
         half_width: Half the width of the fingers at the TCP, across the closing axis.
         thickness: Thickness of a finger at the TCP, along the closing axis.
-        qposadr: Addresses in qpos of the finger joints, without joints that follow others.
-        open_qpos: Positions of these joints at the widest gap [m or rad].
-        closed_qpos: Positions of these joints at the smallest gap [m or rad].
-        couplings: Couplings of the joints that follow the finger joints, drivers first.
+        qposadr: Addresses in qpos of the finger joints that do not follow other joints.
+        open_qpos: Positions of the joints in `qposadr` at the widest gap [m or rad].
+        closed_qpos: Positions of the joints in `qposadr` at the smallest gap [m or rad].
+        couplings: Couplings of the joints that follow the joints in `qposadr`, in the order of `joint_couplings`.
     """
 
     opening: float
@@ -73,11 +73,12 @@ class Gripper:
         Args:
             mjm: The model.
             arm: The arm in the model.
-            home_qpos: A pose of the model, shape (nq,). Its positions of finger joints are ignored.
-            pieces: Obstacles of the model.
+            home_qpos: A pose of the model, shape (nq,). Positions of finger joints in this pose are ignored.
+            pieces: Pieces of all geoms of the model.
 
         Raises:
-            NotSupportedError: The fingers are part of a closed loop, and opening them would break it.
+            NotSupportedError: The fingers are part of a closed loop, and opening the gripper would violate the equality
+                that closes the loop.
         """
         hand = carried(mjm, arm)
         own = [p for p in pieces if p.body in hand and p.type != PieceType.PLANE]
@@ -147,7 +148,7 @@ class Gripper:
 
 
 def carried(mjm: mujoco.MjModel, arm: SerialArm) -> set[int]:
-    """Return the bodies that the arm's last joint carries: its own body, the hand and the fingers."""
+    """Return the bodies that the arm's last joint moves: the body with this joint, the hand and the fingers."""
     last = int(np.flatnonzero(mjm.jnt_qposadr == arm.qposadr[-1])[0])
     return set(subtree(mjm, int(mjm.jnt_bodyid[last])))
 
@@ -155,14 +156,14 @@ def carried(mjm: mujoco.MjModel, arm: SerialArm) -> set[int]:
 def finger_joints(
     mjm: mujoco.MjModel, hand: Iterable[int], arm: np.ndarray, couplings: Sequence[Coupling], home: np.ndarray
 ) -> dict[int, tuple[float, float]]:
-    """Return the limited finger joints that do not follow other joints, with their ranges [m or rad].
+    """Return the finger joints that have limits and do not follow other joints: id -> range [m or rad].
 
     Args:
         mjm: The model.
-        hand: Bodies that the arm's last joint carries.
+        hand: Bodies that the arm's last joint moves.
         arm: Addresses of the arm's joints in qpos.
         couplings: Joints that follow others. The limits of a follower narrow the range of its driver.
-        home: Pose of the model, which gives the positions of all other joints, shape (nq,).
+        home: Pose of the model, shape (nq,). Ranges are computed with all other joints in this pose.
     """
     scalar = (mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE)
     fingers = np.isin(mjm.jnt_bodyid, list(hand)) & np.isin(mjm.jnt_type, scalar) & ~np.isin(mjm.jnt_qposadr, arm)
@@ -173,13 +174,13 @@ def finger_joints(
 
 @dataclass(frozen=True)
 class _Hand:
-    """The pieces that the arm's last joint carries, measured in the TCP frame.
+    """The pieces that the arm's last joint moves, measured in the TCP frame.
 
     Attributes:
         mjm: The model.
         arm: The arm in the model.
-        pieces: The pieces.
-        couplings: All couplings of the model, in order.
+        pieces: The pieces that the arm's last joint moves.
+        couplings: All couplings of joints in the model, as `joint_couplings` returns them.
         home: A pose of the model that satisfies the couplings, shape (nq,).
     """
 
@@ -196,7 +197,10 @@ class _Hand:
         return np.array([p.body in bodies for p in self.pieces])
 
     def outer_limit(self, joint: int, ends: tuple[float, float]) -> int:
-        """Return at which limit of a joint (0: lower, 1: upper) its finger is farther from the approach axis."""
+        """Return the limit of a joint (0: lower, 1: upper) at which its finger is farther from the approach axis.
+
+        `ends` are the lower and the upper limit of this finger joint [m or rad].
+        """
         moved, off = self.moved_by([joint]), []
         for value in ends:
             low, high = self._boxes(self.mjm.jnt_qposadr[joint], value)
@@ -204,7 +208,16 @@ class _Hand:
         return int(off[1] > off[0])
 
     def opened(self, fingers: np.ndarray, adr: np.ndarray, qpos: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-        """Return the boxes of all pieces, and the gap between the pieces at the TCP, for finger joints at `qpos`."""
+        """Return the boxes of all pieces and the gap between the fingers, with finger joints at given positions.
+
+        Args:
+            fingers: Mask of the pieces that finger joints move, shape (npiece,).
+            adr: Addresses in qpos of the finger joints, shape (n,).
+            qpos: Positions of these joints [m or rad], shape (n,).
+
+        Returns:
+            Lower and upper corners of the boxes in the TCP frame [m], shape (npiece, 3) each, and the gap [m].
+        """
         low, high = self._boxes(adr, qpos)
         at = _beside(low, high, fingers)
         left = at & (low[:, 1] + high[:, 1] > 0.0)
@@ -216,7 +229,10 @@ class _Hand:
         return low, high, float(np.clip(above + below, 0.0, _NO_LIMIT))
 
     def _boxes(self, adr: np.ndarray, qpos: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
-        """Return the lower and upper corners [m] of the pieces' boxes with joints at `qpos`, shapes (npiece, 3)."""
+        """Return the lower and the upper corners [m] of the pieces' boxes in the TCP frame, shape (npiece, 3) each.
+
+        `adr` and `qpos` are the qpos addresses and positions of the joints that are not as in `home`.
+        """
         data = mujoco.MjData(self.mjm)
         data.qpos[:] = self.home
         data.qpos[adr] = qpos
@@ -229,7 +245,13 @@ class _Hand:
 
 
 def _beside(low: np.ndarray, high: np.ndarray, fingers: np.ndarray) -> np.ndarray:
-    """Return a mask of the boxes level with the TCP. If all fingers swing beyond the TCP, the fingertips count."""
+    """Return a mask of the boxes beside the TCP. If all fingers are beyond or behind it, return the fingertips instead.
+
+    Args:
+        low: Lower corners of the boxes in the TCP frame [m], shape (n, 3).
+        high: Upper corners of the boxes in the TCP frame [m], shape (n, 3).
+        fingers: Mask of the boxes of fingers, shape (n,).
+    """
     at = (low[:, 2] <= 0.0) & (high[:, 2] >= 0.0)
     if at.any() or not fingers.any():
         return at
