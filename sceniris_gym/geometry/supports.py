@@ -39,7 +39,7 @@ _ARC = 64
 
 @dataclass(frozen=True)
 class SupportSurface:
-    """A level part of a body's surface, on which objects can stand.
+    """A level part of a body's surface. Objects can stand on it.
 
     Attributes:
         body: Id of the body (0: the world, for the floor).
@@ -255,7 +255,7 @@ def section(mesh: trimesh.Trimesh, z: float) -> shapely.Geometry | None:
 
 
 def _shadow(mesh: trimesh.Trimesh, z: float) -> shapely.Geometry | None:
-    """Return the outline, seen from above, of the part of a mesh above height `z` [m], or None if there is none."""
+    """Return the outline, seen from above, of the part of a mesh above height `z` [m], or None without such a part."""
     if mesh.bounds[1, 2] <= z:
         return None
     above = mesh.slice_plane([0.0, 0.0, z], [0.0, 0.0, 1.0]) if mesh.bounds[0, 2] < z else mesh

@@ -20,7 +20,17 @@ _KERNELS = "The first start compiles kernels, which takes a minute or two."
 def view_scene(
     server: viser.ViserServer, scene: str, changes: Mapping[str, Any], *, split: str, seed: int, episode: int, num: int
 ) -> None:
-    """Show a scene on a page until Ctrl-C."""
+    """Show the layouts of a scene on a page until Ctrl-C.
+
+    Args:
+        server: The viser server of the page.
+        scene: Name of a shipped scene, or the path of a scene file.
+        changes: Dotted keys and values that replace values in the scene file.
+        split: Split of the first layouts, "train" or "eval".
+        seed: Seed of the first world.
+        episode: Episode of all worlds.
+        num: Number of worlds.
+    """
     print(f"Open the page in a browser to see '{scene}'. Ctrl-C closes the page.", file=sys.stderr, flush=True)
     with uncollected():
         drawing = import_ahead()
@@ -52,7 +62,19 @@ def view_env(
     changes: Mapping[str, Any],
     trust: bool = False,
 ) -> None:
-    """Show on a page how a policy plays an environment, until Ctrl-C."""
+    """Show on a page how a policy plays an environment, until Ctrl-C.
+
+    Args:
+        server: The viser server of the page.
+        env: Name or id of a registered environment.
+        policy: Name of the policy for `policy_of`, or None for random actions.
+        ids: Ids of the layouts to play. If empty, the layouts have the seeds 0, 1, 2, ...
+        num: Number of worlds.
+        split: Split of the layouts. If None, the split of the first id, or "train".
+        device: Device of the simulation, or None for the default.
+        changes: Dotted keys and values that replace values in the scene file.
+        trust: Passed to `policy_of`.
+    """
     print(f"Open the page in a browser to see '{env}'. Ctrl-C closes the page.", file=sys.stderr, flush=True)
     import gymnasium
 

@@ -1,4 +1,4 @@
-"""The layouts on the page, made from a seed and an episode, and their rejected candidates."""
+"""Makes the layouts that the viewer shows, from a seed and an episode, and lists their rejected candidates."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ _COUNTED = 256  # number of layouts that fill a scene's first table of rejection
 
 @dataclass(frozen=True)
 class Where:
-    """Split, seed and episode of the layouts on the page. World i has seed + i.
+    """The user's choice of layouts: split, seed and episode. World i has seed + i.
 
     Attributes:
         split: "train" or "eval".
-        seed: Seed of the first world, 64 bits.
+        seed: Seed of the first world, from 0 to 2^64 - 1.
         episode: Episode of all worlds.
     """
 
@@ -39,21 +39,21 @@ class Where:
     episode: int = 0
 
     def moved(self, seeds: int = 0, episodes: int = 0) -> Where:
-        """Add numbers to the seed and the episode. A result out of range becomes the nearest valid number."""
+        """Return a choice with `seeds` added to the seed and `episodes` to the episode, clipped to valid numbers."""
         seed = min(max(self.seed + seeds, 0), 2**64 - 1)
         return replace(self, seed=seed, episode=min(max(self.episode + episodes, 0), 2**31 - 1))
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A rejected candidate for the pose of an object.
+    """A candidate pose of an object that was rejected while a layout was made.
 
     Attributes:
         name: The object.
-        number: Index of the object in placement order. The objects before it already had a place.
-        cause: Why the candidate was rejected, in lower case.
-        count: Number of candidates of this object in this layout with the same cause.
-        state: The state of the world with the object at the rejected place, one row.
+        number: Index of the object in placement order. Objects with a smaller index already had a place.
+        cause: Why the candidate was rejected: a key of `why.CAUSES`, such as "collision".
+        count: Number of candidates of this object in this layout that were rejected for the same cause.
+        state: The state of the world with the object in the rejected pose, one row.
     """
 
     name: str
@@ -64,10 +64,10 @@ class Candidate:
 
 
 class LayoutDeck:
-    """Makes layouts of a compiled scene: for many worlds, or for one world with its rejected candidates.
+    """Makes layouts of a compiled scene: for all worlds, or for the first world with its rejected candidates.
 
     Args:
-        compiled: The scene. If it can have no layouts, it was only uploaded to the device, and has no bank.
+        compiled: The scene. If no valid layout was found for it, it has no bank of layouts.
         num: Number of worlds.
     """
 
@@ -78,27 +78,27 @@ class LayoutDeck:
         self.counts = np.zeros((max(len(compiled.placed), 1), len(Cause)), np.int64)
 
     def make(self, where: Where) -> LayoutTable:
-        """Return the layouts of all worlds, and count their rejected candidates."""
+        """Return the layouts of all worlds. Also add the candidates rejected for them to the counts of `table`."""
         generator = self._generator(where.split)
         table = _made(generator, where)
         self._count(generator, table)
         return table
 
     def stands(self, split: str) -> tuple[np.ndarray, np.ndarray]:
-        """Return `ShownWorld.stands` for the layout of the latest `make` in the first world."""
+        """Return the pivots and bounds of the first world, as in `ShownWorld.stands`, for the layout last made."""
         view = self._generator(split).layouts.view
         return view.pivot_pose.numpy()[0].copy(), view.bounds.numpy()[0].copy()
 
     def count_ahead(self) -> None:
-        """Make layouts that only fill the table of rejections. Their seeds are far from the seeds that users choose."""
+        """Make 256 layouts only to count their rejected candidates. Users are unlikely to choose their seeds."""
         generator = LayoutGenerator(self.compiled, _COUNTED, seed=1 << 62)
         generator.generate()
         self._count(generator, generator.table())
 
     def rejected(self, where: Where) -> list[Candidate]:
-        """Return the rejected candidates of the first world's layout, in the order of the trials.
+        """Return the rejected candidates of the first world's layout, in the order in which they were tried.
 
-        An object whose region is empty has no candidates.
+        If the region of an object is empty, there are no candidates of this object.
         """
         recorder = self._generator(where.split, record=True)
         view = recorder.layouts.view
@@ -115,16 +115,16 @@ class LayoutDeck:
 
     @cached_property
     def blame(self) -> Blame:
-        """The search for the geoms that candidates hit."""
+        """Finds the geoms with which a rejected candidate collides."""
         return Blame(self.compiled)
 
     def find(self, text: str) -> Where:
-        """Return the split, the seed and the episode of a layout by its id.
+        """Return the split, the seed and the episode of the layout with the id `text`.
 
         Raises:
-            ArgumentError: The text does not have the form of an id.
+            ArgumentError: The text does not have the form of a layout id.
             SceneMismatchError: The layout belongs to another scene.
-            NotSupportedError: The id has params that differ from the scene file.
+            NotSupportedError: The id has values of params that differ from the scene file.
         """
         name = LayoutId.of_scene(text.strip(), self.compiled.scene, "Open the scene of this layout.")
         if name.params:
@@ -132,13 +132,16 @@ class LayoutDeck:
         return Where(name.split, name.seed, name.episode)
 
     def table(self) -> Mapping[str, Mapping[str, int]]:
-        """Return the number of rejected candidates so far by object and cause, without empty rows and columns."""
+        """Return the rejection counts of all layouts so far: object -> cause -> number of candidates.
+
+        Objects without rejections and causes that never occurred are left out.
+        """
         seen = {c for c in Cause if self.counts[:, c].any()}
         rows = ((name, self.counts[i]) for i, name in enumerate(self.compiled.placed))
         return {name: {c.name.lower(): int(row[c]) for c in sorted(seen)} for name, row in rows if row.any()}
 
     def _generator(self, split: str, record: bool = False) -> LayoutGenerator:
-        """Return the generator of all worlds, or with `record` the recording generator of the first world."""
+        """Return the generator for all worlds, or with `record` one for the first world, which records rejections."""
         if (split, record) not in self._generators:
             recorder = partial(LayoutGenerator._recording, rejected=MOST_RECORDED, every_cause=True)
             make = recorder if record else LayoutGenerator

@@ -44,14 +44,15 @@ def policy_of(name: str, device: str = "cpu", *, trust: bool = False) -> Policy:
     """Return a policy by its name.
 
     Args:
-        name: The path of a .pt or .zip file, or 'module:function'. A .pt should be a checkpoint of rsl-rl's MLPModel
-            with its default activation. If the folder of a .zip has a normalize.pkl or vecnormalize.pkl, this
-            VecNormalize normalises the observations.
+        name: The path of a .pt or .zip file, or 'module:function'. A .pt file should be a checkpoint of rsl-rl's
+            MLPModel with its default activation. A .zip file should be a model of Stable-Baselines3. If the folder of a
+            .zip file has a normalize.pkl or vecnormalize.pkl, the VecNormalize in it normalises the observations.
         device: The device of the observations, as torch names it.
-        trust: Allow to read a .zip and its VecNormalize, which executes the code in these files.
+        trust: Whether a .zip file and its VecNormalize may be read. Reading them executes the code in these files.
 
     Raises:
-        ArgumentError: The name has another form, the file cannot be used, or it is a .zip and `trust` is False.
+        ArgumentError: The name has another form, the file cannot be used, or the file is a .zip file and `trust` is
+            False.
         MissingExtraError: The library of the policy is not installed.
     """
     path = Path(name)
@@ -126,7 +127,10 @@ def _of_stable_baselines(path: Path, device: str) -> Policy:
 
 
 def _normalization(path: Path) -> Callable[[np.ndarray], Any]:
-    """Return the function that normalises a model's observations: the VecNormalize in its folder, or the identity."""
+    """Return the function that normalises the observations for the model at `path`.
+
+    This is the VecNormalize in the model's folder. Without such a file, the function returns its argument.
+    """
     beside = [path.with_name(name) for name in _NORMALIZATIONS if path.with_name(name).is_file()]
     if not beside:
         return lambda seen: seen
@@ -146,12 +150,12 @@ _FIRST = " The first step takes longer, because it compiles or loads the kernels
 
 
 class EnvView:
-    """Plays a policy and shows the episodes. All work is done in the thread that calls `tick`.
+    """Plays a policy and shows the episodes on a page. All work is done in the thread that calls `tick`.
 
     Args:
-        server: The page.
+        server: The viser server of the page.
         envs: The environment, without autoreset.
-        policy: The policy, None for random actions.
+        policy: The policy, or None for random actions.
         ids: Ids of layouts to play, one after another. If empty, the layouts have the seeds 0, 1, 2, ...
     """
 
@@ -174,11 +178,13 @@ class EnvView:
         self.start(0)
 
     def start(self, first: int, pasted: LayoutId | None = None) -> None:
-        """Start an episode in each world. Chosen layouts repeat after the last.
+        """Start an episode in each world.
 
         Args:
-            first: The number of the first world's layout. The next worlds take the next layouts.
-            pasted: A layout for the first world instead.
+            first: Number of the layout in the first world. The next worlds take the layouts with the next numbers. If
+                the user gave ids, the number counts these ids, from the beginning again after the last. Otherwise, it
+                is the seed.
+            pasted: If given, the first world takes this layout, whose id the user pasted into the page.
         """
         self.first, envs = max(first, 0), self.envs
         numbers = range(self.first, self.first + envs.num_envs)
@@ -197,7 +203,7 @@ class EnvView:
         self._tell()
 
     def tick(self) -> None:
-        """Handle requests, and continue the episodes unless they are paused."""
+        """Handle the user's requests. Unless paused, take a step, or start new episodes if all have ended."""
         seconds = _IDLE if not self.running else _LOOK if self._ended.all() else 0.0
         for action in self.requests.take(seconds):
             self._wrong = ""
@@ -206,7 +212,7 @@ class EnvView:
             self._try(self.step if not self._ended.all() else lambda: self.start(self.first + self.envs.num_envs))
 
     def _try(self, action: Callable[[], None]) -> None:
-        """Run an action. An error, for example in the policy, stops the episodes and appears on page and stderr."""
+        """Run an action. An error, for example in the policy, pauses the episodes and is shown on page and stderr."""
         try:
             action()
         except Exception as error:

@@ -1,4 +1,4 @@
-"""The layers that are drawn over the first world."""
+"""The layers of the viewer: drawings over the first world that users can show and hide."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _OPACITY = 170.0  # of 255, at points that every direction reaches
 
 
 def sketch_pieces(world: ShownWorld, opacity: float = 1.0) -> Sketch:
-    """Draw the collision geometry of all bodies: meshes as convex hulls, and planes in grey."""
+    """Draw the collision geometry of all visible bodies, with the convex hulls of meshes. Planes are grey."""
     sketch, data = Sketch(), world.data
     hidden = set(world.hidden_bodies())
     pieces = [p for p in extract_pieces(world.compiled.mjm, "physics") if p.body not in hidden]
@@ -58,7 +58,7 @@ def sketch_pieces(world: ShownWorld, opacity: float = 1.0) -> Sketch:
 
 
 def sketch_relations(world: ShownWorld, only: str | None = None) -> Sketch:
-    """Draw the relations of all objects, or of the object `only`."""
+    """Draw the relations of all objects, or of the object `only`: an arrow from each anchor, and the allowed area."""
     sketch = Sketch()
     number = 0
     for name in [only] if only is not None else world.placed_names:
@@ -83,15 +83,16 @@ def sketch_relations(world: ShownWorld, only: str | None = None) -> Sketch:
 
 
 def _above(world: ShownWorld, name: str) -> np.ndarray:
-    """Return the end (3,) [m] of an object's arrows: above the pivot, and so high that the object hides no arrow."""
+    """Return the point [m] for the ends of an object's arrows, shape (3,): above the pivot and all of the object."""
     at = world.standing(name)[0]
     return np.array([at[0], at[1], max(at[2], world.box(name)[1][2]) + _OVER])
 
 
 def _tail(world: ShownWorld, anchor: str, tip: np.ndarray) -> np.ndarray:
-    """Return the start of an arrow from an anchor to `tip`.
+    """Return the start [m] of an arrow from an anchor to `tip`, shape (3,).
 
-    The start is above the anchor. If the anchor is higher than `tip`, the start is at the side of the anchor.
+    The start is above the anchor. But if the anchor is higher than `tip`, and `tip` is beside the anchor, the start is
+    at the side of the anchor.
     """
     low, high = world.box(anchor, root_alone=True)
     tail = _above(world, anchor)
@@ -105,7 +106,10 @@ def _tail(world: ShownWorld, anchor: str, tip: np.ndarray) -> np.ndarray:
 
 
 def sketch_clearances(world: ShownWorld, only: str | None = None) -> Sketch:
-    """Draw a line from each placed object to its nearest neighbour. The line is red if the distance is too small."""
+    """Draw a line from each placed object to its nearest neighbour. A line is red if it is shorter than the clearance.
+
+    If `only` is given, draw only the line of this object.
+    """
     sketch, drawn, config = Sketch(), set(), world.compiled.config
     clearances = {name: part.clearance for name, part in {**config.objects, **config.all_robots}.items()}
     for name in [only] if only is not None else world.placed_names:
@@ -125,7 +129,7 @@ class Nearest:
     """The nearest neighbour of an object.
 
     Attributes:
-        other: The name of the neighbour, an object, a geom or a body.
+        other: Name of the neighbour: an object, a static geom, or a body.
         ends: Ends of the shortest line from the object to the neighbour, (2, 3) [m].
         distance: Length of this line [m], negative if the object and the neighbour overlap.
     """
@@ -136,7 +140,7 @@ class Nearest:
 
 
 def nearest_to(world: ShownWorld, name: str) -> Nearest | None:
-    """Return the nearest neighbour that can collide with an object, None if no neighbour is within 0.3 m.
+    """Return the neighbour with collision geometry that is nearest to an object. None if there is none within 0.3 m.
 
     The object's support, the objects on it, and the objects of its heap are left out, because `clearance` does not
     apply to them.
@@ -164,7 +168,7 @@ def nearest_to(world: ShownWorld, name: str) -> Nearest | None:
 
 
 def _owner(world: ShownWorld, geom: int) -> str:
-    """Return the name of a geom's object. If it has no object, return the name of the static geom or of the body."""
+    """Return the name of the object that has a geom. For other geoms, return the name of the geom or of its body."""
     scene = world.compiled.scene
     body = int(scene.mjm.geom_bodyid[geom])
     own = scene.mjm.geom(geom).name if scene.mjm.body_weldid[body] == 0 else ""
@@ -172,7 +176,7 @@ def _owner(world: ShownWorld, geom: int) -> str:
 
 
 def sketch_names(world: ShownWorld, only: str | None = None) -> Sketch:
-    """Write the name of each object above it."""
+    """Write the name of each object above the object, or only of the object `only`."""
     sketch = Sketch()
     for name in world.compiled.object_names:
         if world.is_shown(name) and only in (None, name):
@@ -206,14 +210,15 @@ class ReachSlice:
 
     @property
     def span(self) -> float:
-        """Half the width of the slice [m]."""
+        """Half the edge of the square that the slice covers [m]."""
         return -self.map.u_low
 
     def picture(self, data: mujoco.MjData, height: float) -> np.ndarray:
-        """Return the picture of the slice at a height [m] in the world, (n, n, 4) uint8.
+        """Return an RGBA picture of the slice at a height [m] in the world, (n, n, 4) uint8.
 
-        A pixel is more opaque where the arm reaches more approach directions. The picture is a square with the edge
-        `2 * span` [m] around the axis of the arm's first joint. The x axis of the base points right, its y axis up.
+        A pixel is more opaque if the arm reaches the point in more approach directions. The picture shows a square with
+        edges of `2 * span` [m] around the axis of the arm's first joint. In the picture, the x axis of the arm's base
+        points right, and the y axis points up.
         """
         ticks = (np.arange(_PIXELS) + 0.5) / _PIXELS * 2.0 * self.span - self.span
         across, up = np.meshgrid(ticks, ticks[::-1])
@@ -225,7 +230,7 @@ class ReachSlice:
         return picture
 
     def pose(self, data: mujoco.MjData, height: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return the position of the slice's middle [m] and its orientation (wxyz)."""
+        """Return the position of the slice's middle in the world [m], and the orientation of the slice (wxyz)."""
         axis = data.xmat[self.body].reshape(3, 3) @ [*self.map.arm.axis_xy, 0.0]
         return np.array([*(data.xpos[self.body] + axis)[:2], height]), data.xquat[self.body]
 

@@ -22,12 +22,12 @@ _GOOD, _BAD, _WARNED = "background:#eef5ee; color:#1d4d2b;", "background:#fdeaea
 
 
 class Panel:
-    """Draws the controls, and turns their use into requests.
+    """Draws the controls. If a user changes a control, the panel adds a request to a queue.
 
     Args:
-        server: The page.
-        requests: The queue of the requests.
-        commands: The SceneView. Requests call its public methods.
+        server: The viser server of the page.
+        requests: The queue of requests.
+        commands: The SceneView. Each request calls one of its public methods.
         num: Number of worlds at first.
 
     Attributes:
@@ -62,9 +62,9 @@ class Panel:
 
         Args:
             names: The objects of the scene, to select from.
-            only: The selected object, None for all objects.
-            targets: Name, least and greatest control of each actuator.
-            has_map: True if the scene has a reach map.
+            only: The selected object, or None for all objects.
+            targets: Name, least and greatest control of each actuator. Each gets a slider.
+            has_map: True if a robot of the scene has a reach map.
         """
         self._object.options = (ALL, *names)
         self._object.value = ALL if only is None else only
@@ -76,7 +76,10 @@ class Panel:
         self._no_targets.visible = not targets
 
     def set_where(self, where: Where, layout_id: str, poses: Sequence[str]) -> None:
-        """Show the choice of layouts and the id of the first layout, and offer the poses of the arm in it."""
+        """Show which layouts the page shows: their split, seed and episode, and the id of the first world's layout.
+
+        `poses` are the poses of the arm in this layout that the user can select.
+        """
         self._where = where
         self._split.value, self._seed.value, self._episode.value = where.split, str(where.seed), str(where.episode)
         self._id.value = layout_id
@@ -90,7 +93,7 @@ class Panel:
             handle.value = min(max(float(value), handle.min), handle.max)
 
     def set_candidates(self, num: int, i: int, text: str) -> None:
-        """Show the number of rejected candidates, the index `i` of the shown candidate, and its explanation."""
+        """Set the slider for rejected candidates to candidate `i` of `num`, and show the text that explains it."""
         self._candidate.max = max(num, 1)
         self._candidate.disabled = num < 2
         self._candidate.value = i + 1 if num else 1

@@ -23,8 +23,9 @@ class Part:
     """A part of the observation that fits into one plot.
 
     Attributes:
-        name: The task's name of the array. If the part is a row of the array, the name has the index of the row.
-        first: Index of its first component in the flat observation.
+        name: Name of the array in the task's observation. If the part is only a row of the array, or a piece of a row,
+            the name also has the index, such as "cubes[2]".
+        first: Index of the part's first component in the flat observation.
         labels: A label for each component, such as "[0]".
     """
 
@@ -37,9 +38,9 @@ class Plots:
     """Plots of the last steps: reward terms, success, and one part of the observation.
 
     Args:
-        server: The page.
+        server: The viser server of the page.
         shapes: Names and shapes of the arrays in the observation, in order.
-        on_choice: Called when a user selects another part.
+        on_choice: Called without arguments when a user selects another part.
     """
 
     def __init__(
@@ -104,7 +105,7 @@ class Plots:
 
 
 def parts_of(shapes: _Shapes) -> list[Part]:
-    """Cut an observation into parts that each fit into one plot: rows of arrays, and pieces of long rows."""
+    """Cut an observation into parts with at most 8 components: the rows of its arrays, and pieces of longer rows."""
     parts, first = [], 0
     for name, shape in shapes:
         width = shape[-1] if shape else 1

@@ -1,4 +1,4 @@
-"""The layer of regions: where the pivots of objects may be on their supports, in the state of one world."""
+"""The layer "regions" of the viewer: where on its support the pivot of each object may be, in one world's state."""
 
 import math
 from collections.abc import Sequence
@@ -32,11 +32,11 @@ _THIN = 1e-9  # m2, an outline with a smaller area is a face seen from its edge
 
 
 def sketch_regions(world: ShownWorld, only: str | None = None) -> Sketch:
-    """Draw the supports as grey outlines, and the regions for the pivots of objects in colour.
+    """Draw the regions for the pivots of objects as coloured areas, and their supports as grey outlines.
 
     Args:
         world: The world.
-        only: The object whose region is drawn, None for all.
+        only: The object whose region is drawn, or None for all objects.
     """
     sketch = Sketch()
     found: dict[tuple[bytes, float], tuple[list[str], MultiPolygon]] = {}
@@ -59,7 +59,10 @@ def sketch_regions(world: ShownWorld, only: str | None = None) -> Sketch:
 
 
 def _labels(regions: list[tuple[list[str], MultiPolygon, float]]) -> list[tuple[str, np.ndarray]]:
-    """Return the labels of regions. Nearly equal regions share a label, and crowded labels move to the edges."""
+    """Return the text and position [m] of labels for regions, which are given as (objects, area, height [m]).
+
+    Nearly equal regions share a label. If a label would be close to another label, it moves to the region's edge.
+    """
     shared: list[tuple[list[str], MultiPolygon, float]] = []
     for names, left, height in regions:
         for others, area, at_height in shared:
@@ -80,11 +83,11 @@ def _labels(regions: list[tuple[list[str], MultiPolygon, float]]) -> list[tuple[
 
 
 def regions_left(world: ShownWorld, name: str) -> list[tuple[MultiPolygon, MultiPolygon, float]]:
-    """Return the outline, the area for the object's pivot, and the height [m] of each surface that may support it.
+    """Return, for each surface that may support an object, its outline, the area for the pivot, and its height [m].
 
-    Outlines and areas [m] are in the world frame, seen from above. The test for a cover assumes that the pivot is on
-    the surface. If a relation measures distances between bounds, its area covers all headings of the object, so it is a
-    little too large.
+    Outlines and areas [m] are in the world frame, seen from above. The area is the part of the surface's region in
+    which all relations of the object can hold. Whether the surface is covered is tested at the pivot. If a relation
+    measures distances between bounds, the area allows for all headings of the object, so it is a little too large.
     """
     placed = world.placed(name)
     relations = [relation_area(world, name, relation) for relation in placed.config.relations]
@@ -103,7 +106,11 @@ def regions_left(world: ShownWorld, name: str) -> list[tuple[MultiPolygon, Multi
 
 
 def is_covered_rightly(world: ShownWorld, placed: PlacedObject, region: BaseGeometry, height: float) -> BaseGeometry:
-    """Return the part of a region, at a height [m], that is covered or open above, as an object requires."""
+    """Return the part of a region where the supporting object covers the pivot as `placed` requires.
+
+    For an object 'on' its support, this is the part with no geometry above it. For an object 'inside' its support, this
+    is the part with geometry above it. `height` is the height of the region [m].
+    """
     if placed.cover == Cover.EITHER or region.is_empty:
         return region
     cover = cover_over(world, placed, height)
@@ -111,7 +118,7 @@ def is_covered_rightly(world: ShownWorld, placed: PlacedObject, region: BaseGeom
 
 
 def cover_over(world: ShownWorld, placed: PlacedObject, height: float) -> BaseGeometry:
-    """Return the outline, seen from above, of all parts of the supporting object that are above a height [m]."""
+    """Return the outline, seen from above, of all geometry of an object's support that is above a height [m]."""
     compiled = world.compiled
     assert placed.support is not None
     parent = compiled.scene.around(placed.support)
@@ -125,7 +132,7 @@ def cover_over(world: ShownWorld, placed: PlacedObject, height: float) -> BaseGe
 
 
 def _above(triangles: np.ndarray, height: float) -> BaseGeometry:
-    """Return the convex hull, seen from above, of those parts of triangles (n, 3, 3) [m] that are above a height."""
+    """Return the convex hull, seen from above, of the parts of triangles (n, 3, 3) [m] above a height [m]."""
     ends = np.stack([triangles, np.roll(triangles, 1, axis=1)], axis=2).reshape(-1, 2, 3)
     above = ends[:, :, 2] > height
     one, other = ends[above[:, 0] != above[:, 1]].transpose(1, 0, 2)
@@ -138,14 +145,14 @@ def _above(triangles: np.ndarray, height: float) -> BaseGeometry:
 
 
 def _areas(region: BaseGeometry) -> MultiPolygon:
-    """Return the drawable parts of a region: its areas, and its points as small discs."""
+    """Return a region as polygons that can be drawn. Points become small discs, and lines are left out."""
     discs = [part.buffer(_SITE) if isinstance(part, Point) else part for part in shapely.get_parts(region)]
     parts = shapely.get_parts(shapely.union_all([disc for disc in discs if isinstance(disc, Polygon)]))
     return MultiPolygon([part for part in parts if part.area > 0.0])
 
 
 def relation_area(world: ShownWorld, name: str, relation: Relation) -> BaseGeometry | None:
-    """Return the area that a relation allows for an object's pivot, None if the relation does not apply."""
+    """Return the area that a relation allows for an object's pivot, or None if absent objects make it inactive."""
     frames = [other for key, other in relation.references if key == "frame"]
     anchors = [world.standing(anchor) for anchor in relation.anchors if world.is_shown(anchor)]
     if len(anchors) < relation.least_anchors or not all(map(world.is_shown, frames)):
@@ -155,7 +162,7 @@ def relation_area(world: ShownWorld, name: str, relation: Relation) -> BaseGeome
 
 
 def _frame_heading(world: ShownWorld, name: str, relation: Relation) -> float:
-    """Return the heading [rad] of a relation's frame in the world."""
+    """Return the heading [rad] in the world of the frame that a relation uses for its direction."""
     if relation.reference_frame == "world":
         return 0.0
     if relation.reference_frame == "support":
@@ -203,9 +210,9 @@ def _joined(relation: Joined, own: Standing, anchors: Sequence[Standing], headin
 
 @area_of.register
 def _beside(relation: Beside, own: Standing, anchors: Sequence[Standing], heading: float) -> BaseGeometry:
-    """Return the line of pivots at which the gap between the bounds has the required width.
+    """Return the line of positions for the pivot at which the gap between object and anchor has the required width.
 
-    Along this line, the narrower bounds stay within the span of the wider bounds.
+    The gap is measured between the bounds of both. The line ends where the ends of the two bounds are level.
     """
     side = np.array([math.cos(heading), math.sin(heading)])
     along = np.array([-side[1], side[0]])
@@ -226,7 +233,10 @@ def _wedge(apex: np.ndarray, axis: float, half_angle: float, low: float, high: f
 
 
 def _extent(standing: Standing, along: np.ndarray) -> tuple[float, float]:
-    """Return the least and greatest coordinate [m] of bounds along a direction of the world, relative to the pivot."""
+    """Return the least and greatest coordinate [m] of an object's bounds along a direction, relative to its pivot.
+
+    `along` is a horizontal unit vector in the world, shape (2,).
+    """
     (*_, heading), bounds = standing
     c, s = math.cos(heading), math.sin(heading)
     corners = np.array([[x, y] for x in bounds[[0, 2]] for y in bounds[[1, 3]]]) @ np.array([[c, s], [-s, c]])
@@ -240,5 +250,5 @@ def _radius(bounds: np.ndarray) -> float:
 
 
 def _outside(bounds: np.ndarray) -> float:
-    """Return the distance [m] from the pivot to the bounds, 0 if the pivot is inside the bounds."""
+    """Return the distance [m] from the pivot to the nearest point of the bounds. 0 if the pivot is in the bounds."""
     return float(np.linalg.norm(np.maximum(np.maximum(bounds[:2], -bounds[2:]), 0.0)))

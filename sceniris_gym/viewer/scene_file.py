@@ -1,4 +1,4 @@
-"""The scene on the page, which is compiled again after each change of its file or assets."""
+"""Reads and compiles the scene that the viewer shows, and notices changes of its files."""
 
 import contextlib
 import re
@@ -26,9 +26,10 @@ class LoadedScene:
     """The outcome of reading and compiling a scene file.
 
     Attributes:
-        compiled: The scene, None if it cannot be read. If the scene can have no layouts, it has no bank.
+        compiled: The scene. If it cannot be read or built, this is None. If no valid layout was found, the scene has no
+            bank of layouts.
         error: The error in the scene, or None.
-        notices: Warnings about the scene.
+        notices: Texts of the warnings about the scene.
     """
 
     compiled: CompiledScene | None
@@ -37,11 +38,11 @@ class LoadedScene:
 
 
 class SceneFile:
-    """A scene by name or path, with changes, which is compiled for the CPU.
+    """Compiles a scene for the CPU, and notices when its files change.
 
     Args:
-        scene: Name of a shipped scene, or a path.
-        changes: Dotted keys and values, as `SceneConfig.load` takes them.
+        scene: Name of a shipped scene, or path of a scene file.
+        changes: Dotted keys and values that replace values in the file, as `SceneConfig.load` takes them.
     """
 
     def __init__(self, scene: str, changes: Mapping[str, Any]) -> None:
@@ -85,7 +86,7 @@ class SceneFile:
 
 
 def _files_of(config: SceneConfig) -> list[Path]:
-    """Return the model files of a scene. Of models outside the package, also return all files that they name."""
+    """Return the model files of a scene. If a model is not part of the package, also return all files that it names."""
     parts = [*config.objects.values(), *config.all_robots.values()]
     assets = sorted({part.asset for part in parts if part.asset is not None})
     of_package = shipped("assets", ".xml")  # building the model rejects unknown names
@@ -98,9 +99,12 @@ def _files_of(config: SceneConfig) -> list[Path]:
 
 
 def _add_referred(path: Path, folders: tuple[Path, ...], found: dict[Path, None]) -> None:
-    """Add a model file to `found`, and the files that it names, even if they do not exist.
+    """Add a model file to `found`, with all files that it names, even if they do not exist.
 
-    A named file is added once for each folder that may contain it.
+    Args:
+        path: The model file.
+        folders: Folders of the files that include this file. Names in this file may be relative to these folders.
+        found: The files. If a named file may be in several folders, a path for each folder is added.
     """
     if path in found:
         return

@@ -1,4 +1,4 @@
-"""The page's server. It starts before heavy imports, so that the page opens at once."""
+"""Starts the server of the viewer's page. It starts before slow imports, so that the page opens at once."""
 
 from __future__ import annotations
 
@@ -41,11 +41,11 @@ _EVERYWHERE = ("0.0.0.0", "::")
 
 
 def open_server(host: str = HOST, port: int = PORT, origins: Sequence[str] = ()) -> viser.ViserServer:
-    """Open an empty page. The page only answers requests to its addresses, and rejects requests from other sites.
+    """Start a server with an empty page. It only accepts requests to its addresses, and not from other web sites.
 
     Args:
-        host: Address to listen on. "0.0.0.0" admits all machines.
-        port: Port to listen on, or the next free port.
+        host: Address to listen on. With "0.0.0.0", all machines can reach the page.
+        port: Port to listen on. If it is taken, the next free port is used.
         origins: Further addresses at which browsers may open the page, such as "https://hub.example.org".
 
     Raises:
@@ -67,7 +67,7 @@ def open_server(host: str = HOST, port: int = PORT, origins: Sequence[str] = ())
 
 
 def _check_host(host: str) -> None:
-    """Reject a host that is not an address of this machine, because viser would wait for it forever."""
+    """Reject a host that is not an address of this machine. With such a host, viser would never start."""
     try:
         family, kind, *_, at = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[0]
         with socket.socket(family, kind) as probe:
@@ -77,11 +77,12 @@ def _check_host(host: str) -> None:
 
 
 def refusal(headers: Mapping[str, str], host: str, origins: Sequence[str]) -> str | None:
-    """Return why a request is rejected, None if it is accepted.
+    """Return why a request is rejected, or None if it is accepted.
 
-    Another site may send requests to this page from the user's browser. It may also use a domain name that resolves to
-    this machine. The browser's headers show both: `Origin` is the site, and `Host` is the name in the request. If other
-    machines can reach the page, numeric addresses are accepted too, because a site cannot use them as its name.
+    This protects users who visit a harmful web site. From the user's browser, such a site may send requests to this
+    page, also under a domain name that resolves to this machine. The browser's headers show both: `Origin` is the
+    site, and `Host` is the name in the request. If other machines can reach the page, numeric addresses of this
+    machine are accepted too, because no site has such an address as its name.
 
     Args:
         headers: The headers of the request.
@@ -115,7 +116,7 @@ def _is_loopback(name: str) -> bool:
 
 @contextlib.contextmanager
 def _refusing(host: str, origins: Sequence[str]) -> Iterator[None]:
-    """Make servers that viser starts in this block answer 403 to the requests that `refusal` rejects."""
+    """Within this context, servers that viser starts answer 403 (forbidden) to the requests that `refusal` rejects."""
     from websockets.asyncio import server
 
     serve = server.serve
@@ -135,7 +136,7 @@ def _refusing(host: str, origins: Sequence[str]) -> Iterator[None]:
 
 
 def light(server: viser.ViserServer) -> None:
-    """Set a pale background, and lights that mostly come from the front left."""
+    """Give the page a pale background and four lamps. The strongest lamp is at the front left."""
     scene = server.scene
     scene.configure_environment_map(None)
     scene.configure_default_lights(enabled=False)
@@ -145,7 +146,7 @@ def light(server: viser.ViserServer) -> None:
 
 
 def close_server(server: viser.ViserServer) -> None:
-    """Close the page."""
+    """Stop the server of a page."""
     with contextlib.redirect_stdout(io.StringIO()):  # viser prints banners
         server.stop()
 
@@ -157,14 +158,17 @@ def address(server: viser.ViserServer) -> str:
 
 
 def import_ahead() -> threading.Thread:
-    """Start to import mjviser in a thread, because importing trimesh, which mjviser needs, takes a second."""
+    """Start to import mjviser in a thread, and return the thread. The import takes a second."""
     thread = threading.Thread(target=importlib.import_module, args=("mjviser",), daemon=True)
     thread.start()
     return thread
 
 
 class Requests:
-    """Queue with only the latest request about each subject, so that dragging a slider does not fill the queue."""
+    """A queue of the user's requests, which keeps only the latest request about each subject.
+
+    So a user who drags a slider does not fill the queue.
+    """
 
     def __init__(self) -> None:
         self._waiting: dict[object, Callable[[], None]] = {}
@@ -174,7 +178,8 @@ class Requests:
         """Add a request.
 
         Args:
-            about: The subject. The request replaces a waiting request about the same subject. None replaces no request.
+            about: The subject. The request replaces a waiting request about the same subject. If None, it replaces no
+                request.
             action: The work to do.
         """
         key = object() if about is None else about
@@ -184,12 +189,12 @@ class Requests:
             self._new.notify()
 
     def put_changes(self, handle: Any, about: str, action: Callable[[Any], None]) -> Any:
-        """Add a request with the new value whenever a user changes a control, but not when the program changes it.
+        """Watch a control: whenever a user changes its value, add a request. Changes by the program are ignored.
 
         Args:
-            handle: The control, which is returned.
+            handle: The control. It is returned.
             about: The subject of the requests.
-            action: The work to do with the value.
+            action: The work to do. It gets the new value of the control.
         """
 
         @handle.on_update
@@ -200,12 +205,12 @@ class Requests:
         return handle
 
     def put_moves(self, gui: viser.GuiApi, name: str, move: Callable[[int], None]) -> None:
-        """Add two buttons to the page. They request a move by -1 and by 1.
+        """Add two buttons to the page, which decrease and increase a value by 1.
 
         Args:
             gui: The controls of the page.
-            name: The name of the moved value on the buttons.
-            move: The work to do with -1 or 1.
+            name: Name of the value, which is written on the buttons.
+            move: The work to do. It gets -1 or 1.
         """
         steps = {f"◀ {name}": -1, f"{name} ▶": 1}
         arrows = gui.add_button_group(" ", tuple(steps))

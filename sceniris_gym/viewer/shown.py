@@ -1,4 +1,4 @@
-"""One world on the page: its layout, the arm in its grasps, and physics that can step it."""
+"""One world that the viewer shows: its layout, the arm's poses in it, and its simulation."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -23,14 +23,14 @@ _LONGEST = 0.1  # s of physics between two pictures: a slow machine loses real t
 
 @dataclass(frozen=True)
 class ShownWorld:
-    """One world on the page.
+    """One world that the viewer shows.
 
     Attributes:
         compiled: The scene.
         table: The layout, one row.
         unplaced: Objects without a place yet, which are not drawn.
-        stands: Pivots [m] with headings [rad], and bounds [m], of all `Plan.columns`, shape (ncolumn, 4) each, from the
-            generator. If None, because the generator does not have this state, they are computed from the state.
+        stands: Two arrays with a row for each of `Plan.columns`: pivots [m] with headings [rad], and bounds [m], shape
+            (ncolumn, 4) each. The generator of the layout computed them. If None, they are computed from the layout.
     """
 
     compiled: CompiledScene
@@ -40,7 +40,7 @@ class ShownWorld:
 
     @cached_property
     def data(self) -> mujoco.MjData:
-        """The state, with kinematics."""
+        """MjData in the state of the layout, after kinematics."""
         data = mujoco.MjData(self.compiled.mjm)
         self.table.put(data, 0)
         mujoco.mj_kinematics(self.compiled.mjm, data)
@@ -49,7 +49,7 @@ class ShownWorld:
 
     @cached_property
     def absent(self) -> list[str]:
-        """Absent members of groups."""
+        """Names of the objects that are absent from this layout: members of groups that were not drawn."""
         return [name for name in self.compiled.object_names if not self.is_present(name)]
 
     def is_present(self, name: str) -> bool:
@@ -67,7 +67,7 @@ class ShownWorld:
         return self.is_present(name) and self.own(name) not in self.unplaced
 
     def standing(self, name: str) -> tuple[np.ndarray, np.ndarray]:
-        """Return an object's pivot [m] with its heading [rad], and its bounds [m], as relations use them."""
+        """Return the pivot [m] with heading [rad], and the bounds [m], of an object in relations, shape (4,) each."""
         plan, name = self.compiled.plan, self.own(name)
         column = plan.columns.index(self.compiled.config.owners.get(name, name))
         if self.stands is not None:
@@ -84,7 +84,10 @@ class ShownWorld:
         return np.array([*self.data.xpos[root] + mat @ poses[best].pivot, heading]), poses[best].bounds
 
     def box(self, name: str, root_alone: bool = False) -> tuple[np.ndarray, np.ndarray]:
-        """Return two opposite corners [m] of the upright box around an object, or only around its root body."""
+        """Return the low and the high corner [m] of the upright box around an object, shape (3,) each.
+
+        With `root_alone`, the box is only around the root body of the object.
+        """
         mjm, data, name = self.compiled.mjm, self.data, self.own(name)
         bodies = [self.compiled.scene.bodies[name]] if root_alone else self.compiled.scene.subtree(name)
         geoms = np.flatnonzero(np.isin(mjm.geom_bodyid, bodies))
@@ -98,22 +101,25 @@ class ShownWorld:
         return points @ self.data.xmat[body].reshape(3, 3).T + self.data.xpos[body]
 
     def placed(self, name: str) -> PlacedObject:
-        """Return the plan of a placed object."""
+        """Return the entry of a placed object in `Plan.objects`."""
         return self.compiled.plan.objects[self.compiled.placed.index(name)]
 
     @property
     def placed_names(self) -> list[str]:
-        """The placed objects and robots that this world shows, in the order of the scene file."""
+        """Objects and robots that layouts place and that this world shows, in the order of the scene file."""
         parts = self.compiled.config.parts
         return [name for name in parts if parts[name].is_placed and self.is_shown(name)]
 
     def hidden_bodies(self, with_absent: bool = True) -> list[int]:
-        """Return the bodies of objects that have no place yet, and optionally of absent objects."""
+        """Return the bodies of objects that have no place yet and, with `with_absent`, of absent objects."""
         names = [*self.unplaced, *(self.absent if with_absent else [])]
         return [body for name in names for body in self.compiled.scene.subtree(name)]
 
     def parked_offsets(self, low: np.ndarray) -> dict[int, np.ndarray]:
-        """Return offsets [m] that move the bodies of absent objects to a row in front of the scene's corner `low`."""
+        """Return body -> offset [m], which moves absent objects into a row in front of the scene.
+
+        `low` is the low corner of the scene's bounds [m], shape (3,).
+        """
         offsets = {}
         for i, name in enumerate(self.absent):
             at = np.array([low[0] + 0.15 + 0.3 * i, low[1] - 0.2, low[2]])
@@ -124,16 +130,16 @@ class ShownWorld:
 
 
 class Player:
-    """Steps one world with MuJoCo C, from its layout on.
+    """Simulates one world with MuJoCo C, starting in its layout.
 
     Args:
         compiled: The scene.
         table: The layout, one row.
 
     Attributes:
-        data: The state.
-        running: False while physics is paused.
-        speed: Seconds of physics per second.
+        data: MjData in the current state.
+        running: False while the simulation is paused.
+        speed: Simulated seconds per second of real time.
     """
 
     def __init__(self, compiled: CompiledScene, table: LayoutTable) -> None:
@@ -144,7 +150,7 @@ class Player:
         self.reset()
 
     def reset(self) -> None:
-        """Return to the layout, with controls that hold its joints and close fingers around a held object."""
+        """Return to the layout. Set controls that hold the joints, and that close the fingers around a held object."""
         mujoco.mj_resetData(self.mjm, self.data)
         self.table.put(self.data, 0)
         adr, closed = self._closed
@@ -155,7 +161,7 @@ class Player:
         self._debt = 0.0
 
     def advance(self, seconds: float) -> bool:
-        """Step physics for a time [s] at the chosen speed. Return True if at least one step was taken."""
+        """Simulate `seconds` of real time [s] at the chosen speed. Return True if at least one step was taken."""
         if not self.running:
             return False
         self._debt = min(self._debt + seconds * self.speed, _LONGEST)
@@ -171,9 +177,10 @@ class Player:
 
 
 def target_ranges(mjm: mujoco.MjModel) -> list[tuple[str, float, float]]:
-    """Return the name, the least and the greatest control of each actuator.
+    """Return the name, the least and the greatest control of each actuator, for its slider.
 
-    An actuator without limits gets the range of its joint. If the joint has no limits either, the range is -1 to 1.
+    If an actuator has no control limits, its slider has the limits of its joint. If the joint has no limits either, the
+    slider goes from -1 to 1.
     """
     ranges = []
     for i in range(mjm.nu):
@@ -187,9 +194,9 @@ def target_ranges(mjm: mujoco.MjModel) -> list[tuple[str, float, float]]:
 
 
 def _closed_fingers(compiled: CompiledScene, table: LayoutTable) -> tuple[np.ndarray, np.ndarray]:
-    """Return the qpos addresses of fingers that hold an object in a layout, and the closed positions of these fingers.
+    """Return the qpos addresses of fingers that hold an object at the start of a layout, and their closed positions.
 
-    Both arrays are empty if the layout starts without a held object.
+    If no object is held at the start, both arrays are empty.
     """
     if compiled.config.start and compiled.reaching is not None:
         kind = compiled.config.start[table.start[0]]
@@ -205,7 +212,10 @@ _RESTARTS = 64
 
 
 def sketch_grasps(world: ShownWorld, only: str | None = None) -> Sketch:
-    """Draw the axes of each reach target's grasp, and an arrow from the pre-grasp. The approach axis is blue."""
+    """Draw the TCP's axes in the grasp of each reach target, or only of the target `only`. The approach axis is blue.
+
+    An arrow goes from the pre-grasp to the grasp.
+    """
     sketch, reaching = Sketch(), world.compiled.reaching
     for k, target in enumerate(() if reaching is None else reaching.targets):
         pose = grasp_pose(world, k)
@@ -221,7 +231,7 @@ def sketch_grasps(world: ShownWorld, only: str | None = None) -> Sketch:
 
 
 def grasp_pose(world: ShownWorld, k: int) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return the TCP's pose in the grasp of reach target `k`, [m] and wxyz, None if the target is absent."""
+    """Return the TCP's position [m] and orientation (wxyz) in the grasp of reach target `k`. None for no grasp."""
     if world.table.grasp.shape[1] <= k or world.table.grasp[0, k] < 0:
         return None
     pose = world.table.grasp_pose[0, k].astype(float)
@@ -229,7 +239,10 @@ def grasp_pose(world: ShownWorld, k: int) -> tuple[np.ndarray, np.ndarray] | Non
 
 
 def poses_of_arm(world: ShownWorld) -> list[str]:
-    """Return the poses for `with_arm`: start, and grasp and pre-grasp of each target that the model's arms reach."""
+    """Return the names of the poses that `with_arm` accepts: "start", "grasp of OBJECT" and "pre-grasp of OBJECT".
+
+    An object is listed if it is a reach target with a grasp, and the target's arm is part of the simulated model.
+    """
     reaching = world.compiled.reaching
     if reaching is None:
         return [START]
@@ -239,10 +252,10 @@ def poses_of_arm(world: ShownWorld) -> list[str]:
 
 
 def with_arm(world: ShownWorld, pose: str) -> LayoutTable | None:
-    """Return the layout with the arm in a pose of `poses_of_arm`, None if inverse kinematics fail.
+    """Return the layout with the arm in a pose from `poses_of_arm`, or None if inverse kinematics finds no solution.
 
-    The layout stores the arm's joint positions in its grasps. If the layout was only tested with the arm's map, inverse
-    kinematics compute these positions.
+    The layout stores the arm's joint positions in each grasp and pre-grasp. If reachability was only tested with the
+    arm's map, the layout has no such positions, and inverse kinematics computes them.
     """
     reaching = world.compiled.reaching
     if pose == START or reaching is None:

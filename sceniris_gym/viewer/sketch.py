@@ -1,4 +1,4 @@
-"""Sketches that the page draws over a world: surfaces, lines, arrows, axes and labels, as arrays."""
+"""Sketches: surfaces, lines, arrows, axes and labels that the viewer draws over a world."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -28,14 +28,14 @@ _FLAT = {"side": "double", "flat_shading": True, "cast_shadow": False, "receive_
 
 @dataclass
 class Sketch:
-    """Shapes in the world's frame [m].
+    """Lists of shapes to draw, in the world's frame [m].
 
     Attributes:
-        surfaces: Triangles as vertices (n, 3) and faces (m, 3), their colour and opacity.
-        lines: Ends of a line, (2, 3), and its colour.
-        arrows: Tail and tip of an arrow, (2, 3), and its colour.
-        axes: Position (3,) and orientation (wxyz) of a frame.
-        labels: Texts and their positions (3,).
+        surfaces: For each surface, the vertices (n, 3) and faces (m, 3) of its triangles, its colour and its opacity.
+        lines: For each line, its two ends, shape (2, 3), and its colour.
+        arrows: For each arrow, its tail and its tip, shape (2, 3), and its colour.
+        axes: For each frame, its position (3,) and its orientation (wxyz).
+        labels: For each label, its text and its position (3,).
     """
 
     surfaces: list[tuple[np.ndarray, np.ndarray, Colour, float]] = field(default_factory=list)
@@ -45,7 +45,7 @@ class Sketch:
     labels: list[tuple[str, np.ndarray]] = field(default_factory=list)
 
     def outline(self, ring: np.ndarray, colour: Colour) -> None:
-        """Add the edges of a closed ring of points, shape (n, 3)."""
+        """Add a line between each two neighbours in a closed ring of points [m], shape (n, 3)."""
         for a, b in zip(ring, np.roll(ring, -1, axis=0), strict=True):
             self.lines.append((np.stack([a, b]), colour))
 
@@ -56,10 +56,10 @@ class Sketch:
         self.surfaces.append((points, np.arange(len(points)).reshape(-1, 3), colour, opacity))
 
     def draw(self, server: viser.ViserServer, name: str, origin: np.ndarray, size: float = 1.0) -> None:
-        """Show the sketch on the page below `/name`, and remove an earlier sketch of this name.
+        """Show the sketch on the page as the scene node `/name` of viser. An earlier sketch of this name is removed.
 
         Args:
-            server: The page.
+            server: The viser server of the page.
             name: Name of the sketch on the page.
             origin: The world's origin [m].
             size: The size of the world [m], which sets the thickness of lines and arrows.
@@ -88,5 +88,5 @@ class Sketch:
 
 
 def _linear(colour: Colour) -> np.ndarray:
-    """Return a colour in linear light, shape (3,). viser expects it for lines and arrows, and sRGB for other shapes."""
+    """Convert a colour from sRGB to linear RGB, shape (3,). viser takes linear colours only for lines and arrows."""
     return np.round(255.0 * (np.array(colour) / 255.0) ** 2.2).astype(np.uint8)

@@ -1,4 +1,4 @@
-"""The page of one scene: its state, and the actions of its controls."""
+"""The viewer's page of one scene: its state, and the action of each control."""
 
 import sys
 import time
@@ -31,13 +31,13 @@ _CANDIDATE, _SLICE, _PIECES = "candidate", "slice", "pieces"  # names of sketche
 
 
 class SceneView:
-    """Shows layouts of a scene, and handles the requests of the page's controls, in the thread that calls `tick`.
+    """Shows layouts of a scene on a page. The thread that calls `tick` handles the requests of the page's controls.
 
     Args:
-        server: The page.
+        server: The viser server of the page.
         file: The scene.
-        where: The first choice of layouts.
-        num: Number of worlds at first.
+        where: Split, seed and episode of the layouts to show first.
+        num: Number of worlds to show first.
     """
 
     def __init__(self, server: viser.ViserServer, file: SceneFile, where: Where, num: int = 1) -> None:
@@ -64,7 +64,10 @@ class SceneView:
         self._looked = self._stepped = self._told = time.monotonic()
 
     def tick(self, seconds: float = _IDLE) -> None:
-        """Run one iteration: handle requests (waiting up to `seconds` [s]), step physics, and reload changed files."""
+        """Handle requests, step physics, and reload the scene if its files changed. Called in a loop.
+
+        If there is no request and physics is paused, wait for a request up to `seconds` [s].
+        """
         running = self._player is not None and self._player.running
         for action in self.requests.take(_FRAME if running else seconds):
             self._try(action)
@@ -82,7 +85,10 @@ class SceneView:
                 self._tell_counts()
 
     def load(self) -> None:
-        """Read the scene, and show it at the same seed. On an error, show the message and keep the last scene."""
+        """Read the scene, and show the layouts of the same split, seed and episode.
+
+        If the scene has an error, show the message. If the scene cannot be built, the page keeps the last scene.
+        """
         with listening(self._tell_progress):
             loaded = self.file.load()
         if loaded.error is not None:
@@ -104,7 +110,7 @@ class SceneView:
             self.show_rejected(True)
 
     def go(self, where: Where) -> None:
-        """Show the layouts of another choice."""
+        """Show the layouts of another split, seed or episode."""
         if not self._ready:
             return
         self.where, self._pose = where, START
@@ -117,28 +123,28 @@ class SceneView:
         self._tell()
 
     def go_to_id(self, text: str) -> None:
-        """Show the layout with an id."""
+        """Show the layout with the id `text` in the first world."""
         if self._ready and text.strip() != self._layout_id():
             self.go(self.deck.find(text))
 
     def show_worlds(self, num: int) -> None:
-        """Show this number of worlds."""
+        """Show `num` worlds."""
         self.num = num
         if self._ready:
             self._draw_worlds(self.deck.compiled)
 
     def show_layer(self, name: str, shown: bool) -> None:
-        """Show or hide a layer."""
+        """Show or hide the layer `name`, a key of `LAYERS`."""
         (self._layers.add if shown else self._layers.discard)(name)
         self._show()
 
     def show_geometry(self, which: str) -> None:
-        """Show visual geometry, colliding geometry, or both."""
+        """Show visual geometry, collision geometry, or both: `which` is `SEEN`, `COLLIDED` or `BOTH`."""
         self._geometry = which
         self._show()
 
     def look_at_object(self, name: str | None) -> None:
-        """Limit layers to one object, or show all objects with None."""
+        """Draw the layers only for the object `name`, or for all objects if `name` is None."""
         self._only = name
         self._show()
 
@@ -149,14 +155,14 @@ class SceneView:
             self._show_slices(self._first_world()[0])
 
     def move_arm(self, pose: str) -> None:
-        """Put the arm of the first world into a pose of `poses_of_arm`, in the state of the layout. Physics ends."""
+        """End physics, and show the first world in its layout, with the arm in a pose from `poses_of_arm`."""
         self._pose, self._candidates = pose, None
         self.panel.rejected.value = False
         self._end_play()
         self._show()
 
     def show_rejected(self, shown: bool) -> None:
-        """Show the rejected candidates of this layout, which ends physics, or hide them."""
+        """Show or hide the rejected candidates of the first world's layout. To show them, physics ends."""
         if shown:
             self._end_play()
         self._candidates = self.deck.rejected(self.where) if shown and self._ready else None
@@ -164,7 +170,7 @@ class SceneView:
         self._show()
 
     def show_candidate(self, i: int) -> None:
-        """Show rejected candidate `i`, or the first or last candidate if `i` is out of range."""
+        """Show the rejected candidate with index `i`. An index out of range is clipped."""
         self._candidate = min(max(i, 0), max(len(self._candidates or ()) - 1, 0))
         self._show()
 
@@ -175,13 +181,13 @@ class SceneView:
         self.panel.play.label = "Pause" if running else "Play"
 
     def step(self) -> None:
-        """Pause physics, and take one step."""
+        """Pause physics in the first world, and take one step."""
         self.play(False)
         self._playing().step()
         self._show_player()
 
     def reset_play(self) -> None:
-        """Return to the layout and its layers."""
+        """End physics, and show the layout and its layers again."""
         if self._player is not None:
             self._player.reset()
             self.panel.set_targets(self._player.data.ctrl)
@@ -189,18 +195,18 @@ class SceneView:
             self._show()
 
     def set_speed(self, speed: float) -> None:
-        """Set the seconds of physics per second."""
+        """Set how many seconds physics simulates per second of real time."""
         self._speed = speed
         if self._player is not None:
             self._player.speed = speed
 
     def set_target(self, i: int, value: float) -> None:
-        """Set the control of an actuator, and run physics."""
+        """Set the control of actuator `i`, and run physics in the first world."""
         self._playing().data.ctrl[i] = value
         self.play(True)
 
     def _try(self, action: Callable[[], None]) -> None:
-        """Run an action. Show errors of the user on the page, and internal errors also on stderr."""
+        """Run an action. If it raises, show the error on the page. Print unexpected errors to stderr too."""
         try:
             action()
         except ScenirisError as error:
@@ -215,7 +221,7 @@ class SceneView:
             self.panel.say(f"The scene is being compiled ({what}: {done} of {total}). {_KERNELS}")
 
     def _draw_worlds(self, compiled: CompiledScene) -> None:
-        """Replace all worlds on the page, for another model or another number of worlds."""
+        """Replace all worlds on the page, because the scene or the number of worlds changed."""
         self.deck, self._counted = LayoutDeck(compiled, self.num), False
         self.server.scene.reset()
         worlds = Worlds(self.server, compiled.scene, self.num)
@@ -224,7 +230,7 @@ class SceneView:
         self.go(self.where)
 
     def _show(self) -> None:
-        """Update the picture."""
+        """Draw all worlds and layers in their current state."""
         if not self._ready:
             return
         compiled, worlds = self.deck.compiled, self._worlds
@@ -245,9 +251,10 @@ class SceneView:
         self._show_player()
 
     def _first_world(self) -> tuple[ShownWorld, Candidate | None]:
-        """Return the first world, and the rejected candidate that it shows, if any.
+        """Return the first world as it should be drawn, and the rejected candidate to draw in it, or None.
 
-        Without a candidate, the world is in its layout, with the arm in the selected pose.
+        If there is a candidate, the world is in the state in which the candidate was tried. Otherwise, the world is in
+        its layout, with the arm in the selected pose.
         """
         if self._candidates:
             candidate = self._candidates[self._candidate]
@@ -305,7 +312,10 @@ class SceneView:
         self._worlds.send()
 
     def _playing(self) -> Player:
-        """Return the player of this layout. A new player hides the layers, which show the state of the layout."""
+        """Return the player for the first world's layout. If there is none, make one, and hide the layers.
+
+        Layers show the layout, so they are wrong once physics moves the objects.
+        """
         if self._player is None:
             self._player = Player(self.deck.compiled, self.table[:1])
             self._player.speed = self._speed
@@ -321,7 +331,10 @@ class SceneView:
         self.panel.play.label = "Play"
 
     def _first_candidate(self) -> int:
-        """Return the index of the candidate to show first: if the scene has no layout, one of the blamed object."""
+        """Return the index of the rejected candidate to show first.
+
+        If the scene has no valid layout, the error names an object and a cause: this is their first candidate.
+        """
         error = self.loaded.error if self._ready else None
         blamed = (error.name, error.cause) if isinstance(error, InfeasibleSceneError) else None
         return next((i for i, c in enumerate(self._candidates or ()) if (c.name, c.cause) == blamed), 0)
@@ -330,7 +343,7 @@ class SceneView:
         return self.deck.compiled.layout_id(self.where.seed, self.where.episode, self.where.split)
 
     def _tell(self) -> None:
-        """Describe the shown layout above the controls."""
+        """Write above the controls which layout is shown, or the error in the scene."""
         poses = poses_of_arm(ShownWorld(self.deck.compiled, self.table[:1]))
         self.panel.set_where(self.where, self._layout_id(), poses)
         self._tell_counts()

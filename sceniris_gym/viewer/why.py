@@ -1,4 +1,4 @@
-"""Rejected candidates: drawn in red at their place, with the cause in words."""
+"""Shows why candidates were rejected: draws a candidate in red at its place, and explains the cause in words."""
 
 from collections.abc import Mapping, Sequence
 
@@ -33,7 +33,7 @@ CAUSES = {
 
 
 def world_of(compiled: CompiledScene, candidate: Candidate) -> ShownWorld:
-    """Return the world at the moment when a candidate was tried. Objects that are placed later have no place yet."""
+    """Return the world in the state in which a candidate was tried. Objects that are placed later have no place yet."""
     later = compiled.placed[candidate.number + 1 :]
     drawn = {name for name in later if name in compiled.config.parts and compiled.config.parts[name].is_placed}
     return ShownWorld(compiled, candidate.state, frozenset(drawn))
@@ -45,7 +45,7 @@ def bodies_before(world: ShownWorld, candidate: Candidate, direction: np.ndarray
     Args:
         world: The world of the candidate, from `world_of`.
         candidate: The candidate.
-        direction: From the scene to the eye, shape (3,).
+        direction: Unit vector from the scene to the camera, shape (3,).
     """
     mjm, own = world.compiled.mjm, {0, *world.compiled.scene.subtree(candidate.name)}
     groups = np.isin(np.arange(mujoco.mjNGROUP), VISIBLE_GROUPS).astype(np.uint8)
@@ -64,7 +64,14 @@ def bodies_before(world: ShownWorld, candidate: Candidate, direction: np.ndarray
 def sketch_candidate(
     world: ShownWorld, candidate: Candidate, hits: Sequence[Hit], before: Sequence[int] = ()
 ) -> Sketch:
-    """Draw a candidate in red, its obstacles in orange, and the bodies `before` it in translucent grey."""
+    """Draw a candidate in red, the geoms that it hits in orange, and bodies that hide it in translucent grey.
+
+    Args:
+        world: The world of the candidate, from `world_of`.
+        candidate: The candidate.
+        hits: The pairs of geoms that collide, worst first.
+        before: The bodies that hide the candidate, from `bodies_before`.
+    """
     sketch, mjm = Sketch(), world.compiled.mjm
     for body in world.compiled.scene.subtree(candidate.name):
         _add_body(sketch, world, body, RED, 0.8)
@@ -84,7 +91,7 @@ def sketch_candidate(
 
 
 def explain(compiled: CompiledScene, candidate: Candidate, hits: Sequence[Hit]) -> str:
-    """Return the reason for the rejection of a candidate, in sentences."""
+    """Return sentences that explain why a candidate was rejected. `hits` are its collisions, worst first."""
     times = f"{candidate.count} of its candidates" if candidate.count > 1 else "one candidate"
     lines = [f"{candidate.name}: {candidate.cause} ({times} in this layout)."]
     because = CAUSES[candidate.cause]
@@ -96,13 +103,19 @@ def explain(compiled: CompiledScene, candidate: Candidate, hits: Sequence[Hit]) 
 
 
 def worst_by_body(mjm: mujoco.MjModel, hits: Sequence[Hit]) -> list[Hit]:
-    """Return the worst hit with each other body, at most three hits, the worst first."""
+    """Return the worst of `hits` with each other body, at most three. `hits` and the result begin with the worst."""
     first = {int(mjm.geom_bodyid[hit.geoms[1]]): hit for hit in reversed(hits)}
     return [hit for hit in hits if first[int(mjm.geom_bodyid[hit.geoms[1]])] is hit][:_MOST_HITS]
 
 
 def table_in_html(counts: Mapping[str, Mapping[str, int]], layouts: int, valid: int) -> str:
-    """Return rejection counts as an HTML table: a row per object with rejections, a column per cause."""
+    """Return rejection counts as an HTML table, with a row for each object and a column for each cause.
+
+    Args:
+        counts: Object -> cause -> number of rejected candidates.
+        layouts: Number of layouts for which candidates were counted.
+        valid: Number of valid layouts among them.
+    """
     share = f"{valid / layouts:.1%}" if layouts else "none"
     head = f"<p>Rejected candidates in {layouts} layouts, {share} valid:</p>"
     if not counts:
@@ -122,7 +135,7 @@ def _add_body(sketch: Sketch, world: ShownWorld, body: int, colour: Colour, opac
 
 
 def _edges_of_box(world: ShownWorld, geom: int) -> np.ndarray:
-    """Return the upper rectangle of the box around a geom, shape (4, 3) [m]."""
+    """Return the four upper corners of the box around a geom, in the world frame [m], shape (4, 3)."""
     mjm, data = world.compiled.mjm, world.data
     center, half = mjm.geom_aabb[geom, :3], mjm.geom_aabb[geom, 3:]
     if mjm.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE:

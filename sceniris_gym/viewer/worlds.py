@@ -1,4 +1,4 @@
-"""The worlds on the page, which mjviser draws from one model on a square grid, and the page of an environment."""
+"""Draws the worlds of the viewer side by side on a grid, with mjviser. Also the window of an environment."""
 
 from __future__ import annotations
 
@@ -49,8 +49,8 @@ class Worlds:
     """Draws worlds of one model side by side.
 
     Args:
-        server: The page.
-        scene: The scene. The page draws a modified copy of the scene's model.
+        server: The viser server of the page.
+        scene: The scene. A modified copy of its model is drawn, see `drawn_model`.
         num: Number of worlds.
     """
 
@@ -88,7 +88,7 @@ class Worlds:
             i: The world.
             data: An MjData with current kinematics, or any object with xpos, xmat and mocap_quat.
             hidden: Bodies that are not drawn.
-            moved: Body -> offset [m] of its drawing, shape (3,).
+            moved: Body -> offset [m] from the body's position to its drawing, shape (3,).
         """
         self._xpos[i] = data.xpos + self.origins[i]
         self._xmat[i] = np.reshape(data.xmat, (-1, 3, 3))
@@ -100,7 +100,7 @@ class Worlds:
         self._mocap_quat[i] = data.mocap_quat
 
     def is_like(self, other: Worlds) -> bool:
-        """Return True if `other` has the same number of worlds, with nearly the same bounds."""
+        """Return True if `other` has the same number of worlds, and the bounds of its scene are nearly the same."""
         most = _ALIKE * (other.high - other.low).max()
         ends = np.abs(np.stack([self.low - other.low, self.high - other.high]))
         return self.num == other.num and bool(ends.max() <= most)
@@ -110,15 +110,16 @@ class Worlds:
         self._scene.update_from_arrays(self._xpos, self._xmat, self._mocap_pos, self._mocap_quat)
 
     def show_visuals(self, visible: bool) -> None:
-        """Show or hide the geometry of all worlds. It is hidden while a layer replaces it."""
+        """Show or hide the visual geometry of all worlds, which is hidden while only collision geometry is shown."""
         for group in VISIBLE_GROUPS:
             self._scene.geom_groups_visible[group if group < 3 else 2] = visible
         self._scene._sync_visibilities()
 
     def aim(self, open_pages: bool = True) -> None:
-        """Point cameras at all worlds, from the direction of the model's camera 'overview'.
+        """Set the view of the page so that all worlds are visible, from the direction of the camera 'overview'.
 
-        New browser windows start with this view. With `open_pages`, open browser windows also change to it.
+        Browser windows that are opened later start with this view. With `open_pages`, windows that are open now also
+        change to this view.
         """
         points = (self._seen[None] + self.origins[:, None]).reshape(-1, 3)
         eye, axes = frame(points, view_direction(self.mjm), FOVY, _ASPECT)
@@ -130,12 +131,12 @@ class Worlds:
 
 
 class Window:
-    """Shows the first worlds of a batch, at most 64, in real time.
+    """Shows the worlds of an environment on a page in real time, at most the first 64.
 
     Args:
         scene: The scene, with all variants. Absent variants are hidden.
-        num: Number of worlds in the batch.
-        server: The page. None opens a page and prints its address to stderr.
+        num: Number of worlds in the environment's batch.
+        server: The viser server of the page. If None, a page is opened, and its address is printed to stderr.
 
     Raises:
         MissingExtraError: viser or mjviser is not installed.
@@ -157,9 +158,9 @@ class Window:
         """Show the current state of the worlds, and wait until `seconds` have passed since the last call.
 
         Args:
-            batch: The worlds. The call waits for their device.
-            layouts: The layouts of the worlds, which name the present objects.
-            seconds: Time that has passed in the worlds [s].
+            batch: The worlds. The call waits until their device has finished its work.
+            layouts: The layouts of the worlds. Objects that are absent in them are hidden.
+            seconds: Time that was simulated since the last call [s].
         """
         data = batch.data
         arrays = (data.xpos, data.xmat, data.mocap_quat, layouts.view.present)
@@ -175,12 +176,12 @@ class Window:
         time.sleep(max(self._due - now, 0.0))
 
     def close(self) -> None:
-        """Close the page."""
+        """Stop the server of the page."""
         close_server(self.server)
 
 
 def view_direction(mjm: mujoco.MjModel) -> np.ndarray:
-    """Return the direction from a scene to its camera `overview`, or to a default camera in front, shape (3,)."""
+    """Return the unit vector from a scene to its camera 'overview', shape (3,). Without this camera, use a default."""
     camera = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_CAMERA, OVERVIEW)
     if camera < 0:
         return camera_axes(np.array([0.5, -1.0, 1.0]))[:, 2]
@@ -188,7 +189,10 @@ def view_direction(mjm: mujoco.MjModel) -> np.ndarray:
 
 
 def grid_origins(num: int, size: np.ndarray) -> np.ndarray:
-    """Return the origins of worlds [m] on a centred grid, row by row from the back left, shape (num, 3)."""
+    """Return the origins [m] of worlds on a grid around 0, row by row from the back left, shape (num, 3).
+
+    `size` are the distances [m] of neighbours in x and y, shape (2,).
+    """
     columns = math.ceil(math.sqrt(num))
     rows = math.ceil(num / columns)
     i = np.arange(num)
@@ -200,9 +204,10 @@ def grid_origins(num: int, size: np.ndarray) -> np.ndarray:
 def drawn_model(mjm: mujoco.MjModel) -> mujoco.MjModel:
     """Return a copy of a model that mjviser draws completely for every world.
 
-    From the model itself, mjviser would draw static bodies only once, planes as one endless grid, and geoms in the
-    colour of their material, even if they have a separate colour. It would also leave out the textures of primitives.
-    The copy shows such a texture by its mean colour. It also protects the model's `vis`, which mjviser changes.
+    From the model itself, mjviser would draw static bodies in one world only, planes as one endless grid, and geoms in
+    the colour of their material, even if a geom has a separate colour. mjviser would also leave out the textures of
+    primitives: in the copy, these primitives have the mean colour of their texture. Another reason for the copy is that
+    mjviser changes the model's `vis`.
     """
     drawn = copy.copy(mjm)
     drawn.geom_rgba[:] = nominal_values(mjm, "geom_rgba")
@@ -222,7 +227,7 @@ def drawn_model(mjm: mujoco.MjModel) -> mujoco.MjModel:
 
 
 def _mean_colour(mjm: mujoco.MjModel, texture: int) -> np.ndarray:
-    """Return the mean colour of a texture, 0 to 1, shape (3,), or (1,) if the texture is grey."""
+    """Return the mean colour of a texture, from 0 to 1, shape (3,). For a grey texture, the shape is (1,)."""
     channels, begin = int(mjm.tex_nchannel[texture]), int(mjm.tex_adr[texture])
     end = begin + int(mjm.tex_height[texture] * mjm.tex_width[texture]) * channels
     return mjm.tex_data[begin:end].reshape(-1, channels)[:, :3].mean(axis=0) / 255.0
@@ -236,7 +241,10 @@ def _triangles(mjm: mujoco.MjModel, body: int) -> int:
 
 
 def body_mesh(mjm: mujoco.MjModel, geoms: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return vertices (n, 3) [m] in the body's frame and faces (m, 3) of visible geoms, None if no geom is visible."""
+    """Return one mesh of the visible geoms among `geoms`, which belong to one body. None if no geom is visible.
+
+    Planes are left out. The mesh has vertices in the body's frame [m], shape (n, 3), and faces, shape (m, 3).
+    """
     from mjviser.conversions import merge_geoms
 
     seen = [int(g) for g in geoms if mjm.geom_group[g] in VISIBLE_GROUPS and mjm.geom_rgba[g, 3] > 0.0]
