@@ -69,7 +69,7 @@ def collect_colliders(pieces: list[Piece], visual: bool, device: str) -> list[Co
     """Return a collider for the solid pieces of each body and contact class, and one for each plane.
 
     The leaves of a tree are pieces, or if `visual`, faces and round pieces, which faces cannot describe exactly.
-    `Collider.mesh` also has faces of round pieces, but only tests of whether a point is inside or below use them.
+    `Collider.mesh` also has faces of round pieces, but only to test whether a point is inside the body or below it.
     """
     found: list[Collider] = []
     nodes = faces = 0

@@ -106,10 +106,10 @@ def regions_left(world: ShownWorld, name: str) -> list[tuple[MultiPolygon, Multi
 
 
 def is_covered_rightly(world: ShownWorld, placed: PlacedObject, region: BaseGeometry, height: float) -> BaseGeometry:
-    """Return the part of a region where the supporting object covers the pivot as `placed` requires.
+    """Return the part of a region, at a height [m], in which the pivot of an object may be because of covers.
 
-    For an object 'on' its support, this is the part with no geometry above it. For an object 'inside' its support, this
-    is the part with geometry above it. `height` is the height of the region [m].
+    For an object 'on' its support, no geometry of the support may be above the pivot. For an object 'inside' its
+    support, some geometry of the support should be above the pivot.
     """
     if placed.cover == Cover.EITHER or region.is_empty:
         return region
@@ -118,7 +118,7 @@ def is_covered_rightly(world: ShownWorld, placed: PlacedObject, region: BaseGeom
 
 
 def cover_over(world: ShownWorld, placed: PlacedObject, height: float) -> BaseGeometry:
-    """Return the outline, seen from above, of all geometry of an object's support that is above a height [m]."""
+    """Return the outline, seen from above, of the geometry of an object's support that is above a height [m]."""
     compiled = world.compiled
     assert placed.support is not None
     parent = compiled.scene.around(placed.support)

@@ -67,7 +67,7 @@ class ShownWorld:
         return self.is_present(name) and self.own(name) not in self.unplaced
 
     def standing(self, name: str) -> tuple[np.ndarray, np.ndarray]:
-        """Return the pivot [m] with heading [rad], and the bounds [m], of an object in relations, shape (4,) each."""
+        """Return an object's pivot [m] with heading [rad], and its bounds [m], shape (4,) each. Relations use both."""
         plan, name = self.compiled.plan, self.own(name)
         column = plan.columns.index(self.compiled.config.owners.get(name, name))
         if self.stands is not None:
@@ -116,7 +116,7 @@ class ShownWorld:
         return [body for name in names for body in self.compiled.scene.subtree(name)]
 
     def parked_offsets(self, low: np.ndarray) -> dict[int, np.ndarray]:
-        """Return body -> offset [m], which moves absent objects into a row in front of the scene.
+        """Return a mapping: body -> offset [m]. The offsets move absent objects into a row in front of the scene.
 
         `low` is the low corner of the scene's bounds [m], shape (3,).
         """

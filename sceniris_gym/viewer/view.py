@@ -333,7 +333,8 @@ class SceneView:
     def _first_candidate(self) -> int:
         """Return the index of the rejected candidate to show first.
 
-        If the scene has no valid layout, the error names an object and a cause: this is their first candidate.
+        If the scene has no valid layout, the error blames an object and a cause. The first candidate of this object
+        that was rejected for this cause is then shown first.
         """
         error = self.loaded.error if self._ready else None
         blamed = (error.name, error.cause) if isinstance(error, InfeasibleSceneError) else None

@@ -44,7 +44,7 @@ class Kind:
     """A class of objects or fixtures.
 
     Attributes:
-        size: Edges of the bounding box [m] when upright: along the x axis, to the left, and up.
+        size: Edges of the bounding box of the upright object [m]: length along its x axis, width, and height.
         yaw: Least and greatest heading [degrees] of an object. A fixture takes its heading from its region.
         up: The axis of LIBERO's model that points up.
         inside: If `boxes` is empty, the name of the site in the stand-in box, which is then open at the top. '' for a

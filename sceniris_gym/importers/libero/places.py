@@ -97,7 +97,7 @@ def _add_walls(body: mujoco.MjsBody, at: np.ndarray, half: np.ndarray, opening: 
 
 
 def _with_unique_names(text: str) -> str:
-    """Return an MJCF text with unique names in `<asset>`. MuJoCo rejects two elements of the same type and name."""
+    """Make the names in `<asset>` of an MJCF text unique. MuJoCo rejects two elements of the same type and name."""
     root = ElementTree.fromstring(text)
     seen: Counter[tuple[str, str]] = Counter()
     for element in (element for asset in root.iter("asset") for element in asset if element.get("name")):
@@ -116,7 +116,7 @@ _RADIUS = 0.025  # margin [m] that most of LIBERO's objects keep to the edge of 
 
 
 def kinds_of(problem: Problem) -> dict[str, Kind]:
-    """Return the class of each object and fixture, without the work surface. Reject classes that LIBERO lacks."""
+    """Return the class of each object and fixture, without the work surface. Reject classes that are not known."""
     found = {}
     for name, kind in problem.things.items():
         word, table = ("object", OBJECTS) if name in problem.objects else ("fixture", {**FIXTURES, **WORKSPACES})

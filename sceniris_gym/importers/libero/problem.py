@@ -54,7 +54,7 @@ class Predicate:
 
 @dataclass(frozen=True)
 class Region:
-    """A region: rectangles on a work surface, or a site of a fixture or an object.
+    """A region of a problem file: rectangles on a work surface, or a site of a fixture or an object.
 
     Attributes:
         target: The work surface, fixture or object that has the region.
@@ -213,7 +213,7 @@ def _region(group: Group) -> Region:
 
 
 def _rows(value: list, size: int) -> list[tuple[float, ...]]:
-    """Return the rows of `((a b ...) (a b ...))`. Raise ValueError unless each row is `size` finite numbers."""
+    """Return the rows of a list of rows, as numbers. Raise ValueError unless each row has `size` finite numbers."""
     found = [tuple(float(word) for word in row) for row in (value[0] if value else [])]
     if not all(len(row) == size and all(map(math.isfinite, row)) for row in found):
         raise ValueError

@@ -57,7 +57,7 @@ def read_bddl(
         path: The file.
         assets: The folder of LIBERO's models, which contains `stable_hope_objects` and similar folders. Boxes stand in
             for missing models, and a warning lists these boxes and their sizes.
-        widen: Factor that enlarges each rectangle about its centre. It is cut at the edge of the work surface.
+        widen: Factor by which each rectangle grows about its centre. The result is cut at the work surface's edge.
         clutter: Number of extra objects in each layout. Each layout draws them from 2 * `clutter` objects, whose
             classes the file does not use. They stand within 10 cm of the rectangle around all rectangles of the file.
         robot: An arm: the name of an asset, or a mapping as under `robot` in a scene file. Unless the mapping has a
@@ -69,7 +69,7 @@ def read_bddl(
     Raises:
         SceneFileError: The file, the folder or a model is missing or cannot be read.
         SceneKeyError: A part of the file is missing or malformed, or an object or fixture does not have exactly one
-            place.
+            place at the start.
         UnknownNameError: A section, predicate, class, object, fixture or region is unknown.
         ArgumentError: `widen` is not a positive number, or `clutter` is out of range.
 

@@ -169,7 +169,10 @@ def first_scene(path: Path) -> FirstScene:
 
 @dataclass(frozen=True)
 class _Bodies:
-    """Makes an entry for each free body of a model. The support is the one below the body in the start pose."""
+    """Makes an entry for each free body of a model. The body goes onto the support below it in the start pose.
+
+    If a scene cannot use this support, the body goes onto the largest surface above the ground.
+    """
 
     mjm: mujoco.MjModel
     data: mujoco.MjData

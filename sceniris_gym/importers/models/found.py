@@ -59,7 +59,7 @@ class FoundArm:
         return tuple(b for b in subtree(self.mjm, self.hand) if weld[b] == weld[self.hand])
 
     def tcp(self, data: mujoco.MjData) -> TcpConfig:
-        """Return a tool centre point (TCP) for the arm, as the key `tcp` of a scene file.
+        """Return a tool centre point (TCP) for the arm, as the value of `tcp` in a scene file.
 
         If the hand has a site with a name such as 'tcp', the TCP is at that site. Otherwise, the TCP is between the
         fingertips, or, for an arm without fingers, at the origin of the last body. The +z axis of the TCP points from
@@ -108,8 +108,8 @@ class FoundArm:
 def find_arms(mjm: mujoco.MjModel) -> list[FoundArm]:
     """Return the arms of a model. Arms with fingers come first, then arms with more joints.
 
-    The search starts at each child of the world. At each body, it follows the branch with the most joints in a row if
-    all other branches are much shorter. If two branches have similar lengths, short branches are fingers, and long
+    The search starts at each child of the world. At each body, it follows the branch with the longest chain of joints
+    if all other branches are much shorter. If two branches have similar lengths, short branches are fingers, and long
     branches are the arms of a torso.
     """
     roots = (root for root in range(1, mjm.nbody) if mjm.body_parentid[root] == 0)
@@ -138,7 +138,7 @@ def _arms_below(mjm: mujoco.MjModel, base: int, body: int, joints: tuple[int, ..
 
 
 def _in_a_row(mjm: mujoco.MjModel, root: int) -> int:
-    """Return the largest number of joints on a path from `root` down to a descendant. Joints of `root` count too."""
+    """Return the number of joints in the longest chain from `root` down to a descendant. Joints of `root` count too."""
     count = {int(mjm.body_parentid[root]): 0}
     for body in subtree(mjm, root):
         count[body] = count[int(mjm.body_parentid[body])] + int(mjm.body_jntnum[body])

@@ -1,9 +1,10 @@
 """Measures the distance between convex parts and the surface that they replace, in both directions.
 
 The error is the larger of two distances: from the surface to the parts, and from the outside of the parts to the
-surface. The outside consists of the points that a ball can touch when it rolls over the parts. The ball's diameter is
-the tolerance. Narrow gaps between parts are therefore no error: if the ball cannot enter a gap, parts that grow by half
-the tolerance close it. For the first distance, surface points inside such gaps count like all others.
+surface. The outside consists of the points that a ball can touch when it rolls over the parts. The ball's diameter is a
+little less than the tolerance. A gap between parts is therefore no error if the ball cannot enter it, because the parts
+would close such a gap by growing by half the tolerance. For the first distance, all surface points count, also points
+inside such a gap.
 """
 
 from collections.abc import Callable
@@ -81,7 +82,7 @@ class Measure:
         return Fit(bare, beyond)
 
     def beyond(self, part: trimesh.Trimesh, others: list[trimesh.Trimesh]) -> float:
-        """Return the largest distance [m] from the outside of a part to the mesh. Areas in `others` do not count."""
+        """Return the largest distance [m] from the outside of a part to the mesh, without areas inside `others`."""
         share = max(int(self.samples * min(float(part.area) / self._area, 1.0)), _LEAST)
         apart = np.sqrt(float(part.area) / share)
         points, normals = points_with_normals(part.triangles, share)

@@ -92,7 +92,7 @@ def _told(error: ScenirisError) -> dict[str, str]:
 
 
 def _targets(sources: list[Path], out: Path) -> list[Path]:
-    """Return the path of the MJCF file for each source. Its name has only characters that scene files accept."""
+    """Return the path of the MJCF file for each source. The names have only characters that scene files accept."""
     taken: set[str] = set()
     targets = []
     for source in sources:
