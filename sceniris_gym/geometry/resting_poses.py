@@ -26,7 +26,7 @@ _MOST_POSES = 256
 # that balances with its handle up (4.7).
 STABLE_TILT = 5.0
 ROCKING = 2.5
-"""An object may rock up to this tilt, in degrees, in its pose, for example on an uneven bottom."""
+"""In a stable pose, an object may rock by up to this tilt, in degrees, for example on an uneven bottom."""
 # With the joints in other states, a pose may lean by this angle, in degrees.
 _LEANING = 1.0
 # Numbers of tilt directions. A first test with few directions rejects most faces of a round object.

@@ -181,9 +181,9 @@ class EnvView:
         """Start an episode in each world.
 
         Args:
-            first: Number of the layout in the first world. The next worlds take the layouts with the next numbers. If
-                the user gave ids, the number counts these ids, from the beginning again after the last. Otherwise, it
-                is the seed.
+            first: Number of the layout in the first world. The other worlds take the layouts with the next numbers. If
+                the user gave ids, layout i is the one with id i, and after the last id the first follows again.
+                Otherwise, layout i has the seed i.
             pasted: If given, the first world takes this layout, whose id the user pasted into the page.
         """
         self.first, envs = max(first, 0), self.envs

@@ -191,7 +191,7 @@ class ReachSlice:
 
     Attributes:
         map: The arm's map.
-        body: Id of the arm's base.
+        body: Id of the base body of the arm.
     """
 
     map: ReachMap
@@ -237,7 +237,7 @@ class ReachSlice:
 
 PARKED, REACH = "parked objects", "reach map"
 SEEN, COLLIDED, BOTH = "what is seen", "what collides", "both"
-"""The choices of geometry to draw. Colliding geometry is only drawn in the first world."""
+"""The choices of geometry to draw. Collision geometry is only drawn in the first world."""
 LAYERS: dict[str, tuple[Callable[[ShownWorld, str | None], Sketch] | None, str]] = {
     "names": (sketch_names, "The name of every object."),
     "regions": (sketch_regions, "Where the pivot of each object may be, given the joints of this world."),

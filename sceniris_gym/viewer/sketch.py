@@ -12,7 +12,7 @@ from sceniris_gym.geometry.supports import triangulate
 Colour = tuple[int, int, int]
 
 RED: Colour = (214, 39, 40)
-"""Only for rejected candidates and distances that are too small."""
+"""Red is only for rejected candidates and for distances that are too small."""
 ORANGE: Colour = (240, 140, 20)
 BLUE: Colour = (38, 110, 190)
 GREEN: Colour = (40, 150, 90)

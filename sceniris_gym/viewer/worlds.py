@@ -34,11 +34,11 @@ _ENDLESS = 4.0  # m, width of a drawn plane without sizes
 _ASPECT = 1.2
 _ALIKE = 0.25  # users' cameras stay if the scene's bounds move by less than this fraction of its size
 _FEW = 8
-"""Up to this number of worlds, all are drawn in full."""
+"""If there are at most so many worlds, all are drawn with all triangles."""
 _FAR, _COARSE = 2.0, 0.2
 """Worlds that are more than `_FAR` scene sizes away are drawn with the fraction `_COARSE` of their triangles."""
 _MANY = 1000
-"""A body of fewer triangles, such as a board or a box, is always drawn in full."""
+"""A body with fewer triangles, such as a board or a box, is always drawn with all of them."""
 # The place of hidden bodies [m], out of view of all cameras.
 _AWAY = np.array([0.0, 0.0, -1.0e5])
 _COLOUR_ROLES = [int(mujoco.mjtTextureRole.mjTEXROLE_RGB), int(mujoco.mjtTextureRole.mjTEXROLE_RGBA)]

@@ -16,7 +16,7 @@ from sceniris_gym.files import write_text
 from sceniris_gym.importers.things.importer import SUFFIXES, Options, import_thing
 
 MOST_SECONDS = 1800.0
-"""Time limit of one import [s]. Every file tested, with up to `MOST_FACES` faces, took less than a tenth of it."""
+"""Time limit of one import [s]. All tested files, with up to `MOST_FACES` faces, took less than a tenth of this."""
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ UPRIGHT = {
     "y": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]),
     "z": np.eye(3),
 }
-"""Rotation matrices (3, 3) that point an axis of the file up, by axis name. x stays to the right if possible."""
+"""Name of an axis -> rotation matrix (3, 3) that points this axis of the file up. If possible, the x axis stays."""
 
 Ask = Callable[[str], str]
 """A function that prompts the user with a question and returns the answer."""
