@@ -13,10 +13,10 @@ from sceniris_gym.importers.things.fit import Measure, tolerance_of
 from sceniris_gym.importers.things.thing import Surface
 
 MOST_FACES = 500_000
-"""Largest number of triangles of an object. More are not visible in images and take minutes."""
+"""Largest number of triangles of an object. With more triangles, images look the same, but an import takes minutes."""
 LARGEST_HOLE, MOST_OPEN = 0.1, 0.3
-"""Fractions of a surface that may be missing in one hole, and in all holes together. Flat patches close them. A box
-without one side lacks a fifth of its surface, and may be a solid or a container."""
+"""Largest area of one hole, and of all holes together, as a fraction of the surface's area. Flat patches close them.
+Larger holes are not closed: a box without one side has a hole of a fifth, and may be a solid or a container."""
 _WELD = 1e-6  # fraction of the size: closer vertices are merged
 _FLAT = 1e-6  # fraction of the size: a thinner mesh is flat
 _EMPTY = 1e-9  # fraction of the cubed size: the smallest enclosed volume
