@@ -183,8 +183,8 @@ def _kept(
 def triangulate(region: MultiPolygon | MultiPoint) -> np.ndarray:
     """Return the region as triangles [m], shape (n, 3, 2), by constrained Delaunay triangulation.
 
-    A point becomes a triangle with three equal corners. All other triangles have distinct corners, even in single
-    precision.
+    A point becomes a triangle with three equal corners. Every other triangle has different corners, even in single
+    precision: at most two of its corners are equal.
     """
     if isinstance(region, MultiPoint):
         return np.repeat(shapely.get_coordinates(region)[:, None], 3, axis=1)

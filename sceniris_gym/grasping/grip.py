@@ -178,7 +178,10 @@ class Fingers:
         return axes.T @ (self._data.xpos[body] - self._data.site_xpos[self._site])
 
     def _controls(self, mjm: mujoco.MjModel) -> np.ndarray:
-        """Return controls that keep position actuators at the current joint positions, shape (nu,)."""
+        """Return controls that keep position actuators at the current joint positions, shape (nu,).
+
+        The controls are clipped to their limits. The other actuators get 0, or the limit nearest to 0.
+        """
         mujoco.mj_fwdPosition(mjm, self._data)
         gain, bias = mjm.actuator_gainprm[:, 0], mjm.actuator_biasprm
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -107,8 +107,8 @@ def read_problem(path: str | Path) -> Problem:
     """Read a problem file.
 
     Raises:
-        SceneFileError: The file is missing or cannot be read, or its parentheses do not match.
-        SceneKeyError: A part of the file is missing or malformed.
+        SceneFileError: The file is missing, cannot be read, or is no problem file, or its parentheses do not match.
+        SceneKeyError: A part of the file is missing or malformed, or two predicates contradict each other.
         UnknownNameError: A section, attribute or predicate is unknown, or a predicate has a name that is not in the
             file.
     """
@@ -179,7 +179,11 @@ def _parsed(text: str, file: Path) -> Group:
 
 
 def _sections(group: Group, file: Path) -> dict[str, Group]:
-    """Return the sections of a file: name without ':' -> group. If the file lacks a section, its group is empty."""
+    """Return the sections of a file: name without ':' -> group, which is empty if the file lacks the section.
+
+    Raises:
+        SceneKeyError: The section `fixtures`, `init` or `goal` is missing or empty.
+    """
     found = {name: Group() for name in _SECTIONS}
     for part in group[1:]:
         head = str([*part, "()"][0]) if isinstance(part, Group) else f"{part} without parentheses"

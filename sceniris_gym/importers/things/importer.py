@@ -64,7 +64,10 @@ def resting_poses(path: Path) -> list[Rest]:
 
 
 def stands(rests: list[Rest], up: np.ndarray) -> bool:
-    """Return whether the direction `up` in the asset's frame, shape (3,), points up in one of the resting poses."""
+    """Return whether the direction `up` points up, within 10 degrees, in one of the resting poses.
+
+    `up` is in the asset's frame, shape (3,).
+    """
     return any(matrix(rest.quat)[2] @ up > _STANDING for rest in rests)
 
 
