@@ -61,7 +61,7 @@ esac
 kept=${KEPT:-benchmarks/$archive}
 
 benchmarks=$(cat benchmarks/{honest_resets,reset_cost}.py | sha256sum | cut -c -16)
-sources="$(python -m sceniris_gym.training.records) benchmarks $benchmarks worlds ${WORLDS:-4096} layouts ${LAYOUTS:-4096}"
+sources="$(python -m sceniris_gym.training.settings) benchmarks $benchmarks worlds ${WORLDS:-4096} layouts ${LAYOUTS:-4096}"
 for task in $(printf '%s\n' "${!steps[@]}" | sort); do
   sources+=" $task ${STEPS:-${steps[$task]}}"
 done

@@ -187,7 +187,7 @@ def test_attributes_and_methods_are_those_of_the_environment_and_its_task(make):
     assert envs.step(np.zeros((3, 5)))[2].all()
     (found,) = envs.env_method("success", envs.env.state, indices=[2])
     assert found.shape == (3,)
-    with pytest.raises(ValueError, match="all worlds together"):
+    with pytest.raises(ValueError, match="one value for all worlds"):
         envs.set_attr("max_episode_steps", 9, indices=[0])
     with pytest.raises(AttributeError, match="SceneVectorEnv and Reach have no attribute 'nothing'"):
         envs.set_attr("nothing", 1)
@@ -218,7 +218,7 @@ def test_indices_are_those_of_a_list_as_in_stable_baselines_own(make, reach_scen
 def test_an_attribute_is_set_for_every_world_or_for_none(make):
     """One world named three times is not all of them; all of them in any order are."""
     envs = make()
-    with pytest.raises(ValueError, match="all worlds together"):
+    with pytest.raises(ValueError, match="one value for all worlds"):
         envs.set_attr("max_episode_steps", 9, indices=[0, 0, 0])
     envs.set_attr("max_episode_steps", 9, indices=[2, 0, -2])
     assert envs.get_attr("max_episode_steps") == [9] * 3

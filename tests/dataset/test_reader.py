@@ -193,7 +193,7 @@ def test_damage_is_found_and_named(copied: Path):
     data = bytearray(path.read_bytes())
     data[-5] ^= 1
     path.write_bytes(data)
-    with pytest.raises(DatasetError, match=r"layouts-00001\.npy is damaged or missing, as dataset\.json"):
+    with pytest.raises(DatasetError, match=r"layouts-00001\.npy is damaged or missing, according to dataset\.json"):
         verify(copied)
     (copied / "scene.zip").unlink()
     with pytest.raises(DatasetError, match=r"scene\.zip, layouts-00001\.npy are damaged"):

@@ -379,5 +379,5 @@ def test_a_robot_that_is_not_there_is_told_with_those_that_are(pair_file):
     with pytest.raises(ArmError, match=r"the scene has no robot. Name .*'robot: \{in_model: BODY, tcp: SITE\}'"):
         ArmController(s, "arm")
     s = state_of({"robot": {"asset": "panda", "in_scene": False}})
-    with pytest.raises(ArmError, match="robot has 'in_scene: false', so the robot has no joints to drive"):
+    with pytest.raises(ArmError, match="robot has 'in_scene: false', so it has no joints to drive"):
         ArmController(s, "panda")
