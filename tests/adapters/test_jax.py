@@ -482,7 +482,7 @@ def test_other_models_and_observations_are_refused(
         LayoutAutoResetWrapper(None, mid)
     with pytest.raises(ArgumentTypeError, match="wrap_for_brax_training: compiled should be a CompiledScene"):
         wrap_for_brax_training("mid")  # pyright: ignore[reportArgumentType]
-    with pytest.raises(SceneMismatchError, match=r"LayoutAutoResetWrapper: model\.nq is 37 .* model: env\.mj_model"):
+    with pytest.raises(SceneMismatchError, match=r"LayoutAutoResetWrapper: model\.nq is 37, .* model: env\.mj_model"):
         LayoutAutoResetWrapper(fresh.env, mid)
     with pytest.raises(ArgumentError, match=r"observe should return .*float32\(\d+, \d+\).*got float32\(\d+, 3\)"):
         LayoutAutoResetWrapper(fresh.env, page["compiled"], observe=lambda data, info: data.qpos[:3]).reset(

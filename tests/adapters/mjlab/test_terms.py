@@ -220,7 +220,7 @@ def test_chosen_environments_get_the_layouts_of_ids():
     assert env.extras["layout"]["seed"].tolist() == [7, 6, 7, 8, 7, 10]
     assert env.extras["layout"]["episode"].tolist() == [0, 2, 1, 1, 1, 1]
     assert torch.equal(term.layouts.pose("cube_0")[4], wanted)
-    with pytest.raises(ArgumentError, match="should be a list of 6, one for each world, got a list of 1"):
+    with pytest.raises(ArgumentError, match="or a list of 6, one for each world, got a list of 1"):
         term.reseed(layouts=[term.compiled.layout_id(7, 1)])
     with pytest.raises(SceneMismatchError, match="belongs to scene"):
         term.reseed(layouts=["a:train:0:0"], env_ids=[1])
@@ -386,7 +386,7 @@ def test_bodies_that_no_entity_writes_are_refused():
     two = "<mujoco><worldbody><body name='a'/><body name='b'><freejoint/><geom size='.02'/></body></worldbody></mujoco>"
     scene = {"objects": {"ball": {"body": "pair/b", "on": "terrain", "region": NEAR}}}
     cfg = plain_cfg(scene, pair=EntityCfg(spec_fn=lambda: mujoco.MjSpec.from_string(two)))
-    with pytest.raises(SceneKeyError, match=r"objects\.ball: body 'pair/b' should be the root of an entity"):
+    with pytest.raises(SceneKeyError, match=r"objects\.ball: body 'pair/b' should be the root body of an entity"):
         ManagerBasedRlEnv(cfg, "cpu")
 
 
