@@ -169,7 +169,7 @@ def checked(path: Path, told: Any, fields: dict[str, type]) -> dict[str, Any]:
             raise DatasetError(f"{path}: '{name}' should be {advice}, got {value!s:.80}.")
     for name, digest in told["files"].items():
         if not _FILE.fullmatch(name) or not isinstance(digest, str):
-            raise DatasetError(f"{path}: 'files' should map file names in this folder to checksums, got {name!r:.80}.")
+            raise DatasetError(f"{path}: 'files': {name!r:.80} should be a plain file name, and its checksum a string.")
     if fields is _RECORD and not told["first_pass_valid"] <= told["valid"] <= told["rows"]:
         raise DatasetError(f"{path}: 'valid' should be between 'first_pass_valid' and 'rows', got {told['valid']}.")
     if fields is _FIELDS:

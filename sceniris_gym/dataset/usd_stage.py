@@ -1,4 +1,4 @@
-"""Layouts as USD: a stage with the scene's geometry, and for each part a stage that refers to it. Frame i is row i.
+"""Layouts as USD: a stage with the scene's geometry, and for each part a stage that refers to it. Time i is row i.
 
 Stages are z up, in metres. Every body is an Xform below its parent's Xform, and an object of the scene is
 `/World/<name>`. The stages are for viewing and have no physics. `scene.zip` holds the physics. Importing this module
@@ -145,7 +145,7 @@ def _place(xform: Any, pos: np.ndarray, quat: np.ndarray, scale: np.ndarray | No
 
 
 def _define_geom(stage: Any, mjm: mujoco.MjModel, geom: int, path: str) -> None:
-    """Add a geom to its body."""
+    """Add a geom of the model to the stage, at the USD path `path`."""
     kind, size = mujoco.mjtGeom(int(mjm.geom_type[geom])), mjm.geom_size[geom]
     scale = size if kind in (mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_ELLIPSOID) else None
     if kind in _PRIMITIVES:

@@ -64,7 +64,7 @@ class DatasetWriter:
             write_text(begun, json.dumps(plan.fields, indent=1) + "\n")
 
     def _compare(self, path: Path, resume: bool) -> None:
-        """Raise DatasetError if the data set in the folder may not be resumed, or has another plan."""
+        """Raise DatasetError if `resume` is false, or if the plan stored at `path` differs from this plan."""
         if not resume:
             raise DatasetError(
                 f"{self.folder}: already holds a data set. Add --resume to finish it, or give another folder."

@@ -51,8 +51,8 @@ def flat_foot(pieces: list[np.ndarray]) -> list[np.ndarray]:
 def curved_foot(lowest: Callable[[np.ndarray], np.ndarray], angle: float) -> np.ndarray:
     """Return the corners [m] of the foot of an object with a curved underside, shape (n, 2).
 
-    Let h be the height of the object's centre of mass above the ground. If this centre is above the foot, and farther
-    than h * tan(angle / 2) from its edges, a lean by `angle` in any direction raises the centre: the object rolls back.
+    The foot tells whether the object rolls back after a lean by `angle` in any direction. It does if its centre of
+    mass, at the height h, is above the foot and farther than h * tan(angle / 2) from the foot's edges.
 
     Args:
         lowest: Function of n upward directions, shape (n, 3). For each direction, it returns the height [m] of the

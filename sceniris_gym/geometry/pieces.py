@@ -239,7 +239,10 @@ def convex_hull(points: np.ndarray) -> trimesh.Trimesh:
 
 @functools.lru_cache(maxsize=512)
 def _known_hull(points: bytes) -> trimesh.Trimesh:
-    """Return the convex hull of float64 points as bytes. The hull is cached: a caller that changes it must copy it."""
+    """Return the convex hull of float64 points, given as bytes.
+
+    The hull is cached: a caller that changes it must copy it.
+    """
     return convex_hull(np.frombuffer(points).reshape(-1, 3))
 
 
@@ -261,9 +264,9 @@ def mesh_surface(mjm: mujoco.MjModel, mesh: int) -> trimesh.Trimesh:
 def hull_vertices(mjm: mujoco.MjModel, mesh: int, what: str) -> np.ndarray:
     """Return the vertices [m] of a mesh's convex hull, in the frame of a geom with this mesh, shape (n, 3).
 
-    If a collision geom uses the mesh, MuJoCo stores the ids of the hull's vertices in `mesh_graph`. The layout is
-    numvert, numface, numvert edge addresses, numvert ids, ... For other meshes, the hull is computed. Error messages
-    begin with `what`.
+    If a collision geom uses the mesh, MuJoCo stores the ids of the hull's vertices in `mesh_graph`. This array
+    holds numvert, numface, numvert edge addresses, numvert ids, ... For other meshes, the hull is computed. Error
+    messages begin with `what`.
     """
     vertices = mesh_vertices(mjm, mesh)
     graph = mjm.mesh_graphadr[mesh]

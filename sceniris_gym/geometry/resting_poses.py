@@ -121,7 +121,7 @@ class HomeShape:
         return np.array([mat @ matrix(p.quat)[:, 2] for p, mat in zip(self._pieces, self._mats, strict=True)])
 
     def _carried_points(self) -> np.ndarray:
-        """Return all vertices [m], shape (n, 3). Faces of a piece move out by its margin less the smallest margin."""
+        """Return the points [m] on which the object can rest, (n, 3). Pieces grow by their margin less the smallest."""
         more = self.margins - self.margins.min()
         if not more.any():
             return np.concatenate(self.points())
@@ -146,7 +146,7 @@ class HomeShape:
 
         Poses and probabilities are estimated as in K. Goldberg et al., "Part pose statistics", 1999. A pose is left out
         if the object tips over or rolls after a tilt of at most `STABLE_TILT`. If many small faces form a curved
-        bottom, the pose on the lowest face stands for the poses on all of them.
+        bottom, the pose on the lowest face represents the poses on all of them.
 
         Raises:
             SceneKeyError: No pose is stable, or the centre of mass is outside the hull. The error begins with `where`.
@@ -246,7 +246,7 @@ class HomeShape:
         return bool((height[span:] - height[:-span] > _LEAST_RISE).all())
 
     def _height(self, up: np.ndarray) -> np.ndarray:
-        """Return the height [m] of the centre of mass above the lowest point, shape (n,), as `lowest` takes `up`."""
+        """Return the height [m] of the centre of mass above the lowest point, (n,), for each up direction (n, 3)."""
         return up @ self.center_of_mass - self.lowest(up)
 
     def lowest(self, up: np.ndarray) -> np.ndarray:

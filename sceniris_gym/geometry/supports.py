@@ -183,8 +183,8 @@ def _kept(
 def triangulate(region: MultiPolygon | MultiPoint) -> np.ndarray:
     """Return the region as triangles [m], shape (n, 3, 2), by constrained Delaunay triangulation.
 
-    A point becomes a triangle with three equal corners. Every other triangle has different corners, even in single
-    precision: at most two of its corners are equal.
+    A point becomes a triangle with three equal corners. In every other triangle, at least two corners differ, also
+    in single precision.
     """
     if isinstance(region, MultiPoint):
         return np.repeat(shapely.get_coordinates(region)[:, None], 3, axis=1)
@@ -224,7 +224,10 @@ def _crop_shape(surfaces: list[SupportSurface], region: RegionConfig) -> Polygon
 
 
 def _levels(meshes: list[trimesh.Trimesh]) -> list[tuple[float, MultiPolygon]]:
-    """Group the level, upward faces of meshes by height. Return each height [m] with the faces' area, lowest first."""
+    """Group the level, upward faces of meshes by height.
+
+    Return each height [m] with the faces as polygons, lowest first.
+    """
     flat = [m.triangles[m.face_normals[:, 2] > _COS_MAX_SLOPE] for m in meshes]
     triangles = np.concatenate(flat) if flat else np.zeros((0, 3, 3))
     if not len(triangles):

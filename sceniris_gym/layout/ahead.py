@@ -305,8 +305,8 @@ class Ahead(StaysHere):
     def _make_beside(self) -> None:
         """Make the layouts of the chosen worlds. On a GPU, this runs concurrently with the following launches.
 
-        If the device is behind the host, the side stream does not wait for this reset: it makes the layouts that are
-        due when the device gets there. Waiting at every reset would delay each kernel on the GPU. If the device has
+        If the device is behind the host, the side stream does not wait for this reset, and makes the layouts of the
+        worlds that are chosen when it begins. Waiting at every reset would delay each kernel. If the device has
         caught up with the host, this reset may be the last for a while, so the side stream waits for the reset.
         """
         if self._stream is None or self._served is None:
@@ -341,7 +341,7 @@ class Ahead(StaysHere):
         wp.launch(_serve, dim=dim, inputs=inputs, outputs=[served], device=self._device)
 
     def launch_forget(self, mask: wp.array | None) -> None:
-        """Drop prefetched layouts of the masked worlds, if the params of these worlds have changed since."""
+        """Drop prefetched layouts of the masked worlds, if the params of these worlds changed after the prefetch."""
         inputs, outputs = [self._layouts.view, self._ahead.layouts.view, mask], [self._stage, self._nwaiting]
         wp.launch(_forget, self._layouts.nworld, inputs=inputs, outputs=outputs, device=self._device)
 

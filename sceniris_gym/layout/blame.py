@@ -64,8 +64,9 @@ class Hit:
 class Blame:
     """Finds the colliding geoms of candidates of a compiled scene, one candidate at a time.
 
-    MuJoCo C computes the distances, between collision geoms even with `geometry: visual`. If two geoms overlap in the
-    home pose, the depth of their overlap with a candidate is measured by the same method as in the home pose.
+    MuJoCo C computes the distances. It compares collision geoms, even in scenes with `geometry: visual`. If two geoms
+    overlap in the home pose, the depth of their overlap with a candidate is measured by the same method as in the home
+    pose.
     """
 
     def __init__(self, compiled: CompiledScene) -> None:
@@ -230,8 +231,8 @@ def _room(compiled: CompiledScene, name: str) -> str | None:
 
     If equal objects are placed at random, one after another, the fraction of a large area that they fill does not
     depend on the size of the area (random sequential adsorption, Feder 1980). The required area is therefore
-    proportional to the number of objects. The number of placed objects comes from the best of many worlds. The factor
-    of 2 covers most of the other worlds.
+    proportional to the number of objects. The number of placed objects comes from the best of many worlds. The advice
+    names twice the required area, which is enough for most of the other worlds.
     """
     (one,) = (o for o in compiled.plan.objects if o.name == name)
     crowd = [o.name for o in compiled.plan.objects if o.support is not None and o.support == one.support]

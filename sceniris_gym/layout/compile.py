@@ -236,8 +236,8 @@ def _lacking_choices(compiled: CompiledScene, split: str, rows: list[tuple[np.nd
 def _favouring(compiled: CompiledScene, choices: np.ndarray) -> CompiledScene:
     """Return the scene with weights that favour these choices.
 
-    Nearly every layout then has a favoured member of each group that has one, and a favoured kind of start if there is
-    one.
+    If some members of a group are favoured, nearly every layout then has one of these members. The same holds for
+    favoured kinds of start.
     """
     made, starts = copied(Program, compiled.program), compiled.starts
     group, weight = made.group.numpy()[0].copy(), made.group_weight.numpy()[0].copy()

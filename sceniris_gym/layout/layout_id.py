@@ -261,7 +261,7 @@ def layouts_of_ids(ids: Any, layouts: Layouts, split: str, name: str) -> ChosenL
 def _of_ids(value: Any, layouts: Layouts, split: str, served: Served, name: str) -> tuple[ChosenLayouts, bool]:
     """Return the layouts of ids, one row per id, and whether there is a single id.
 
-    Raise if the source would serve a world another layout instead of the layout with this id.
+    Raise if the source would serve another layout than an id names.
     """
     found = layouts_of_ids(value, layouts, split, name)
     seed, given, episode, param = found

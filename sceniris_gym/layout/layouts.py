@@ -148,7 +148,7 @@ def open_episode(layouts: LayoutsView, worldid: int):
 
 @wp.func
 def copy_draws(source: LayoutsView, row: int, layouts: LayoutsView, worldid: int):
-    """Copy the key of the draws of physics and appearance from a row to a world."""
+    """Copy the seed, episode and stream that determine drawn physics and appearance from a row to a world."""
     layouts.draw_seed[worldid] = source.draw_seed[row]
     layouts.draw_episode[worldid] = source.draw_episode[row]
     layouts.draw_stream[worldid] = source.draw_stream[row]
@@ -156,7 +156,7 @@ def copy_draws(source: LayoutsView, row: int, layouts: LayoutsView, worldid: int
 
 @wp.func
 def close_episode(made: LayoutsView, layouts: LayoutsView, worldid: int):
-    """Copy seed, episode, params and key of the draws of a world's new layout from `made` to `layouts`.
+    """Copy a world's new seed, episode and params, and the key of its drawn physics, from `made` to `layouts`.
 
     By default, the world's next layout is then the next episode of its seed.
     """
@@ -354,12 +354,13 @@ class Layouts(StaysHere):
         return cls(compiled, view, mocap_pose, table)
 
     def ids(self, split: str, keys: LayoutKeys | None = None) -> list[str]:
-        """Return the ids of the layouts, with params that differ from the scene file. Waits for the device.
+        """Return the ids of the layouts.
+
+        An id includes the params that differ from the scene file. Waits for the device.
 
         Args:
             split: Split of the ids, "train" or "eval".
-            keys: Seeds, episodes and param values of the layouts to return the ids of, one row per layout. None takes
-                the present layouts.
+            keys: Seeds, episodes and param values of other layouts, one row per layout. None takes the present layouts.
 
         Raises:
             ArgumentError: `split` has another value, or a world has no layout.

@@ -36,8 +36,8 @@ class ParamTable:
         params: The params by name, sorted.
         first: The first column of each param, by its name.
         default: The numbers of the scene file, shape (nvalue,), float32.
-        of_draws: Name of a param for each draw of physics or appearance, by name of the draw. If the table has this
-            param, the param narrows the draw.
+        of_draws: For each draw of physics or appearance, by its name, the name of the param that would narrow it. The
+            table may lack this param.
         are_kept: Whether each layout keeps its param values, as stored layouts do. Setting params then raises an error.
 
     Raises:

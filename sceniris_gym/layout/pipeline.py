@@ -30,7 +30,7 @@ class Chooser:
     layouts: Any = None
 
     def rows(self) -> Mapping[str, Any] | None:
-        """Return torch tensors by name, each with a row per world. Snapshots store them instead of the chosen layouts.
+        """Return the torch tensors that snapshots store instead of the chosen layouts, by name, with a row per world.
 
         With None, which is the default, snapshots store the chosen layouts.
         """
@@ -62,7 +62,7 @@ class LayoutPipeline(Fixed, LayoutSource):
         split: Split of the layouts, if the maker's `split` is None. If both are None, the split of the randomizer is
             used.
         ahead: Prefetches the layouts of the maker. None makes each layout when it is served.
-        chooser: Chooses the next layouts. None advances through the episodes of one seed.
+        chooser: Chooses the next layouts. None leaves the choice to the maker, by default the next episode of the seed.
 
     Attributes:
         layouts: The latest layouts, in the arrays of the maker.

@@ -1,8 +1,8 @@
 """`Redraw`: new places for some objects of a scene, while all other objects stay in place.
 
-Each row begins from a state: a LayoutsView with seeds, episodes, keys of draws, starts, presence, and positions of
-joints and mocap bodies. Body poses and the bounds of anchors are computed from these positions as in `mj_kinematics`,
-because body poses in the simulation may be one step older.
+Each row begins from a state: a LayoutsView with seeds, episodes, keys of draws, kinds of start, presence, and positions
+of joints and mocap bodies. Body poses and the bounds of anchors are computed from these positions as in
+`mj_kinematics`, because body poses in the simulation may be one step older.
 """
 
 from __future__ import annotations

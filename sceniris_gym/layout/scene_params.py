@@ -28,15 +28,14 @@ class Param:
 
     Attributes:
         name: The key in the scene file, such as "groups.clutter.count".
-        default: Numbers of the scene file, float32: all low ends and then all high ends, or the weights, or the
-            clearance.
+        default: Numbers of the scene file, clipped to the support or the joint limits, float32: all low ends and then
+            all high ends, or the weights, or the clearance.
         form: "interval" [low, high], "count" (an interval of integers), "box" (its low and its high corner), "weights",
             or "clearance" (a least distance).
-        least: The number of weights that should at least be above 0.
+        least: At least so many weights should be above 0.
         copies: The arrays that have copies of the numbers, one entry per copy: name of the array, index in its row,
             index of the number.
-        written: The numbers exactly as in the scene file, if they may reach beyond `default`: over the edge of a
-            support or the limit of a joint. Otherwise empty.
+        written: The numbers of the scene file before clipping. Empty if `default` was not clipped.
     """
 
     name: str
@@ -96,7 +95,7 @@ class Param:
 
 
 def scene_params(compiled: CompiledScene) -> dict[str, Param | str]:
-    """Return all params of a scene by name. A similar part that cannot be a param has the reason as its value."""
+    """Return all params of a scene by name. If a value cannot be a param, its name maps to a text with the reason."""
     finders = (_joints, _groups, _starts, _distances, _regions, _randomize, _clearances)
     return {name: found for find in finders for name, found in find(compiled)}
 
@@ -166,7 +165,7 @@ def _distances(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:
 
 
 def _regions(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:
-    """Yield the boxes around the regions of objects."""
+    """Yield, for each object, its region's key and the bounding box as a param, or the reason why it cannot be one."""
     program = compiled.program
     cuts, heaps = program.obj_cutnum.numpy(), program.obj_heap.numpy()[:, 0]
     first, number = program.obj_stableadr.numpy(), program.obj_stablenum.numpy()
@@ -218,7 +217,10 @@ def _randomize(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:
 
 
 def _clearances(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:
-    """Yield the clearances of objects and robots. Their copies are the margins of the pairs tested with them."""
+    """Yield the clearances of objects and robots.
+
+    A clearance's copies are the margins of the pairs that it applies to.
+    """
     program, config, owners = compiled.program, compiled.config, compiled.scene.owners
     bodies, kinds = program.pair_bodies.numpy().tolist(), program.obj_kind.numpy()
     first, number = program.obj_pairadr.numpy(), program.obj_pairnum.numpy()

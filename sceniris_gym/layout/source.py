@@ -32,8 +32,8 @@ class LayoutSource(StaysHere):
         layouts: The latest layout of each world, always in the same arrays.
         split: Split of the layouts, "train" or "eval". None takes the split of the randomizer.
         hears: Whether the source uses `launch_finish`. Otherwise resets do not call it.
-        chooser: Chooses the next layouts. Only a LayoutPipeline has one: the chooser it was made with, or by default
-            the chooser of its maker.
+        chooser: Chooses the next layouts. Only a LayoutPipeline has one: its argument `chooser`, or by default the
+            chooser of the source that it wraps.
     """
 
     layouts: Layouts
@@ -107,7 +107,7 @@ class LayoutSource(StaysHere):
         """Host-side hook, called after the launches of every reset, including captured resets."""
 
     def served(self, split: str, keys: LayoutKeys) -> tuple[str, LayoutKeys]:
-        """Return the split and the keys of the layouts that worlds with these keys get."""
+        """Return split, seeds, episodes and params of the layouts that worlds with `split` and `keys` get."""
         return split, keys
 
     def ids(self, split: str, keys: LayoutKeys | None = None) -> list[str]:
@@ -210,7 +210,7 @@ class LayoutSource(StaysHere):
         return self._changeable(columns), rows
 
     def _changeable(self, columns: np.ndarray) -> np.ndarray:
-        """Return `columns` of params unchanged. Raise if there are any, but stored layouts keep their param values."""
+        """Return `columns` unchanged. Raise if there are columns to set, but the params of stored layouts are fixed."""
         if len(columns) and self.layouts.params.are_kept:
             raise ArgumentError(
                 "set_params: stored layouts keep the params they were made with. To change them, use a LayoutGenerator."

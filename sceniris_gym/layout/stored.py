@@ -114,7 +114,7 @@ class StoredLayouts(LayoutSource):
         wp.launch(_make, dim=dim, inputs=inputs, outputs=[out], device=self.device)
 
     def served(self, split: str, keys: LayoutKeys) -> tuple[str, LayoutKeys]:
-        """Return the split and keys of the rows that worlds with these keys get."""
+        """Return split, seeds, episodes and params of the stored layouts that worlds with `keys` get."""
         seed, episode, _ = keys
         rank = seed.astype(np.uint64) + episode.astype(np.uint64) * np.uint64(self._stride)
         table = self._table[(rank % np.uint64(len(self._table))).astype(np.int64)]

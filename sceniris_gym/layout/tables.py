@@ -99,7 +99,7 @@ class RequestedLayouts(StaysHere):
 
     @launching
     def launch(self, seed: wp.array, episode: wp.array, mask: wp.array, *outputs: wp.array) -> None:
-        """Write layouts into the masked rows and the start pose into the other rows, on the current stream.
+        """Write layouts into the masked rows and the home pose into the other rows, on the current stream.
 
         Args:
             seed: The low and the high 32 bits of each seed, shape (nworld, 2), uint32.
@@ -107,7 +107,7 @@ class RequestedLayouts(StaysHere):
             mask: Rows that get a layout, shape (nworld,), bool.
             *outputs: Four arrays. (1) Joint positions [m, rad], quaternions wxyz, shape (nworld, nq). (2) Positions of
                 mocap bodies [m], shape (nworld, nmocap), vec3. (3) Orientations of mocap bodies, wxyz inside `wp.quat`,
-                shape (nworld, nmocap). (4) `LayoutStatus` of each layout, NONE for the start pose, shape (nworld,),
+                shape (nworld, nmocap). (4) `LayoutStatus` of each layout, NONE for the home pose, shape (nworld,),
                 int32.
         """
         generator = self._generator

@@ -43,13 +43,13 @@ class WorldColumns:
         draws: The draws of physics and appearance, which may be empty.
         scaled: Array elements that get a nominal value times a given number. Use them only without draws. Each entry
             has the name of the array, the index in its row, the index in the nominal row, and the column of the number.
-        given: The given numbers, shape (1 or nworld, n). Leave them out if no numbers are given, or if each launch
-            passes them.
+        given: The given numbers, shape (1 or nworld, n). None if nothing is scaled, or if each call of
+            `launch` passes the numbers.
         params: The params of the worlds. A param sets bounds in these arrays, or narrows a draw.
 
     Attributes:
         numbers: The drawn numbers by name of the draw, shape (nworld, width): factors of `scale`, terms of `add`, and
-            values of `abs` and `choice`. If each choice has several numbers, the index of the choice.
+            values of `abs` and `choice`. A choice among sets of several numbers is given by its index instead.
     """
 
     def __init__(
@@ -234,10 +234,10 @@ def search_columns(
 
 
 def _shares(compiled: CompiledScene, nominal: wp.array) -> tuple[list[tuple[str, int, int, int]], wp.array]:
-    """Return rows of `scaled` that copy masses and centres of mass from a Model to statics, and the factors.
+    """Return the arguments `scaled` and `given` that let WorldColumns fill statics with the masses of a Model.
 
-    The factor of a body's mass is the fraction of its weight that gravity compensation does not carry. The factor of a
-    centre of mass is 1.
+    Statics is the data of the standing test. It gets each centre of mass unchanged, and each mass times the fraction of
+    its weight that gravity compensation does not carry.
     """
     mass, weight = compiled.mjm.body_mass, nominal.numpy()[0]
     share = np.divide(weight, mass, out=np.zeros(len(mass)), where=mass > 0.0)

@@ -151,7 +151,7 @@ def _draw_key(layouts: LayoutsView, row: int, opens: bool):
 
 @wp.func
 def _number(number: Number, table: wp.array[float], param: wp.array2d[float], row: int, u: wp.vec4) -> float:
-    """Map uniform random numbers to a number of a distribution. A negative `row` ignores the params."""
+    """Turn uniform random numbers into a draw from a distribution. A negative `row` ignores the params."""
     if number.distribution == _CHOSEN:
         return table[number.first + wp.min(int(u[0] * float(number.count)), number.count - 1)]
     low = table[number.first]
@@ -172,7 +172,7 @@ def _number(number: Number, table: wp.array[float], param: wp.array2d[float], ro
 def _value(
     element: Element, arrays: wp.array[Array], table: wp.array[float], worldid: int, numbers: wp.array[float]
 ) -> float:
-    """Return the value of an element from its drawn or given number."""
+    """Return the value to write for an element, computed from its number: a draw, or a given factor."""
     drawn = arrays[element.drawn]
     nominal = float(0.0)
     if drawn.kind == _FLOAT:

@@ -90,7 +90,8 @@ class Episodes(NamedTuple):
         status: `LayoutStatus` of the layouts, shape (n,), int32. Layouts from the bank do not count. None means that
             all layouts are valid.
         boundary: Index of the ADR interval end that the level tests, or -1, shape (n,), int32. The outcome also counts
-            for this end. If `boundary` is given, outcomes are successes, so custom scores do not change.
+            for this end. If `boundary` is given, `outcome` holds 0 or 1, even with "custom" scores, which do not
+            change.
     """
 
     level: wp.array
@@ -223,7 +224,7 @@ def _launch_set_params(buffer: Buffer, mask: wp.array | None) -> None:
 
 @wp.func
 def _moved(buffer: Buffer, value: float, outcome: float) -> float:
-    """Return a level's value after an outcome, which moves a success rate by `alpha`, or replaces a custom score."""
+    """Return a level's value after an outcome: the custom score, or the success rate moved by `alpha` towards it."""
     return wp.where(buffer.score == _CUSTOM, outcome, value + buffer.alpha * (outcome - value))
 
 

@@ -31,7 +31,7 @@ class ADR:
         delta: Distance by which an end moves, as a fraction of the length of the scene file's interval. The end of a
             count moves by at least 1.
         boundary_fraction: Probability that a fresh level tests an end of an interval. The level's param is then drawn
-            between the end and the point that is `delta` inside the interval. A count equals the end.
+            between the end and the point that is `delta` inside the interval. A count gets the end itself.
         threshold_low: An end moves inwards if the success rate is at most this.
         threshold_high: An end moves outwards if the success rate is at least this.
         queue_length: Number of episodes that are counted at an end before it may move.

@@ -71,7 +71,7 @@ class LevelSampler(Chooser, StaysHere):
         return int((self._buffer.age.numpy() >= 0).sum())
 
     def rows(self) -> Mapping[str, Any]:
-        """Tensors with a row for each world that snapshots store, as in `Chooser`."""
+        """The tensors that snapshots store, by name, each with a row per world, as in `Chooser`."""
         return {"level": self.level, "boundary": self.boundary}
 
     def launch_choose(self, mask: wp.array | None) -> None:

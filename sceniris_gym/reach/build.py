@@ -198,7 +198,7 @@ class LabelledGrid:
         return risen
 
     def _joints_of(self, corner: np.ndarray) -> np.ndarray:
-        """Return the joint positions of corners. They are NaN if the index is -1 or the corner is not reached."""
+        """Return stored joint positions that reach corners, by index. NaN for index -1 and for corners out of reach."""
         there = (corner >= 0) & (self.level[corner] > 0)
         return np.where(there[..., None], self.joints[corner], np.float16(np.nan)).astype(np.float32)
 
@@ -235,7 +235,7 @@ def build_map(
         device: Warp's name of the device. A full map takes 5 to 13 s on an NVIDIA H200, and hours on a CPU core.
         step: Step of the grid along z, u and v [m]. By default STEP, or more for an arm with a reach above 1.1 m.
         tilt_step: Step of the grid along tilt [rad], rounded so that it divides 180 degrees.
-        seed: Seed of the random starts.
+        seed: Seed of the random joint positions from which inverse kinematics starts.
         state: File for the build's progress, or None. If the file exists, the build resumes from it.
 
     Raises:

@@ -56,9 +56,8 @@ class Checkpoint:
             if name in self._stored:
                 stored = self._stored.pop(name)
                 if stored.shape != array.shape or stored.dtype != array.dtype:
-                    raise MapError(
-                        f"{self._path}: '{name}' does not fit the build: {stored.dtype}, shape {stored.shape}. {_AGAIN}"
-                    )
+                    wanted, got = (f"{a.dtype} {a.shape}" for a in (array, stored))
+                    raise MapError(f"{self._path}: '{name}' should be {wanted}, got {got}. {_AGAIN}")
                 array[...] = stored
         self._arrays.update(arrays)
         if task in self._finished:

@@ -122,7 +122,7 @@ class Labeller:
     Args:
         arm: The arm, with a vertical first axis and the TCP on its last axis.
         device: Warp's name of the device.
-        starts: Number of random starts.
+        starts: Number of random starts of the inverse kinematics. A start is an array of joint positions.
         seed: Seed of the starts.
     """
 

@@ -67,7 +67,7 @@ class ReachMap:
         wit_joints: Witnesses: joint positions from which inverse kinematics starts, (nwitness, njoint), float16.
         turn_error: Estimated fraction of reachable poses with a wrong verdict, because verdicts ignore base and wrist
             limits. The maximum over the grid and both poles.
-        seed: Seed of the random starts.
+        seed: Seed of the random joint positions from which inverse kinematics started in the build.
         false_accepts: Fraction of accepted poses that are out of reach, measured by measures.py. None in files of
             earlier versions, and if it could not be measured.
     """
@@ -108,7 +108,10 @@ class ReachMap:
         return size, self.wit_cells.nbytes + 16 * len(self.wit_joints)
 
     def save(self, path: Path) -> None:
-        """Write a compressed file. To replace an existing map, write to a temporary path and rename it."""
+        """Write a compressed file.
+
+        To replace a map safely, the caller saves to a temporary path and renames the file.
+        """
         held: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
         held |= {"format": _FORMAT, "arm": self.arm.hash}
         with path.open("wb") as file:

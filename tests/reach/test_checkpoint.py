@@ -68,7 +68,7 @@ def test_arrays_of_another_form_are_refused(tmp_path: Path, array: np.ndarray):
     stopped = Checkpoint(tmp_path / "state", "a build")
     stopped.enter("first", {"first": array})
     stopped.reached(1)
-    with pytest.raises(MapError, match="'first' does not fit the build"):
+    with pytest.raises(MapError, match=r"'first' should be float64 \(5,\), got"):
         Checkpoint(tmp_path / "state", "a build").enter("first", {"first": np.zeros(5)})
 
 

@@ -226,8 +226,8 @@ class Places:
     def _on_site(self, name: str, region: Region, word: str, where: str) -> dict[str, Any]:
         """Return the scene file entry of an object on or in a site.
 
-        As in LIBERO, the object's origin lies in a rectangle around the site's centre. The sides of the rectangle are
-        half as long as the site's, and then shorter by the object's radius at each end.
+        As in LIBERO, the object's origin lies in a rectangle around the site's centre. Each side of the
+        rectangle has half the length of the site's side, less twice the object's radius.
 
         Args:
             name: The object.
@@ -273,7 +273,7 @@ class Places:
         return np.array([math.cos(angle) * x - math.sin(angle) * y, math.sin(angle) * x + math.cos(angle) * y])
 
     def _state(self, predicate: Predicate) -> tuple[str, dict[str, Any]]:
-        """Return the fixture that a predicate such as `Open` names, and the entries for the joints that it moves."""
+        """Return the fixture that a predicate such as `Open` names, and the `joints` entries that make it true."""
         name, positions = moving(self._problem, predicate)
         region = self._problem.regions.get(predicate.names[0])
         found = self._spec.body(name).find_all("joint")

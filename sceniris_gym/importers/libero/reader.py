@@ -99,7 +99,7 @@ def read_bddl(
 
 
 def _workspace(problem: Problem) -> tuple[str, Workspace]:
-    """Return the name of the work surface in the file, which is 'floor' for a floor, and the work surface."""
+    """Return the work surface of a problem: its name in the file, which is 'floor' for a floor, and its measures."""
     found = [name for name, kind in problem.fixtures.items() if kind in WORKSPACES]
     if len(found) != 1:
         listing = ", ".join(WORKSPACES)

@@ -250,7 +250,7 @@ def supports_of(
 
 
 def support_of(name: str, support: Support, pieces: Sequence[Piece]) -> FoundSupport:
-    """Return a support with its level surfaces that its body does not cover. If all are covered, return all of them.
+    """Return a support with its level surfaces. Areas below parts of its own body only count if no area is open above.
 
     Args:
         name: Name of the support in a scene file.
@@ -264,7 +264,7 @@ def support_of(name: str, support: Support, pieces: Sequence[Piece]) -> FoundSup
 
 
 def named_support(mjm: mujoco.MjModel, geom: int, bodies: Mapping[str, int]) -> tuple[str, Support] | None:
-    """Return the support that contains a geom, with the support's name in a scene file. None if it has no name.
+    """Return the support that contains a geom, with the support's name in a scene file. None for an unnamed support.
 
     The support of a geom in an object is the object or its part. The support of a static geom is the geom if it has a
     name, and otherwise the geom's body. For other geoms, which may move, return None.

@@ -140,7 +140,7 @@ def are_near(one: trimesh.Trimesh, other: trimesh.Trimesh, distance: float) -> b
 
 
 def height_over(part: trimesh.Trimesh, points: np.ndarray) -> np.ndarray:
-    """Return the height of each point above the part's face planes, the largest over all planes, shape (n,).
+    """Return each point's greatest height [m] above any face plane of the part, shape (n,).
 
     The height is negative inside the convex part. `points` has shape (n, 3) [m].
     """

@@ -62,7 +62,8 @@ def check_faces(surfaces: Sequence[Surface], where: str) -> None:
 def repair(surfaces: Sequence[Surface], where: str, *, shell: bool = False) -> Solid:
     """Merge vertices, drop degenerate and duplicate faces, close small holes, and orient all faces outwards.
 
-    If large holes are open but the convex hull is within the default tolerance, the hull replaces the surface.
+    If holes are too large to close, but the convex hull is within the default tolerance of the surface, the hull
+    replaces the surface.
 
     Args:
         surfaces: The surfaces of a link [m].

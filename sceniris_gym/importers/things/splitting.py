@@ -38,7 +38,7 @@ class Excess:
 
     Args:
         solid: The solid. Only areas of a part outside this solid stick out.
-        mesh: How far an area sticks out is its distance to this surface [m]. The solid is a simplified copy of it.
+        mesh: The surface from which distances [m] are measured. `solid` is a simplified copy of this surface.
         allowed: How far parts may stick out [m].
     """
 

@@ -83,7 +83,7 @@ def find_scale(thing: Thing, scale: str | None, ask: Ask | None, where: str) -> 
         raise MeshError(f"{problem}. {choices}.", "size")
     factor = parse_scale(ask(f"{problem}. {choices}. Scale?"))
     if not LEAST_SIZE <= size * factor <= MOST_SIZE:
-        raise MeshError(f"{where}: its length would be {size * factor:.4g} m. {choices}.", "size")
+        raise MeshError(f"{where}: this makes it {size * factor:.4g} m long, not 1 mm to 50 m. {choices}.", "size")
     return factor, "as answered"
 
 

@@ -1,4 +1,4 @@
-"""Free grasps: each object has to leave a free grasp to all reach targets of tier `clear` that were placed earlier.
+"""Free grasps: a new object has to leave each earlier reach target of tier `clear` at least one free grasp.
 
 A grasp is *free* if the arm's map accepts it and the hand is clear of all objects placed after the target. A candidate
 that blocks the last free grasp of a target is rejected with the cause BLOCKED. The next trial of the same object then
@@ -53,7 +53,7 @@ def launch_pose_hands(work: Workspace, reach: Reach, reach_search: ReachSearch) 
 def _needs_free_grasp(reach: Reach, layouts: LayoutsView, row: int, obj: int, column: int) -> bool:
     """Return True if a candidate of object `obj` has to leave a free grasp to target `column`.
 
-    The target belongs to the arm of `reach` and was placed earlier.
+    This is so only if the target belongs to the arm of `reach`, was placed earlier and is present.
     """
     if reach.reach_arm[column] != reach.number or reach.reach_obj[column] >= obj:
         return False

@@ -1,4 +1,4 @@
-"""Collision tests of candidates' posed robots. Each step has a list of pairs. One block tests one candidate."""
+"""Test the robot, posed for a candidate, for collision: one list of pairs per step, and one block per candidate."""
 
 import warp as wp
 

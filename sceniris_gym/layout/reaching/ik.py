@@ -1,4 +1,4 @@
-"""Inverse kinematics, one lane per candidate: from a start to the grasp, and from the grasp to the pre-grasp."""
+"""Inverse kinematics, one lane per candidate: from initial joints to the grasp, and from there to the pre-grasp."""
 
 import warp as wp
 

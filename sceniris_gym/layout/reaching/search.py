@@ -1,9 +1,10 @@
 """`ReachSearch`: the state of a search for the joints of grasps, with a queue of rows and their candidates.
 
 Once all objects of a row are placed, the row works through its arms in order, through the reach targets of each arm,
-and through the grasps of each target. A *candidate* is one start of the inverse kinematics for one grasp. A candidate
-takes the steps of `ReachStep` in order. The first grasp with a start that passes all steps is kept, with its first such
-start. Steps that do not depend on the arm's joints are taken once per grasp, by its first start.
+and through the grasps of each target. A *candidate* is one grasp with one *IK start*: the initial joint positions of
+the inverse kinematics. A candidate takes the steps of `ReachStep` in order. The first grasp with an IK start that
+passes all steps is kept, with its first such IK start. Steps that do not depend on the arm's joints are taken once per
+grasp, by the candidate with its first IK start.
 """
 
 from enum import IntEnum
@@ -27,7 +28,7 @@ IN_HAND = Tier.CLEAR + 1
 
 
 class ReachStep(IntEnum):
-    """Tests of a candidate, in this order. The first four tests depend only on the grasp, the others also on the start.
+    """Tests of a candidate, in this order. The first four depend only on the grasp, the others also on initial joints.
 
     The tier `ik` takes only MAP, IK_AT_GRASP and SELF_AT_GRASP.
     """
@@ -124,7 +125,7 @@ def queue_target(reach_search: ReachSearch, row: int, column: int, total: int):
 
 @wp.func
 def first_start(reach_search: ReachSearch, c: int) -> int:
-    """Return the candidate with the first start of the grasp of `c`, or -1 if an earlier wave had that candidate."""
+    """Return the first candidate that has the same grasp as `c`, or -1 if an earlier wave had that candidate."""
     found = c - reach_search.ik_start[c]
     if found < reach_search.first[reach_search.row[c]]:
         return -1
@@ -135,7 +136,7 @@ def first_start(reach_search: ReachSearch, c: int) -> int:
 def takes_step(reach_search: ReachSearch, c: int, step: int) -> bool:
     """Return True if a candidate has to take `step` and has passed all steps before `step`.
 
-    Only the first start of each grasp takes the steps before the inverse kinematics.
+    Only the first candidate of each grasp takes the steps before the inverse kinematics.
     """
     if reach_search.failed[c] < step:
         return False

@@ -1,7 +1,7 @@
 """The reach stage of a reset, for the tiers `ik` and `clear`: find joints for a grasp of every reach target.
 
 The stage follows placing. If no joints are found for a target, the world continues with its next restart. After the
-last restart, the world falls back to the bank. The stage does not plan a path from the start pose.
+last restart, the world falls back to the bank. The stage plans no path to the joints that it finds.
 """
 
 from functools import partial
@@ -52,7 +52,9 @@ class ReachStage:
             launch_test_hands(self._work, reach, self.search)
 
     def launch(self) -> None:
-        """Find joints for grasps in all waiting rows. Each world keeps its lowest-numbered restart with joints.
+        """Find joints for grasps in all waiting rows.
+
+        A world keeps the first of its restarts in which joints were found.
 
         If the scene file has `start`, the arm of this restart then moves to its start pose. If no start pose is free of
         collisions, the restart fails.

@@ -98,7 +98,7 @@ def _drawn_grasp(reach: Reach, starts: Starts, kind: int, stable: int, u: float)
 
 @wp.func
 def _uniform(layouts: LayoutsView, search: Search, split: wp.uint32, row: int, trial: int, number: int) -> float:
-    """Return the uniform random number with index `number` in a row's trial."""
+    """Return a uniform random number for a row's trial. `number` selects one of the trial's random numbers."""
     worldid = search.row_world[row]
     seed, episode = layouts.pending_seed[worldid], layouts.pending_episode[worldid]
     named = 1 + search.row_restart[row] * wp.static(TRIALS) + trial
@@ -187,7 +187,7 @@ def _pose(
 
 
 def launch_pose_start(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
-    """Pose the robot of each candidate with its held object. A candidate fails if its joints have no exact solution."""
+    """Pose the robot of each candidate with its held object. A candidate fails if inverse kinematics is not exact."""
     inputs = [work.program, reach, work.compiled.starts, work.split, work.layouts, work.search, reach_search]
     work.launch_lanes(_pose, *inputs)
 

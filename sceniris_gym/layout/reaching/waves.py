@@ -1,7 +1,7 @@
 """Waves of the reach stage: create candidates for waiting rows, and keep each row's first candidate that passes.
 
-A candidate is one start of the inverse kinematics for one grasp. Candidates after the kept candidate are ignored, so
-the result does not depend on the number of candidates tried in parallel.
+A candidate is one grasp with initial joint positions for the inverse kinematics. Candidates after the kept candidate
+are ignored, so the result does not depend on the number of candidates tried in parallel.
 """
 
 import warp as wp
@@ -244,7 +244,7 @@ def keep_grasp(reach: Reach, layouts: LayoutsView, reach_search: ReachSearch, ro
 def first_passed(reach_search: ReachSearch, row: int) -> int:
     """Return a row's first candidate that passed.
 
-    If no candidate passed, advance the row to its next starts and return -1.
+    If no candidate passed, move the row on to its next grasp or initial joint positions, and return -1.
     """
     after = reach_search.number[row]
     for c in range(reach_search.first[row], reach_search.first[row] + reach_search.trials[row]):
@@ -314,6 +314,6 @@ def _accept(
 def launch_accept_grasps(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
     """Keep the first candidate of each row that passed.
 
-    Rows without such a candidate continue with their next starts, or fail if no starts are left.
+    Rows without such a candidate continue with their next candidates, or fail if no candidates are left.
     """
     work.launch_lanes(_accept, reach, work.layouts, work.search, reach_search)

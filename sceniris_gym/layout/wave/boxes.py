@@ -60,7 +60,7 @@ def _choose_triangle(
 
 @wp.func
 def _is_narrowed(layouts: LayoutsView, worldid: int, first: int) -> bool:
-    """Return True if a world's box differs from the scene file. The box is the param values from index `first` on."""
+    """Return True if a world's box, its four param values from index `first` on, differs from the scene file."""
     narrowed = bool(False)
     for k in range(first, first + 4):
         if layouts.next_param[worldid, k] != layouts.default_param[k]:

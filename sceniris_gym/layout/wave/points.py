@@ -46,7 +46,7 @@ NO_PIECE = wp.constant(wp.uint64(0xFFFFFFFFFFFFFFFF))
 
 @wp.struct
 class PointCounter:
-    """Seed, episode, stream and trial, which with the number of a draw determine the random numbers of a point.
+    """Seed, episode, stream and trial, which together with the index of a draw determine a point's random numbers.
 
     A candidate has one PointCounter for all draws of its point.
     """
@@ -67,21 +67,23 @@ def _point_counter(program: Program, split: wp.uint32, layouts: LayoutsView, sea
 
 @wp.func
 def arrival_time(u: float, size: float) -> float:
-    """Return the arrival time of a piece with the area `size` [m^2], from the uniform number `u`.
+    """Return the arrival time of a piece with the area `size` [m^2] in a race, from the uniform number `u`.
 
-    The number 0 represents all numbers below 2^-24 and is replaced by their midpoint. Otherwise the arrival time would
-    be 0 for every area.
+    The piece that arrives first is chosen, so a piece's probability is proportional to its area. The number 0
+    represents all numbers below 2^-24 and is replaced by their midpoint. Otherwise the arrival time would be 0 for
+    every area.
     """
     return wp.where(u == 0.0, _HALF_STEP, -log_of(1.0 - u)) / size
 
 
 @wp.func
 def arrival_key(n: PointCounter, redraw: int, index: int, size: float) -> wp.uint64:
-    """Return the arrival key of piece `index` with the area `size` [m^2]. The piece with the least key wins the race.
+    """Return the key by which piece `index` competes to be chosen, in proportion to its area `size` [m^2].
 
-    `redraw` is the number of the race: 0 for the first point of a candidate, and 1 more for each further point. The
+    The piece with the least key wins the race and is chosen. `redraw` counts the earlier races of the candidate, one
+    for each point that failed the exact test. The
     upper word of the key is the arrival time, because the bits of positive floats are ordered like the floats. The
-    lower word is the number of the piece.
+    lower word is the index of the piece.
     """
     u = uniforms(n.seed, n.episode, n.stream, n.trial, _FIRST_DRAW + redraw * _DRAWS + 1 + index // 4)
     which = index % 4
@@ -105,7 +107,7 @@ def _first_arrival(regions: Regions, holder: int, n: PointCounter, redraw: int, 
 
 @wp.func
 def piece_of(key: wp.uint64) -> int:
-    """Return the number of the piece to which an arrival key belongs."""
+    """Return the index of the piece to which an arrival key belongs."""
     return int(key & wp.uint64(0xFFFFFFFF))
 
 

@@ -17,8 +17,8 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 def _find_grasp(reach: Reach, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, part: int, parts: int):
     """Find the first grasp of a candidate that the map accepts.
 
-    If the arm's base is placed later, test only the direction of approach. Lane `part` of `parts` tests its part of the
-    grasps.
+    If the arm's base is placed later, test only the direction of approach. The grasps are divided among `parts` lanes.
+    This is lane number `part`.
     """
     column = reach.obj_reach[obj]
     late = reach.reach_late[column]
@@ -54,7 +54,7 @@ def _find_grasps_from_base(reach: Reach, layouts: LayoutsView, search: Search, c
 def _test_map(reach: Reach, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, part: int, parts: int):
     """Test the grasps of a reach target, or all grasps that a base has to reach.
 
-    Lane `part` of `parts` tests its part of a target's grasps. A single lane tests a base.
+    A target's grasps are divided among `parts` lanes, and this is lane number `part`. Lane 0 alone tests a base.
     """
     column = reach.obj_reach[obj]
     if column >= 0:
@@ -70,7 +70,7 @@ def _test_cover(
 ):
     """Mark a candidate as covered if an obstacle is above its point.
 
-    Lane `part` of `parts` tests its part of the obstacles.
+    The obstacles are divided among `parts` lanes. This is lane number `part`.
     """
     for i in range(part, program.obj_overheadnum[obj], parts):
         entry = program.overhead_list[program.obj_overheadadr[obj] + i]
@@ -85,7 +85,7 @@ def _test_footprint(
 ):
     """Mark a candidate as overhanging if part of its footprint lies off its support.
 
-    Lane `part` of `parts` tests its part of the pairs of pieces and edges.
+    The pairs of a piece and an edge are divided among `parts` lanes. This is lane number `part`.
     """
     surface = search.surface[c]
     ground = program.obj_ground[obj]

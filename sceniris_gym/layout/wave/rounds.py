@@ -47,7 +47,7 @@ def _clear_rejections(layouts: LayoutsView, row: int):
 
 @wp.func
 def await_round(search: Search, worldid: int):
-    """Give a pending world its index in the next round."""
+    """Add a pending world to the next round, under the next free index."""
     search.best[worldid] = NEVER
     search.ticket[worldid] = wp.atomic_add(search.worlds_left, 0, 1)
 

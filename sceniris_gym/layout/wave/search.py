@@ -174,13 +174,13 @@ def finish_row(search: Search, row: int, staged: bool):
 
 @wp.func
 def first_trial_of(program: Program, search: Search, candidate: int) -> int:
-    """Return the number of the first trial in a candidate's restart. Trials are numbered across all restarts."""
+    """Return the index, counted over all restarts, of an object's first trial in the restart of a candidate."""
     return search.row_restart[search.row[candidate]] * program.attempts
 
 
 @wp.func
 def trial_of(program: Program, search: Search, candidate: int) -> int:
-    """Return the number of a candidate's trial. Trials are numbered across all restarts."""
+    """Return the index of a candidate among the trials of its object, counted over all restarts."""
     return first_trial_of(program, search, candidate) + search.trial[candidate]
 
 

@@ -3,8 +3,8 @@
 The lanes of a block add up the counts of a world's rows together, and copy the finished row together. Worlds that run
 out of restarts fall back to the bank of valid layouts. The bank has separate rows for each split, so that an evaluation
 never gets a layout that training may have seen. Every served layout is finite and within the scene's bounds, with unit
-quaternions. Checks on the host reject scenes with a known cause of other layouts. `is_sound` rejects such layouts if
-they have an unknown cause.
+quaternions. Checks on the host reject scenes that are known to break this rule. `is_sound` rejects layouts that break
+it for an unknown cause.
 """
 
 import warp as wp

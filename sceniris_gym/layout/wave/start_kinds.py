@@ -18,7 +18,7 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 @wp.func
 def _weight(starts: Starts, layouts: LayoutsView, worldid: int, kind: int, column: int) -> float:
-    """Return a world's weight of a kind of start. The param has the weight if it exists, otherwise the scene file."""
+    """Return the weight of a kind of start in a world, from the param if there is one, else from the scene file."""
     if column >= 0:
         return layouts.next_param[worldid, column + kind]
     return starts.weight[kind]
