@@ -119,9 +119,8 @@ class Auditor:
 
         Args:
             table: The layouts.
-            settled: Number of layouts that are also stepped for half a second, to find objects that fall. These are
-                the first layouts of the table, without layouts where a gripper holds an object in the air. Such a
-                gripper would open.
+            settled: To find objects that fall, the first `settled` layouts are also stepped for half a second. Layouts
+                where a gripper holds an object in the air are skipped, because the gripper would open.
         """
         conflicts: list[Conflict] = []
         misplaced: list[Misplaced] = []
@@ -157,8 +156,8 @@ class Auditor:
     def _have_to_stand(self) -> list[str]:
         """Return the free objects that must not fall.
 
-        A stack is left out if its centre of mass is random, because a reset draws `ipos`, or because a reset draws a
-        `mass` and the stack has several bodies.
+        A stack is left out if resets move its centre of mass: by a drawn `ipos`, or, in a stack of several bodies, by
+        a drawn `mass`. A single object also counts as a stack.
         """
         objects = self.scene.config.objects
         stacks: dict[str, list[str]] = {}
@@ -182,7 +181,7 @@ class Auditor:
     def _settle(self, report: Report, table: LayoutTable, rows: np.ndarray) -> Report:
         """Step the layouts of a table, and return a copy of the report with the motion of free objects.
 
-        `rows` (nrow,) are the numbers of these layouts in the report.
+        `rows` (nrow,) has the index of each of these layouts among all layouts of the report.
         """
         if not len(table) or not self.free:
             return report
@@ -264,7 +263,7 @@ class Auditor:
 
 
 def presence(config: SceneConfig, table: LayoutTable) -> dict[str, np.ndarray]:
-    """Return the name of each object and robot -> mask of the rows where it is present, shape (nrow,).
+    """Return object or robot -> mask of the rows where it is present, shape (nrow,).
 
     An object with variants is present if one of its variants is.
     """
@@ -279,7 +278,7 @@ def excess_of_groups(config: SceneConfig, seen: Seen) -> Excess:
     Returns:
         (name, requirement, "objects") -> violation in each row, shape (nrow,). For a group, the requirement is "count",
         and the violation is the number of surplus or missing members. For a member, the requirement is "present", and
-        the violation is 1 if the member is present but parked, or absent but not parked.
+        the violation is 1 if the pose contradicts the table: a present member is parked, or an absent member is not.
     """
     found = {}
     for name, group in config.groups.items():

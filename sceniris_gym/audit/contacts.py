@@ -150,7 +150,7 @@ class ContactTally:
         self.deepest: Contact | None = None
 
     def add(self, start: int, contacts: Iterable[Contact]) -> list[Contact]:
-        """Count contacts, and return the missed collisions. `start` is added to the rows of the contacts."""
+        """Count the contacts of a chunk of rows that begins at row `start`, and return the missed collisions."""
         missed = []
         for c in contacts:
             if self._visual or c.home is not None:

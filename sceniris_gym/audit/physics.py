@@ -57,7 +57,7 @@ def settle(
     seconds: float = SETTLE_SECONDS,
     frozen: Sequence[int] = (),
 ) -> Settling:
-    """Step each layout for some time while the actuators hold the start pose.
+    """Step each layout for some time, while position servos hold their joints where the layout has them.
 
     A warning of MuJoCo ends a rollout early. After a bad acceleration, MuJoCo has also reset the state.
 
@@ -108,7 +108,7 @@ def _first_warning(
 
 
 def _start(mjm: mujoco.MjModel, table: LayoutTable) -> tuple[np.ndarray, np.ndarray]:
-    """Return two arrays for the starts of layouts: states (nrow, nstate), and controls with mocap poses (nrow, ngiven).
+    """Return the input of rollouts from layouts: states (nrow, nstate), and controls with mocap poses (nrow, ngiven).
 
     Both are in the form of `mj_getState`.
     """

@@ -1,11 +1,11 @@
-"""Checks the generator's claims that an arm reaches an object in a layout. Also checks the starts of layouts.
+"""Checks the generator's claims that an arm reaches an object, and whether layouts fit their kinds of starts.
 
 A claim of the tier `ik` or `clear` has joint positions, which MuJoCo C tests. A claim of another tier comes from the
-arm's reachability map and has only a TCP pose. Inverse kinematics (chain.py) must find joint positions for this pose
-from random starts. The joints are the chain from the robot's root body to the site of its TCP. The hand is everything
-that the last of these joints carries. The positions of the finger joints also come from the claim. For `clear`, only
-the hand may touch the object in the grasp, and the robot may touch no other object. Parts of the robot that penetrate
-each other in the start pose may be as deep as in this pose.
+arm's reachability map and has only a TCP pose. Inverse kinematics (chain.py) must find joint positions for this pose,
+in a search from random joint positions. The joints are the chain from the robot's root body to the site of its TCP. The
+hand is everything that the last of these joints carries. The positions of the finger joints also come from the claim.
+For `clear`, only the hand may touch the object in the grasp, and the robot may touch no other object. Parts of the
+robot may penetrate each other, but not deeper than in the start pose.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -141,7 +141,7 @@ class ReachAudit:
         return cause
 
     def _is_chosen(self, claim: Claim, pose: np.ndarray) -> bool:
-        """Return whether a TCP pose (4, 4) is at a site `grasp_*` of the object that the claim's pattern selects.
+        """Return whether a TCP pose (4, 4) is at a grasp of the object: a site `grasp_*` in the claim's pattern.
 
         The pose may be turned by half a rotation about the approach axis. If the object has no site `grasp_*`, return
         True.
@@ -210,7 +210,7 @@ _AT_MARKER = 1e-4  # m, greatest distance of an object from its marker, seen fro
 
 
 class StartAudit:
-    """Checks the starts of layouts. It also removes findings that a start permits.
+    """Checks whether layouts fit their kinds of starts, and removes findings that a start permits.
 
     In a start, an arm may be at the grasp or pre-grasp of an object, and objects may be at markers.
 
@@ -312,8 +312,8 @@ class StartAudit:
 
 
 def _rows(table: LayoutTable, named: Sequence[tuple[int, str]]) -> dict[str, np.ndarray]:
-    """Return object -> mask (nrow,) of the rows with one of the object's kinds of starts.
+    """Return object -> mask (nrow,) of the rows that have a kind of start to which `named` assigns the object.
 
-    `named` pairs the index of a kind of start with an object.
+    `named` has pairs: the index of a kind of start, and an object.
     """
     return {name: np.isin(table.start, [i for i, other in named if other == name]) for _, name in named}

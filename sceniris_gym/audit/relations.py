@@ -86,9 +86,10 @@ def _is_complete(relation: Relation, seen: Seen) -> np.ndarray:
 
 @singledispatch
 def _missed(relation: Relation, name: str, scene: JudgedScene, seen: Seen) -> dict[str, np.ndarray]:
-    """Return unit -> violation of an object's relation in each row, shape (nrow,).
+    """Return how far each row violates an object's relation: unit ('m' or 'rad') -> violation, shape (nrow,).
 
-    The violation is computed as if all objects were present. But absent anchors of 'between' are left out.
+    A relation may have both units, for a distance and an angle. The violation is computed as if all objects were
+    present. But absent anchors of 'between' are left out.
     """
     raise NotImplementedError(f"no audit of {type(relation).__name__}")
 
@@ -148,7 +149,7 @@ def _off_site(relation: Joined, name: str, scene: JudgedScene, seen: Seen) -> di
 
 
 def _heading(relation: Relation, name: str, scene: JudgedScene, seen: Seen) -> np.ndarray:
-    """Return the direction from the anchor that a relation requires, as an angle [rad] in the world, shape (nrow,)."""
+    """Return the required direction from the anchor to the object, as an angle [rad] in the world, shape (nrow,)."""
     headings = {"support": seen.support_heading[name], "world": np.zeros(len(seen.support_heading[name]))}
     frame = relation.reference_frame
     heading = headings[frame] if frame in headings else seen.outlines[frame].heading
@@ -251,7 +252,10 @@ class OrientationAudit:
         return found
 
     def _off_balance(self, name: str, poses: Poses) -> np.ndarray:
-        """Return the distance [m] of the centre of mass from the hull of the lowest points, seen from above."""
+        """Return how far [m] an object is out of balance in each row, shape (nrow,).
+
+        This is the distance, seen from above, between the centre of mass and the hull of the lowest points.
+        """
         mat = poses.xmat[:, self.scene.bodies[name]]
         points = np.einsum("nij,kj->nki", mat, self.hulls[name])
         row, corner = np.nonzero(points[:, :, 2] <= points[:, :, 2].min(1)[:, None] + _LOWEST)

@@ -143,8 +143,8 @@ class StandingAudit:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the supporting body in each row, and a mask of the rows where it carries the required footprint.
 
-        The body is -1 without support: if the pivot (nrow, 3) is less than `erosion` [m] (nrow,) from the edge of each
-        surface, not at the right height, or outside the object's region.
+        An object has support if its pivot (nrow, 3) is in its region and at the right height over a surface, at least
+        `erosion` [m] (nrow,) from the surface's edge. Otherwise, the body is -1.
         """
         assert part.support is not None
         ground = carrier.body
@@ -165,7 +165,7 @@ class StandingAudit:
         return body, stands
 
     def gap(self, name: str, carrier: Carrier) -> float:
-        """Return an object's height [m] above its support: `gap` in the scene file, or more if the margin needs it."""
+        """Return an object's height [m] above its support: `gap` in the scene file, or more to avoid a contact."""
         touch = self._touch.get((name, carrier.body), 0.0)
         return max(self.scene.placed[name].gap, touch + LEAST_GAP if touch > 0.0 else 0.0)
 

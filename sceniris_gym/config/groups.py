@@ -40,7 +40,7 @@ class GroupConfig(Section):
             reference in worlds without the member ('drop').
         weights: Weights of members, by default 1. Members are drawn one by one without replacement, with probabilities
             proportional to the weights of the remaining members.
-        splits: The only split, 'train' or 'eval', that draws a member. Members without an entry are drawn in both.
+        splits: Member -> the only split, 'train' or 'eval', that draws this member. Other members are drawn in both.
     """
 
     of: Annotated[Names, Field(min_length=1)]
@@ -83,7 +83,7 @@ class HeapConfig(Section):
     """Objects that lie in a container. Each row of a file has a settled pose of every object. Each layout draws a row.
 
     Attributes:
-        fill: The container: an object, or a body of an object, in the form of a value of `on`.
+        fill: The container: an object, or a body of an object, written as for the key `on`.
         of: Names of the objects. Every layout has all of these objects in the container.
         rows: The file of settled heaps from `sceniris-gym settle`, None before it is written.
     """

@@ -152,7 +152,7 @@ class Relation(Section):
         return 0.0
 
     def excludes(self, other: Relation) -> bool:
-        """Return whether the regions of two relations share at most a line, in every world."""
+        """Return whether two relations exclude each other: in every world, their regions share at most a line."""
         return False
 
     def _side_heading(self, side: str, robots: Container[str]) -> float:

@@ -102,7 +102,7 @@ class RobotConfig(Section):
 
     @property
     def placing(self) -> ObjectConfig | None:
-        """The placement of a base that resets draw, as the config of an object. None if the base is fixed."""
+        """The drawn placement of the robot's base, as the config of an object. None if the base is fixed."""
         given = [word for word in _DRAWS if word in self.model_fields_set]
         if not given:
             return None

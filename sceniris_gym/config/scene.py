@@ -110,7 +110,7 @@ class SceneConfig(SceneWords):
         return by if by in self.all_robots else next(iter(self.all_robots))
 
     def with_shared_objects(self) -> SceneConfig:
-        """Return the scene in which one object, with the settings of the first variant, replaces all variants."""
+        """Return the scene in which each object with variants is one object with the settings of the first variant."""
         objects = {self.owners.get(name, name): part for name, part in reversed(self.objects.items())}
         groups = {name: group for name, group in self.groups.items() if name not in self.variants}
         fields = {name: getattr(self, name) for name in self.model_fields_set}

@@ -96,7 +96,7 @@ class SceneWords(Section):
 
     @property
     def all_robots(self) -> dict[str, RobotConfig]:
-        """The robots, by their names in the settings of objects: the keys of `robots`, or 'robot' for a `robot`."""
+        """The robots, by the names that objects use for them: the keys of `robots`, or 'robot' for a single `robot`."""
         return self.robots if self.robot is None else {ROBOT: self.robot}
 
     @cached_property
