@@ -41,7 +41,7 @@ class Home:
 def attach_object(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: str, owner: str = "") -> Home:
     """Attach the asset of an object as a body of the object's kind, and return its start pose.
 
-    If the object is a variant of `owner`, the names of its body and elements begin without the prefix `owner/`.
+    If the object is a variant of `owner`, names of its body and elements lack `owner/`. `attach_variants` adds it.
 
     Raises:
         NotSupportedError: A variant is soft.
@@ -81,7 +81,7 @@ def attach_variants(
     each time it attaches another model or deletes a body. So groups of variants are first collected in small models.
 
     Raises:
-        NotSupportedError: Actuators, tendons or equalities of variants refer to joints. Joints of variants are dropped.
+        NotSupportedError: Actuators, tendons or equalities refer to joints of variants, which are dropped.
     """
     homes, names = [], list(members)
     for first in range(0, len(names), _AT_ONCE):

@@ -73,7 +73,7 @@ def build_model(scene: SceneLike, overrides: Mapping[str, Any] | None = None) ->
 
 
 def build_variants(config: SceneConfig, simulated: SceneConfig) -> SceneModel:
-    """Return a scene with variants whose two MjModels the user has compiled.
+    """Return a scene with variants, for a user who has compiled both of its MjModels.
 
     Args:
         config: The scene with all variants. They are bodies of its MjModel, by their names.

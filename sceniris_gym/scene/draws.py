@@ -177,7 +177,7 @@ def _refuse(where: str, advice: str) -> NoReturn:
 
 
 def _has_effect(mjm: mujoco.MjModel, field: str, row: int) -> bool:
-    """Return whether steps or pictures read a row of a field."""
+    """Return whether physics or rendering uses the value of element `row` in a model field."""
     if field == "actuator_delay":
         return mjm.actuator_history[row, 0] > 0
     if field == "actuator_forcerange":

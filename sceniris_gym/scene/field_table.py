@@ -56,7 +56,7 @@ def check_field(name: str, mjm: mujoco.MjModel, where: str) -> None:
 
 
 def field_rows(mjm: mujoco.MjModel, bodies: Mapping[str, int], field: str, name: str, where: str) -> int | slice:
-    """Return the rows of a field for a name: the number of a single row, or a slice of consecutive rows.
+    """Return the rows of a field for a name: the index of a single row, or a slice of consecutive rows.
 
     For an object or a robot, a body field has only the row of the root body. Fields of geoms, joints and actuators have
     the rows of all elements inside the object or robot.
@@ -120,7 +120,7 @@ def rows_inside(mjm: mujoco.MjModel, field: str, body: int) -> list[int]:
 
 
 def _actuator_body(mjm: mujoco.MjModel, actuator: int) -> int:
-    """Return the body that an actuator moves, or -1 if there is none. An actuator on a tendon moves its first body."""
+    """Return the body that an actuator moves, or -1 if there is none. For a tendon, this is the tendon's first body."""
     kind, target = mjm.actuator_trntype[actuator], mjm.actuator_trnid[actuator, 0]
     if kind == mujoco.mjtTrn.mjTRN_TENDON:
         first = mjm.tendon_adr[target]

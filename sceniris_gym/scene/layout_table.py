@@ -68,8 +68,8 @@ class LayoutTable:
             (nrow, nreach, njoint), float32.
         pregrasp_qpos: The arm's joints in the pre-grasp, nan for tiers below `clear`, the same shape and type.
         param: Values of the params, shape (nrow, nvalue), float32.
-        present: Whether each object is present, or left out by its group, shape (nrow, nslot), bool: the objects in
-            the order of the scene file, then the robots.
+        present: Whether each object is present, not left out by its group. The objects come in the order of the scene
+            file, then the robots, shape (nrow, nslot), bool.
         valid: Whether the layout is fresh and valid, not taken from the bank, shape (nrow,), bool.
         first_pass_valid: Whether the layout was valid without a restart, shape (nrow,), bool.
         scene: Hash of the scene. It is empty if the scene is unknown, as in a table by `from_states`.

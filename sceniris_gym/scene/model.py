@@ -68,7 +68,7 @@ class SceneModel(RefusesOldNames):
 
     @cached_property
     def sim_bodies(self) -> np.ndarray:
-        """The body of `sim` that simulates each body, shape (nbody,)."""
+        """For each body of this model, the id of the body of `sim` that simulates it, shape (nbody,)."""
         found = np.arange(self.mjm.nbody)
         if self.shared is None:
             return found
@@ -272,7 +272,7 @@ def check_joint(mjm: mujoco.MjModel, home_qpos: np.ndarray, joint: int, config: 
     """
     name = mjm.joint(joint).name
     if mjm.jnt_type[joint] == mujoco.mjtJoint.mjJNT_BALL:
-        raise NotSupportedError(f"{where}: '{name}' is a ball joint, which is not supported yet. Leave it out.")
+        raise NotSupportedError(f"{where}: '{name}' is a ball joint, which cannot be drawn yet. Leave out this key.")
     if not mjm.jnt_limited[joint]:
         if config.fraction is not None:
             raise SceneKeyError(f"{where}.fraction: '{name}' has no limits. Give a 'range' in m or rad.")

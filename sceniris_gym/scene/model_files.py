@@ -120,7 +120,7 @@ def _places(uri: str, folder: Path) -> list[Path]:
 def model_tree(path: Path, folder: Path, seen: set[Path]) -> ElementTree.Element:
     """Return the contents of a model's file, with includes replaced by the included files.
 
-    Comments become empty, because MuJoCo accepts comments that are invalid XML: with '--' or other bytes.
+    Comments become empty, because MuJoCo accepts comments with '--' or with bytes that XML does not allow.
 
     Args:
         path: The file.
@@ -129,7 +129,8 @@ def model_tree(path: Path, folder: Path, seen: set[Path]) -> ElementTree.Element
 
     Raises:
         OSError: The path or an included path is not a file.
-        SceneFileError: A file is included twice, or is not well-formed XML. MuJoCo could read such XML differently.
+        SceneFileError: A file is included twice, or is not well-formed XML, so this function could read it differently
+            from MuJoCo.
     """
     if path.resolve() in seen:
         raise SceneFileError(f"{path}: is included twice, or by itself. Include each file once.")
@@ -212,7 +213,10 @@ def _size(element: ElementTree.Element, where: str, models: dict[str | None, Cou
 
 
 def _referring(spec: mujoco.MjSpec) -> Iterator[tuple[Any, str, str]]:
-    """Yield each element with a file, the subfolder that its compiler sets for such files, and the file's name."""
+    """Yield (element, subfolder, file name) for each file that an element of the model refers to.
+
+    The subfolder is `meshdir` or `texturedir` of the compiler that applies to the element.
+    """
     referring: list[tuple[Any, str, list[str]]] = [
         *((element, "meshdir", [element.file]) for element in (*spec.meshes, *spec.hfields, *spec.skins)),
         *((texture, "texturedir", [texture.file, *texture.cubefiles]) for texture in spec.textures),
@@ -231,7 +235,7 @@ def _source(path: Path, folders: list[tuple[str, Path]], element: Any, subfolder
 
 
 def _listed(path: Path, missing: list[tuple[Any, str, str]]) -> str:
-    """Return the part of an error message about missing files: the first file, where it should be, and the number."""
+    """Return text for an error about missing files: the first file, where it should be, and how many there are."""
     places = (file if "://" in file else str(path.parent / subfolder / file) for _, subfolder, file in missing)
     names = list(dict.fromkeys(places))
     more = f", nor do other files ({len(names)} in all)" if len(names) > 1 else ""

@@ -1,6 +1,6 @@
 """The overview camera of a scene, placed so that robots do not hide objects, and the geoms that pictures show.
 
-`frame` places any camera so that it just sees some points.
+`frame` places any camera so that given points fill its picture.
 """
 
 import copy
@@ -18,7 +18,7 @@ _UP = np.array([0.0, 0.0, 1.0])
 
 
 def frame(points: np.ndarray, backward: np.ndarray, fovy: float, aspect: float) -> tuple[np.ndarray, np.ndarray]:
-    """Place a camera so that it just sees all points.
+    """Place a camera as near as possible, but so that its picture shows all points.
 
     Let (u, v, t) be the position of the eye in the camera's axes. A point (x, y, z) in these axes is seen if
     |x - u| <= (t - z) tan(fovx / 2), and the same for y and v. The camera takes the least t that has a solution, then
@@ -105,7 +105,7 @@ _Box = tuple[np.ndarray, np.ndarray]
 
 
 class Overview:
-    """The view of the overview camera: all places that objects may have, and all geoms except those of placed objects.
+    """The view of the overview camera. It shows all places that objects may have, and all geoms outside placed objects.
 
     Args:
         config: The scene.
@@ -167,7 +167,7 @@ class Overview:
         return np.array([np.mean([free(at, eye) for at in points]) if points else 1.0 for eye in eyes])
 
     def _box(self, name: str) -> _Box | None:
-        """Return a box around all places of an object, larger than the range of its pivot by a part of its size.
+        """Return a box around all places of an object: the range of the pivot, enlarged by part of the object's size.
 
         Return None if the object is not placed, or its support is unknown.
         """

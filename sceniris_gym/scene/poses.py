@@ -1,4 +1,4 @@
-"""Addresses of the poses of objects in layouts, and the poses of a body in many layouts, with MuJoCo's kinematics."""
+"""Finds the pose of an object in the arrays of a layout, and computes the poses of a body in many layouts."""
 
 from typing import Literal, NamedTuple
 
@@ -13,7 +13,7 @@ _WIDTHS = {mujoco.mjtJoint.mjJNT_FREE: 7, mujoco.mjtJoint.mjJNT_BALL: 4}
 
 
 class PoseAddress(NamedTuple):
-    """The position of an object's pose in the arrays of a layout.
+    """The place of an object's pose in the arrays of a layout.
 
     Attributes:
         kind: "qpos", "mocap", or "body" for an object that never moves.

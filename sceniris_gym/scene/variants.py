@@ -2,8 +2,8 @@
 
 Geoms of one class have the same type, contact bits and other values that mujoco_warp stores once for all worlds. The
 shared body has enough geoms of each class for the variant that needs most. All other values of the body, its joint and
-its geoms have a row for each world. `sim/variants.py` writes the values of the world's present variant to its row. If a
-file of a folder cannot be a variant, it is left out, with a warning.
+its geoms have a row for each world. For each world, `sim/variants.py` writes the values of the present variant to the
+row of this world. If a file of a folder cannot be a variant, the file is left out, with a warning.
 """
 
 import warnings
@@ -121,7 +121,9 @@ class SharedBodies:
                 added.meshname = mjm.mesh(int(mjm.geom_dataid[geom])).name
 
     def compile(self, spec: mujoco.MjSpec, before: mujoco.MjModel) -> mujoco.MjModel:
-        """Compile the scene again, without the geoms that `name_meshes` added, if the meshes keep their hulls.
+        """Compile the scene again, if possible without the geoms that `name_meshes` added.
+
+        These geoms stay if meshes would lose their hulls without them.
 
         Args:
             spec: The scene.
@@ -139,8 +141,8 @@ class SharedBodies:
     def name_meshes(self, spec: mujoco.MjSpec) -> None:
         """Make MuJoCo compute the hulls of all meshes of variants.
 
-        Add a static body with a geom for each mesh that no other geom names. These geoms have no contacts, and do not
-        appear in pictures.
+        Add a static body with a geom for each mesh that no other colliding geom uses. These geoms have no contacts, and
+        do not appear in pictures.
         """
         spec.stat.center, spec.stat.extent = self._full.stat.center, self._full.stat.extent
         unnamed = sorted(self._hulls - {geom.meshname for geom in spec.geoms if geom.contype | geom.conaffinity})
