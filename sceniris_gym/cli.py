@@ -78,7 +78,7 @@ def _stdout_to_stderr() -> Iterator[None]:
 
 @_command
 def demo(out: Annotated[Path, OUT] = Path("demo/layouts.png"), device: Device = None, json: Json = False) -> Answer:
-    """Reset 64 worlds of the shipped scene mid three times, print figures, and draw 16 of the worlds.
+    """Reset 64 worlds of the shipped scene 'mid' three times, print figures, and draw 16 of the worlds.
 
     Args:
         out: picture to write
@@ -433,10 +433,11 @@ def init(
     device: Device = None,
     json: Json = False,
 ) -> Answer:
-    """Write a first scene file for a model: objects (its free bodies) on their supports, its robot, and all supports.
+    """Write a first scene file for a model: its free bodies as objects on their supports, and its robot.
 
-    Before writing, the command makes layouts of the scene. Objects that cannot be placed are commented out in the file,
-    with the reason. A problem file of LIBERO (.bddl) becomes a scene file and a folder with its model.
+    All supports are listed as comments. Before writing, the command makes layouts of the scene. Objects that cannot be
+    placed are commented out in the file, with the reason.
+    A problem file of LIBERO (.bddl) becomes a scene file and a folder with its model.
 
     Args:
         model: an MJCF or URDF file, or a problem file
@@ -482,7 +483,7 @@ def settle(
     Args:
         heap: heap of the scene, needed if it has several heaps
         rows: number of rows
-        out: .npz to write, by default the file that `rows` of the heap names
+        out: .npz to write, by default the path that the scene file gives for the heap's rows
     """
     check_counts(1, rows=rows, most=1_000_000)
     check_seed(seed)

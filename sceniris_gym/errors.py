@@ -253,7 +253,7 @@ def refuses_old_imports(module: str, found: Callable[[str], object] | None = Non
 
 
 def as_names(value: Any, name: str) -> tuple[str, ...]:
-    """Return one name or several names as a tuple. `name` names the argument.
+    """Return one name or several names as a tuple. Error messages call the argument `name`.
 
     Raises:
         ArgumentTypeError: The value has another type.

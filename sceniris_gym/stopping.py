@@ -56,7 +56,7 @@ def end_at_signals(name: str) -> None:
     threading.Thread(target=_end, args=(heard, name), daemon=True).start()
 
     def forget() -> None:
-        """Restore the usual handlers in a forked child. The child has the pipe, but no thread that reads it."""
+        """Restore the usual handlers in a forked child, which has the pipe of signals but no thread that reads it."""
         signal.set_wakeup_fd(-1)
         for number, handler in former.items():
             signal.signal(number, handler)

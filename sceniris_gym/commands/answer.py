@@ -62,7 +62,7 @@ def in_words(error: OSError) -> str:
 
 
 def _is_unwritable_cache(file: str) -> bool:
-    """Return True if `file` is Warp's kernel cache, or in or above the cache, and the cache cannot be written."""
+    """Return True if Warp's kernel cache cannot be written, and `file` is the cache, or a path in or above it."""
     import warp as wp
 
     if not wp.config.kernel_cache_dir:

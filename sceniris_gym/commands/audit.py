@@ -54,7 +54,7 @@ def rejected_candidates(compiled: CompiledScene, n: int, seed: int, split: str) 
 
 
 def reach_claims(compiled: CompiledScene, table: LayoutTable) -> list[Claim]:
-    """Return the grasps and joints of a table as claims to test. The fingers are 1 cm wider open than a grasp needs."""
+    """Return a claim for each reach target: a table's grasps and joints. Fingers are 1 cm wider open than needed."""
     if compiled.reaching is None:
         return []
     claims = []
@@ -194,7 +194,7 @@ def _check_columns(
 
 
 def _finite(rows: Rows) -> tuple[np.ndarray, np.ndarray, dict[str, str]]:
-    """Return a mask of finite layouts, a mask of finite candidates, and as text the indices of other rows by column."""
+    """Return a mask of finite layouts, a mask of finite candidates, and a mapping: column -> text of the other rows."""
     found, by = [], {}
     for part, table in (("layouts", rows.table), ("rejected", rows.rejected)):
         known = {name: np.isfinite(getattr(table, name)) for name in ("qpos", "mocap_pos", "mocap_quat")}

@@ -93,7 +93,7 @@ def bench(
 
 
 def faces(compiled: CompiledScene) -> dict[str, int]:
-    """Count the triangles of each object in the scene's `geometry`. For `physics`, count the faces of convex hulls."""
+    """Count the triangles of each object in the scene's `geometry`. If it is `physics`, count faces of convex hulls."""
     tree = Tree(compiled.mjm, compiled.scene.bodies)
     total = dict.fromkeys(compiled.scene.bodies, 0)
     for solid in solids_of(compiled.mjm, compiled.config.geometry):

@@ -203,10 +203,10 @@ def _on_map(compiled: CompiledScene, plain: CompiledScene, table: LayoutTable, n
 def _staged(
     compiled: CompiledScene, table: LayoutTable, rejections: Mapping[str, Mapping[str, int]]
 ) -> dict[str, float]:
-    """Return for each object the fraction of its tests by `ik` or `clear` that it passed.
+    """Return for each object the fraction of its tests by `ik` or `clear` that succeeded.
 
-    A layout is tested after all objects are placed, object by object. If it failed at an object, it had therefore
-    passed for all earlier objects.
+    A layout is tested after all objects are placed: object by object, until the first failure. A failure at one object
+    therefore means that the tests of all earlier objects succeeded.
     """
     assert compiled.reaching is not None
     shares, later = {}, 0

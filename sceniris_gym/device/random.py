@@ -1,8 +1,9 @@
 """Philox4x32-10: random numbers as a pure function of a key and a counter.
 
 J. Salmon, M. Moraes, R. Dror, D. Shaw, "Parallel random numbers: as easy as 1, 2, 3", SC 2011. The key is the 64-bit
-seed of a world. The counter is (episode, stream, trial, draw). A layout therefore does not depend on the other worlds
-that are reset, on their order, or on the number of lanes that share the work.
+seed of a world. The counter is (episode, stream, trial, draw): each use of numbers has a stream, for example the
+placement of one object, each attempt is a trial, and each call in an attempt is a draw. A layout therefore does not
+depend on the other worlds that are reset, on their order, or on the number of lanes that share the work.
 """
 
 import hashlib

@@ -185,7 +185,7 @@ def _images(nworld: int, shot: Shot) -> dict[str, wp.array]:
 
 
 def _view(data: mjw.Data, nworld: int, tracks: bool) -> mjw.Data:
-    """Return a view of the first `nworld` worlds of a Data. Arrays that taking pictures overwrites are copied."""
+    """Return a view of the first `nworld` worlds of a Data. The arrays that rendering changes are copies."""
     view = copy.copy(data)
     view.nworld = nworld
     own = ("cam_xpos", "cam_xmat", "light_xpos", "light_xdir", *(("subtree_com", "cinert", "cdof") if tracks else ()))

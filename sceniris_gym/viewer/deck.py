@@ -78,19 +78,19 @@ class LayoutDeck:
         self.counts = np.zeros((max(len(compiled.placed), 1), len(Cause)), np.int64)
 
     def make(self, where: Where) -> LayoutTable:
-        """Return the layouts of all worlds. Also add the candidates rejected for them to the counts of `table`."""
+        """Return the layouts of all worlds, and add their rejected candidates to the counts in `table`."""
         generator = self._generator(where.split)
         table = _made(generator, where)
         self._count(generator, table)
         return table
 
     def stands(self, split: str) -> tuple[np.ndarray, np.ndarray]:
-        """Return the pivots and bounds of the first world, as in `ShownWorld.stands`, for the layout last made."""
+        """Return `ShownWorld.stands` for the first world: pivots and bounds of its objects in the layout last made."""
         view = self._generator(split).layouts.view
         return view.pivot_pose.numpy()[0].copy(), view.bounds.numpy()[0].copy()
 
     def count_ahead(self) -> None:
-        """Make 256 layouts only to count their rejected candidates. Users are unlikely to choose their seeds."""
+        """Make 256 layouts only to count rejected candidates, with seeds that users are unlikely to choose."""
         generator = LayoutGenerator(self.compiled, _COUNTED, seed=1 << 62)
         generator.generate()
         self._count(generator, generator.table())

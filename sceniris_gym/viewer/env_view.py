@@ -181,9 +181,9 @@ class EnvView:
         """Start an episode in each world.
 
         Args:
-            first: Number of the layout in the first world. The other worlds take the layouts with the next numbers. If
-                the user gave ids, layout i is the one with id i, and after the last id the first follows again.
-                Otherwise, layout i has the seed i.
+            first: Index of the layout in the first world. Each further world takes the next index. If the user gave
+                ids, the index selects an id, and after the last id the first follows again. Otherwise, the index is
+                the seed of the layout.
             pasted: If given, the first world takes this layout, whose id the user pasted into the page.
         """
         self.first, envs = max(first, 0), self.envs

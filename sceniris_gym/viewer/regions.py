@@ -106,7 +106,7 @@ def regions_left(world: ShownWorld, name: str) -> list[tuple[MultiPolygon, Multi
 
 
 def is_covered_rightly(world: ShownWorld, placed: PlacedObject, region: BaseGeometry, height: float) -> BaseGeometry:
-    """Return the part of a region, at a height [m], in which the pivot of an object may be because of covers.
+    """Return the part of a region, at a height [m], in which the support covers an object's pivot as it should.
 
     For an object 'on' its support, no geometry of the support may be above the pivot. For an object 'inside' its
     support, some geometry of the support should be above the pivot.
@@ -162,7 +162,7 @@ def relation_area(world: ShownWorld, name: str, relation: Relation) -> BaseGeome
 
 
 def _frame_heading(world: ShownWorld, name: str, relation: Relation) -> float:
-    """Return the heading [rad] in the world of the frame that a relation uses for its direction."""
+    """Return the heading [rad], in the world, of the frame in which a relation's direction is given."""
     if relation.reference_frame == "world":
         return 0.0
     if relation.reference_frame == "support":
@@ -212,7 +212,7 @@ def _joined(relation: Joined, own: Standing, anchors: Sequence[Standing], headin
 def _beside(relation: Beside, own: Standing, anchors: Sequence[Standing], heading: float) -> BaseGeometry:
     """Return the line of positions for the pivot at which the gap between object and anchor has the required width.
 
-    The gap is measured between the bounds of both. The line ends where the ends of the two bounds are level.
+    The gap is measured between the bounds of both. At either end of the line, the two bounds are flush on one side.
     """
     side = np.array([math.cos(heading), math.sin(heading)])
     along = np.array([-side[1], side[0]])

@@ -84,7 +84,7 @@ class ShownWorld:
         return np.array([*self.data.xpos[root] + mat @ poses[best].pivot, heading]), poses[best].bounds
 
     def box(self, name: str, root_alone: bool = False) -> tuple[np.ndarray, np.ndarray]:
-        """Return the low and the high corner [m] of the upright box around an object, shape (3,) each.
+        """Return the low and the high corner [m] of the box along the world's axes around an object, shape (3,) each.
 
         With `root_alone`, the box is only around the root body of the object.
         """

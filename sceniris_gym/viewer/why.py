@@ -103,7 +103,7 @@ def explain(compiled: CompiledScene, candidate: Candidate, hits: Sequence[Hit]) 
 
 
 def worst_by_body(mjm: mujoco.MjModel, hits: Sequence[Hit]) -> list[Hit]:
-    """Return the worst of `hits` with each other body, at most three. `hits` and the result begin with the worst."""
+    """Return the worst hit on each body that a candidate hits, at most three. `hits` and the result are worst first."""
     first = {int(mjm.geom_bodyid[hit.geoms[1]]): hit for hit in reversed(hits)}
     return [hit for hit in hits if first[int(mjm.geom_bodyid[hit.geoms[1]])] is hit][:_MOST_HITS]
 

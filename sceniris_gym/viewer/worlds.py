@@ -110,7 +110,7 @@ class Worlds:
         self._scene.update_from_arrays(self._xpos, self._xmat, self._mocap_pos, self._mocap_quat)
 
     def show_visuals(self, visible: bool) -> None:
-        """Show or hide the visual geometry of all worlds, which is hidden while only collision geometry is shown."""
+        """Show or hide the visual geometry of all worlds. The viewer hides it to show the collision geometry alone."""
         for group in VISIBLE_GROUPS:
             self._scene.geom_groups_visible[group if group < 3 else 2] = visible
         self._scene._sync_visibilities()
