@@ -67,7 +67,7 @@ def opened(path: Path, *, own: bool = False) -> BinaryIO:
     if stat.S_ISREG(found.st_mode) and not (own and foreign):
         return os.fdopen(file, "rb")
     os.close(file)
-    raise OSError(errno.EINVAL, "other users may write to it" if own else NO_FILE, str(path))
+    raise OSError(errno.EINVAL, "it should be a file that no other user may write to" if own else NO_FILE, str(path))
 
 
 def no_file(path: Path, what: str = "file") -> str:

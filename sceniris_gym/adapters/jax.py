@@ -72,8 +72,8 @@ class LayoutFunction:
                 `jax.random.PRNGKey` returns them. Keys of `jax.random.key` and, with x64, uint64 seeds have shape
                 (...).
             episode: Episodes from 0 to 2^31 - 2, integers of shape (...).
-            where: True for each layout to make, booleans of shape (...). The other rows get the start pose, without a
-                search.
+            where: True for each layout to make, booleans of shape (...). False gives the start pose instead,
+                without a search.
 
         Raises:
             ArgumentError: The seeds have another type or shape, or the shapes do not broadcast.
@@ -108,9 +108,10 @@ class LayoutAutoResetWrapper:
     """Starts every episode of a batch of environments of MuJoCo Playground in a fresh layout.
 
     The wrapper replaces Playground's BraxAutoResetWrapper, which starts all episodes of a world in the same state. The
-    objects and the robot of the scene get the poses of a layout, at rest, with the controls that hold them. All other
-    state of a finished world returns to its values after the world's first reset. With `full_reset`, it takes its
-    values from another reset of the environment. Each step makes the layouts of all finished worlds in one call.
+    objects and the robot of the scene get the poses of a layout, at rest, with the controls that hold them. The wrapper
+    saves the state after a world's first reset, and all other state of a finished world returns to these values. With
+    `full_reset`, the other state comes from a new reset of the environment instead. Each step makes the layouts of all
+    finished worlds in one call.
 
     `info` has the entries of BraxAutoResetWrapper. `info["layout"]` has `seed` (two uint32 words), `episode` and
     `fallback` (the layout comes from the fallback bank) of each world. `compiled.layout_id(seed, episode, split)`

@@ -224,6 +224,6 @@ class NewtonRandomizer(StaysHere):
             if adr[joint % len(adr)] not in free and np.abs(start[q] - wanted[q]).max(initial=0.0) > _TOLERANCE:
                 raise SceneMismatchError(
                     f"NewtonRandomizer: joint '{m.joint_label[joint]}' starts at {start[q].round(4).tolist()} in "
-                    f"model.joint_q, but at {wanted[q].round(4).tolist()} in the scene, so layouts avoid "
-                    "the wrong pose. Change the scene: `robot: {in_model: base, joints: {name: {value: ...}}}`."
+                    f"model.joint_q, but at {wanted[q].round(4).tolist()} in the scene, so layouts are tested "
+                    "with a wrong pose. Change the scene: `robot: {in_model: base, joints: {name: {value: ...}}}`."
                 )

@@ -61,7 +61,7 @@ class Sb3VecEnvWrapper(VecEnv):
         check_names("observation group", names, f"task {type(env.task).__name__}", parts)
         images = env.image_config
         if images is not None and not images.final and any(name not in env.observation_names for name in names):
-            raise ArgumentError("Sb3VecEnvWrapper: env should be made with images=ImageConfig(..., final=True).")
+            raise ArgumentError("Sb3VecEnvWrapper: final_obs needs images: make env with ImageConfig(..., final=True).")
         self.env, self.group = env, group
         space = parts[group] if isinstance(group, str) else gymnasium.spaces.Dict({name: parts[name] for name in names})
         super().__init__(env.num_envs, space, env.single_action_space)
@@ -221,7 +221,7 @@ def to_host(tensor: Tensor) -> np.ndarray:
 
 
 def _rows(columns: dict[str, Any], worlds: Sequence[int] | Tensor) -> list[dict[str, Any]]:
-    """Return a dict of plain numbers for each of these worlds, from columns and dicts of columns."""
+    """Split tensors with a row for each world, or nested dicts of them, into a dict of numbers for each of `worlds`."""
     lists = {
         name: _rows(values, worlds) if isinstance(values, dict) else to_host(values[torch.as_tensor(worlds)]).tolist()
         for name, values in columns.items()

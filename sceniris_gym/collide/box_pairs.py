@@ -46,14 +46,16 @@ def gap_at_faces(ha: wp.vec3, hb: wp.vec3, t: wp.vec3, f: wp.mat33) -> float:
     """Return the widest gap [m] between boxes a and b along the face normals of a, negative if there is no gap.
 
     `t` [m] is the centre of b in the frame of a. `f` has the absolute values of `r`, the rotation from the frame of b
-    to the frame of a. For the face normals of b, pass (hb, ha), `t` along the axes of b, and the transpose of `f`.
+    to the frame of a. For the face normals of b, pass (hb, ha), `t` rotated into the frame of b, and `f` transposed.
     """
     return wp.max(wp.abs(t) - ha - f * hb)
 
 
 @wp.func
 def gap_across_edges(ha: wp.vec3, hb: wp.vec3, t: wp.vec3, r: wp.mat33, f: wp.mat33, i: int, j: int) -> float:
-    """Return the gap [m] along the cross product of edge i of a and edge j of b, times that product's length (<= 1).
+    """Return the gap [m] between boxes a and b along the cross product of edge i of a and edge j of b.
+
+    The product is not normalised, so the gap is scaled by the length of the product, which is at most 1.
 
     `t` [m] is the centre of b in the frame of a, and the columns of `r` are the axes of b in this frame. `f` has the
     absolute values of `r`.
@@ -115,7 +117,8 @@ def near_parts_separated(
     """Test whether the distance between shapes `a` and `b` is above `margin` [m], which is 0 or more.
 
     `rel` is the pose of `b` in the frame of `a`. `a` lies within `radius_a` [m] of the origin of its frame, and `b`
-    within `radius_b` of the origin of its frame. Of a box, the test only uses the part near the other shape.
+    within `radius_b` of the origin of its frame. Only the part of a box near the other shape is tested, because
+    rounding hides small gaps next to a large box.
     """
     reach = margin + _BEYOND
     part_a, middle_a, some_a = _near_part(a, rel.pos, radius_b + reach)

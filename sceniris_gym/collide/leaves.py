@@ -166,8 +166,8 @@ def _leaf(program: Program, leaf: int) -> Leaf:
 def _separated(program: Program, pair: int, a: Leaf, b: Leaf, rel: Pose, margin: float) -> bool:
     """Test whether two leaves are further apart than `margin` [m].
 
-    `rel` is the pose of b's body in the frame of a's body. The leaves are tested in place. If `margin` is negative, say
-    -d, the leaves may penetrate by the depth d. They are then also tested with b moved by d along each separating
+    `rel` is the pose of b's body in the frame of a's body. If `margin` is negative, say -d, the leaves may penetrate by
+    the depth d. After the test at the given poses, they are then also tested with b moved by d along each separating
     direction of the pair. The result is True if one of these tests finds the leaves apart.
     """
     frame = relative(a.pose, compose(rel, b.pose))

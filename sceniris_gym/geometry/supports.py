@@ -147,7 +147,7 @@ def crop(
             if beyond <= _ON_EDGE:
                 said = f"nearer to an edge of the surface than the {erosion:.4g} m that 'ratio_on_support' requires"
             raise SceneKeyError(
-                f"{where}: point {i} of the region, [{at.x:.4g}, {at.y:.4g}], is not on the support: it is {said}."
+                f"{where}: point {i} of the region, [{at.x:.4g}, {at.y:.4g}], is not on the support, but {said}."
                 f" The surface spans {spans} in the support's frame. Move or remove the point."
             )
     elif not any(kept.values()):

@@ -128,7 +128,7 @@ def as_layouts(
     if layouts.params.are_kept and param is not None and episode is not None:
         kept = served(split, (seed, episode, param))[1][2]
         if (kept != param)[given].any():
-            raise ArgumentError(f"{name} should have the same params as the stored layouts.")
+            raise ArgumentError(f"{name} should have no params, or the params with which the layouts were stored.")
         found = found._replace(param=None)
     rows = np.zeros(nworld, int) if single else entries_of_worlds(len(seed), worlds, nworld, name)
     if len(seed) == 0:  # for no worlds

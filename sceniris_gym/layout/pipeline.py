@@ -95,7 +95,7 @@ class LayoutPipeline(Fixed, LayoutSource):
         if chooser is not None:
             check_type(chooser, Chooser, "LayoutPipeline: chooser")
             if chooser.layouts is not None and chooser.layouts is not maker.layouts:
-                raise ArgumentError("LayoutPipeline: chooser should choose for the layouts of this maker.")
+                raise ArgumentError("LayoutPipeline: chooser belongs to another maker. Make a chooser for this one.")
         self.maker, self.ahead, self.layouts = maker, ahead, maker.layouts
         self._choices, self.chooser = (Chooser(), maker.chooser) if chooser is None else (chooser, chooser)
         self.split = maker.split or split

@@ -69,7 +69,7 @@ class LayoutSource(StaysHere):
             ArgumentTypeError: The class does not support prefetching, which is the default.
         """
         raise ArgumentTypeError(
-            f"{type(self).__name__}: cannot prefetch, as this takes a second source that makes the same layouts. Use "
+            f"{type(self).__name__}: cannot prefetch, as prefetching takes a second source of the same layouts. Use "
             "the source without prefetching, or give its class a method `twin` that returns a second source."
         )
 

@@ -175,7 +175,7 @@ def check_table(compiled: CompiledScene, table: LayoutTable, where: str) -> None
         )
     unmade = np.flatnonzero(table.status == LayoutStatus.NONE) if table.scene else []
     if len(unmade):
-        raise SceneMismatchError(f"{where}: row {unmade[0]} has no layout yet. Generate before you read the table.")
+        raise SceneMismatchError(f"{where}: row {unmade[0]} has no layout yet. Generate before you store the table.")
     check_numbers(compiled, {name: getattr(table, name) for name in INTEGERS}, where)
     params.checked(table.param, nrow)
 

@@ -23,7 +23,7 @@ def draw_joints(
 ):
     """Draw the joint positions of an object in a world, and write them to `qpos`.
 
-    Joints that equality constraints couple to the drawn joints get their positions, too.
+    This also sets the joints that equality constraints couple to the drawn joints.
     """
     adr = program.obj_drawadr[obj]
     u = wp.vec4(0.0)

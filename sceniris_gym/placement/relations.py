@@ -1,10 +1,10 @@
 """Device code of `relations`: enclose the region of a relation in convex pieces, and test a point exactly.
 
 The region of a relation with a direction and distances is a sector of a ring around the anchor. The sector is cut into
-slices of at most 30 degrees, or of less if the ring is thin. Four half-planes enclose each slice: two end at the rays
-on its sides, one at a chord of the inner circle, and one at a tangent of the outer circle. Slices are disjoint, so
-their areas add up. Together, the slices exceed the sector by less than the area of the sector. If a drawn point is
-outside the sector, another point is drawn.
+slices of at most 30 degrees, or of less if the ring is thin. Four half-planes enclose each slice: two are bounded
+by the rays on its sides, one by a chord of the inner circle, and one by a tangent of the outer circle. Slices are
+disjoint, so their areas add up. Together, the slices exceed the sector by less than the area of the sector. If a drawn
+point is outside the sector, another point is drawn.
 """
 
 import math
@@ -46,8 +46,8 @@ _NO_DIRECTION = wp.constant(1.0e-5)
 class ResolvedRelation:
     """The region of one relation in one world, seen from above.
 
-    A sector extends from the direction `axis` [rad] by `half_angle` [rad] to both sides. Its pieces enclose all
-    points of the sector at distances from `low` to `high` [m] from `apex`. A strip or a line extends along the unit
+    A sector has all points at distances from `low` to `high` [m] from `apex`, in directions up to `half_angle` [rad]
+    to both sides of `axis` [rad]. Convex pieces enclose the sector. A strip or a line extends along the unit
     vector `along`, from `low` to `high` [m] as measured from `apex`, and by `half` [m] to both sides of this direction.
     A hull has `hullnum` corners in a separate array. All pieces lie within `reach` [m] of `apex`. A `reach` of 1e29
     (`_NO_LIMIT`) means that no such distance is computed.
@@ -128,8 +128,8 @@ def _between(width: float, points: wp.array[wp.vec2], num: int, hull: wp.array[w
 def _beside(program: Program, rel: int, own: Placed, anchor: Placed, axis: float) -> ResolvedRelation:
     """Return the region of `beside` without sites: a line of pivot positions.
 
-    On this line, the gap between the anchor's bounds and the object's bounds in the direction `axis` is the gap of the
-    relation. Along the line, the narrower bounds stay within the span of the wider bounds.
+    At each position on this line, the bounds of the anchor and of the object are as far apart in the direction `axis`
+    as the relation's `gap` demands. Along the line, the narrower bounds stay within the span of the wider bounds.
 
     Args:
         program: The scene, as device code reads it.
@@ -247,8 +247,8 @@ def side_num(s: ResolvedRelation) -> int:
 def _slice_sides(program: Program, rel: int, s: ResolvedRelation, sides: wp.array[HalfPlane], first: int):
     """Write the four half-planes around each slice of a sector `s` to `sides`, starting at index `first`.
 
-    Two half-planes end at the rays on the sides of the slice, one at a chord of the inner circle, and one at a tangent
-    of the outer circle.
+    Two half-planes are bounded by the rays on the sides of the slice, one by a chord of the inner circle, and one by a
+    tangent of the outer circle.
     """
     pieces = program.rel_piecenum[rel]
     slice = 2.0 * s.half_angle / float(pieces)

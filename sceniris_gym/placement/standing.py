@@ -54,8 +54,8 @@ class Level:
     """An object of a stack, with its load and its patch.
 
     Positions [m] are relative to the candidate's pivot, along the world's axes. `load` is the weight [kg] and the
-    centre of mass (x, y, z) of the object and everything on it. `own` is the same without the next object above in the
-    stack, and without everything on that next object.
+    centre of mass (x, y, z) of the object and everything on it. `own` leaves out the
+    next object above in the stack, and everything on that next object.
     """
 
     foot: float  # height of the foot
@@ -177,7 +177,7 @@ def find_patch(
 
 @wp.func
 def measure(level: Level, patch: wp.array[wp.vec2]) -> Level:
-    """Return `level` with the fields `middle`, `softness`, `margin` and `inner` set.
+    """Return `level` with the fields that describe its load on its patch: `middle`, `softness`, `margin` and `inner`.
 
     Args:
         level: An object of a stack, with the fields `load`, `law` and `sink`.

@@ -82,7 +82,7 @@ class CompiledScene(RefusesOldNames):
         bank: The fallback bank of valid layouts, empty until `compile_scene` fills it.
         home_qpos: Start pose, shape (nq,).
         home_xpos, home_xquat: Poses of all bodies in the start pose, shapes (nbody, 3) and (nbody, 4) wxyz.
-        sides: Greatest number of half-planes that bound the pieces of one object's relations.
+        sides: Greatest number of half-planes of one object, added up over all pieces of its relations.
         pieces: Greatest number of pieces into which relations cut the region of one object.
         meshes: The device meshes of `program`.
     """

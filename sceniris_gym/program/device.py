@@ -314,7 +314,7 @@ def allocate(declared: Any, instance: Any, shapes: Mapping[str, Any], device: An
 
 
 def repeat(declared: Any, instance: Any, count: int, rows: Mapping[str, np.ndarray], device: str) -> None:
-    """Set each field of a struct instance that `rows` names to an array with `count` copies of the row."""
+    """For each row in `rows`, set the struct field of this name to an array with `count` copies of the row."""
     arrays = {name: np.tile(row, (count, *[1] * row.ndim)) for name, row in rows.items()}
     fill_struct(declared, instance, arrays, device)
 

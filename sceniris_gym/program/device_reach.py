@@ -3,7 +3,7 @@
 Each arm has a separate `Reach`. The fields for the arm and its gripper differ between arms, and all other fields are
 the same. Reach targets are in placement order, each with its column in `Layouts.grasp`. A grasp is a pose of the TCP in
 the frame of one of the object's bodies. The TCP's +z axis is the approach axis, and its +y axis is the closing axis.
-Kinds of starts keep their numbers from the scene file.
+Kinds of starts are in the order of the scene file.
 """
 
 from enum import IntEnum
@@ -89,7 +89,7 @@ class Reach:
 
 
 class StartPose(IntEnum):
-    """The pose of the arm in a kind of start. If the arm holds an object, also the place of this object."""
+    """The pose of the arm in a kind of start. For an arm that holds an object, also the place of this object."""
 
     HOME = 0
     PREGRASP = 1
@@ -122,7 +122,7 @@ class Starts:
 
 @wp.func
 def is_drawn(interval: wp.vec2) -> bool:
-    """Return True if a start draws a joint from this interval. If low > high, the start keeps the joint."""
+    """Return True if a start draws a joint from this interval. If low > high, the joint stays as it is."""
     return interval[0] <= interval[1]
 
 
@@ -130,7 +130,8 @@ def is_drawn(interval: wp.vec2) -> bool:
 def reaches(starts: Starts, kind: int, column: int) -> bool:
     """Return True if a kind of start moves the arm to the reach target `column`, or holds the target above its place.
 
-    These are the poses `PREGRASP`, `STANDING` and `LIFTED`. With `HOME` and `HELD`, the arm need not reach the place.
+    It does so with the poses `PREGRASP`, `STANDING` and `LIFTED`. With `HOME` and `HELD`, the arm need not reach the
+    place.
     """
     pose = starts.pose[kind]
     return starts.target[kind, column] and pose != StartPose.HOME and pose != StartPose.HELD

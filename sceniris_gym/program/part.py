@@ -36,7 +36,7 @@ def chosen_objects(
 
     Raises:
         ArgumentTypeError: `objects` has values that are not names.
-        ArgumentError: `objects` is empty, or does not name an object that stands on a named object or is in its heap.
+        ArgumentError: `objects` is empty, or leaves out an object that stands on a named object or shares its heap.
         UnknownNameError: The scene does not place an object of this name.
     """
     config = compiled.config

@@ -62,7 +62,7 @@ class PlacedObject:
         surfaces: For each stable pose, the surfaces that can carry it, with their regions. Without a support, these are
             the points of its 3D region or, if it has relations, the 3D box seen from above. Poses share equal lists.
         erosion: Least distance of its pivot from the outlines of surfaces, divided by the shorter edge of its bounds.
-            0 if that edge is fixed in each stable pose, because the regions are then already shrunk.
+            0 if no draw changes that edge in a stable pose, because the regions are then already shrunk.
         heap: Its settled poses in a heap, or None.
     """
 

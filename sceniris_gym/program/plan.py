@@ -117,7 +117,7 @@ def build_plan(scene: SceneModel) -> Plan:
     """Return the placement program of a scene. The checks in `checks/` come afterwards.
 
     Raises:
-        SceneKeyError: Objects refer to each other in a circle. A heap has no settled rows. A support has no level
+        SceneKeyError: Objects refer to each other in a circle. A heap has no settled poses. A support has no level
             surface, or no area is left after shrinking and cropping to the region. An object has no stable pose.
         MeshError, NotSupportedError: A geom cannot be an obstacle.
     """

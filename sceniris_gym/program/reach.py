@@ -26,7 +26,7 @@ class ReachTarget:
         name: The object.
         number: Its index in placement order.
         arm: Index in `Reaching.arms` of the arm that has to reach it.
-        late: Whether it is placed before the base of its arm.
+        late: Whether it is placed before the base of its arm, so its test comes late.
         early: Whether each object that is placed later must leave at least one grasp of this target free.
         tier: The test that decides whether it is reachable.
         grasp_set: Its grasps.

@@ -157,9 +157,9 @@ class Stance:
         is_whole: Whether its whole foot is always on its support.
         is_belt: Whether a geom of the object or of its support has a `surfacevel`, which moves the object like a belt.
         tilt: Tangent of the greatest angle between straight down and the pull of gravity and wind.
-        sinks: Depths [m] of the object in its support at the least drawn masses, for the test of standing. The key None
-            has the depth under `load`. The number of an object above it has the depth under the greatest load that
-            includes the object above. Each depth assumes four contacts, as soft as a friction of 1 or more makes them.
+        sinks: Depths [m] of the object in its support at the least drawn masses, for the test of standing. For the key
+            None, the depth under `load`. For the number of an object above it, the depth under the greatest load that
+            includes this object above. Each depth assumes four contacts, as soft as a friction of 1 or more makes them.
     """
 
     levels: list[int]
@@ -212,8 +212,8 @@ def stances(scene: SceneModel, objects: list[PlacedObject], pieces: list[Piece])
 def _loads(scene: SceneModel, objects: list[PlacedObject], below: list[int | None]) -> list[dict[int | None, float]]:
     """Return the greatest simultaneous weight [kg] of each object and everything on it.
 
-    The result has a dict for each object. The key None has the maximum over all worlds, and the number of an object has
-    the maximum over worlds with this object.
+    The result has a dict for each object. Its value for None is the maximum over all worlds. Its value for the number
+    of another object is the maximum over the worlds where that object is present.
     """
     own = np.array([weights(scene.most)[o.bodies].sum() for o in objects])
     on: list[dict[str | None, list[int]]] = [{} for _ in objects]  # by group: a world may omit some of its members

@@ -1,4 +1,4 @@
-"""The kinds of starts of a scene (entries of `start`), as arrays of the numbers of their targets, grasps and joints."""
+"""The kinds of starts of a scene (entries of `start`), as arrays: the targets, grasps and joints that each one uses."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace

@@ -144,8 +144,8 @@ class ReachMap:
             raise MapError(f"{path}: the map should have format {_FORMAT}, got format {version}. {again}")
         if made_for != arm.hash:
             raise MapError(
-                f"{path}: the map was built for the arm {made_for}, but '{arm.name}' is {arm.hash}: its links, limits "
-                f"or TCP differ. {again}"
+                f"{path}: the map fits the arm of hash {made_for}, but '{arm.name}' has hash {arm.hash}: links, "
+                f"limits or TCP differ. {again}"
             )
         for wrong in _faults(told, len(arm.joints)):
             raise MapError(f"{path}: the reachability map is damaged: {wrong}. {again}")

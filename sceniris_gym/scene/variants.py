@@ -194,7 +194,7 @@ def check_variants(
     ]
     for name in owners_of(variants):
         at, body = f"{where}: objects.{name}", mjm.body(name).id
-        cure = "should be one rigid body to be a variant. Make it a separate object in a group instead"
+        cure = "a variant should be one rigid body of plain geoms, which the model names nowhere else. Use a group"
         if len(subtree(mjm, body)) > 1:
             raise NotSupportedError(f"{at}: has several bodies, but {cure}.")
         geoms = _geoms(mjm, body)

@@ -58,9 +58,9 @@ def default_budget(mjm: mujoco.MjModel, scene: SceneModel | None = None) -> tupl
 
 
 def _geoms_across(scene: SceneModel, stood_on: np.ndarray) -> int:
-    """Return how many bottom geoms the objects that stand on free objects have in total.
+    """Return the total number of bottom geoms of all objects that stand on free objects.
 
-    The count of an object is limited to the number of geoms of its support.
+    An object counts with at most as many geoms as its support has.
 
     Args:
         scene: The scene.

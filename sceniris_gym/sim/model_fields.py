@@ -60,7 +60,7 @@ class ModelFields:
             self.ask(name, where="make_worlds")
 
     def ask(self, name: str, of: str | None = None, *, where: str = "model_field") -> wp.array:
-        """Return a field with a row for each world, or a view of the rows of one element, object or robot.
+        """Return a field with a row for each world, or a view of its part for one element, object or robot.
 
         Args:
             name: The field's name in mujoco_warp's Model.

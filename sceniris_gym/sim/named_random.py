@@ -1,4 +1,4 @@
-"""Uniform random numbers for tasks and users, in each world: for each control step, or for each episode and name."""
+"""Uniform random numbers for tasks and users: new in each control step, or fixed for an episode, by name."""
 
 import warp as wp
 
@@ -10,7 +10,7 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
 def task_stream(split: str, stream: int) -> int:
-    """Return the Philox stream of a split for random numbers of a task. `stream` is the task's choice, below 2^24."""
+    """Return the Philox stream from which a task draws in a split. The task chooses `stream`, a number below 2^24."""
     as_count(stream, "stream", 0, (1 << STREAM_BITS) - 1)
     return TASK_STREAM + (SPLITS[split] << STREAM_BITS) + stream
 
@@ -49,8 +49,8 @@ def draw_uniform(
     Args:
         seed: Seed of each world, shape (nworld,), uint64.
         episode: Episode of each world, shape (nworld,), int32.
-        trial: Control steps of each world since its reset, shape (nworld,), int32, or one integer for all worlds, such
-            as the hash of a name.
+        trial: Distinguishes the draws of an episode: the control steps of each world since its reset, shape (nworld,),
+            int32, or one integer for all worlds, such as the hash of a name.
         stream: Philox stream, see `task_stream` and `named_stream`.
         low: Lower bound, inclusive.
         high: Upper bound, exclusive.

@@ -48,7 +48,7 @@ class ResetRandomizer(Fixed, StaysHere):
     graph.
 
     If Ctrl-C interrupts a reset, reset the same worlds again, because their state is only partly written. The repeated
-    reset serves the same layouts. If the interrupted reset had already made them, it serves the layouts after them.
+    reset serves the same layouts, or the next layouts if the interrupted reset had already made its layouts.
 
     The arrays in `STATE_FIELDS` are the state of a world, so the other worlds continue as if no reset had happened. But
     a reset also updates computed arrays in all worlds: world poses (xpos, geom_xpos, site_xmat, ...) and the quantities
@@ -128,7 +128,7 @@ class ResetRandomizer(Fixed, StaysHere):
 
     @classmethod
     def of_batch(cls, batch: Batch, compiled: CompiledScene, **arguments: Any) -> ResetRandomizer:
-        """Return a randomizer for a Batch. Model fields can get a row for each world until the first reset."""
+        """Return a randomizer for a Batch. Until the first reset, fields can still be expanded to a row per world."""
         made = cls.__new__(cls)
         made._shared = batch.fields
         made.__init__(compiled, batch.model, batch.data, **arguments)
@@ -429,7 +429,7 @@ class ResetRandomizer(Fixed, StaysHere):
 
     @property
     def _source(self) -> tuple[str, ...]:
-        """Hash of the scene, split of the layouts, and names of their params."""
+        """The scene's hash, the split of the layouts, and the names of their params."""
         return self.compiled.hash, self.split, *self.layouts.params.names
 
     @property

@@ -44,7 +44,7 @@ class Redrawer:
 
     Attributes:
         mask: The worlds of the latest redraw, shape (nworld,), bool. Passing it to `launch` avoids a copy.
-        counts: The Warp arrays whose memory `number`, `status` and `kept` share.
+        counts: Warp arrays with the same values and memory as the tensors `number`, `status` and `kept`.
         number: Redraws of each world since its reset, shape (nworld,), int32.
         status: `LayoutStatus` of each world's latest redraw, VALID or KEPT, or NONE before the first redraw, shape
             (nworld,), int32.

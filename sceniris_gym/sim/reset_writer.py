@@ -24,7 +24,7 @@ LANES = 32
 
 @wp.struct
 class Words:
-    """The memory of a contact field: the address of the first contact's value, and the 32-bit words per contact."""
+    """The memory of a contact field: the address of the first contact's value, and its size in 32-bit words."""
 
     address: wp.uint64
     width: int
@@ -196,7 +196,7 @@ class ResetWriter:
         """Write layouts into the masked worlds.
 
         Args:
-            layouts: The layouts. If `param` is empty, the physics are drawn from the ranges of the scene file.
+            layouts: The layouts. If they hold no values of params, physics are drawn from the scene file's ranges.
             rows: Row of `layouts` for each masked world, shape (nworld,), int32. None gives world i row i.
         """
         m, d, poses, pose_rows = self._simulation.model, self._simulation.data, poses_of(layouts), rows

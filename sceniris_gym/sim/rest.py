@@ -31,14 +31,14 @@ SCALAR_JOINTS = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HIN
 class RestMap:
     """Controls and activations that hold the pose qpos. Each is `law[0] + law[1] * sum(arm * qpos[qposadr])`.
 
-    An element is one control or one activation: first the nu controls, then the na activations. If the element holds a
+    Arrays of shape (nu + na,) have an element for each control, then one for each activation. If an element holds a
     pose, its sum has one term for each joint that its actuator moves. Element e has the terms from `rowadr[e]` to
     `rowadr[e + 1] - 1`.
 
     Attributes:
         rowadr: Index of each element's first term, shape (nu + na + 1,).
         qposadr: Address in qpos of each term's joint.
-        arm: Factor of each term: 1, or the joint's coefficient in a fixed tendon.
+        arm: Factor of each term (its moment arm): 1, or the joint's coefficient in a fixed tendon.
         law: The two numbers `law[0]` and `law[1]` of each element, shape (1, nu + na), or (nworld, nu + na) if gains
             differ between worlds. An element without terms has its home value and 0.
         lower: Lower limit of each element, shape (nu + na,).
@@ -46,9 +46,9 @@ class RestMap:
         actuator: Id of the actuator that holds a pose through the element, or -1, shape (nu + na,).
         sampleadr: Addresses in `history` of the past controls of delayed actuators.
         sampled: Id of the control at each of these addresses.
-        closing: For each kind of start in the scene file, index of the arm that holds an object, or -1. Empty in
-            scenes without starts.
-        closed: For each arm, qpos of its closed fingers, and nan for all other joints, shape (narm, nq).
+        closing: For each kind of start in the scene file, index of the robot arm that holds an object, or -1. Empty
+            in scenes without starts.
+        closed: For each robot arm, qpos of its closed fingers, and nan for all other joints, shape (narm, nq).
     """
 
     rowadr: wp.array[int]
@@ -159,7 +159,10 @@ def rest_map(
 
 
 def _length_terms(mjm: mujoco.MjModel, actuator: int) -> list[tuple[int, float]] | None:
-    """Return (qpos address, factor) of each joint in an actuator's length / gear. None if the length is no such sum."""
+    """Write an actuator's length / gear as a sum of factor * qpos, and return its terms (qpos address, factor).
+
+    Return None if the length is not such a sum, for example for a spatial tendon.
+    """
     trntype, target = int(mjm.actuator_trntype[actuator]), int(mjm.actuator_trnid[actuator, 0])
     if trntype in JOINT_TRANSMISSIONS:
         joints, arms = np.array([target]), np.ones(1)
@@ -177,8 +180,8 @@ def _length_terms(mjm: mujoco.MjModel, actuator: int) -> list[tuple[int, float]]
 def history_samples(mjm: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
     """Return the addresses of past controls in `history`, and the index of the control at each address.
 
-    Only delayed actuators have a history. For n samples of m controls, it has two numbers, n times, then n x m
-    controls.
+    Only delayed actuators have a history. A history of n samples of m controls starts with two other numbers and the
+    times of the samples, followed by n x m controls.
 
     Returns:
         Two arrays with an entry for each past control, int32.
@@ -219,7 +222,7 @@ def close_grippers(rest: RestMap, compiled: CompiledScene) -> None:
 
 @wp.func
 def _follow(values: wp.array[float], at: int, before: float, now: float):
-    """Set a value to `now` if it equals `before` up to rounding."""
+    """Set a value to `now` if it equals `before` up to rounding. Otherwise, a task has set it, so keep it."""
     if wp.abs(values[at] - before) <= 1.0e-6 * wp.max(1.0, wp.abs(before)):
         values[at] = now
 

@@ -33,7 +33,7 @@ class Snapshot:
     """The state of worlds, with a row for each world.
 
     Attributes:
-        source: Hash of the scene, split of the layouts, and names of their params.
+        source: The scene's hash, the split of the layouts, and the names of their params.
         worlds: Id of the world of each row, shape (nrow,), int64.
         rows: Tensors of shape (nrow, ...) by name: the state in mujoco_warp's Data, the layout, the next layout (seed,
             episode and params) or the current level of a curriculum, fields of the Model, and a mask that marks tensors
@@ -88,7 +88,7 @@ def check_rows(snapshot: Any, source: tuple[str, ...], live: Mapping[str, Tensor
 
     Args:
         snapshot: The snapshot, as a user gave it.
-        source: Hash of the scene, split of the layouts, and names of their params.
+        source: The scene's hash, the split of the layouts, and the names of their params.
         live: The tensors to write to, by name.
         layouts: The layouts of the worlds.
         name: Name of the argument. Errors begin with this name.
@@ -136,7 +136,7 @@ def put(snapshot: Snapshot, live: Mapping[str, Tensor], worlds: np.ndarray | Non
     if len(chosen) != len(snapshot):
         raise ArgumentError(f"{name} should have {len(chosen)} rows, one per chosen world, got {len(snapshot)}.")
     if len(chosen.unique()) != len(chosen) or ((chosen < 0) | (chosen >= nworld)).any():
-        raise ArgumentError(f"{name} should go into different worlds below {nworld}, got {chosen.tolist()}.")
+        raise ArgumentError(f"{name} should go into different worlds with ids below {nworld}, got {chosen.tolist()}.")
     for key, tensor in live.items():
         tensor[chosen] = snapshot.rows[key].to(device)
     return torch.zeros(nworld, dtype=torch.bool, device=device).index_fill_(0, chosen, True)

@@ -43,10 +43,11 @@ def fields_of_variants() -> tuple[str, ...]:
 
 @wp.struct
 class Places:
-    """The owner of each slot, joint position and mocap body in layouts, and the addresses of the last two in worlds.
+    """For each slot, joint position and mocap body of a layout, the variant to which it belongs, as a pair of indices.
 
-    An owner is a variant of an object. It is stored as a kind: (index of the object among the objects with variants,
-    index of the variant). Without an owner, the kind is (-1, -1).
+    The pair (index of the object among the objects with variants, index of the variant) is called a kind here. It is
+    (-1, -1) for everything that does not belong to a variant. Joint positions and mocap bodies also have addresses in
+    the simulated worlds.
     """
 
     slot_kind: wp.array[wp.vec2i]
@@ -58,7 +59,7 @@ class Places:
 
 @wp.struct
 class Word:
-    """A 32-bit word in an array of the Model that depends on an object's present variant."""
+    """The place of a 32-bit word in the Model's arrays. The present variant of an object determines its value."""
 
     owner: int  # the object with variants that determines the word
     array: int
@@ -131,8 +132,8 @@ class VariantWriter:
         scene: A scene with variants.
         m: Model of the simulated scene. Fields in which variants differ have a row for each world, see `make_worlds`.
         nworld: Number of worlds.
-        varied: `ModelFields.varied`, the nominal values of these fields. Launches write the same values into `m` and
-            here, except that the nominal colours are the visible colours, which may come from materials.
+        varied: `ModelFields.varied`, the nominal values of these fields. Launches write the same values into both `m`
+            and `varied`. Only colours differ: `varied` gets the visible colours, which may come from materials.
 
     Attributes:
         places: The variants of slots, joint positions and mocap bodies, see Places.
@@ -226,8 +227,9 @@ def _words(scene: SceneModel, arrays: Sequence[wp.array]) -> list[wp.array]:
 def _rows(scene: SceneModel, name: str, bodies: list[int], *, seen: bool) -> list[tuple[str, int, Any, Any]]:
     """Return the values that each variant of an object writes into the elements of the simulated model.
 
-    An entry has the name of the field, the id of the element, its words in all variants, shape (nvariant, width), and
-    its initial words, shape (width,). If `seen`, colours are the visible colours, which may come from materials.
+    An entry has the name of the field, the id of the element (a body, a geom or a degree of freedom), its value in each
+    variant, as 32-bit words, shape (nvariant, width), and its initial value, shape (width,). If `seen`, colours are the
+    visible colours, which may come from materials.
     """
     full, sim, body = scene.mjm, scene.sim.mjm, scene.sim.bodies[name]
     geoms = np.full((len(bodies), sim.body_geomnum[body]), -1)

@@ -33,7 +33,7 @@ def bank(table: LayoutTable) -> Callable[[CompiledScene, int], StoredLayouts]:
     """Return a `layout_source` for SceneVectorEnv that serves all rows of a table, even if there are fewer worlds.
 
     With n > 1 worlds, the world of seed s gets row s + (n - 1) * episode, modulo the row count. If the worlds have
-    consecutive seeds, each episode therefore begins with the last row of the previous episode.
+    consecutive seeds, the first world therefore gets the row that the last world had in the previous episode.
     """
     return lambda compiled, num_envs: StoredLayouts(compiled, table, num_envs, stride=max(1, num_envs - 1))
 

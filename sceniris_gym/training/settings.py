@@ -106,7 +106,7 @@ class Options:
 
     Attributes:
         task: id of a task of this package, or MODULE:ID of your task, which MODULE registers on import
-        seed: number of the run. The layout seeds of two runs are at least 16 * 2^20 apart if their numbers differ
+        seed: seed of the run. If two runs have different seeds, their layout seeds are at least 16 * 2^20 apart
         num_envs: number of worlds
         minutes: time of training, without compilation and evaluations
         million_steps: also stop after this number of control steps of all worlds together, in millions
@@ -153,7 +153,7 @@ class Options:
             ArgumentError: The message names the option and its valid values.
         """
         if self.bank is not None and (self.bank < 1 or self.uniform):
-            raise ArgumentError(f"--bank should be 1 or more layouts, and used without --uniform, got {self.bank}.")
+            raise ArgumentError(f"--bank {self.bank}: should be 1 or more layouts, and not be combined with --uniform.")
         for name, value in (("minutes", self.minutes), ("million_steps", self.million_steps)):
             if value is not None and not value > 0.0:
                 raise ArgumentError(f"--{name.replace('_', '-')} {value}: should be above 0.")

@@ -6,8 +6,8 @@ with a hash of the sources. Training time does not include compilation and evalu
 judging.py.
 
 A resumed run continues from the checkpoint. The log is cut off at the checkpoint, and unfinished episodes are dropped.
-Every world starts a new episode, whose step count begins at the count of the dropped episode. Runs that resume from the
-same checkpoint see the same data, but not the data of an uninterrupted run.
+Every world starts a new episode, but counts its steps from the step count of the dropped episode on. Runs that resume
+from the same checkpoint see the same data, but not the data of an uninterrupted run.
 """
 
 import inspect
@@ -163,7 +163,7 @@ class Run:
         runner.learn(1, init_at_random_ep_len=True)
 
     def _teach(self) -> None:
-        """Train the teacher, if the policy imitates one. This takes time from `minutes`, but no control steps."""
+        """Train the teacher, if the policy imitates one. Its time counts towards `minutes`, but its steps do not."""
         if not hasattr(self.runner.alg, "teacher"):
             return
         options, seed = self.options, (1 + self.options.seed) * 16 * SEED_SPACING

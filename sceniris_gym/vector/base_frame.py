@@ -37,7 +37,7 @@ class BaseFrame:
         self.body = self.seen(UPRIGHT)
 
     def seen(self, quat: np.ndarray) -> Tensor:
-        """Return the `seen` (7, 7) that `pose` takes for a frame rotated by `quat` (wxyz) relative to its body."""
+        """Return the argument `seen` of `pose`, (7, 7), for a frame rotated by `quat` (wxyz) relative to its body."""
         columns = [product(product(self._to_base, unit), quat) for unit in np.eye(4)]
         return torch.block_diag(self._tensor(self._turn), self._tensor(np.stack(columns, axis=1)))
 
@@ -47,7 +47,8 @@ class BaseFrame:
         Args:
             position: Positions in the world frame [m], shape (..., 3).
             quat: Orientations of the bodies in the world frame (wxyz), shape (..., 4).
-            seen: A result of `seen`, or None for the frame of the body.
+            seen: A result of the method `seen` for frames rotated relative to the bodies, such as sites. None returns
+                the poses of the bodies.
         """
         return transform(self.body if seen is None else seen, torch.cat([position, quat], dim=-1)) + self._offset
 
@@ -76,7 +77,7 @@ class DrawnBaseFrame(BaseFrame):
         self.body = self.seen(UPRIGHT)
 
     def seen(self, quat: np.ndarray) -> Tensor:
-        """Return the `seen` (4,) that `pose` takes for a frame rotated by `quat` (wxyz) relative to its body."""
+        """Return the argument `seen` of `pose`, (4,), for a frame rotated by `quat` (wxyz) relative to its body."""
         return self._tensor(quat)
 
     def pose(self, position: Tensor, quat: Tensor, seen: Tensor | None = None) -> Tensor:

@@ -116,7 +116,7 @@ class LiberoGoal:
         return find_body(s.scene, f"{name}/{INNER}", _WHERE)
 
     def _site(self, s: State, region: Region) -> tuple[int, Tensor]:
-        """Return a site and its half sizes [m], shape (3,)."""
+        """Return the id of the site that represents a region, and the site's half sizes [m], shape (3,)."""
         site = find_element(s.scene, "site", f"{region.target}/{region.name}", _WHERE)
         return site, torch.tensor(s.mjm.site_size[site], dtype=torch.float32, device=s.device)
 

@@ -240,7 +240,7 @@ class Readings(RefusesOldNames):
 
 
 def as_columns(numbers: list[int], device: torch.device) -> slice | Tensor:
-    """Return columns as a slice if they are consecutive, otherwise as a tensor. A slice can index a view."""
+    """Return columns as a slice if they are consecutive, otherwise as a tensor. Indexing by a slice does not copy."""
     first = numbers[0]
     if numbers == list(range(first, first + len(numbers))):
         return slice(first, first + len(numbers))

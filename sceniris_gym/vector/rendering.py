@@ -55,7 +55,12 @@ class Rendering:
         return tuple(self._camera.images[self.camera]["rgb"].numpy())
 
     def show(self, batch: Batch, layouts: Layouts, seconds: float) -> None:
-        """In mode "human", update the page, `seconds` of simulated time after the last call. Waits for the device.
+        """In mode "human", update the page. Waits for the device.
+
+        Args:
+            batch: The worlds.
+            layouts: The layouts of the worlds.
+            seconds: Simulated time since the last call [s].
 
         Raises:
             MissingExtraError: No installed package can open such a page.

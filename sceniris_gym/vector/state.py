@@ -163,8 +163,8 @@ class State(Readings):
 
         Args:
             name: A field of `Task.model_fields`, or a field that `Task.bind` got from `model_field`.
-            of: An element of the model, an object or a robot. Values of an object with variants are relative to its
-                present variant.
+            of: An element of the model, an object or a robot. For an object with variants, the factor multiplies the
+                values of the present variant.
             factor: Factors, shape (num_envs,), float32.
             mask: Which worlds, shape (num_envs,), bool.
 

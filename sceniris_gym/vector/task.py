@@ -1,4 +1,4 @@
-"""`Task`: a scene with observations, rewards and ends of episodes. Also: checks of the first values of its methods."""
+"""`Task`: a scene with observations, rewards and ends of episodes. Also checks the first results of its methods."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -20,9 +20,9 @@ TAKEN = (*COUNTS, "return")
 
 
 def regrouped(observation: Observation, policy: Sequence[str], more: Sequence[str]) -> Observation:
-    """Return an observation with other groups `policy` and `critic`, taken from the group `critic` of `observation`.
+    """Return new groups `policy` and `critic`, with tensors from the group `critic` of `observation`.
 
-    `policy` names the tensors of both groups, and `more` the further tensors of `critic`.
+    The new group `policy` has the tensors that `policy` names. The new `critic` also has the tensors that `more` names.
     """
     seen = observation["critic"]
     shown = {name: seen[name] for name in policy}

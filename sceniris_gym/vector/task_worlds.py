@@ -30,7 +30,7 @@ def versions(live: Mapping[str, Tensor]) -> dict[str, tuple[Tensor, int]]:
 
 
 def written(live: Mapping[str, Tensor], made: Mapping[str, tuple[Tensor, int]]) -> dict[str, Tensor]:
-    """Return the tensors that were written to or replaced since `versions` returned `made`.
+    """Return the tensors that were written to or replaced since `versions` returned `made`. Snapshots copy only these.
 
     Unchanged tensors, such as indices and tables, do not belong to an episode, even if they have a row for each world.
     """
@@ -39,7 +39,7 @@ def written(live: Mapping[str, Tensor], made: Mapping[str, tuple[Tensor, int]]) 
 
 
 def memory_rows(memory: Mapping[str, Any], num_envs: int) -> dict[str, Tensor]:
-    """Return all tensors with `num_envs` rows, by name, in the given objects and in the objects that these contain."""
+    """Return all tensors with `num_envs` rows, by name, among the values in `memory` and, nested, their attributes."""
     return dict(pair for name, value in memory.items() for pair in _memory(value, num_envs, name, set()))
 
 
@@ -116,7 +116,7 @@ class TaskWorlds:
             pipeline.launch_finish(wp.from_torch(outcome.success.float()), wp.from_torch(self.statistics.finished))
 
     def live(self, **memory: Any) -> dict[str, Tensor]:
-        """Return all tensors whose rows a snapshot may copy, including the tensors of any objects in `memory`."""
+        """Return all tensors whose rows a snapshot may copy, also tensors in Python objects passed as `memory`."""
         rows = self.randomizer._live | {"elapsed": self.state.elapsed}
         return rows | memory_rows({"task": self._task, **memory}, self.batch.nworld)
 

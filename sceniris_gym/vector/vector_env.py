@@ -112,16 +112,16 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             of actions.
         output: "torch" (tensors on `device`) or "numpy".
         images: Camera images to observe: an ImageConfig, a mapping of its fields, or only its `cameras`: {"overview":
-            {"size": (width, height), "data": kinds}}. None takes the task's `images`. A mapping changes only its own
-            fields in the task's `images`. An ImageConfig replaces the task's `images`, but an ImageConfig without
-            cameras takes the task's cameras. With an empty mapping, there are no images.
+            {"size": (width, height), "data": kinds}}. None takes the task's `images`. A mapping changes only the fields
+            that it contains in the task's `images`. An ImageConfig replaces the task's `images`, but an ImageConfig
+            without cameras takes the task's cameras. With an empty mapping, there are no images.
         render_mode: "rgb_array" makes `render` return pictures. "human" shows every reset and step on a page in the
             browser, in real time (extra `viewer`). None renders no pictures.
         render_config: A RenderConfig, or a mapping of its fields: size and camera of the pictures of `render`, and the
             number of worlds that they show.
         sim_config: A SimConfig, or a mapping of its fields: room for contacts, graphs, prefetching and copies. A
-            SimConfig replaces the task's `sim_config`, and a mapping changes only its own fields. If the environment's
-            scene is not the task's, the task's `nconmax`, `njmax` and `nvmax` are ignored.
+            SimConfig replaces the task's `sim_config`, and a mapping changes only the fields that it contains. If the
+            environment's scene is not the task's, the task's `nconmax`, `njmax` and `nvmax` are ignored.
 
     Raises:
         ScenirisError: The scene cannot be used, for the reasons that `compile_scene` lists.
@@ -358,7 +358,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             value: A value within the limits that the scene file sets: [low, high] for an interval or a count, a number
                 for a clearance, or a number for each member for weights. Write the box of a region as its low corner
                 and its high corner, even if the scene file has another form. Joint positions are in m or rad. To give
-                each world another value, pass an array of shape (num_envs, ...).
+                worlds different values, pass an array of shape (num_envs, ...).
             worlds: As in `redraw`.
 
         Raises:
@@ -487,7 +487,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         return tuple(self._returned(value) for value in returned)  # type: ignore[return-value]
 
     def groups_of(self, observation: Any) -> dict[str, Any]:
-        """Return an observation, or its space, as a dict of groups. With a single group it may be the group itself."""
+        """Return an observation or its space as a dict of groups. If it is a single group alone, wrap it in a dict."""
         return observation if self._plain is None else {self._plain: observation}
 
     def _seen(self, groups: Mapping[str, Any]) -> Any:

@@ -63,7 +63,7 @@ def test_a_task_of_ones_own_is_trained(tmp_path: Path, monkeypatch: pytest.Monke
         (["nowhere_at_all:Task-v0"], "'nowhere_at_all' should be a module that Python can import"),
         (["DrawerPick-v0", "--set", "gama=1"], "--set: unknown setting 'gama'. Did you mean 'gamma'?"),
         (["DrawerPick-v0", "--changes", "gamma=1"], "train: '--changes' is now --set."),
-        (["DrawerPick-v0", "--bank", "0"], "--bank should be 1 or more layouts"),
+        (["DrawerPick-v0", "--bank", "0"], "--bank 0: should be 1 or more layouts"),
         (["DrawerPick-v0", "--minutes", "0"], "--minutes 0.0: should be above 0"),
         (["DrawerPick-v0", "--num-envs", "0"], "--num-envs 0: should be at least 1"),
         (["DrawerPick-v0", "--seed", "-1"], "--seed -1: should be at least 0"),

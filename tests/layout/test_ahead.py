@@ -264,7 +264,7 @@ def test_a_generator_that_nobody_can_stand_in_for_is_refused():
     class Own(LayoutGenerator):
         """A generator of a user's."""
 
-    with pytest.raises(ArgumentTypeError, match="Own: cannot prefetch, as this takes a second source"):
+    with pytest.raises(ArgumentTypeError, match="Own: cannot prefetch, as prefetching takes a second source"):
         Ahead(Own(compiled, 4))
     with pytest.raises(ArgumentTypeError, match="maker should be a LayoutSource, got"):
         Ahead(compiled)  # type: ignore[arg-type]

@@ -317,7 +317,7 @@ def test_a_row_that_no_scene_can_be_in_is_refused(crane: CompiledScene, table: L
 def test_rows_that_are_no_layouts_are_refused(crane: CompiledScene):
     """Rows that were never made, joints far beyond their limits, things far away, and keys that are no integers."""
     generator = LayoutGenerator(crane, 3)
-    with pytest.raises(SceneMismatchError, match=r"row 0 has no layout yet\. Generate before you read the table"):
+    with pytest.raises(SceneMismatchError, match=r"row 0 has no layout yet\. Generate before you store the table"):
         StoredLayouts(crane, generator.table(), 2)
     generator.generate()
     made = generator.table()

@@ -178,7 +178,7 @@ def test_a_run_does_not_go_on_from_another_one(tmp_path: Path):
 def test_a_bank_has_layouts_and_is_not_uniform():
     """Refused before anything is compiled."""
     for bank, uniform in ((0, False), (-3, False), (4, True)):
-        with pytest.raises(ArgumentError, match="--bank should be 1 or more layouts"):
+        with pytest.raises(ArgumentError, match="should be 1 or more layouts"):
             train.Run(Options("TabletopReach-v0", bank=bank, uniform=uniform))
 
 

@@ -203,7 +203,7 @@ def test_wrong_snapshots_are_refused(make_env):
         envs.reset(options={"state": {}})
     with pytest.raises(ArgumentError, match="should have 1 rows, one per chosen world, got 2"):
         envs.reset(options={"state": kept, "reset_mask": np.array([True, False])})
-    with pytest.raises(ArgumentError, match=r"different worlds below 2, got \[0, 0\]"):
+    with pytest.raises(ArgumentError, match=r"different worlds with ids below 2, got \[0, 0\]"):
         envs.reset(options={"state": kept[[0, 0]]})
     others = [replace(kept, source=("0123456789abcdef", *kept.source[1:]))]
     finite = kept.rows["finite"]

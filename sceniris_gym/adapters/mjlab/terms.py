@@ -311,7 +311,7 @@ def _as_model(scene: Any, env: Any) -> SceneModel:
             raise NotSupportedError(
                 f"{config.where}: objects.{name}: has variants, so it should be an mjlab entity with variants of the "
                 f"same names (VariantEntityCfg). {instead_of_variants(name, members)} "
-                "In mjlab, set cfg.scene.spec_fn = lambda spec: edit_spec(spec, scene)."
+                "In mjlab, this call is cfg.scene.spec_fn = lambda spec: edit_spec(spec, scene)."
             )
     has_key = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_KEY, KEYFRAME) >= 0
     keys: dict[str, Any] = {"home": KEYFRAME} if has_key and config.home is None else {}
@@ -348,7 +348,7 @@ def _roots(compiled: CompiledScene, env: Any) -> dict[str, Any]:
 
 
 def _joints(compiled: CompiledScene, env: Any) -> list[tuple[Any, Tensor]]:
-    """Return a pair (entity, joint indices) for each entity with drawn joints. The indices are the entity's."""
+    """Return each entity with drawn joints, and the indices of these joints among the joints of the entity."""
     scene = compiled.scene
     adr = [int(scene.mjm.jnt_qposadr[joint]) for name in scene.bodies for joint in scene.moving_joints(name)]
     if compiled.starts is not None and compiled.reaching is not None:

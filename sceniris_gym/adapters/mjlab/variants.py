@@ -1,8 +1,8 @@
 """mjlab's entities with variants. Layouts have a body for each variant, but in mjlab each entity has a single body.
 
-The geoms of this body differ between worlds. mjlab chooses variants once, when it builds the simulation. `VariantRows`
-computes the model fields of other variants with the same function of mjlab, so a world is simulated as if mjlab had
-chosen these variants.
+The geoms of this body differ between worlds. mjlab chooses the variant of each world once, when it builds the
+simulation. At resets, `VariantRows` gives worlds other variants. It takes their model fields from mjlab's function for
+building variants, so a world is simulated as if mjlab had chosen these variants.
 """
 
 from __future__ import annotations
@@ -79,7 +79,10 @@ def _root(env: Any, name: str) -> Any:
 
 
 def _touch_as_in_mjlab(mjm: mujoco.MjModel, body: int, theirs: mujoco.MjModel, root: int, slots: list[int]) -> None:
-    """Copy the fields that are the same in all worlds from mjlab's geoms to the geoms of a variant."""
+    """Give the geoms of a variant mjlab's contact settings and, for primitives, mjlab's sizes and poses.
+
+    In mjlab, these fields are the same in all worlds, whatever the variant.
+    """
     (meshes, others), primitives = _geoms(mjm, body), _geoms(theirs, root)[1]
     for fields, own, sources in ((_CONTACT, meshes, slots), (_CONTACT + _SHAPE, others, primitives)):
         for field in fields:

@@ -104,8 +104,8 @@ def convex_parts(solid: Solid, where: str, tolerance: float | None = None) -> Pa
         parts, fit = _merged(found, Measure(solid.mesh, allowed).beyond, exact, allowed)
     if fit.error > allowed or len(parts) > MOST_PARTS:
         raise MeshError(
-            f"{where}: at most {MOST_PARTS} convex parts should be within {1000.0 * allowed:.2g} mm of the "
-            f"surface, got {len(parts)} within {1000.0 * fit.error:.2g} mm ({method}). Increase --tolerance, "
+            f"{where}: {MOST_PARTS} convex parts or fewer should fit the surface to {1000.0 * allowed:.2g} mm, "
+            f"but the best fit is {len(parts)} parts to {1000.0 * fit.error:.2g} mm ({method}). Increase --tolerance, "
             "or model thin and fine structures thicker.",
             "parts",
         )

@@ -52,8 +52,8 @@ def check_relations(plan: Plan) -> None:
 
     Raises:
         SceneKeyError: The relations cut the region into too many pieces, or into pieces with too many corners. `beside`
-            is combined with `face_to`. `between` has no `width`, and the object has no geom that could give one. A
-            region has too many points on several surfaces.
+            is combined with `face_to`. `between` has no `width`, and the object has no geom that could give one.
+            The points of a region make too many places, because several surfaces are below them.
     """
     for o in plan.objects:
         relations, where = o.config.relations, f"{plan.scene.config.where}: objects.{o.name}.relations"
@@ -83,7 +83,7 @@ def check_relations(plan: Plan) -> None:
         if pieces > MAX_PIECES:
             raise SceneKeyError(
                 f"{where}: the relations cut the region into {pieces} pieces, which should be at most {MAX_PIECES}. "
-                f"Use fewer or wider rings: a thin ring makes up to {MOST_SLICES} slices."
+                f"Use fewer relations, or wider ranges of 'distance': a narrow one makes up to {MOST_SLICES} pieces."
             )
 
 
@@ -103,8 +103,8 @@ def check_followers(plan: Plan) -> None:
             follower, driver = (mjm.joint(j).name for j in (c.follower, c.driver))
             if c.follower not in own:
                 raise NotSupportedError(
-                    f"{where}: joint '{driver}' is drawn, and {c.label} makes joint '{follower}' follow it, which is "
-                    f"not part of '{o.name}'. Make both joints part of one asset, do not draw '{driver}', or remove "
+                    f"{where}: joint '{driver}' is drawn, and {c.label} makes joint '{follower}', which is not part "
+                    f"of '{o.name}', follow it. Make both joints part of one asset, do not draw '{driver}', or remove "
                     "the equality."
                 )
             if low < least - _ROUNDING or high > most + _ROUNDING:

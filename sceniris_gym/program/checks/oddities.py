@@ -160,10 +160,10 @@ def _cure(scene: SceneModel, geom: int) -> str:
 
 
 def _coarse(plan: Plan) -> Iterator[str]:
-    """Warn about geoms whose distant ends are rounded by more than the least clearance of an object.
+    """Warn about geoms so far from the world's origin that float32 rounds positions by more than an object's clearance.
 
-    The further a geom reaches from the world's origin, the coarser its rounding. An object with drawn joints at
-    a fixed place has the clearance 0.
+    The further a geom reaches from the origin, the coarser the rounding. The clearance of an object with drawn joints
+    at a fixed place counts as 0.
     """
     mjm, found = plan.scene.mjm, []
     drawn = [o.config for o in plan.objects if o.config.kind != "marker"]

@@ -38,7 +38,7 @@ _LIGHT: dict[str, Ends] = {**_HEAVY, "body_mass": "least"}
 _LEAST_LIFT = 1.0e-3
 # Least friction of an object that may lean: a little above the tangent of `_TILT`.
 _FRICTION = 0.02
-_ANYWAY = "or write 'stands: false' if it is meant to fall"
+_ANYWAY = "or write 'stands: false' if the object is meant to fall"
 
 
 def check_standing(plan: Plan) -> None:
@@ -77,7 +77,7 @@ def check_standing(plan: Plan) -> None:
             )
         if round(hangs := max(f.hangs for f in stance.feet), 4) > 0.0:
             raise SceneKeyError(
-                f"{where}: '{o.name}' may not stand on its foot: the drawn joints {drawn_joints(plan.scene, o)} "
+                f"{where}: '{o.name}' might not stand on its foot: the drawn joints {drawn_joints(plan.scene, o)} "
                 f"move parts of it up to {1e3 * hangs:.3g} mm below the foot. Narrow the joints' ranges, {_ANYWAY}."
             )
         if round(abs(gap := max((f.drop for f in stance.feet), key=abs)), 6) > _DROP:
@@ -130,7 +130,7 @@ def _check_gravity(scene: SceneModel, o: PlacedObject, where: str) -> None:
             f"of straight down (-z) for standing objects. Correct gravity or wind, {_ANYWAY}."
         )
     if mjm.opt.disableflags & (bits.mjDSBL_CONTACT | bits.mjDSBL_CONSTRAINT):
-        raise SceneKeyError(f"{where}: a flag of the model switches contacts off. Remove this <flag>, {_ANYWAY}.")
+        raise SceneKeyError(f"{where}: the model's <flag> disables contact or constraint. Enable both, {_ANYWAY}.")
 
 
 def _check_joints(plan: Plan, mjm: mujoco.MjModel, o: PlacedObject, load: float, where: str) -> None:
@@ -168,12 +168,12 @@ def _check_joints(plan: Plan, mjm: mujoco.MjModel, o: PlacedObject, load: float,
             fall = max(fall, float((start - _point(data, o.ground, at))[2]))
         if fall > _GIVES:
             names = " and ".join(f"'{mjm.joint(j).name}'" for j in joints)
-            by = f"joint {names}. Hold it by its frictionloss, stiffness, limits or actuator"
+            by = f"too little holds joint {names} (frictionloss, stiffness, limits or an actuator)"
             if is_loose:
-                by = f"the free body '{mjm.body(root).name}'. Also place this body"
+                by = f"the scene does not place the free body '{mjm.body(root).name}'"
             raise SceneKeyError(
-                f"{where}: its support gives way by {1e3 * fall:.3g} mm under {load:.3g} kg, because of {by}, "
-                f"{_ANYWAY}."
+                f"{where}: its support gives way by {1e3 * fall:.3g} mm under {load:.3g} kg, because {by}. "
+                f"Correct this, {_ANYWAY}."
             )
 
 
@@ -206,7 +206,7 @@ def _check_own_joints(plan: Plan, mjm: mujoco.MjModel, o: PlacedObject, stance: 
         if (far := moves(loose, state, i)) > _STILL >= moves(firm, state, i):
             raise SceneKeyError(
                 f"{where}: '{o.name}' moves by {1e3 * far:.3g} mm: its joints {[mjm.joint(j).name for j in inner]} "
-                f"give way. Hold them by frictionloss, stiffness or actuators, make it a robot with 'in_model', "
+                f"give way. Hold them by frictionloss, stiffness or actuator, make the object a robot with 'in_model', "
                 f"{_ANYWAY}."
             )
 

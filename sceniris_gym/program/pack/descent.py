@@ -46,7 +46,9 @@ class Trees:
         return found
 
     def without(self, a: int, b: int, left_out: Collection[Nodes]) -> list[Nodes]:
-        """Return pairs of nodes that cover all pairs of a leaf below `a` and a leaf below `b`, except `left_out`.
+        """Return pairs of nodes to start a test that skips some pairs of leaves.
+
+        Below these nodes are all pairs of a leaf below `a` and a leaf below `b`, except `left_out`.
 
         Args:
             a: A node of one collider. The recursion starts at the root.
@@ -61,7 +63,7 @@ class Trees:
         return [found for nodes in self._opened(a, b) for found in self.without(*nodes, within)]
 
     def leaves(self, collider: int) -> dict[int, int]:
-        """Return the number of the piece in each leaf of a collider, by node. The root of a plane counts as a leaf."""
+        """Return the leaves of a collider: node -> index of the leaf's piece. The root of a plane counts as a leaf."""
         one = self._colliders[collider]
         if one.plane >= 0:
             return {one.root: one.plane}

@@ -251,7 +251,7 @@ def _touch_at_home(rules: PairRules, plan: Plan, pair: Pair) -> bool:
 
 
 def _as_at_home(rules: PairRules, plan: Plan, home: HomeTouch, pair: Pair) -> list[Pair]:
-    """Split off each two geoms of a pair that touch in the start pose as a separate pair. The rest comes first."""
+    """Split a pair of colliders: each two of their geoms that touch at home make a separate pair, after the rest."""
     touching = []
     leaves = [rules.trees.leaves(collider).items() for collider in (pair.a, pair.b)]
     for (node, first), (other, second) in product(*leaves):

@@ -265,7 +265,7 @@ def pack_statics(plan: Plan, device: str) -> Statics | None:
 
 
 def _loads(chain: list[int], carriers: list[int | None], number: int) -> list[list[int]]:
-    """Return the loads of each level of object `number`, as numbers of objects.
+    """For each level of object `number`, return the indices of the objects that load it.
 
     `chain` has the levels: the object, its carrier, the carrier's carrier and so on. A load of a level stands on this
     level, directly or on other loads, is not itself a level, and is placed before the object.

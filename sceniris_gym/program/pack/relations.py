@@ -81,17 +81,17 @@ def region_pieces(relation: Relation) -> int:
 
 
 def most_sides(plan: Plan) -> int:
-    """Return the greatest number of half-planes that the pieces of one object's relations have together."""
+    """For each object, add up the half-planes around all pieces of its relations. Return the greatest sum."""
     return max((sum(map(_sides, o.config.relations)) for o in plan.objects), default=0)
 
 
 def _sides(relation: Relation) -> int:
-    """Return the greatest number of half-planes that all pieces of a relation have together."""
+    """Return the greatest number of half-planes of a relation, added up over all of its pieces."""
     return max(4, len(relation.anchors)) * region_pieces(relation)
 
 
 def _insists(o: PlacedObject) -> bool:
-    """Return whether a candidate without allowed places may get some with another draw of its orientation or joints."""
+    """Return whether a new draw of the orientation or joints may help if the region of a candidate is empty."""
     varies = len(o.stable_poses) > 1 or bool(o.joint_ranges) or o.orientation == "any"
     by_bounds = any(r.by_bounds or (varies and r.has_own_width) for r in o.config.relations)
     return by_bounds or o.erosion > 0.0 or len({id(surfaces) for surfaces in o.surfaces}) > 1
@@ -166,7 +166,7 @@ def _upright(placed: PlacedObject, where: str) -> tuple[np.ndarray, np.ndarray]:
     """Return the orientation (3, 3) of a placed object at heading 0, and its pivot in the root body's frame [m]."""
     if placed.orientation in ("any", "stable"):
         raise SceneKeyError(
-            f"{where}: '{placed.name}' has the orientation '{placed.orientation}', which moves its site. Give the "
+            f"{where}: '{placed.name}' has the orientation '{placed.orientation}', which tilts its site. Give the "
             "object a yaw, or the orientation 'fixed'."
         )
     return matrix(placed.stable_poses[0].quat), placed.stable_poses[0].pivot
