@@ -280,9 +280,7 @@ class Places:
         if region is not None:
             found = self._site(region, predicate.where).parent.joints
         if not found:
-            raise SceneKeyError(
-                f"{predicate.where}: '{predicate.names[0]}' has no joint. Name a moving part, or '{name}'."
-            )
+            raise SceneKeyError(f"{predicate.where}: '{predicate.names[0]}' is no moving part. Name one, or '{name}'.")
         return name, {joint.name.removeprefix(f"{name}/"): {"range": list(positions)} for joint in found}
 
     def _site(self, region: Region, where: str) -> mujoco.MjsSite:

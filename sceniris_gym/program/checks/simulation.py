@@ -38,9 +38,7 @@ def put_simulated(mjm: mujoco.MjModel, where: str) -> mjw.Model:
     try:
         return mjw.put_model(mjm)
     except NotImplementedError as error:
-        raise NotSupportedError(
-            f"{where}: MuJoCo-Warp cannot simulate the model: {error} Remove this feature."
-        ) from None
+        raise NotSupportedError(f"{where}: MuJoCo-Warp cannot simulate the model: {error} Remove this.") from None
 
 
 def check_pairs_fit(plan: Plan) -> None:
