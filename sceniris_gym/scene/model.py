@@ -253,8 +253,8 @@ def refuse_follower(mjm: mujoco.MjModel, coupling: Coupling, where: str) -> NoRe
     name = mjm.joint(coupling.follower).name
     if coupling.driver is None:
         raise SceneKeyError(
-            f"{where}: {coupling.label} holds '{name}' at {coupling.offset:g}, so it cannot be drawn. Leave it out, or "
-            "remove the equality."
+            f"{where}: {coupling.label} holds '{name}' at {coupling.offset:g}, so it cannot be drawn. Draw other "
+            "joints, or remove the equality."
         )
     raise SceneKeyError(
         f"{where}: {coupling.label} makes '{name}' follow '{mjm.joint(coupling.driver).name}', so it cannot be drawn "
