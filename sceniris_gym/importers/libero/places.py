@@ -226,8 +226,8 @@ class Places:
     def _on_site(self, name: str, region: Region, word: str, where: str) -> dict[str, Any]:
         """Return the scene file entry of an object on or in a site.
 
-        As in LIBERO, the object's origin lies in a rectangle around the site's centre. Each side of the
-        rectangle has half the length of the site's side, less twice the object's radius.
+        As in LIBERO, the object's origin lies in a rectangle around the site's centre. Each side of the rectangle has
+        the absolute value of half the length of the site's side, less twice the object's radius.
 
         Args:
             name: The object.

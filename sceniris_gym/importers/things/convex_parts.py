@@ -278,7 +278,7 @@ def _cut(mesh: trimesh.Trimesh, threshold: float, closed: bool, allowed: float) 
 
 
 def _pieces(mesh: trimesh.Trimesh) -> list[trimesh.Trimesh]:
-    """Return the connected pieces that are not flat, or the whole mesh if a piece is a cavity or they are too many."""
+    """Return the connected pieces that are not flat, or the whole mesh if a piece is a cavity or there are too many."""
     pieces = [
         piece for piece in mesh.split(only_watertight=False) if splitting.hull_or_none(piece.vertices) is not None
     ]
