@@ -27,8 +27,8 @@ def row_types(compiled: CompiledScene, **widths: int) -> dict[str, tuple[str, tu
 
     Args:
         compiled: The scene.
-        **widths: Numbers of entries in a row, by name, such as `nvalue`. A number that the scene
-            also determines is replaced.
+        **widths: Numbers of entries in a row, by name, such as `nvalue`. They take precedence over the
+            numbers that the scene determines.
     """
     mjm, reaching = compiled.mjm, compiled.reaching
     of_scene = {"nq": mjm.nq, "nmocap": mjm.nmocap, "nslot": len(compiled.slots)}

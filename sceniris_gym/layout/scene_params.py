@@ -35,7 +35,7 @@ class Param:
         least: At least so many weights should be above 0.
         copies: The arrays that have copies of the numbers, one entry per copy: name of the array, index in its row,
             index of the number.
-        written: The numbers of the scene file before clipping. Empty if `default` was not clipped.
+        written: The numbers of the scene file before clipping. Empty if nothing can be clipped.
     """
 
     name: str

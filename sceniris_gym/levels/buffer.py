@@ -224,7 +224,7 @@ def _launch_set_params(buffer: Buffer, mask: wp.array | None) -> None:
 
 @wp.func
 def _moved(buffer: Buffer, value: float, outcome: float) -> float:
-    """Return a level's value after an outcome: the custom score, or the success rate moved by `alpha` towards it."""
+    """Return a level's value after an outcome: the new custom score, or the success rate moved towards the outcome."""
     return wp.where(buffer.score == _CUSTOM, outcome, value + buffer.alpha * (outcome - value))
 
 

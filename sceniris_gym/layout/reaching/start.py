@@ -187,7 +187,7 @@ def _pose(
 
 
 def launch_pose_start(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
-    """Pose the robot of each candidate with its held object. A candidate fails if inverse kinematics is not exact."""
+    """Pose the robot of each candidate with its held object. A candidate fails if it has no exact joints."""
     inputs = [work.program, reach, work.compiled.starts, work.split, work.layouts, work.search, reach_search]
     work.launch_lanes(_pose, *inputs)
 

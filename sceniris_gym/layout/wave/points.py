@@ -81,9 +81,8 @@ def arrival_key(n: PointCounter, redraw: int, index: int, size: float) -> wp.uin
     """Return the key by which piece `index` competes to be chosen, in proportion to its area `size` [m^2].
 
     The piece with the least key wins the race and is chosen. `redraw` counts the earlier races of the candidate, one
-    for each point that failed the exact test. The
-    upper word of the key is the arrival time, because the bits of positive floats are ordered like the floats. The
-    lower word is the index of the piece.
+    for each point that failed the exact test. The upper word of the key is the arrival time, because the bits of
+    positive floats are ordered like the floats. The lower word is the index of the piece.
     """
     u = uniforms(n.seed, n.episode, n.stream, n.trial, _FIRST_DRAW + redraw * _DRAWS + 1 + index // 4)
     which = index % 4
