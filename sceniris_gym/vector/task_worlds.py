@@ -30,7 +30,7 @@ def versions(live: Mapping[str, Tensor]) -> dict[str, tuple[Tensor, int]]:
 
 
 def written(live: Mapping[str, Tensor], made: Mapping[str, tuple[Tensor, int]]) -> dict[str, Tensor]:
-    """Return the tensors that were written to or replaced since `versions` returned `made`. Snapshots copy only these.
+    """Return the tensors that were written to or replaced since `versions` returned `made`. Only these are restored.
 
     Unchanged tensors, such as indices and tables, do not belong to an episode, even if they have a row for each world.
     """
