@@ -334,10 +334,10 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
 
         A snapshot has the physics, the present layout, the choice of the next layout, the steps since the reset, and
         the memory of the task. The memory consists of tensors with `num_envs` rows, in the task or in objects that it
-        contains, to which the task has written since the environment was made. On a CPU, a restored episode continues
-        bit for bit. On a GPU, the restored state has the same bits, but the following steps may differ by rounding, as
-        in any two runs on a GPU. In `statistics`, the rewards of a restored episode count from the restore on, but its
-        length includes the steps before the snapshot.
+        contains. The reset restores such a tensor if it was written to since the environment was made. On a CPU, a
+        restored episode continues bit for bit. On a GPU, the restored state has the same bits, but the following steps
+        may differ by rounding, as in any two runs on a GPU. In `statistics`, the rewards of a restored episode count
+        from the restore on, but its length includes the steps before the snapshot.
 
         Args:
             worlds: As in `redraw`. Ids set the order of the rows.
