@@ -121,7 +121,7 @@ class Fingers:
     def _in_hand(self, grasp: Grasp, pos: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return (at, rotation, there), which move the object into the hand.
 
-        A point x of the object at the start pose gets the position `at + rotation @ (x - there)`.
+        A point of the object that is at x in the model's start pose moves to `at + rotation @ (x - there)`.
 
         Args:
             grasp: The grasp.

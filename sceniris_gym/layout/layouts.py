@@ -136,7 +136,8 @@ def next_key(layouts: LayoutsView, worldid: int):
 def open_episode(layouts: LayoutsView, worldid: int):
     """Set the seed and episode of the layout that is made next for a world: `pending_seed` and `pending_episode`.
 
-    The draws of physics and appearance get the same seed and episode. A fallback to the bank later overwrites them.
+    The draws of physics and appearance get the same seed and episode. If the world then falls back to the bank, the
+    seed and episode of the draws are overwritten.
     """
     seed, episode = next_key(layouts, worldid)
     layouts.pending_seed[worldid] = seed

@@ -78,8 +78,9 @@ class Plan:
 def placement_order(scene: SceneModel) -> list[str]:
     """Return the names of objects and robots in placement order.
 
-    Objects and robots with drawn joints at a fixed place come first. Robots with a drawn base follow, then the other
-    objects in the order of the scene file. An object always comes after the objects in its keys, such as its support.
+    First come objects and robots that stay at a fixed place and whose joints are drawn. Robots with a drawn base
+    follow, then the other objects in the order of the scene file. An object always comes after the objects in its keys,
+    such as its support.
 
     If a start places objects at markers, these objects and markers come before all other placed objects. An object at
     its marker cannot move out of the way, but objects that are placed later can avoid it.

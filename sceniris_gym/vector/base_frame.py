@@ -37,7 +37,10 @@ class BaseFrame:
         self.body = self.seen(UPRIGHT)
 
     def seen(self, quat: np.ndarray) -> Tensor:
-        """Return the argument `seen` of `pose`, (7, 7), for a frame rotated by `quat` (wxyz) relative to its body."""
+        """Return the matrix (7, 7) that `pose` takes as `seen`, for frames rotated by `quat` (wxyz) from their bodies.
+
+        The matrix turns the pose of a body in the world frame into the frame's pose in the base frame, less an offset.
+        """
         columns = [product(product(self._to_base, unit), quat) for unit in np.eye(4)]
         return torch.block_diag(self._tensor(self._turn), self._tensor(np.stack(columns, axis=1)))
 

@@ -112,8 +112,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             of actions.
         output: "torch" (tensors on `device`) or "numpy".
         images: Camera images to observe: an ImageConfig, a mapping of its fields, or only its `cameras`: {"overview":
-            {"size": (width, height), "data": kinds}}. None takes the task's `images`. A mapping changes only the fields
-            that it contains in the task's `images`. An ImageConfig replaces the task's `images`, but an ImageConfig
+            {"size": (width, height), "data": kinds}}. None takes the task's `images`. Of the task's `images`, a mapping
+            changes only the fields that it names. An ImageConfig replaces the task's `images`, but an ImageConfig
             without cameras takes the task's cameras. With an empty mapping, there are no images.
         render_mode: "rgb_array" makes `render` return pictures. "human" shows every reset and step on a page in the
             browser, in real time (extra `viewer`). None renders no pictures.

@@ -86,8 +86,9 @@ def regions_left(world: ShownWorld, name: str) -> list[tuple[MultiPolygon, Multi
     """Return, for each surface that may support an object, its outline, the area for the pivot, and its height [m].
 
     Outlines and areas [m] are in the world frame, seen from above. The area is the part of the surface's region in
-    which all relations of the object can hold. Whether the surface is covered is tested at the pivot. If a relation
-    measures distances between bounds, the area allows for all headings of the object, so it is a little too large.
+    which all relations of the object can hold. Parts whose cover above the pivot does not fit `on` or `inside` are left
+    out. If a relation measures distances between bounds, the area allows for all headings of the object, so it is a
+    little too large.
     """
     placed = world.placed(name)
     relations = [relation_area(world, name, relation) for relation in placed.config.relations]
@@ -106,7 +107,7 @@ def regions_left(world: ShownWorld, name: str) -> list[tuple[MultiPolygon, Multi
 
 
 def is_covered_rightly(world: ShownWorld, placed: PlacedObject, region: BaseGeometry, height: float) -> BaseGeometry:
-    """Return the part of a region, at a height [m], in which the support covers an object's pivot as it should.
+    """Return the part of a region, at a height [m], whose cover above the pivot is as `on` or `inside` requires.
 
     For an object 'on' its support, no geometry of the support may be above the pivot. For an object 'inside' its
     support, some geometry of the support should be above the pivot.

@@ -1,9 +1,9 @@
 """Start poses: after the joints of grasps are found, move the arm and an object in its hand to the start pose.
 
 `start` in the scene file lists kinds of start. If a kind takes an arm to an object, the arm moves to the pre-grasp or
-the grasp from the reach stage. For a lifted or held object, several heights or joint positions are tried, and the first
-collision-free trial wins. If all trials collide, the restart fails, and the next restart follows. A *candidate* here is
-one such trial, in a `ReachSearch`.
+the grasp that the reach stage has found. For a lifted or held object, several heights or joint positions are tried, and
+the first collision-free trial wins. If all trials collide, the restart fails, and the next restart follows. A
+*candidate* here is one such trial, in a `ReachSearch`.
 """
 
 import warp as wp

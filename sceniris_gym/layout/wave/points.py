@@ -67,11 +67,11 @@ def _point_counter(program: Program, split: wp.uint32, layouts: LayoutsView, sea
 
 @wp.func
 def arrival_time(u: float, size: float) -> float:
-    """Return the arrival time of a piece with the area `size` [m^2] in a race, from the uniform number `u`.
+    """Return the time [1/m^2] at which a piece with the area `size` [m^2] arrives, from the uniform number `u`.
 
-    The piece that arrives first is chosen, so a piece's probability is proportional to its area. The number 0
-    represents all numbers below 2^-24 and is replaced by their midpoint. Otherwise the arrival time would be 0 for
-    every area.
+    Pieces race to be chosen: the times are exponentially distributed, and the piece that arrives first is chosen with a
+    probability proportional to its area. The number 0 represents all numbers below 2^-24 and is replaced by their
+    midpoint. Otherwise the time would be 0 for every area.
     """
     return wp.where(u == 0.0, _HALF_STEP, -log_of(1.0 - u)) / size
 

@@ -2,7 +2,8 @@
 
 A *row* is one restart of one world: the objects placed so far, and the next object with its next trial. The first
 `nworld` rows belong to the worlds, and the other rows run later restarts of worlds in parallel. A *candidate* is one
-trial of one row's object. Counts that control loops are arrays of one element, so that the device can read them.
+trial of one row's object. Counts that end a loop of launches are arrays of one element, so that the device can read
+them.
 """
 
 from __future__ import annotations
@@ -174,7 +175,10 @@ def finish_row(search: Search, row: int, staged: bool):
 
 @wp.func
 def first_trial_of(program: Program, search: Search, candidate: int) -> int:
-    """Return the index, counted over all restarts, of an object's first trial in the restart of a candidate."""
+    """Return the number of the first trial of a candidate's object in the candidate's restart.
+
+    The trials of an object are numbered through all restarts.
+    """
     return search.row_restart[search.row[candidate]] * program.attempts
 
 

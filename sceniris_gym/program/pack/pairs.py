@@ -266,6 +266,9 @@ def _as_at_home(rules: PairRules, plan: Plan, home: HomeTouch, pair: Pair) -> li
 
 
 def _directions(plan: Plan, piece: Piece, direction: np.ndarray) -> np.ndarray:
-    """Return `direction` (in the world frame at home) and the piece's axes, with both signs, in the body's frame."""
+    """Return `direction` and the piece's axes, with both signs, in the frame of the piece's body, shape (8, 3).
+
+    `direction` is given in the world frame, with the body in its home pose.
+    """
     found = np.vstack([plan.scene.home.xmat[piece.body].reshape(3, 3).T @ direction, matrix(piece.quat).T])
     return np.concatenate([found, -found])
