@@ -171,7 +171,7 @@ def checked(path: Path, told: Any, fields: dict[str, type]) -> dict[str, Any]:
         if not _FILE.fullmatch(name) or not isinstance(digest, str):
             raise DatasetError(f"{path}: 'files': {name!r:.80} should be a plain file name, and its checksum a string.")
     if fields is _RECORD and not told["first_pass_valid"] <= told["valid"] <= told["rows"]:
-        raise DatasetError(f"{path}: 'valid' is {told['valid']}, but should be from 'first_pass_valid' to 'rows'.")
+        raise DatasetError(f"{path}: 'valid' should be from 'first_pass_valid' to 'rows', got {told['valid']}.")
     if fields is _FIELDS:
         for record in told["parts"]:
             checked(path, record, _RECORD)

@@ -230,12 +230,12 @@ def test_damage_is_found_and_named(copied: Path):
         ("seed", -1, "'seed' should be 0 or more"),
         ("hash", "", "'hash' should be 16 hexadecimal digits"),
         ("scene_sha256", "x", "'scene_sha256' should be 64 hexadecimal digits"),
-        ("files", {"a\0b": "x"}, "file names"),
-        ("files", {"\ud800": "x"}, "file names"),
-        ("files", {"..": "x"}, "file names"),
-        ("files", {"../scene.zip": "x"}, "file names"),
-        ("files", {"x" * 5000: "x"}, "file names"),
-        ("files", {"scene.usdc": 7}, "file names"),
+        ("files", {"a\0b": "x"}, "plain file name"),
+        ("files", {"\ud800": "x"}, "plain file name"),
+        ("files", {"..": "x"}, "plain file name"),
+        ("files", {"../scene.zip": "x"}, "plain file name"),
+        ("files", {"x" * 5000: "x"}, "plain file name"),
+        ("files", {"scene.usdc": 7}, "plain file name"),
     ],
 )
 def test_a_manifest_that_cannot_be_right_is_refused(copied: Path, name: str, value: object, words: str):

@@ -104,7 +104,7 @@ def test_a_key_is_opened_without_touching_what_is_served(mid: CompiledScene):
         (lambda maker, other: {"ahead": True}, "ahead should be a Ahead"),
         (lambda maker, other: {"ahead": Ahead(other)}, r"ahead should prefetch for this maker: Ahead\(maker\)"),
         (lambda maker, other: {"chooser": 3}, "chooser should be a Chooser"),
-        (lambda maker, other: {"chooser": LevelSampler(LevelReplay(), other.layouts)}, "for the layouts of this maker"),
+        (lambda maker, other: {"chooser": LevelSampler(LevelReplay(), other.layouts)}, "belongs to another maker"),
         (lambda maker, other: {"split": "bogus"}, "split should be train, got 'bogus'"),
         (lambda maker, other: {"split": "eval"}, "split should be train, got 'eval'"),
     ],

@@ -102,7 +102,7 @@ def test_a_joint_of_something_else_cannot_follow(tmp_path: Path):
     checked(scene_of(objects, model=str(tmp_path / "own.xml")))
     objects["b"]["joints"] = {"b": {"range": [0, 1]}}
     with pytest.raises(
-        NotSupportedError, match=r"objects.b.joints: joint 'b' is drawn.*joint 'a' follow.*not part of 'b'"
+        NotSupportedError, match=r"objects.b.joints: joint 'b' is drawn.*joint 'a', which is not part of 'b', follow"
     ):
         checked(scene_of(objects, model=str(tmp_path / "own.xml")))
 
