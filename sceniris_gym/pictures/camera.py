@@ -134,7 +134,8 @@ class Cameras:
         self.model, self.nworld = model, nworld or data.nworld
         shots = in_model_order(mjm, shots, where)
         self.names = ("", *scene.bodies)
-        owner = [self.names.index(scene.owners.get(int(body), "")) for body in mjm.geom_bodyid]
+        numbers = {name: i for i, name in enumerate(self.names)}
+        owner = [numbers[scene.owners.get(int(body), "")] for body in mjm.geom_bodyid]
         self._tracks = bool(np.isin([*mjm.cam_mode, *mjm.light_mode], _TRACKING).any())
         # 7 bytes per value, which is written twice, and 48 bytes per pixel to sort the rays
         needed = sum(math.prod(shot.size) * (48 + 7 * self.nworld * len(shot.data)) for shot in shots.values())

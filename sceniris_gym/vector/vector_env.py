@@ -281,8 +281,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             # np_random_seed is -1 after a generator was assigned to np_random
             seed = arguments.fresh_seed() if self.np_random_seed == -1 else self.np_random_seed
         own = arguments.as_reset_seeds(seed, self.num_envs, self.rank, first=not self._ready, mask=mask)
-        if params is not None:
-            source.checked_params(params)  # before anything changes
+        if params is not None and kept is not None:
+            source.checked_params(params)  # before the restore changes anything
         with launches:
             if kept is not None:
                 worlds = None if mask is None else np.flatnonzero(mask)
