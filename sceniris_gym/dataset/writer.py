@@ -52,15 +52,13 @@ class DatasetWriter:
     ) -> None:
         self.compiled, self.plan, self.folder, self.shard = compiled, plan, folder, shard
         self._progress = folder / PROGRESS
-        self._manifest: dict[str, Any] | None = None
         check_formats(plan.fields["formats"])
         begun = self._progress / manifest.MANIFEST
         for path in (folder / manifest.MANIFEST, begun):
             if path.exists():
                 self._compare(path, resume or shard.size > 1)
-        if (folder / manifest.MANIFEST).exists():
-            self._manifest = manifest.read_manifest(folder)
-        else:  # later processes compare their plan with this file
+        self._manifest = manifest.read_manifest(folder) if (folder / manifest.MANIFEST).exists() else None
+        if self._manifest is None:  # later processes compare their plan with this file
             write_text(begun, json.dumps(plan.fields, indent=1) + "\n")
 
     def _compare(self, path: Path, resume: bool) -> None:
