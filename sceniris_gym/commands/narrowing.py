@@ -17,7 +17,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from sceniris_gym.geometry.rotations import matrix, pose_matrix
-from sceniris_gym.grasping.grasps import comes_from_below
+from sceniris_gym.grasping.grasps import MOST_RISING
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.pictures.layout_picture import save
@@ -192,7 +192,7 @@ def _on_map(compiled: CompiledScene, plain: CompiledScene, table: LayoutTable, n
         base = np.linalg.inv(_frame_of(data, plain.scene.bodies[one.robot]))
         for grasp in target.grasp_set.grasps[first : first + number]:
             tcp = _frame_of(data, grasp.body) @ pose_matrix(grasp.pos, grasp.quat)
-            if placed.ground is None or not comes_from_below(tcp[2, 2]):
+            if placed.ground is None or tcp[2, 2] <= MOST_RISING:
                 poses.append(base @ tcp)
                 of.append(row)
     if one.map is not None and poses:

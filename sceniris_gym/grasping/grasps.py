@@ -38,14 +38,6 @@ _ABOVE = 0.002
 _UPS = ((1, 0, 0, 0), (0, 1, 0, 0), (1, 0, -1, 0), (1, 0, 1, 0), (1, 1, 0, 0), (1, -1, 0, 0))
 
 
-def comes_from_below(approach_z: float) -> bool:
-    """Return whether a gripper would come through the support, because its approach axis points up too steeply.
-
-    `approach_z` is the z component of the approach axis, a unit vector in the world frame.
-    """
-    return approach_z > MOST_RISING
-
-
 @dataclass(frozen=True)
 class Grasp:
     """A pose of the TCP in the frame of one of the object's bodies.
