@@ -133,7 +133,7 @@ def inertia_of(solid: Solid, parts: Parts, density: float, where: str) -> Inerti
         mesh = splitting.mesh_of(splitting.union_of([splitting.hull_of(part.vertices) for part in parts.meshes]))
     full = density * np.asarray(mesh.moment_inertia)
     found = Inertia(density * float(mesh.volume), np.asarray(mesh.center_mass), full)
-    if (least := found.least) <= LEAST_MOMENT:
+    if (least := float(np.linalg.eigvalsh(full)[0])) <= LEAST_MOMENT:
         raise MeshError(
             f"{where}: its smallest moment of inertia should be at least {LEAST_MOMENT:g} kg m^2 for MuJoCo, got "
             f"{least:.1g} kg m^2: it is a sliver of {1e6 * found.mass:.2g} mg. Leave it out, or give it a thickness. "

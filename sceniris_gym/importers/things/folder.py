@@ -4,7 +4,7 @@ import json
 import multiprocessing
 import os
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
@@ -48,7 +48,7 @@ def things_in(folder: Path) -> list[Path]:
 
 
 def import_folder(
-    sources: Iterable[Path],
+    sources: Sequence[Path],
     out: Path,
     options: Options | None = None,
     *,
@@ -69,7 +69,6 @@ def import_folder(
     Returns:
         The outcomes, in the order of the sources.
     """
-    sources = list(sources)
     out.mkdir(parents=True, exist_ok=True)
     targets = _targets(sources, out)
 
@@ -91,7 +90,7 @@ def _told(error: ScenirisError) -> dict[str, str]:
     return told | {"fault": error.reason} if isinstance(error, MeshError) else told
 
 
-def _targets(sources: list[Path], out: Path) -> list[Path]:
+def _targets(sources: Sequence[Path], out: Path) -> list[Path]:
     """Return the path of the MJCF file for each source. The names have only characters that scene files accept."""
     taken: set[str] = set()
     targets = []
@@ -112,7 +111,6 @@ def _isolated(source: Path, target: Path, options: Options, seconds: float) -> O
     process = context.Process(target=_work, args=(far, source, target, options), daemon=True)
     process.start()
     far.close()
-    answer: Any = None
     try:
         if near.poll(seconds):
             answer = near.recv()

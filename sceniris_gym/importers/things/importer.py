@@ -52,15 +52,16 @@ def resting_poses(path: Path) -> list[Rest]:
     """Return the resting poses of an asset, most probable first, at most 6. Empty if the asset has no stable pose."""
     spec = mujoco.MjSpec.from_file(str(path))
     spec.worldbody.bodies[0].add_freejoint()
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 1.0], friction=[0.8, 0.005, 0.0001])
     mjm = spec.compile()
     home = mujoco.MjData(mjm)
     mujoco.mj_kinematics(mjm, home)
     mujoco.mj_comPos(mjm, home)
     try:
-        poses = HomeShape(home, 1, extract_pieces(mjm, "physics")).stable(str(path))
+        poses = HomeShape(home, 1, extract_pieces(mjm, "physics", {*range(1, mjm.nbody)})).stable(str(path))
     except SceneKeyError:  # it rolls, or its centre of mass is outside its hull
         return []
-    return [Rest(quat, share, moved(path, quat)) for quat, share in poses[:_MOST]]
+    return [Rest(quat, share, moved(mjm, quat)) for quat, share in poses[:_MOST]]
 
 
 def stands(rests: list[Rest], up: np.ndarray) -> bool:
@@ -71,17 +72,13 @@ def stands(rests: list[Rest], up: np.ndarray) -> bool:
     return any(matrix(rest.quat)[2] @ up > _STANDING for rest in rests)
 
 
-def moved(path: Path, quat: np.ndarray) -> float:
+def moved(mjm: mujoco.MjModel, quat: np.ndarray) -> float:
     """Simulate an asset on a floor for half a second. Return how far [m] a corner of its bounds moves at most.
 
     Args:
-        path: The asset's MJCF file.
+        mjm: A model of the asset with a free joint, on a floor.
         quat: Initial orientation, wxyz.
     """
-    spec = mujoco.MjSpec.from_file(str(path))
-    spec.worldbody.bodies[0].add_freejoint()
-    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 1.0], friction=[0.8, 0.005, 0.0001])
-    mjm = spec.compile()
     data = mujoco.MjData(mjm)
     data.qpos[3:7] = quat
     mujoco.mj_kinematics(mjm, data)

@@ -69,11 +69,6 @@ class Inertia:
     center: np.ndarray
     matrix: np.ndarray
 
-    @property
-    def least(self) -> float:
-        """Smallest principal moment of inertia [kg m^2]."""
-        return float(np.linalg.eigvalsh(self.matrix)[0])
-
 
 @dataclass(frozen=True)
 class Link:

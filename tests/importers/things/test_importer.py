@@ -204,7 +204,10 @@ def test_a_box_rests_on_its_six_sides(block: Path):
 
 def test_a_box_on_its_edge_tips_over(block: Path):
     """It moves by more than a centimetre."""
-    assert moved(block, np.array([np.cos(0.3), np.sin(0.3), 0.0, 0.0])) > STILL
+    spec = mujoco.MjSpec.from_file(str(block))
+    spec.worldbody.bodies[0].add_freejoint()
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 1.0])
+    assert moved(spec.compile(), np.array([np.cos(0.3), np.sin(0.3), 0.0, 0.0])) > STILL
 
 
 def test_a_ball_has_corners_and_rests_on_its_facets(tmp_path: Path):
