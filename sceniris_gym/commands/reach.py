@@ -248,9 +248,10 @@ def judge_poses(
 ) -> np.ndarray:
     """Return a mask of the TCP poses in the base frame that an arm reaches, shape (N,), bool.
 
+    `reach_map` may be None if the tier is `ik`.
+
     Raises:
         NotSupportedError: The tier is `clear`, which depends on a layout.
-        MapError: The tier needs a map, and the arm has no map.
     """
     if tier == Tier.CLEAR:
         raise NotSupportedError(
@@ -259,10 +260,7 @@ def judge_poses(
         )
     if tier == Tier.IK:
         return _solvable(mjm, arm, poses, device)
-    if reach_map is None:
-        raise MapError(
-            f"reach --tier {tier.word}: '{arm.name}' has no map. Use --tier ik, or build the map with --build."
-        )
+    assert reach_map is not None  # `find_map` raises an error, and `default_tier` is `ik` without a map
     return reach_map.verdict(poses, device) >= tier.least_verdict
 
 
