@@ -146,7 +146,7 @@ class ContactTally:
 
     def __init__(self, mjm: mujoco.MjModel, geometry: str, heaped: Collection[tuple[int, int]] = ()) -> None:
         self._mjm, self._visual, self._heaped = mjm, geometry == "visual", heaped
-        self._allowed: dict[tuple[int, int], Allowed] = {}
+        self._allowed: dict[tuple[int, int], tuple[str, float, float]] = {}  # pair of bodies -> fields of `Allowed`
         self.deepest: Contact | None = None
 
     def add(self, start: int, contacts: Iterable[Contact]) -> list[Contact]:
@@ -155,14 +155,11 @@ class ContactTally:
         for c in contacts:
             if self._visual or c.home is not None:
                 first, second = sorted(int(self._mjm.geom_bodyid[g]) for g in c.geoms)
-                names = tuple(self._mjm.body(b).name or f"body {b}" for b in (first, second))
-                unknown = Allowed((names[0], names[1]), "the scene keeps visual geoms apart", 0.0, 0.0)
-                known = self._allowed.get((first, second), unknown)
-                why = known.why
+                unknown = ("the scene keeps visual geoms apart", 0.0, 0.0)
+                why, home, depth = self._allowed.get((first, second), unknown)
                 if c.home is not None:
                     why = "they lie in a heap" if c.geoms in self._heaped else "they touch at home"
-                depths = max(c.home or 0.0, known.home), max(c.depth, known.depth)
-                self._allowed[first, second] = Allowed(known.names, why, *depths)
+                self._allowed[first, second] = why, max(c.home or 0.0, home), max(c.depth, depth)
             if self._visual or c.excess <= 0.0:
                 continue
             if self.deepest is None or c.excess > self.deepest.excess:
@@ -173,7 +170,8 @@ class ContactTally:
 
     def allowed(self) -> list[Allowed]:
         """Return the pairs of bodies with allowed contacts."""
-        return [self._allowed[bodies] for bodies in sorted(self._allowed)]
+        names = [self._mjm.body(b).name or f"body {b}" for b in range(self._mjm.nbody)]
+        return [Allowed((names[one], names[other]), *found) for (one, other), found in sorted(self._allowed.items())]
 
 
 def deepest_contacts(mjm: mujoco.MjModel, data: mujoco.MjData) -> dict[tuple[int, int], tuple[float, float]]:
