@@ -188,11 +188,9 @@ class StandingAudit:
             return [LevelSurface(0.0, shapely.box(-x, -y, x, y))]
         # Space above a static support counts as open: the collision checks handle objects above it.
         open_above = word == "on" and carrier.owner is not None
-        solids = self._triangles(body)
-        only = None if geom is None else [list(solids).index(geom)] if geom in solids else []
         size = self.scene.mjm.geom_size
         rectangles = [supports.plane_surface(size[g], *self.scene.at_home(g, body)) for g in self.planes(carrier)]
-        found = supports.level_surfaces([*solids.values()], open_above=open_above, only=only)
+        found = supports.level_surfaces(self._triangles(body), open_above=open_above, only=geom)
         return found + [surface for surface in rectangles if surface is not None]
 
     def planes(self, carrier: Carrier) -> list[int]:

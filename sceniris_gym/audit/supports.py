@@ -1,5 +1,6 @@
 """Finds the level surfaces of bodies, and tests whether points are inside them, with shapely."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,17 +61,17 @@ def plane_surface(size: np.ndarray, pos: np.ndarray, mat: np.ndarray) -> LevelSu
     return LevelSurface(float(pos[2]), shapely.Polygon(corners[:, :2]))
 
 
-def level_surfaces(parts: list[np.ndarray], *, open_above: bool, only: list[int] | None = None) -> list[LevelSurface]:
+def level_surfaces(parts: Mapping[int, np.ndarray], *, open_above: bool, only: int | None = None) -> list[LevelSurface]:
     """Return the level surfaces of a body. Surfaces at the same height are joined.
 
     If another part of the body stands on a surface, the area under this part is excluded.
 
     Args:
-        parts: Outward triangles (n, 3, 3) of each solid of the body, in the body's frame [m].
+        parts: Geom of the body -> outward triangles of its solid [m], shape (n, 3, 3), in the body's frame.
         open_above: Whether to exclude all areas below another part of the body.
-        only: Indices in `parts` of the solids whose surfaces are returned. None for all.
+        only: The geom whose surfaces are returned. None for all.
     """
-    triangles = np.concatenate([np.zeros((0, 3, 3)), *(t for i, t in enumerate(parts) if only is None or i in only)])
+    triangles = np.concatenate([np.zeros((0, 3, 3)), *(t for geom, t in parts.items() if only in (None, geom))])
     normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     level = triangles[normal[:, 2] > COS_MAX_SLOPE * np.maximum(np.linalg.norm(normal, axis=1), 1e-16)]
     level = level[np.argsort(level[:, :, 2].mean(1))]
@@ -81,7 +82,7 @@ def level_surfaces(parts: list[np.ndarray], *, open_above: bool, only: list[int]
     for group in np.split(np.arange(len(level)), np.flatnonzero(np.diff(heights) > EDGE_TOLERANCE) + 1):
         height = float(heights[group].mean())
         above = height + _ABOVE
-        taken = [_shadow(t, above) if open_above else _section(t, above) for t in parts]
+        taken = [_shadow(t, above) if open_above else _section(t, above) for t in parts.values()]
         area = shapely.union_all(shapely.polygons(level[group][:, :, :2])).difference(shapely.union_all(taken))
         wide = [part for part in shapely.get_parts(area) if not part.buffer(-NARROW / 2).is_empty]
         if wide:

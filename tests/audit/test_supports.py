@@ -17,7 +17,7 @@ RNG = np.random.default_rng(5)
 
 def surfaces(*parts: np.ndarray, open_above: bool = False) -> dict[float, shapely.Geometry]:
     """Return height -> area of the level surfaces of parts, heights in whole 0.1 mm."""
-    return {round(s.height, 4): s.area for s in level_surfaces(list(parts), open_above=open_above)}
+    return {round(s.height, 4): s.area for s in level_surfaces(dict(enumerate(parts)), open_above=open_above)}
 
 
 def same(area: shapely.Geometry, expected: shapely.Geometry) -> bool:
@@ -74,7 +74,7 @@ def test_a_surface_is_level_up_to_one_degree(degrees: float, carries: bool):
     """A board that leans by less and by more."""
     lean = Rotation.from_euler("x", degrees, degrees=True).as_matrix()
     board = box((-0.1, -0.1, -0.01), (0.1, 0.1, 0.01)) @ lean.T
-    assert bool(level_surfaces([board], open_above=True)) == carries
+    assert bool(level_surfaces({0: board}, open_above=True)) == carries
 
 
 @pytest.mark.parametrize(
