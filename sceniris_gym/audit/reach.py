@@ -224,10 +224,6 @@ class StartAudit:
         kinds = [(i, kind, kind.targets(groups)) for i, kind in enumerate(scene.config.start)]
         self._grasped = [(i, name) for i, kind, names in kinds if kind.robot == "grasp" for name in names]
         self._moved = [(i, n) for i, kind, names in kinds for n in (*(names if kind.is_held else ()), *kind.place)]
-        placed = {name for kind in scene.config.start for name in kind.place}
-        supports = {name: scene.config.parts[name].support for name in placed}
-        carriers = {name: scene.carrier(support.parent).body for name, support in supports.items() if support}
-        self._carriers = {name: scene.tree.owner[body] for name, body in carriers.items()}
 
     def grasped(self, table: LayoutTable) -> dict[str, np.ndarray]:
         """Return object -> mask of the rows where an arm holds it, shape (nrow,)."""
@@ -266,7 +262,9 @@ class StartAudit:
         kind = config.start[number]
         targets = kind.targets(config.groups)
         free = {*map(config.robot_for, targets), *(targets if kind.is_held else ())}
-        stands = any(owners == {name, self._carriers[name]} for name in kind.place)
+        supports = {name: config.parts[name].support for name in kind.place}
+        carriers = {name: self.scene.carrier(support.parent).body for name, support in supports.items() if support}
+        stands = any(owners == {name, self.scene.tree.owner[body]} for name, body in carriers.items())
         return conflict.distance > 0.0 and (stands or bool(free & owners))
 
     def _holds(self, owners: tuple[str, str], row: int, grasped: Rows) -> bool:
