@@ -204,19 +204,12 @@ class LabelledGrid:
 
     def codes(self) -> np.ndarray:
         """Return the code of each corner, as in `map.CODE_VALUES`, in the shape of the lattice, uint8."""
-        return _CODES[self.level, self.distance].reshape(self.lattice.shape)
-
-
-def _code_table() -> np.ndarray:
-    """Return the code of a corner, as in `map.CODE_VALUES`, for each level and distance, shape (256, 256), uint8."""
-    level, distance = np.ogrid[:256, :256]
-    fifth = np.minimum(distance * 5 // 32, 5)  # 5 without a crossing
-    near = distance < 16
-    some = np.where(level < _HALF, np.where(near, 7, 6), np.where(near, 8, 9))
-    return np.where(level == 0, 5 - fifth, np.where(level == _FULL, 10 + fifth, some)).astype(np.uint8)
-
-
-_CODES = _code_table()
+        level, distance = np.ogrid[:256, :256]  # a table of all pairs, because a lattice has millions of corners
+        fifth = np.minimum(distance * 5 // 32, 5)  # 5 without a crossing
+        near = distance < 16
+        some = np.where(level < _HALF, np.where(near, 7, 6), np.where(near, 8, 9))
+        table = np.where(level == 0, 5 - fifth, np.where(level == _FULL, 10 + fifth, some)).astype(np.uint8)
+        return table[self.level, self.distance].reshape(self.lattice.shape)
 
 
 def build_map(

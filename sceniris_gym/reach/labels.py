@@ -128,9 +128,8 @@ class Labeller:
 
     def __init__(self, arm: SerialArm, device: str, *, starts: int, seed: int) -> None:
         self.device, (self.base, self.wrist) = device, end_turns(arm)
-        ends = [0, len(arm.joints) - 1]
         lower, upper = arm.lower.copy(), arm.upper.copy()
-        lower[ends], upper[ends] = -np.inf, np.inf
+        lower[[0, -1]], upper[[0, -1]] = -np.inf, np.inf
         free = replace(arm, lower=lower, upper=upper)
         self._starts = wp.array(as_vec8(random_joints(free, starts, seed)), dtype=vec8, device=device)
         self._arm = arm_view(free, device)
