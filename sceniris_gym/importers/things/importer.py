@@ -171,12 +171,8 @@ def import_thing(source: Path, out: Path, options: Options | None = None, ask: A
     if not solids:
         raise MeshError(f"{where}: it has no volume. Export a closed surface, or give it a thickness.", "flat")
     cut = {name: convex_parts(solid, where, options.tolerance) for name, solid in solids.items()}
-    patched = [
-        replace(link, surfaces=(*link.surfaces, *solids[link.name].patches))
-        if link.name in solids and not link.solids
-        else link
-        for link in thing.links
-    ]
+    patches = {link.name: solids[link.name].patches for link in thing.links if link.touched and not link.solids}
+    patched = [replace(link, surfaces=(*link.surfaces, *patches.get(link.name, ()))) for link in thing.links]
     thing = replace(thing, name=out.stem, links=tuple(patched))
     written = [_written(link, solids.get(link.name), cut.get(link.name), options.density, where) for link in patched]
     asset = replace(thing, links=tuple(written))

@@ -151,12 +151,11 @@ class Thing:
         if inertia is not None:
             inertia = Inertia(inertia.mass, rotation @ inertia.center + shift, rotation @ inertia.matrix @ rotation.T)
         moved = replace(root.moved(rotation, shift), inertia=inertia)
-        children = [
-            link
-            if link.parent != root.name
-            else replace(link, pos=rotation @ link.pos + shift, quat=quaternion(rotation @ matrix(link.quat)))
-            for link in rest
-        ]
+
+        def attached(link: Link) -> Link:
+            return replace(link, pos=rotation @ link.pos + shift, quat=quaternion(rotation @ matrix(link.quat)))
+
+        children = [attached(link) if link.parent == root.name else link for link in rest]
         return replace(self, links=(moved, *children))
 
 
