@@ -19,7 +19,7 @@ from sceniris_gym.program.device import Cover, ObjectKind
 from sceniris_gym.scene.couplings import Coupling
 from sceniris_gym.scene.heaps import HeapPoses
 from sceniris_gym.scene.model import SceneModel
-from sceniris_gym.scene.support import Support, static_supports
+from sceniris_gym.scene.support import Support, chain_up, static_supports
 
 _COVERS = {"in": Cover.EITHER, "on": Cover.OPEN, "inside": Cover.COVERED}
 
@@ -192,9 +192,7 @@ def may_lean(scene: SceneModel, support: Support) -> bool:
     owner = scene.config.parts.get(support.owner)
     if owner is not None and owner.drawn_orientation.kind in ("stable", "any"):
         return True
-    mjm, chain = scene.mjm, [support.body]
-    while chain[-1] not in (0, scene.bodies[support.owner]):
-        chain.append(int(mjm.body_parentid[chain[-1]]))
+    mjm, chain = scene.mjm, chain_up(scene.mjm, support.body, scene.bodies[support.owner])
     joints = list(scene.moving_joints(support.owner))
     tilts = np.isin(mjm.jnt_bodyid[joints], chain) & (mjm.jnt_type[joints] == mujoco.mjtJoint.mjJNT_HINGE)
     return bool((tilts & (np.abs(mjm.jnt_axis[joints, 2]) < COS_MAX_TILT)).any())

@@ -7,7 +7,7 @@ import numpy as np
 
 from sceniris_gym.errors import NotSupportedError, UnknownNameError, check_type
 from sceniris_gym.scene.model import SceneModel
-from sceniris_gym.scene.support import is_static
+from sceniris_gym.scene.support import chain_up, is_static
 
 _WIDTHS = {mujoco.mjtJoint.mjJNT_FREE: 7, mujoco.mjtJoint.mjJNT_BALL: 4}
 
@@ -82,12 +82,8 @@ def body_poses(
         mocap_pos: Positions of mocap bodies, shape (nrow, nmocap, 3).
         mocap_quat: Orientations of mocap bodies, shape (nrow, nmocap, 4).
     """
-    chain = []
-    while body > 0:
-        chain.append(body)
-        body = int(mjm.body_parentid[body])
     pos, quat = np.zeros((len(qpos), 3)), np.tile([1.0, 0.0, 0.0, 0.0], (len(qpos), 1))
-    for link in reversed(chain):
+    for link in reversed(chain_up(mjm, body)[:-1]):
         mocap = mjm.body_mocapid[link]
         if mocap >= 0:
             pos, quat = mocap_pos[:, mocap].astype(float), _unit(mocap_quat[:, mocap])

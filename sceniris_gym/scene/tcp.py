@@ -8,7 +8,7 @@ import numpy as np
 from sceniris_gym.config.robot import RobotConfig, TcpConfig
 from sceniris_gym.errors import SceneKeyError, UnknownNameError
 from sceniris_gym.geometry.rotations import matrix, of_angles, product
-from sceniris_gym.scene.support import subtree
+from sceniris_gym.scene.support import chain_up, subtree
 
 SITE = "tcp"
 """Default name of the tool centre point's site."""
@@ -88,9 +88,7 @@ def _closing_angle(
     Finger joints are the joints of the hand outside the chain from root to body. If the fingers do not share an axis,
     such as three fingers around a palm, the finger that moves farthest sets the axis.
     """
-    chain = [body]
-    while chain[-1] not in (0, root):
-        chain.append(int(mjm.body_parentid[chain[-1]]))
+    chain = chain_up(mjm, body, root)
     hand = subtree(mjm, next((b for b in chain if mjm.body_jntnum[b]), chain[-1]))
     moves, data = [], mujoco.MjData(mjm)
     for joint in np.flatnonzero(np.isin(mjm.jnt_bodyid, [b for b in hand if b not in chain])):

@@ -7,6 +7,7 @@ from torch import Tensor
 
 from sceniris_gym.errors import ArgumentError, ArmError, UnknownNameError, refuses_old_names
 from sceniris_gym.scene.model import SceneModel
+from sceniris_gym.scene.support import chain_up
 from sceniris_gym.vector import rotations
 from sceniris_gym.vector.actuators import Fingers, PositionActuators
 from sceniris_gym.vector.names import FREE, SCALAR, SLIDE
@@ -260,9 +261,7 @@ def _arm_joints(scene: SceneModel, robot: str, where: str) -> tuple[int, ...]:
             f"{where}: the robot has no tool centre point: no site '{tcp}' is on its body '{mjm.body(root).name}' or "
             f"below it. Name a site or a body of the robot: '{section}.tcp: NAME' in the scene."
         )
-    path = [int(mjm.site_bodyid[site])]
-    while path[-1] != root:
-        path.append(int(mjm.body_parentid[path[-1]]))
+    path = chain_up(mjm, int(mjm.site_bodyid[site]), root)
     joints = [j for j in range(mjm.njnt) if int(mjm.jnt_bodyid[j]) in path and mjm.jnt_type[j] != FREE]
     ball = [mjm.joint(j).name for j in joints if mjm.jnt_type[j] not in SCALAR]
     if ball or not joints:
