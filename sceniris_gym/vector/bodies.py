@@ -31,8 +31,7 @@ class Bounds:
     """
 
     def __init__(self, s: State, names: str | Sequence[str]) -> None:
-        bodies = [find_body(s.scene, name, "Bounds") for name in as_names(names, "Bounds: names")]
-        self._boxes = Boxes(s.variants, bodies, f"scene '{s.scene.config.name}': Bounds")
+        self._boxes = Boxes(s.variants, as_names(names, "Bounds: names"), "Bounds")
         self._up = torch.tensor([0.0, 0.0, 1.0], device=s.device)
 
     def lowest(self, poses: Tensor) -> Tensor:

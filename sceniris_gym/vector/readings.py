@@ -102,10 +102,7 @@ class Readings(RefusesOldNames):
             UnknownNameError: The scene has no such body.
             NotSupportedError: The body has no geom that collides.
         """
-        where = f"scene '{self.scene.config.name}': State.extent"
-        boxes = self._once(
-            lambda: Boxes(self.variants, [find_body(self.scene, name, "State.extent")], where), "extent", name
-        )
+        boxes = self._once(lambda: Boxes(self.variants, [name], "State.extent"), "extent", name)
         lower, upper = boxes.corners()
         return (upper - lower).reshape(-1, 3).expand(self.num_envs, 3)
 

@@ -6,6 +6,8 @@ from functools import cache
 import torch
 import warp as wp
 
+_as_warp_stream = cache(wp.stream_from_torch)  # torch never frees the streams of its pools
+
 
 def on_torch_stream(device: wp.Device) -> AbstractContextManager:
     """Return a context in which Warp launches on torch's current stream of a device, in order with torch's launches."""
@@ -16,9 +18,3 @@ def on_torch_stream(device: wp.Device) -> AbstractContextManager:
     if device.stream.cuda_stream == stream.cuda_stream:
         return nullcontext()
     return wp.ScopedStream(_as_warp_stream(stream), sync_enter=False)
-
-
-@cache
-def _as_warp_stream(stream: torch.cuda.Stream) -> wp.Stream:
-    """Return a torch stream as a Warp stream. Results are cached, as torch never frees the streams of its pools."""
-    return wp.stream_from_torch(stream)

@@ -12,7 +12,7 @@ from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.vector import rotations
 from sceniris_gym.vector.base_frame import BaseFrame
-from sceniris_gym.vector.names import unknown
+from sceniris_gym.vector.names import find_body, unknown
 
 
 class VariantView:
@@ -47,16 +47,18 @@ class Boxes:
 
     Args:
         view: The present variants.
-        bodies: Ids of the bodies in the simulated scene.
-        where: The beginning of error messages.
+        names: Names of the bodies, as `find_body` takes them.
+        where: The caller, for error messages.
 
     Raises:
+        UnknownNameError: The scene has no such body.
         NotSupportedError: A body has no geom that collides.
     """
 
-    def __init__(self, view: VariantView, bodies: Sequence[int], where: str) -> None:
-        self._view, names = view, {view.scene.sim.bodies[name]: name for name in view.names}
-        self._names = [names.get(body) for body in bodies]
+    def __init__(self, view: VariantView, names: Sequence[str], where: str) -> None:
+        bodies = [find_body(view.scene.sim, name, where) for name in names]
+        self._view, owners = view, {view.scene.sim.bodies[name]: name for name in view.names}
+        self._names = [owners.get(body) for body in bodies]
         members = [np.flatnonzero(view.scene.sim_bodies == body).tolist() for body in bodies]
         found = [[_corners(view.scene, member, where) for member in of] for of in members]
         most = max((len(corners) for corners in found), default=1)
@@ -81,6 +83,7 @@ def _corners(scene: SceneModel, body: int, where: str) -> tuple[np.ndarray, np.n
     boxes = [piece.bounds for piece in extract_pieces(scene.mjm, "physics", {body})]
     if not boxes:
         name = scene.mjm.body(body).name
+        where = f"scene '{scene.config.name}': {where}"
         raise NotSupportedError(f"{where}: body '{name}' has no geom that collides. Name a body that has one.")
     lower, upper = zip(*boxes, strict=True)
     return np.min(lower, axis=0), np.max(upper, axis=0)
