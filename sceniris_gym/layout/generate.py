@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from sceniris_gym.config.fields import short
 from sceniris_gym.device.fixed import Fixed
 from sceniris_gym.device.random import SPLITS
 from sceniris_gym.device.sequence import launching, repeat_launches
@@ -40,7 +39,7 @@ from sceniris_gym.layout.wave.standing import launch_test_standing
 from sceniris_gym.layout.wave.start_kinds import launch_draw_kinds, launch_put_at_markers
 from sceniris_gym.layout.world_columns import search_columns
 from sceniris_gym.program.checks.simulation import check_memory
-from sceniris_gym.program.compiled import USER_SPLITS, CompiledScene
+from sceniris_gym.program.compiled import CompiledScene, check_split
 from sceniris_gym.program.device import REACH_CAUSES, Cause
 from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.program.part import chosen_objects, part_of
@@ -87,8 +86,7 @@ class LayoutGenerator(Fixed, LayoutSource):
         size: SearchSize | None = None,
     ) -> None:
         check_type(compiled, CompiledScene, "LayoutGenerator: compiled")
-        if not isinstance(split, str) or split not in SPLITS:
-            raise ArgumentError(f"LayoutGenerator: unknown split {short(split)}. Valid: {', '.join(USER_SPLITS)}.")
+        check_split(split, "LayoutGenerator", tuple(SPLITS))  # a user does not need to know the others
         nworld = as_count(nworld, "LayoutGenerator: nworld")
         if size is None:
             size = default_size(compiled.device)

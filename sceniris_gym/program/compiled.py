@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import SupportsIndex
@@ -58,13 +58,13 @@ last one."""
 _WARP = 32
 
 
-def check_split(split: object, where: str) -> None:
-    """Refuse an unknown split. `where` names the function in the message.
+def check_split(split: object, where: str, valid: Collection[str] = USER_SPLITS) -> None:
+    """Refuse a split that is not in `valid`. `where` names the function in the message.
 
     Raises:
         ArgumentError: The split is unknown.
     """
-    if split not in USER_SPLITS:
+    if split not in valid:
         raise ArgumentError(f"{where}: unknown split {short(split)}. Valid: {', '.join(USER_SPLITS)}.")
 
 
