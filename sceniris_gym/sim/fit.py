@@ -135,7 +135,9 @@ def _check_field(m: mjw.Model | mujoco.MjModel, mjm: mujoco.MjModel, field: str,
         apart &= np.arange(3) < np.take(_SIZES_OF, mjm.geom_type, mode="clip")[:, None]
     differs = apart.any(axis=2)
     if field in ("body_pos", "body_quat"):
-        differs &= ~_placed_anew(mjm, len(found))
+        differs &= mjm.body_mocapid < 0
+        if len(found) > 1:
+            differs[:, mjm.jnt_bodyid[mjm.jnt_type == mujoco.mjtJoint.mjJNT_FREE]] = False
     if field == "qpos0":  # the reference of a free or ball joint has no effect
         differs &= np.isin(mjm.jnt_type, (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE))
     if kind == "geom":
@@ -146,14 +148,6 @@ def _check_field(m: mjw.Model | mujoco.MjModel, mjm: mujoco.MjModel, field: str,
     name = "" if kind == "vertex" else getattr(mjm, kind)(int(i)).name
     place = f" in world {world}" if len(found) > 1 else ""
     _same(f"model.{field} of {kind} {repr(name) if name else i}{place}", _short(found[world, i]), _short(wanted[i]))
-
-
-def _placed_anew(mjm: mujoco.MjModel, nrow: int) -> np.ndarray:
-    """Mark the bodies whose pose in the model is not compared: mocap bodies and, if `nrow` > 1, free bodies too."""
-    anew = mjm.body_mocapid >= 0
-    if nrow > 1:
-        anew[mjm.jnt_bodyid[mjm.jnt_type == mujoco.mjtJoint.mjJNT_FREE]] = True
-    return anew
 
 
 def _short(values: np.ndarray) -> str:
