@@ -62,7 +62,7 @@ def build_model(scene: SceneLike, overrides: Mapping[str, Any] | None = None) ->
     for name in config.owners:
         check_variant_has_asset(config, name, config.where)
     if isinstance(config.model, mujoco.MjModel):
-        return _taken(config, config.model)
+        return _taken(config)
     try:
         return _with_shared_bodies(config)
     except ScenirisError:
@@ -79,8 +79,7 @@ def build_variants(config: SceneConfig, simulated: SceneConfig) -> SceneModel:
         config: The scene with all variants. They are bodies of its MjModel, by their names.
         simulated: The simulated scene, whose MjModel has one body for all variants of an object.
     """
-    assert isinstance(config.model, mujoco.MjModel)
-    scene = _taken(config, config.model)
+    scene = _taken(config)
     return replace(scene, shared=replace(build_model(simulated), hash=scene.hash, apart=scene.apart))
 
 
@@ -132,12 +131,12 @@ def _built(config: SceneConfig, full: SceneModel | None = None) -> SceneModel:
     return _scene(config, spec, mjm, (qpos, ctrl), tcps)
 
 
-def _taken(config: SceneConfig, model: mujoco.MjModel) -> SceneModel:
+def _taken(config: SceneConfig) -> SceneModel:
     """Return the scene of a MjModel. The scene uses a copy, so the user's model stays unchanged."""
     check_additions(config)
-    check_bodies(model, config)
-    number_check.check_numbers(model, config.where)
-    mjm = copy.copy(model)
+    check_bodies(config.model, config)
+    number_check.check_numbers(config.model, config.where)
+    mjm = copy.copy(config.model)
     qpos, ctrl = _home(mjm, [], config)
     key = _keyframe(mjm, config)
     if key >= 0:  # mocap bodies take their poses from the keyframe, as in a model from a file
