@@ -229,7 +229,8 @@ def _upload_numbers(values: Any, name: str, least: int, end: int, more: str, dev
 
     Values on a GPU are not checked, because the host would wait. During a capture, the values are not computed yet.
     """
-    if _is_known(values):
+    source = None if _kind(values) == "numpy" else wp.get_device(str(values.device))
+    if source is None or not (source.is_cuda or source.is_capturing):
         _check_range(as_numbers(values), name, least, end, more)
     if _kind(values) == "numpy":
         values = values.astype(np.int32)
@@ -244,12 +245,6 @@ def _check_range(values: np.ndarray, name: str, least: int, end: int, more: str 
     if len(wrong):
         got = values[wrong[0]]
         raise ArgumentError(f"{name}[{wrong[0]}] should be from 0 to {end - 1}{more}, got {got}.")
-
-
-def _is_known(values: Any) -> bool:
-    """Return whether the values of an array can be read at once: on the host, and while no graph is captured."""
-    device = None if _kind(values) == "numpy" else wp.get_device(str(values.device))
-    return device is None or not (device.is_cuda or device.is_capturing)
 
 
 def _check_length(mask: Any, nworld: int, name: str) -> None:
