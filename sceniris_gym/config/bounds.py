@@ -4,7 +4,7 @@ Positions are limited because single precision becomes coarse far from the origi
 sensible value.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 MOST_FAR = 100.0
 """Largest distance [m] of placed objects from the world's origin, along each axis. Single precision resolves 8 um
@@ -19,8 +19,7 @@ LEAST_GAP = 2.0e-5
 """Smallest gap [m] between an object and its support. With a smaller gap, rounding could make them touch."""
 
 
-@dataclass(frozen=True)
-class Bound:
+class Bound(NamedTuple):
     """The lowest and the highest value of a kind of number, and its unit for messages."""
 
     low: float

@@ -6,8 +6,7 @@ Lengths are in metres. Angles are in degrees in files, except for joint position
 
 import itertools
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any, Literal, Self
+from typing import Any, Literal, NamedTuple, Self
 
 from pydantic import ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
@@ -68,8 +67,7 @@ class RegionConfig(Section):
         return tuple(map(min, axes)), tuple(map(max, axes))
 
 
-@dataclass(frozen=True)
-class SupportConfig:
+class SupportConfig(NamedTuple):
     """The support of an object. `word` is the key in the scene file: 'on', 'inside' or 'in'.
 
     `parent` names the support: 'floor', an object, 'object/body', or a static geom or body of the scene's model.

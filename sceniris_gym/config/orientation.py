@@ -1,8 +1,7 @@
 """Orientation of an object: `Orientation` as written in a scene, and `DrawnOrientation`, its distribution."""
 
 import math
-from dataclasses import dataclass
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
 from pydantic import BeforeValidator, model_validator
 
@@ -13,8 +12,7 @@ from sceniris_gym.config.section import Section
 _WORDS = {"fixed": {"yaw": (0.0, 0.0)}, "any": {"any": True}, "stable": {"stable": {}}}
 
 
-@dataclass(frozen=True)
-class DrawnOrientation:
+class DrawnOrientation(NamedTuple):
     """The distribution of an orientation.
 
     Attributes:

@@ -1,8 +1,7 @@
 """Physics and appearance that resets draw: `DrawConfig`, and the keys for objects, lights, cameras and scenes."""
 
-from dataclasses import dataclass
 from math import inf
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, Strict, model_validator
 
@@ -17,8 +16,7 @@ DEVIATIONS = 3.0
 """Standard deviations at which normal distributions are cut off."""
 
 
-@dataclass(frozen=True)
-class Word:
+class Word(NamedTuple):
     """A key of `randomize` in a scene file, such as `mass`.
 
     Attributes:

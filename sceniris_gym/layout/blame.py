@@ -2,8 +2,8 @@
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import product
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -40,8 +40,7 @@ _REMEDIES = {
 }
 
 
-@dataclass(frozen=True)
-class Hit:
+class Hit(NamedTuple):
     """Two geoms that are too close to each other.
 
     Attributes:

@@ -2,8 +2,7 @@
 
 import itertools
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,8 +21,7 @@ STARTS = "start.weights"
 _ROUNDING = 5.0e-6
 
 
-@dataclass(frozen=True)
-class Param:
+class Param(NamedTuple):
     """A value in a scene file that can be narrowed. It consists of one or several numbers.
 
     Attributes:

@@ -1,7 +1,7 @@
 """Make any number of layouts as a LayoutTable on the host, or make layouts by seed and episode on the device."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import warp as wp
@@ -17,8 +17,7 @@ from sceniris_gym.scene.layout_table import LayoutTable
 CHUNK = 4096  # layouts made in one batch
 
 
-@dataclass(frozen=True)
-class RejectedCandidates:
+class RejectedCandidates(NamedTuple):
     """The recorded rejected candidates of a LayoutGenerator.
 
     Attributes:

@@ -6,7 +6,6 @@ The numbers are bounds that params narrow, draws of physics and appearance, and 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 import warp as wp
@@ -219,7 +218,7 @@ def search_columns(
         arrays[name] = wp.array(rows, dtype=shared.dtype, ndim=2, device=shared.device)
         setattr(program, name, arrays[name])
     # inertias follow masses in the model, but do not affect stability
-    drawn = [replace(d, word=replace(d.word, follow=())) for d in compiled.scene.draws if d.word.field in _MASSES]
+    drawn = [d._replace(word=d.word._replace(follow=())) for d in compiled.scene.draws if d.word.field in _MASSES]
     if statics is not None and (drawn if masses is None else max(a.shape[0] for a in masses) > 1):
         statics = copied(Statics, compiled.statics)
         usual = {field: getattr(statics, name) for field, name in _MASSES.items()}

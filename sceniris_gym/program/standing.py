@@ -113,8 +113,7 @@ _NO_ROLL = Roll()
 """The rectangle of a flat foot."""
 
 
-@dataclass(frozen=True)
-class Foot:
+class Foot(NamedTuple):
     """The foot of an object in one of its stable poses: the part of the object that rests on the support.
 
     The foot is seen from above, relative to the object's pivot, for the object at heading 0.

@@ -1,8 +1,8 @@
 """Assembly of assets into one MuJoCo specification. An object's root body is `name`, its elements are `name/...`."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -30,8 +30,7 @@ _AT_ONCE = 24
 """Number of variants per intermediate model: about the square root of the largest number of variants."""
 
 
-@dataclass(frozen=True)
-class Home:
+class Home(NamedTuple):
     """A start pose: joint positions by joint name and controls by actuator name."""
 
     qpos: dict[str, list[float]]

@@ -7,7 +7,7 @@ second joint, and y0 and x0 are their positions in `qpos0`. Without a second joi
 import copy
 import graphlib
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -22,8 +22,7 @@ _FAR = 1e3
 _Coef = tuple[float, float, float, float]
 
 
-@dataclass(frozen=True)
-class Coupling:
+class Coupling(NamedTuple):
     """A joint that follows another joint, or is held.
 
     Attributes:

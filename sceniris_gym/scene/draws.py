@@ -3,9 +3,8 @@
 import copy
 import fnmatch
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
 from itertools import product
-from typing import NoReturn
+from typing import NamedTuple, NoReturn
 
 import mujoco
 import numpy as np
@@ -25,8 +24,7 @@ LOOSE: dict[str, Ends] = {word.field: word.loose for word in _PHYSICS if word.lo
 """The ends that `Word.weak` and `Word.loose` name, for each field."""
 
 
-@dataclass(frozen=True)
-class FieldDraw:
+class FieldDraw(NamedTuple):
     """An entry of `randomize` in a scene, with the values of the model that it changes.
 
     Attributes:
@@ -134,7 +132,7 @@ def _resolved(mjm: mujoco.MjModel, name: str, where: str, word: Word, config: Dr
         rows = []  # the bodies never move
     if word.field == "actuator_delay":  # limited by the number of samples in MuJoCo's history
         longest = min((mjm.actuator_history[row, 0] for row in rows), default=0) * mjm.opt.timestep
-        word = replace(word, most=float(longest))
+        word = word._replace(most=float(longest))
     choice = _choice(mjm, word, config, where)
     given = choice.shape[1] if config.choice is not None else len(config.ends[0])
     counts = sorted({1, word.width, word.shared or 1})

@@ -1,14 +1,13 @@
 """Supports of objects: the floor, a part of another object, or a static geom or body of the scene's model."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
 
-@dataclass(frozen=True)
-class Support:
+class Support(NamedTuple):
     """A support, found by its name.
 
     Attributes:

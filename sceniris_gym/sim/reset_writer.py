@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import mujoco_warp as mjw
 import numpy as np
@@ -133,8 +133,7 @@ class ContactList:
             wp.launch(_fill_holes, room, inputs=inputs, outputs=[d.efc.id])
 
 
-@dataclass(frozen=True)
-class Simulation:
+class Simulation(NamedTuple):
     """The simulated worlds of a scene, with everything that is needed to write into them.
 
     Attributes:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -115,8 +115,7 @@ def _check_number(mjm: mujoco.MjModel, joint: int, found: Sequence[int], where: 
     raise ArmError(f"{where}: {joint_label(mjm, joint)} should have one separate position actuator, but {has}")
 
 
-@dataclass(frozen=True)
-class Fingers:
+class Fingers(NamedTuple):
     """The fingers of a hand. Actuators move them directly at a joint, through a tendon, or through joint equalities.
 
     Attributes:

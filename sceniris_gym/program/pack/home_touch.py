@@ -1,6 +1,6 @@
 """Distances between geoms in the start pose, and the shortest moves that separate overlapping geoms."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -18,8 +18,7 @@ _FAR = 1.0e3  # m
 _SPREAD, _STARTS, _CLOSE = 400, 16, 0.95
 
 
-@dataclass(frozen=True)
-class Touch:
+class Touch(NamedTuple):
     """The distance of two geoms.
 
     Attributes:

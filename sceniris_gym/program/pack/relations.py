@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -97,8 +97,7 @@ def _insists(o: PlacedObject) -> bool:
     return by_bounds or o.erosion > 0.0 or len({id(surfaces) for surfaces in o.surfaces}) > 1
 
 
-@dataclass(frozen=True)
-class JoinedSites:
+class JoinedSites(NamedTuple):
     """The sites that join one object to another, seen from above and with both headings 0.
 
     Attributes:
