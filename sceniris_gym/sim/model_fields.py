@@ -145,13 +145,12 @@ class ModelFields:
         if (name, of) not in self._scaled:
             if mask.device.is_capturing:
                 raise ArgumentError(f"{where}: '{name}' of '{of}' should be scaled once before the capture.")
-            self._scaled[name, of] = self._columns_of(
-                name, field_rows(self._scene.mjm, self._scene.bodies, name, of, where)
-            )
+            self._scaled[name, of] = self._columns_of(name, of, where)
         self._scaled[name, of].launch(mask, given=factor.contiguous().reshape((-1, 1)))
 
-    def _columns_of(self, name: str, rows: int | slice) -> WorldColumns:
-        """Return WorldColumns that multiply these rows of a field and of its dependent fields by a factor per world."""
+    def _columns_of(self, name: str, of: str, where: str) -> WorldColumns:
+        """Return WorldColumns that multiply part of a field and of its dependent fields by a factor per world."""
+        rows = field_rows(self._scene.mjm, self._scene.bodies, name, of, where)
         word, scaled = _word(name), []
         for field, first, count in ((name, word.first, word.shared or word.width), *word.follow):
             size = element_size(self.wide(field))
