@@ -216,7 +216,7 @@ def make_lemon() -> None:
 
 
 def main() -> None:
-    """Write the five."""
+    """Write all five assets of this file."""
     make_bottle()
     make_tin()
     make_cereal_box()

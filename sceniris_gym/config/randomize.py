@@ -161,7 +161,7 @@ ObjectWord = Annotated[str, _word("object")]
 
 
 class SceneDraws(Section):
-    """Draws of the whole scene, and of its lights, cameras and materials by their names or patterns such as '*'."""
+    """Random draws for the whole scene, and for its lights, cameras and materials, by name or pattern."""
 
     gravity: DrawConfig | None = None
     wind: DrawConfig | None = None

@@ -232,7 +232,7 @@ class Direction(Sector):
 
     @property
     def half_angle(self) -> float:
-        """Maximum angle between the heading and the direction from the anchor to the object [rad]."""
+        """Largest allowed angle [rad] between the relation's direction and the line from the anchor to the object."""
         return math.radians(90.0 if self.angle is None else self.angle)
 
     def heading(self, robots: Container[str]) -> float:

@@ -92,8 +92,8 @@ def _check_body(scene: SceneWords, name: str, part: ObjectConfig, where: str) ->
     for i, relation in enumerate(part.relations):
         if relation.has_own_width:
             raise SceneKeyError(
-                f"{where}: objects.{name}.relations.{i}.width: is missing. A marker without an asset is a point and "
-                "has no width."
+                f"{where}: objects.{name}.relations.{i}.width: is missing. Give a width in metres: the default is "
+                "from the object's asset, and this marker has no asset."
             )
 
 

@@ -95,7 +95,7 @@ def load_model(path: Path, where: str, repaired: Callable[[str], str] | None = N
 
 
 def renamed(file: str, prefix: str) -> str:
-    """Return a file's name with a prefix and without its folders, which MuJoCo does not need to find a file."""
+    """Return a file's name with a prefix and without its folders. MuJoCo also finds a file without its folders."""
     return prefix + file.rpartition("/")[2]
 
 
@@ -133,7 +133,7 @@ def model_tree(path: Path, folder: Path, seen: set[Path]) -> ElementTree.Element
             from MuJoCo.
     """
     if path.resolve() in seen:
-        raise SceneFileError(f"{path}: is included twice, or by itself. Include each file once.")
+        raise SceneFileError(f"{path}: is included twice, or includes itself. Include each file once.")
     seen.add(path.resolve())
     try:
         text = _APART.sub(_without_comment, read_bytes(path).lstrip())

@@ -164,7 +164,7 @@ class StateWriter:
         joints: Ids of the joints to write, instead of bodies.
         origins: Origins of the worlds [m], shape (nworld,), vec3, or None. Every launch reads them and adds them to the
             positions of free bodies and mocap bodies.
-        plastic: Plastic references of springs at home, shape (nplastic,), for whole worlds.
+        plastic: Values of MuJoCo's `Data.plastic` in the start pose, shape (nplastic,), for whole worlds.
         count: Counters, one per world, that a launch sets to 0, shape (nworld,), int32.
     """
 

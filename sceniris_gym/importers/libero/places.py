@@ -1,4 +1,4 @@
-"""Places LIBERO's objects and fixtures: models or stand-in boxes, supports, regions, orientations and joints."""
+"""Scene entries of LIBERO's objects and fixtures: model or stand-in box, support, region, orientation and joints."""
 
 import math
 from collections import Counter

@@ -136,8 +136,8 @@ def _check_gravity(scene: SceneModel, o: PlacedObject, where: str) -> None:
 def _check_joints(plan: Plan, mjm: mujoco.MjModel, o: PlacedObject, load: float, where: str) -> None:
     """Reject a support that gives way under a load [kg].
 
-    MuJoCo C simulates the support with the load on each corner of the box around the object's regions. Free joints of
-    placed objects are held.
+    MuJoCo C simulates the support with the load at a corner of the box around the regions of `o`, once for each corner.
+    Free joints of placed objects are held.
     """
     assert o.ground is not None
     low, high = o.corners.min(axis=0), o.corners.max(axis=0)
