@@ -1,6 +1,7 @@
 """Mug, bowl and can. Mug and bowl collide as a ring of wall pieces on a bottom. Copies of one mesh form the ring.
 
-Visual meshes have 32 or 96 segments, so that the corners of collision pieces with 16 or 32 segments lie on their edges.
+Visual meshes have 32 or 96 segments, collision pieces 16 or 32. The corners of the pieces lie on edges of the visual
+meshes.
 """
 
 from __future__ import annotations

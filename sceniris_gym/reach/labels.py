@@ -147,8 +147,8 @@ class Labeller:
             count: Number of random starts to try, or None for all from `first` on.
 
         Returns:
-            The labels, from 0 to ALL_TURNS, shape (N,), and joint positions that reach each pose, shape (N, 8). They
-            are 0 if the label is 0.
+            The labels, from 0 to ALL_TURNS, shape (N,), and joint positions that reach each pose, shape (N, 8). The
+            joint positions of a pose with label 0 are 0.
         """
         n = len(coords)
         filled = as_vec8(np.zeros((n, 0, 1)) if warm is None else warm)

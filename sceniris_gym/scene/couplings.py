@@ -102,7 +102,7 @@ def reversed_for(mjm: mujoco.MjModel, couplings: Iterable[Coupling], drawn: Iter
     Args:
         mjm: The model.
         couplings: The model's couplings.
-        drawn: The joints whose names the scene file draws. Of two coupled joints, the earlier one becomes the driver.
+        drawn: The joints that the scene file draws by name. Of two coupled joints, the earlier one becomes the driver.
     """
     found, drawn = {c.follower: c for c in couplings}, list(drawn)
     for joint in drawn:

@@ -212,7 +212,7 @@ class Observer:
         self._kept = None if copy else (flat, {group: torch.empty_like(t) for group, t in flat.items()})
 
     def flat(self, buffer: int) -> dict[str, Tensor]:
-        """Return the flat groups, in new tensors or in the buffer with the number `buffer`, 0 or 1."""
+        """Return the flat groups, in new tensors if `copy` is set, otherwise in buffer 0 or 1."""
         observation = self._of_task()
         if self.sensors is not None:
             observation = self.sensors(self._state, observation)
