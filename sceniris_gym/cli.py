@@ -15,6 +15,7 @@ import tyro
 import sceniris_gym
 from sceniris_gym.commands.answer import Answer, answer, each_once, in_words
 from sceniris_gym.commands.options import (
+    COUNT,
     OUT,
     Changes,
     Device,
@@ -31,12 +32,13 @@ from sceniris_gym.commands.options import (
     Seed,
     Split,
     check_counts,
-    check_seed,
+    check_numbers,
     checked_target,
     compiled_scene,
     read_ids,
     scene_config,
 )
+from sceniris_gym.config.bounds import MOST_WORLDS
 from sceniris_gym.config.settings import read_changes
 from sceniris_gym.config.tier import Tier, TierWord
 from sceniris_gym.errors import ArgumentError, NotSupportedError, ScenirisError, old_names
@@ -46,14 +48,15 @@ from sceniris_gym.training.settings import CONFIG, Options
 from sceniris_gym.viewer.server import HOST, MOST_SHOWN, PORT, address, close_server, open_server
 
 P = ParamSpec("P")
-_MOST_LAYOUTS = 1_000_000_000  # of a data set: some hundred gigabytes
+_DATASET = range(1, 1_000_000_001)  # layouts, some hundred gigabytes
 
 
 def _command(work: Callable[P, Answer]) -> Callable[P, Answer]:
-    """Wrap a command: start Warp, show a progress bar, and send the output of libraries to stderr."""
+    """Wrap a command: check its numbers, start Warp, show a progress bar, and send output of libraries to stderr."""
 
     @functools.wraps(work)
     def quiet(*args: P.args, **kwargs: P.kwargs) -> Answer:
+        check_numbers(work, kwargs)
         from sceniris_gym.device.kernel_log import start_warp
 
         start_warp()
@@ -91,11 +94,11 @@ def demo(out: Annotated[Path, OUT] = Path("demo/layouts.png"), device: Device = 
 @_command
 def generate(
     scene: OptionalScene = None,
-    layouts: OptionalLayouts = None,
+    layouts: Annotated[OptionalLayouts, _DATASET] = None,
     out: Out = None,
     seed: Seed = 0,
     split: Split = "train",
-    chunk: int | None = None,
+    chunk: Annotated[int | None, COUNT] = None,
     shard: Annotated[str | None, tyro.conf.arg(metavar="R/K")] = None,
     format_: Annotated[str | None, tyro.conf.arg(name="format", metavar="npz,usd,json")] = None,
     resume: Flag = False,
@@ -125,9 +128,6 @@ def generate(
         return answer(verified(out), json, report_of_files)
     if scene is None or layouts is None:
         raise NotSupportedError("generate: the scene or the number of layouts is missing. Give both: SCENE -n N.")
-    check_counts(1, layouts=layouts, most=_MOST_LAYOUTS)
-    check_counts(1, chunk=1 if chunk is None else chunk)
-    check_seed(seed)
     from sceniris_gym.commands import generate as tool
     from sceniris_gym.dataset.formats import parse_formats
     from sceniris_gym.dataset.manifest import MANIFEST, SCENE
@@ -147,8 +147,8 @@ def generate(
 def audit(
     scene: Scene,
     layouts: Layouts = 1000,
-    rejected: int = 1000,
-    settled: int | None = None,
+    rejected: Annotated[int, range(MOST_WORLDS + 1)] = 1000,
+    settled: Annotated[int | None, range(MOST_WORLDS + 1)] = None,
     seed: Seed = 0,
     split: Split = "train",
     save: Path | None = None,
@@ -167,9 +167,6 @@ def audit(
         save: write layouts and candidates to this .npz instead of judging them
         load: judge the layouts and candidates in this file, which --save wrote. This runs on a CPU
     """
-    check_counts(1, layouts=layouts)
-    check_counts(0, rejected=rejected, settled=settled or 0)
-    check_seed(seed)
     from sceniris_gym.commands import audit as tool
     from sceniris_gym.program.compiled import upload_scene
     from sceniris_gym.scene.build import build_model
@@ -204,8 +201,6 @@ def bench(
     Args:
         geometry: kind of geometry, by default from the scene file
     """
-    check_counts(1, num_envs=num_envs)
-    check_seed(seed)
     check_picture(picture)
     from sceniris_gym.commands import bench as tool
 
@@ -258,8 +253,6 @@ def check(
     Args:
         strict: also exit with status 1 if too many worlds get a layout from the fallback bank
     """
-    check_counts(1, layouts=layouts)
-    check_seed(seed)
     check_picture(picture)
     from sceniris_gym.commands import check as tool
 
@@ -299,7 +292,6 @@ def reach(
         tilt_step: tilt step of the map's grid [degrees]
         seed: seed of the map, or of the first layout
     """
-    check_seed(seed)
     from sceniris_gym.commands import reach as tool
 
     asked = [f"--{word}" for word, value in (("build", build), ("poses", poses), ("scene", scene)) if value]
@@ -323,15 +315,15 @@ def reach(
 
 def view(
     scene: OptionalScene = None,
-    num_envs: NumEnvs = 1,
+    num_envs: Annotated[NumEnvs, range(1, MOST_SHOWN + 1)] = 1,
     seed: Seed = 0,
-    episode: int = 0,
+    episode: Annotated[int, range(2**31)] = 0,
     split: Split | None = None,
     env: str | None = None,
     policy: Annotated[str | None, tyro.conf.arg(metavar="POLICY")] = None,
     layout: LayoutIds = (),
     host: str = HOST,
-    port: int = PORT,
+    port: Annotated[int, range(1, 1 << 16)] = PORT,
     allow_origin: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="ORIGIN")] = (),
     trust: Flag = False,
     device: Annotated[str | None, tyro.conf.arg(help="with --env: cpu, cuda:0, ...")] = None,
@@ -359,10 +351,7 @@ def view(
         raise NotSupportedError("view: --policy, --layout and --device need --env. Leave them out, or give --env.")
     if env is not None and (seed or episode):
         raise NotSupportedError("view: --seed and --episode need a SCENE. With --env, choose layouts by --layout.")
-    check_counts(1, most=MOST_SHOWN, num_envs=num_envs)
-    check_counts(1, most=65535, port=port)
-    check_seed(seed)
-    check_counts(0, most=2**31 - 1, episode=episode)
+    check_numbers(view, {"num_envs": num_envs, "seed": seed, "episode": episode, "port": port})
     from sceniris_gym.viewer import command
 
     overrides, ids = read_changes(changes), read_ids(layout)
@@ -392,7 +381,7 @@ def import_(
     density: float = 500.0,
     tolerance: float | None = None,
     shell: Flag = False,
-    jobs: int | None = None,
+    jobs: Annotated[int | None, COUNT] = None,
     device: Device = None,
     json: Json = False,
 ) -> Answer:
@@ -413,7 +402,6 @@ def import_(
     from sceniris_gym.importers.things.importer import Options
     from sceniris_gym.importers.things.units import ask_on_terminal
 
-    check_counts(1, jobs=1 if jobs is None else jobs)
     options = Options(scale, up, density, tolerance, shell)
     if thing.is_dir():
         found = tool.import_many(thing, out, options, jobs, device)
@@ -470,7 +458,7 @@ def init(
 def settle(
     scene: Scene,
     heap: str | None = None,
-    rows: Annotated[int, tyro.conf.arg(aliases=["-n"])] = 64,
+    rows: Annotated[int, tyro.conf.arg(aliases=["-n"]), range(1, 1_000_001)] = 64,
     out: Out = None,
     seed: Seed = 0,
     changes: Changes = (),
@@ -485,8 +473,6 @@ def settle(
         rows: number of rows
         out: .npz to write, by default the path that the scene file gives for the heap's rows
     """
-    check_counts(1, rows=rows, most=1_000_000)
-    check_seed(seed)
     from sceniris_gym.commands import settle as tool
 
     return answer(tool.settle(scene_config(scene, changes), heap, rows, out, seed), json, tool.report)
@@ -525,7 +511,6 @@ def evaluate(
         task: a registered task, or your own as MODULE:ID, by default the task of RUN
         trust: read a checkpoint that holds more than weights, although this executes code in the file
     """
-    check_counts(1, layouts=layouts)
     check_counts(0, most=1, min_success=min_success or 0.0)
     for file in filter(None, (out, failed)):
         checked_target(file)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
@@ -16,14 +16,17 @@ if TYPE_CHECKING:
     from sceniris_gym.config.scene import SceneConfig
     from sceniris_gym.program.compiled import CompiledScene
 
+COUNT = range(1, MOST_WORLDS + 1)
+"""A number of things. `check_numbers` rejects values outside a range that annotates their option."""
+
 _scene = tyro.conf.arg(metavar="SCENE", help="name of a shipped scene, or a path")
 Scene = Annotated[str, tyro.conf.Positional, _scene]
 OptionalScene = Annotated[str | None, tyro.conf.Positional, _scene]
 _layouts = tyro.conf.arg(aliases=["-n"], help="number of layouts")
-Layouts = Annotated[int, _layouts]
+Layouts = Annotated[int, _layouts, COUNT]
 OptionalLayouts = Annotated[int | None, _layouts]
 LayoutIds = Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="ID|FILE")]
-NumEnvs = Annotated[int, tyro.conf.arg(help="number of worlds")]
+NumEnvs = Annotated[int, tyro.conf.arg(help="number of worlds"), COUNT]
 OUT = tyro.conf.arg(aliases=["-o"])
 Out = Annotated[Path | None, OUT]
 Seed = Annotated[
@@ -77,6 +80,15 @@ def read_ids(given: Sequence[str]) -> list[str]:
             raise ArgumentError(f"{text}: should have one layout id per line, but is empty.")
         ids += found
     return ids
+
+
+def check_numbers(command: Callable[..., object], options: Mapping[str, Any]) -> None:
+    """Reject options of a command outside the ranges in its annotations. None and options left out are in range."""
+    check_seed(options.get("seed", 0))
+    for name, hint in command.__annotations__.items():
+        for bounds in getattr(hint, "__metadata__", ()):
+            if isinstance(bounds, range) and options.get(name) is not None:
+                check_counts(bounds[0], most=bounds[-1], **{name: options[name]})
 
 
 def check_counts(least: int, *, most: int = MOST_WORLDS, **counts: float) -> None:
