@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from typing import NamedTuple
 
 import numpy as np
 import warp as wp
@@ -24,8 +25,7 @@ MOST_RECORDED = 1024
 _COUNTED = 256  # number of layouts that fill a scene's first table of rejections
 
 
-@dataclass(frozen=True)
-class Where:
+class Where(NamedTuple):
     """The user's choice of layouts: split, seed and episode. World i has seed + i.
 
     Attributes:
@@ -41,7 +41,7 @@ class Where:
     def moved(self, seeds: int = 0, episodes: int = 0) -> Where:
         """Return a choice with `seeds` added to the seed and `episodes` to the episode, clipped to valid numbers."""
         seed = min(max(self.seed + seeds, 0), 2**64 - 1)
-        return replace(self, seed=seed, episode=min(max(self.episode + episodes, 0), 2**31 - 1))
+        return self._replace(seed=seed, episode=min(max(self.episode + episodes, 0), 2**31 - 1))
 
 
 @dataclass(frozen=True)

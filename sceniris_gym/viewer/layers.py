@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -124,8 +124,7 @@ def sketch_clearances(world: ShownWorld, only: str | None = None) -> Sketch:
     return sketch
 
 
-@dataclass(frozen=True)
-class Nearest:
+class Nearest(NamedTuple):
     """The nearest neighbour of an object.
 
     Attributes:
@@ -185,8 +184,7 @@ def sketch_names(world: ShownWorld, only: str | None = None) -> Sketch:
     return sketch
 
 
-@dataclass(frozen=True)
-class ReachSlice:
+class ReachSlice(NamedTuple):
     """A horizontal slice of an arm's reach map.
 
     Attributes:

@@ -2,7 +2,6 @@
 
 import html
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -122,7 +121,7 @@ class Panel:
         if not (text.isascii() and text.isdecimal()) or int(text) >= 2**bits:
             self.say(f"{what} '{text}': should be an integer from 0 to 2^{bits} - 1.", bad=True)
         else:
-            self._do.go(replace(self._where, **{"episode": 0, what: int(text)}))
+            self._do.go(self._where._replace(**{"episode": 0, what: int(text)}))
 
     def _add_layers(self) -> None:
         gui = self._gui

@@ -2,8 +2,7 @@
 
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import viser
@@ -18,8 +17,7 @@ _Shapes = Sequence[tuple[str, tuple[int, ...]]]
 _NOTHING = np.full(2, np.nan)  # an empty curve, because a line needs two steps
 
 
-@dataclass(frozen=True)
-class Part:
+class Part(NamedTuple):
     """A part of the observation that fits into one plot.
 
     Attributes:

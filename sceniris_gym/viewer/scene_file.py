@@ -4,9 +4,8 @@ import contextlib
 import re
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from sceniris_gym.config.loader import SHIPPED_NAME, scene_files, shipped
 from sceniris_gym.config.scene import SceneConfig
@@ -21,8 +20,7 @@ _FILE = re.compile(r"""\bfile\w*\s*=\s*["']([^"']+)["']""")
 _FOLDER = re.compile(r"""\b(?:mesh|texture|asset)dir\s*=\s*["']([^"']+)["']""")
 
 
-@dataclass(frozen=True)
-class LoadedScene:
+class LoadedScene(NamedTuple):
     """The outcome of reading and compiling a scene file.
 
     Attributes:
@@ -55,7 +53,7 @@ class SceneFile:
         with warnings.catch_warnings(record=True) as warned:
             warnings.simplefilter("always")
             loaded = self._load()
-        return replace(loaded, notices=tuple(str(w.message) for w in warned if issubclass(w.category, ScenirisWarning)))
+        return loaded._replace(notices=tuple(str(w.message) for w in warned if issubclass(w.category, ScenirisWarning)))
 
     def _load(self) -> LoadedScene:
         self._files = scene_files(self.scene) or self._files  # a missing file may come back
