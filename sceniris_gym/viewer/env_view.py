@@ -165,14 +165,12 @@ class EnvView:
         self.envs, self.policy = envs, policy
         self.requests = Requests()
         self.ids = [self._own_id(text) for text in ids]
-        self.first = 0
         self._wrong = ""  # the error of the pasted id, until the next action of a user
         self.running, self.speed = True, 1.0
         self._plotted = 0.0
         self._stepped = False  # True after the first step, which compiles kernels
         self._window = Window(envs.compiled.scene, envs.num_envs, server)
-        self._gui = server.gui
-        self._add_controls()
+        self._add_controls(server.gui)
         names = envs.observation_names[GROUP]
         self._plots = Plots(server, names, lambda: self.requests.put("part", self._plots.draw))
         self.start(0)
@@ -264,8 +262,8 @@ class EnvView:
             f"{'' if self._stepped else _FIRST}{wrong}"
         )
 
-    def _add_controls(self) -> None:
-        gui, num = self._gui, self.envs.num_envs
+    def _add_controls(self, gui: viser.GuiApi) -> None:
+        num = self.envs.num_envs
         self._status = gui.add_markdown("")
         self._id = gui.add_text("layout", "", hint="The layout of the first world.")
         self.requests.put_changes(self._id, "id", self._play_id)

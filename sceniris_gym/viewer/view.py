@@ -100,12 +100,10 @@ class SceneView:
         self.loaded = loaded
         self._only = self._only if self._only in loaded.compiled.object_names else None
         self._slices = ReachSlice.of(loaded.compiled.scene)
-        shown = self._candidates is not None
-        self._candidates = None
         ranges = target_ranges(loaded.compiled.mjm)
         self.panel.set_scene(loaded.compiled.object_names, self._only, ranges, bool(self._slices))
         self._draw_worlds(loaded.compiled)
-        if loaded.error is not None or shown:
+        if loaded.error is not None:
             self.panel.rejected.value = True
             self.show_rejected(True)
 
