@@ -21,18 +21,23 @@ SEED_SPACING = 1 << 20
 """Least spacing between the seeds of experiments, so that their worlds do not share layouts."""
 
 
+def import_here(module: str) -> Any:
+    """Import a module, which may be in the working directory. An installed program does not search this folder."""
+    if os.getcwd() not in sys.path:
+        sys.path.append(os.getcwd())
+    return import_module(module)
+
+
 def registered_id(task: str) -> str:
-    """Return the id of a task. For MODULE:ID, first import MODULE, which may be in the working directory.
+    """Return the id of a task. For MODULE:ID, first import MODULE by `import_here`.
 
     Raises:
         ArgumentError: The module cannot be imported.
     """
     module, _, name = task.rpartition(":")
     if module:
-        if os.getcwd() not in sys.path:
-            sys.path.append(os.getcwd())  # an installed program does not search the working directory
         try:
-            import_module(module)
+            import_here(module)
         except ImportError as error:
             raise ArgumentError(
                 f"task '{task}': '{module}' should be a module that Python can import: {error}."

@@ -3,8 +3,6 @@
 A policy is a checkpoint of rsl-rl, a model of Stable-Baselines3, or a user's function.
 """
 
-import importlib
-import os
 import pickle
 import sys
 import time
@@ -24,6 +22,7 @@ from sceniris_gym.errors import ArgumentError, ScenirisError, import_extra
 from sceniris_gym.files import no_file
 from sceniris_gym.layout.layout_id import LayoutId
 from sceniris_gym.training.settings import PICKLE, of_a_run, read_checkpoint
+from sceniris_gym.training.task_scenes import import_here
 from sceniris_gym.vector.arguments import LAYOUTS
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 from sceniris_gym.viewer.plots import Plots
@@ -67,10 +66,8 @@ def policy_of(name: str, device: str = "cpu", *, trust: bool = False) -> Policy:
     module, colon, function = name.partition(":")
     if not colon:
         raise ArgumentError(f"--policy {name}: should be {FORMS}.")
-    if os.getcwd() not in sys.path:
-        sys.path.append(os.getcwd())  # an installed program does not search the working directory
     try:
-        policy = getattr(importlib.import_module(module), function)
+        policy = getattr(import_here(module), function)
     except (ImportError, AttributeError, ValueError) as error:
         raise ArgumentError(f"--policy {name}: cannot be imported: {error}. Give {FORMS}.") from None
     if not callable(policy):
