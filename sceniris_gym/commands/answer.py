@@ -3,9 +3,8 @@
 import os
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from sceniris_gym.files import UNWRITABLE, as_json
 
@@ -13,8 +12,7 @@ OK = "ok"
 """Key of the verdict in findings."""
 
 
-@dataclass(frozen=True)
-class Answer:
+class Answer(NamedTuple):
     """Text for stdout, and the verdict that decides the exit status."""
 
     text: str

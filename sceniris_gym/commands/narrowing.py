@@ -8,9 +8,8 @@ are placed. For these tiers, the fraction is multiplied by the fraction of such 
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -33,8 +32,7 @@ _INK, _PAPER, _PALE, _ARM = (40, 44, 50), (255, 255, 255), (226, 229, 233), (90,
 _COLOURS = ((214, 96, 36), (38, 110, 184), (62, 140, 74), (150, 78, 158), (186, 148, 24), (30, 150, 150))
 
 
-@dataclass(frozen=True)
-class Narrowing:
+class Narrowing(NamedTuple):
     """Positions of the objects that should be reachable, with and without `reachable`.
 
     Attributes:
