@@ -16,6 +16,7 @@ import sceniris_gym
 from sceniris_gym.commands.answer import Answer, answer, each_once, in_words
 from sceniris_gym.commands.options import (
     COUNT,
+    LAYOUTS,
     OUT,
     Changes,
     Device,
@@ -24,7 +25,6 @@ from sceniris_gym.commands.options import (
     LayoutIds,
     Layouts,
     NumEnvs,
-    OptionalLayouts,
     OptionalScene,
     Out,
     Picture,
@@ -94,7 +94,7 @@ def demo(out: Annotated[Path, OUT] = Path("demo/layouts.png"), device: Device = 
 @_command
 def generate(
     scene: OptionalScene = None,
-    layouts: Annotated[OptionalLayouts, _DATASET] = None,
+    layouts: Annotated[int | None, LAYOUTS, _DATASET] = None,
     out: Out = None,
     seed: Seed = 0,
     split: Split = "train",
@@ -119,16 +119,14 @@ def generate(
     """
     if out is None:
         raise NotSupportedError("generate: the folder to write to is missing. Give -o FOLDER.")
+    from sceniris_gym.commands import generate as tool
+
     if verify:
         if scene is not None or layouts is not None or resume or format_ is not None:
             raise NotSupportedError("generate: --verify checks a folder. Leave out SCENE, -n, --format and --resume.")
-        from sceniris_gym.commands.generate import report_of_files
-        from sceniris_gym.commands.generate import verify as verified
-
-        return answer(verified(out), json, report_of_files)
+        return answer(tool.verify(out), json, tool.report_of_files)
     if scene is None or layouts is None:
         raise NotSupportedError("generate: the scene or the number of layouts is missing. Give both: SCENE -n N.")
-    from sceniris_gym.commands import generate as tool
     from sceniris_gym.dataset.formats import parse_formats
     from sceniris_gym.dataset.manifest import MANIFEST, SCENE
     from sceniris_gym.dataset.shard import Shard

@@ -22,9 +22,8 @@ COUNT = range(1, MOST_WORLDS + 1)
 _scene = tyro.conf.arg(metavar="SCENE", help="name of a shipped scene, or a path")
 Scene = Annotated[str, tyro.conf.Positional, _scene]
 OptionalScene = Annotated[str | None, tyro.conf.Positional, _scene]
-_layouts = tyro.conf.arg(aliases=["-n"], help="number of layouts")
-Layouts = Annotated[int, _layouts, COUNT]
-OptionalLayouts = Annotated[int | None, _layouts]
+LAYOUTS = tyro.conf.arg(aliases=["-n"], help="number of layouts")
+Layouts = Annotated[int, LAYOUTS, COUNT]
 LayoutIds = Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="ID|FILE")]
 NumEnvs = Annotated[int, tyro.conf.arg(help="number of worlds"), COUNT]
 OUT = tyro.conf.arg(aliases=["-o"])
