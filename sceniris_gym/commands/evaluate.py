@@ -11,7 +11,7 @@ from sceniris_gym.files import as_json, write_text
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.training.judging import judge, judges_of
 from sceniris_gym.training.runner import Policy
-from sceniris_gym.training.settings import CONFIG, MODEL, read_config, scene_of_run, share, without_layouts
+from sceniris_gym.training.settings import CONFIG, MODEL, read_config, read_parts, share, without_layouts
 from sceniris_gym.training.task_scenes import scene_of, spec_of
 
 
@@ -53,7 +53,8 @@ def evaluate(
         raise ArgumentError(f"{run / CONFIG}: its task is Python code. If you trust this code, give --task {named}.")
     task = task or named
     scene = build_model(scene_of(task, reachable=True))
-    if scene.former_hash is not None and scene_of_run(run) in (None, scene.former_hash):
+    trained = read_parts(run).get("scene", {}).get("hash")  # version 0.1.0 wrote no hash
+    if scene.former_hash is not None and trained in (None, scene.former_hash):
         raise SceneMismatchError(f"{run}: this policy {scene.mismatch(scene.former_hash, '')}")
     found = {
         name: judge(Policy(run, task, settings, env, trust=trust), env, task, layouts)

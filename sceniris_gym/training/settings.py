@@ -234,11 +234,6 @@ def read_checkpoint(file: Path, device: str, *, trust: bool = False) -> Any:
             raise (error if trust else ArgumentError(f"{file}: {why}")) from None
 
 
-def scene_of_run(folder: Path) -> str | None:
-    """Return the hash of the scene of the run in a folder, or None for a run of version 0.1.0, which wrote no hash."""
-    return read_parts(folder).get("scene", {}).get("hash")
-
-
 def evaluations(folder: Path) -> list[dict[str, Any]]:
     """Return the lines about evaluations in the log of a run, in the order of the log.
 
