@@ -46,21 +46,20 @@ class RedrawObjects(_COMMANDS.CommandTerm):
         worlds = term.compiled, env.sim.wp_model, env.sim.wp_data, term.split
         simulation = Simulation(*worlds, rest, refresh=lambda: None, origins=origins)
         self._redrawer = Redrawer(simulation, term.layouts, graph=True)
-        self._number = self._redrawer.number
 
     @property
     def command(self) -> Tensor:
         """The number of redraws since the reset, shape (num_envs, 1), float32."""
-        return self._number[:, None].float()
+        return self._redrawer.number[:, None].float()
 
     def _resample_command(self, env_ids: Tensor) -> None:
         if not self.command_counter[env_ids].any():  # a reset, where the event has already placed the objects
-            self._number[env_ids] = 0
+            self._redrawer.number[env_ids] = 0
             return
         self._redrawer.launch(self.cfg.objects, as_worlds(env_ids, self.num_envs, self.device, self._redrawer.mask))
         self._env.sim.forward()
         failed = self._redrawer.status == LayoutStatus.KEPT
-        self._env.extras.setdefault("layout", {}).update(redraws=self._number.long(), redraw_failed=failed)
+        self._env.extras.setdefault("layout", {}).update(redraws=self._redrawer.number.long(), redraw_failed=failed)
 
     def _update_metrics(self) -> None:
         pass
