@@ -11,7 +11,6 @@ import argparse
 import json
 import statistics
 import time
-from dataclasses import replace
 from pathlib import Path
 
 from sceniris_gym.viewer.deck import Where
@@ -33,7 +32,7 @@ def seed_changes(view: SceneView, num: int) -> list[float]:
     took = []
     for seed in range(num):
         begun = time.perf_counter()
-        view.go(replace(view.where, seed=seed))
+        view.go(view.where._replace(seed=seed))
         took.append(1e3 * (time.perf_counter() - begun))
     return took
 
