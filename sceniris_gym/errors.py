@@ -160,7 +160,8 @@ class ContactBudgetError(ScenirisError):
     def __init__(self, budget: str, room: int, wanted: int) -> None:
         self.budget, self.room, self.wanted = budget, room, wanted
         super().__init__(
-            f"{budget}={room} is too small for this scene: {wanted} per world were needed, and the rest is ignored. "
+            f"{budget}={room} is too small for this scene: a world needed {wanted} "
+            f"{'contacts' if budget == 'nconmax' else 'constraint rows'}, and the simulation ignored the rest. "
             f"Pass {budget}={max(2 * room, 2 * wanted)}."
         )
 

@@ -226,7 +226,7 @@ def read_arrays(path: Path, *, own: bool = False) -> dict[str, np.ndarray]:
         size = path.stat().st_size
         members = [info for info in archive.infolist() if info.filename.endswith(".npy")]
         if sum(info.compress_size for info in members) > size:
-            raise ValueError("its parts are larger than the file")
+            raise ValueError("it declares parts that are larger than the file")
         found = {}
         for info in members:
             if info.file_size > _MOST_PACKED * (info.compress_size + 64):
@@ -243,7 +243,7 @@ def _read_npy(file: IO[bytes], size: int) -> np.ndarray:
     shape, _, dtype = read(file, max_header_size=_HEADER)
     declared = math.prod(shape) * dtype.itemsize
     if dtype.hasobject:
-        raise ValueError("it holds Python objects")
+        raise ValueError("its values are Python objects, but should be numbers")
     if any(n < 0 for n in shape) or declared > size:
         raise ValueError(f"an array of shape {shape} has {declared} bytes, but the file has at most {size}")
     file.seek(0)

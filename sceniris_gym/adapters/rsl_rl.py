@@ -60,7 +60,7 @@ class RslRlVecEnvWrapper(VecEnv):
             )
         if env.autoreset_mode is not AutoresetMode.SAME_STEP or env.output != "torch" or not env.sim_config.copy:
             raise ArgumentError(
-                "RslRlVecEnvWrapper: env should have autoreset SAME_STEP, output='torch' and copy=True."
+                "RslRlVecEnvWrapper: env needs autoreset_mode='SameStep', output='torch' and SimConfig(copy=True)."
             )
         if env.max_episode_steps is None:
             raise ArgumentError(

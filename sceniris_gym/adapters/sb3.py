@@ -55,13 +55,15 @@ class Sb3VecEnvWrapper(VecEnv):
         if not isinstance(env, SceneVectorEnv):
             raise ArgumentTypeError(f"Sb3VecEnvWrapper: env should be a SceneVectorEnv of make_vec, got {short(env)}.")
         if env.autoreset_mode is not AutoresetMode.SAME_STEP or env.output != "torch" or not env.sim_config.copy:
-            raise ArgumentError("Sb3VecEnvWrapper: env should have autoreset SAME_STEP, output='torch' and copy=True.")
+            raise ArgumentError(
+                "Sb3VecEnvWrapper: env needs autoreset_mode='SameStep', output='torch' and SimConfig(copy=True)."
+            )
         parts = _parts(env.groups_of(env.single_observation_space))
         names = [group] if isinstance(group, str) else list(group)
         check_names("observation group", names, f"task {type(env.task).__name__}", parts)
         images = env.image_config
         if images is not None and not images.final and any(name not in env.observation_names for name in names):
-            raise ArgumentError("Sb3VecEnvWrapper: final_obs needs images: make env with ImageConfig(..., final=True).")
+            raise ArgumentError("Sb3VecEnvWrapper: final_obs lacks images. Make env with ImageConfig(..., final=True).")
         self.env, self.group = env, group
         space = parts[group] if isinstance(group, str) else gymnasium.spaces.Dict({name: parts[name] for name in names})
         super().__init__(env.num_envs, space, env.single_action_space)

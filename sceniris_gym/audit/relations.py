@@ -91,7 +91,7 @@ def _missed(relation: Relation, name: str, scene: JudgedScene, seen: Seen) -> di
     A relation may have both units, for a distance and an angle. The violation is computed as if all objects were
     present. But absent anchors of 'between' are left out.
     """
-    raise NotImplementedError(f"no audit of {type(relation).__name__}")
+    raise NotImplementedError(f"audit: {type(relation).__name__} cannot be judged. Leave out this relation.")
 
 
 @_missed.register

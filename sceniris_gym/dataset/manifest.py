@@ -38,6 +38,7 @@ _RIGHT = {
     **{"sha256": _SUM, "scene_sha256": _SUM, "rows": _POSITIVE, "valid": _COUNT, "first_pass_valid": _COUNT},
 }
 """Field -> pattern of its values, and a description of the pattern for error messages."""
+_AGAIN = "Generate the data set again."
 _FILE = re.compile(r"\w[\w.-]{0,200}", re.ASCII)
 """The name of a file in the folder of the manifest."""
 _RECORD = {"sha256": str, "files": dict, "rows": int, "valid": int, "first_pass_valid": int}
@@ -145,7 +146,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
             "repeat its command with --resume."
         ) from None
     except (OSError, ValueError, RecursionError) as error:
-        raise DatasetError(f"{path}: cannot be read ({error}). Generate the data set again.") from error
+        raise DatasetError(f"{path}: cannot be read ({error}). {_AGAIN}") from error
 
 
 def read_record(path: Path) -> dict[str, Any] | None:
@@ -166,12 +167,12 @@ def checked(path: Path, told: Any, fields: dict[str, type]) -> dict[str, Any]:
         value = told.get(name) if isinstance(told, dict) else None
         pattern, advice = _RIGHT.get(name, ("", f"of type {kind.__name__}"))
         if type(value) is not kind or (pattern and not re.fullmatch(pattern, str(value), re.ASCII)):
-            raise DatasetError(f"{path}: '{name}' should be {advice}, got {value!s:.80}.")
+            raise DatasetError(f"{path}: '{name}' should be {advice}, got {value!s:.80}. {_AGAIN}")
     for name, digest in told["files"].items():
         if not _FILE.fullmatch(name) or not isinstance(digest, str):
-            raise DatasetError(f"{path}: 'files': {name!r:.80} should be a plain file name, and its checksum a string.")
+            raise DatasetError(f"{path}: 'files' should map plain file names to checksums, got {name!r:.80}. {_AGAIN}")
     if fields is _RECORD and not told["first_pass_valid"] <= told["valid"] <= told["rows"]:
-        raise DatasetError(f"{path}: 'valid' should be from 'first_pass_valid' to 'rows', got {told['valid']}.")
+        raise DatasetError(f"{path}: 'valid' should be from 'first_pass_valid' to 'rows'. {_AGAIN}")
     if fields is _FIELDS:
         for record in told["parts"]:
             checked(path, record, _RECORD)

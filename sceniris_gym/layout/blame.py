@@ -30,9 +30,9 @@ _CROWD = 5
 _LATE = (Cause.NO_IK.name.lower(), Cause.BLOCKED.name.lower())
 _PLAIN = "Give the object a larger region or support, a smaller clearance, or fewer neighbours."
 _MOST_NAMED = 3  # objects of a message
-_CLOSER = "Place the object closer to the robot, turn it towards the robot, or use a weaker tier of 'reachable'."
+_CLOSER = "Place the object closer to the robot, turn it towards the robot, or use a less strict tier of 'reachable'."
 _REMEDIES = {
-    "overhead": "'on' requires open space above, and 'inside' a part of the support above. 'in' accepts both.",
+    "overhead": "'on' requires open space above, and 'inside' a part of the support above. Use 'in' to accept both.",
     "unsound": "Layouts had non-finite numbers, or numbers out of all bounds. Look for such numbers in the model.",
     "falls": "Narrow the ranges of its 'mass' or 'ipos', give it a wider support or a region further from the edge, or "
     "write 'stands: false' if it may fall.",
@@ -241,8 +241,8 @@ def _room(compiled: CompiledScene, name: str) -> str | None:
     area = sum(surface.outline.area for surface in one.surfaces[0])
     assert one.config.support is not None
     return (
-        f"The {area:.3g} m2 of '{one.config.support.parent}' were full after {placed} of its {len(crowd)} objects: "
-        f"about {2.0 * area * len(crowd) / placed:.2g} m2 would do."
+        f"The {area:.3g} m2 of '{one.config.support.parent}' were full after {placed} of its {len(crowd)} objects. "
+        f"Use a support of about {2.0 * area * len(crowd) / placed:.2g} m2, or fewer objects."
     )
 
 

@@ -230,7 +230,9 @@ class LayoutGenerator(Fixed, LayoutSource):
             ArgumentError: The generator records rejected candidates.
         """
         if self.layouts.view.rejected_object.shape[0] > 0:
-            raise ArgumentError("LayoutGenerator: cannot prefetch while it records rejected candidates. Omit one.")
+            raise ArgumentError(
+                "LayoutGenerator: cannot prefetch while it records rejected candidates. Use another generator."
+            )
         names = self.layouts.params.names
         return LayoutGenerator(self.compiled, self.nworld, split=self.split, size=self.size, params=names)
 
@@ -274,8 +276,9 @@ class LayoutGenerator(Fixed, LayoutSource):
         check_type(layouts, Layouts, "redraw: layouts")
         if (layouts.compiled.hash, layouts.nworld) != (self.compiled.hash, self.nworld):
             raise SceneMismatchError(
-                f"redraw: layouts should be {self.nworld} layouts of the scene '{self.compiled.config.name}', got "
-                f"{layouts.nworld} of '{layouts.compiled.config.name}'."
+                f"redraw: layouts should be {self.nworld} layouts of scene {self.compiled.hash} "
+                f"('{self.compiled.config.name}'), got {layouts.nworld} of {layouts.compiled.hash} "
+                f"('{layouts.compiled.config.name}')."
             )
         if {*layouts.params.names} & {*layouts.params.of_draws.values()}:
             raise ArgumentError(

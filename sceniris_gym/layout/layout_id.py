@@ -47,8 +47,8 @@ class LayoutId:
         if found is None or int(found[3]) >= 2**64 or int(found[4]) >= MOST_EPISODES:
             raise ArgumentError(
                 f"layout id {short(text)} should be scenehash:split:seed:episode, as in '0123456789abcdef:train:42:0'. "
-                f"Splits: {', '.join(USER_SPLITS)}. The seed is below 2^64, the episode below 2^31 - 1. Params may "
-                "follow as name=hex, with 8 hexadecimal digits per number."
+                f"The split is {' or '.join(USER_SPLITS)}, the seed below 2^64, and the episode below 2^31 - 1. Params "
+                "may follow as ':name=hex', with 8 hexadecimal digits per number."
             )
         names = [unquote(part.partition("=")[0]) for part in (found[5] or "").split(",")]
         if len({*names}) < len(names):

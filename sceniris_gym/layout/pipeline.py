@@ -91,7 +91,7 @@ class LayoutPipeline(Fixed, LayoutSource):
         if ahead is not None:
             check_type(ahead, Ahead, "LayoutPipeline: ahead")
             if ahead.maker is not maker:
-                raise ArgumentError("LayoutPipeline: ahead should prefetch for this maker: Ahead(maker).")
+                raise ArgumentError("LayoutPipeline: ahead should be made from the same maker: Ahead(maker).")
         if chooser is not None:
             check_type(chooser, Chooser, "LayoutPipeline: chooser")
             if chooser.layouts is not None and chooser.layouts is not maker.layouts:

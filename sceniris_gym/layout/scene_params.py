@@ -176,8 +176,8 @@ def _regions(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:
         if cuts[i] > 0 or heaps[i] >= 0 or (part.region is not None and part.region.points is not None):
             yield (
                 name,
-                "it is drawn from points or a heap, or differs between layouts: due to relations, a leaning support or "
-                "a 'ratio_on_support' together with 'orientation: any' or drawn joints.",
+                "it comes from points or a heap, or differs between layouts because of relations, a leaning support, "
+                "or 'ratio_on_support' with 'orientation: any' or drawn joints. Leave out this param.",
             )
         elif part.support is None:
             ends = ("obj_box_lower", "obj_box_upper")
@@ -232,4 +232,4 @@ def _clearances(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:
     for owner, part in (*config.objects.items(), *config.all_robots.items()):
         name, least = f"{config.key(owner)}.clearance", np.array([part.clearance], np.float32)
         known = Param(name, least, "clearance", copies=tuple(copies[owner]))
-        yield name, known if known.copies else "no placed object is tested against it."
+        yield name, known if known.copies else "no placed object is tested for it. Leave out this param."

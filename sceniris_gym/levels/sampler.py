@@ -207,7 +207,7 @@ class LevelSampler(Chooser, StaysHere):
         """Return numbers as a Warp array on the device, converted to `dtype`. Seeds keep their 64 bits."""
         is_whole = values.dtype.kind in "biu" if isinstance(values, np.ndarray) else not values.is_floating_point()
         if dtype is not wp.float32 and not is_whole:
-            raise ArgumentError("LevelSampler: levels, seeds and episodes should be integers.")
+            raise ArgumentError(f"LevelSampler: levels, seeds and episodes should be integers, got {values.dtype}.")
         if dtype is wp.int32:  # clip first, because an out-of-range number must not wrap around to a valid number
             values = values.clip(-(1 << 31), (1 << 31) - 1)
         given = wp.array(values) if isinstance(values, np.ndarray) else wp.from_torch(values.detach().contiguous())
@@ -258,7 +258,7 @@ class LevelSampler(Chooser, StaysHere):
             wrong = np.flatnonzero(~((values >= least) & (values <= most)))
             if len(wrong):
                 first, ends = wrong[0], [np.broadcast_to(end, values.shape).flat[wrong[0]] for end in (least, most)]
-                got = f"got {values.flat[first]} at {first}"
+                got = f"got {values.flat[first]} at index {first}"
                 raise ArgumentError(f"{where}: state['{name}'] should be from {ends[0]:g} to {ends[1]:g}, {got}.")
         for name in ("param", "base_param", "next_param"):
             self.layouts.params.checked(state[name], len(state[name]))

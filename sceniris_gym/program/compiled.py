@@ -199,8 +199,8 @@ def refuse_starts(compiled: CompiledScene, where: str) -> None:
     """
     if compiled.starts is not None:
         raise NotSupportedError(
-            f"{where}: '{compiled.config.name}' has 'start', but only SceneVectorEnv and ResetRandomizer close fingers."
-            " Use one of them, or remove 'start' from the scene file."
+            f"{where}: the scene '{compiled.config.name}' has 'start', which {where} cannot apply: it does not close "
+            "fingers. Use SceneVectorEnv or ResetRandomizer, or remove 'start' from the scene file."
         )
 
 
@@ -218,8 +218,8 @@ def refuse_draws(compiled: CompiledScene, where: str, instead: str) -> None:
     draws = compiled.scene.sim.draws
     if draws:
         raise NotSupportedError(
-            f"{where}: '{compiled.config.name}' has 'randomize' ({draws[0].name}), which is not drawn here. Remove it "
-            f"from the scene file and draw by {instead}, or use SceneVectorEnv or ResetRandomizer."
+            f"{where}: the scene '{compiled.config.name}' has 'randomize' ({draws[0].name}), which {where} does not "
+            f"draw. Remove it from the scene file and draw by {instead}, or use SceneVectorEnv or ResetRandomizer."
         )
 
 

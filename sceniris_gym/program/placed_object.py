@@ -221,4 +221,4 @@ def _others(scene: SceneModel, own: str, pieces: list[Piece], word: str) -> str:
             geoms = frozenset(p.geom for p in pieces if p.body == s.body and s.geom in (None, p.geom))
             found.setdefault(geoms, name)
     floor = [] if scene.config.floor is None or word == "inside" else [FLOOR]
-    return ", ".join([*floor, *sorted(found.values())]) or "none, as nothing else in this scene has one"
+    return ", ".join([*floor, *sorted(found.values())]) or "none, as no other part of this scene has one"

@@ -61,8 +61,8 @@ def stable_poses(scene: SceneModel, o: PlacedObject, own: list[Piece]) -> list[t
     if not kept:
         raise SceneKeyError(
             f"{where}: in each stable pose, the object would drop by more than {1e3 * _FALL:g} mm, because its lowest "
-            "part is not the first to touch the support: the contact margins or contact bits of its geoms differ. "
-            "Give its geoms equal margins and bits, or use another orientation."
+            "part is not the first to touch the support. Give all its geoms equal contact margins and bits, or use "
+            "another orientation."
         )
     kept = [pose for pose in kept if all(shape.holds(pose[0]) for shape, _ in shapes[1:])]
     if not kept:

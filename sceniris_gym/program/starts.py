@@ -30,7 +30,7 @@ _ALL_WAYS = np.concatenate([np.eye(3), -np.eye(3)])
 _FITS = {
     StartPose.STANDING: ("fits", "from both sides"),
     StartPose.LIFTED: ("lifts", "upright in the air"),
-    StartPose.HELD: ("holds", "whichever way is down"),
+    StartPose.HELD: ("holds", "in every orientation"),
 }
 """For each pose of the arm, the attribute of a Grip that has to be true, and the words for it in errors."""
 
@@ -117,9 +117,8 @@ def _kind(plan: Plan, grips: tuple[Grip, ...], number: int, config: StartConfig)
             own &= np.array([getattr(grip, fit) for grip in grips[first : first + len(own)]], bool)
             if not own.any():
                 raise SceneKeyError(
-                    f"{where}: the gripper should be able to hold '{target.name}' {how}, but cannot in any of the "
-                    "selected grasps over the whole range of 'randomize'. Select other grasps, or use a stronger "
-                    "gripper, a lighter object, or narrower draws."
+                    f"{where}: no selected grasp can hold '{target.name}' {how} for all values of 'randomize'. "
+                    "Select other grasps, or use a stronger gripper, a lighter object, or narrower draws."
                 )
         counts.append(own)
         if target.name in names:
@@ -142,7 +141,7 @@ def _kind(plan: Plan, grips: tuple[Grip, ...], number: int, config: StartConfig)
 def _arm_range(plan: Plan, one: ReachingArm, config: StartConfig, where: str) -> np.ndarray:
     """Return the interval for each joint of an arm in a kind of start, shape (MAX_JOINTS, 2). Undrawn: low > high."""
     if one.robot in plan.scene.apart:
-        raise SceneKeyError(f"{where}: should have a robot that is in the scene, but its 'in_scene' is false.")
+        raise SceneKeyError(f"{where}: needs the robot in the scene. Remove its 'in_scene: false', or this start.")
     found, index = np.tile(_UNDRAWN, (MAX_JOINTS, 1)), one.arm.qposadr.tolist()
     for drawn in _drawn(plan, one.robot, config.robot_joints, f"{where}.robot_joints"):
         if drawn.qposadr in index:  # a pattern also matches joints of the gripper, which a start does not draw

@@ -214,7 +214,7 @@ def _check_joints(mjm: mujoco.MjModel, base_body: int, tcp: str, ids: list[int])
             name = mjm.equality(i).name
             raise ArmError(
                 f"arm '{base}' is not serial: the equality constraint {repr(name) if name else i} couples its joints. "
-                "Remove the constraint, or let it couple only joints on branches without the TCP."
+                "Remove the constraint, or let it couple only joints that do not move the TCP."
             )
 
 

@@ -228,7 +228,7 @@ class ModelFields:
         """
         for name, array in self._known.items():
             if getattr(owner(self._model, name), name) is not array:
-                raise FixedError("model", name, f"Write into its array: model_field('{name}').")
+                raise FixedError("model", name, f"To set its numbers, write into model_field('{name}').")
 
 
 def _word(name: str) -> Word:

@@ -108,7 +108,7 @@ def check_rows(snapshot: Any, source: tuple[str, ...], live: Mapping[str, Tensor
     wanted = {key: (tensor.dtype, (len(snapshot), *tensor.shape[1:])) for key, tensor in tensors.items()}
     has_rows = all(_is_plain(values) and values.shape[:1] == (len(snapshot),) for values in given.values())
     if snapshot.source != source or not (has_rows and wanted.items() <= found.items() and _WERE_FINITE in found):
-        got = "other rows" if snapshot.source == source else short(snapshot.source)
+        got = "rows of other names, types or shapes" if snapshot.source == source else short(snapshot.source)
         parts = "scene, split, task and params" if "elapsed" in live else "scene, split and params"
         raise SceneMismatchError(
             f"{name} should have the {parts} of the worlds to restore, got {got}. Take a new snapshot of them."

@@ -68,8 +68,8 @@ def make_pipeline(
         prefetch = wp.get_device(compiled.device).is_cuda if prefetch is None else prefetch
     elif prefetch or params:
         raise ArgumentError(
-            f"{where}: prefetch and params only apply without a layout_source. Give either them or a layout_source, "
-            "which may be a LayoutPipeline that prefetches."
+            f"{where}: prefetch and params only apply without a layout_source. Leave out the layout_source, or "
+            "leave out prefetch and params and give a LayoutPipeline that prefetches."
         )
     layout_source = as_layout_source(layout_source, compiled, nworld, f"{where}: layout_source")
     if replay is not None and layout_source.chooser is not None:

@@ -110,7 +110,7 @@ def _check_number(mjm: mujoco.MjModel, joint: int, found: Sequence[int], where: 
         names = ", ".join(repr(mjm.actuator(i).name or i) for i in found)
         has = f"has {len(found)}: {names}. Keep one of them."
     else:
-        add = "Add" if name else "Name it, and add"
+        add = "Add" if name else "Name the joint, and add"
         has = f"has none. {add} <position joint='{name or '...'}' kp='...' ctrlrange='...'/>."
     raise ArmError(f"{where}: {joint_label(mjm, joint)} should have one separate position actuator, but {has}")
 

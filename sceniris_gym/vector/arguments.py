@@ -37,7 +37,7 @@ def as_task(task: Task | type[Task] | str) -> Task:
         try:
             task = getattr(importlib.import_module(module), name)
         except (ImportError, AttributeError, ValueError) as error:
-            raise ArgumentError(f"task {task!r} should be 'module:Class', as Python can import it: {error}.") from None
+            raise ArgumentError(f"task {task!r} should be an importable class, as 'module:Class': {error}.") from None
     made = task() if isinstance(task, type) else task
     if not isinstance(made, Task):
         raise ArgumentTypeError(f"task should be a Task, its class, or 'module:Class', got {short(made)}.")

@@ -265,7 +265,9 @@ def _arm_joints(scene: SceneModel, robot: str, where: str) -> tuple[int, ...]:
     joints = [j for j in range(mjm.njnt) if int(mjm.jnt_bodyid[j]) in path and mjm.jnt_type[j] != FREE]
     ball = [mjm.joint(j).name for j in joints if mjm.jnt_type[j] not in SCALAR]
     if ball or not joints:
-        lacks = f"'{ball[0]}' between them is a ball joint" if ball else "no joint is between them"
+        lacks = "no joint is between them. Put the site on a body that the arm's joints move"
+        if ball:
+            lacks = f"'{ball[0]}' between them is a ball joint. Replace it by hinges"
         raise ArmError(
             f"{where}: the arm from body '{mjm.body(root).name}' to site '{tcp}' should consist of hinges and slides, "
             f"but {lacks}."

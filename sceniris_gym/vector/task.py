@@ -71,18 +71,18 @@ class Task:
 
         The actor sees the group `policy`. In training, the critic sees the group `critic`.
         """
-        raise NotImplementedError
+        raise NotImplementedError(f"{type(self).__name__} should define the method observe(s).")
 
     def reward(self, s: State, action: Tensor) -> dict[str, Tensor]:
         """Return the reward terms of the last step, each of shape (num_envs,). The reward is their sum.
 
         The names of statistics are reserved: episodes, length, return, success and broken.
         """
-        raise NotImplementedError
+        raise NotImplementedError(f"{type(self).__name__} should define the method reward(s, action).")
 
     def success(self, s: State) -> Tensor:
         """Return whether each world has reached the goal, shape (num_envs,), bool."""
-        raise NotImplementedError
+        raise NotImplementedError(f"{type(self).__name__} should define the method success(s).")
 
     def terminated(self, s: State) -> Tensor:
         """Return whether each world's episode terminates, shape (num_envs,), bool. The default is all false."""

@@ -151,7 +151,7 @@ def test_environments_of_another_kind_are_refused(reach_scene):
         {"sim_config": {"copy": False}},
     ]
     for wrong in wrongs:
-        with pytest.raises(ValueError, match="SAME_STEP, output='torch' and copy=True"):
+        with pytest.raises(ValueError, match="autoreset_mode='SameStep', output='torch' and SimConfig"):
             RslRlVecEnvWrapper(SceneVectorEnv(Reach, 2, scene=reach_scene, max_episode_steps=5, **wrong))
     with pytest.raises(ValueError, match="max_episode_steps"):
         RslRlVecEnvWrapper(SceneVectorEnv(Reach, 2, scene=reach_scene))

@@ -263,7 +263,7 @@ def test_pictures_are_tiled_and_recorded(make, tmp_path: Path):
 def test_wrong_environments_are_refused(make_env, reach_scene: CompiledScene):
     """Other autoreset, output, buffers and groups say what would be right."""
     for wrong in ({"autoreset_mode": "NextStep"}, {"output": "numpy"}, {"sim_config": {"copy": False}}):
-        with pytest.raises(ValueError, match="SAME_STEP, output='torch' and copy=True"):
+        with pytest.raises(ValueError, match="autoreset_mode='SameStep', output='torch' and SimConfig"):
             Sb3VecEnvWrapper(make_env(1, **wrong))
     with pytest.raises(UnknownNameError, match=r"unknown observation group 'actor'.*critic, policy"):
         Sb3VecEnvWrapper(make_env(1), group="actor")

@@ -114,7 +114,7 @@ def test_an_id_with_params_makes_its_layout_again(param_scene: CompiledScene):
     table = replay(param_scene, LayoutId.parse(told))
     np.testing.assert_array_equal(table.qpos[0], made["qpos"][2])
     np.testing.assert_array_equal(params_in(text)["groups.some.count"], [1.0, 3.0])
-    with pytest.raises(ArgumentError, match="Params may follow as name=hex, with 8 hexadecimal digits"):
+    with pytest.raises(ArgumentError, match="Params may follow as ':name=hex', with 8 hexadecimal digits"):
         LayoutId.parse(f"{param_scene.hash}:train:1:0:groups.some.count=3f8")
 
 

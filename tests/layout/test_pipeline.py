@@ -102,7 +102,7 @@ def test_a_key_is_opened_without_touching_what_is_served(mid: CompiledScene):
     [
         (lambda maker, other: {"maker": 3}, "maker should be a LayoutSource"),
         (lambda maker, other: {"ahead": True}, "ahead should be a Ahead"),
-        (lambda maker, other: {"ahead": Ahead(other)}, r"ahead should prefetch for this maker: Ahead\(maker\)"),
+        (lambda maker, other: {"ahead": Ahead(other)}, r"ahead should be made from the same maker: Ahead\(maker\)"),
         (lambda maker, other: {"chooser": 3}, "chooser should be a Chooser"),
         (lambda maker, other: {"chooser": LevelSampler(LevelReplay(), other.layouts)}, "belongs to another maker"),
         (lambda maker, other: {"split": "bogus"}, "split should be train, got 'bogus'"),

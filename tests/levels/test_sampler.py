@@ -227,7 +227,7 @@ def test_a_state_with_a_number_out_of_range_is_refused(make_env):  # noqa: F811
     for strange in (before["value"].astype(np.float64), before["value"].tolist(), None, 3):
         with pytest.raises(ArgumentError, match=r"value'\] should be float32 of shape \(64,\)"):
             levels.restore(before | {"value": strange})
-    with pytest.raises(ArgumentError, match="cumulative'\\] should be from 7 to inf, got 5 at 2"):
+    with pytest.raises(ArgumentError, match="cumulative'\\] should be from 7 to inf, got 5 at index 2"):
         levels.restore(before | {"cumulative": np.array([0, 7, 5, *[8] * 61], np.int32)})
     with pytest.raises(ArgumentTypeError, match="state should be a Mapping"):
         levels.restore([before])

@@ -100,5 +100,5 @@ def test_grasps_are_proven_with_the_worst_that_is_drawn():
     objects["block"]["randomize"] = {"mass": {"scale": [0.5, 2]}, "friction": {"scale": [0.02, 1]}}
     robot = {**SCENE["robot"], "randomize": {"friction": {"scale": [0.02, 1]}, "forcerange": {"scale": [0.8, 1]}}}
     plan = plan_of(objects=objects, start=[kind], robot=robot)
-    with pytest.raises(SceneKeyError, match=r"start\.0: .* hold 'block' upright in the air, .* narrower draws"):
+    with pytest.raises(SceneKeyError, match=r"start\.0: .* hold 'block' upright in the air .* narrower draws"):
         plan_starts(plan, plan_grips(plan))

@@ -135,7 +135,7 @@ def test_late_requests_and_replaced_arrays_are_errors(make, small_scene):
     for each in (randomizer, make("body_mass")):  # also before the first reset
         each.model.body_mass = wp.clone(each.model.body_mass)
         for call in (each.reset, each.refresh):
-            with pytest.raises(FixedError, match="Write into its array"):
+            with pytest.raises(FixedError, match="write into model_field"):
                 call()
 
 

@@ -274,7 +274,7 @@ def test_a_curriculum_continues_with_the_levels_of_the_snapshot(compiled: Compil
     assert max(max(row) for row in runs[0][2::4]) >= 0
     plain = _made(compiled)
     plain.reset()
-    with pytest.raises(SceneMismatchError, match=r"have the scene, split and params of .*, got other rows"):
+    with pytest.raises(SceneMismatchError, match=r"have the scene, split and params of .*, got rows of other names"):
         plain.restore(kept)
 
 

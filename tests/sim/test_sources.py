@@ -46,7 +46,7 @@ def test_it_makes_its_own_layouts_of_a_scene(prefetch: bool):
     assert set(randomizer.rejection_counts()) == {"block"}
     assert (randomizer.pipeline.ahead is not None) == prefetch
     if prefetch:
-        with pytest.raises(ValueError, match="Give either them or a layout_source"):
+        with pytest.raises(ValueError, match="Leave out the layout_source, or leave out"):
             ResetRandomizer(compiled, model, data, layout_source=twin, prefetch=True)
         with pytest.raises(TypeError, match=r"prefetch should be a boolean, a wp\.Stream or None, got <class 'str'>"):
             ResetRandomizer(compiled, model, data, prefetch="no")  # type: ignore[arg-type]

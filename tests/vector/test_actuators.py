@@ -116,7 +116,7 @@ def test_without_a_limit_of_force_or_damping_leads_are_infinite_or_for_the_given
         (
             "",
             "",
-            "the unnamed joint of body 'arm' should have one separate position actuator, but has none. Name it, ",
+            "the unnamed joint of body 'arm' should have one separate position actuator, but has none. Name the joint",
         ),
     ],
 )

@@ -292,7 +292,7 @@ def test_actions_of_any_real_type_are_taken(kind: type):
 @pytest.mark.parametrize("task", ["nowhere:Class", "json:Nothing", ":", ""])
 def test_a_task_that_cannot_be_imported_is_refused(task: str):
     """By what Python says."""
-    with pytest.raises(ArgumentError, match="should be 'module:Class', as Python can import it"):
+    with pytest.raises(ArgumentError, match="should be an importable class, as 'module:Class'"):
         as_task(task)
 
 

@@ -306,7 +306,7 @@ def test_the_randomizer_of_an_environment_restores_worlds_without_their_task(mak
         _run(envs, 1)
         envs.randomizer.restore(snapshot)
         assert_equal(state(envs), before)
-    with pytest.raises(SceneMismatchError, match=r"the scene, split, task and params of .*, got other rows"):
+    with pytest.raises(SceneMismatchError, match=r"the scene, split, task and params of .*, got rows of other names"):
         envs.reset(options={"state": worlds})
 
 

@@ -32,7 +32,7 @@ def check_supports(plan: Plan) -> None:
         word, parent, region = o.config.support.word, o.config.support.parent, o.config.region
         where, up = f"{config.where}: {config.key(o.name)}.{word}", plan.scene.home.xmat[o.support.body][8]
         if o.support.is_floor and word == "inside":
-            raise SceneKeyError(f"{where}: nothing covers the floor, so it has no inside. Write 'on: floor'.")
+            raise SceneKeyError(f"{where}: the floor has no inside, because it has no cover. Write 'on: floor'.")
         if up < COS_MAX_TILT:
             lean = np.degrees(np.arccos(np.clip(up, -1.0, 1.0)))
             raise NotSupportedError(
@@ -42,7 +42,7 @@ def check_supports(plan: Plan) -> None:
         is_endless = any(s.is_endless for surfaces in o.surfaces for s in surfaces)
         if is_endless and (region is None or region.fraction is not None):
             raise SceneKeyError(
-                f"{where}: the plane '{parent}' is endless. Bound the object's places on the plane, as in "
+                f"{where}: the plane '{parent}' is endless. Give the object a region on the plane, as in "
                 f"{config.key(o.name)}.region: {{box: [[-0.3, -0.3], [0.3, 0.3]]}}."
             )
 
@@ -65,13 +65,13 @@ def check_relations(plan: Plan) -> None:
             )
         if o.orientation == "face_to" and any(isinstance(r, Beside) for r in relations):
             raise SceneKeyError(
-                f"{where}: 'beside' needs the object's rotation first, but 'face_to' its position first. Remove one "
-                "of them."
+                f"{where}: 'beside' needs the object's rotation first, but 'face_to' needs its position first. Remove "
+                "one of them."
             )
         for i, relation in enumerate(relations):
             if relation.has_own_width and max(v.short_edge for v in o.stable_poses) == 0.0:
                 raise SceneKeyError(
-                    f"{where}.{i}.width: is missing. '{o.name}' has no geom that collides, so its bounds have no width."
+                    f"{where}.{i}.width: '{o.name}' has no geom that collides, so it has no width. Give a width [m]."
                 )
         pieces, points = cut_pieces(o), None if o.config.region is None else o.config.region.points
         if pieces > MAX_PIECES and points is not None:
@@ -103,8 +103,8 @@ def check_followers(plan: Plan) -> None:
             follower, driver = (mjm.joint(j).name for j in (c.follower, c.driver))
             if c.follower not in own:
                 raise NotSupportedError(
-                    f"{where}: joint '{driver}' is drawn, and {c.label} makes joint '{follower}', which is not part "
-                    f"of '{o.name}', follow it. Make both joints part of one asset, do not draw '{driver}', or remove "
+                    f"{where}: {c.label} makes joint '{follower}' follow the drawn joint '{driver}', but '{follower}' "
+                    f"is not part of '{o.name}'. Make both joints part of one asset, do not draw '{driver}', or remove "
                     "the equality."
                 )
             if low < least - _ROUNDING or high > most + _ROUNDING:

@@ -38,7 +38,9 @@ def put_simulated(mjm: mujoco.MjModel, where: str) -> mjw.Model:
     try:
         return mjw.put_model(mjm)
     except NotImplementedError as error:
-        raise NotSupportedError(f"{where}: MuJoCo-Warp cannot simulate the model: {error} Remove this.") from None
+        raise NotSupportedError(
+            f"{where}: MuJoCo-Warp cannot simulate the model: {error} Remove this from the model."
+        ) from None
 
 
 def check_pairs_fit(plan: Plan) -> None:

@@ -110,8 +110,8 @@ def check_standing(plan: Plan) -> None:
         levels = len(stance.levels)
         if levels > MAX_LEVELS:
             raise SceneKeyError(
-                f"{where}: {levels} free objects stand on each other, which should be at most {MAX_LEVELS}. Put "
-                "some of them on another support."
+                f"{where}: {levels} free objects stand on each other, but a stack should have at most {MAX_LEVELS}. "
+                "Put some of them on another support."
             )
         for mjm in models:
             _check_joints(plan, mjm, o, stance.load, where)
@@ -168,12 +168,13 @@ def _check_joints(plan: Plan, mjm: mujoco.MjModel, o: PlacedObject, load: float,
             fall = max(fall, float((start - _point(data, o.ground, at))[2]))
         if fall > _GIVES:
             names = " and ".join(f"'{mjm.joint(j).name}'" for j in joints)
-            by = f"too little holds joint {names} (frictionloss, stiffness, limits or an actuator)"
+            by, cure = f"too little holds joint {names}", "Give it frictionloss, stiffness, limits or an actuator"
             if is_loose:
                 by = f"the scene does not place the free body '{mjm.body(root).name}'"
+                cure = "Place the body as one of 'objects', or remove its free joint"
             raise SceneKeyError(
                 f"{where}: its support gives way by {1e3 * fall:.3g} mm under {load:.3g} kg, because {by}. "
-                f"Correct this, {_ANYWAY}."
+                f"{cure}, {_ANYWAY}."
             )
 
 

@@ -238,7 +238,7 @@ def test_more_levels_than_there_is_room_for_are_refused():
     bodies = "".join(f'<body name="{n}"><freejoint/><geom type="box" size=".05 .05 .05"/></body>' for n in names)
     spec = mujoco.MjSpec.from_string(f"<mujoco><worldbody>{bodies}</worldbody></mujoco>")
     objects = {name: {"on": below} for below, name in zip(["floor", *names], names, strict=False)}
-    with pytest.raises(SceneKeyError, match=r"c12\.on: 13 free objects stand on each other, which .* at most 12"):
+    with pytest.raises(SceneKeyError, match=r"c12\.on: 13 free objects stand on each other, but .* at most 12"):
         checked(scene_of(objects, model=spec))
 
 
