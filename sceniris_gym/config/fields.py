@@ -75,7 +75,7 @@ def _are_alike(points: tuple[tuple[float, ...], ...]) -> bool:
 _ASCENDING = must(lambda ends: ends[0] <= ends[1], "should be [low, high] with low <= high")
 _NOT_ZERO = must(lambda xy: max(map(abs, xy)) >= 1e-9, "should be a direction [x, y] that is not [0, 0]")
 _OFF_THE_SUPPORT = must(
-    lambda gap: gap >= LEAST_GAP, "should be at least 0.00002 m: a closer object could touch its support by rounding"
+    lambda gap: gap >= LEAST_GAP, "should be at least 0.00002 m: rounding could make a closer object touch its support"
 )
 _EACH_ONCE = must(lambda names: len(set(names)) == len(names), "should name each object once")
 _CORNERS = must(_are_corners, "should be [[x, y], [x, y]] or [[x, y, z], [x, y, z]], the low corner first")
@@ -111,7 +111,7 @@ class MemberName(str):
 def object_name(name: str) -> str:
     """Check the name of an object, a group or a variant, and return it."""
     if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_-]*", name):
-        instead = f". To use this body, choose another name and write 'body: {name}'" if "/" in name else ""
+        instead = f". Choose such a name, and write 'body: {name}'" if "/" in name else ""
         raise wrong(f"should be a name of letters, digits, '_' and '-' that starts with a letter or '_'{instead}")
     if name in (FLOOR, ROBOT, "world", "anchor", "support"):
         raise wrong("should not be floor, robot, world, anchor or support: these names are reserved")
@@ -207,7 +207,7 @@ def _told(error: ValidationError | UnicodeError, where: str) -> str:
             # errors shared by all variants of an object are reported once
             told = (f"{path if len(own) > 1 else own[0]}: {sentence}" for (path, sentence), own in found.items())
             return "\n".join(f"{where}: {line}" for line in told)
-    return f"{where}: a name or a value has a character that is not text. Remove it."
+    return f"{where}: a name or a value has a character that is not valid Unicode text. Remove this character."
 
 
 def _path(error: ErrorDetails) -> str:
@@ -228,7 +228,7 @@ def _sentence(error: ErrorDetails) -> str:
             )
         return f"unknown key.{did_you_mean(key, valid)} Valid: {', '.join(valid)}."
     if kind == "missing":
-        return "is missing."
+        return "is missing. Add this key."
     advice = _SHOULD[kind].format_map(context) if kind in _SHOULD else f"is wrong: {error['msg']}"
     hint = context.get("hint", "")
     if kind == "literal_error" and isinstance(error["input"], str):

@@ -50,8 +50,8 @@ def with_tags(files: Iterable[Path], tags: Any) -> list[Path]:
         raise wrong("should be a list of tags, as in [graspable]")
     tags_of = {path: _tags(path) for path in files}
     known = sorted(set().union(*tags_of.values()))
-    has = f"have {', '.join(known)}" if known else f"have no 'tags' in their {MANIFEST}"
-    check_words(tags, known, f"should be tags of the folder's assets, which {has}")
+    has = ", ".join(known) or f"none. Add 'tags' to a {MANIFEST} in the folder, or leave them out here"
+    check_words(tags, known, f"should be among the tags of the folder's assets: {has}")
     found = [path for path, own in tags_of.items() if own.issuperset(tags)]
     if not found:
         raise wrong("should be tags that occur together in at least one of the folder's assets")
@@ -71,5 +71,5 @@ def _tags(asset: Path) -> set[str]:
     except (OSError, ValueError, AttributeError, TypeError, RecursionError) as error:
         reason = str(error).splitlines()[0]
         raise wrong(
-            f"should be used with manifests from `sceniris-gym import`, but {path} is not one: {reason}"
+            f"should select assets by their manifests, but {path} cannot be read: {reason}. Import this asset again"
         ) from None

@@ -18,7 +18,7 @@ PLACING = ("on", "inside", "region", "relations", "joints", "ratio_on_support", 
 _THINNEST = 2.0e-4
 """Smallest width [m] of the interval `offset`, the same as for other intervals of distances."""
 
-_OFFSET_ADVICE = f"should be [low, high] with 0 <= low and high at least {_THINNEST} m above it"
+_OFFSET_ADVICE = f"should be [low, high] in metres, with low at least 0 and high at least {_THINNEST} above low"
 
 
 def _both_ends(value: Any) -> Any:
@@ -67,9 +67,9 @@ class GroupConfig(Section):
     def _can_be_drawn(self) -> Self:
         low, high = self.count
         if not low <= high <= len(self.of):
-            raise wrong(f"should have a 'count' k or [low, high] with 0 <= low <= high <= {len(self.of)} (all members)")
+            raise wrong(f"should have a 'count' from 0 to {len(self.of)}, its members, or [low, high] with low <= high")
         for word, named in (("weights", self.weights), ("splits", self.splits)):
-            check_words(named, self.of, f"should have '{word}' of its members only")
+            check_words(named, self.of, f"should have '{word}' only for members that are in its 'of'")
         for split in SPLITS:
             drawn = sum(weight > 0.0 for weight in self.weights_in(split))
             if drawn < high:

@@ -205,7 +205,7 @@ def _read_yaml(path: Path) -> dict:
     except (YAMLError, ValueError) as error:  # ValueError: wrong bytes or dates, or too many digits
         raise SceneFileError(f"{path}: this is not YAML: {str(error).splitlines()[0]}.") from None
     except RecursionError:
-        raise SceneFileError(f"{path}: lists or mappings are nested too deeply for a scene.") from None
+        raise SceneFileError(f"{path}: lists or mappings are nested too deeply. Use fewer levels.") from None
     except OSError as error:
         raise SceneFileError(f"{path}: the file cannot be read: {error.strerror}.") from None
     if not isinstance(data, dict):

@@ -82,8 +82,8 @@ class ObjectConfig(Section):
 
     model_config = ConfigDict(populate_by_name=True)
     misplaced = dict.fromkeys(
-        RELATION_WORDS, "should be an entry of 'relations', as in relations: [{near: mug, ...}]"
-    ) | dict.fromkeys(DRAWN, "should be a word of one of several variants, as in variants: {can: {weight: 2, ...}}")
+        RELATION_WORDS, "should be given in 'relations', as in relations: [{near: mug, ...}]"
+    ) | dict.fromkeys(DRAWN, "should be given for a single variant, as in variants: {can: {weight: 2, ...}}")
     asset: str | None = None
     scale: fields.Scale = 1.0
     body: str | None = None
@@ -166,9 +166,9 @@ class ObjectConfig(Section):
         words = data.get("reachable") if isinstance(data, Mapping) else None
         if not isinstance(words, Mapping):
             return data
-        check_words(words, _REACH_WORDS, f"should have only {', '.join(_REACH_WORDS)} in 'reachable'")
+        check_words(words, _REACH_WORDS, f"should have only the keys {', '.join(_REACH_WORDS)} in 'reachable'")
         if twice := [key for key in words if key in data]:
-            raise wrong(f"should have '{twice[0]}' once: inside 'reachable' or next to it")
+            raise wrong(f"should have '{twice[0]}' only once: inside 'reachable' or next to it")
         named = {key: value for key, value in words.items() if key != "tier"}
         return {**data, "reachable": words.get("tier", True), **named}
 
@@ -197,7 +197,7 @@ class ObjectConfig(Section):
             )
         joined = [relation for relation in self.relations if isinstance(relation, Joined)]
         if joined and self.orientation is not None:
-            raise wrong("should have no 'orientation': the joined sites already determine it")
+            raise wrong("should have no 'orientation': the sites in 'beside' already determine it")
         if len(joined) > 1:
             raise wrong("should be joined to one other object at most: one pair of sites already determines its pose")
         for one, other in itertools.combinations(self.relations, 2):

@@ -162,7 +162,7 @@ class Relation(Section):
     def _problem(cls, key: Any, valid: list[str]) -> PydanticCustomError:
         words = [word for kind in KINDS if key in kind.model_fields for word in kind.one_of]
         if words and key not in cls.misplaced:
-            return wrong(f"should stand only with {_listing(words)}, not with {_listing(cls.one_of)}")
+            return wrong(f"should be given only with {_listing(words)}, not with {_listing(cls.one_of)}")
         return super()._problem(key, _KEYS)
 
 
@@ -200,7 +200,7 @@ class Sector(Relation):
     @model_validator(mode="after")
     def _measures_a_distance(self) -> Sector:
         if self.distance is None and "measure" in self.model_fields_set:
-            raise wrong("should have a 'distance' with 'measure'")
+            raise wrong("should have a 'distance', because it has a 'measure'")
         return self
 
 
@@ -311,7 +311,7 @@ class Joined(Relation):
 
     one_of = ("beside",)
     type = RelationType.JOINED
-    misplaced = dict.fromkeys(("side", "frame"), "should be left out if 'beside' names sites, which determine the pose")
+    misplaced = dict.fromkeys(("side", "frame"), "should not be given if 'beside' names sites: they determine the pose")
     anchor_key: ClassVar[str] = "beside.of"
     beside: Connection
     gap: Length | None = None

@@ -148,9 +148,9 @@ class RobotConfig(Section):
         except ValidationError as error:  # contradicting words, as for any object
             raise wrong(error.errors()[0]["msg"]) from None
         if placing is not None and given:
-            raise wrong(f"should have no '{given[0]}', as its base is drawn. Use 'region' and 'orientation' instead")
+            raise wrong(f"should have no '{given[0]}': resets draw its base. Use 'region' and 'orientation' instead")
         if placing is not None and not placing.is_placed:
-            raise wrong("should have a support ('on', 'inside' or 'in') or a 3D region: the pose of its base is drawn")
+            raise wrong("should have a support (on, inside, in) or a 3D region if it has relations, orientation or gap")
         return self
 
 
@@ -158,7 +158,7 @@ _Weight = Annotated[Number, Field(gt=0.0), within("weight")]
 _Heights = Annotated[
     tuple[Length, Length],
     BeforeValidator(listed),
-    must(lambda ends: ends[0] <= ends[1] > 0.0, "should be [low, high] with low <= high, and high above 0"),
+    must(lambda ends: ends[0] <= ends[1] > 0.0, "should be [low, high] in metres with low <= high, and high above 0"),
 ]
 
 
@@ -198,7 +198,7 @@ class StartConfig(Section):
     @model_validator(mode="after")
     def _agrees_with_itself(self) -> StartConfig:
         if (self.of is None) != (self.robot == "home"):
-            raise wrong("should have 'of' if and only if 'robot' is 'pregrasp' or 'grasp'")
+            raise wrong("should have 'of' if 'robot' is 'pregrasp' or 'grasp', and no 'of' if 'robot' is 'home'")
         if self.grasp is not None and self.of is None:
             raise wrong("should have 'grasp' only together with 'of'")
         if self.is_held and self.robot != "grasp":

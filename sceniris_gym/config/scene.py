@@ -159,9 +159,9 @@ class SceneConfig(SceneWords):
         owners: dict[str, str] = {}
         for name, robot in self.all_robots.items():
             if name in self.objects:
-                raise wrong(f"should have different names for robots and objects, but '{name}' names one of each")
+                raise wrong(f"should have different names for robots and objects, but both have a '{name}'")
             if (other := owners.setdefault(robot.name, name)) != name:
-                raise wrong(f"should have robots of different names, but '{other}' and '{name}' are '{robot.name}'")
+                raise wrong(f"should have a body for each robot, but '{other}' and '{name}' share '{robot.name}'")
         if self.home is not None and self.model is None:
             advice = "should have 'home', the name of a keyframe, only together with 'model'"
             raise wrong(f"{advice}. For a robot with an 'asset', set the robot's 'keyframe' instead")

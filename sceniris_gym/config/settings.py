@@ -56,6 +56,6 @@ def read_changes(changes: Sequence[str]) -> dict[str, Any]:
         try:
             overrides[key] = YAML(typ="safe").load(value)
         except (YAMLError, ValueError, RecursionError) as error:
-            why = "too deeply nested" if isinstance(error, RecursionError) else error
-            raise SceneKeyError(f"--set {change:.80}: the value should be YAML: {why}") from None
+            why = "it is too deeply nested." if isinstance(error, RecursionError) else error
+            raise SceneKeyError(f"--set {change:.80}: the value should be valid YAML: {why}") from None
     return overrides

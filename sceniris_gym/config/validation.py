@@ -154,7 +154,7 @@ def _check_members(scene: SceneWords, where: str) -> None:
                     raise UnknownNameError("object", name, path, _alone(scene))
                 if name in owners:
                     raise SceneKeyError(
-                        f"{path}: '{name}' is also in the {owners[name]}. It should be in one of them at most."
+                        f"{path}: '{name}' is also in the {owners[name]}. Leave it out in one of the two places."
                     )
                 owners[name] = f"{kind} '{label}'"
 
@@ -184,12 +184,12 @@ def _check_absent(scene: SceneWords, key: str, part: ObjectConfig, where: str) -
     if part.joined_to in scene.variants:
         raise SceneKeyError(
             f"{where}: {key}.relations: '{part.joined_to}' has variants with different sites. Join this "
-            "object to one without variants."
+            "object to an object without variants."
         )
     for path, other in part.references:
         if other in absent and absent[other] in scene.variants:
             raise SceneKeyError(
-                f"{where}: {key}.{path}: '{other}' is one of several variants. Name the object, '{absent[other]}'."
+                f"{where}: {key}.{path}: '{other}' is a single variant. Name its object '{absent[other]}'."
             )
         if other in absent and scene.groups[absent[other]].missing == "refuse":
             raise SceneKeyError(
@@ -208,8 +208,8 @@ def _check_heaps(scene: SceneWords, where: str) -> None:
             given = thing.model_fields_set.intersection(PLACING)
             if thing.in_ != part.fill or thing.drawn_orientation.kind != "any" or given:
                 raise SceneKeyError(
-                    f"{where}: objects.{name}: should not say where it is placed (on, inside, in, region, relations, "
-                    f"ratio_on_support, orientation, joints, gap): the heap '{heap}' puts it into '{part.fill}'."
+                    f"{where}: objects.{name}: the heap '{heap}' puts this object into '{part.fill}'. Leave out on, "
+                    "inside, in, region, relations, ratio_on_support, orientation, joints and gap."
                 )
         owner = part.fill.split("/")[0]
         if owner in things:
@@ -274,7 +274,7 @@ def _check_present(scene: SceneWords, name: str, objects: Iterable[str], absent:
 def _check_target(scene: SceneWords, start: StartConfig, name: str, where: str) -> None:
     """Check that an arm can start at the grasp or pre-grasp of an object."""
     if not scene.objects[name].reachable:
-        raise SceneKeyError(f"{where}.of: '{name}' should be 'reachable', because the arm starts at it.")
+        raise SceneKeyError(f"{where}.of: object '{name}' needs the key 'reachable', because the arm starts at it.")
     if start.is_held and scene.objects[name].kind != "free":
         raise SceneKeyError(
             f"{where}: '{name}' is not a free object, so it cannot be held in the air. Make its kind 'free', or leave "

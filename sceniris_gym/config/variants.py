@@ -130,7 +130,7 @@ def _members(
             _refuse(("objects", member), "should be a mapping of keys to values", single[member])
         own = merge(words, single.get(member, {}), at)
         for word in (word for word in OF_VARIANTS if word in own):
-            _refuse((*at, VARIANTS, variant, word), f"should be a word of the object '{name}'", own[word])
+            _refuse((*at, VARIANTS, variant, word), f"should be given for the object '{name}'", own[word])
         for word in own.keys() & drawn.keys():
             drawn[word][member] = own.pop(word)
         members[member] = merge(shared, own, at)
@@ -139,7 +139,7 @@ def _members(
     for split in SPLITS:
         drawable = [name for name in members if group["splits"].get(name, split) == split]
         if not drawable:
-            _refuse((*at, VARIANTS), f"should have a variant that the split '{split}' may draw", list(variants))
+            _refuse((*at, VARIANTS), f"should include a variant that the split '{split}' may draw", list(variants))
         if all(drawn["weight"].get(name) == 0 for name in drawable):
             _refuse((*at, VARIANTS), f"should have one with a 'weight' above 0 in the split '{split}'", list(variants))
     return members, {word: value for word, value in group.items() if value}
@@ -152,16 +152,16 @@ def _listed(at: tuple[str, ...], part: Mapping, shared: dict) -> Mapping[str, Ma
     """
     assets = listed(part.get("asset"))
     if TAGS in part and not is_pattern(assets):
-        _refuse((*at, TAGS), "should be next to an 'asset' with a '*', to select some of its files", part[TAGS])
+        _refuse((*at, TAGS), "should be given only with an 'asset' of several files, written with a '*'", part[TAGS])
     if not is_pattern(assets) and not isinstance(assets, list | tuple):
         if VARIANTS not in part and not isinstance(assets, str):
             word = next(word for word in ("asset", "scale", HOLDOUT) if word in part)
             advice = "should be an asset, a list of assets, or a pattern of files"
-            _refuse((*at, word), advice if word == "asset" else "should be next to an 'asset'", part[word])
+            _refuse((*at, word), advice if word == "asset" else "should be given only with an 'asset'", part[word])
         return _named(at, part[VARIANTS]) if VARIANTS in part else {_stem(assets): {}}
     if VARIANTS in part:
         advice = (
-            f"should have no 'variants' next to it: give words of a single variant in an object '{at[1]}/<variant>'"
+            f"should be given without 'variants'. Write keys of a single variant under an object '{at[1]}/<variant>'"
         )
         _refuse((*at, "asset"), advice, assets)
     del shared["asset"]
@@ -217,9 +217,9 @@ def _scaled(at: tuple[str, ...], variants: Mapping[str, Mapping], shared: dict) 
                 _refuse(loc, BOUNDS["scale"].advice, scales)
             named = {f"{name}-{100 * scale:g}".replace(".", "_"): {**words, "scale": scale} for scale in scales}
             if len(named) < len(scales):
-                _refuse(loc, "should have each scale once: each is a variant, scaled along all axes", scales)
+                _refuse(loc, "should have each scale once: it is a list of variants, not of axes", scales)
         if twice := [new for new in named if new in found]:
-            _refuse((*at, VARIANTS), "should be the name of one variant only", twice[0])
+            _refuse((*at, VARIANTS), "should be the name of one variant only. Rename the others", twice[0])
         found |= named
     return found
 

@@ -289,7 +289,7 @@ def flat_faces(triangles: np.ndarray) -> np.ndarray:
 def _surface(mjm: mujoco.MjModel, mesh: int, what: str) -> trimesh.Trimesh:
     """Return the triangles of a mesh, in the geom's frame. Raise MeshError if they do not form a closed surface."""
     if mjm.mesh_facenum[mesh] == 0:
-        raise MeshError(f"{what} has no faces. With `geometry: visual`, a mesh should have a closed surface.", "empty")
+        raise MeshError(f"{what} has no faces. Give it a closed surface, or set `geometry: physics`.", "empty")
     surface = mesh_surface(mjm, mesh)
     surface.merge_vertices(merge_tex=True, merge_norm=True)
     if not surface.is_watertight:  # only now remove flat faces, because some surfaces are not closed without them

@@ -156,7 +156,7 @@ class HomeShape:
         hull = _closed_hull(self._carried_points())
         if (((self.center_of_mass - hull.triangles_center) * hull.face_normals).sum(axis=1) >= 0.0).any():
             raise SceneKeyError(
-                f"{where}: the centre of mass {np.round(self.center_of_mass, 4).tolist()} is outside the hull of "
+                f"{where}: the centre of mass {np.round(self.center_of_mass, 4).tolist()} m is outside the hull of "
                 "the collision geometry, so no pose is stable. Correct the asset's <inertial> or its geoms."
             )
         with np.errstate(divide="ignore", invalid="ignore"):  # faces of the hull without area
@@ -176,7 +176,7 @@ class HomeShape:
         probability[list(regions)] = list(regions.values())
         if not kept:
             raise SceneKeyError(
-                f"{where}: the object has no stable pose: in each, a tilt of {STABLE_TILT:g} degrees makes it tip over "
+                f"{where}: the object is unstable in every pose: a tilt of {STABLE_TILT:g} degrees makes it tip over "
                 "or roll, like a ball. Use a yaw or 'any' here, or give it collision geometry with a flat side."
             )
         share = probability[kept] / probability[kept].sum()

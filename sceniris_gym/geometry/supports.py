@@ -154,7 +154,7 @@ def crop(
         cuts = {f"erosion by {erosion:.4g} m": erosion > 0.0, "cropping to the region": region is not None}
         said = " and ".join(cut for cut, is_made in cuts.items() if is_made)
         raise SceneKeyError(
-            f"{where}: nothing is left of the support after {said}. The support's surface spans {spans}. Use a smaller "
+            f"{where}: no area of the support is left after {said}. Its surface spans {spans}. Use a smaller "
             "ratio_on_support, a region that overlaps the surface, or a larger support."
         )
     return [kept[e] for e in rounded]

@@ -96,8 +96,8 @@ def attach_variants(
         # MuJoCo silently leaves out elements that name a missing joint
         if lost := [kind for kind, count in wanted.items() if bodies and len(getattr(spec, kind)) < count]:
             raise NotSupportedError(
-                f"{where}: objects.{owner}: variants have {' and '.join(lost)} of joints, but joints of variants "
-                "are dropped, so that all variants share one body. Make them separate objects in a group instead."
+                f"{where}: objects.{owner}: {' and '.join(lost)} refer to joints of variants, but variants lose their "
+                "joints, because they share one body. Make the variants separate objects in a group instead."
             )
     return homes
 
@@ -341,4 +341,4 @@ def compile_spec(spec: mujoco.MjSpec, where: str) -> mujoco.MjModel:
             raise MeshError(
                 f"{where}: MuJoCo cannot use a mesh: {text}. It should be a closed surface.", "refused"
             ) from None
-        raise SceneFileError(f"{where}: MuJoCo cannot compile this: {text}") from None
+        raise SceneFileError(f"{where}: MuJoCo cannot compile the model: {text}") from None

@@ -56,7 +56,7 @@ def build_model(scene: SceneLike, overrides: Mapping[str, Any] | None = None) ->
     """
     if isinstance(scene, SceneModel):
         if overrides:
-            raise ArgumentError("overrides should be None for a SceneModel, which is built already.")
+            raise ArgumentError("overrides should be None for a SceneModel. Give a SceneConfig to change its keys.")
         return scene
     config = SceneConfig.load(scene, overrides)
     for name in config.owners:

@@ -145,7 +145,7 @@ def _resolved(mjm: mujoco.MjModel, name: str, where: str, word: Word, config: Dr
     kept = np.array([row for row in rows if not needed or np.any(values[row, part])], int)
     if not len(kept):
         zero = "its value is 0 in the model. Change it there" + ("." if constrains else ", or give it by 'abs'.")
-        _refuse(where, zero if rows else "no selected element has it, or it has no effect. Leave it out.")
+        _refuse(where, zero if rows else "no selected element has or uses this value. Leave out this key.")
     one = np.arange(count if word.field == "cam_quat" or (config.choice is None and given > 1) else 1)
     numbers = np.broadcast_to(one, (len(kept), count))
     if config.each:
@@ -163,10 +163,10 @@ def _resolved(mjm: mujoco.MjModel, name: str, where: str, word: Word, config: Dr
     if word.field.endswith("solref") and (above.any(axis=axes) != above.all(axis=axes)).any():  # MuJoCo has two formats
         _refuse(f"{where}.{config.form}", "its values should be all above 0, or all at most 0.")
     if word.field == "actuator_forcerange" and (ends[..., 0].max(axis=0) >= ends[..., -1].min(axis=0)).any():
-        _refuse(f"{where}.{config.form}", "all lower limits should be below all upper limits. Give lists of both.")
+        _refuse(f"{where}.{config.form}", "lower limits should be below upper limits. Give values as [lower, upper].")
     simple = [mjm.body(int(row)).name for row in kept if word.field == "body_ipos" and mjm.body_simple[row]]
     if simple:
-        _refuse(where, f"'{simple[0]}' should have simple=\"false\" in its model, for a full mass matrix.")
+        _refuse(where, f"body '{simple[0]}' needs simple=\"false\" in its model, for a full mass matrix.")
     return draw
 
 

@@ -50,8 +50,8 @@ def check_field(name: str, mjm: mujoco.MjModel, where: str) -> None:
         raise UnknownNameError("model field", str(name), where, FIELDS)
     if name in LEFT_OUT_AT_ZERO and not np.any(getattr(mjm.opt if name in OPTIONS else mjm, name)):
         raise ArgumentError(
-            f"{where}: '{name}' is 0 in the whole model, so steps leave it out. It should have a value other than 0 in "
-            "the model, however small."
+            f"{where}: '{name}' is 0 in the whole model, so simulation steps ignore it. Give it a value other than 0 "
+            "in the model, however small."
         )
 
 
@@ -74,7 +74,8 @@ def field_rows(mjm: mujoco.MjModel, bodies: Mapping[str, int], field: str, name:
     """
     name = str(name)  # MuJoCo accepts only strings
     if field in OPTIONS:
-        raise UnknownNameError("element for a field of the whole scene:", name, f"{where} of '{field}'", ())
+        at = f"{where}: '{field}' belongs to the whole scene, so leave out the name of an element"
+        raise UnknownNameError("element", name, at, ())
     prefix = field.partition("_")[0]
     kind = _KINDS.get(prefix, prefix)
     named = dict(elements(mjm, kind))
@@ -95,8 +96,8 @@ def field_rows(mjm: mujoco.MjModel, bodies: Mapping[str, int], field: str, name:
         )
     if field in _SELDOM_FULL and np.any(mjm.body_simple[ids]):
         raise ArgumentError(
-            f"{where} of '{field}': '{name}' is a simple body, and its mass matrix has no room for another centre of "
-            'mass. Set simple="false" in its file, with MuJoCo 4 or later.'
+            f"{where} of '{field}': the field cannot change, because MuJoCo simplifies the mass matrix of body "
+            f"'{name}'. Set simple=\"false\" for this body in its MJCF file, with MuJoCo 4 or later."
         )
     return int(ids[0]) if alone else slice(int(ids[0]), int(ids[-1]) + 1)
 

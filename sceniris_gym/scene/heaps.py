@@ -131,7 +131,7 @@ def rigid_thing(scene: SceneModel, name: str, where: str) -> list[int]:
     bodies = scene.subtree(name)
     if scene.config.objects[name].kind != "free" or scene.mjm.body_jntnum[bodies[1:]].any():
         raise NotSupportedError(
-            f"{where}.of: '{name}' should be 'free' and have no joints inside, because heaps consist of rigid objects."
+            f"{where}.of: object '{name}' should have 'kind: free' and no inner joints, as heaps need rigid objects."
         )
     return bodies
 

@@ -253,12 +253,12 @@ def refuse_follower(mjm: mujoco.MjModel, coupling: Coupling, where: str) -> NoRe
     name = mjm.joint(coupling.follower).name
     if coupling.driver is None:
         raise SceneKeyError(
-            f"{where}: {coupling.label} holds '{name}' at {coupling.offset:g}, so it cannot be drawn. Draw other "
-            "joints, or remove the equality."
+            f"{where}: {coupling.label} holds joint '{name}' at {coupling.offset:g} (m or rad), so it cannot be "
+            "drawn. Draw other joints, or remove the equality."
         )
     raise SceneKeyError(
-        f"{where}: {coupling.label} makes '{name}' follow '{mjm.joint(coupling.driver).name}', so it cannot be drawn "
-        "itself. Draw that joint instead, or remove the equality."
+        f"{where}: {coupling.label} makes '{name}' follow '{mjm.joint(coupling.driver).name}', so it cannot be drawn. "
+        f"Draw '{mjm.joint(coupling.driver).name}' instead, or remove the equality."
     )
 
 

@@ -238,9 +238,9 @@ def _listed(path: Path, missing: list[tuple[Any, str, str]]) -> str:
     """Return text for an error about missing files: the first file, where it should be, and how many there are."""
     places = (file if "://" in file else str(path.parent / subfolder / file) for _, subfolder, file in missing)
     names = list(dict.fromkeys(places))
-    more = f", nor do other files ({len(names)} in all)" if len(names) > 1 else ""
-    package = " in a folder of the package's name above the file" if "://" in names[0] else ""
-    return f"'{names[0]}', which does not exist{more}. Put the file there{package}, or correct its name"
+    more = f" ({len(names)} files are missing in all)" if len(names) > 1 else ""
+    place = "into a folder with the package's name, next to the model or above it" if "://" in names[0] else "there"
+    return f"'{names[0]}', which does not exist{more}. Put the file {place}, or correct its name"
 
 
 def _as_mesh(source: Path, name: str) -> tuple[str, bytes]:

@@ -51,7 +51,7 @@ def has_parking_ground(mjm: mujoco.MjModel, nslot: int, where: str) -> bool:
         if over.min() < -GROUND_RISE:
             raise SceneKeyError(
                 f"{where}: groups: the plane '{mjm.geom(geom).name or geom}' lies above the ground (z = 0) at "
-                f"({PARKING_FROM:g}, {PARKING_FROM:g}) m, where absent objects are parked. Lower it, or use a box."
+                f"({PARKING_FROM:g}, {PARKING_FROM:g}) m, where absent objects are parked. Lower it, or make it a box."
             )
         found = found or over.max() < GROUND_RISE
     slab = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_GEOM, _SLAB)

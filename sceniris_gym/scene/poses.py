@@ -41,7 +41,7 @@ def pose_address(scene: SceneModel, name: str, where: str) -> PoseAddress:
         return PoseAddress("mocap", int(mjm.body_mocapid[body]))
     if not is_static(mjm)[body]:
         raise NotSupportedError(
-            f"{where}: '{name}' hangs on joints, so layouts store joint positions instead of its pose. Use the joints."
+            f"{where}: '{name}' hangs on joints, so layouts store joint positions and not its pose. Read its joints."
         )
     return PoseAddress("body", body)
 

@@ -16,7 +16,7 @@ def scale_asset(spec: mujoco.MjSpec, factor: float, where: str) -> None:
     soft = {"height fields": spec.hfields, "skins": spec.skins, "flexible parts": spec.flexes}
     for kind, elements in ({"joints": moving, "tendons": spec.tendons} | soft).items():
         if elements:
-            raise NotSupportedError(f"{where}: is for rigid assets, but this one has {kind}. Leave the scale out.")
+            raise NotSupportedError(f"{where}: is for rigid assets, but this asset has {kind}. Leave out 'scale'.")
     for element in (*spec.bodies, *spec.frames, *spec.geoms, *spec.sites, *spec.cameras, *spec.lights):
         element.pos = factor * element.pos
     for mesh in spec.meshes:

@@ -153,7 +153,7 @@ class SharedBodies:
         if not bit:
             raise SceneKeyError(
                 f"{self._where}: objects with variants need a contact bit, but the geoms of the model use all "
-                f"{_CONTACT_BITS} in their conaffinity. Clear one of these bits in all geoms."
+                f"{_CONTACT_BITS} bits of conaffinity. Clear the same bit in the conaffinity of all geoms."
             )
         body = spec.worldbody.add_body(name=_HULLS)
         for mesh in unnamed:
@@ -194,7 +194,7 @@ def check_variants(
     ]
     for name in owners_of(variants):
         at, body = f"{where}: objects.{name}", mjm.body(name).id
-        cure = "a variant should be one rigid body of plain geoms, which the model names nowhere else. Use a group"
+        cure = "a variant should be one rigid body of plain geoms that no element refers to. Use objects in a group"
         if len(subtree(mjm, body)) > 1:
             raise NotSupportedError(f"{at}: has several bodies, but {cure}.")
         geoms = _geoms(mjm, body)

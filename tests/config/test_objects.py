@@ -82,12 +82,12 @@ WRONG: dict[str, tuple] = {
     "between": (
         {"objects.apple.between": ["goal"]},
         SceneKeyError,
-        ["objects.apple.between", "an entry of 'relations'"],
+        ["objects.apple.between", "given in 'relations'"],
     ),
     "front_of": (
         {"objects.apple.front_of": "shelf"},
         SceneKeyError,
-        ["objects.apple.front_of", "an entry of 'relations'"],
+        ["objects.apple.front_of", "given in 'relations'"],
     ),
     "reachable static": (
         {"objects.post": {"asset": "cabinet", "kind": "static", "reachable": True}},
@@ -102,12 +102,12 @@ WRONG: dict[str, tuple] = {
     "reachable with an unknown word": (
         {"objects.apple.reachable": {"teir": "ik"}},
         SceneKeyError,
-        ["objects.apple", "should have only tier, by, grasp in 'reachable'", "Did you mean 'tier'"],
+        ["objects.apple", "should have only the keys tier, by, grasp in 'reachable'", "Did you mean 'tier'"],
     ),
     "by twice": (
         {"objects.apple.reachable": {"by": "robot"}, "objects.apple.by": "robot"},
         SceneKeyError,
-        ["objects.apple", "should have 'by' once"],
+        ["objects.apple", "should have 'by' only once"],
     ),
     "grasp without reachable": (
         {"objects.apple.grasp": "top*"},
@@ -134,7 +134,7 @@ WRONG_RELATIONS: dict[str, tuple] = {
     "a word beside relations": (
         {"objects.apple.near": "mug"},
         SceneKeyError,
-        ["objects.apple.near", "an entry of 'relations'"],
+        ["objects.apple.near", "given in 'relations'"],
     ),
     "relations of a static object": (
         {"objects.post.relations": [{"front_of": "mug"}]},

@@ -38,7 +38,7 @@ WRONG: dict[str, tuple] = {
         NEIGHBOURS,
         {"objects.goal.relations": [{"front_of": "mug"}, {"between": ["cabinet", "mug"]}]},
         SceneKeyError,
-        ["objects.goal.relations.1.width: is missing", "has no width"],
+        ["objects.goal.relations.1.width: is missing", "Give a width in metres"],
     ),
     "a stable point": (
         NEIGHBOURS,

@@ -131,8 +131,14 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
         {"objects.target.variants.can.weigth": 2},
         r"objects\.target/can\.weigth: unknown key\. Did you mean 'weight'",
     ),
-    "a word of one for all": ({"objects.target.weight": 2}, r"^scene: objects\.target\.weight: .*a word of one of.*$"),
-    "a word of one for no variant": ({"objects.apple.split": "eval"}, r"objects\.apple\.split: .*a word of one of"),
+    "a word of one for all": (
+        {"objects.target.weight": 2},
+        r"^scene: objects\.target\.weight: .*given for a single variant.*$",
+    ),
+    "a word of one for no variant": (
+        {"objects.apple.split": "eval"},
+        r"objects\.apple\.split: .*given for a single variant",
+    ),
     "a misspelt variant": ({"objects.target.variants.cn.weight": 2}, r"unknown variant 'cn'\. Did you mean 'can'"),
     "a variant that is there": (
         {"objects.apple.on": "tabel"},
@@ -146,11 +152,11 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "a name": ({"objects.target.variants.a b": {"asset": "can"}}, r"objects\.target\.variants\.a b: .*letters"),
     "a word": ({"objects.target.variants.can.gapp": 1}, r"objects\.target/can\.gapp: unknown key.*'gap'"),
     "two of a name": ({"objects.other": {"asset": ["can", "can"], "on": "table"}}, "two of the name 'can'"),
-    "both": ({"objects.target.asset": ["can"]}, r"objects\.target\.asset: .*no 'variants' next to it: .*'target/"),
+    "both": ({"objects.target.asset": ["can"]}, r"objects\.target\.asset: .*without 'variants'. .*'target/"),
     "a support": ({"objects.apple.on": "target"}, r"objects\.apple\.on: 'target' has variants"),
     "a variant": (
         {"objects.apple.relations": [NEAR]},
-        r"objects\.apple\.relations\.0\.near: .*Name the object, 'target'",
+        r"objects\.apple\.relations\.0\.near: .*Name its object 'target'",
     ),
     "itself": ({"objects.target.relations": [NEAR | {"near": "target"}]}, "a different object"),
     "a site": (
@@ -163,11 +169,11 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "no weights in a split": (
         {"objects.target.variants.can.split": "eval", "objects.target.variants.mug.split": "eval"},
-        r"objects\.target\.variants: .*should have a variant that the split 'train' may draw",
+        r"objects\.target\.variants: .*should include a variant that the split 'train' may draw",
     ),
     "variants of a variant": (
         {"objects.target.variants.can.variants": {"tin": {"asset": "tin"}}},
-        r"objects\.target\.variants\.can\.variants: .*a word of the object 'target'",
+        r"objects\.target\.variants\.can\.variants: .*given for the object 'target'",
     ),
     "a pattern of folders": ({"objects.other": {"asset": "/*/can.xml", "on": "table"}}, "not in a folder"),
     "two kinds": (
@@ -192,7 +198,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "a share of nothing": (
         {"objects.other": {"holdout": 0.5, "on": "table"}},
-        r"other\.holdout: 0\.5 should be next to",
+        r"other\.holdout: 0\.5 should be given only with",
     ),
     "a negative weight": (
         {"objects.target.variants.can.weight": -1},
@@ -218,7 +224,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "no scales": ({"objects.other": {"asset": "can", "scale": [], "on": "table"}}, r"other\.scale: .*list of numbers"),
     "scales of nothing": (
         {"objects.other": {"scale": [1, 2], "on": "table"}},
-        r"other\.scale: \[1, 2\] should be next to an 'asset'",
+        r"other\.scale: \[1, 2\] should be given only with an 'asset'",
     ),
     "two of a name by scale": (
         {"objects.target.variants": {"can": {"asset": "can", "scale": [0.8, 1]}, "can-80": {"asset": "can"}}},

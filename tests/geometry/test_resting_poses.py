@@ -202,11 +202,11 @@ def test_poses_are_those_of_the_own_centre_of_mass(tmp_path: Path):
 @pytest.mark.parametrize(
     ("geoms", "said"),
     [
-        ('<geom type="sphere" size="0.03"/>', "no stable pose: in each, a tilt of 5 degrees makes it tip over or roll"),
+        ('<geom type="sphere" size="0.03"/>', "object is unstable in every pose: a tilt of 5 degrees makes it"),
         ('<geom type="capsule" size="0.03 0.05"/>', "Use a yaw or 'any' here, or give it collision"),
         (
             '<inertial pos="0 0 0.2" mass="1" diaginertia="1 1 1"/><geom type="box" size="0.03 0.03 0.03"/>',
-            r"centre of mass \[0.0, 0.0, 0.2\] is outside .* Correct the asset's <inertial>",
+            r"centre of mass \[0.0, 0.0, 0.2\] m is outside .* Correct the asset's <inertial>",
         ),
         (
             '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'

@@ -202,7 +202,8 @@ def test_surfaces_of_which_nothing_is_left_go_and_the_last_one_is_an_error():
     assert same == [wide]
     assert _same(wide.region, box(0.26, 0.06, 0.39, 0.94), 1e-6)
     with pytest.raises(
-        SceneKeyError, match=r"here: nothing is left .* after erosion by 0.15 m. .* \[0, 0.45\] x \[0, 1\]"
+        SceneKeyError,
+        match=r"here: no area of the support is left after erosion by 0.15 m. .* \[0, 0.45\] x \[0, 1\]",
     ):
         crop(steps, None, [0.16, 0.15], "here")
 

@@ -140,7 +140,7 @@ def test_a_pose_that_does_not_fit_is_not_drawn_and_one_that_does_is_enough(tmp_p
         brick = {"asset": _brick(tmp_path), "on": "board", "orientation": "stable", "ratio_on_support": 1.0}
         scene = {"attempts": 100, "objects": {"board": board, "brick": brick}}
         if not fits:
-            with pytest.raises(SceneKeyError, match="nothing is left"):
+            with pytest.raises(SceneKeyError, match="no area of the support is left"):
                 compile_on_cpu(scene)
             continue
         compiled = compile_on_cpu(scene)

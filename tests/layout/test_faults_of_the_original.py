@@ -62,7 +62,7 @@ def test_a_failed_world_does_not_switch_an_object_off_in_all_worlds(shapes: Shap
 def test_a_support_eroded_to_nothing_is_no_valid_pose_at_the_origin(shapes: Shapes):
     """By erosion it is refused when the scene is compiled; by relations, in some worlds, it is a failed attempt."""
     on_cube = {"asset": shapes.slab, "on": "cube", "ratio_on_support": 0.9}
-    with pytest.raises(SceneKeyError, match="nothing is left"):
+    with pytest.raises(SceneKeyError, match="no area of the support is left"):
         scene({"cube": near_middle(shapes.cube), "slab": on_cube})
     away = {"near": "a", "distance": {"min": 1.6, "max": 1.7}}
     others = {"a": {"asset": shapes.cube, "kind": "fixture", "on": "floor"}}

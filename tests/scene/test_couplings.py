@@ -141,7 +141,7 @@ def test_a_word_that_draws_a_following_joint_is_refused_and_a_pattern_passes_it_
             placed(tmp_path, tie, {word: {"range": [0, 0.1]}, "left": {"value": 0.1}})
         for text in (f"objects.pair.joints.{word}", "equality 'pair/gear' (joint)", "'pair/right' follow 'pair/left'"):
             assert text in str(caught.value)
-    with pytest.raises(SceneKeyError, match=r"holds 'pair/right' at 0.05, so it cannot be drawn"):
+    with pytest.raises(SceneKeyError, match=r"holds joint 'pair/right' at 0.05 \(m or rad\), so it cannot be drawn"):
         placed(tmp_path, '<joint joint1="right" polycoef=".05"/>', {"right": {"value": 0}})
 
 

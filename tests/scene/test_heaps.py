@@ -69,7 +69,7 @@ def test_other_shapes_and_masses_are_told_apart(tmp_path: Path):
 def test_things_with_joints_are_refused():
     """A heap is of rigid things."""
     scene = model(folder(), **{"objects.a.asset": "cupboard"})
-    with pytest.raises(NotSupportedError, match="'a' should be 'free' and have no joints inside"):
+    with pytest.raises(NotSupportedError, match="object 'a' should have 'kind: free' and no inner joints"):
         settled_with(scene, scene.config.heaps["pile"], "here")
 
 

@@ -141,7 +141,7 @@ def test_files_that_are_missing_are_told_with_where_they_would_be_found(tmp_path
     """One of them by name, and how many others there are; a package's below a folder of its name."""
     links = LINK.format("l0", "package://arm/a.stl") + LINK.format("l1", "b.stl") + JOINT.format(0, "revolute", 1)
     path = write(tmp_path / "arm.urdf", f'<robot name="arm">{links}</robot>')
-    says = r"'package://arm/a\.stl', which does not exist, nor do other files \(2 in all\)\. Put the file there in"
+    says = r"'package://arm/a\.stl', which does not exist \(2 files are missing in all\)\. Put the file into"
     with pytest.raises(SceneFileError, match=says):
         load_model(path, "here")
     write(path, f'<robot name="arm">{LINK.format("l0", "b.stl")}</robot>')

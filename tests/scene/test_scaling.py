@@ -42,7 +42,9 @@ def test_a_scaled_asset_is_the_same_body_in_another_size(asset: str, tmp_path: P
 
 def test_what_cannot_be_scaled_is_refused():
     """Assets with joints, objects without an asset, and factors that are no sizes."""
-    with pytest.raises(NotSupportedError, match=r"objects\.thing\.scale: is for rigid assets, but this one has joints"):
+    with pytest.raises(
+        NotSupportedError, match=r"objects\.thing\.scale: is for rigid assets, but this asset has joints"
+    ):
         build_model(SceneConfig.load({"objects": {"thing": {"asset": "cabinet", "kind": "static", "scale": 2.0}}}))
     with pytest.raises(SceneKeyError, match="only together with an 'asset'"):
         SceneConfig.load({"objects": {"thing": {"kind": "marker", "scale": 2.0}}})

@@ -236,7 +236,7 @@ def test_what_cannot_share_a_body_is_refused(tmp_path):
     slide, key = '<joint name="slide" type="slide"/>', '<keyframe><key name="home" qpos="0.1" ctrl="0.2"/></keyframe>'
     motor = f'<actuator><motor joint="slide"/></actuator>{key}'
     stand = {"variants": {"a": {"asset": "tin"}, "b": {"asset": write_mjcf(tmp_path, "driven", slide + geom, motor)}}}
-    with pytest.raises(NotSupportedError, match=r"objects\.stand: variants have actuators"):
+    with pytest.raises(NotSupportedError, match=r"objects\.stand: actuators refer to joints"):
         build_model(SceneConfig.load(words({"asset": "can"}, stand)))
     own["objects"]["target"]["variants"]["b"]["asset"] = write_mjcf(tmp_path, "plain", geom)
     own["objects"]["target"]["variants"]["c"] = {"asset": "mug"}

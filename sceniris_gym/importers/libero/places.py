@@ -176,7 +176,7 @@ class Places:
     def _place(self, predicate: Predicate) -> dict[str, Any]:
         """Return the scene file entry of the object or fixture that a start predicate `On` or `In` places."""
         (name, target), where = predicate.names, predicate.where
-        check_names("thing", [name], where, self._yaw)
+        check_names("object or fixture", [name], where, self._yaw)
         region = self._problem.regions.get(target)
         if region is not None and region.target == self._surface:
             if len(region.boxes) != 1:
@@ -280,7 +280,7 @@ class Places:
         if region is not None:
             found = self._site(region, predicate.where).parent.joints
         if not found:
-            raise SceneKeyError(f"{predicate.where}: '{predicate.names[0]}' is no moving part. Name one, or '{name}'.")
+            raise SceneKeyError(f"{predicate.where}: '{predicate.names[0]}' is fixed. Name a moving part or '{name}'.")
         return name, {joint.name.removeprefix(f"{name}/"): {"range": list(positions)} for joint in found}
 
     def _site(self, region: Region, where: str) -> mujoco.MjsSite:

@@ -126,7 +126,7 @@ def read_problem(path: str | Path) -> Problem:
         for name, kind in _typed(sections[key]):
             if name in places or name == "world":
                 raise SceneKeyError(
-                    f"{name.where}: '{name}' should be another name: {places.get(name, 'MuJoCo')} uses it already."
+                    f"{name.where}: {places.get(name, 'MuJoCo')} uses the name '{name}' already. Choose another."
                 )
             found[str(name)], places[str(name)] = kind, name.where
     problem = Problem(
@@ -141,15 +141,14 @@ def read_problem(path: str | Path) -> Problem:
     )
     for first, second in (pair for part in (problem.init, problem.goal) for pair in combinations(part, 2)):
         if first.names == second.names and first.word != second.word and len(first.names) == 1:
-            told = f"({second.word} {second.names[0]}) should be left out: it contradicts ({first.word} ...)"
-            raise SceneKeyError(f"{second.where}: {told} in {first.where}.")
+            raise SceneKeyError(f"{second.where} contradicts {first.where}. Leave out one of the two.")
     for predicate in (*problem.init, *problem.goal):
         for i, name in enumerate(predicate.names):
             if predicate.word == "In" and i == 1 and name not in regions:
                 raise UnknownNameError("region", name, predicate.where, regions)
             check_names("object, fixture or region", [name], predicate.where, [*places, *regions])
             if name in regions:
-                check_names("thing", [regions[name].target], f"{regions[name].where}: :target", places)
+                check_names("object or fixture", [regions[name].target], f"{regions[name].where}: :target", places)
     return problem
 
 

@@ -109,7 +109,7 @@ def _workspace(problem: Problem) -> tuple[str, Workspace]:
     name, kind = found[0], problem.fixtures[found[0]]
     if (name == FLOOR) != (kind == FLOOR):
         where = problem.places[name]
-        raise SceneKeyError(f"{where}: '{name} - {kind}' should be named 'floor' if and only if its class is 'floor'.")
+        raise SceneKeyError(f"{where}: '{name} - {kind}' should have the name and the class 'floor', or neither.")
     return name, WORKSPACES[kind]
 
 

@@ -104,9 +104,9 @@ def convex_parts(solid: Solid, where: str, tolerance: float | None = None) -> Pa
         parts, fit = _merged(found, Measure(solid.mesh, allowed).beyond, exact, allowed)
     if fit.error > allowed or len(parts) > MOST_PARTS:
         raise MeshError(
-            f"{where}: {MOST_PARTS} convex parts or fewer should fit the surface to {1000.0 * allowed:.2g} mm, "
-            f"but the best fit is {len(parts)} parts to {1000.0 * fit.error:.2g} mm ({method}). Increase --tolerance, "
-            "or model thin and fine structures thicker.",
+            f"{where}: at most {MOST_PARTS} convex parts should fit the surface within {1000.0 * allowed:.2g} mm, but "
+            f"the best fit has {len(parts)} parts and is off by {1000.0 * fit.error:.2g} mm ({method}). Increase "
+            "--tolerance, or model thin and fine structures thicker.",
             "parts",
         )
     return Parts(tuple(parts), fit, allowed, method)

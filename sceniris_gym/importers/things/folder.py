@@ -116,7 +116,7 @@ def _isolated(source: Path, target: Path, options: Options, seconds: float) -> O
             answer = near.recv()
         else:
             process.terminate()
-            answer = SceneFileError(f"{source}: the import took more than {seconds:g} s. Reduce its faces.")
+            answer = SceneFileError(f"{source}: the import took more than {seconds:g} s. Reduce the number of faces.")
     except EOFError:
         process.join()
         answer = SceneFileError(
@@ -137,4 +137,4 @@ def _work(far: Connection, source: Path, target: Path, options: Options) -> None
     except ScenirisError as error:
         far.send(error)
     except Exception as error:  # reported as this file's outcome: the other imports continue
-        far.send(SceneFileError(f"{source}: the import failed: {type(error).__name__}: {error}"))
+        far.send(SceneFileError(f"{source}: the import failed: {type(error).__name__}: {error}. Export it again."))

@@ -219,7 +219,7 @@ def import_thing(source: Path, out: Path, options: Options | None = None, ask: A
 def _read(source: Path) -> Thing:
     suffix = source.suffix.lower()
     if not source.is_file():
-        raise SceneFileError(f"{source}: {no_file(source)}. Give the path of one ({', '.join(SUFFIXES)}), or a folder.")
+        raise SceneFileError(f"{source}: {no_file(source)}. Give a folder, or a file ({', '.join(SUFFIXES)}).")
     if suffix not in SUFFIXES:
         raise NotSupportedError(f"{source}: its type should be one of {', '.join(SUFFIXES)}. Export it as one of them.")
     if suffix == ".urdf":

@@ -50,7 +50,7 @@ def parse_scale(text: str) -> float:
     except ValueError:
         factor = 0.0
     if not (np.isfinite(factor) and factor > 0.0):
-        raise ArgumentError(f"scale: {text!r} should be metres per unit of the file, or one of {', '.join(UNITS)}.")
+        raise ArgumentError(f"scale: {text!r} should be the metres per unit of the file, or one of {', '.join(UNITS)}.")
     return factor
 
 

@@ -267,7 +267,7 @@ def test_fixtures_stand_on_the_work_surface(tmp_path: Path):
 @pytest.mark.filterwarnings("ignore::sceniris_gym.errors.ModelWarning")
 def test_a_part_that_does_not_move_cannot_be_opened(tmp_path: Path):
     """The top of a cabinet has no joint."""
-    with pytest.raises(SceneKeyError, match=r"bddl:\d+: \(Open .*side\): '.*side' is no moving part\. Name"):
+    with pytest.raises(SceneKeyError, match=r"bddl:\d+: \(Open .*side\): '.*side' is fixed\. Name"):
         read_bddl(write(tmp_path, **{"(Open wooden_cabinet_1_top_region)": "(Open wooden_cabinet_1_top_side)"}))
 
 

@@ -75,7 +75,7 @@ WRONG = [
         "(Open wooden_cabinet_1_top_region)",
         "(Open wooden_cabinet_1_top_region) (Close wooden_cabinet_1_top_region)",
         SceneKeyError,
-        "(Close wooden_cabinet_1_top_region) should be left out: it contradicts (Open ...) in ",
+        "(Close wooden_cabinet_1_top_region) contradicts ",
     ),
     ("(:yaw_rotation ((0.0 0.0)))", "(:yaw_rotation ((3.2 3.0)))", SceneKeyError, "have '(:yaw_rotation ((LEAST GREA"),
     ("(:rgba (0 0 1 0))", "(:colour (0 0 1 0))", UnknownNameError, "unknown attribute of a region ':colour'"),
@@ -84,9 +84,9 @@ WRONG = [
     ("(0.02 0.1 0.06 0.14)", "(0.02 0.1 0.06)", SceneKeyError, "should be a region"),
     ("plate_1 - plate", "plate_1 -", SceneKeyError, "should stand between names and their class"),
     ("plate_1 - plate\n", "plate_1\n", SceneKeyError, "'plate_1' should be followed by '- CLASS'"),
-    ("plate_1 - plate\n", "flat_stove_1 - plate\n", SceneKeyError, "'flat_stove_1' should be another name: "),
+    ("plate_1 - plate\n", "flat_stove_1 - plate\n", SceneKeyError, "uses the name 'flat_stove_1' already"),
     ("(:obj_of_interest", "(:objekt", UnknownNameError, "unknown section ':objekt'. Did you mean ':objects'?"),
-    ("plate_1 - plate\n", "world - plate\n", SceneKeyError, "'world' should be another name: MuJoCo uses it"),
+    ("plate_1 - plate\n", "world - plate\n", SceneKeyError, "MuJoCo uses the name 'world' already"),
     ("(:fixtures", ":regions (:fixtures", UnknownNameError, "unknown section ':regions without parentheses'"),
     ("(:target flat_stove_1)", "()", SceneKeyError, "should be a region"),
     ("(:language put", "(:language (put)", SceneKeyError, "should be a word without parentheses"),
@@ -133,5 +133,5 @@ def test_a_region_of_a_thing_that_is_missing_is_an_error_only_if_it_is_used(tmp_
     extra = {"(cook_region": "(left_region (:target bowl_drainer_1)) (cook_region"}
     assert "bowl_drainer_1_left_region" in read_problem(write(tmp_path, **extra)).regions
     used = {**extra, "(On plate_1 kitchen_table_plate_region)": "(On plate_1 bowl_drainer_1_left_region)"}
-    with pytest.raises(UnknownNameError, match="unknown thing 'bowl_drainer_1'"):
+    with pytest.raises(UnknownNameError, match="unknown object or fixture 'bowl_drainer_1'"):
         read_problem(write(tmp_path, **used))

@@ -83,7 +83,7 @@ def test_a_folder_of_models_has_to_exist(tmp_path: Path):
 
 def test_a_problem_has_one_work_surface(tmp_path: Path):
     """None is an error that lists them; the floor has its own name."""
-    with pytest.raises(SceneKeyError, match=r"bddl:10: 'ground - floor' should be named 'floor'"):
+    with pytest.raises(SceneKeyError, match=r"bddl:10: 'ground - floor' should have the name and the class 'floor'"):
         read_bddl(
             write(
                 tmp_path,

@@ -62,9 +62,7 @@ def test_where_nothing_fits_the_best_is_told(monkeypatch: pytest.MonkeyPatch):
     """With how far it is off."""
     monkeypatch.setattr("sceniris_gym.importers.things.convex_parts._cut", lambda *arguments: [])
     monkeypatch.setattr("sceniris_gym.importers.things.convex_parts.splitting.split", lambda parts, *arguments: parts)
-    said = (
-        r"cup: 160 convex parts or fewer .*, but the best fit is 1 parts to 3\d mm \(1 x hull\)\. Increase --tolerance"
-    )
+    said = r"at most 160 convex parts .* best fit has 1 parts and is off by 3\d mm \(1 x hull\)\. Increase --tolerance"
     with pytest.raises(MeshError, match=said) as refused:
         convex_parts(repair([surface(cup())], "cup"), "cup")
     assert refused.value.reason == "parts"

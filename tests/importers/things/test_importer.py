@@ -179,7 +179,7 @@ def test_every_kind_of_bad_thing_is_one_error_with_its_remedy(tmp_path: Path, mo
 @pytest.mark.parametrize("name", ["gone.urdf", "gone"])
 def test_a_thing_that_is_not_there_is_told_before_its_kind(tmp_path: Path, name: str):
     """With what could be given; the kinds are those of which a scene says that they are imported first."""
-    with pytest.raises(SceneFileError, match=r"there is no such file. Give the path of one \(\.obj, .*\.urdf\)"):
+    with pytest.raises(SceneFileError, match=r"there is no such file. Give a folder, or a file \(\.obj, .*\.urdf\)"):
         import_thing(tmp_path / name, tmp_path / "thing.xml")
     assert (*THINGS, ".urdf") == SUFFIXES
 
