@@ -83,6 +83,14 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     os.environ[CACHE] = "off" if compiling else os.environ["SCENIRIS_GYM_TEST_SCENES"]
 
 
+@pytest.fixture
+def recorded(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Record launch sequences into graphs at their first replay, also on a CPU."""
+    from sceniris_gym.device import sequence
+
+    monkeypatch.setattr(sequence, "_DIRECT_ON_CPU", 0)
+
+
 def order_files(items: list[pytest.Item]) -> None:
     """Put first the files named above, then those with slow tests: short files at the end let workers end together."""
     slow = Counter(item.path for item in items if item.get_closest_marker("slow"))

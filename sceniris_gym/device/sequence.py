@@ -1,4 +1,4 @@
-"""The launch lock, and `LaunchSequence`: kernel launches captured into a graph once and then replayed.
+"""The launch lock, and `LaunchSequence`: kernel launches that are captured into a graph and then replayed.
 
 One thread launches at a time, because Warp's device, stream and capture belong to the process.
 """
@@ -14,6 +14,9 @@ from sceniris_gym.errors import BusyError, refuses_old_names
 
 # One lock for the process, because Warp's stream and capture belong to the process.
 _LAUNCH_LOCK = threading.RLock()
+
+# A CPU records a graph in the time of two to ten direct runs, and many sequences, such as a proof, run only once.
+_DIRECT_ON_CPU = 3
 
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
@@ -99,7 +102,7 @@ def repeat_launches(left: wp.array, launches: Callable[[], None], most: int) -> 
 
 
 class LaunchSequence:
-    """A fixed sequence of kernel launches, captured into a graph at the first replay.
+    """A fixed sequence of kernel launches, captured into a graph at the first replay, or on a CPU at the fourth.
 
     Captured and direct launches run the same kernels on the same arrays, so they give the same bits. If the device is
     already capturing, the launches go into that capture. A sequence works on CPU and CUDA devices.
@@ -118,10 +121,12 @@ class LaunchSequence:
     ) -> None:
         self.launches, self.device, self.graph, self.priority = launches, device, graph, priority
         self._captured: wp.Graph | None = None
+        self._direct = 0 if device.is_cuda else _DIRECT_ON_CPU  # replays that are still to be launched directly
 
     def replay(self) -> None:
         """Run the launches on the device's current stream."""
-        if not self.graph or self.device.is_capturing:
+        if not self.graph or self.device.is_capturing or self._direct > 0:
+            self._direct -= 1
             with wp.ScopedDevice(self.device):
                 self.launches()
             return

@@ -78,6 +78,7 @@ def _same(compiled: CompiledScene, graph: bool) -> None:
         assert _bits(plain) == _bits(source), f"step {step}"
 
 
+@pytest.mark.usefixtures("recorded")
 @pytest.mark.parametrize("graph", [True, False])
 def test_layouts_made_ahead_are_those_made_in_place(tmp_path: Path, graph: bool):
     """Bit for bit, of two scenes: one with a stage after placing, one with regions that relations leave."""
@@ -85,6 +86,7 @@ def test_layouts_made_ahead_are_those_made_in_place(tmp_path: Path, graph: bool)
     _same(compile_scene("hard_plus", "cpu"), graph)
 
 
+@pytest.mark.usefixtures("recorded")
 @pytest.mark.cuda
 @pytest.mark.parametrize("graph", [True, False])
 def test_layouts_made_ahead_on_a_gpu_are_those_made_in_place(tmp_path: Path, graph: bool):

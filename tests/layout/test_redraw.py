@@ -230,7 +230,7 @@ def test_layouts_to_extend_are_of_the_scene_and_keep_what_stands(room: CompiledS
     """As many as the generator has; and no object moves from under another one."""
     generator = LayoutGenerator(room, 2)
     generator.generate()
-    with pytest.raises(SceneMismatchError, match="should be 2 layouts of the scene"):
+    with pytest.raises(SceneMismatchError, match="should be 2 layouts of scene"):
         generator.redraw(Layouts.create(room, 3), "a")
     with pytest.raises(ArgumentError, match="'tray' carries 'c'"):
         generator.redraw(generator.layouts, "tray")

@@ -153,6 +153,7 @@ def test_a_randomizer_takes_every_source(mid: CompiledScene, make: Maker):
     assert randomizer.rejection_counts() == source.rejection_counts()
 
 
+@pytest.mark.usefixtures("recorded")
 def test_something_may_follow_every_reset(mid: CompiledScene):
     """Behind its launches, captured or not, whichever way worlds are chosen; nothing follows a write of layouts."""
     for graph in (True, False):

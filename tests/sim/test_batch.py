@@ -16,6 +16,7 @@ from sceniris_gym.vector.task import FRICTION_PYRAMIDS
 from tests.versions import since_4
 
 
+@pytest.mark.usefixtures("recorded")
 def test_a_step_from_a_graph_gives_the_same_bits_and_current_kinematics(small_scene):
     """Recorded and direct control steps agree to the bit, and xpos belongs to qpos after both."""
     batches = [Batch(small_scene.scene, 3, "cpu", substeps=2, graph=graph) for graph in (True, False)]

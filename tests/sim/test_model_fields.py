@@ -43,6 +43,7 @@ def scaled(randomizer: ResetRandomizer, name: str, mask: np.ndarray) -> None:
     array[mask] = values[mask]  # NumPy's view of the memory of a CPU
 
 
+@pytest.mark.usefixtures("recorded")
 @pytest.mark.oldest
 @pytest.mark.parametrize("graph", [True, False])
 def test_steps_read_what_is_written_and_all_else_follows(make, small_scene, graph: bool):
@@ -95,6 +96,7 @@ def test_other_worlds_keep_every_bit_of_the_model(make):
             assert (after[mask] != before[name][mask]).any(), name
 
 
+@pytest.mark.usefixtures("recorded")
 def test_values_are_those_of_seed_and_episode(make):
     """For another number of worlds, order and masks, with a graph and without: equal bits, derived fields too."""
     one, other = make(*ALL), make(*ALL, nworld=2, graph=False)

@@ -53,6 +53,7 @@ def expected_layouts(compiled: CompiledScene) -> LayoutGenerator:
     return generator
 
 
+@pytest.mark.usefixtures("recorded")
 @pytest.mark.oldest
 @pytest.mark.parametrize("graph", [False, True])
 def test_what_is_not_in_the_scene_is_left_alone(compiled: CompiledScene, graph: bool):

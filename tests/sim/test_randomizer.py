@@ -65,6 +65,7 @@ def test_an_all_false_mask_changes_nothing(make_randomizer):
     np.testing.assert_array_equal(randomizer.layouts.episode.numpy(), [0, 0, 0])
 
 
+@pytest.mark.usefixtures("recorded")
 @pytest.mark.parametrize("graph", [True, False])
 def test_state_depends_on_seed_and_episode_alone(make_randomizer, graph):
     """Other numbers of worlds, masks, orders and graphs give the same bits of reset state."""

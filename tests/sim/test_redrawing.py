@@ -114,6 +114,7 @@ def test_what_moves_is_posed_in_space_and_all_bodies_with_needs(mid: CompiledSce
             np.testing.assert_array_equal(after["x"][:, ~moved["x"]], before["x"][:, ~moved["x"]])
 
 
+@pytest.mark.usefixtures("recorded")
 def test_the_same_state_seed_and_number_give_the_same_places(mid: CompiledScene):
     """With a graph and without, and after a reset that begins the count anew; the next number gives another place."""
     found = []

@@ -24,6 +24,7 @@ def contacts_of(d: mjw.Data, world: int) -> set[bytes]:
     return {b"".join(column[i].tobytes() for column in columns) for i in listed}
 
 
+@pytest.mark.usefixtures("recorded")
 @pytest.mark.parametrize("graph", [True, False])
 @pytest.mark.parametrize("mask", [[1, 0, 0, 0], [0, 0, 1, 0], [0, 1, 1, 0], [1, 0, 1, 1]])
 def test_a_reset_leaves_no_ghost_contacts(make_randomizer, mask, graph):
@@ -171,6 +172,7 @@ def listed(d: mjw.Data) -> list[bytes]:
     return [b"".join(field[i].tobytes() for field in fields if field.size) for i in range(number)]
 
 
+@pytest.mark.usefixtures("recorded")
 @pytest.mark.parametrize("device", ["cpu", pytest.param("cuda:0", marks=pytest.mark.cuda)])
 @pytest.mark.parametrize("graph", [False, True])
 @pytest.mark.parametrize(

@@ -92,6 +92,7 @@ def _loop(randomizer: ResetRandomizer) -> list[dict[str, np.ndarray]]:
     return found
 
 
+@pytest.mark.usefixtures("recorded")
 @pytest.mark.parametrize("words", [{}, {"prefetch": True}, {"graph": False}, {"needs": ["contacts"]}], ids=str)
 def test_a_loop_continues_with_the_same_bits(compiled: CompiledScene, words: dict[str, Any]):
     """Physics, variants, drawn masses, redraws, and the layouts that follow, with params that were set since."""

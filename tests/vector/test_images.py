@@ -104,6 +104,7 @@ def test_the_first_image_shows_the_new_layout(make_env, mode: AutoresetMode):
         assert torch.equal(image[::2], before["images"]["overview"][kind][::2])
 
 
+@pytest.mark.usefixtures("recorded")
 def test_a_seed_gives_the_same_images_whatever_is_beside_it(make_env):
     """Other numbers of worlds, orders of resets, and no graph: the same bytes."""
     envs, other = make_env(3, images=IMAGES), make_env(5, images=IMAGES, sim_config={"graph": False})

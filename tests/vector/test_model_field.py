@@ -61,6 +61,7 @@ def make(reach_scene):
     return make_env
 
 
+@pytest.mark.usefixtures("recorded")
 def test_fields_belong_to_seed_and_episode(make):
     """For another number of worlds, masks, layouts made ahead, and without a graph: the same bits."""
     one, other = make(4), make(2, sim_config={"graph": False, "prefetch": True})
@@ -78,6 +79,7 @@ def test_fields_belong_to_seed_and_episode(make):
         np.testing.assert_array_equal(values[:2], fields(other)[name], err_msg=name)
 
 
+@pytest.mark.usefixtures("recorded")
 @pytest.mark.parametrize("graph", [True, False])
 def test_steps_are_those_of_a_model_with_these_values(make, graph: bool):
     """MuJoCo C takes the same step from the same state, held by the same controls, with the mass of that world."""
@@ -175,6 +177,7 @@ def drawn_scene():
     return compile_scene(SceneConfig.load(SCENE, {"bank": 8} | words), "cpu")
 
 
+@pytest.mark.usefixtures("recorded")
 def test_what_a_scene_draws_belongs_to_seed_and_episode(drawn_scene):
     """For another number of worlds, masks, layouts made ahead, and without a graph; tasks see it, critics too."""
     one = SceneVectorEnv(Reach, 4, scene=drawn_scene)

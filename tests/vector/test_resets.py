@@ -36,6 +36,7 @@ def test_a_masked_reset_changes_the_masked_worlds_alone(make_env, mask_type):
     assert mask.tolist() == [True, False, True, False]
 
 
+@pytest.mark.usefixtures("recorded")
 def test_a_seed_gives_the_same_bits_whatever_is_beside_it(make_env):
     """Other numbers of worlds, orders of resets, and no graph: world by world the same observation."""
     envs, other = make_env(3), make_env(5, sim_config={"graph": False})

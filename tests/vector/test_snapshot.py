@@ -40,6 +40,7 @@ def test_a_refused_state_or_param_changes_nothing(make_env):
         np.testing.assert_array_equal(envs.randomizer.layouts.view.next_param.numpy(), params)
 
 
+@pytest.mark.usefixtures("recorded")
 @pytest.mark.parametrize("words", [{}, {"sensing": SENSING}, {"sim_config": {"graph": False}}])
 def test_an_episode_goes_on_to_the_same_bits(make_env, words):
     """Observations with noise and delay, rewards, the ends of episodes and the layouts that follow them."""

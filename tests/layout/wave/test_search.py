@@ -95,6 +95,7 @@ def test_the_size_changes_no_bit(size: str, compiled: CompiledScene, expected: l
     assert made(compiled, SIZES[size], N) == expected
 
 
+@pytest.mark.usefixtures("recorded")
 @pytest.mark.parametrize("size", [None, "7-3-100-1", "4096-4096-100-3"])
 def test_a_captured_graph_changes_no_bit(size: str | None, compiled: CompiledScene, expected: list[bytes]):
     """Replayed for each episode with another mask."""
@@ -217,6 +218,7 @@ def test_an_object_of_great_effort_does_not_overflow_the_count_of_candidates():
 CUDA = [pytest.param("cuda:0", marks=pytest.mark.cuda)]
 
 
+@pytest.mark.usefixtures("recorded")
 @pytest.mark.parametrize("device", CUDA)
 @pytest.mark.parametrize("name", SCENES)
 def test_the_size_changes_no_bit_on_a_gpu(name: str, device: str, tmp_path: Path):
