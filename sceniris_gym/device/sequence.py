@@ -23,7 +23,7 @@ _T = TypeVar("_T")
 
 
 def launching(function: Callable[_P, _T]) -> Callable[_P, _T]:
-    """Hold the launch lock while the function runs. Other threads wait for it.
+    """Make a function hold the launch lock while it runs. Other threads wait for the lock.
 
     Without the lock, launches of one thread would join the capture of another thread or go to its stream.
     """
@@ -65,7 +65,7 @@ class ObjectLock:
 
 
 def exclusive(method: Callable[Concatenate[Any, _P], _T]) -> Callable[Concatenate[Any, _P], _T]:
-    """Hold the object's `lock` while the method runs.
+    """Make a method hold the `lock` of its object while it runs.
 
     Raises:
         BusyError: Another thread holds the lock.

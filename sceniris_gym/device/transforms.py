@@ -162,7 +162,7 @@ def z_axis(q: wp.vec4) -> wp.vec3:
 
 @wp.func
 def turn_z(q: wp.vec4, angle: float) -> wp.vec4:
-    """Return `q` followed by a rotation by `angle` [rad] about the z axis of its frame."""
+    """Return orientation `q` after a further rotation by `angle` [rad] about the z axis of the rotated frame."""
     to = unit_circle(0.5 * angle)
     c = to[0]
     s = to[1]

@@ -225,7 +225,7 @@ class Ahead(StaysHere):
     Args:
         maker: The source of the layouts. Between `launch_open` and `launch_close`, the maker makes the layouts that are
             not prefetched. Its `twin` prefetches.
-        stream: The stream for prefetching, used only on a GPU. None creates a stream with `side_stream`.
+        stream: The stream for prefetching, used only on a GPU. If None, `side_stream` creates it.
         graph: Whether to capture the launches of a prefetch into a graph and replay it.
 
     Attributes:
@@ -292,8 +292,8 @@ class Ahead(StaysHere):
     def _launch_begin(self) -> None:
         """Choose worlds for a prefetch, if enough worlds lack a prefetched layout or one has lacked it for many resets.
 
-        The decision is made on the device, because the host is many steps ahead. `_due` is set last, because a prefetch
-        on the other stream may read it at any time.
+        The decision is made on the device, because the host is many steps ahead. The flag `_due` is set last, because a
+        prefetch on the other stream may read this flag at any time.
         """
         nworld, device = self._layouts.nworld, self._device
         outputs = [self._enough, self._nwaiting, self._patience, self._begins]
@@ -305,9 +305,9 @@ class Ahead(StaysHere):
     def _make_beside(self) -> None:
         """Make the layouts of the chosen worlds. On a GPU, this runs concurrently with the following launches.
 
-        If the device is behind the host, the side stream does not wait for this reset, and makes the layouts of the
-        worlds that are chosen when it begins. Waiting at every reset would delay each kernel. If the device has
-        caught up with the host, this reset may be the last for a while, so the side stream waits for the reset.
+        If the device is behind the host, the side stream does not wait for this reset. It makes the layouts of the
+        worlds that are chosen by the time the prefetch begins. Waiting at every reset would delay each kernel. If the
+        device has caught up with the host, this reset may be the last for a while, so the side stream waits for it.
         """
         if self._stream is None or self._served is None:
             self._make_graph.replay()

@@ -21,8 +21,8 @@ _MOST_RESTARTS = 10
 def find_attempts(compiled: CompiledScene) -> int:
     """Try 10, 20, 40, ... attempts, and return the first number that lets less than 1% of the worlds restart.
 
-    The number depends only on the scene, because seeds and streams are fixed. Worlds that more attempts cannot help,
-    such as worlds with an empty region, are not counted. Stages after placing are not run. A layout that succeeds with
+    The number depends only on the scene, because seeds and streams are fixed. Worlds with an empty region are not
+    counted, because more attempts would not help them. Stages after placing are not run. A layout that succeeds with
     fewer attempts stays the same with more attempts, so each step retries only the failed worlds. A step stops early
     once too many worlds have failed. If every world fails even with the maximum number of attempts, the minimum is
     returned, so that compilation rejects the scene sooner. If only some worlds restart with the maximum, a

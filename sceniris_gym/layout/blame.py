@@ -63,9 +63,8 @@ class Hit(NamedTuple):
 class Blame:
     """Finds the colliding geoms of candidates of a compiled scene, one candidate at a time.
 
-    MuJoCo C computes the distances. It compares collision geoms, even in scenes with `geometry: visual`. If two geoms
-    overlap in the home pose, the depth of their overlap with a candidate is measured by the same method as in the home
-    pose.
+    MuJoCo C computes the distances of collision geoms, even in scenes with `geometry: visual`. Only for two geoms that
+    overlap in the home pose, the class `HomeTouch` measures the distance, as it does in the home pose.
     """
 
     def __init__(self, compiled: CompiledScene) -> None:
@@ -119,8 +118,8 @@ def recording(generator: LayoutGenerator) -> LayoutGenerator:
 def obstructions(generator: LayoutGenerator, name: str | None = None) -> dict[str, str]:
     """For each object with recorded collisions, describe the pair of geoms that collides most often.
 
-    The result has a text by name of the object. The text has the mean distance of the pair, and the fraction of the
-    object's collisions that include this pair.
+    The result maps each object's name to a text. The text gives the names of the two geoms, their mean distance, and
+    the fraction of the object's collisions in which they collide.
 
     Args:
         generator: A generator that has recorded candidates. See `recording`.
@@ -152,8 +151,8 @@ def obstructions(generator: LayoutGenerator, name: str | None = None) -> dict[st
 def infeasible(compiled: CompiledScene, probe: LayoutGenerator, key: str = "") -> InfeasibleSceneError:
     """Return the error for a scene without a valid layout. The error names the object that could not be placed.
 
-    This is the last object in placement order that has rejected candidates, because all objects before it could be
-    placed. However, an object that failed in a stage after placing takes precedence.
+    The named object is the last object in placement order that has rejected candidates, because all objects before it
+    could be placed. However, an object that failed in a stage after placing takes precedence.
 
     Args:
         compiled: The scene.
@@ -198,7 +197,8 @@ def _rejections(counts: Mapping[str, Mapping[str, int]]) -> str:
 def _of_leaning(support: str, orientation: str) -> str:
     """Return the advice for a support that leans in most worlds.
 
-    The support belongs to an object, and `orientation` is this object's kind of orientation.
+    The support is a part of another object, such as a drawer of a cabinet. `orientation` is the kind of orientation of
+    this other object (here the cabinet).
     """
     better = "Restrict the joints that move this support to states in which it is level."
     if orientation in ("any", "stable"):
@@ -215,7 +215,7 @@ def _of_collision(room: str | None, joined: str | None) -> str:
 
     Args:
         room: The advice of `_room`, or None if the support of the object is not full.
-        joined: Name of the other object if the two objects are joined, otherwise None.
+        joined: Name of the object to which the colliding object is joined, or None if it is not joined.
     """
     if joined is None:
         return room or _PLAIN
@@ -247,9 +247,9 @@ def _room(compiled: CompiledScene, name: str) -> str | None:
 
 
 def _leaning_support(compiled: CompiledScene, probe: LayoutGenerator, name: str) -> str | None:
-    """Return the name of an object's support if this support leans in most worlds, judged by their last state.
+    """Return the name of an object's support if this support leans in most worlds, otherwise None.
 
-    Otherwise, return None.
+    The last state of each world counts.
     """
     ground = int(compiled.program.obj_ground.numpy()[compiled.placed.index(name)])
     part = compiled.config.parts.get(name)

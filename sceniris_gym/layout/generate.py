@@ -256,8 +256,9 @@ class LayoutGenerator(Fixed, LayoutSource):
 
         To build up layouts step by step, leave objects out by `groups` in the scene file, and add some of them with
         each call. A row of the result is a pure function of scene, split, seed, episode and the layout before the call.
-        If no place is found, the row is returned unchanged with the status KEPT. Other reach targets may lose their
-        grasps. Layout ids do not change: they reproduce the original layout, without the added objects.
+        If no place is found, the row is returned unchanged with the status KEPT. Reach targets that are not
+        moved may lose their grasps. Layout ids do not change: they reproduce the original layout, without the added
+        objects.
 
         Args:
             layouts: One layout of this scene per world, on the same device, such as a result of `generate` or of this

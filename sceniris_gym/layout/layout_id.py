@@ -83,7 +83,7 @@ class ChosenLayouts(NamedTuple):
         seed: Seeds, shape (nworld,), uint64.
         given: Worlds that have a chosen layout, shape (nworld,), bool. The rows of other worlds have no meaning.
         episode: Episodes, shape (nworld,), int32. None is episode 0.
-        param: Param values, shape (nworld, nvalue), float32. None leaves the params unchanged.
+        param: Param values, shape (nworld, nvalue), float32. If None, the params do not change.
     """
 
     seed: np.ndarray
@@ -192,8 +192,8 @@ def entries_of_worlds(number: int, worlds: Any, nworld: int, name: str) -> np.nd
 def layouts_of_mapping(value: Mapping[str, Any], layouts: Layouts, name: str) -> tuple[ChosenLayouts, bool]:
     """Return the layouts of a mapping with "seed", "episode" and optional "params", one row per layout.
 
-    Seed and episode may each be one integer, or any number of integers. The second result is True if both are one
-    integer. All other arguments are as in `as_layouts`.
+    Seed and episode may each be one integer, or any number of integers. The second result is True if seed and
+    episode are each one integer. All other arguments are as in `as_layouts`.
 
     Raises:
         ArgumentError: A missing or malformed entry.
@@ -259,7 +259,7 @@ def layouts_of_ids(ids: Any, layouts: Layouts, split: str, name: str) -> ChosenL
 
 
 def _of_ids(value: Any, layouts: Layouts, split: str, served: Served, name: str) -> tuple[ChosenLayouts, bool]:
-    """Return the layouts of ids, one row per id, and whether there is a single id.
+    """Return the layouts of ids, one row per id, and True if `value` is an id, not a sequence.
 
     Raise if the source would serve another layout than an id names.
     """

@@ -99,7 +99,8 @@ class LayoutsView:
 def view_of(nrow: int, device: str, arrays: Mapping[str, Any]) -> LayoutsView:
     """Return a LayoutsView of the given arrays.
 
-    A field without a given array gets an array that kernels may read: a column of blank values, or rows of width 0.
+    A field without a given array gets an array that kernels may read. If the array has one axis, it has blank values.
+    If it has several axes, its rows have width 0.
 
     Args:
         nrow: Number of rows.
@@ -149,7 +150,7 @@ def open_episode(layouts: LayoutsView, worldid: int):
 
 @wp.func
 def copy_draws(source: LayoutsView, row: int, layouts: LayoutsView, worldid: int):
-    """Copy the seed, episode and stream that determine drawn physics and appearance from a row to a world."""
+    """Copy a row's seed, episode and stream for the draws of physics and appearance to a world."""
     layouts.draw_seed[worldid] = source.draw_seed[row]
     layouts.draw_episode[worldid] = source.draw_episode[row]
     layouts.draw_stream[worldid] = source.draw_stream[row]
@@ -361,7 +362,8 @@ class Layouts(StaysHere):
 
         Args:
             split: Split of the ids, "train" or "eval".
-            keys: Seeds, episodes and param values of other layouts, one row per layout. None takes the present layouts.
+            keys: Seeds, episodes and param values of other layouts, one row per layout. If None, the ids are for the
+                present layouts.
 
         Raises:
             ArgumentError: `split` has another value, or a world has no layout.

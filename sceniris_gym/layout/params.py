@@ -119,7 +119,9 @@ class ParamTable:
         return rows
 
     def part(self, values: Mapping[str, Any], nworld: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the columns of some params and the values for these columns, in one row or in one row per world.
+        """Return the columns of some params, and rows of values for these columns.
+
+        The result has one row for all worlds, or a row per world if some of the `values` are given per world.
 
         Raises:
             UnknownNameError, ArgumentError: As in `rows`.

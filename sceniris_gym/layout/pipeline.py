@@ -32,7 +32,7 @@ class Chooser:
     def rows(self) -> Mapping[str, Any] | None:
         """Return the torch tensors that snapshots store instead of the chosen layouts, by name, with a row per world.
 
-        With None, which is the default, snapshots store the chosen layouts.
+        If the method returns None, as it does by default, snapshots store the chosen layouts.
         """
 
     def launch_choose(self, mask: wp.array | None) -> None:
@@ -61,16 +61,17 @@ class LayoutPipeline(Fixed, LayoutSource):
         maker: Makes the layouts. Do not use it elsewhere from now on.
         split: Split of the layouts, if the maker's `split` is None. If both are None, the split of the randomizer is
             used.
-        ahead: Prefetches the layouts of the maker. None makes each layout when it is served.
-        chooser: Chooses the next layouts. None leaves the choice to the maker, by default the next episode of the seed.
+        ahead: Prefetches the layouts of the maker. If None, each layout is made when it is served.
+        chooser: Chooses the next layouts. If None, the maker chooses them: by default, a world takes the
+            next episode of its seed.
 
     Attributes:
         layouts: The latest layouts, in the arrays of the maker.
         split: Split of the layouts.
 
     Raises:
-        ArgumentTypeError: A maker, a prefetch or a chooser of another type.
-        ArgumentError: A prefetch or a chooser that belongs to another maker, or a split that differs from the maker's.
+        ArgumentTypeError: `maker`, `ahead` or `chooser` has another type.
+        ArgumentError: `ahead` or `chooser` belongs to another maker, or `split` is not the split of the maker.
         FixedError: Raised on assignment to an attribute that captured graphs already use.
     """
 

@@ -12,7 +12,7 @@ from sceniris_gym.scene.poses import body_poses, product, rotated
 
 
 def read_layouts(layouts: Layouts, split: str, nrow: int | None) -> LayoutTable:
-    """Copy the first `nrow` layouts to the host, or all layouts if `nrow` is None. `split` is their split."""
+    """Copy the first `nrow` layouts (all if `nrow` is None) to the host. `split` is the split of the layouts."""
     types = row_types(layouts.compiled, nvalue=layouts.view.param.shape[1])
 
     def read(name: str) -> np.ndarray:

@@ -53,7 +53,10 @@ _LIFTED = wp.constant(0.01)
 
 @wp.func
 def _pose_given(program: Program, adr: wp.vec3i, layouts: LayoutsView, row: int, body: int):
-    """Compute the pose of a row's body from the pose of its parent. `adr` is as in `_read_state`."""
+    """Compute the pose of a row's body from the pose of its parent.
+
+    `adr` has the addresses of the body's freejoint and ball joint in `qpos`, and its mocap id, each -1 if missing.
+    """
     qpos = layouts.qpos[row]
     k = wp.where(adr[0] >= 0, adr[0] + 3, adr[1])
     if adr[0] >= 0:
@@ -227,8 +230,8 @@ def _finish(
 class Redraw(StaysHere):
     """Finds new places for some objects of a state, while all its other objects stay in place.
 
-    A redraw is a pure function of scene, split, seed, episode, redraw number and state. Other objects are obstacles,
-    relation anchors, and supports if they are level. Absent objects stay absent unless `adds` is set.
+    A redraw is a pure function of scene, split, seed, episode, redraw number and state. Other objects are obstacles
+    and relation anchors. Their horizontal surfaces are also supports. Absent objects stay absent unless `adds` is set.
 
     Args:
         compiled: The scene.
@@ -279,7 +282,7 @@ class Redraw(StaysHere):
         """Redraw the objects in the masked worlds.
 
         Args:
-            state: State of the worlds, as the module describes it.
+            state: Seeds, episodes, keys of draws, kinds of start, presence, and positions of joints and mocap bodies.
             mask: Selected worlds, shape (nworld,), bool.
             counts: Counts to increase.
             origins: Origins of the worlds [m], shape (nworld,), vec3, to subtract from the positions of `state`.

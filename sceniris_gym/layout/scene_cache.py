@@ -1,4 +1,4 @@
-"""Compiled scenes on disk, so that a scene is compiled once and not at every start.
+"""Compiled scenes on disk, so that a scene is compiled once, and not in every process.
 
 A file holds the arrays of one compiled scene in NumPy's format, without pickles, so that reading it cannot execute
 code. Its name is a hash of all inputs: the model, the settings in the scene file, the source of this package, the

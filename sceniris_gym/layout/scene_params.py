@@ -30,9 +30,9 @@ class Param(NamedTuple):
             all high ends, or the weights, or the clearance.
         form: "interval" [low, high], "count" (an interval of integers), "box" (its low and its high corner), "weights",
             or "clearance" (a least distance).
-        least: At least so many weights should be above 0.
-        copies: The arrays that have copies of the numbers, one entry per copy: name of the array, index in its row,
-            index of the number.
+        least: Least number of weights that must be above 0.
+        copies: One entry for each copy of a number in an array: name of the array, index in a row of this array, and
+            index of the number in `default`.
         written: The numbers of the scene file before clipping. Empty if nothing can be clipped.
     """
 
@@ -163,7 +163,7 @@ def _distances(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:
 
 
 def _regions(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:
-    """Yield, for each object, its region's key and the bounding box as a param, or the reason why it cannot be one."""
+    """Yield the key of each object's region, with the bounding box as a param or the reason why there is no param."""
     program = compiled.program
     cuts, heaps = program.obj_cutnum.numpy(), program.obj_heap.numpy()[:, 0]
     first, number = program.obj_stableadr.numpy(), program.obj_stablenum.numpy()

@@ -47,7 +47,7 @@ def launch_reseed(
 
     Args:
         layouts: The layouts, on the device like all other arrays.
-        seeds: Seeds, shape (nworld,), uint64. None keeps the seeds of the present layouts.
+        seeds: Seeds, shape (nworld,), uint64. If None, the seeds of the present layouts are kept.
         mask: Selected worlds, shape (nworld,), bool. None selects all.
         episodes: Episodes, shape (nworld,), int32. None is episode 0.
     """

@@ -66,7 +66,7 @@ class LayoutSource(StaysHere):
         """Return a second source of the same layouts with separate memory, for prefetching.
 
         Raises:
-            ArgumentTypeError: The class does not support prefetching, which is the default.
+            ArgumentTypeError: The class does not override this method, so it does not support prefetching.
         """
         raise ArgumentTypeError(
             f"{type(self).__name__}: cannot prefetch, as prefetching takes a second source of the same layouts. Use "
@@ -79,7 +79,7 @@ class LayoutSource(StaysHere):
         Level replay does not call this when episodes end: it writes its choices directly into `layouts`.
 
         Args:
-            seeds: Seeds on the device, shape (nworld,), uint64. None keeps the seeds of the present layouts.
+            seeds: Seeds on the device, shape (nworld,), uint64. If None, the seeds of the present layouts are kept.
             mask: Selected worlds, shape (nworld,), bool. None selects all.
             episodes: Episodes on the device, shape (nworld,), int32. None is episode 0.
         """

@@ -122,7 +122,7 @@ class WorldColumns:
             mask: Selected worlds, shape (nworld,), bool. None selects all.
             layouts: The layouts, with the keys of their draws and their params. For a layout from the bank, numbers are
                 drawn with the params of the scene file. None if there are only given numbers.
-            rows: Row of `layouts` for each world, shape (nworld,), int32. None gives world i row i.
+            rows: Row of `layouts` for each world, shape (nworld,), int32. If None, world i has row i.
             given: The given numbers, shape (1 or nworld, n).
             opens: Whether to write the numbers of the next layouts, instead of the present layouts.
         """
@@ -208,7 +208,8 @@ def search_columns(
         nworld: Number of worlds.
         params: The params of the worlds.
         by_world: Further fields of the program that get a row per world.
-        masses: `body_mass` and `body_ipos` of the Model of the worlds, with their current values. None draws them.
+        masses: `body_mass` and `body_ipos` of the Model of the worlds, with their current values. If None, masses are
+            drawn.
     """
     program, statics, nominal, arrays = copied(Program, compiled.program), compiled.statics, {}, {}
     draws, scaled, given = (), (), None

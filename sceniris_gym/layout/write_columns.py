@@ -1,7 +1,7 @@
 """`launch_write_columns`: writes each world's numbers into arrays with a row per world.
 
-A number is a draw, a bound that params narrow, or a nominal value times a given factor. Draws are a function of the key
-in a layout.
+A number is a draw, a bound (narrowed by params), or a nominal value times a given factor. Draws are a function of the
+key in a layout.
 """
 
 import numpy as np
@@ -131,7 +131,10 @@ def _nominal(array: Array, worldid: int, offset: int) -> float:
 
 @wp.func
 def _bound(element: Element, param: wp.array[float], default_param: wp.array[float]) -> float:
-    """Return a bound that params narrow, or a flag: 1 if the params have the values of the scene file, otherwise 0."""
+    """Return the bound or the flag that an element takes from params.
+
+    A flag is 1 if the params have the values of the scene file, and 0 otherwise.
+    """
     if element.form == _BOUND:
         return wp.max(element.least, wp.max(param[element.number], param[element.other]))
     for k in range(element.number, element.other + 1):
@@ -247,7 +250,7 @@ def launch_write_columns(
     Args:
         nworld: Number of worlds.
         mask: Selected worlds, shape (nworld,), bool. None selects all.
-        rows: Row of `layouts` for each world, shape (nworld,), int32. None gives world i row i.
+        rows: Row of `layouts` for each world, shape (nworld,), int32. If None, world i has row i.
         opens: Whether to write the numbers of the next layouts, instead of the present layouts.
         layouts: The layouts.
         *tables: Rows of `Number`, the parameters of their distributions, rows of `Element`, and rows of `Array`. The

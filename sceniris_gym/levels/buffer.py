@@ -86,7 +86,7 @@ class Episodes(NamedTuple):
         episode: Episode of the level, shape (n,), int32. Rows with an invalid episode do not count.
         outcome: 1 for a success and 0 for a failure, or the score if scores are "custom", shape (n,), float32.
         param: Param values of the level, shape (n, nvalue), float32. None if the worlds have no params.
-        mask: Rows that count, shape (n,), bool. None counts all rows.
+        mask: Rows that count, shape (n,), bool. If None, all rows count.
         status: `LayoutStatus` of the layouts, shape (n,), int32. Layouts from the bank do not count. None means that
             all layouts are valid.
         boundary: Index of the ADR interval end that the level tests, or -1, shape (n,), int32. The outcome also counts
@@ -184,7 +184,7 @@ def launch_forget(buffer: Buffer, seeds: wp.array | None, mask: wp.array | None)
 
     Args:
         buffer: The buffer.
-        seeds: Seeds to draw later fresh levels, shape (nworld,), uint64. None keeps the old seeds.
+        seeds: Seeds to draw later fresh levels, shape (nworld,), uint64. If None, the old seeds are kept.
         mask: Selected worlds, shape (nworld,), bool. None selects all.
     """
     device = buffer.base.device

@@ -118,7 +118,8 @@ LevelReplay.__init__ = refuses_old_names(LevelReplay.__init__)
 def as_curriculum(value: Any, where: str) -> LevelReplay | None:
     """Return the LevelReplay that `value` describes: a LevelReplay, an ADR, or a mapping of the fields of either class.
 
-    An ADR becomes a LevelReplay that never replays levels. None stays None. `where` names the argument in errors.
+    An ADR becomes a LevelReplay that never replays levels. For None, the result is None. `where` names the
+    argument in errors.
 
     Raises:
         ArgumentTypeError, UnknownNameError: See `as_config`.

@@ -29,7 +29,10 @@ def _bin(buffer: Buffer, i: int) -> int:
 
 @wp.func
 def _is_vacant(buffer: Buffer, b: int) -> bool:
-    """Return whether new levels may take the slots in score bin `b`: empty slots first, then the lowest scores."""
+    """Return whether new levels may take the slots in score bin `b`.
+
+    While there are empty slots, only these may be taken. Afterwards, the slots with the lowest scores may be taken.
+    """
     filled, room = buffer.better[BINS - 1], buffer.vacant.shape[0]
     if filled < buffer.age.shape[0]:
         return b == BINS

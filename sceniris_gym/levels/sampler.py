@@ -71,7 +71,7 @@ class LevelSampler(Chooser, StaysHere):
         return int((self._buffer.age.numpy() >= 0).sum())
 
     def rows(self) -> Mapping[str, Any]:
-        """The tensors that snapshots store, by name, each with a row per world, as in `Chooser`."""
+        """Return the tensors that snapshots store, by name, each with a row per world."""
         return {"level": self.level, "boundary": self.boundary}
 
     def launch_choose(self, mask: wp.array | None) -> None:
@@ -155,7 +155,7 @@ class LevelSampler(Chooser, StaysHere):
                 such as the regret or the mean value loss of each episode. If it is "learnability" or "failure", pass 1
                 for a success and 0 for a failure. Rows with negative or infinite scores or NaN do not count.
             worlds: Worlds whose rows count, as booleans, ids or a slice. The arrays should then have a row for each
-                world. None counts all rows.
+                world. If None, all rows count.
 
         Raises:
             ArgumentError: The arrays have different lengths, or `worlds` is given but the arrays do not have a row for

@@ -155,7 +155,7 @@ def _upward(point: wp.vec3) -> Pose:
 def _crosses_box(half: wp.vec3, rel: Pose) -> bool:
     """Test whether the vertical segment above a point crosses a box.
 
-    `half` has the box's half extents [m]. `rel` is the pose of the box in the segment's frame, which `_upward` returns.
+    `half` has the box's half extents [m]. `_upward` returns a frame for the segment, and `rel` is the box's pose in it.
     """
     origin = -(wp.transpose(rel.rot) * rel.pos)
     low = float(-0.5 * _OVERHEAD_REACH)

@@ -125,7 +125,7 @@ def measure(
     """Return `drawn` with the pivot measured at the drawn joint positions. `Measure.WHOLE` also measures the bounds.
 
     The height of the pivot is the height of the object's lowest point. Horizontally, the pivot is the centre of the
-    bounds that the object has with joints in the start pose. With `orientation: any` and `Measure.WHOLE`, it is the
+    bounds that the object has with joints in the home pose. With `orientation: any` and `Measure.WHOLE`, it is the
     centre of the measured bounds instead. On return, `body_pos` and `body_quat` have the poses of the bodies with the
     root at the origin and heading 0.
     """

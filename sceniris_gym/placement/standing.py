@@ -54,8 +54,8 @@ class Level:
     """An object of a stack, with its load and its patch.
 
     Positions [m] are relative to the candidate's pivot, along the world's axes. `load` is the weight [kg] and the
-    centre of mass (x, y, z) of the object and everything on it. `own` leaves out the
-    next object above in the stack, and everything on that next object.
+    centre of mass (x, y, z) of the object and everything on it. For `own`, the next object above in the stack and
+    everything on that next object are left out.
     """
 
     foot: float  # height of the foot
@@ -112,7 +112,7 @@ def lies_on_a_part(statics: Statics, stable: int, at: wp.vec2, surface: int, gro
     """Return True if the circle around a foot lies on a single convex part of a surface.
 
     The circle is around the pivot `at` [m], seen from above. `stable` is the number of the object's stable pose, which
-    has the radius of the circle. `ground` is the pose of the body that has the surface.
+    determines the radius of the circle. `ground` is the pose of the body that has the surface.
     """
     for i in range(statics.surface_partnum[surface]):
         part = statics.surface_partadr[surface] + i
@@ -228,7 +228,7 @@ def _leans(level: Level, off: wp.vec2) -> wp.vec2:
 def loads_stand(levels: wp.array[Level], num: int) -> bool:
     """Return True if all loads of a stack stay on their patches when contacts give way.
 
-    The result is also False if the candidate would move by `MOST_MOVE` or more until it is at rest.
+    If the candidate would move by `MOST_MOVE` or more until it is at rest, the result is False.
 
     Args:
         levels: The objects of the stack from the candidate down. The lowest object is last.

@@ -91,7 +91,7 @@ def _is_near(
     adr: int,
     num: int,
 ) -> bool:
-    """Return True if, at a grasp, a sphere around a box of the hand meets a sphere around a box of the candidate.
+    """Return True if the hand at a grasp is near a candidate, judged by spheres around their boxes.
 
     `early` is the index of the grasp in `Reach.early_grasp`. The broad-phase pairs to test are the `num` entries from
     address `adr` on.

@@ -21,7 +21,7 @@ OPENING_MARGIN = 0.01
 
 @wp.func
 def take_joints(program: Program, bodies: wp.array[int], from_qpos: wp.array[float], qpos: wp.array[float]):
-    """Copy the positions of the joints of bodies from `from_qpos` to `qpos`."""
+    """Copy the joint positions of the given bodies: read them from `from_qpos`, and write them to `qpos`."""
     for i in range(bodies.shape[0]):
         body = bodies[i]
         for joint in range(program.body_jntadr[body], program.body_jntadr[body] + program.body_jntnum[body]):

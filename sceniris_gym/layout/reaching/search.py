@@ -151,7 +151,7 @@ def takes_step(reach_search: ReachSearch, c: int, step: int) -> bool:
 def create_reach_search(compiled: CompiledScene, nrow: int, size: SearchSize, early: int = 0) -> ReachSearch:
     """Allocate the arrays of a search for joints in `nrow` rows.
 
-    `early` is the number of grasps that objects placed after the target may block.
+    `early` is the number of grasps that an object may block if it is placed after the object to grasp.
     """
     ncand, mjm, reaching = min(size.grasps, nrow * MOST_AT_ONCE), compiled.mjm, compiled.reaching
     assert reaching is not None

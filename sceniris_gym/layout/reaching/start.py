@@ -187,7 +187,10 @@ def _pose(
 
 
 def launch_pose_start(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
-    """Pose the robot of each candidate with its held object. A candidate fails if it has no exact joints."""
+    """Pose the robot of each candidate with its held object.
+
+    A candidate fails if inverse kinematics finds no joints that reach the candidate's pose exactly.
+    """
     inputs = [work.program, reach, work.compiled.starts, work.split, work.layouts, work.search, reach_search]
     work.launch_lanes(_pose, *inputs)
 

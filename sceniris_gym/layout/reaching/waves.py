@@ -43,7 +43,7 @@ def _take_first_through(reach: Reach, layouts: LayoutsView, row: int, column: in
 
 @wp.func
 def _skip_blocked(reach: Reach, layouts: LayoutsView, search: Search, row: int, column: int):
-    """Write the lowest free grasp of a target, if the target's free grasps were tracked while objects were placed."""
+    """Write a target's first free grasp, if the target's free grasps were tracked while objects were placed."""
     for early in range(reach.early_grasp.shape[0]):
         grasp = reach.early_grasp[reach.early_grasp.shape[0] - 1 - early]
         if reach.grasp_reach[grasp] == column and search.row_free[row, reach.early_grasp.shape[0] - 1 - early]:
@@ -89,7 +89,7 @@ def _move_to(reach: Reach, layouts: LayoutsView, search: Search, reach_search: R
 
 @wp.func
 def _first_waiting(reach: Reach, search: Search, row: int) -> int:
-    """Return the row that a row's world tries next, or -1.
+    """Return the row that the world of `row` tries next, or -1 if there is no such row.
 
     With one arm, restarts are tried one after the other, so the next row is the world's first waiting restart. With
     several arms, all restarts are tried, so the next row is `row` itself.

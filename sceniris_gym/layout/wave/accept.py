@@ -87,7 +87,7 @@ def _had_no_region(cause: int) -> bool:
 
 @wp.func
 def _is_recorded(layouts: LayoutsView, cause: int) -> bool:
-    """Return True if this cause is recorded: a collision, or with `record_all` any cause after a pose was drawn."""
+    """Return True if a cause is recorded: a collision, or with `record_all` also any cause after a pose was drawn."""
     if layouts.rejected_object.shape[0] == 0 or cause == Cause.NONE:
         return False
     if cause == Cause.COLLISION:

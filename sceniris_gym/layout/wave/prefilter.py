@@ -54,7 +54,7 @@ def _find_grasps_from_base(reach: Reach, layouts: LayoutsView, search: Search, c
 def _test_map(reach: Reach, layouts: LayoutsView, search: Search, c: int, row: int, obj: int, part: int, parts: int):
     """Test the grasps of a reach target, or all grasps that a base has to reach.
 
-    A target's grasps are divided among `parts` lanes, and this is lane number `part`. Lane 0 alone tests a base.
+    A target's grasps are divided among `parts` lanes, and this is lane number `part`. Only lane 0 tests a base.
     """
     column = reach.obj_reach[obj]
     if column >= 0:

@@ -57,7 +57,7 @@ def posed_triangle(program: Program, tri: int, frame: Pose) -> Triangle:
 
 @wp.func
 def _is_out_of_reach(program: Program, regions: Regions, c: int, obj: int, t: Triangle) -> bool:
-    """Return True if a triangle's bounding box lies outside the circle around the areas of at least one relation."""
+    """Return True if a triangle's bounding box lies outside the circle that encloses the areas of one relation."""
     low = wp.min(wp.min(t.a, t.b), t.c)
     high = wp.max(wp.max(t.a, t.b), t.c)
     for i in range(program.obj_relnum[obj]):

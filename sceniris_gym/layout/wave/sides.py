@@ -21,7 +21,7 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 @wp.struct
 class Regions:
-    """The regions of a wave's candidates. Only scenes in which regions differ between worlds have them."""
+    """The regions of a wave's candidates. Used only in scenes whose regions differ between worlds."""
 
     # Counts
     cuts: wp.array[int]  # number of candidates in `cut`
@@ -64,7 +64,7 @@ def support_pose(program: Program, layouts: LayoutsView, row: int, obj: int) -> 
 
 @wp.func
 def _resolve(program: Program, layouts: LayoutsView, search: Search, regions: Regions, c: int, i: int, frame: Pose):
-    """Evaluate relation `i` of a candidate, and write the half-planes that bound the convex areas it allows.
+    """Evaluate relation `i` of a candidate, and write the half-planes that bound the areas that the relation allows.
 
     `frame` is the pose of the body that supports the candidate's object.
     """

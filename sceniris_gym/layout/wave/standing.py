@@ -36,7 +36,7 @@ def _stands_alone(program: Program, statics: Statics, layouts: LayoutsView, sear
 
 @wp.func
 def _stands(program: Program, statics: Statics, layouts: LayoutsView, search: Search, c: int, row: int) -> bool:
-    """Return True if a candidate stands, and all objects of the stack below still stand with its load."""
+    """Return True if a candidate stands, and all objects of the stack below it still stand when they carry it."""
     levels = wp.zeros(shape=(wp.static(MAX_LEVELS),), dtype=Level)
     patch = wp.zeros(shape=(wp.static(DIRECTIONS),), dtype=wp.vec2)
     adr = statics.obj_leveladr[search.obj[c]]
