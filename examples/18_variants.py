@@ -1,4 +1,4 @@
-"""Object variants: each reset gives each world another asset, which falls onto a table with its own mass."""
+"""Object variants: each reset draws an asset for each world. Assets have different masses and fall onto a table."""
 
 import mujoco_warp as mjw
 import numpy as np

@@ -39,7 +39,7 @@ class Near(sceniris_gym.Task):
 
 
 def main(num_envs: int = 256, steps: int = 200, device: str | None = None) -> None:
-    """Step, and print the growing region."""
+    """Take steps in all worlds, and print the growing region."""
     scene = {"model": mujoco.MjSpec.from_string(MJCF), "objects": OBJECTS}
     adr = ADR({NAME: [[-0.05, -0.05], [0.05, 0.05]]}, delta=0.05, boundary_fraction=1.0, queue_length=64)
     kwargs = {"scene": scene, "device": device, "max_episode_steps": 2, "curriculum": adr}

@@ -15,7 +15,7 @@ __all__ = [name for name in _names if name not in _MODULES]  # pyright: ignore[r
 
 
 def _found(name: str) -> object:
-    """Return a public object or module. For a class that only `errors` has, raise an ImportError with its full name."""
+    """Return a public object or module. For a class that only `errors` has, raise an ImportError with the full name."""
     if name.endswith(("Error", "Warning")) and name in vars(errors) and name not in __all__:
         raise ImportError(f"{__name__}: '{name}' is now errors.{name}.")
     return _public(name)

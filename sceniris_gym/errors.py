@@ -46,7 +46,7 @@ def did_you_mean(name: str, valid: Iterable[str]) -> str:
 
 
 class _Pickled(Exception):
-    """An exception that is pickled as its constructor's arguments, which it also has as attributes."""
+    """An exception that pickle stores as the constructor's arguments. Each argument is also an attribute."""
 
     def __reduce__(self) -> tuple[Any, ...] | str:
         if "__init__" not in vars(type(self)):
@@ -175,7 +175,7 @@ class BusyError(ScenirisError, RuntimeError):
 
 
 class FixedError(ScenirisError, AttributeError):
-    """Setting the attribute `name` of an object of class `what`, although captured graphs use arrays of the object."""
+    """An assignment to the attribute `name` of an object of class `what`, whose arrays captured graphs use."""
 
     def __init__(self, what: str, name: str, cure: str | None = None) -> None:
         self.what, self.cure = what, cure
@@ -187,7 +187,7 @@ class FixedError(ScenirisError, AttributeError):
 
 
 class TaskError(ScenirisError, TypeError):
-    """A method of a task returned a value of the wrong type or form."""
+    """A value of the wrong type or form, which a method of a task returned."""
 
 
 class ArgumentError(ScenirisError, ValueError):
@@ -319,7 +319,7 @@ class MissingExtraError(ScenirisError, ImportError):
 
 
 def import_extra(module: str, extra: str, package: str = "") -> Any:
-    """Import a module that the extra `extra` installs. `package` is its distribution, if not named like the module.
+    """Import a module that the extra `extra` installs. `package` is the module's distribution, if it has another name.
 
     Raises:
         MissingExtraError: The module is not installed.

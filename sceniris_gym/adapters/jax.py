@@ -123,7 +123,7 @@ class LayoutAutoResetWrapper:
         split: "train" or "eval", which share no layouts.
         full_reset: Reset the environments in every step, and take `info` (for example targets) and the rest of the
             state of finished worlds from this reset, as BraxAutoResetWrapper does with this argument.
-        observe: Function of (data, info) of one world that returns the observation. None: the method `_get_obs`.
+        observe: Function of (data, info) of one world that returns the observation. None takes the method `_get_obs`.
         update: Function of a world's (mjx.Model, mjx.Data) that updates the derived quantities for observations. None
             takes `mjx.forward`. If the observations read no sensors, `mjx.kinematics` is enough and faster.
 
@@ -201,7 +201,7 @@ class LayoutAutoResetWrapper:
         return state.replace(data=data, obs=_where(done, obs, state.obs), info=info)
 
     def _start(self, data: Any, info: dict[str, Any], seed: Any, episode: Any, where: Any) -> tuple[Any, Any, Any]:
-        """Return data with the layouts of the masked worlds, their observations, and flags of fallback layouts."""
+        """Return data with layouts in the masked worlds, observations of all worlds, and flags of fallback layouts."""
         fresh = self.layouts.qpos(seed, episode, where)
         unwrapped, randomized = self.env.unwrapped, getattr(self.env, "_mjx_model_v", None)
 
@@ -299,7 +299,7 @@ def _callable(requested: RequestedLayouts) -> Any:
 
 
 def _array(value: Any, wanted: str, kind: Any) -> Any:
-    """Return `value` as a JAX array whose dtype is of this `kind`. `wanted` says in the error what was expected."""
+    """Return `value` as a JAX array whose dtype is of this `kind`. The error states `wanted`, the expected value."""
     with suppress(TypeError, ValueError, OverflowError):
         if jnp.issubdtype((array := jnp.asarray(value)).dtype, kind):
             return array

@@ -96,9 +96,9 @@ class NewtonRandomizer(StaysHere):
     Newton owns the state: every step of the solver copies `State.joint_q` into MuJoCo's data. A reset therefore writes
     layouts to `State.joint_q` in Newton's convention, in which the pose of a joint is measured between its two anchors,
     and quaternions are xyzw. The reset also sets `joint_qd` to 0, updates body poses and velocities (`newton.eval_fk`),
-    and clears warm starts, forces, activations and controls (`solver.reset`). Joints that the scene does not draw
-    return to their start positions. Roots that Newton fixes to the world can also be placed, through `Model.joint_X_p`.
-    All other worlds keep their bits.
+    and clears warm starts, forces, activations and controls (`solver.reset`). Joints that layouts do not set return
+    to their start positions. Roots that Newton fixes to the world can also be placed, through `Model.joint_X_p`. All
+    other worlds keep their bits.
 
     A reset with a mask on the device does not wait for the device, so a graph can capture the reset with the steps.
 
@@ -203,7 +203,7 @@ class NewtonRandomizer(StaysHere):
         )
 
     def _mocap_of_joints(self) -> np.ndarray:
-        """For each Newton joint of a world, return the placed mocap body that this joint fixes to the world, or -1."""
+        """Return for each Newton joint of a world the placed mocap body that this joint fixes to the world, or -1."""
         found, roots = np.full(self._qposadr.shape[0], -1), self.solver.mjc_mocap_to_newton_jnt
         placed = self.compiled.mjm.body_mocapid[list(self.compiled.scene.owners)]
         for mocap in placed[placed >= 0]:

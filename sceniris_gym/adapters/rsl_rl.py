@@ -39,8 +39,8 @@ class RslRlVecEnvWrapper(VecEnv):
     The `extras` of a step have `time_outs` (truncated and not terminated), `success` of the step, and `log`, a mapping
     of scalars on the device. `log` is also an attribute of the wrapper. `Episode/<term>` (sum over an episode),
     `Episode/success` (at its last step), `Episode/broken` (its state was not finite) and `Episode/length` (control
-    steps) are means over the episodes that finished in the step. In steps without a finished episode they keep their
-    values, which are 0 at first. `Reset/valid_share`, `Reset/fallback_share` and `Reset/attempts` are means over the
+    steps) are means over the episodes that finished in the step. Steps without a finished episode keep the previous
+    means, which are 0 at first. `Reset/valid_share`, `Reset/fallback_share` and `Reset/attempts` are means over the
     present layouts of the worlds, and `Reset/reject_<cause>` is the fraction of this cause in all candidates rejected
     so far. For stored layouts, attempts and rejections are 0.
 

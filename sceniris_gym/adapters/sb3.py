@@ -26,18 +26,19 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices,
 
 
 class Sb3VecEnvWrapper(VecEnv):
-    """A SceneVectorEnv as a VecEnv of Stable-Baselines3. It returns numpy arrays, and an info for each world.
+    """A SceneVectorEnv as a VecEnv of Stable-Baselines3, which returns numpy arrays.
 
-    A step copies observations, rewards and flags of all worlds to the host. Only finished worlds have infos:
-    `terminal_observation`, `TimeLimit.truncated`, `is_success` (of the last step), `broken` (the state was not finite),
-    `episode` (`r`, `l` and `t` as in Monitor, from the environment's unscaled rewards), and `layout`, the episode's
-    `info["layout"]` (`seed`, `episode`, `fallback` and others). The rows of finished worlds are selected on the device,
-    so only these rows are copied. `reset_infos` has the present layout of each world.
+    A step copies observations, rewards and flags of all worlds to the host. A world's info is empty unless its episode
+    finished in the step. It then has `terminal_observation`, `TimeLimit.truncated`, `is_success` (of the last step),
+    `broken` (the state was not finite), `episode` (`r`, `l` and `t` as in Monitor, from the environment's unscaled
+    rewards), and `layout`, the episode's `info["layout"]` (`seed`, `episode`, `fallback` and others). The rows of
+    finished worlds are selected on the device, so only these rows are copied. `reset_infos` has the present layout of
+    each world.
 
-    All worlds share one environment. `get_attr` reads an attribute once, and `env_method` calls a method once, of the
-    environment or its task. Both repeat the result for every index. `set_attr` can set params in single worlds, but
-    other attributes only in all worlds together. The options of SceneVectorEnv.reset also apply to all worlds together.
-    `env_is_wrapped` is true only for Monitor, because the environment provides Monitor's infos.
+    All worlds share one environment. `get_attr` reads an attribute of the environment or its task once, and
+    `env_method` calls a method once. Both repeat the result for every index. `set_attr` can set params in single
+    worlds, but other attributes only in all worlds together. The options of SceneVectorEnv.reset also apply to all
+    worlds together. `env_is_wrapped` is true only for Monitor, because the environment provides Monitor's infos.
 
     Args:
         env: A SceneVectorEnv with autoreset SAME_STEP, output "torch" and copy=True.
@@ -91,7 +92,7 @@ class Sb3VecEnvWrapper(VecEnv):
         self._actions = actions
 
     def step_wait(self) -> VecEnvStepReturn:
-        """Take the step and return observations, rewards (float32), dones (bool), and an info for each world."""
+        """Take the step and return observations, rewards (float32), dones (bool), and infos, which may be empty."""
         observation, reward, terminated, truncated, info = self.env.step(self._actions)
         rewards, flags = to_host(reward), to_host(torch.stack([terminated, truncated]))
         dones = flags[0] | flags[1]

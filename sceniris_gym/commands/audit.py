@@ -53,7 +53,7 @@ def rejected_candidates(compiled: CompiledScene, n: int, seed: int, split: str) 
 
 
 def reach_claims(compiled: CompiledScene, table: LayoutTable) -> list[Claim]:
-    """Return a claim for each reach target: a table's grasps and joints. Fingers are 1 cm wider open than needed."""
+    """Return a claim for each reach target: a table's grasps and arm joints. Fingers are 1 cm wider than needed."""
     if compiled.reaching is None:
         return []
     claims = []
@@ -192,7 +192,7 @@ def _check_columns(
 
 
 def _finite(rows: Rows) -> tuple[np.ndarray, np.ndarray, dict[str, str]]:
-    """Return a mask of finite layouts, a mask of finite candidates, and a mapping: column -> text of the other rows."""
+    """Return masks of finite layouts and of finite candidates, and by column a text that lists the non-finite rows."""
     found, by = [], {}
     for part, table in (("layouts", rows.table), ("rejected", rows.rejected)):
         known = {name: np.isfinite(getattr(table, name)) for name in ("qpos", "mocap_pos", "mocap_quat")}

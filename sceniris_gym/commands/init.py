@@ -98,7 +98,11 @@ def write_task(task: LiberoTask, out: Path, device: str | None = None) -> dict[s
 
 
 def _try(scene: FirstScene, make: Callable[[SceneConfig], object]) -> None:
-    """Call `make` with the scene. While an error names an object, let it overhang or comment it out, and call again."""
+    """Call `make` with the scene until it succeeds.
+
+    If an error names an object, let the object hang over the edge of its support. If the object may do so
+    already, comment it out.
+    """
     while True:
         config = SceneConfig.load(scene.words(), {"bank": _BANK, "name": scene.model.stem})
         try:

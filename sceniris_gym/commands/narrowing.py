@@ -4,7 +4,7 @@ For a scene without `reachable`, the picture shows only the places of its object
 
 The fraction of candidates that `reachable` keeps is measured in layouts made without `reachable`: it is the fraction of
 layouts in which the arm's map accepts a grasp of the object. The tiers `ik` and `clear` test a layout after all objects
-are placed. For these tiers, the fraction is multiplied by the fraction of such layouts that passed the test.
+are placed. For these tiers, the fraction is multiplied by the fraction of the object's tests that succeeded.
 """
 
 from collections.abc import Mapping, Sequence

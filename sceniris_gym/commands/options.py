@@ -82,7 +82,7 @@ def read_ids(given: Sequence[str]) -> list[str]:
 
 
 def check_numbers(command: Callable[..., object], options: Mapping[str, Any]) -> None:
-    """Reject options of a command outside the ranges in its annotations. None and options left out are in range."""
+    """Reject options outside the ranges in the command's annotations. Options may be None or left out."""
     check_seed(options.get("seed", 0))
     for name, hint in command.__annotations__.items():
         for bounds in getattr(hint, "__metadata__", ()):

@@ -281,7 +281,7 @@ def _solvable(mjm: mujoco.MjModel, arm: SerialArm, poses: np.ndarray, device: st
 
 
 def hits_itself(mjm: mujoco.MjModel, arm: SerialArm, joints: np.ndarray) -> np.ndarray:
-    """For each row of joint positions (N, njoint), return whether the arm touches itself in MuJoCo, shape (N,), bool.
+    """Return a mask (N,) of the rows of joint positions (N, njoint) at which the arm touches itself in MuJoCo.
 
     If two geoms already overlap in the model's first keyframe, an overlap up to that depth does not count.
     """

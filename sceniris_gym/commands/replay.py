@@ -30,7 +30,7 @@ from sceniris_gym.scene.model import SceneModel
 
 
 def find_scene(scenehash: str, config: SceneConfig | None = None) -> SceneModel:
-    """Return the scene with a hash: the scene of `config`, or if `config` is None, one of the shipped scenes.
+    """Return the scene with the hash `scenehash`: the scene of `config` or, without `config`, a shipped scene.
 
     Raises:
         UnknownNameError: No scene has this hash.
@@ -61,7 +61,7 @@ def replay(compiled: CompiledScene, layout: LayoutId) -> LayoutTable:
 
 
 def drawn(compiled: CompiledScene, table: LayoutTable) -> tuple[mujoco.MjModel, dict[str, list[float]]]:
-    """Return the model with the physics and appearance of a table's first layout, and its randomized values by name."""
+    """Return the model with physics and appearance of a table's first layout, and all randomized values by name."""
     draws, mjm = compiled.scene.draws, copy.copy(compiled.mjm)
     if not draws:
         return mjm, {}

@@ -191,8 +191,8 @@ def _mapped(path: Path, written: int) -> np.ndarray:
 
     Args:
         path: The file.
-        written: Time at which the manifest was written [ns]. It tells a new data set in the same folder from an old
-            one, whose maps may still be open.
+        written: Time at which the manifest was written [ns]. A new data set in the same folder has another
+            time, so maps of the old data set are not used.
     """
     return np.load(path, mmap_mode="r", allow_pickle=False)
 

@@ -44,7 +44,7 @@ class Shard:
     def current(cls, environment: Mapping[str, str] = os.environ) -> Shard:
         """Return the shard that torchrun (RANK, WORLD_SIZE) or a Slurm array gives this process.
 
-        Without either, this is the whole data set.
+        Without these environment variables, the shard is the whole data set.
 
         Raises:
             ArgumentError: The rank is not below the size, or the task numbers of the array have gaps.

@@ -194,7 +194,7 @@ def _triangles(mjm: mujoco.MjModel, geom: int, kind: mujoco.mjtGeom) -> tuple[np
 
 
 def _colour(mjm: mujoco.MjModel, geom: int) -> np.ndarray:
-    """Return the colour of a geom, shape (4,). If it has a texture, this includes the mean colour of the texture."""
+    """Return the colour of a geom, shape (4,). If the geom has a texture, its mean colour is included."""
     rgba, material = mjm.geom_rgba[geom], int(mjm.geom_matid[geom])
     if material < 0 or not np.allclose(rgba, _UNSET):
         return rgba

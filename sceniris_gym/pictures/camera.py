@@ -99,7 +99,7 @@ class Cameras:
         shots: The pictures to take, by camera.
         looks: Appearance of the pictures.
         nworld: Number of worlds to picture, starting with the first world. None: all worlds.
-        differ: Names of model fields with a row per world. If there is one world, their shapes do not show this.
+        differ: Names of model fields with a row per world. With one world, shapes do not show which fields these are.
         where: Beginning of error messages.
         graph: Capture the launches into a graph and replay it.
 

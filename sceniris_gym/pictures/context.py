@@ -96,10 +96,10 @@ def _use_thin_meshes(context: Any, mjm: mujoco.MjModel) -> None:
 def may_be_inside(mjm: mujoco.MjModel, camera: int, differ: Collection[str] = ()) -> bool:
     """Return True if a camera may be inside a visible geom, so that its rays may meet the backs of faces.
 
-    Tested are the geoms of the camera's body tree and geoms that are fixed to the camera. The camera may be inside a
-    geom if it is in the geom's bounding box, at `qpos0` or in a keyframe. If its body tree has a visible geom, a camera
-    may also be inside if its place relative to the tree differs between worlds: if `cam_pos` has a row per world, or if
-    the camera is on an object with variants, which is a single body.
+    The test covers the geoms of the camera's body tree and geoms that are fixed to the camera. The camera may be inside
+    a geom if it is in the geom's bounding box, at `qpos0` or in a keyframe. It may also be inside if its tree has a
+    visible geom, and its place relative to the tree differs between worlds. This is the case if `cam_pos` has a row per
+    world, or if the tree is a single body and sizes of geoms differ between worlds, as for an object with variants.
 
     Args:
         mjm: The model.

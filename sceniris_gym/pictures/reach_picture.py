@@ -21,7 +21,7 @@ _COLOURS = {
 
 
 def draw(reach_map: ReachMap, height: float, device: str) -> Image.Image:
-    """Draw 2 x 2 panels. The left ones show the plane y = 0 of the base frame, the right ones z = `height` [m].
+    """Draw 2 x 2 panels: on the left the plane y = 0 of the base frame, on the right the plane z = `height` [m].
 
     The upper panels show the fraction of approach directions that reach a point, from light (0) to dark (1). The lower
     panels show whether a point is reached from straight above: dark green is certainly reached, light gray is out of

@@ -138,7 +138,7 @@ _MOST_ROWS = 1 << 20
 
 
 def updater(needs: Iterable[str]) -> Callable[[mjw.Model, mjw.Data], None]:
-    """Return a function that updates kinematics and the quantities in `needs`, such as "contacts" (the keys of NEEDS).
+    """Return a function that updates kinematics and the quantities named in `needs`, which are keys of NEEDS.
 
     Raises:
         UnknownNameError: A need is not a key of NEEDS.

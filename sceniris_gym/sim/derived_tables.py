@@ -26,7 +26,7 @@ class Derived:
         xpos, xmat: Poses of bodies, shape (nbody,).
         jacobian: Rows of Jacobians, shape (nrow, nv), vec3. The three degrees of freedom of a ball joint share one
             inverse weight, and so do the three rotations and the three translations of a free joint. The row of such a
-            degree of freedom therefore has entries in the columns of all three. Each column has its own axis.
+            degree of freedom therefore has entries in the columns of all three, each with the axis of its column.
         moved: For each row of `jacobian`, a range of degrees of freedom that includes all trees with an effect on the
             row: the first, and the one after the last. The two rows of an actuator share one range, at the first row.
         geared: Rows of tendons and actuators whose armature adds to M.

@@ -209,7 +209,7 @@ class ModelFields:
             launch_derived(self._derived, self._model, mask, self._nominal)
 
     def close(self) -> None:
-        """From now on, reject requests for further fields, and let `check` detect replaced arrays.
+        """Reject requests for further fields from now on, and let `check` detect replaced arrays.
 
         If `grow` is true, `check` covers all fields. Otherwise, it covers only requested fields.
         """
@@ -248,7 +248,7 @@ def owner(m: mjw.Model, name: str) -> mjw.Model | mjw.Option:
 
 
 def widen(m: mjw.Model, name: str, nworld: int) -> wp.array:
-    """Expand a field to a row for each world, each with the values of its first row, and return the new array."""
+    """Expand a field to a row for each world, all equal to the field's first row. Return the new array."""
     array = getattr(owner(m, name), name)
     if array.size and array.shape[0] != nworld:  # an empty array needs no rows
         with wp.ScopedDevice(array.device):

@@ -248,9 +248,10 @@ class ResetRandomizer(Fixed, StaysHere):
         """Move objects to new, valid places in some worlds, in the middle of their episodes.
 
         Everything else in `data` stays bitwise unchanged. All other bodies act as obstacles, as anchors of relations
-        and, if they are level, as supports. The named objects start at rest. Their joints return to the home pose
-        unless the scene draws them. The result is a pure function of the scene, the split, the seed, the episode, the
-        state, and `redraw_count`, the number of redraws since the reset.
+        and, if they are horizontal, as supports. The named objects start at rest. Joints that the scene file lists
+        under `joints` get new positions, and the other joints of these objects return to the home pose. The result is
+        a pure function of the scene, the split, the seed, the episode, the state, and `redraw_count`, the number of
+        redraws since the reset.
 
         If no place is found, the world keeps its state, `redraw_status` is `LayoutStatus.KEPT`, and `redrawer.kept`
         counts the failure.
@@ -413,7 +414,7 @@ class ResetRandomizer(Fixed, StaysHere):
             self._update()
 
     def _put_back(self, snapshot: Any, live: Mapping[str, Any], worlds: np.ndarray | None, name: str) -> Any:
-        """Check a snapshot, then write it into worlds and return their mask (a torch tensor), as `put` does."""
+        """Check a snapshot, write it into worlds, and return a mask of these worlds, a torch tensor."""
         from sceniris_gym.sim.snapshot import check_rows, put
 
         check_rows(snapshot, self._source, live, self.layouts, name)

@@ -119,8 +119,8 @@ class Redrawer:
 def _views_of(m: mjw.Model, d: mjw.Data, bodies: np.ndarray) -> tuple[mjw.Model, mjw.Data]:
     """Return views of a Model and its Data that limit `mjw.kinematics` to `bodies`, with their geoms and sites.
 
-    A view has a range of consecutive geom ids and one of site ids. If other bodies have ids inside these ranges, the
-    view also includes the geoms and sites with these ids.
+    The views cover one range of consecutive geom ids and one range of consecutive site ids. They therefore also include
+    geoms and sites of other bodies whose ids lie inside these ranges.
     """
     part, data, device = copy.copy(m), copy.copy(d), d.qpos.device
     branches = np.split(m.body_branches.numpy(), m.body_branch_start.numpy()[1:-1])

@@ -24,7 +24,7 @@ LANES = 32
 
 @wp.struct
 class Words:
-    """The memory of a contact field: the address of the first contact's value, and its size in 32-bit words."""
+    """The memory of a contact field: the address of the first contact's value, and the value's size in 32-bit words."""
 
     address: wp.uint64
     width: int
@@ -101,8 +101,8 @@ class ContactList:
     input gives the same list.
 
     `mjw.reset_data` does not clear constraint rows. The solver reads rows in tiles of 16, including rows beyond the
-    last constraint. If a world had NaNs before its reset, they would therefore return with its first constraint, so
-    `launch_drop` also clears the rows of the masked worlds.
+    last constraint. NaNs in the rows of a world would therefore return with the world's first constraint after a reset,
+    so `launch_drop` also clears the rows of the masked worlds.
 
     Launches do not wait for the device, so they can be captured in a graph.
 

@@ -29,7 +29,7 @@ SCALAR_JOINTS = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HIN
 
 @wp.struct
 class RestMap:
-    """Controls and activations that hold the pose qpos. Each is `law[0] + law[1] * sum(arm * qpos[qposadr])`.
+    """Controls and activations that hold the pose qpos. A value is `law[0] + law[1] * sum(arm * qpos[qposadr])`.
 
     Arrays of shape (nu + na,) have an element for each control, then one for each activation. If an element holds a
     pose, its sum has one term for each joint that its actuator moves. Element e has the terms from `rowadr[e]` to
@@ -199,7 +199,7 @@ def close_grippers(rest: RestMap, compiled: CompiledScene) -> None:
     """Set `rest.closing` and `rest.closed`, so that a gripper is closed if the episode starts with an object in it.
 
     Raises:
-        NotSupportedError: Such a gripper has no position actuator.
+        NotSupportedError: An episode starts with an object in a gripper that has no position actuator.
     """
     full, sim, starts = compiled.mjm, compiled.sim_mjm, compiled.starts
     if compiled.reaching is None or starts is None:

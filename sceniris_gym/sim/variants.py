@@ -43,11 +43,11 @@ def fields_of_variants() -> tuple[str, ...]:
 
 @wp.struct
 class Places:
-    """For each slot, joint position and mocap body of a layout, the variant to which it belongs, as a pair of indices.
+    """The variant to which each slot, joint position and mocap body of a layout belongs, as a pair of indices.
 
-    The pair (index of the object among the objects with variants, index of the variant) is called a kind here. It is
-    (-1, -1) for everything that does not belong to a variant. Joint positions and mocap bodies also have addresses in
-    the simulated worlds.
+    A slot is a column of `present` in layouts. The pair (index of the object among the objects with variants, index of
+    the variant) is called a kind here. It is (-1, -1) for everything that does not belong to a variant. Joint positions
+    and mocap bodies also have addresses in the simulated worlds.
     """
 
     slot_kind: wp.array[wp.vec2i]
@@ -59,7 +59,7 @@ class Places:
 
 @wp.struct
 class Word:
-    """The place of a 32-bit word in the Model's arrays. The present variant of an object determines its value."""
+    """The place of a 32-bit word in the Model's arrays. The present variant of the object `owner` sets the word."""
 
     owner: int  # the object with variants that determines the word
     array: int
@@ -133,7 +133,7 @@ class VariantWriter:
         m: Model of the simulated scene. Fields in which variants differ have a row for each world, see `make_worlds`.
         nworld: Number of worlds.
         varied: `ModelFields.varied`, the nominal values of these fields. Launches write the same values into both `m`
-            and `varied`. Only colours differ: `varied` gets the visible colours, which may come from materials.
+            and `varied`, except for colours: `varied` gets the visible colours, which may come from materials.
 
     Attributes:
         places: The variants of slots, joint positions and mocap bodies, see Places.
@@ -202,7 +202,8 @@ def _places(scene: SceneModel) -> Places:
 def _words(scene: SceneModel, arrays: Sequence[wp.array]) -> list[wp.array]:
     """Return three arrays: a table of values, the `Word`s that receive them, and the memory of `arrays`.
 
-    The table has a row per variant of an object and a column per word, shape (most variants of an object, nword).
+    Each column of the table belongs to one word, and has the value of the word in each variant of the word's object.
+    Zeros follow if another object has more variants. The shape is (most variants of an object, nword).
     `arrays` has the fields of the Model, followed by the nominal copies of these fields.
     """
     names, words, columns = fields_of_variants(), [], []

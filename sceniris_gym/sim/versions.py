@@ -26,7 +26,7 @@ def sleeps(m: mjw.Model) -> bool:
 
 
 def room_for_dofs(nvmax: int | None) -> dict[str, int]:
-    """Return make_data's argument that limits a world's awake degrees of freedom. Empty before MuJoCo-Warp 4.0."""
+    """Return make_data's argument that limits a world's awake degrees of freedom, or {} before MuJoCo-Warp 4.0."""
     return {} if nvmax is None or not _SLEEPS else {"nvmax": nvmax}
 
 

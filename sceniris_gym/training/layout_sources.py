@@ -1,6 +1,6 @@
 """Layout sources that replace fresh layouts in training: replay of stored layouts, or placement without checks.
 
-A task draws its random choices, such as the object to lift, again in every episode. Even with a bank of a single
+In every episode, a task makes its random choices again, such as the object to lift. Even with a bank of a single
 layout, all objects are therefore chosen over time.
 """
 

@@ -68,10 +68,10 @@ def _mean(shares: Tensor) -> Tensor:
 def runner_of(env: RslRlVecEnvWrapper, settings: Settings, seed: int) -> OnPolicyRunner:
     """Return rsl-rl's runner, with an untrained policy.
 
-    The actor sees the observation group `policy`, the critic the group `critic`. If a task has only one group, both see
-    this group. The actor also sees all images. With `settings.teacher`, the actor imitates a teacher that sees the
-    group `critic`. Training takes place in the states that the actor visits (DAgger, Ross et al. 2011). Load
-    the teacher before learning.
+    The actor sees the observation group `policy`, and the critic sees the group `critic`. If a task has only one group,
+    both see this group. The actor also sees all images. With `settings.teacher`, the actor imitates a teacher that sees
+    the group `critic`. Training takes place in the states that the actor visits (DAgger, Ross et al. 2011). Load the
+    teacher before learning.
     """
     from rsl_rl.runners import DistillationRunner, OnPolicyRunner  # late: the adapter reports a missing rsl-rl first
 

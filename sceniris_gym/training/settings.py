@@ -77,7 +77,7 @@ SETTINGS = {
 
 
 def settings_of(task: str, changes: Sequence[str] = ()) -> Settings:
-    """Return the settings of a task, tuned if they exist and default otherwise, with the given changes.
+    """Return the tuned settings of a task, or the default settings if it has none, with the given changes.
 
     A change is written KEY=VALUE, with the value in YAML.
 
@@ -205,7 +205,7 @@ def read_parts(folder: Path) -> dict[str, dict[str, Any]]:
     """Return the parts of the configuration of the run in `folder`: options, settings, sources and scene.
 
     Raises:
-        ArgumentError: The file cannot be read.
+        ArgumentError: The file `config.json` cannot be read.
     """
     with of_a_run(folder / CONFIG):
         told = json.loads(read_bytes(folder / CONFIG))

@@ -22,7 +22,7 @@ SEED_SPACING = 1 << 20
 
 
 def import_here(module: str) -> Any:
-    """Import a module, which may be in the working directory. An installed program does not search this folder."""
+    """Import a module, also from the working directory, where an installed program would not look for modules."""
     if os.getcwd() not in sys.path:
         sys.path.append(os.getcwd())
     return import_module(module)

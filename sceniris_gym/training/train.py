@@ -163,7 +163,7 @@ class Run:
         runner.learn(1, init_at_random_ep_len=True)
 
     def _teach(self) -> None:
-        """Train the teacher, if the policy imitates one. Its time counts towards `minutes`, but its steps do not."""
+        """Train the teacher, if there is one. The time counts towards `minutes`, but the steps do not count."""
         if not hasattr(self.runner.alg, "teacher"):
             return
         options, seed = self.options, (1 + self.options.seed) * 16 * SEED_SPACING

@@ -39,7 +39,8 @@ class BaseFrame:
     def seen(self, quat: np.ndarray) -> Tensor:
         """Return the matrix (7, 7) that `pose` takes as `seen`, for frames rotated by `quat` (wxyz) from their bodies.
 
-        The matrix turns the pose of a body in the world frame into the frame's pose in the base frame, less an offset.
+        The matrix converts the pose of such a body in the world frame to the pose of the rotated frame in the base
+        frame. `pose` then adds an offset, because the matrix leaves out the base's position.
         """
         columns = [product(product(self._to_base, unit), quat) for unit in np.eye(4)]
         return torch.block_diag(self._tensor(self._turn), self._tensor(np.stack(columns, axis=1)))
@@ -56,7 +57,7 @@ class BaseFrame:
         return transform(self.body if seen is None else seen, torch.cat([position, quat], dim=-1)) + self._offset
 
     def to_world(self, pose: Tensor) -> Tensor:
-        """Convert poses of bodies from the base frame to the world frame, the inverse of `pose`, shape (..., 7)."""
+        """Convert poses of bodies from the base frame to the world frame, as the inverse of `pose`, shape (..., 7)."""
         return transform(self.body.T, pose - self._offset)
 
     def vectors(self, first: Tensor, second: Tensor) -> Tensor:
@@ -80,7 +81,7 @@ class DrawnBaseFrame(BaseFrame):
         self.body = self.seen(UPRIGHT)
 
     def seen(self, quat: np.ndarray) -> Tensor:
-        """Return the argument `seen` of `pose`, (4,), for a frame rotated by `quat` (wxyz) relative to its body."""
+        """Return the argument `seen` of `pose`, (4,), for a frame rotated by `quat` (wxyz) from its body."""
         return self._tensor(quat)
 
     def pose(self, position: Tensor, quat: Tensor, seen: Tensor | None = None) -> Tensor:
@@ -105,7 +106,7 @@ class DrawnBaseFrame(BaseFrame):
 
 
 def base_frame(scene: SceneModel, device: torch.device, xpos: Tensor, xquat: Tensor) -> BaseFrame:
-    """Return the frame of a scene's robot, or the world frame unless the scene has exactly one robot.
+    """Return the base frame of a scene's only robot, or the world frame if the scene has no robot or several robots.
 
     Args:
         scene: The scene.

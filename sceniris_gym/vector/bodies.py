@@ -39,7 +39,7 @@ class Bounds:
 
         The height is z + r . c - |r| . h, with r the third row of the body's rotation matrix, c the centre of the box
         and h its half extents. The corner is never above the lowest point of the geoms. Both have the same height if
-        the box is level.
+        the box is not tilted.
 
         Args:
             poses: Poses of the same bodies from `State.poses`, shape (num_envs, len(names), 7).

@@ -54,15 +54,15 @@ def evaluate(
             worlds may be in the middle of an episode, so reset `envs` before further use.
         layouts: One layout id or several, from the scene and split of `envs`. Or `info["layout"]`, or another mapping
             with arrays `seed`, `episode` and optionally `params`, all of one length. Or a number n, which selects
-            episode 0 of the seeds 0 to n - 1, or the first n rows if `envs` serves stored layouts. None selects the
-            number `num_envs`. If `envs` has a curriculum, layouts without `params` have the scene file's values, and
-            the curriculum counts the episodes.
+            episode 0 of the seeds 0 to n - 1, or the first n rows if `envs` serves stored layouts. If `layouts` is
+            None, n is `num_envs`. If `envs` has a curriculum, layouts without `params` have the scene file's values,
+            and the curriculum counts the episodes.
 
     Returns:
         A result for each layout, in the same order.
 
     Raises:
-        ArgumentError: `envs` is not such an environment, or lacks max_episode_steps. The number of layouts is negative.
+        ArgumentError: `envs` is not a SceneVectorEnv, or lacks max_episode_steps. The number of layouts is negative.
             An id is malformed.
         SceneMismatchError: An id is from another scene or split.
     """

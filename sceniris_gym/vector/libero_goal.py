@@ -28,8 +28,8 @@ class LiberoGoal:
     - `On(a, REGION)`: a's origin is within the site's rectangle, from 5 mm below its top to 10 cm above. Also, a
       touches the object with the site, unless that object is the work surface.
     - `In(a, REGION)`: a's origin is in the box around the site, extended by 1 cm downwards.
-    - `Open` and `Turnon`: at least one joint has reached the range from which the same predicate draws an initial
-      state, or is beyond this range. For `Close` and `Turnoff`, this holds for all joints.
+    - `Open` and `Turnon`: at least one joint is in the range of its positions in initial states with this predicate,
+      or beyond this range. `Close` and `Turnoff`: all joints are in their ranges, or beyond them.
 
     Each origin is the body origin in LIBERO's model of the object. Contacts come from the last physics step, as in
     `ContactSensor`.

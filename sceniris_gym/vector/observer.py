@@ -79,7 +79,7 @@ class Images:
         )
 
     def due(self, elapsed: Tensor) -> Tensor:
-        """Return which worlds need a new picture, (num_envs,) bool. `elapsed`: their control steps since the reset."""
+        """Return which worlds need a new picture, (num_envs,) bool. `elapsed`: control steps since each reset."""
         return elapsed % self._every == 0
 
     def take(self, mask: Tensor, copy: bool) -> Pictures:
@@ -212,7 +212,7 @@ class Observer:
         self._kept = None if copy else (flat, {group: torch.empty_like(t) for group, t in flat.items()})
 
     def flat(self, buffer: int) -> dict[str, Tensor]:
-        """Return the flat groups, in new tensors if `copy` is set, otherwise in buffer 0 or 1."""
+        """Return the flat groups: new tensors if the Observer copies, otherwise the tensors of buffer `buffer`."""
         observation = self._of_task()
         if self.sensors is not None:
             observation = self.sensors(self._state, observation)
@@ -220,7 +220,7 @@ class Observer:
         return flatten(observation, None if self._kept is None else self._kept[buffer])
 
     def pictures(self, mask: Tensor | None = None, *, copy: bool = False) -> dict[str, Any]:
-        """Take pictures of the masked worlds (None: all worlds with a picture due), and return the group `images`."""
+        """Take pictures of the masked worlds or, without a mask, all pictures that are due. Return group `images`."""
         if self._images is None:
             return {}
         due = self._images.due(self._state.elapsed) if mask is None else mask

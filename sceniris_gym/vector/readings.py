@@ -223,7 +223,7 @@ class Readings(RefusesOldNames):
         return self._once(find, array, name)
 
     def _jacobian_columns(self, site: int, name: Joints) -> tuple[Tensor, Tensor | None]:
-        """Return the joints of a Jacobian, and two rows of flags: the hinges and the slides that carry the site.
+        """Return the ids of joints, and two rows of flags: hinges that carry the site, and slides that carry the site.
 
         The flags are 0 or 1, shape (2, number of joints, 1), or None if all joints are hinges that carry the site.
         """

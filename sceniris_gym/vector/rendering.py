@@ -55,7 +55,7 @@ class Rendering:
         return tuple(self._camera.images[self.camera]["rgb"].numpy())
 
     def show(self, batch: Batch, layouts: Layouts, seconds: float) -> None:
-        """In mode "human", update the page. Waits for the device.
+        """Update the page in mode "human". In other modes, this method has no effect. Waits for the device.
 
         Args:
             batch: The worlds.
@@ -63,7 +63,7 @@ class Rendering:
             seconds: Simulated time since the last call [s].
 
         Raises:
-            MissingExtraError: No installed package can open such a page.
+            MissingExtraError: The mode is "human", and the package that opens the page is not installed.
         """
         if self.mode != "human":
             return

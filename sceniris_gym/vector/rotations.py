@@ -1,4 +1,4 @@
-"""Quaternions in MuJoCo's order (w, x, y, z), with as few torch operations as possible. Each launches a kernel."""
+"""Quaternions in MuJoCo's order (w, x, y, z), with few torch operations, because each operation launches a kernel."""
 
 import functools
 

@@ -30,8 +30,8 @@ class SimConfig:
         nvmax: Maximum number of degrees of freedom that are awake in a world, if the task's `options` let bodies sleep.
             None takes the scene's number of degrees of freedom.
         graph: Capture steps and resets into graphs, and replay them.
-        prefetch: True makes the next layout of every world during the steps before its reset. None does so only on a
-            GPU and without a layout_source. A wp.Stream also does so, on that stream. See `ResetRandomizer`.
+        prefetch: If true, the next layout of every world is made during the steps before its reset. A wp.Stream does
+            the same and selects the stream. None prefetches on a GPU without a layout_source. See `ResetRandomizer`.
         copy: Return observations in new tensors, which are never overwritten. If false, observations are valid only
             until the next call.
 
@@ -109,7 +109,7 @@ class ImageConfig:
 
 
 def as_settings(default: _Settings, given: Any, where: str) -> _Settings:
-    """Return the given instance of settings, or the task's settings with the fields of the given mapping.
+    """Return the given instance of settings, or the task's settings changed by the given mapping of fields.
 
     Args:
         default: The settings of the task.

@@ -61,7 +61,7 @@ class SceneEnv(Fixed, gymnasium.Env):
         return self.envs.snapshot()
 
     def set_wrapper_attr(self, name: str, value: Any, *, force: bool = True) -> bool:
-        """Set a param, whose name has a dot, or an attribute. Gymnasium's SyncVectorEnv.set_attr calls this method."""
+        """Set an attribute, or a param if `name` has a dot. Gymnasium's SyncVectorEnv.set_attr calls this method."""
         if "." not in name:
             return super().set_wrapper_attr(name, value, force=force)
         self.set_param(name, value)

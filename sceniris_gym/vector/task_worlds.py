@@ -30,7 +30,7 @@ def versions(live: Mapping[str, Tensor]) -> dict[str, tuple[Tensor, int]]:
 
 
 def written(live: Mapping[str, Tensor], made: Mapping[str, tuple[Tensor, int]]) -> dict[str, Tensor]:
-    """Return the tensors that were written to or replaced since `versions` returned `made`. Only these are restored.
+    """Return the tensors that were written to or replaced since `versions` returned `made`. A restore skips the rest.
 
     Unchanged tensors, such as indices and tables, do not belong to an episode, even if they have a row for each world.
     """
@@ -39,7 +39,7 @@ def written(live: Mapping[str, Tensor], made: Mapping[str, tuple[Tensor, int]]) 
 
 
 def memory_rows(memory: Mapping[str, Any], num_envs: int) -> dict[str, Tensor]:
-    """Return all tensors with `num_envs` rows, by name, among the values in `memory` and, nested, their attributes."""
+    """Return by name all tensors with `num_envs` rows that `memory` contains, directly or in nested attributes."""
     return dict(pair for name, value in memory.items() for pair in _memory(value, num_envs, name, set()))
 
 
@@ -116,12 +116,12 @@ class TaskWorlds:
             pipeline.launch_finish(wp.from_torch(outcome.success.float()), wp.from_torch(self.statistics.finished))
 
     def live(self, **memory: Any) -> dict[str, Tensor]:
-        """Return all tensors whose rows a snapshot may copy, also tensors in Python objects passed as `memory`."""
+        """Return all tensors whose rows a snapshot may copy, including tensors inside the objects in `memory`."""
         rows = self.randomizer._live | {"elapsed": self.state.elapsed}
         return rows | memory_rows({"task": self._task, **memory}, self.batch.nworld)
 
     def restore(self, snapshot: Any, live: Mapping[str, Tensor], worlds: np.ndarray | None) -> Tensor:
-        """Write a snapshot into its original worlds, or into `worlds` in order, and return the mask of these."""
+        """Write a snapshot into its original worlds, or into `worlds` in order. Return a mask of these worlds."""
         due = self.randomizer._put_back(snapshot, live, worlds, "options['state']")
         self.batch.update()
         self.statistics.start(due)

@@ -140,6 +140,6 @@ class TargetGrasps:
         return torch.where(chosen[:, None] >= 0, base.pose(xpos + pos, quat), torch.nan)
 
     def joints(self, array: str) -> Tensor:
-        """Return `grasp_qpos` or `pregrasp_qpos` of the present variant [rad or m], shape (num_envs, joints)."""
+        """Return the named array, 'grasp_qpos' or 'pregrasp_qpos', of the present variant, shape (num_envs, joints)."""
         there = self._grasp[:, self._columns].argmax(dim=1)  # absent variants have -1
         return self._qpos[array][self._rows, self._columns[there], : self._joints]

@@ -223,7 +223,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
 
     @property
     def max_episode_steps(self) -> int | None:
-        """Control steps after which an episode is truncated, or None. It may change at any time."""
+        """Control steps after which an episode is truncated, or None. You may change this limit at any time."""
         return self._most_steps
 
     @max_episode_steps.setter
@@ -487,7 +487,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         return tuple(self._returned(value) for value in returned)  # type: ignore[return-value]
 
     def groups_of(self, observation: Any) -> dict[str, Any]:
-        """Return an observation or its space as a dict of groups. If it is a single group alone, wrap it in a dict."""
+        """Return an observation, or an observation space, as a dict of groups. Wrap a single group in a dict."""
         return observation if self._plain is None else {self._plain: observation}
 
     def _seen(self, groups: Mapping[str, Any]) -> Any:

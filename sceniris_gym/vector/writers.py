@@ -54,7 +54,7 @@ class PoseWriter:
         device: Torch device.
 
     Attributes:
-        owner: The object whose root body this is, or None for another body of the scene's `model`.
+        owner: The object with the root body `body`, or None if `body` is another body of the scene's `model`.
 
     Raises:
         ArgumentError: The body is a robot, a fixture or a static object, or hangs on joints.

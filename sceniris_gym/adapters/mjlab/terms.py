@@ -44,9 +44,9 @@ class PlaceLayouts(ManagerTermBase, RefusesOldNames):
     """Gives every environment that is reset a fresh layout at its origin, through the entities' write functions.
 
     The scene of `PlaceLayoutsCfg` is compiled on mjlab's model. At a reset, free entities get a pose at rest, entities
-    with a mocap root get a pose, and drawn joints get a position. Entities with variants get the layout's variants, in
-    the model and in `env.sim.world_to_variant`. Other state does not change. List this event after all events that
-    write the same entities.
+    with a mocap root get a pose, and joints that the layout sets get a position. Entities with variants get the
+    layout's variants, in the model and in `env.sim.world_to_variant`. Other state does not change. List this event
+    after all events that write the same entities.
 
     A layout is a pure function of scene, split, seed and episode. It ignores other events, so objects may start inside
     a robot whose joints another event offsets.
@@ -348,7 +348,7 @@ def _roots(compiled: CompiledScene, env: Any) -> dict[str, Any]:
 
 
 def _joints(compiled: CompiledScene, env: Any) -> list[tuple[Any, Tensor]]:
-    """Return each entity with drawn joints, and the indices of these joints among the joints of the entity."""
+    """Return each entity with joints that layouts set, and the indices of these joints in the entity."""
     scene = compiled.scene
     adr = [int(scene.mjm.jnt_qposadr[joint]) for name in scene.bodies for joint in scene.moving_joints(name)]
     if compiled.starts is not None and compiled.reaching is not None:

@@ -79,7 +79,7 @@ def _root(env: Any, name: str) -> Any:
 
 
 def _touch_as_in_mjlab(mjm: mujoco.MjModel, body: int, theirs: mujoco.MjModel, root: int, slots: list[int]) -> None:
-    """Give the geoms of a variant mjlab's contact settings and, for primitives, mjlab's sizes and poses.
+    """Copy mjlab's contact settings to all geoms of a variant, and mjlab's sizes and poses to its primitive geoms.
 
     In mjlab, these fields are the same in all worlds, whatever the variant.
     """
