@@ -96,8 +96,8 @@ class HeapConfig(Section):
 def with_places(scene: Any) -> Any:
     """Add the keys `in: CONTAINER` and `orientation: any` to each object of a heap, and return the new scene mapping.
 
-    Objects with another place or orientation are left unchanged. A later check reports them, unknown names, and a
-    `scene` that is not a mapping.
+    Objects with another place or orientation are left unchanged. A later check reports these objects, unknown names,
+    and a `scene` that is not a mapping.
     """
     placed, heaps = named_things(scene, "heaps")
     for words, things in heaps:

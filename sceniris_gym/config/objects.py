@@ -60,7 +60,7 @@ class RegionConfig(Section):
 
     @property
     def corners(self) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
-        """The low and high corner [m] of the `box`, or of the axis-aligned box around the `points`. Otherwise None."""
+        """The low and high corner [m] of the `box`, or of the axis-aligned box around the `points`, else None."""
         if self.points is None:
             return self.box
         axes = list(zip(*self.points, strict=True))

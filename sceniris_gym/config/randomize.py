@@ -25,7 +25,7 @@ class Word(NamedTuple):
         first: Index of the first drawn component.
         least, most: Bounds of all components, or a tuple with a bound for each component.
         follow: Fields that keep their ratio to the drawn field, as (field, first component, width).
-        shared: If the scene gives a single number, it applies to this many components, from `first` on. None means all.
+        shared: If the scene gives a single number, it applies to this many components from `first` on, to all if None.
         form: The only form of draw that the key accepts, such as 'choice'. None if it accepts all forms.
         weak: The end of the range that is worse for holding a pose: heavier or more slippery objects, softer contacts,
             or weaker actuators.
@@ -161,7 +161,7 @@ ObjectWord = Annotated[str, _word("object")]
 
 
 class SceneDraws(Section):
-    """Random draws for the whole scene, and for its lights, cameras and materials, by name or pattern."""
+    """The scene's `randomize`: draws for lights, cameras and materials by name or pattern, and for the whole model."""
 
     gravity: DrawConfig | None = None
     wind: DrawConfig | None = None

@@ -82,7 +82,7 @@ class SceneConfig(SceneWords):
         """Return the names that have to be placed before an object or a robot: all names in its relations and keys.
 
         If a robot with a drawn base has to reach the object, the base is also placed first. But if the base refers to
-        the object, directly or through others, it is placed after the object.
+        the object, directly or through others, the base is placed after the object.
         """
         parts = self.parts
         markers = [kind.place[name] for kind in self.start if name in kind.place]

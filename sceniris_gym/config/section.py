@@ -54,7 +54,7 @@ class Section(BaseModel):
         return PydanticCustomError(UNKNOWN_KEY, "unknown key", {"key": key, "valid": valid})
 
     def given(self, keys: tuple[str, ...]) -> list[str]:
-        """Return the fields of `keys` with a value other than None, in their order."""
+        """Return the keys whose fields have a value other than None, in the order of `keys`."""
         return [key for key in keys if getattr(self, key) is not None]
 
     @model_validator(mode="after")

@@ -11,7 +11,7 @@ _Config = TypeVar("_Config")
 
 
 def as_config(cls: type[_Config], value: Any, where: str) -> _Config:
-    """Return `value` as an instance of a dataclass. It may be an instance or a mapping of the fields.
+    """Return `value` as an instance of a dataclass. `value` is an instance already, or a mapping of the fields.
 
     Gymnasium's `EnvSpec.from_json` returns dataclasses as mappings, and tuples as lists. So a list in a field becomes a
     tuple.

@@ -1,4 +1,4 @@
-"""Tiers of reachability: levels of verification that an arm reaches an object."""
+"""Tiers: tests of whether an arm can reach an object."""
 
 from enum import IntEnum
 from typing import Literal, Self
@@ -20,7 +20,7 @@ class Verdict(IntEnum):
 
 
 class Tier(IntEnum):
-    """A level of verification that an object is reachable."""
+    """A test of whether an arm can reach an object. Higher values are more thorough tests."""
 
     MAP = 0
     """The arm's map has a positive verdict, by interpolation if the corners of a cell disagree."""
@@ -33,7 +33,7 @@ class Tier(IntEnum):
 
     @classmethod
     def of(cls, word: str) -> Self:
-        """Return the tier with a name of `TIERS`, such as 'ik'."""
+        """Return the tier whose name in scene files is `word`, such as 'ik'."""
         return cls[word.upper()]
 
     @property
@@ -48,7 +48,7 @@ class Tier(IntEnum):
 
     @property
     def least_verdict(self) -> Verdict:
-        """The lowest verdict of the arm's map with which a candidate is kept.
+        """The lowest verdict of the arm's map at which a candidate is kept.
 
         Tiers with inverse kinematics decide later. For them, the map only rules out poses with the verdict NO.
         """

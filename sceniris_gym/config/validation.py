@@ -141,7 +141,7 @@ def _check_reference(scene: SceneWords, where: str, name: str, other: str) -> No
 
 
 def _check_members(scene: SceneWords, where: str) -> None:
-    """Check that the members of groups, heaps and stacks are objects, each in at most one of them."""
+    """Check that the members of groups, heaps and stacks are objects, and that no object is in two of them."""
     owners: dict[str, str] = {}
     for kind, parts in (("group", scene.groups), ("heap", scene.heaps), ("stack", scene.stacks)):
         for label, part in parts.items():

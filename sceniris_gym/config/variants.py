@@ -1,7 +1,8 @@
 """Objects with `variants`: each layout draws a variant. Each variant is expanded to an object, a member of a group.
 
 `target: {variants: {can: {...}, mug: {...}}, on: table}` becomes the objects `target/can` and `target/mug`, with the
-keys of both levels, and a group `target` with one member present. All other modules only see objects and groups.
+keys of the variant and of `target`, and a group `target` with one member present. All other modules only see objects
+and groups.
 """
 
 import hashlib
@@ -32,12 +33,12 @@ _SHARED = {
 
 
 def variants_of(groups: Mapping[str, GroupConfig]) -> dict[str, tuple[str, ...]]:
-    """Return object with variants -> names of its variants."""
+    """Return the variants of each object: object with variants -> names of its variants."""
     return {name: group.of for name, group in groups.items() if all(m.startswith(f"{name}/") for m in group.of)}
 
 
 def owners_of(variants: Mapping[str, tuple[str, ...]]) -> dict[str, str]:
-    """Return name of a variant -> the object with this variant."""
+    """Return the owner of each variant: name of a variant -> the object with this variant."""
     return {member: name for name, members in variants.items() for member in members}
 
 
@@ -95,7 +96,7 @@ def check_shared(variants: Mapping[str, tuple[str, ...]], objects: Mapping[str, 
 
 
 def has_variants(part: Any) -> bool:
-    """Return whether an object's mapping declares variants: by a key for variants, a list, or a pattern of files."""
+    """Return whether an object's mapping declares variants: by a key for variants, a list, or a file pattern."""
     return isinstance(part, Mapping) and (
         any(word in part for word in OF_VARIANTS)
         or is_pattern(part.get("asset"))

@@ -51,8 +51,8 @@ def flat_foot(pieces: list[np.ndarray]) -> list[np.ndarray]:
 def curved_foot(lowest: Callable[[np.ndarray], np.ndarray], angle: float) -> np.ndarray:
     """Return the corners [m] of the foot of an object with a curved underside, shape (n, 2).
 
-    The foot tells whether the object rolls back after a lean by `angle` in any direction. It does if its centre of
-    mass, at the height h, is above the foot and farther than h * tan(angle / 2) from the foot's edges.
+    The foot tells whether the object rolls back after a lean by `angle` in any direction. The object does so if its
+    centre of mass, at the height h, is above the foot and farther than h * tan(angle / 2) from the foot's edges.
 
     Args:
         lowest: Function of n upward directions, shape (n, 3). For each direction, it returns the height [m] of the
@@ -93,6 +93,6 @@ def _corners(points: np.ndarray, lean: float) -> np.ndarray:
 
 
 def around(number: int) -> np.ndarray:
-    """Return evenly spaced unit vectors on a circle, shape (number, 2). None of them is parallel to an axis."""
+    """Return evenly spaced unit vectors on a circle, shape (number, 2). No vector is parallel to an axis."""
     angle = 2.0 * np.pi * (np.arange(number) + 0.47) / number
     return np.stack([np.cos(angle), np.sin(angle)], axis=1)

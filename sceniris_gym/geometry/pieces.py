@@ -162,7 +162,7 @@ def extract_pieces(
 
 
 def _check_flexes(mjm: mujoco.MjModel, geometry: str, bodies: set[int] | None, where: Mapping[int, str]) -> None:
-    """Reject flexes that collide, because a flex has no fixed shape. With visual geometry, also reject visible ones."""
+    """Reject colliding flexes, because a flex has no fixed shape. With visual geometry, also reject visible flexes."""
     for flex in range(mjm.nflex):
         vert, node = mjm.flex_vertadr[flex], mjm.flex_nodeadr[flex]
         nodes = mjm.flex_nodebodyid[node : node + mjm.flex_nodenum[flex]] if mjm.flex_nodenum[flex] else []

@@ -20,9 +20,9 @@ def addressed(name: str, lists: Iterable) -> tuple[list, dict[str, np.ndarray]]:
 
 
 def columns(prefix: str, rows: Sequence, **widths: int) -> dict[str, np.ndarray]:
-    """Return an array `{prefix}_{name}` of each attribute `name` over all rows.
+    """Return an array for each attribute of the rows, under the key `{prefix}_{name}`, with its values in all rows.
 
-    `widths` maps the name of each attribute to the number of values in it.
+    `widths` maps the `name` of each attribute to the number of values that it has in a row.
     """
     shapes = {name: (-1,) if width == 1 else (-1, width) for name, width in widths.items()}
     return {f"{prefix}_{name}": np.reshape([getattr(r, name) for r in rows], shape) for name, shape in shapes.items()}

@@ -121,7 +121,7 @@ class HomeShape:
         return np.array([mat @ matrix(p.quat)[:, 2] for p, mat in zip(self._pieces, self._mats, strict=True)])
 
     def _carried_points(self) -> np.ndarray:
-        """Return the points [m] on which the object can rest, (n, 3). Pieces grow by their margin less the smallest."""
+        """Return the points [m] on which the object can rest, (n, 3). Pieces grow by their margin minus the least."""
         more = self.margins - self.margins.min()
         if not more.any():
             return np.concatenate(self.points())
@@ -133,7 +133,7 @@ class HomeShape:
         return np.concatenate(points)
 
     def bottom(self, quat: np.ndarray) -> float:
-        """Return the height [m] of the lowest point relative to the root's origin, less margins. Usually negative."""
+        """Return the height [m] of the lowest point relative to the root's origin, minus margins. Usually negative."""
         up = matrix(quat)[2:]
         return float((up @ self.center_of_mass - self._height(up))[0])
 
@@ -233,7 +233,7 @@ class HomeShape:
         Args:
             rotation: The pose, shape (3, 3).
             sides: Number of directions of the tilts.
-            degrees: The tilts [degrees], in ascending order. The pose is tilted by each, in each direction.
+            degrees: The tilts [degrees], in ascending order. The pose is tilted by each angle in each direction.
             span: Number of steps in `degrees` over which the height should increase.
         """
         if len(degrees) > 2 * span + 2 and not self._comes_back(rotation, sides, degrees[-span - 1 :], span):
@@ -250,7 +250,7 @@ class HomeShape:
         return up @ self.center_of_mass - self.lowest(up)
 
     def lowest(self, up: np.ndarray) -> np.ndarray:
-        """Return the lowest point's height less margins [m], (n,), for each up direction (n, 3) in the root's frame."""
+        """Return the height [m] of the lowest point minus margins, (n,), for up directions (n, 3) in the root frame."""
         lowest = np.full(len(up), np.inf)
         for p, mat, at, margin in zip(self._pieces, self._mats, self._at, self.margins, strict=True):
             lowest = np.minimum(lowest, p.extents(up @ mat)[0] + up @ at - margin)
@@ -283,7 +283,7 @@ def _center_of_weight(home: mujoco.MjData, root: int) -> np.ndarray:
 
 
 def heading_of(mat: np.ndarray) -> float:
-    """Return the heading [rad] of a body with orientation `mat`, shape (3, 3): the angle of its x axis from above.
+    """Return the heading [rad] of a body with orientation `mat` (3, 3): the angle of its x axis, seen from above.
 
     If the x axis points straight up or down, the heading is the direction of the y axis minus a right angle.
     """

@@ -224,7 +224,7 @@ def _crop_shape(surfaces: list[SupportSurface], region: RegionConfig) -> Polygon
 
 
 def _levels(meshes: list[trimesh.Trimesh]) -> list[tuple[float, MultiPolygon]]:
-    """Group the level, upward faces of meshes by height.
+    """Group the faces of meshes that are level and point up, by height.
 
     Return each height [m] with the faces as polygons, lowest first.
     """

@@ -230,7 +230,7 @@ class Graspable:
 
 
 def matches(name: str, pattern: str) -> bool:
-    """Return whether a grasp's name matches a glob, with or without its prefix 'grasp_'. " rolled" is ignored."""
+    """Return whether a grasp's name matches a glob, with or without 'grasp_'. The suffix " rolled" is ignored."""
     name = name.removesuffix(_ROLLED)
     return fnmatchcase(name, pattern) or fnmatchcase(name.removeprefix(PREFIX), pattern)
 
@@ -240,7 +240,7 @@ def tcp_axes(yaw: float, tilt: float) -> np.ndarray:
 
     Args:
         yaw: Angle from the y axis to the closing axis, about the vertical [degrees].
-        tilt: Angle from straight down to the approach axis [degrees]. 90 is level.
+        tilt: Angle from straight down to the approach axis [degrees]. At 90, the approach axis is horizontal.
     """
     s, c = np.sin(np.radians(tilt)), np.cos(np.radians(tilt))
     down = np.array([[-c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, -c]])

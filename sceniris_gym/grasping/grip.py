@@ -53,8 +53,8 @@ class Fingers:
     """Closes the fingers of a gripper on the objects of its scene.
 
     Args:
-        models: Copies of the model with the random parameters at values for which the fingers hold the least. There are
-            several, because for some parameters it is not known which end of the range is worse.
+        models: Copies of the model with the random parameters at values for which the fingers hold objects worst. There
+            are several, because for some parameters it is not known which end of the range is worse.
         arm: The arm in the model.
         gripper: The arm's gripper.
         home: MjData at the start pose. Joints inside objects keep their positions.

@@ -1,8 +1,8 @@
 """Measures the gripper of an arm from the arm's geometry: the opening, and the dimensions of the fingers.
 
 Finger joints are the joints of the hand that do not move the TCP. If an equality makes a finger joint follow another
-finger joint, only the other joint is set. A gripper with two mirrored fingers is then opened by one joint. All lengths
-are in the TCP frame, with +z along the approach axis and +y along the closing axis.
+finger joint, only the joint that is followed is set. A gripper with two mirrored fingers is then opened by one joint.
+All lengths are in the TCP frame, with +z along the approach axis and +y along the closing axis.
 """
 
 from __future__ import annotations
@@ -231,7 +231,7 @@ class _Hand:
     def _boxes(self, adr: np.ndarray, qpos: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
         """Return the lower and the upper corners [m] of the pieces' boxes in the TCP frame, shape (npiece, 3) each.
 
-        `adr` and `qpos` are the qpos addresses and positions of the joints that are not as in `home`.
+        `adr` and `qpos` are the qpos addresses and positions of the joints that differ from `home`.
         """
         data = mujoco.MjData(self.mjm)
         data.qpos[:] = self.home
@@ -245,7 +245,7 @@ class _Hand:
 
 
 def _beside(low: np.ndarray, high: np.ndarray, fingers: np.ndarray) -> np.ndarray:
-    """Return a mask of the boxes beside the TCP. If all fingers are beyond or behind it, return the fingertips instead.
+    """Return a mask of the boxes beside the TCP, or of the fingertips if no box is beside the TCP.
 
     Args:
         low: Lower corners of the boxes in the TCP frame [m], shape (n, 3).

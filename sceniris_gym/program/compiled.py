@@ -184,7 +184,7 @@ class CompiledScene(RefusesOldNames):
 
     @property
     def attempts(self) -> int:
-        """Greatest number of candidates of one object before the search for its layout restarts.
+        """Greatest number of candidates of one object before the search for a layout restarts.
 
         It is `attempts` of the scene file. If `attempts` is `auto`, compilation chose the number.
         """
@@ -210,7 +210,7 @@ def refuse_draws(compiled: CompiledScene, where: str, instead: str) -> None:
     Args:
         compiled: The scene.
         where: The beginning of the error.
-        instead: Another way to draw physics and appearance with this caller. The error has it after "draw by".
+        instead: The text after "draw by" in the error: another way to draw physics and appearance with this caller.
 
     Raises:
         NotSupportedError: The scene has `randomize`.

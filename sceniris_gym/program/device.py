@@ -314,13 +314,16 @@ def allocate(declared: Any, instance: Any, shapes: Mapping[str, Any], device: An
 
 
 def repeat(declared: Any, instance: Any, count: int, rows: Mapping[str, np.ndarray], device: str) -> None:
-    """For each row in `rows`, set the struct field of this name to an array with `count` copies of the row."""
+    """Set fields of a struct instance to arrays, each with `count` copies of one row.
+
+    `declared` is the struct. It gives the types of its fields. `rows` maps the name of each field to its row.
+    """
     arrays = {name: np.tile(row, (count, *[1] * row.ndim)) for name, row in rows.items()}
     fill_struct(declared, instance, arrays, device)
 
 
 def copied(declared: Any, instance: Any) -> Any:
-    """Return a copy of a struct instance. Both share the same arrays."""
+    """Return a copy of a struct instance. The copy shares the arrays of the instance."""
     other = declared()
     other.assign(instance)
     return other

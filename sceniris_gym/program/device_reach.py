@@ -130,8 +130,8 @@ def is_drawn(interval: wp.vec2) -> bool:
 def reaches(starts: Starts, kind: int, column: int) -> bool:
     """Return True if a kind of start moves the arm to the reach target `column`, or holds the target above its place.
 
-    It does so with the poses `PREGRASP`, `STANDING` and `LIFTED`. With `HOME` and `HELD`, the arm need not reach the
-    place.
+    This can only be true for the poses `PREGRASP`, `STANDING` and `LIFTED`. For `HOME` and `HELD`, the arm need not
+    reach the place of the target.
     """
     pose = starts.pose[kind]
     return starts.target[kind, column] and pose != StartPose.HOME and pose != StartPose.HELD

@@ -1,7 +1,7 @@
 """Feet, contacts and loads as device code reads them. They exist only if some object of the scene may fall.
 
-The *levels* of an object are the object, the free object that carries it, and so on down to a free object on a support
-that stays in place.
+Here, the *levels* of an object are the stack from this object down: the object, the free object that carries it, and so
+on down to a free object on a support that stays in place.
 """
 
 import warp as wp

@@ -34,7 +34,7 @@ class Contact(NamedTuple):
         own, below: Body of the upper geom, and body of the lower geom.
         ref: The contact's `solref`.
         imps: The contact's `solimp`, once for each combination of the ends of its draws.
-        cone: Factor in the depth of the contact, which depends on friction.
+        cone: Factor in the depth of the contact. The factor depends on friction.
         friction: The contact's least coefficient of sliding friction.
     """
 
@@ -47,7 +47,7 @@ class Contact(NamedTuple):
 
 
 def contact_of(scene: SceneModel, a: int, b: int) -> Contact:
-    """Return the softest contact of two geoms, from the chapter "Computation" of MuJoCo's manual.
+    """Return the softest contact of two geoms, by the chapter "Computation" of MuJoCo's manual.
 
     The contact's parameters come from an explicit contact pair, from the geom of higher priority, or from a mix of both
     geoms. With a pyramidal friction cone, MuJoCo derives the softness of all n edges from the first edge. A friction
@@ -151,7 +151,7 @@ def depth_of(scene: SceneModel, contact: Contact, load: np.ndarray | float, inve
 
 
 def least_upright(scene: SceneModel) -> np.ndarray:
-    """Return the gravity [m/s^2] that points furthest from straight down within the draws, shape (3,)."""
+    """Return the drawn gravity [m/s^2] that points furthest from straight down, shape (3,)."""
     low, high = scene.least.opt.gravity, scene.most.opt.gravity
     return np.array([*np.where(np.abs(low) > np.abs(high), low, high)[:2], high[2]])
 

@@ -43,7 +43,7 @@ def to_record(warning: UserWarning) -> list:
 
 
 def from_record(record: list) -> UserWarning:
-    """Return the warning for a record of `to_record`.
+    """Return the warning that a record from `to_record` describes.
 
     Raises:
         ValueError: The record does not name a warning of this package.

@@ -79,8 +79,8 @@ def part_of(compiled: CompiledScene, names: Sequence[str]) -> CompiledScene:
     The caller gives the poses of all other bodies for each layout. Joints or physics may have tilted a support. No
     object is placed on a support while it is tilted.
 
-    Free objects that carry a named object, and all other objects on these carriers, keep their poses. They still come
-    first in the program, because the test of standing needs them.
+    Free objects that carry a named object, and all other objects on these carriers, keep their poses. These objects
+    still come first in the program, because the test of standing needs them.
 
     Args:
         compiled: The scene.

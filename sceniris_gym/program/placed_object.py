@@ -60,9 +60,10 @@ class PlacedObject:
         support: The support that carries it. None if its region is in space, or for STATIC.
         tilts: Whether draws may tilt the support.
         surfaces: For each stable pose, the surfaces that can carry it, with their regions. Without a support, these are
-            the points of its 3D region or, if it has relations, the 3D box seen from above. Poses share equal lists.
+            the points of its 3D region or, if it has relations, the 3D box seen from above. Poses with equal lists
+            share one list.
         erosion: Least distance of its pivot from the outlines of surfaces, divided by the shorter edge of its bounds.
-            0 if no draw changes that edge in a stable pose, because the regions are then already shrunk.
+            0 if no draw changes that edge in a stable pose. The regions are then already shrunk by this distance.
         heap: Its settled poses in a heap, or None.
     """
 
@@ -83,7 +84,7 @@ class PlacedObject:
 
     @property
     def spans(self) -> dict[int, tuple[float, float]]:
-        """The least and greatest position of each drawn joint and follower, by its address in qpos [m or rad]."""
+        """The least and greatest position [m or rad] of each drawn joint and follower, by address in qpos."""
         parts = {d.qposadr: d.intervals for d in self.joint_ranges}
         for c in self.followers:
             parts[c.adr] = [c.over(*part) for part in parts[c.driver_adr]]
@@ -96,7 +97,7 @@ class PlacedObject:
 
     @property
     def corners(self) -> np.ndarray:
-        """The corners [m] of the rectangles around its regions, in the frame of its ground, shape (n, 3)."""
+        """The corners [m] of the rectangles around its regions, in the frame of the body `ground`, shape (n, 3)."""
         boxes = [(s.region.bounds, s.height) for surfaces in self.surfaces for s in surfaces]
         return np.array([[x, y, z] for ends, z in boxes for x in ends[::2] for y in ends[1::2]])
 
@@ -184,7 +185,7 @@ def surfaces_of(
 def may_lean(scene: SceneModel, support: Support) -> bool:
     """Return whether draws may tilt a support that belongs to an object or robot.
 
-    Draws may tilt it if the object has the orientation `stable` or `any`, or if a drawn hinge between the object's root
+    Draws may tilt it if its owner has the orientation `stable` or `any`, or if a drawn hinge between the owner's root
     and the support has an axis that is not vertical.
     """
     if support.owner is None:
@@ -199,7 +200,7 @@ def may_lean(scene: SceneModel, support: Support) -> bool:
 
 
 def _level_surfaces(support: Support, pieces: list[Piece], *, open_above: bool) -> list[SupportSurface]:
-    """Return the level surfaces of a support. `open_above` leaves out covered areas if the support is an object's."""
+    """Return the level surfaces of a support. If an object owns it, `open_above` leaves out covered areas."""
     own = [p for p in pieces if p.body == support.body]
     covered = open_above and support.owner is not None
     return supports.level_surfaces(support.body, own, open_above=covered, geom=support.geom)

@@ -158,7 +158,7 @@ def _around_base(pose: StablePose) -> StablePose:
 
 
 def _placed_object(scene: SceneModel, name: str, pieces: list[Piece], heap: HeapPoses | None) -> PlacedObject:
-    """Return the step of the program for an object or a robot, which draws a pose, joint positions, or both."""
+    """Return an object or robot as a step of the program. The step draws a pose, joint positions, or both."""
     config, bodies = scene.config.parts.get(name), scene.subtree(name)
     if config is None:  # a robot whose base is not drawn
         config = ObjectConfig(kind="static", clearance=scene.config.all_robots[name].clearance)

@@ -55,7 +55,7 @@ _MAX_TILT = 1.0e-3
 
 
 class Law(NamedTuple):
-    """Coefficients of the margin: how far the centre of mass of a load has to be inside its patch so that it stands.
+    """Coefficients of the margin: how far a load's centre of mass has to be inside its patch so that the load stands.
 
     The docstring of `placement/standing.py` has the formula, and explains load, patch, fall and sink.
 
@@ -63,7 +63,7 @@ class Law(NamedTuple):
         shake: Margin for the impact of the fall onto the support, divided by the root of fall times height.
         lean: Increase of `shake` for each radian of lean of the load.
         soft: Factor for the computed lean.
-        hold: Fraction of the patch's radius within which a load stands whichever four contacts MuJoCo keeps.
+        hold: Fraction of the patch's radius. Within it, a load stands on any four contacts that MuJoCo may keep.
         swap: Additional margin while other contacts replace these four, divided by the root of sink times height.
         tip: Additional margin of a curved foot, divided by height.
         steady: Least distance of the centre of mass below the centre of curvature of a curved foot, divided by the
@@ -123,7 +123,7 @@ class Foot(NamedTuple):
         law: Coefficients of the margin that the object needs on this foot.
         margin: How far [m] the object's centre of mass, without its load, is inside the edge of the foot: the least
             value over all drawn joint positions. Negative outside the foot, -inf if drawn masses move the centre.
-        most: The greatest value over the same joint positions.
+        most: The greatest such distance [m] over all drawn joint positions.
         bottom: Height [m] over the object's root of the lowest point that drawn joints do not move.
         hangs: How far [m] drawn joints can move parts of the object below `bottom`. Negative if all stay above.
         drop: Height [m] of the fall of the object from its place onto the support. Negative if it is placed inside the
@@ -211,8 +211,8 @@ def stances(scene: SceneModel, objects: list[PlacedObject], pieces: list[Piece])
 def _loads(scene: SceneModel, objects: list[PlacedObject], below: list[int | None]) -> list[dict[int | None, float]]:
     """Return the greatest simultaneous weight [kg] of each object and everything on it.
 
-    The result has a dict for each object. Its value for None is the maximum over all worlds. Its value for the number
-    of another object is the maximum over the worlds where that object is present.
+    The result has a dict for each object. Under the key None, it has the maximum over all worlds. Under the number of
+    another object, it has the maximum over the worlds where that other object is present.
     """
     own = np.array([weights(scene.most)[o.bodies].sum() for o in objects])
     on: list[dict[str | None, list[int]]] = [{} for _ in objects]  # by group: a world may omit some of its members
@@ -254,7 +254,7 @@ def carriers_of(objects: list[PlacedObject]) -> list[int | None]:
 
 
 def _stance(scene: SceneModel, o: PlacedObject, pieces: list[Piece], loads: dict[int | None, float]) -> Stance:
-    """Return the stance of one object. `loads` is its dict from `_loads`."""
+    """Return the stance of one object. `loads` is the object's dict from `_loads`."""
     load, support, mjm = loads[None], o.support, scene.mjm
     assert support is not None
     drawn = [adr for adr, (low, high) in o.spans.items() if low < high]
@@ -334,8 +334,8 @@ def _foot(
         law: The `Law` of the foot if it is neither round nor curved.
         lower: How much higher [m] the surface used for placing is than the top of the support's colliding geoms.
         is_shifted: Whether draws of masses move the object's centre of mass.
-        takes_edges: Whether the support carries edges and corners of pieces. If not, a foot that has some does not hold
-            the object.
+        takes_edges: Whether the support carries edges and corners of pieces. If not, a foot with edges or corners does
+            not hold the object.
         steady: `Law.steady` of a curved foot.
     """
     rotation, quat, (whole, standing, fixed, _) = matrix(pose.quat).T, pose.quat, shapes[0]

@@ -1,4 +1,4 @@
-"""The kinds of starts of a scene (entries of `start`), as arrays: the targets, grasps and joints that each one uses."""
+"""The kinds of starts of a scene (entries of `start`), as arrays: the targets, grasps and joints of each kind."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
@@ -38,7 +38,7 @@ _FITS = {
 def plan_grips(plan: Plan) -> tuple[Grip, ...]:
     """Return a grip (the closed fingers) for each grasp of all reach targets.
 
-    If no kind of start holds a target, its grips are not computed, and their `fits` is False.
+    If no kind of start holds a target, the grips of the target are not computed. Their `fits` is False.
 
     Raises:
         NotSupportedError: A start holds a target with an arm that has no fingers to close.
@@ -71,8 +71,8 @@ def weakest(scene: SceneModel) -> list[mujoco.MjModel]:
     """Return models with the drawn physics parameters at which a gripper holds an object least well.
 
     Joint friction and joint stiffness are greatest, because they resist the closing of the fingers. For the constant
-    force of actuators and for centres of mass, the worst value is unknown. There is one model for each combination of
-    the ends of these draws.
+    force of actuators and for centres of mass, the worst value is unknown. The result has a model for each combination
+    of their least and greatest values.
     """
     ends, draws = {**WEAK, "dof_frictionloss": "most", "jnt_stiffness": "most"}, scene.draws
     unknown = product(corners(draws, "actuator_biasprm"), corners(draws, "body_ipos"))
@@ -88,7 +88,7 @@ def _downs(placed: PlacedObject, target: ReachTarget, grasp: int) -> np.ndarray:
 
 
 def plan_starts(plan: Plan, grips: tuple[Grip, ...]) -> dict[str, np.ndarray]:
-    """Return the fields of `Starts` by name. Most have a row for each kind of start, `grip_*` for each grasp.
+    """Return the fields of `Starts` by name. `grip_*` have a row for each grasp, most others for each kind of start.
 
     Raises:
         UnknownNameError: A start names a grasp or a joint that does not exist.
@@ -139,7 +139,7 @@ def _kind(plan: Plan, grips: tuple[Grip, ...], number: int, config: StartConfig)
 
 
 def _arm_range(plan: Plan, one: ReachingArm, config: StartConfig, where: str) -> np.ndarray:
-    """Return the interval for each joint of an arm in a kind of start, shape (MAX_JOINTS, 2). Undrawn: low > high."""
+    """Return the interval for each arm joint in a kind of start, shape (MAX_JOINTS, 2). If not drawn, low > high."""
     if one.robot in plan.scene.apart:
         raise SceneKeyError(f"{where}: needs the robot in the scene. Remove its 'in_scene: false', or this start.")
     found, index = np.tile(_UNDRAWN, (MAX_JOINTS, 1)), one.arm.qposadr.tolist()
@@ -170,13 +170,13 @@ def _counting(config: StartConfig, target: ReachTarget, where: str) -> np.ndarra
 
 
 def _drawn(plan: Plan, owner: str, words: Mapping[str, JointConfig], where: str) -> Iterator[JointRange]:
-    """Yield a `JointRange` for each joint of an object or robot that `words` names."""
+    """Yield a `JointRange` for each joint that `words` names in the object or robot `owner`."""
     for joint, config in plan.scene.resolve_joints(owner, words, where).items():
         yield joint_range(plan.scene, joint, config)
 
 
 def _draw_ranges(plan: Plan, words: Mapping[str, JointConfig], where: str) -> np.ndarray:
-    """Return the interval that a start gives to each drawn joint of the plan, shape (ndraw, 2). Not set: low > high."""
+    """Return a start's interval for each drawn joint of the plan, shape (ndraw, 2). Without an interval, low > high."""
     usual = [r.qposadr for o in plan.objects for r in o.joint_ranges]
     found = np.tile(_UNDRAWN, (len(usual), 1))
     for key, config in words.items():

@@ -123,7 +123,7 @@ def edit_spec(spec: mujoco.MjSpec, scene: str | Path | Mapping | SceneConfig) ->
 
     Args:
         spec: The specification, before it is compiled.
-        scene: The scene, as for `compile_scene`. Its own `model` is not used.
+        scene: The scene, as for `compile_scene`. The scene's `model` is not used.
 
     Raises:
         UnknownNameError: The model has no such body.

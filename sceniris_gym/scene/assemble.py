@@ -40,7 +40,8 @@ class Home(NamedTuple):
 def attach_object(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: str, owner: str = "") -> Home:
     """Attach the asset of an object as a body of the object's kind, and return its start pose.
 
-    If the object is a variant of `owner`, names of its body and elements lack `owner/`. `attach_variants` adds it.
+    If the object is a variant of `owner`, names of its body and elements lack the prefix `owner/`, which
+    `attach_variants` adds.
 
     Raises:
         NotSupportedError: A variant is soft.
@@ -80,7 +81,7 @@ def attach_variants(
     each time it attaches another model or deletes a body. So groups of variants are first collected in small models.
 
     Raises:
-        NotSupportedError: Actuators, tendons or equalities refer to joints of variants, which are dropped.
+        NotSupportedError: Actuators, tendons or equalities refer to joints of variants. Variants lose their joints.
     """
     homes, names = [], list(members)
     for first in range(0, len(names), _AT_ONCE):
@@ -153,7 +154,7 @@ def _load_asset(asset: str, where: str) -> mujoco.MjSpec:
 def stand_at_keyframe(spec: mujoco.MjSpec, keyframe: str, where: str) -> None:
     """Move the poses of mocap bodies from a keyframe into the bodies.
 
-    Keyframes identify the poses of mocap bodies only by their order, which changes whenever a body becomes a mocap
+    A keyframe stores the poses in the order of the mocap bodies. This order changes whenever a body becomes a mocap
     body. A pose in the body is independent of the order, and is the start pose as well.
 
     Raises:
@@ -220,7 +221,7 @@ def _rotation(config: RobotConfig) -> np.ndarray:
 def attach(
     spec: mujoco.MjSpec, child: mujoco.MjSpec, name: str, frame: mujoco.MjsFrame, where: str, *, around: bool = False
 ) -> mujoco.MjsBody:
-    """Attach an asset as one body called `name`: the only body of the asset, or a new body around all of its bodies.
+    """Attach an asset as one body called `name`: the asset's only body, or if it has several, a body around them.
 
     Args:
         spec: The scene.
@@ -297,7 +298,8 @@ def _rename(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str) -> None:
 def make_kind(spec: mujoco.MjSpec, root: mujoco.MjsBody, name: str, kind: str, where: str) -> None:
     """Turn a body below the world into the root of an object of the kind `kind`.
 
-    It gets a freejoint, becomes a mocap body, or keeps its joints except a freejoint (kind 'static').
+    For the kind 'free', the body gets a freejoint. For 'fixture' and 'marker', it becomes a mocap body. For 'static',
+    it keeps its joints except a freejoint.
 
     Raises:
         SceneKeyError: The body has joints that an object of this kind cannot have.

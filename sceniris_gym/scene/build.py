@@ -84,7 +84,7 @@ def build_variants(config: SceneConfig, simulated: SceneConfig) -> SceneModel:
 
 
 def _with_shared_bodies(config: SceneConfig) -> SceneModel:
-    """Build a scene from files or a MjSpec. If objects have variants, also build its scene for the simulation."""
+    """Build a scene from files or a MjSpec. If objects have variants, also build the scene for the simulation."""
     scene = _built(config)
     if not config.variants:
         return scene
@@ -96,7 +96,7 @@ def _with_shared_bodies(config: SceneConfig) -> SceneModel:
 def _built(config: SceneConfig, full: SceneModel | None = None) -> SceneModel:
     """Build a scene from files or a MjSpec, with a body for each variant.
 
-    If `full`, the result of an earlier call, is given, build the scene for the simulation: variants share one body.
+    With `full`, the result of an earlier call, build the scene for the simulation instead: variants share one body.
     """
     shared = None if full is None else SharedBodies(full.mjm, config.variants, config.where)
     spec, homes = _assemble(config, shared)
@@ -268,8 +268,8 @@ def add_cameras(spec: mujoco.MjSpec, config: SceneConfig) -> None:
     """Add the cameras of a scene to a specification that has all its bodies.
 
     Raises:
-        SceneKeyError: The model already has a camera of that name.
-        UnknownNameError: The carrying body does not exist.
+        SceneKeyError: The model already has a camera with the name of a camera in `config`.
+        UnknownNameError: The body that should carry a camera does not exist.
     """
     for name, camera in config.cameras.items():
         where = f"{config.where}: cameras.{name}"

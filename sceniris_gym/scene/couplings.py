@@ -102,7 +102,7 @@ def reversed_for(mjm: mujoco.MjModel, couplings: Iterable[Coupling], drawn: Iter
     Args:
         mjm: The model.
         couplings: The model's couplings.
-        drawn: The joints that the scene file draws by name. Of two coupled joints, the earlier one becomes the driver.
+        drawn: The joints that the scene file draws by name. If two follow the same joint, the first becomes the driver.
     """
     found, drawn = {c.follower: c for c in couplings}, list(drawn)
     for joint in drawn:
@@ -133,7 +133,7 @@ def equality_label(mjm: mujoco.MjModel, eq: int) -> str:
 
 
 def equality_errors(mjm: mujoco.MjModel, states: np.ndarray) -> np.ndarray:
-    """Return MuJoCo C's error of each equality in states (n, nq) [m or rad], shape (n, neq). Inactive ones have 0."""
+    """Return MuJoCo C's error of each equality in states (n, nq) [m or rad], (n, neq), 0 for inactive equalities."""
     alone = copy.copy(mjm)
     alone.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)  # objects may lie on top of each other
     data, missed = mujoco.MjData(alone), np.zeros((len(states), mjm.neq))
@@ -159,7 +159,7 @@ def follow(couplings: Iterable[Coupling], qpos: np.ndarray) -> None:
 
 
 def driven_by(couplings: Iterable[Coupling], joints: Iterable[int]) -> list[Coupling]:
-    """Return the couplings whose follower moves with any of the joints, directly or through others, drivers first."""
+    """Return the couplings whose follower moves with any of `joints`, directly or through others, drivers first."""
     moving, found = set(joints), []
     for c in couplings:
         if c.driver in moving:
@@ -196,7 +196,7 @@ def free_range(mjm: mujoco.MjModel, couplings: Iterable[Coupling], joint: int, h
 
 
 def _farthest(within, start: float, end: float) -> float:
-    """Return the farthest position towards `end` that `within` accepts, by bisection."""
+    """Return the farthest position from `start` towards `end` that `within` accepts, by bisection."""
     goal = end if np.isfinite(end) else float(np.copysign(_FAR, end))
     if within(goal):
         return end

@@ -70,7 +70,7 @@ def simple_bodies(config: SceneConfig, mjm: mujoco.MjModel) -> list[str]:
 
 
 def nominal_values(mjm: mujoco.MjModel, field: str) -> np.ndarray:
-    """Return a field of the model, shape (n, width). A geom without a colour has the colour of its material."""
+    """Return the values of a model field, shape (n, width). A geom without a colour has the colour of its material."""
     values = np.array(getattr(mjm.opt if field in OPTIONS else mjm, field), float)
     if field == "geom_rgba":  # MuJoCo's default grey gives way to the colour of the material
         of_material = (values == (0.5, 0.5, 0.5, 1.0)).all(axis=1) & (mjm.geom_matid >= 0)
@@ -222,7 +222,7 @@ def at_ends(mjm: mujoco.MjModel, draws: tuple[FieldDraw, ...], **ends: Ends) -> 
     Args:
         mjm: The model. It is returned unchanged, and not copied, if no draw has a field in `ends`.
         draws: The draws of the scene.
-        ends: Field -> the end to use, 'least' or 'most', or one end for each component.
+        ends: Field -> the end to use, 'least' or 'most'. A tuple has an end for each component of the field.
     """
     own = [draw for draw in draws if draw.word.field in ends]
     if not own:

@@ -121,7 +121,7 @@ def rows_inside(mjm: mujoco.MjModel, field: str, body: int) -> list[int]:
 
 
 def _actuator_body(mjm: mujoco.MjModel, actuator: int) -> int:
-    """Return the body that an actuator moves, or -1 if there is none. For a tendon, this is the tendon's first body."""
+    """Return the body that an actuator moves, or -1 if it moves no body. For a tendon, return its first body."""
     kind, target = mjm.actuator_trntype[actuator], mjm.actuator_trnid[actuator, 0]
     if kind == mujoco.mjtTrn.mjTRN_TENDON:
         first = mjm.tendon_adr[target]

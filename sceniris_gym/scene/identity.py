@@ -138,7 +138,7 @@ def map_of(robot: RobotConfig) -> Path | None:
 
 
 def _update_from_file(update: Callable[[bytes], None], path: Path, drawn: bool) -> None:
-    """Add the contents of a model file and of the files that it refers to. Appearance is only added if `drawn`."""
+    """Pass the contents of a model file and of its referenced files to `update`, without appearance unless `drawn`."""
     root = model_tree(path, path.parent, set())
     keeps_visuals = root.tag == "robot" and any(c.get("discardvisual") == "false" for c in root.iter("compiler"))
     no_matter = _NO_MATTER - _SEEN if drawn else _NO_MATTER

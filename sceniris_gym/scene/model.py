@@ -172,7 +172,7 @@ class SceneModel(RefusesOldNames):
         return ContactRules(self.mjm, "physics")
 
     def around(self, support: Support) -> list[int]:
-        """Return the bodies that may cover a support: all bodies of its owner, or its body if it has no owner."""
+        """Return the bodies that may cover a support: all bodies of its owner. If it has no owner, return its body."""
         return [support.body] if support.owner is None else self.subtree(support.owner)
 
     def joints(self, name: str) -> dict[str, int]:
@@ -236,7 +236,7 @@ class SceneModel(RefusesOldNames):
         return self.config.objects[name].joints if robot is None else robot.joints
 
     def _prefix(self, name: str) -> str:
-        """Return the prefix of names inside an object or a robot: its name, or the prefix in the name of its body."""
+        """Return the prefix of names in an object or robot: its name or, for a body of a model, the body's prefix."""
         robot = self.config.all_robots.get(name)
         if robot is not None:
             return robot.prefix.removesuffix("/")

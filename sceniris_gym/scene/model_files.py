@@ -190,7 +190,7 @@ def _size(element: ElementTree.Element, where: str, models: dict[str | None, Cou
     Args:
         element: The element.
         where: The text at the beginning of error messages.
-        models: The sizes of models that may be attached, by name. Models without a name are under None.
+        models: The sizes of models that may be attached, by name. The key None has the models without a name.
 
     Raises:
         SceneFileError: The element is too large.

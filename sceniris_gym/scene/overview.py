@@ -21,8 +21,8 @@ def frame(points: np.ndarray, backward: np.ndarray, fovy: float, aspect: float) 
     """Place a camera as near as possible, but so that its picture shows all points.
 
     Let (u, v, t) be the position of the eye in the camera's axes. A point (x, y, z) in these axes is seen if
-    |x - u| <= (t - z) tan(fovx / 2), and the same for y and v. The camera takes the least t that has a solution, then
-    the middle of the possible intervals of u and v.
+    |x - u| <= (t - z) tan(fovx / 2) and |y - v| <= (t - z) tan(fovy / 2). The camera takes the least t
+    that has a solution, then the middle of the possible intervals of u and v.
 
     Args:
         points: The points to see [m], world frame, shape (n, 3).

@@ -53,7 +53,7 @@ def geom_classes(mjm: mujoco.MjModel) -> list[tuple[int, ...]]:
 
 
 def places_of_geoms(mjm: mujoco.MjModel, bodies: list[int]) -> tuple[list[tuple[int, ...]], list[list[int]]]:
-    """Return the classes of a shared body's geoms, and for each variant, the indices of its geoms in this list.
+    """Return the list of classes of a shared body's geoms, and for each variant, the indices of its geoms in this list.
 
     Args:
         mjm: The model with all variants.
@@ -213,7 +213,7 @@ def _geoms(mjm: mujoco.MjModel, body: int) -> list[int]:
 def without_broken(config: SceneConfig) -> SceneConfig:
     """Return the scene without files of folders that MuJoCo cannot load, or that are not a single rigid body.
 
-    A warning names the files that are left out. If all files are suitable, the same scene is returned.
+    A warning names the files that are left out. If all files are suitable, `config` is returned unchanged.
 
     Raises:
         SceneFileError: A folder has no suitable file.

@@ -98,7 +98,7 @@ class _Drawn:
         return frozenset(self.joints.intersection(joints)) if joints else self.apart(_bodies_of(self.mjm, tendon))
 
     def names(self, joints: Iterable[int | str]) -> str:
-        """Return the quoted names of those movers that are joints, for errors."""
+        """Return the quoted names of the joints in `joints`, without the objects, for errors."""
         return ", ".join(f"'{self.mjm.joint(j).name}'" for j in sorted(j for j in joints if isinstance(j, int)))
 
 

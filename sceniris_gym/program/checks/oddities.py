@@ -111,9 +111,10 @@ def _sunk(plan: Plan) -> Iterator[str]:
 
 
 def _overlaps(mjm: mujoco.MjModel, home: mujoco.MjData, pieces: list[Piece]) -> Iterator[tuple[float, tuple[int, int]]]:
-    """Yield the deepest overlap of each two kinematic trees in the start pose: the depth [m] and the two geoms.
+    """Yield the deepest overlap of each pair of kinematic trees in the start pose: the depth [m] and the two geoms.
 
-    Two trees may have two results: one for pairs with a movable geom, and one for pairs of geoms that cannot move.
+    A pair of trees may have two results: one for pairs with a movable geom, and one for pairs of geoms that cannot
+    move.
     """
     rules = ContactRules(mjm, "physics")
     deepest: dict[tuple[int, int, bool], tuple[float, tuple[int, int]]] = {}
@@ -135,13 +136,13 @@ def _can_move(mjm: mujoco.MjModel, geom: int) -> bool:
 
 
 def _owner(scene: SceneModel, geom: int) -> str:
-    """Return the name of the object or robot that contains a geom, or else of the root body of the geom's tree."""
+    """Return the name of the object or robot that contains a geom, or else the name of the geom's root body."""
     root = int(scene.mjm.body_rootid[scene.mjm.geom_bodyid[geom]])
     return scene.owners.get(root) or str(scene.mjm.body(root).name)
 
 
 def _geom_of(scene: SceneModel, geom: int) -> str:
-    """Return the names of a geom and of its `_owner`, for messages."""
+    """Return the name of a geom and the name of its `_owner`, for messages."""
     return f"geom '{geom_name(scene.mjm, geom)}' of '{_owner(scene, geom)}'"
 
 
@@ -162,8 +163,8 @@ def _cure(scene: SceneModel, geom: int) -> str:
 def _coarse(plan: Plan) -> Iterator[str]:
     """Warn about geoms so far from the world's origin that float32 rounds positions by more than an object's clearance.
 
-    The further a geom reaches from the origin, the coarser the rounding. The clearance of an object with drawn joints
-    at a fixed place counts as 0.
+    The further a geom reaches from the origin, the coarser the rounding. An object at a fixed place
+    with drawn joints counts as having a clearance of 0.
     """
     mjm, found = plan.scene.mjm, []
     drawn = [o.config for o in plan.objects if o.config.kind != "marker"]

@@ -128,7 +128,7 @@ def check_parking(plan: Plan) -> None:
 
 
 def _corner(plan: Plan, o: PlacedObject, corners: dict[str, np.ndarray]) -> np.ndarray:
-    """Return the greatest x and y [m] that an object may reach. `corners` has the same for others, by name."""
+    """Return the greatest x and y [m] that an object may reach. `corners` has the known results, by name."""
     size = _size(plan, o)
     if not o.config.is_placed:
         return corners.get(o.name, np.full(2, -np.inf)) + (2.0 * size if o.joint_ranges else 0.0)

@@ -213,7 +213,7 @@ def _check_own_joints(plan: Plan, mjm: mujoco.MjModel, o: PlacedObject, stance: 
 
 
 def _states(o: PlacedObject) -> list[dict[int, float]]:
-    """Return five joint states (qpos by address) from the low to the high ends of the draws, or [] without draws."""
+    """Return five states of the drawn joints (qpos by address), from low to high. Without drawn joints, return []."""
     drawn = [(r.qposadr, r.choice or np.linspace(r.low, r.high, 5)) for r in o.joint_ranges]
     return [{adr: values[(len(values) - 1) * i // 4] for adr, values in drawn} for i in range(5 if drawn else 0)]
 

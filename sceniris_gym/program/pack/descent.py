@@ -27,9 +27,9 @@ class Trees:
     def first_nodes(self, entries: Sequence[Entry], lanes: int) -> list[Entry]:
         """Return the first entries that the collision test of one object compares.
 
-        An entry is a pair of colliders, and a node of each tree. The test compares the boxes of both nodes. If they
-        overlap, it replaces the larger box by its children. With few entries, most lanes would idle in the first
-        passes. The largest boxes are therefore replaced here, once for all poses, until each lane has an entry.
+        An entry is a pair of colliders, with a node from the tree of each. The test compares the boxes of both nodes.
+        If they overlap, it replaces the larger box by its children. With few entries, most lanes would idle in the
+        first passes. The largest boxes are therefore replaced here, once for all poses, until each lane has an entry.
 
         Args:
             entries: For each pair of colliders of the test, usually one entry: the roots of both trees.
@@ -48,7 +48,7 @@ class Trees:
     def without(self, a: int, b: int, left_out: Collection[Nodes]) -> list[Nodes]:
         """Return pairs of nodes to start a test that skips some pairs of leaves.
 
-        Below these nodes are all pairs of a leaf below `a` and a leaf below `b`, except `left_out`.
+        The result covers all pairs of a leaf below `a` and a leaf below `b`, except the pairs in `left_out`.
 
         Args:
             a: A node of one collider. The recursion starts at the root.
@@ -78,7 +78,7 @@ class Trees:
         return [node] if first < 0 else self._leaves(first) + self._leaves(first + 1)
 
     def _opened(self, a: int, b: int) -> list[Nodes]:
-        """Replace the larger box of a pair by its two children, which gives two pairs. A leaf has no children."""
+        """Replace the larger of two boxes by its children, and return the two new pairs. Leaves are never replaced."""
         if self._is_leaf(b) or (not self._is_leaf(a) and self._half[a].max() > self._half[b].max()):
             return [(int(self._child[a]), b), (int(self._child[a]) + 1, b)]
         return [(a, int(self._child[b])), (a, int(self._child[b]) + 1)]

@@ -123,7 +123,7 @@ def _bodies_and_pieces(plan: Plan, colliders: list[Collider]) -> dict[str, np.nd
 
 
 def footprint_hulls(objects: list[PlacedObject]) -> list[Piece]:
-    """Return the hulls that serve as footprints. In `piece_*`, they come after all obstacles, in this order."""
+    """Return the hulls that serve as footprints. The fields `piece_*` have these hulls after all obstacles."""
     return [o.footprint for o in objects if o.footprint is not None]
 
 
@@ -178,7 +178,7 @@ def _address(mjm: mujoco.MjModel, body: int, kind: ObjectKind) -> int:
 
 
 def _box(config: ObjectConfig) -> tuple:
-    """Return the lower and the upper corner of an object's 3D region. They are zeros if its region is no 3D box."""
+    """Return the lower and the upper corner of an object's 3D box. Both are zeros if its region is not a 3D box."""
     region = config.region
     if region is None or region.box is None or not region.is_3d:
         return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)

@@ -251,7 +251,7 @@ def _touch_at_home(rules: PairRules, plan: Plan, pair: Pair) -> bool:
 
 
 def _as_at_home(rules: PairRules, plan: Plan, home: HomeTouch, pair: Pair) -> list[Pair]:
-    """Split a pair of colliders: first a pair without geoms that touch at home, then a pair for each two that do."""
+    """Split a pair of colliders: a pair without the geoms that touch at home, and one for each two touching geoms."""
     touching = []
     leaves = [rules.trees.leaves(collider).items() for collider in (pair.a, pair.b)]
     for (node, first), (other, second) in product(*leaves):

@@ -92,7 +92,7 @@ _NO_FOOT = Foot([np.zeros((1, 2))], CURVED, margin=0.0, most=0.0)
 
 
 def pack_program(plan: Plan, colliders: list[Collider], lanes: int) -> dict[str, np.ndarray]:
-    """Return all array fields of `device.Program` except the fields of colliders, and the lists `ARM_LISTS` of `Reach`.
+    """Return the lists `ARM_LISTS` of `Reach`, and all array fields of `device.Program` except the fields of colliders.
 
     Args:
         plan: The plan.
@@ -265,10 +265,11 @@ def pack_statics(plan: Plan, device: str) -> Statics | None:
 
 
 def _loads(chain: list[int], carriers: list[int | None], number: int) -> list[list[int]]:
-    """For each level of object `number`, return the indices of the objects that load it.
+    """Return the loads of each object in the stack from object `number` down, as numbers of objects.
 
-    `chain` has the levels: the object, its carrier, the carrier's carrier and so on. A load of a level stands on this
-    level, directly or on other loads, is not itself a level, and is placed before the object.
+    `chain` is the stack: the object `number`, its carrier, the carrier's carrier and so on. The loads of an object in
+    the stack stand on it, directly or on other loads. They are not in the stack, and are placed before the object
+    `number`.
     """
     loads: dict[int, list[int]] = {i: [] for i in chain}
     for other in range(number):

@@ -172,7 +172,7 @@ def _upright(placed: PlacedObject, where: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _at_home(plan: Plan, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return the same as `_upright` for an object that keeps its pose from the model."""
+    """Return the orientation and pivot, as `_upright` does, for an object that keeps its pose from the model."""
     root, pivot_pose = plan.scene.bodies[name], plan.pivot_pose[plan.slots.index(name)]
     mat = plan.scene.home.xmat[root].reshape(3, 3)
     level = matrix(np.array([math.cos(0.5 * pivot_pose[3]), 0.0, 0.0, -math.sin(0.5 * pivot_pose[3])])) @ mat
@@ -208,7 +208,7 @@ def pack_regions(objects: list[PlacedObject]) -> dict[str, np.ndarray]:
 
 
 def _regions(objects: list[PlacedObject]) -> dict[int, list[SupportSurface]]:
-    """Return the list of surfaces of each stable pose, keyed by `id` of the list, so that a shared list comes once."""
+    """Return the surface lists of all stable poses, by the `id` of each list. A shared list occurs only once."""
     return {id(mine): mine for o in objects for mine in o.surfaces}
 
 
