@@ -35,7 +35,7 @@ class Joint:
 
     @property
     def friction(self) -> float:
-        """Passive damping of the joint [N m s/rad]: the maximum torque reaches the maximum speed against it."""
+        """Passive damping of the joint [N m s/rad], against which the maximum torque reaches the maximum speed."""
         return round(self.torque / self.speed, 3)
 
 
@@ -43,8 +43,8 @@ class Joint:
 class Arm:
     """An arm: base and links with masses [kg] and materials, joints between them, and the gripper on its flange.
 
-    ``flange`` [m] is the distance along the last link's z axis, and ``turn`` [rad] the hand's rotation about this axis.
-    ``home`` has the joint angles [rad]. Contacts between links at most ``apart`` joints apart are excluded.
+    ``flange`` [m] is the hand's position along the last link's z axis, and ``turn`` [rad] the hand's rotation about
+    this axis. ``home`` has the joint angles [rad]. Contacts between links at most ``apart`` joints apart are excluded.
     """
 
     name: str
@@ -60,7 +60,7 @@ class Arm:
     caps: str = "dark"
 
     def excluded(self) -> list[tuple[str, str]]:
-        """Pairs of bodies without contacts. Neighbouring links share a joint's drum."""
+        """Return the pairs of bodies whose contacts are excluded. Neighbouring links share a joint's drum."""
         chain = [self.name, *(f"link{i}" for i in range(1, len(self.links))), "hand"]
         return [pair for k in range(1, self.apart + 1) for pair in zip(chain, chain[k:], strict=False)]
 
@@ -115,6 +115,6 @@ def add_actuators(document: Document, arm: Arm) -> None:
 
 
 def hinge_frame(a: float, alpha: float, d: float) -> tuple[Point, tuple[float, float, float, float]]:
-    """Position [m] and orientation (wxyz) of a joint's frame in Craig's convention: Rx(alpha) Tx(a) Tz(d)."""
+    """Return position [m] and orientation (wxyz) of a joint's frame in Craig's convention: Rx(alpha) Tx(a) Tz(d)."""
     pos = (a, -np.sin(alpha) * d, np.cos(alpha) * d)
     return pos, (np.cos(alpha / 2), np.sin(alpha / 2), 0, 0)

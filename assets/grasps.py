@@ -52,10 +52,10 @@ def quaternion(matrix: np.ndarray) -> np.ndarray:
 
 
 def around(name: str, height: float, tilt: float, count: int = 8, out: float = 0.0) -> dict[str, Grasp]:
-    """Grasps across an upright body of revolution from ``count`` sides, ``tilt`` degrees off straight down.
+    """Return grasps across an upright body of revolution, from ``count`` sides, and ``tilt`` degrees from vertical.
 
-    Fingers close horizontally. The approach crosses the body's axis at ``height`` [m], and the TCP is ``out`` [m] short
-    of it.
+    Fingers close horizontally. The approach crosses the body's axis at ``height`` [m], and the TCP is ``out`` [m]
+    before this point.
     """
     lean, grasps = np.radians(tilt), {}
     for i, angle in enumerate(2 * np.pi * np.arange(count) / count):
@@ -65,13 +65,13 @@ def around(name: str, height: float, tilt: float, count: int = 8, out: float = 0
 
 
 def above(name: str, height: float, count: int = 4) -> dict[str, Grasp]:
-    """Grasps straight down on an upright body of revolution, with closing directions spread over a half circle."""
+    """Return grasps straight down on an upright body of revolution. Closing directions span a half circle."""
     angles = np.pi * np.arange(count) / count
     return {f"{name}_{i}": Grasp((0, 0, height), DOWN, (np.cos(a), np.sin(a), 0)) for i, a in enumerate(angles)}
 
 
 def across(name: str, pos: Vector, along: Vector, tilts: Sequence[float] = (0,)) -> dict[str, Grasp]:
-    """Grasps from above across a horizontal bar in direction ``along``, tilted by ``tilts`` degrees towards it."""
+    """Return grasps from above across a bar with the direction ``along``, tilted towards it by ``tilts`` [degrees]."""
     forward = np.asarray(along, dtype=float) / np.linalg.norm(along)
     closing = np.cross(UP, forward)
     backs = [np.sin(lean) * forward + np.cos(lean) * np.array(UP) for lean in np.radians(tilts)]
@@ -81,7 +81,7 @@ def across(name: str, pos: Vector, along: Vector, tilts: Sequence[float] = (0,))
 
 
 def rim(radius: float, height: float, tilt: float, angles: Sequence[float], axis: float = 0.0) -> dict[str, Grasp]:
-    """Grasps of a vessel's wall at ``angles`` [degrees], with one finger inside.
+    """Return grasps of a vessel's wall at ``angles`` [degrees], with one finger inside.
 
     ``radius`` and ``height`` [m] locate the TCP, and ``axis`` [m] is the x coordinate of the vessel's axis. The hand is
     tilted outward by ``tilt`` degrees.
@@ -95,7 +95,7 @@ def rim(radius: float, height: float, tilt: float, angles: Sequence[float], axis
 
 
 def mug() -> dict[str, Grasp]:
-    """At the rim except above the handle, and at the handle from the side, from above and in between."""
+    """Return grasps of the mug: at the rim except above the handle, and at the handle from three directions."""
     axis, tilted = -0.0155, np.radians(25)
     return rim(0.0392, 0.077, 0.0, (60, 100, 140, 180, 220, 260, 300), axis) | {
         "handle_side": Grasp((axis + 0.066, 0, 0.055), (-np.cos(tilted), 0, -np.sin(tilted)), (0, 1, 0)),
@@ -105,7 +105,7 @@ def mug() -> dict[str, Grasp]:
 
 
 def banana() -> dict[str, Grasp]:
-    """From above at three places along its bend, and tilted either way at the middle."""
+    """Return grasps of the banana: from above at three places along it, and at the middle also tilted to both ends."""
     grasps = across("middle", (0.0, -0.009, 0.016), (1, 0, 0), (0, 30, -30))
     for name, bend in (("stem", -0.33), ("tip", 0.33)):
         place = (0.135 * np.sin(bend), 0.126 - 0.135 * np.cos(bend), 0.016)
@@ -114,7 +114,7 @@ def banana() -> dict[str, Grasp]:
 
 
 def block(half: float) -> dict[str, Grasp]:
-    """Across both pairs of sides from above, and tilted from four sides."""
+    """Return grasps of a block: from above across both pairs of sides, and tilted from all four sides."""
     x, y = (1, 0, 0), (0, 1, 0)
     low, high = (0, 0, half + 0.002), (0, 0, half + 0.0035)
     level = across("top_x", low, y) | across("top_y", low, x)
@@ -122,13 +122,13 @@ def block(half: float) -> dict[str, Grasp]:
 
 
 def book() -> dict[str, Grasp]:
-    """At its edges, for a book that stands or overhangs an edge."""
+    """Return grasps of a book at its edges, for a book that stands or overhangs its support."""
     sides = {"spine": (-0.05, 0), "fore_edge": (0.05, 0), "front": (0, -0.08), "back": (0, 0.08)}
     return {name: Grasp((x, y, 0.015), (-np.sign(x), -np.sign(y), 0), (0, 0, 1)) for name, (x, y) in sides.items()}
 
 
 def cereal_box() -> dict[str, Grasp]:
-    """Across its narrow side: from above, from the left and the right, and at the upper corners."""
+    """Return grasps across the box's narrow side: from above, from left and right, and at the upper corners."""
     grasps = {f"top_{i}": Grasp((x, 0, 0.24), DOWN, (0, 1, 0)) for i, x in enumerate((-0.055, 0, 0.055))}
     for side, sign in (("left", -1), ("right", 1)):
         for i, z in enumerate((0.10, 0.18)):
@@ -138,7 +138,7 @@ def cereal_box() -> dict[str, Grasp]:
 
 
 def handle(start: float, stop: float, height: float, slope: float = 0.0) -> dict[str, Grasp]:
-    """Across a handle along x from above, at three places [m]."""
+    """Return grasps from above across a handle along x, at three places from ``start`` to ``stop`` [m]."""
     grasps = {}
     for i, x in enumerate(np.linspace(start, stop, 3)):
         grasps |= across(f"handle_{i}", (x, 0, height + slope * x), (1, 0, 0))

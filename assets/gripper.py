@@ -31,8 +31,8 @@ GRIP, GEARS = 4000.0, 2.0
 class Gripper:
     """A gripper in the hand's frame: z is the approach axis, y the closing axis. Units are metres.
 
-    ``carriage`` and ``pad`` are corners in a finger's frame. Its plane y = 0 is the pad's face, and the finger leaves
-    the hand at z = 0. ``taper`` is the height where the blade starts to narrow to the thickness of its pad.
+    ``carriage`` and ``pad`` are corners in a finger's frame. In this frame, the pad's face is at y = 0, and the finger
+    leaves the hand at z = 0. ``taper`` is the height where the blade starts to narrow to the thickness of its pad.
     """
 
     housing: Link
@@ -59,8 +59,8 @@ def add_gripper(document: Document, parent: Element, gripper: Gripper, flange: f
     """Attach the hand, two fingers and the TCP at ``flange`` [m] along the last link's z, rotated by ``turn`` [rad].
 
     Each finger is critically damped for half of the stiffness. Damping without the inertia of the gears is not enough:
-    the constraint solver ignores its implicit integration, so contacts shake if time step x damping is close to the
-    mass.
+    the constraint solver ignores that damping is integrated implicitly, so contacts shake if time step x damping is
+    close to the mass.
     """
     default = add(document.default, "default", class_="finger")
     damping = round(2 * np.sqrt(0.5 * GRIP * GEARS))

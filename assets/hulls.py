@@ -1,4 +1,4 @@
-"""Convex collision pieces inside the visual meshes, so that objects kept apart by their visual meshes never touch."""
+"""Convex collision pieces inside the visual meshes, so that objects with disjoint visual meshes never touch."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SAMPLES = np.array([[i, j, 15 - i - j] for i in range(16) for j in range(16 - i)
 
 
 def press_in(points: np.ndarray, meshes: Sequence[Mesh], ground: float = -np.inf) -> Mesh:
-    """The convex hull of ``points`` (n, 3) [m], pressed in where it sticks out of one of the ``meshes``.
+    """Return the convex hull of ``points`` (n, 3) [m], pressed in where it sticks out of one of the ``meshes``.
 
     A hull bridges the inside of a bend, so it contains faces of the mesh. The normal of such a face exits the hull
     through one of the hull's sides, and this side is moved inward to the face. The deepest face comes first. An
@@ -58,7 +58,7 @@ def face_samples(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
 
 
 def few_corners(points: np.ndarray, count: int) -> np.ndarray:
-    """At most ``count`` of the ``points`` (n, 3) [m], each the farthest outside the hull of the previous ones."""
+    """Select up to ``count`` of ``points`` (n, 3) [m]: repeatedly the point farthest outside the selection's hull."""
     points = points[ConvexHull(points).vertices]
     ends = np.concatenate([np.eye(3), -np.eye(3), [[1, 1, 1], [-1, 1, -1], [1, -1, -1], [-1, -1, 1]]])
     chosen = np.unique(((points - points.mean(axis=0)) @ ends.T).argmax(axis=0)).tolist()

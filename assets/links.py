@@ -25,7 +25,7 @@ Plane = tuple[Point, float]
 class Link:
     """A link's housing: its parts, the space for the neighbour's drum, and the division into convex pieces.
 
-    A plane (normal, offset) represents its positive side.
+    A plane (normal, offset) represents the half-space on the plane's positive side.
     """
 
     parts: list[Field]
@@ -48,7 +48,7 @@ def housing(link: Link) -> Manifold:
 
 
 def carved(link: Link, parts: list[Field]) -> Manifold:
-    """Parts of a link as one trimmed solid."""
+    """Return the union of parts of a link as a solid, trimmed by the link's planes."""
     body = carve(flow(parts, link.fillet), link.low, link.high, edge=0.008, tolerance=0.0005)
     for normal, offset in link.trims:
         body = body.trim_by_plane(normal, offset)
@@ -56,14 +56,14 @@ def carved(link: Link, parts: list[Field]) -> Manifold:
 
 
 def seated(body: Manifold, link: Link) -> Manifold:
-    """Cut away the region of a solid outside both sides of the seat."""
+    """Cut a solid where the neighbour's drum rotates: outside both half-spaces of the link's seat."""
     if link.seat is None:
         return body
     return body.trim_by_plane(*link.seat[0]) + body.trim_by_plane(*link.seat[1])
 
 
 def convex_pieces(link: Link) -> list[np.ndarray]:
-    """Point sets (n, 3) [m]. Their hulls fill the housing except for its fillets."""
+    """Return sets of points (n, 3) [m] whose hulls fill the housing except for its fillets."""
     groups = [[carved(link, [link.parts[part]]) for part in parts] for parts in link.pieces + link.second]
     if link.seat is not None:
         first, second = link.seat

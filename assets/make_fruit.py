@@ -92,7 +92,7 @@ def centred(mesh: Mesh) -> Mesh:
 
 
 def staggered(mesh: Mesh, rows: Sequence[int]) -> Mesh:
-    """The hull of rings of a convex body, with alternating second corners, and every third corner in the end rings."""
+    """Return the hull of a convex body's rings: odd or even corners in turn, every third corner in the end rings."""
     corners = mesh.vertices[1:-1].reshape(*COARSE, 3)
     ends = [corners[rows[0], ::3], corners[rows[-1], ::3]]
     return surface(hull(np.concatenate([*ends, *(corners[row, i % 2 :: 2] for i, row in enumerate(rows[1:-1], 1))])))
@@ -105,7 +105,7 @@ def apple_pieces(coarse: Mesh, fine: Mesh) -> list[Mesh]:
 
 
 def banana_pieces(coarse: Mesh, fine: Mesh) -> list[Mesh]:
-    """Convex pieces along the banana, from about half of the corners of each ring, including both ends of its flat."""
+    """Convex pieces along the banana, from about half of the corners of each ring, including the underside's edges."""
     rings = coarse.vertices[1:-1].reshape(*BANANA_COARSE, 3)
     rings = rings[:, [1, 2, 4, 6, 8, 10, 11, 13, 15, 17, 19, 20]]
     return [press_in(rings[list(rows)].reshape(-1, 3), [coarse, fine], ground=0.0) for rows in BANANA_PIECES]
@@ -147,7 +147,7 @@ BANANA_SKIN = [
 
 
 def textures() -> None:
-    """Draw the three skins: u goes around, v along the profile."""
+    """Draw the textures of the three fruits: u goes around, v along the profile."""
     shape = (256, 128)
     v, grain = np.linspace(0, 1, shape[0])[:, None], mottle(*shape, seed=1)
     streaks = mottle(*shape, seed=2, cell=(60, 2)) * np.clip(1.3 - v, 0.2, 1.0)

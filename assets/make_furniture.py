@@ -127,7 +127,7 @@ def drawer_boards() -> dict[str, Corners]:
 
 
 def drawer_boxes() -> dict[str, Corners]:
-    """Corners of the collision boxes for a drawer's boards. They end before the tray's rounded outer edges."""
+    """Corners of the collision boxes for a drawer's boards. The boxes end before the tray's rounded outer edges."""
     boards = drawer_boards()
     (x0, y0, z0), (x1, y1, z1) = boards["floor"]
     boxes = {"front": inset(boards["front"], "xz"), "floor": ((x0 + EDGE, y0, z0), (x1 - EDGE, y1 - EDGE, z1))}

@@ -86,7 +86,7 @@ def make_tin() -> None:
 
 
 def around(mesh: Mesh, size: tuple[float, float, float]) -> Mesh:
-    """Texture coordinates for a box of ``size`` [m] about the z axis.
+    """Return the mesh with the texture coordinates of a box of ``size`` [m] about the z axis.
 
     u runs around the sides, starting with 0 at the left of the front. v is 0 at the top of the sides and 0.9 at their
     bottom. Faces that point up or down use the corner (u, v) = (0.99, 0.97).
@@ -201,7 +201,7 @@ def make_lemon() -> None:
     write_png("lemon", blend(v, stops) * (1 + 0.05 * pores)[..., None])
 
     def slab(start: float, stop: float, share: float = 1.0) -> Mesh:
-        """The hull of two rings [mm], scaled towards the axis by ``share`` where the lemon's ends are concave."""
+        """Return the hull of two rings [mm]. For concave parts, ``share`` below 1 scales it towards the axis."""
         chosen = [rings[np.abs(1000 * fine[1:-1] - place).argmin()] for place in (start, stop)]
         return surface(hull(np.concatenate(chosen) * (1.0, share, share)))
 

@@ -1,6 +1,6 @@
 """Heron: a slim 6-joint bench arm of our design. Its base and last joint rotate by less than 360 degrees.
 
-The arm points straight up with all joints at zero. All frames are then aligned with the base, and the axes are z, y, y,
+With all joints at zero, the arm points straight up, all frames are aligned with the base, and the axes are z, y, y,
 z, y, z. The first two axes intersect, the second and third are parallel, and the last three intersect at the wrist's
 centre, so inverse kinematics has a closed form. The arm folds far, because the upper arm runs next to the shoulder and
 the forearm, and a single cheek carries the wrist. Shapes are given in the links' frames.

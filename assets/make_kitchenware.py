@@ -1,7 +1,7 @@
 """Mug, bowl and can. Mug and bowl collide as a ring of wall pieces on a bottom. Copies of one mesh form the ring.
 
-Visual meshes have 32 or 96 segments, collision pieces 16 or 32. The corners of the pieces lie on edges of the visual
-meshes.
+Visual meshes have 32 or 96 segments, collision pieces 16 or 32. Corners of collision pieces lie on edges of the
+visual meshes.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ HANDLE = [
 
 
 def rounded(corners: Sequence[tuple[float, float, float]], steps: int, spacing: float) -> tuple[np.ndarray, np.ndarray]:
-    """Sample a profile: corners become arcs of ``steps`` steps, and straights are cut to ``spacing`` [m].
+    """Sample a profile: corners become arcs of ``steps`` steps, straights get steps of ``spacing`` [m].
 
     Returns the stations (n, 2) [m], and the fraction of the profile's length at each station, shape (n,).
     """
@@ -84,10 +84,10 @@ def disc(rings: Sequence[tuple[float, float]]) -> Mesh:
 
 
 def wall(levels: Sequence[tuple[float | None, float, float]]) -> Mesh:
-    """One of ``WALLS`` wall pieces, about the x axis. Levels are (inner r or None, outer r, z) [mm].
+    """Return one of ``WALLS`` wall pieces, centred on the x axis. ``levels`` has (inner r or None, outer r, z) [mm].
 
-    The outside has a corner in the middle. The inside is flat and touches the inner circle in the middle. Its ends are
-    deeper in the wall, by 2% of the radius.
+    The outside has a corner in the middle. The inside is flat and touches the inner circle in the middle. The ends
+    of the inside are deeper in the wall, by 2% of the radius.
     """
     half = np.pi / WALLS
     points = []
@@ -114,7 +114,7 @@ def mug_mesh(segments: int, steps: int, spacing: float, handle_grid: tuple[int, 
 
 
 def handle_pieces(coarse: Mesh, fine: Mesh, count: int = 7) -> dict[str, Mesh]:
-    """Convex pieces along the handle, inside both mugs."""
+    """Return convex pieces along the handle, inside both the coarse and the fine mug."""
     rings = handle(*HANDLE_COARSE).vertices[1:-1].reshape(*HANDLE_COARSE, 3)
     cuts = np.linspace(0, HANDLE_COARSE[0] - 1, count + 1).round().astype(int)
     parts = [rings[[first, last]].reshape(-1, 3) for first, last in pairwise(cuts)]
@@ -155,7 +155,7 @@ def write_vessel(
 
 
 def can_label() -> None:
-    """The can's print: bare ends, a coloured body with a wave and a row of dots. v runs from the lid down the side."""
+    """Draw the can's print: bare ends, a coloured body with a wave and dots. v runs from the lid down the side."""
     rows, columns = 256, 256
     profile, t = rounded(CAN, 4, 0.012)
     side = t[profile[:, 0] > 0.0325]

@@ -156,7 +156,7 @@ def make_cupboard() -> None:
 
 
 def counter_top() -> tuple[Corners, dict[str, Corners]]:
-    """The hole for the sink in the worktop, and the four boards around it."""
+    """Return corners of the hole for the sink in the worktop, and of the four boards around the hole."""
     x, y, z = COUNTER[0] / 2, COUNTER[1] / 2, COUNTER_HEIGHT
     under = z - COUNTER_TOP
     (sx, sy), (px, py) = SINK, SINK_PLACE
@@ -231,7 +231,7 @@ def make_counter() -> None:
 
 
 def main() -> None:
-    """Write the five."""
+    """Write chair, dining table, shelf, cupboard and counter."""
     make_chair()
     make_dining_table()
     make_shelf()

@@ -17,7 +17,7 @@ PAN = [(0, 5, 0), (72, 5, 6), (91, 48, 0.8), (96, 48, 0.8), (76, 0, 4), (0, 0, 0
 
 
 def turned(corners: Sequence[tuple[float, float, float]], segments: int, steps: int, spacing: float) -> Mesh:
-    """Turn a profile about the z axis, with corners rounded in ``steps`` steps and straights cut to ``spacing`` [m]."""
+    """Turn a profile about the z axis, with ``steps`` steps per corner and steps of ``spacing`` [m] on straights."""
     profile, t = rounded(corners, steps, spacing)
     return lathe(profile, segments, t)
 
@@ -63,7 +63,7 @@ def make_spatula() -> None:
     grip = (-0.150, -0.008, 0.0), (0.075, 0.008, 0.011), 0.0045
 
     def narrowed(p: Sequence[float] | np.ndarray) -> tuple[float, float, float]:
-        """Narrow the blade towards the handle."""
+        """Return the point to which ``p`` moves, to make the blade narrower towards the handle."""
         return p[0], p[1] * (0.62 + 0.38 * min(1.0, max(0.0, (p[0] - low[0]) / 0.08))), p[2]
 
     blade = surface(hull(np.array([narrowed(p) for p in chamfered(low, high, radius).vertices])))
@@ -73,7 +73,7 @@ def make_spatula() -> None:
 
 
 def main() -> None:
-    """Write the four."""
+    """Write plate, glass, pan and spatula."""
     make_plate()
     make_glass()
     make_pan()

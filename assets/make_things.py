@@ -104,7 +104,7 @@ def make_chest() -> None:
 
 
 def main() -> None:
-    """Write the five."""
+    """Write book, brick, block, peg and chest."""
     make_book()
     make_brick()
     make_block()

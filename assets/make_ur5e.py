@@ -2,7 +2,7 @@
 
 Housings and gripper are our design. Drums are side by side along the axes of the shoulder, the elbow and the first
 wrist joint, so that the arm folds far. Shapes are given in the links' frames: frame i is at joint i, with z along its
-axis. It is frame i - 1 of the published (standard) Denavit-Hartenberg table.
+axis. This frame is frame i - 1 of the published (standard) Denavit-Hartenberg table.
 """
 
 from __future__ import annotations
@@ -117,7 +117,7 @@ def hand_link() -> Link:
 
 
 def joints() -> list[Joint]:
-    """The six joints. Joint i + 1 is at frame i of the table."""
+    """The six joints. Joint i + 1 is at frame i of the Denavit-Hartenberg table."""
     frames = [(0.0, 0.0, 0.0), *DH[:-1]]
     return [
         Joint((a, 0, d), (np.cos(alpha / 2), np.sin(alpha / 2), 0, 0), *rest)

@@ -29,7 +29,7 @@ def text(value: object) -> str:
 
 
 def add(parent: Element, tag: str, **attributes: object) -> Element:
-    """Append an element. A trailing underscore of a name is dropped (``class_``)."""
+    """Append an element. A trailing underscore of an attribute's name is dropped (``class_``)."""
     return ET.SubElement(parent, tag, {name.rstrip("_"): text(value) for name, value in attributes.items()})
 
 
@@ -87,7 +87,7 @@ class Document:
 
 
 def inertial(body: Element, mesh: Mesh, mass: float) -> None:
-    """Set the mass [kg] of ``body``, and its inertia from a homogeneous ``mesh`` in its frame."""
+    """Set the mass [kg] of ``body``, and its inertia from a homogeneous ``mesh`` in the body's frame."""
     shape = trimesh.Trimesh(mesh.vertices, mesh.faces, process=True)
     inertia = shape.moment_inertia * mass / shape.volume
     i, j = [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]

@@ -59,7 +59,10 @@ def chamfered(low: Sequence[float], high: Sequence[float], radius: float) -> Mes
 
 
 def circle(radius: float, z: float, sides: int, start: float = 0.0, stop: float = 2.0 * np.pi) -> np.ndarray:
-    """Corners of a regular polygon on a circle, or ``sides`` + 1 points of an arc, shape (n, 3): from mm to m."""
+    """Return the corners [m] of a regular polygon on a circle, or ``sides`` + 1 points of an arc, shape (n, 3).
+
+    ``radius`` and ``z`` are in mm.
+    """
     angle = start + (stop - start) * np.arange(sides + (stop - start < 6.28)) / sides
     return np.stack([radius * np.cos(angle), radius * np.sin(angle), np.full(len(angle), z)], axis=1) / 1000.0
 
@@ -73,11 +76,11 @@ def disc(levels: Sequence[tuple[float, float]], sides: int) -> Mesh:
 
 
 def wall(levels: Sequence[tuple[float | None, float, float]], count: int, steps: int = 2) -> Copies:
-    """A wall of ``count`` pieces. Levels are (inner r or None, outer r, z) [mm].
+    """Return a wall of ``count`` pieces. ``levels`` has (inner r or None, outer r, z) [mm].
 
-    The outside of a piece has ``steps`` flats inscribed in the outer circle. Its inside is one flat that touches the
-    inner circle from outside. A piece is inside a turned wall if the wall's number of segments is a multiple of
-    ``steps`` x ``count``.
+    The outside of a piece has ``steps`` flats inscribed in the outer circle. The inside of a piece is one flat that
+    touches the inner circle from outside. A piece is inside a turned wall if the wall's number of segments is a
+    multiple of ``steps`` x ``count``.
     """
     half = np.pi / count
     points = []

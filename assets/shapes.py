@@ -40,8 +40,8 @@ class Mesh:
 def smooth_profile(points: Sequence[tuple[float, float, float]], rows: int) -> tuple[np.ndarray, np.ndarray]:
     """Sample a curve through control points ``(r [mm], z [mm], weight)`` at ``rows`` + 2 stations.
 
-    ``weight`` is the density of stations on the span that ends in its point, relative to spacing by arc length.
-    Returns the stations (rows + 2, 2) [m], including both ends, and their parameters in [0, 1].
+    The ``weight`` of a point is the density of stations on the span that ends in this point, relative to spacing by arc
+    length. Returns the stations (rows + 2, 2) [m], including both ends, and their parameters in [0, 1].
     """
     control = np.asarray(points, dtype=float)
     spans = np.linalg.norm(np.diff(control[:, :2], axis=0), axis=1) * control[1:, 2]
@@ -79,7 +79,7 @@ def skin(rings: np.ndarray, start: np.ndarray, end: np.ndarray, t: np.ndarray) -
 
 
 def lathe(profile: np.ndarray, segments: int, t: np.ndarray | None = None) -> Mesh:
-    """Turn a profile (n, 2) of (r, z) [m] about the z axis. It runs from the top of the axis outward to its bottom."""
+    """Turn a profile (n, 2) of (r, z) [m] about the z axis. The profile starts and ends on the axis, top end first."""
     angle = 2.0 * np.pi * np.arange(segments) / segments
     r, z = profile[1:-1, :1], profile[1:-1, 1:]
     rings = np.stack(np.broadcast_arrays(r * np.cos(angle), r * np.sin(angle), z), axis=-1)

@@ -71,10 +71,10 @@ class ClutterExtract(Task):
 
     Frames: poses and velocities are in the robot's base frame (on the table top, x forward, z up). Rotations are wxyz
     quaternions. Every reset draws which of 19 other objects are present, the positions and yaws of all objects, and a
-    little noise on the arm. The tool always points down. An object's underside is the origin of its body. Its axes are
-    the x and z axes of its body. An object sleeps, in MuJoCo's sense, until it is touched: it does not move, and takes
-    no simulation time. The present objects occupy slots, ordered by their distance from the peg at the start. Values of
-    empty slots are 0.
+    little noise on the arm. The tool always points down. An object's underside is the origin of its body. An object's
+    axes are the x and z axes of its body. An object sleeps, in MuJoCo's sense, until it is touched: it does not move,
+    and takes no simulation time. The present objects occupy slots, ordered by their distance from the peg at the start.
+    Values of empty slots are 0.
 
     Action, 5 numbers in [-1, 1] at 50 Hz: changes of the tool's target along x, y and z in units of 0.02 m and about
     the vertical in units of 0.1 rad, and the gripper's opening from -1 (closed) to 1 (open).
@@ -100,7 +100,7 @@ class ClutterExtract(Task):
 
     Group `critic`, 318 numbers: the same, then
 
-    - `touching` (2): 1 if the left and the right finger touch the peg,
+    - `touching` (2): for each finger, left and right, 1 if it touches the peg,
     - `held` (1): uninterrupted time that the peg has been held up, in units of 0.5 s,
     - `moved` (11): displacement or tilt of each other object, whichever is larger, as a fraction of its limit,
     - `target_velocity` (6) and `others_velocity` (11, 6): linear [m/s], angular [rad/s],
@@ -112,7 +112,7 @@ class ClutterExtract(Task):
     - `reaching`, 0 to 1: how close the tool is to the grasp, or to the funnel above it,
     - `aligning`, 0 to 1: above the peg, how well the fingers align with the direction that has more room,
     - `grasping`, 0 to 2: how close the tool is to the grasp, while both fingers touch the peg,
-    - `lifting`, 0 to 4: the square root of the lifted fraction of 10 cm, while both fingers touch the peg,
+    - `lifting`, 0 to 4: the square root of the peg's height as a fraction of 10 cm, while both fingers touch the peg,
     - `holding`, 5 while the peg is up and both fingers touch it,
     - `disturbing`, down to -0.75: minus a quarter of the sum of the other objects' speeds [m/s], and minus half of the
       largest fraction in `moved`,
@@ -120,9 +120,10 @@ class ClutterExtract(Task):
 
     `lifting` and `holding` shrink with the largest fraction in `moved`, down to a fifth.
 
-    Success: at the end of 26 consecutive steps, 0.5 s from first to last, the peg is at least 10 cm above the table and
-    both fingers touch it. All other objects are within 2 cm and 0.5 rad of their start poses. Success is judged at the
-    last step. The episode terminates when the peg has fallen off the table, and is truncated after 200 steps (4 s).
+    Success: the peg is at least 10 cm above the table and both fingers touch it, at the end of the current step and of
+    each of the 25 steps (0.5 s) before. At the end of the current step, all other objects are within 2 cm and 0.5 rad
+    of their start poses. An episode succeeds if its last step is a success. The episode terminates when the peg has
+    fallen off the table, and is truncated after 200 steps (4 s).
     """
 
     scene = "clutter_extract"
@@ -201,7 +202,7 @@ class ClutterExtract(Task):
         return {"policy": policy, "critic": policy | critic}
 
     def reward(self, s: State, action: Tensor) -> dict[str, Tensor]:
-        """Return the reward terms listed in the class docstring, and count the steps held up."""
+        """Return the reward terms listed in the class docstring, and count the steps with the peg held up."""
         tool, height = self.arm.tool(s)[:, :3], self.height(s)
         away = s.pose("target")[:, :3] - tool
         aside = away[:, :2].norm(dim=1)
@@ -258,7 +259,7 @@ class ClutterExtract(Task):
         return self.bounds.lowest(s.poses(("target",)))[:, 0]
 
     def touching(self, s: State) -> Tensor:
-        """Return 1 if the left and the right finger touch the peg, 0 if not, shape (num_envs, 2)."""
+        """Return for each finger, left and right, 1 if it touches the peg, 0 if not, shape (num_envs, 2)."""
         return self.touch(s)[:, :, 0].float()
 
     def others(self, s: State) -> Tensor:
@@ -274,11 +275,11 @@ class ClutterExtract(Task):
         return torch.maximum(shift, tilt) * self.filled
 
     def _gather(self, values: Tensor) -> Tensor:
-        """Select the values of the objects in the slots from the values of all others, shape (num_envs, 11, ...)."""
+        """Select the objects in the slots from `values` of all objects except the peg, shape (num_envs, 11, ...)."""
         return values.gather(1, self.slots[:, :, None].expand(-1, -1, values.shape[2]))
 
     def _clearer(self, s: State) -> Tensor:
-        """Return the closing axis with more room as an angle [rad], and the room along both axes [m], (num_envs, 3)."""
+        """Return the angle [rad] of the peg's axis with more room, and the room along both axes [m], (num_envs, 3)."""
         target, others = s.pose("target"), self.others(s)
         flat = others[:, :, :2] - target[:, None, :2]
         radii, absent = self.radii[self.slots], torch.where(self.filled > 0, 0.0, torch.inf)

@@ -31,7 +31,7 @@ LOST_HEIGHT = -0.05
 
 
 class ClutterPush(Task):
-    """A Panda on a table pushes a tin to a mark with closed fingers, past a can, an orange and a block.
+    """A Panda on a table pushes a tin with closed fingers to a mark, past a can, an orange and a block.
 
     Frames: poses and velocities are in the robot's base frame (on the table top, x forward, z up). Rotations are wxyz
     quaternions. Every reset draws the positions and yaws of all objects, the position of the mark, and a little noise
@@ -71,9 +71,9 @@ class ClutterPush(Task):
     - `effort`: -0.05 times the mean square of the action.
 
     Success: the centre of the tin's underside is within 4 cm of the mark and slower than 1 cm/s. The distance includes
-    height, so a tin on its side or upside down does not count. Success is judged at the last step, so a tin that only
-    passes over the mark does not count. The episode terminates when the tin has fallen off the table, and is truncated
-    after 250 steps (5 s).
+    height, so a tin on its side or upside down does not count. An episode succeeds if its last step is a success, so a
+    tin that only passes over the mark does not count. The episode terminates when the tin has fallen off the table, and
+    is truncated after 250 steps (5 s).
     """
 
     scene = "clutter_push"

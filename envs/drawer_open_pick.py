@@ -87,7 +87,7 @@ class DrawerOpenPick(DrawerPick):
         return {"policy": policy, "critic": policy | critic}
 
     def reward(self, s: State, action: Tensor) -> dict[str, Tensor]:
-        """Return the reward terms listed in the class docstring, and count the steps held out."""
+        """Return the reward terms listed in the class docstring, and count the steps with the banana held out."""
         picking = super().reward(s, action)
         effort = picking.pop("effort")
         share = (s.qpos("cabinet/upper")[:, 0] / OPEN).clamp(0.0, 1.0)

@@ -61,8 +61,8 @@ class DrawerPick(Task):
 
     - `banana_velocity` (6): linear [m/s], angular [rad/s],
     - `apple_pose` (7): position [m], rotation,
-    - `touching` (2): 1 if the left and the right finger touch the banana,
-    - `held` (1): uninterrupted time that the banana has been held out, in units of 0.5 s, a success from 1,
+    - `touching` (2): for each finger, left and right, 1 if it touches the banana,
+    - `held` (1): uninterrupted time that the banana has been held out, in units of 0.5 s (at least 1: success),
     - `tcp_to_grasp` (3): from the TCP to the banana's grasp point [m],
     - `turn_to_grasp` (2): cosine and sine of twice the angle from the tool's yaw to the banana's yaw.
 
@@ -75,9 +75,9 @@ class DrawerPick(Task):
     - `out`, 5 while the banana is out and both fingers touch it,
     - `effort`: -0.05 times the mean square of the action.
 
-    Success: at the end of 26 consecutive steps, 0.5 s from first to last, the banana is higher than 0.55 m and both
-    fingers touch it. Contacts are checked in the last of a step's 4 physics steps only. The episode terminates when the
-    banana has fallen out of the drawer, and is truncated after 200 steps (4 s).
+    Success: the banana is higher than 0.55 m and both fingers touch it, at the end of the current step and of each of
+    the 25 steps (0.5 s) before. Contacts are checked in the last of a step's 4 physics steps only. The episode
+    terminates when the banana has fallen out of the drawer, and is truncated after 200 steps (4 s).
     """
 
     scene = "drawer_pick"
@@ -124,7 +124,7 @@ class DrawerPick(Task):
         return {"policy": policy, "critic": policy | critic}
 
     def reward(self, s: State, action: Tensor) -> dict[str, Tensor]:
-        """Return the reward terms listed in the class docstring, and count the steps held out."""
+        """Return the reward terms listed in the class docstring, and count the steps with the banana held out."""
         away, height = self._to_grasp(s), self.height(s)
         aside = away[:, :2].norm(dim=1)
         # a funnel: the farther the tool is to the side, the higher it should be
@@ -163,7 +163,7 @@ class DrawerPick(Task):
         return self.bounds.lowest(s.poses(("banana",)))[:, 0]
 
     def touching(self, s: State) -> Tensor:
-        """Return 1 if the left and the right finger touch the banana, 0 if not, shape (num_envs, 2)."""
+        """Return for each finger, left and right, 1 if it touches the banana, 0 if not, shape (num_envs, 2)."""
         return self.touch(s)[:, :, 0].float()
 
     def _to_grasp(self, s: State) -> Tensor:

@@ -35,8 +35,8 @@ class KitchenReset(Task):
 
     Frames: poses are in the robot's base frame (over the worktop, x forward, z up). Rotations are wxyz quaternions.
     Every reset draws the positions of furniture and objects, the angle of the cupboard's door, and a little noise on
-    the arm. Objects sleep in their placed poses until they are touched. Steps are then faster on a GPU, and take about
-    twice as long on a CPU. In your scene, an object that is placed out of balance does not tip over until it is
+    the arm. Objects sleep in their placed poses until they are touched. Sleep makes steps faster on a GPU, but about
+    half as fast on a CPU. In your scene, an object that is placed out of balance does not tip over until it is
     touched.
 
     Action, 7 numbers in [-1, 1] at 50 Hz: changes of the targets of joints 1 to 7 in units of 0.04 rad.
@@ -77,7 +77,7 @@ class KitchenReset(Task):
         return {"policy": seen, "critic": seen}
 
     def on_reset(self, s: State, mask: Tensor) -> None:
-        """Let objects sleep in their placed poses, so that steps after a reset are as fast as others."""
+        """Let objects sleep in their placed poses, so that steps after a reset are as fast as other steps."""
         s.sleep(ALONE, mask)
 
     def reward(self, s: State, action: Tensor) -> dict[str, Tensor]:

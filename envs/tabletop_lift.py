@@ -67,8 +67,8 @@ class TabletopLift(Task):
 
     - `tcp_to_grasp` (3): from the TCP to the grasp point of the chosen object [m],
     - `turn_to_grasp` (2): cosine and sine of twice the angle from the tool's yaw to the chosen object's yaw,
-    - `touching` (2): 1 if the left and the right finger touch the chosen object,
-    - `held` (1): uninterrupted time held up, in units of 0.5 s, a success from 1,
+    - `touching` (2): for each finger, left and right, 1 if it touches the chosen object,
+    - `held` (1): uninterrupted time that the chosen object has been held up, in units of 0.5 s (at least 1: success),
     - `object_velocities` (5, 6): linear [m/s], angular [rad/s].
 
     In `TabletopLiftEasy-v0`, the policy also observes most of these values.
@@ -77,14 +77,14 @@ class TabletopLift(Task):
 
     - `reaching`, 0 to 1: how close the tool is to the grasp,
     - `grasping`, 1 while both fingers touch the chosen object,
-    - `lifting`, 0 to 4: the lifted fraction of 10 cm while both fingers touch the chosen object,
+    - `lifting`, 0 to 4: the chosen object's height as a fraction of 10 cm, while both fingers touch the chosen object,
     - `holding`, 5 while the chosen object is up and both fingers touch it,
     - `disturbing`, down to -1: minus half the sum of the other objects' speeds [m/s],
     - `effort`: -0.05 times the mean square of the action.
 
-    Success: at the end of 26 consecutive steps, 0.5 s from first to last, the chosen object is at least 10 cm above the
-    table and both fingers touch it. Contacts are checked in the last of a step's 4 physics steps only. The episode
-    terminates when the chosen object has fallen off the table, and is truncated after 150 steps (3 s).
+    Success: the chosen object is at least 10 cm above the table and both fingers touch it, at the end of the current
+    step and of each of the 25 steps (0.5 s) before. Contacts are checked in the last of a step's 4 physics steps only.
+    The episode terminates when the chosen object has fallen off the table, and is truncated after 150 steps (3 s).
     """
 
     scene = "tabletop_lift"
@@ -138,7 +138,7 @@ class TabletopLift(Task):
         return {"policy": policy, "critic": policy | critic}
 
     def reward(self, s: State, action: Tensor) -> dict[str, Tensor]:
-        """Return the reward terms listed in the class docstring, and count the steps held up."""
+        """Return the reward terms listed in the class docstring, and count the steps with the object held up."""
         poses = s.poses(self.objects)
         pose, height = self._chosen(poses), self._height(poses)
         distance = (self._grasp(s, pose)[:, :3] - self.arm.tool(s)[:, :3]).norm(dim=1)
@@ -183,7 +183,7 @@ class TabletopLift(Task):
         return self._chosen(s.poses(self.objects))
 
     def touching(self, s: State) -> Tensor:
-        """Return 1 if the left and the right finger touch the chosen object, 0 if not, shape (num_envs, 2)."""
+        """Return for each finger, left and right, 1 if it touches the chosen object, 0 if not, (num_envs, 2)."""
         return (self.touch(s) * self.chosen[:, None]).sum(dim=2)
 
     def _chosen(self, poses: Tensor) -> Tensor:

@@ -21,9 +21,9 @@ class TabletopLiftAny(TabletopLift):
     """A Panda on a table grasps the target, one of sixteen objects, and lifts it by 10 cm.
 
     Frames, action, reward, success and the end of an episode are the same as in TabletopLift-v0. Each reset draws a
-    target for each world, such as a bottle, a mug, a banana, a brick or a can, in two sizes. The split `train` has
-    eight of the sixteen objects, and `eval` has the other eight. The policy does not observe the kind of target. It
-    observes the target's size, and the grasp from above that makes its layout reachable.
+    target for each world, such as a bottle, a mug or a banana. Blocks, bricks and cans have two sizes. The split
+    `train` has eight of the sixteen objects, and `eval` has the other eight. The policy does not observe the kind of
+    target. It observes the target's size, and the grasp from above that makes the target reachable in the layout.
 
     Observations, group `policy`, 75 numbers:
 
@@ -39,8 +39,8 @@ class TabletopLiftAny(TabletopLift):
     | tcp_to_objects | 3, 3 | from the TCP to the undersides of the target and the two other objects [m] |
     | object_axes | 3, 6 | x and z axes of the objects |
     | extents | 3, 3 | edges of the objects' bounding boxes along the objects' axes [m] |
-    | touching | 2 | 1 if the left and the right finger touch the target |
-    | held | 1 | uninterrupted time held up, in units of 0.5 s, a success from 1 |
+    | touching | 2 | for each finger, left and right, 1 if it touches the target |
+    | held | 1 | uninterrupted time that the target has been held up, in units of 0.5 s (at least 1: success) |
     | last_action | 5 | the last action, zeros after a reset |
 
     Group `critic`, 109 numbers: the same, then
@@ -63,5 +63,5 @@ class TabletopLiftAny(TabletopLift):
         return regrouped(found, policy=POLICY, more=("variant", "object_velocities"))
 
     def _grasp(self, s: State, pose: Tensor) -> Tensor:
-        """Return the grasp that makes the layout reachable, shape (num_envs, 7). It moves with the target."""
+        """Return the grasp with which the arm can reach the target, shape (num_envs, 7). It moves with the target."""
         return s.grasp("target")

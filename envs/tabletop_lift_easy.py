@@ -41,8 +41,8 @@ class TabletopLiftEasy(TabletopLift):
     | turn_to_grasp | 2 | cosine and sine of twice the angle from the tool's yaw to the chosen object's yaw |
     | chosen | 3 | 1 for the chosen object (block, can or lemon), 0 for the others |
     | tcp_to_objects | 5, 3 | from the TCP to the undersides of block, can, lemon, tin and orange [m] |
-    | touching | 2 | 1 if the left and the right finger touch the chosen object |
-    | held | 1 | uninterrupted time held up, in units of 0.5 s, a success from 1 |
+    | touching | 2 | for each finger, left and right, 1 if it touches the chosen object |
+    | held | 1 | uninterrupted time that the object has been held up, in units of 0.5 s (at least 1: success) |
     | last_action | 5 | the last action, zeros after a reset |
 
     Group `critic`, 87 numbers: the same, then `object_velocities` (5, 6: linear [m/s], angular [rad/s]).

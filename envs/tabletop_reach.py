@@ -28,8 +28,9 @@ class TabletopReach(Task):
     Frames: poses and velocities are in the robot's base frame (on the table top, x forward, z up). Rotations are wxyz
     quaternions. Every reset draws the positions and yaws of all objects, the chosen object, and a little noise on the
     arm. The target is vertically above the centre of the chosen object's underside, 5 cm above the top of an upright
-    object. The target moves with an object that is pushed. Its height above the underside does not change if the object
-    tips over. Images do not show which object is chosen. The attribute `chosen`, shape (num_envs, 5), marks it.
+    object. If the object is pushed, the target moves with it. If the object tips over, the target's height above the
+    underside does not change. Images do not show which object is chosen. The attribute `chosen`, shape (num_envs, 5),
+    marks it.
 
     Action, 7 numbers in [-1, 1] at 50 Hz: changes of the targets of joints 1 to 7 in units of 0.04 rad.
 
@@ -59,8 +60,8 @@ class TabletopReach(Task):
     - `disturbing`, down to -1: minus the sum of the objects' speeds [m/s],
     - `effort`: -0.1 times the mean square of the action.
 
-    Success: the tool is less than 2.5 cm from the target, in a single step. To count as a success at the last step, the
-    tool has to stay there. The episode is truncated after 100 steps (2 s).
+    Success: the tool is less than 2.5 cm from the target at the end of a step. An episode succeeds if its last step is
+    a success, so the tool has to stay near the target. The episode is truncated after 100 steps (2 s).
     """
 
     scene = "tabletop_reach"

@@ -40,7 +40,7 @@ class Report:
         misplaced: Objects in a place that the scene file does not permit.
         penetration: The contact that exceeds its allowed depth most, or None.
         allowed: Pairs of bodies with allowed contacts.
-        kept: For every relation, orientation and group: in how many layouts it was checked, and in how many broken.
+        kept: In how many layouts each relation, orientation and group was checked, and in how many it was violated.
         settled: Number of layouts that were stepped.
         frozen: Names of joints without a position actuator. They were held still while stepping.
         moved: Object name -> number of layouts where the object moved more than 1 cm while settling.

@@ -112,7 +112,7 @@ def judged_pairs(
 
 
 def _filtered(mjm: mujoco.MjModel, body1: int, body2: int) -> bool:
-    """Return whether MuJoCo skips the pair, because one body is welded to the other or is its parent."""
+    """Return whether MuJoCo skips contacts of two bodies, because they are welded together, or are parent and child."""
     weld1, weld2 = mjm.body_weldid[body1], mjm.body_weldid[body2]
     if weld1 == weld2:
         return True

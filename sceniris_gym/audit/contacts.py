@@ -74,8 +74,8 @@ class ContactAudit:
         markers: Names of objects that may intersect anything.
 
     Attributes:
-        at_home: Pair of geoms that touch in the start pose, the lower id first -> their depth [m]. The auditor adds the
-            pairs of geoms in heaps with their allowed depth, because MuJoCo settled them in contact.
+        at_home: Pair of geoms that touch in the start pose, the lower id first -> their depth [m]. The auditor adds
+            pairs of geoms in heaps with an allowed depth, because MuJoCo settled these geoms in contact.
     """
 
     def __init__(self, tree: Tree, placed: Mapping[str, int], markers: set[str]) -> None:

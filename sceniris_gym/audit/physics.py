@@ -94,7 +94,10 @@ def settle(
 def _first_warning(
     mjm: mujoco.MjModel, data: mujoco.MjData, first: np.ndarray, given: np.ndarray, nstep: int
 ) -> tuple[str, str]:
-    """Repeat a rollout that ended early, and return the kind and the text of its first warning."""
+    """Repeat a rollout that ended early, and return the kind and the text of its first warning.
+
+    `first` and `given` are the state and the controls from `_start`, and `nstep` is the planned number of steps.
+    """
     mujoco.mj_resetData(mjm, data)
     mujoco.mj_setState(mjm, data, first, mujoco.mjtState.mjSTATE_FULLPHYSICS)
     mujoco.mj_setState(mjm, data, given, _GIVEN)
@@ -142,7 +145,7 @@ def hold(mjm: mujoco.MjModel, data: mujoco.MjData) -> None:
 def limp_joints(mjm: mujoco.MjModel, bodies: Collection[int]) -> list[int]:
     """Return the joints of the given bodies that are held by no position servo. Free joints are left out.
 
-    A servo holds its joint, or all joints of its tendon. It also holds all joints that equalities couple to these.
+    A servo holds its joint, or all joints of its tendon, and all joints that equalities couple to the held joints.
     """
     held: set[int] = set()
     for actuator in np.flatnonzero(_servos(mjm)):
@@ -169,8 +172,8 @@ def _servos(mjm: mujoco.MjModel) -> np.ndarray:
 def _prepared(mjm: mujoco.MjModel, joints: Sequence[int]) -> mujoco.MjModel:
     """Return a copy of the model in which `joints` have a huge armature, so that they hold still.
 
-    The copy uses dense Jacobians. With sparse Jacobians, stacks would creep, because MuJoCo 4.0.0 factorises them
-    wrongly (google-deepmind/mujoco#3767).
+    The copy uses dense Jacobians. With sparse Jacobians, stacks would creep because of a wrong factorisation in
+    MuJoCo 4.0.0 (google-deepmind/mujoco#3767).
     """
     frozen = copy(mjm)
     frozen.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE

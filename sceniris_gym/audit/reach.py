@@ -121,7 +121,10 @@ class ReachAudit:
         return found
 
     def _wrong(self, claim: Claim, row: int) -> str | None:
-        """Return why a claim about the layout in `data` is wrong, or None. This method runs no inverse kinematics."""
+        """Return why a claim is wrong in the layout `row`, or None. The layout's state is in the attribute `data`.
+
+        This method runs no inverse kinematics.
+        """
         pose = claim.pose[row]
         if np.isnan(pose).any():
             return "no grasp"
@@ -141,7 +144,7 @@ class ReachAudit:
         return cause
 
     def _is_chosen(self, claim: Claim, pose: np.ndarray) -> bool:
-        """Return whether a TCP pose (4, 4) is at a grasp of the object: a site `grasp_*` in the claim's pattern.
+        """Return whether a TCP pose (4, 4) is at one of the object's sites `grasp_*` that match the claim's pattern.
 
         The pose may be turned by half a rotation about the approach axis. If the object has no site `grasp_*`, return
         True.
@@ -293,7 +296,8 @@ class StartAudit:
     def check(self, table: LayoutTable, poses: Poses, there: Rows, sides: Sides) -> list[Misplaced]:
         """Return the objects that are not held, or not at their marker, although their start requires it.
 
-        `sides` has the geoms of the robot in contact with each held object, as collected by `between`.
+        `there` has masks of the rows in which each object is present. `sides` has the geoms of the robot in contact
+        with each held object, as collected by `between`.
         """
         found = [
             Misplaced(int(row), name, "start")

@@ -79,7 +79,7 @@ def excess(scene: JudgedScene, seen: Seen) -> Excess:
 
 
 def _is_complete(relation: Relation, seen: Seen) -> np.ndarray:
-    """Return a mask of the rows where enough anchors and the object of `frame` are present, shape (nrow,)."""
+    """Return a mask of the rows where enough anchors, and the object that `frame` names, are present, shape (nrow,)."""
     enough = np.sum([seen.present[anchor] for anchor in relation.anchors], axis=0) >= relation.least_anchors
     return np.all([enough, *(seen.present[name] for key, name in relation.references if key == "frame")], axis=0)
 
@@ -279,7 +279,7 @@ def _off_interval(angle: np.ndarray, rounding: np.ndarray | float, drawn_as: Dra
 
 
 def _from_target(own: Outline, target: Outline) -> tuple[np.ndarray, np.ndarray]:
-    """Return the angle [rad] from the direction of the target to an object's front (-y), and its rounding error.
+    """Return the angle [rad] from the direction towards the target to an object's front (-y), and the rounding error.
 
     If both pivots are at one point (possible with `points` as regions), any angle is right.
     """

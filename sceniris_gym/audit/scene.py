@@ -200,9 +200,9 @@ class Outlines:
     def outline(self, name: str, poses: Poses) -> Outline:
         """Return the outline of an object in each row.
 
-        The bounds enclose the object with its joints as in the row. The pivot is at the height of their lower end. Seen
-        from above, the pivot is the centre of the bounds with the joints at home, or with the joints as in the row for
-        `orientation: any`. A robot's pivot is the origin of its base.
+        The bounds enclose the object with its joints as in the row. The pivot is at the height of the bounds' bottom.
+        Seen from above, the pivot is the centre of the bounds with the joints at home, or, for `orientation: any`, with
+        the joints as in the row. A robot's pivot is the origin of its base.
         """
         root = self.scene.bodies[name]
         at, heading = poses.xpos[:, root], _heading(poses.xmat[:, root])

@@ -1,4 +1,4 @@
-"""Check the place of every placed object: its support, its region, its heap, and whether it is covered from above."""
+"""Checks the place of each placed object: support, region, heap, and whether the support covers it from above."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -52,7 +52,7 @@ class HeapAudit:
         self._filled = [(heap, scene.carrier(heap.fill).body) for heap in scene.config.heaps.values()]
 
     def may_touch(self) -> dict[tuple[int, int], float]:
-        """Return pairs of geoms, the lower id first, that were settled together -> allowed depth [m]."""
+        """Return the pairs of geoms that may touch in a heap, the lower id first -> allowed depth [m]."""
         found, of = {}, self.mjm.geom_bodyid
         root, weld = self.mjm.body_rootid[of], self.mjm.body_weldid[of]
         for heap, filled in self._filled:
@@ -66,7 +66,7 @@ class HeapAudit:
         return found
 
     def elsewhere(self, poses: Poses) -> dict[str, np.ndarray]:
-        """Return object -> mask of the rows where the object's heap differs from all settled rows, shape (nrow,)."""
+        """Return object -> mask of the rows where the object's heap matches no settled row of poses, shape (nrow,)."""
         found = {}
         for heap, filled in self._filled:
             with np.load(Path(str(heap.rows))) as stored:
@@ -248,7 +248,7 @@ def _in_space(part: ObjectConfig, points: np.ndarray) -> np.ndarray:
 
 
 def _at_one_of(allowed: tuple[tuple[float, ...], ...], points: np.ndarray) -> np.ndarray:
-    """Return a mask of the points (n, k) at an allowed point. Each coordinate may differ by the edge tolerance."""
+    """Return a mask of the points (n, k) that equal an allowed point, up to the edge tolerance in each coordinate."""
     return np.any([(np.abs(points - np.array(at)) <= EDGE_TOLERANCE).all(axis=1) for at in allowed], axis=0)
 
 

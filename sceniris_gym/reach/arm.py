@@ -1,6 +1,6 @@
 """A serial arm: the joints of an MjModel between a base body and a TCP site.
 
-The TCP's +z axis is the approach axis of the gripper. The fingers close along its +y axis.
+The TCP's +z axis is the approach axis of the gripper. The fingers close along the TCP's +y axis.
 """
 
 from __future__ import annotations
@@ -219,7 +219,7 @@ def _check_joints(mjm: mujoco.MjModel, base_body: int, tcp: str, ids: list[int])
 
 
 def _couples(mjm: mujoco.MjModel, eq: int, base: int, ids: list[int]) -> bool:
-    """Return whether an equality constraint couples joints of the arm, or closes a loop that contains some of them."""
+    """Return whether an equality constraint couples joints of the arm, or closes a loop through joints of the arm."""
     if mjm.eq_type[eq] == mujoco.mjtEq.mjEQ_JOINT:
         return mjm.eq_obj1id[eq] in ids or mjm.eq_obj2id[eq] in ids
     above = {_joints_above(mjm, body, base, ids) for body in joined_bodies(mjm, eq)}
@@ -259,7 +259,7 @@ def joint_label(mjm: mujoco.MjModel, i: int) -> str:
 
 
 def compose(pos: np.ndarray, quat: np.ndarray, then: np.ndarray, rot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the transform (pos, quat) followed by the transform (then, rot), which is in the frame of the first."""
+    """Return the transform (pos, quat) followed by (then, rot), where (then, rot) is in the frame of (pos, quat)."""
     both = np.zeros(4)
     mujoco.mju_mulQuat(both, quat, rot)
     return pos + rotate(then, quat), both

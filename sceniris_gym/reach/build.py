@@ -46,7 +46,7 @@ _FAR = 255  # distance of a corner if the surface does not cross any of its edge
 
 @dataclass(frozen=True)
 class Lattice:
-    """Corners of a regular grid in the coordinates of a map: the grid itself, or the table of a pole (axis up or down).
+    """Corners of a map's grid, or of one of its two tables for the poles (approach axis straight up or straight down).
 
     All TCP positions of the arm are in a ball around a point of its first axis. Corners outside the ball are never
     reached.
@@ -98,7 +98,7 @@ class Lattice:
 
 
 class LabelledGrid:
-    """The label of each corner of a lattice, and its distance from the surface that bounds the reached region.
+    """The label of each corner of a lattice, and the corner's distance from the surface around the reached region.
 
     Attributes:
         level: The labels. A label is the fraction of base and wrist rotations at which the arm reaches a corner, from 0
@@ -189,7 +189,10 @@ class LabelledGrid:
         return 0.5 * (lower + upper)
 
     def _raise(self, corner: np.ndarray, count: np.ndarray, joints: np.ndarray) -> np.ndarray:
-        """Store labels that are higher than the stored ones, with their joints. Return the corners with such labels."""
+        """Store labels and joints of corners whose new label is higher than the stored label. Return these corners.
+
+        `count` has the number of rotations at which the arm reaches each corner.
+        """
         level = np.where(count == 0, 0, np.maximum(1, count * _FULL // ALL_TURNS)).astype(np.uint8)
         better = level > self.level[corner]
         risen = corner[better]
@@ -331,7 +334,9 @@ def reach_ball(arm: SerialArm, device: str, seed: int = 0) -> tuple[float, float
 
 
 def pack_rows(codes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Trim codes, shape (nz, nu, ntilt, nv), along v. Per (z, u), nonzero codes and one corner on either side remain.
+    """Trim codes, shape (nz, nu, ntilt, nv), along v.
+
+    For each (z, u), the corners from one before the first to one after the last nonzero code of any tilt remain.
 
     Returns:
         Rows and packed codes, as in ReachMap.
@@ -352,8 +357,8 @@ def turn_error(surface: LabelledGrid) -> float:
     """Estimate the fraction of reachable poses that a map gets wrong because of base and wrist limits.
 
     A map gives the same verdict for all base and wrist rotations of a pose. If the arm reaches only some of these
-    rotations, the verdict is right for the majority and wrong for the others. A corner of a pole's table represents a
-    ring of poses, so its weight is its radius.
+    rotations, the verdict is right for the majority and wrong for the others. In a pole's table, a corner
+    represents a ring of poses, so the radius of the ring is the corner's weight.
     """
     share = surface.level.reshape(surface.lattice.shape) / _FULL
     weight = np.arange(share.shape[1]) if share.ndim == 2 else 1.0

@@ -42,7 +42,7 @@ class Checkpoint:
     def enter(self, task: str, arrays: Mapping[str, np.ndarray], most: float = math.inf) -> bool:
         """Begin a task: fill its arrays with their saved values, and return True if the task still has work to do.
 
-        If so, `done` is the number of parts that are already finished.
+        In this case, the attribute `done` is the number of parts that are already finished.
 
         Args:
             task: Name of the task.
@@ -50,7 +50,8 @@ class Checkpoint:
             most: Number of parts of the task.
 
         Raises:
-            MapError: The stored arrays differ in shape or type, or the file has more finished parts than the task.
+            MapError: The saved arrays differ from `arrays` in shape or type, or the file has more finished parts than
+                the task.
         """
         for name, array in arrays.items():
             if name in self._stored:

@@ -28,7 +28,7 @@ _vec4l = wp.types.vector(length=4, dtype=wp.uint64)
 
 @wp.func
 def _covered(turn: JointTurn, angle: float) -> wp.uint64:
-    """Return by which of the TURNS rotations a joint at `angle` can turn within its limits, one bit per rotation."""
+    """Return a bit for each of TURNS rotations: 1 if a joint at `angle` is within its limits after this rotation."""
     bits = wp.uint64(0)
     for i in range(TURNS):
         if turned(turn, angle + turn.sign * _STEP * float(i)) <= turn.upper:

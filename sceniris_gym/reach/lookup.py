@@ -1,7 +1,7 @@
 """Looks up TCP poses in a reachability map, on the device.
 
 Maps are for arms with a vertical first axis and a last joint that rotates about the approach axis. The verdict does not
-change if the target rotates about the first axis or about its approach axis. Four of six coordinates remain
+change if the target rotates about the first axis or about the approach axis. Four of six coordinates remain
 (M. Rudorfer, "RM4D: A Combined Reachability and Inverse Reachability Map for Common 6-/7-axis Robot Arms by
 Dimensionality Reduction to 4D", 2024): the height, the tilt of the approach axis, and the horizontal position (u, v).
 The u axis is the horizontal direction of the approach axis.
@@ -212,9 +212,9 @@ def witness(view: MapView, pos: wp.vec3, quat: wp.vec4, k: int) -> vec8:
     """Return joint positions from which inverse kinematics can start for a TCP pose in the base frame.
 
     Each coarse cell of the map has witnesses, which are solutions of grid corners in the cell. The result is witness
-    `k` of the cell that contains the pose, with `k` modulo the number of witnesses. Its first and last joint are turned
-    to match the pose. If the cell has no witness, the result is the arm's start pose, with the first joint turned
-    towards the target.
+    `k` of the cell that contains the pose, with `k` modulo the number of witnesses. The first and last joint of this
+    witness are turned to match the pose. If the cell has no witness, the result is the arm's start pose, with the first
+    joint turned towards the target.
     """
     approach = z_axis(quat)
     x = pos[0] - view.axis_x

@@ -124,8 +124,8 @@ class ReachMap:
         Args:
             path: The file.
             arm: The arm.
-            advice: Last sentence of error messages. By default, it gives the command that builds the map again, and
-                takes the name of the arm's base body as the name of the asset.
+            advice: Last sentence of error messages. By default, it gives the command that builds the map again, for
+                an asset with the same name as the arm's base body.
 
         Raises:
             MapError: The file is missing, damaged or not a map, or was built for another arm.

@@ -84,11 +84,11 @@ def measure_false_accepts(reach_map: ReachMap, device: str) -> float | None:
 
 
 def _accepted(reach_map: ReachMap, number: int, members: tuple[int, ...], device: str) -> Iterator[np.ndarray]:
-    """Draw poses of a set and yield the accepted ones, until `POSES` are found or `_ROUNDS` rounds are over.
+    """Draw poses, and yield the poses that a map accepts, until `POSES` are found or `_ROUNDS` rounds are over.
 
     Args:
         reach_map: The map.
-        number: Index of the set, which seeds its random numbers together with the map's seed.
+        number: Index in `_SETS`. Together with the map's seed, it seeds the random numbers.
         members: Indices of the components of the wxyz quaternion that are drawn. The other components are 0.
         device: Warp's name of the device.
 
@@ -118,7 +118,7 @@ def gather_witnesses(shape: tuple[int, ...], level: np.ndarray, joints: np.ndarr
     """Choose witnesses (start joints for inverse kinematics) among the solutions of a grid's corners.
 
     Args:
-        shape: Corners along (z, u, tilt, v).
+        shape: Numbers of corners along (z, u, tilt, v).
         level: Labels of the corners, 0 if a corner is not reached, shape (N,).
         joints: Joint positions that reach each corner with a label above 0, shape (N, njoint).
 

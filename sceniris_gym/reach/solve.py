@@ -53,7 +53,7 @@ _PI = wp.constant(math.pi)
 
 @wp.struct
 class ArmView:
-    """An arm on the device. Joints slide along or rotate about z of their frames. Link poses are at position 0."""
+    """An arm on the device. Joints slide along or rotate about z of their frames. Link poses have joints at 0."""
 
     njoint: int
     link_pos: wp.array[wp.vec3]  # njoint + 1 links: from each joint's frame to the next, and from the last to the TCP

@@ -85,7 +85,7 @@ class LayoutDeck:
         return table
 
     def stands(self, split: str) -> tuple[np.ndarray, np.ndarray]:
-        """Return `ShownWorld.stands` for the first world: pivots and bounds of its objects in the layout last made."""
+        """Return `ShownWorld.stands` for the first world: pivots and bounds of its objects in its latest layout."""
         view = self._generator(split).layouts.view
         return view.pivot_pose.numpy()[0].copy(), view.bounds.numpy()[0].copy()
 
@@ -141,7 +141,7 @@ class LayoutDeck:
         return {name: {c.name.lower(): int(row[c]) for c in sorted(seen)} for name, row in rows if row.any()}
 
     def _generator(self, split: str, record: bool = False) -> LayoutGenerator:
-        """Return the generator for all worlds, or with `record` one for the first world, which records rejections."""
+        """Return the generator for all worlds. With `record`, it is for the first world, and records rejections."""
         if (split, record) not in self._generators:
             recorder = partial(LayoutGenerator._recording, rejected=MOST_RECORDED, every_cause=True)
             make = recorder if record else LayoutGenerator

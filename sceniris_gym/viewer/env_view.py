@@ -126,7 +126,7 @@ def _of_stable_baselines(path: Path, device: str) -> Policy:
 def _normalization(path: Path) -> Callable[[np.ndarray], Any]:
     """Return the function that normalises the observations for the model at `path`.
 
-    This is the VecNormalize in the model's folder. Without such a file, the function returns its argument.
+    The function is from the VecNormalize in the model's folder. Without such a file, it returns its argument.
     """
     beside = [path.with_name(name) for name in _NORMALIZATIONS if path.with_name(name).is_file()]
     if not beside:
@@ -207,7 +207,7 @@ class EnvView:
             self._try(self.step if not self._ended.all() else lambda: self.start(self.first + self.envs.num_envs))
 
     def _try(self, action: Callable[[], None]) -> None:
-        """Run an action. An error, for example in the policy, pauses the episodes and is shown on page and stderr."""
+        """Run an action. If it raises an error, pause the episodes, and show the error on the page and on stderr."""
         try:
             action()
         except Exception as error:

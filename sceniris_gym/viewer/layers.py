@@ -83,7 +83,7 @@ def sketch_relations(world: ShownWorld, only: str | None = None) -> Sketch:
 
 
 def _above(world: ShownWorld, name: str) -> np.ndarray:
-    """Return the point [m] for the ends of an object's arrows, shape (3,): above the pivot and all of the object."""
+    """Return the point [m] where an object's arrows start or end, shape (3,): above its pivot and its highest part."""
     at = world.standing(name)[0]
     return np.array([at[0], at[1], max(at[2], world.box(name)[1][2]) + _OVER])
 
@@ -139,7 +139,7 @@ class Nearest(NamedTuple):
 
 
 def nearest_to(world: ShownWorld, name: str) -> Nearest | None:
-    """Return the neighbour with collision geometry that is nearest to an object. None if there is none within 0.3 m.
+    """Return the nearest neighbour with collision geometry of an object, or None if all are farther than 0.3 m.
 
     The object's support, the objects on it, and the objects of its heap are left out, because `clearance` does not
     apply to them.
@@ -175,7 +175,7 @@ def _owner(world: ShownWorld, geom: int) -> str:
 
 
 def sketch_names(world: ShownWorld, only: str | None = None) -> Sketch:
-    """Write the name of each object above the object, or only of the object `only`."""
+    """Write the name of each object above the object. If `only` is given, write only this name."""
     sketch = Sketch()
     for name in world.compiled.object_names:
         if world.is_shown(name) and only in (None, name):

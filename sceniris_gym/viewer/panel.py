@@ -92,7 +92,7 @@ class Panel:
             handle.value = min(max(float(value), handle.min), handle.max)
 
     def set_candidates(self, num: int, i: int, text: str) -> None:
-        """Set the slider for rejected candidates to candidate `i` of `num`, and show the text that explains it."""
+        """Set the slider for rejected candidates to candidate `i` of `num`, and show the explanation `text`."""
         self._candidate.max = max(num, 1)
         self._candidate.disabled = num < 2
         self._candidate.value = i + 1 if num else 1

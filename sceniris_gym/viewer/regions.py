@@ -83,12 +83,12 @@ def _labels(regions: list[tuple[list[str], MultiPolygon, float]]) -> list[tuple[
 
 
 def regions_left(world: ShownWorld, name: str) -> list[tuple[MultiPolygon, MultiPolygon, float]]:
-    """Return, for each surface that may support an object, its outline, the area for the pivot, and its height [m].
+    """Return (outline, area for the object's pivot, height [m]) of each surface that may support an object.
 
     Outlines and areas [m] are in the world frame, seen from above. The area is the part of the surface's region in
-    which all relations of the object can hold. Parts whose cover above the pivot does not fit `on` or `inside` are left
-    out. If a relation measures distances between bounds, the area allows for all headings of the object, so it is a
-    little too large.
+    which all relations of the object can hold. Places where the support covers the pivot are left out for `on`, and all
+    other places for `inside`. If a relation measures distances between bounds, the area allows for all headings of the
+    object, so it is a little too large.
     """
     placed = world.placed(name)
     relations = [relation_area(world, name, relation) for relation in placed.config.relations]
@@ -107,7 +107,7 @@ def regions_left(world: ShownWorld, name: str) -> list[tuple[MultiPolygon, Multi
 
 
 def is_covered_rightly(world: ShownWorld, placed: PlacedObject, region: BaseGeometry, height: float) -> BaseGeometry:
-    """Return the part of a region, at a height [m], whose cover above the pivot is as `on` or `inside` requires.
+    """Return the part of a region, at a height [m], in which the pivot is open above or covered, as the scene requires.
 
     For an object 'on' its support, no geometry of the support may be above the pivot. For an object 'inside' its
     support, some geometry of the support should be above the pivot.
@@ -119,7 +119,7 @@ def is_covered_rightly(world: ShownWorld, placed: PlacedObject, region: BaseGeom
 
 
 def cover_over(world: ShownWorld, placed: PlacedObject, height: float) -> BaseGeometry:
-    """Return the outline, seen from above, of the geometry of an object's support that is above a height [m]."""
+    """Return the outline, seen from above, of all geometry above a height [m] that belongs to an object's support."""
     compiled = world.compiled
     assert placed.support is not None
     parent = compiled.scene.around(placed.support)

@@ -24,7 +24,7 @@ class LoadedScene(NamedTuple):
     """The outcome of reading and compiling a scene file.
 
     Attributes:
-        compiled: The scene. If it cannot be read or built, this is None. If no valid layout was found, the scene has no
+        compiled: The scene, or None if it cannot be read or built. If no valid layout was found, the scene has no
             bank of layouts.
         error: The error in the scene, or None.
         notices: Texts of the warnings about the scene.

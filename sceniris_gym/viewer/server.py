@@ -178,8 +178,8 @@ class Requests:
         """Add a request.
 
         Args:
-            about: The subject. The request replaces a waiting request about the same subject. If None, it replaces no
-                request.
+            about: The subject. The request replaces a waiting request about the same subject. If None, no request is
+                replaced.
             action: The work to do.
         """
         key = object() if about is None else about

@@ -231,7 +231,10 @@ def sketch_grasps(world: ShownWorld, only: str | None = None) -> Sketch:
 
 
 def grasp_pose(world: ShownWorld, k: int) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return the TCP's position [m] and orientation (wxyz) in the grasp of reach target `k`. None for no grasp."""
+    """Return the TCP's position [m] and orientation (wxyz) in the grasp of reach target `k`.
+
+    Return None if the target has no grasp.
+    """
     if world.table.grasp.shape[1] <= k or world.table.grasp[0, k] < 0:
         return None
     pose = world.table.grasp_pose[0, k].astype(float)

@@ -85,7 +85,7 @@ class SceneView:
                 self._tell_counts()
 
     def load(self) -> None:
-        """Read the scene, and show the layouts of the same split, seed and episode.
+        """Read the scene, and show its layouts of the current split, seed and episode.
 
         If the scene has an error, show the message. If the scene cannot be built, the page keeps the last scene.
         """
@@ -160,7 +160,7 @@ class SceneView:
         self._show()
 
     def show_rejected(self, shown: bool) -> None:
-        """Show or hide the rejected candidates of the first world's layout. To show them, physics ends."""
+        """Show or hide the rejected candidates of the first world's layout. Showing them ends physics."""
         if shown:
             self._end_play()
         self._candidates = self.deck.rejected(self.where) if shown and self._ready else None

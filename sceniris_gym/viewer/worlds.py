@@ -100,7 +100,7 @@ class Worlds:
         self._mocap_quat[i] = data.mocap_quat
 
     def is_like(self, other: Worlds) -> bool:
-        """Return True if `other` has the same number of worlds, and the bounds of its scene are nearly the same."""
+        """Return True if `other` has the same number of worlds, and a scene with nearly the same bounds."""
         most = _ALIKE * (other.high - other.low).max()
         ends = np.abs(np.stack([self.low - other.low, self.high - other.high]))
         return self.num == other.num and bool(ends.max() <= most)
@@ -110,7 +110,7 @@ class Worlds:
         self._scene.update_from_arrays(self._xpos, self._xmat, self._mocap_pos, self._mocap_quat)
 
     def show_visuals(self, visible: bool) -> None:
-        """Show or hide the visual geometry of all worlds. The viewer hides it to show the collision geometry alone."""
+        """Show or hide the visual geometry of all worlds. The viewer hides it to show only the collision geometry."""
         for group in VISIBLE_GROUPS:
             self._scene.geom_groups_visible[group if group < 3 else 2] = visible
         self._scene._sync_visibilities()

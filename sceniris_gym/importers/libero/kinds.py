@@ -47,8 +47,8 @@ class Kind:
         size: Edges of the bounding box of the upright object [m]: length along its x axis, width, and height.
         yaw: Least and greatest heading [degrees] of an object. A fixture takes its heading from its region.
         up: The axis of LIBERO's model that points up.
-        inside: If `boxes` is empty, the name of the site in the stand-in box, which is then open at the top. '' for a
-            solid box.
+        inside: Name of the site in the stand-in box, which is open at the top. '' for a solid box without a site. Not
+            used if there are `boxes`.
         boxes: Boxes of the stand-in model. If empty, the stand-in is one box of `size`.
         states: Start predicate, such as 'Open' -> range of joint positions [m or rad].
     """
@@ -178,7 +178,7 @@ ROTATION = {"z": (1.0, 0.0, 0.0, 0.0), "y": (0.5**0.5, 0.5**0.5, 0.0, 0.0)}
 
 
 def moving(problem: Problem, predicate: Predicate) -> tuple[str, tuple[float, float]]:
-    """Return the fixture that a predicate such as `Open` names, and the joint positions [m or rad] that it requires.
+    """Return the fixture in a predicate such as `Open`, and the joint range [m or rad] that the predicate requires.
 
     Raises:
         UnknownNameError: The predicate names no fixture, or does not apply to the fixture's class.

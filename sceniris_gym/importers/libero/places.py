@@ -151,7 +151,7 @@ class Places:
     def words(self, added: list[str]) -> dict[str, Any]:
         """Return the scene file entry of each object and fixture, by name.
 
-        Objects in `added`, which are the clutter, may stand anywhere in and near the file's rectangles.
+        The objects in `added` (the clutter) may stand anywhere in and near the rectangles of the problem file.
         """
         placing = [predicate for predicate in self._problem.init if predicate.word in ("On", "In")]
         count = Counter(predicate.names[0] for predicate in placing)
@@ -200,7 +200,7 @@ class Places:
 
         Args:
             name: The object.
-            corners: Low and high corner of the rectangle [m], shape (2, 2). It is cut at the edge of the surface.
+            corners: Low and high corner of the rectangle [m], shape (2, 2). Parts of it off the surface are cut away.
         """
         origin = np.array(self._space.origin[:2])
         inside = np.clip(corners, self._space.low - origin, self._space.high - origin)
@@ -209,7 +209,7 @@ class Places:
     def _on_thing(self, name: str, target: str) -> dict[str, Any]:
         """Return the scene file entry of an object on a target: the work surface, or another object.
 
-        On the work surface, the object may be anywhere. On another object, it is over the middle and above the rim.
+        On the work surface, the object may be anywhere. On another object, it is over the middle, higher than the rim.
         """
         if target == self._surface:
             return {"on": target, **self._within(name, self._yaw[name])}
@@ -226,8 +226,8 @@ class Places:
     def _on_site(self, name: str, region: Region, word: str, where: str) -> dict[str, Any]:
         """Return the scene file entry of an object on or in a site.
 
-        As in LIBERO, the object's origin lies in a rectangle around the site's centre. Each side of the rectangle has
-        the absolute value of half the length of the site's side, less twice the object's radius.
+        As in LIBERO, the object's origin lies in a rectangle around the site's centre. A side of the rectangle is
+        |L / 2 - 2 r| long, if L is the length of the site along this side, and r is the object's radius.
 
         Args:
             name: The object.
@@ -273,7 +273,7 @@ class Places:
         return np.array([math.cos(angle) * x - math.sin(angle) * y, math.sin(angle) * x + math.cos(angle) * y])
 
     def _state(self, predicate: Predicate) -> tuple[str, dict[str, Any]]:
-        """Return the fixture that a predicate such as `Open` names, and the `joints` entries that make it true."""
+        """Return the fixture in a predicate such as `Open`, and the `joints` entries that make the predicate true."""
         name, positions = moving(self._problem, predicate)
         region = self._problem.regions.get(predicate.names[0])
         found = self._spec.body(name).find_all("joint")

@@ -109,8 +109,8 @@ def read_problem(path: str | Path) -> Problem:
     Raises:
         SceneFileError: The file is missing, cannot be read, or is no problem file, or its parentheses do not match.
         SceneKeyError: A part of the file is missing or malformed, or two predicates contradict each other.
-        UnknownNameError: A section, attribute or predicate is unknown, or a predicate has a name that is not in the
-            file.
+        UnknownNameError: A section, attribute or predicate is unknown, or a predicate refers to a name that the file
+            does not define.
     """
     file = user_path(path, Path(), "read_bddl")
     try:
@@ -216,7 +216,7 @@ def _region(group: Group) -> Region:
 
 
 def _rows(value: list, size: int) -> list[tuple[float, ...]]:
-    """Return the rows of a list of rows, as numbers. Raise ValueError unless each row has `size` finite numbers."""
+    """Convert the rows of a list to numbers. Raise ValueError unless each row has `size` finite numbers."""
     found = [tuple(float(word) for word in row) for row in (value[0] if value else [])]
     if not all(len(row) == size and all(map(math.isfinite, row)) for row in found):
         raise ValueError

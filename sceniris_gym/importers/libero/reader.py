@@ -30,7 +30,7 @@ class LiberoTask:
     """A problem file as a scene and a goal.
 
     Attributes:
-        scene: The scene. Its model is an MjSpec. It has a body for each object and fixture, and a site for each region,
+        scene: The scene. Its model is an MjSpec with a body for each object and fixture, and a site for each region,
             named 'TARGET/REGION'.
         problem: The parsed file: `language`, `goal`, `of_interest`, and the class of each object and fixture.
     """
@@ -49,9 +49,9 @@ def read_bddl(
 ) -> LiberoTask:
     """Read a problem file of LIBERO (BDDL).
 
-    If an object starts in a rectangle, the rectangle becomes the object's region on the work surface. If it starts on
-    or in a site, it gets a region on the site's body. `Open`, `Close`, `Turnon` and `Turnoff` at the start become
-    ranges of joint positions, with LIBERO's limits.
+    If an object starts in a rectangle, the rectangle becomes the object's region on the work surface. If the object
+    starts on or in a site, it gets a region on the site's body. `Open`, `Close`, `Turnon` and `Turnoff` at the start
+    become ranges of joint positions, with LIBERO's limits.
 
     Args:
         path: The file.

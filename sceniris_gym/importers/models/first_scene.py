@@ -72,7 +72,7 @@ class FirstScene:
     Attributes:
         model: File of the model.
         start: A sentence about the start pose, which becomes a comment.
-        home: Keyframe of the start pose. None if the start pose is the keyframe 'home' or `qpos0`, as by default.
+        home: Keyframe of the start pose. None for the default: the keyframe 'home', or `qpos0`.
         robot: Entry of the robot, or None if the model has no arm.
         objects: Entries of the objects. A support comes before the objects on it.
         supports: Static bodies and geoms with level surfaces, largest first. A comment lists them.
@@ -295,7 +295,7 @@ def _names(mjm: mujoco.MjModel, bodies: Iterable[int]) -> dict[str, int]:
 
 
 def _slides(mjm: mujoco.MjModel, body: int) -> bool:
-    """Return whether a body has two or more slide joints without actuators, which imitate a freejoint."""
+    """Return whether a body imitates a freejoint with two or more slide joints that have no actuators."""
     slides = np.flatnonzero((mjm.jnt_bodyid == body) & (mjm.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE))
     return len(slides) >= 2 and not np.isin(mjm.actuator_trnid[:, 0], slides).any()
 

@@ -250,7 +250,7 @@ def supports_of(
 
 
 def support_of(name: str, support: Support, pieces: Sequence[Piece]) -> FoundSupport:
-    """Return a support with its level surfaces. Areas below parts of its own body only count if no area is open above.
+    """Return a support with its level surfaces. Areas that its body covers from above only count if it has no others.
 
     Args:
         name: Name of the support in a scene file.

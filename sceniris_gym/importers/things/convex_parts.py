@@ -278,7 +278,10 @@ def _cut(mesh: trimesh.Trimesh, threshold: float, closed: bool, allowed: float) 
 
 
 def _pieces(mesh: trimesh.Trimesh) -> list[trimesh.Trimesh]:
-    """Return the connected pieces that are not flat, or the whole mesh if a piece is a cavity or there are too many."""
+    """Return the connected pieces of a mesh, without flat pieces.
+
+    If a piece is a cavity, or if there are more than `_MOST_PIECES` pieces, return the whole mesh.
+    """
     pieces = [
         piece for piece in mesh.split(only_watertight=False) if splitting.hull_or_none(piece.vertices) is not None
     ]

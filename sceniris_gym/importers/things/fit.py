@@ -44,7 +44,7 @@ class Fit:
 
     @property
     def error(self) -> float:
-        """The larger of both distances."""
+        """The larger of `bare` and `beyond` [m]."""
         return max(self.bare, self.beyond)
 
 
@@ -58,8 +58,8 @@ class Measure:
 
     Args:
         mesh: The mesh, which may be open.
-        tolerance: Largest allowed distance between parts and mesh [m]. 0.8 times this is the diameter of the ball that
-            finds the outside of the parts, see the module.
+        tolerance: Largest allowed distance between parts and mesh [m]. A ball whose diameter is 0.8 times
+            the tolerance rolls over the parts, and the points that it touches are their outside.
         samples: Number of sample points on the mesh.
     """
 
@@ -107,9 +107,9 @@ class Measure:
     def _touched(
         self, points: np.ndarray, normals: np.ndarray, near: list[trimesh.Trimesh]
     ) -> tuple[np.ndarray, float, np.ndarray]:
-        """Find the points of a part that lie outside all other parts, and the largest distance from them to the mesh.
+        """Find points of a part that lie outside all other parts, and the largest distance of such points to the mesh.
 
-        Only points that the ball can touch count for the largest distance: there, the ball intersects no other part.
+        A point only counts for this distance if a ball that touches the part at the point misses all other parts.
 
         Args:
             points: Points on the surface of the part [m], shape (n, 3).

@@ -39,7 +39,7 @@ class Outcome:
 def things_in(folder: Path) -> list[Path]:
     """Return all files below a folder that can be imported, in alphabetical order.
 
-    Meshes that a URDF file in the folder names are left out, because they are imported with the URDF file.
+    Meshes are left out if a URDF file in the folder refers to them, because they are imported with the URDF file.
     """
     found = sorted(path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES and path.is_file())
     texts = [path.read_text(errors="replace") for path in found if path.suffix.lower() == ".urdf"]

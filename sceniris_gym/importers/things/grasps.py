@@ -120,7 +120,7 @@ def _is_clear(local: np.ndarray, gap: float, height: float, up: np.ndarray) -> b
 
 
 def _spread(found: list[GraspSite], size: float) -> list[GraspSite]:
-    """Select at most `MOST` grasps: first the most vertical one, then each time the farthest from those selected.
+    """Select up to `MOST` grasps: the most vertical grasp, then repeatedly the grasp farthest from the selected grasps.
 
     The distance of two grasps depends on their positions, divided by the object's `size` [m], and on their rotations.
     """

@@ -175,7 +175,7 @@ def _capped(
         rgba: Colour of the new triangles.
 
     Returns:
-        The closed mesh, and one surface of those new triangles that have an area. Empty if no triangle has an area.
+        The closed mesh, and one surface of the new triangles with nonzero area. No surface if all areas are zero.
     """
     middles = np.array([mesh.vertices[np.unique(edges)].mean(axis=0) for edges in loops])
     faces = np.concatenate(

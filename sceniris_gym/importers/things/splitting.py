@@ -96,7 +96,7 @@ def split(parts: Sequence[trimesh.Trimesh], excess: Excess, most: int) -> list[t
 
 
 def _halves(piece: manifold3d.Manifold, where: np.ndarray, away: float) -> tuple[manifold3d.Manifold, ...]:
-    """Cut a piece of the solid along the best plane near a point, see the module.
+    """Cut a piece of the solid at a plane near a point, so that the hulls of both halves have the least total volume.
 
     Args:
         piece: The piece.

@@ -147,7 +147,7 @@ def _picture(asset: Any) -> Any:
 
 
 def _coordinates(prim: Any, time: Any, corners: np.ndarray, npoint: int) -> np.ndarray | None:
-    """Return the texture coordinates of all corners of faces, shape (ncorner, 2), or None if the mesh has none."""
+    """Return texture coordinates of all face corners, shape (ncorner, 2), or None for a mesh without coordinates."""
     api = UsdGeom.PrimvarsAPI(prim)
     uv = next((api.GetPrimvar(name) for name in ("st", "UVMap", "uv", "st_0") if api.HasPrimvar(name)), None)
     values = None if uv is None else uv.ComputeFlattened(time)
