@@ -47,7 +47,7 @@ def poses_by_name(compiled: CompiledScene, rows: np.ndarray) -> dict[str, np.nda
 
     Args:
         compiled: The compiled scene.
-        rows: Rows of a part, shape (n,).
+        rows: Rows of one part (file) of a data set, shape (n,).
 
     Returns:
         Position [m] and orientation (wxyz) of each root body, shape (n, 7), float32. An absent object has

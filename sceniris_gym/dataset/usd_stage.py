@@ -1,8 +1,8 @@
-"""Layouts as USD: a stage with the scene's geometry, and for each part a stage that refers to it. Time i is row i.
+"""Layouts as USD: a stage with the scene's geometry, and for each part a stage that refers to the first stage.
 
-Stages are z up, in metres. Every body is an Xform below its parent's Xform, and an object of the scene is
-`/World/<name>`. The stages are for viewing and have no physics. `scene.zip` holds the physics. Importing this module
-needs usd-core, which `formats.check_formats` checks for.
+In the stage of a part, time i is row i. Stages are z up, in metres. Every body is an Xform below its parent's Xform,
+and an object of the scene is `/World/<name>`. The stages are for viewing and have no physics. `scene.zip` holds the
+physics. Importing this module needs usd-core, which `formats.check_formats` checks for.
 """
 
 import tempfile

@@ -90,8 +90,8 @@ class Episodes(NamedTuple):
         status: `LayoutStatus` of the layouts, shape (n,), int32. Layouts from the bank do not count. None means that
             all layouts are valid.
         boundary: Index of the ADR interval end that the level tests, or -1, shape (n,), int32. The outcome also counts
-            for this end. If `boundary` is given, `outcome` holds 0 or 1, even with "custom" scores, which do not
-            change.
+            for this end. If `boundary` is given, `outcome` holds 0 or 1, even if scores are "custom". Custom scores do
+            not change then.
     """
 
     level: wp.array

@@ -209,7 +209,7 @@ def _take_home(child: mujoco.MjSpec, name: str, keyframe: str | None, where: str
 
 
 def attach_frame(spec: mujoco.MjSpec, config: RobotConfig) -> None:
-    """Attach an empty body at the base of a robot that is not in the scene."""
+    """Add an empty body in place of the base of a robot whose `in_scene` is false."""
     mocap = config.placing is not None
     spec.worldbody.add_body(name=config.name, pos=config.base, quat=_rotation(config), mocap=mocap)
 

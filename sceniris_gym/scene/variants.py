@@ -211,7 +211,7 @@ def _geoms(mjm: mujoco.MjModel, body: int) -> list[int]:
 
 
 def without_broken(config: SceneConfig) -> SceneConfig:
-    """Return the scene without files of folders that MuJoCo cannot load, or that are not a single rigid body.
+    """Return the scene without unsuitable files of folders: MuJoCo cannot load the file, or it is no single rigid body.
 
     A warning names the files that are left out. If all files are suitable, `config` is returned unchanged.
 

@@ -51,8 +51,8 @@ class BaseFrame:
         Args:
             position: Positions in the world frame [m], shape (..., 3).
             quat: Orientations of the bodies in the world frame (wxyz), shape (..., 4).
-            seen: A result of the method `seen` for frames rotated relative to the bodies, such as sites. None returns
-                the poses of the bodies.
+            seen: What the method `seen` returned for a frame that is rotated relative to its body, such as a site. If
+                None, the result has the poses of the bodies.
         """
         return transform(self.body if seen is None else seen, torch.cat([position, quat], dim=-1)) + self._offset
 

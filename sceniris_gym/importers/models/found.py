@@ -109,8 +109,8 @@ def find_arms(mjm: mujoco.MjModel) -> list[FoundArm]:
     """Return the arms of a model. Arms with fingers come first, then arms with more joints.
 
     The search starts at each child of the world. At each body, it follows the branch with the longest chain of joints
-    if all other branches are much shorter. If two branches have similar lengths, short branches are fingers, and long
-    branches are the arms of a torso.
+    if all other branches are much shorter. If the longest two branches have similar lengths, they are fingers if
+    they are short, and otherwise the arms of a torso.
     """
     roots = (root for root in range(1, mjm.nbody) if mjm.body_parentid[root] == 0)
     found = [arm for root in roots for arm in _arms_below(mjm, root, root, ())]

@@ -124,9 +124,9 @@ def narrow_pair_num(search: Search) -> int:
 def queue_row(program: Program, search: Search, row: int, ahead: int, busy: int):
     """Queue a row for the next wave, with candidates for the next trials of its object, within the capacity.
 
-    The row gets more candidates if few rows are left, or if its object usually needs many trials. The candidates of the
-    `ahead` objects drawn ahead come first, one per object. If the wave has no room for one of these candidates, the
-    object of this candidate becomes the row's next object. `busy` is the number of candidates that keeps the device
+    The row gets more candidates if few rows are left, or if its object usually needs many trials. If candidates of
+    `ahead` later objects were already drawn, these candidates come first, one per object. If the wave has no room for
+    one of them, its object becomes the row's next object. `busy` is the number of candidates that keeps the device
     busy.
     """
     search.queue[1 - search.source[0], wp.atomic_add(search.rows_left, 0, 1)] = row
