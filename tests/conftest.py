@@ -17,8 +17,10 @@ import pytest
 
 CACHE = "SCENIRIS_GYM_CACHE"
 HERE = Path(__file__).parent
-# Tests in these folders check the compiling itself, so they compile every scene anew.
-COMPILING = {"collide", "config", "device", "geometry", "grasping", "layout", "placement", "program", "reach", "scene"}
+# Tests in these folders and files check the compiling itself, so they compile every scene anew.
+COMPILING = {"collide", "config", "device", "geometry", "grasping", "program", "reach", "scene"} | {
+    f"layout/test_{name}.py" for name in ("blame", "compile", "layout_hashes", "loading", "scene_cache")
+}
 # The first worker begins with a file that needs nearly all kernels. The second begins with files that need none of
 # those, for as long as the first compiles: two workers that need a module at the same time both compile it.
 FIRST = [
@@ -79,7 +81,8 @@ def pytest_collection_finish() -> None:
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """Share compiled scenes between tests, except where a test checks the compiling."""
-    compiling = item.path.relative_to(HERE).parts[0] in COMPILING
+    path = item.path.relative_to(HERE)
+    compiling = {path.parts[0], path.as_posix()} & COMPILING
     os.environ[CACHE] = "off" if compiling else os.environ["SCENIRIS_GYM_TEST_SCENES"]
 
 
