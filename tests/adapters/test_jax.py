@@ -178,7 +178,7 @@ def test_words_of_randomize_are_refused(mid: CompiledScene):
     drawn = SceneConfig.load("mid", {"objects.apple.randomize": {"mass": {"scale": [0.5, 2.0]}}})
     compiled = compile_scene(drawn, mid.device)
     with pytest.raises(
-        NotSupportedError, match=r"LayoutFunction: 'mid' has 'randomize' \(apple\.mass\), .*draw by the"
+        NotSupportedError, match=r"LayoutFunction: the scene 'mid' has 'randomize' \(apple\.mass\), .*draw by the"
     ):
         LayoutFunction(compiled)
 
