@@ -71,7 +71,7 @@ def above(name: str, height: float, count: int = 4) -> dict[str, Grasp]:
 
 
 def across(name: str, pos: Vector, along: Vector, tilts: Sequence[float] = (0,)) -> dict[str, Grasp]:
-    """Return grasps from above across a bar with the direction ``along``, tilted towards it by ``tilts`` [degrees]."""
+    """Return grasps from above across a bar with the direction ``along``, tilted along it by ``tilts`` [degrees]."""
     forward = np.asarray(along, dtype=float) / np.linalg.norm(along)
     closing = np.cross(UP, forward)
     backs = [np.sin(lean) * forward + np.cos(lean) * np.array(UP) for lean in np.radians(tilts)]

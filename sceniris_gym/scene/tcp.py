@@ -77,7 +77,7 @@ def _found(mjm: mujoco.MjModel, root: int, words: TcpConfig, prefix: str, where:
     known = (*(sites if words.site is not None else ()), *(bodies if words.body is not None else ()))
     kind = "site" if words.body is None else "body" if words.site is None else "site or body"
     valid = [name.removeprefix(prefix) for name in known if name]
-    raise UnknownNameError(f"{kind} of the robot", str(words.site or words.body), where, valid)
+    raise UnknownNameError(f"robot {kind}", str(words.site or words.body), where, valid)
 
 
 def _closing_angle(

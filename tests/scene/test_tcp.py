@@ -121,9 +121,9 @@ def test_a_robot_that_is_in_the_model_keeps_its_place_and_gets_its_tcp(tmp_path:
 @pytest.mark.parametrize(
     ("tcp", "says"),
     [
-        ("gripp", r"robot\.tcp: unknown site or body of the robot 'gripp'.*'grip'.*palm"),
-        ({"site": "palm"}, "unknown site of the robot 'palm'.*grip"),
-        ({"body": "grip"}, "unknown body of the robot 'grip'.*palm"),
+        ("gripp", r"robot\.tcp: unknown robot site or body 'gripp'.*'grip'.*palm"),
+        ({"site": "palm"}, "unknown robot site 'palm'.*grip"),
+        ({"body": "grip"}, "unknown robot body 'grip'.*palm"),
     ],
 )
 def test_a_tcp_that_is_not_there_is_refused_with_those_that_are(tmp_path: Path, tcp: Any, says: str):

@@ -162,7 +162,7 @@ def _distance_over(part: trimesh.Trimesh, point: np.ndarray, enough: float) -> f
 class Distances:
     """Finds the largest distance from points to a set of triangles.
 
-    Sample points on the triangles give an upper bound for each point. The collision library FCL computes the exact
+    Samples on the triangles give an upper bound for each point. The collision library FCL computes the exact
     distance only for the points with the largest bounds.
 
     Args:

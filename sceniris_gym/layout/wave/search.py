@@ -154,7 +154,7 @@ def queue_row(program: Program, search: Search, row: int, ahead: int, busy: int)
 
 @wp.func
 def flip_failed(best: int) -> int:
-    """Convert between a restart (0 or above) without a free start pose, and its code in `Search.best` (below 0).
+    """Convert a restart (0 or above) that found no free start pose to its code in `Search.best` (below 0), or back.
 
     The code is -1 minus the restart, so the same function converts both ways.
     """
