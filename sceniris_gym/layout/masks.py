@@ -88,7 +88,8 @@ def as_worlds(worlds: Any, nworld: int, device: Any, mask_out: wp.array | None =
     if is_mask(worlds):
         _check_length(worlds, nworld, "worlds")
         return _to_device(worlds, wp.bool, device)
-    _check_ids(worlds, nworld)
+    _check_ids(worlds)
+    _refuse_integer_mask(worlds, nworld)
     mask = wp.zeros(nworld, dtype=wp.bool, device=device) if mask_out is None else mask_out
     mask_of_ids(_upload_numbers(worlds, "worlds", 0, nworld, "", device), mask)
     return mask
@@ -105,8 +106,9 @@ def as_world_ids(worlds: Any, nworld: int) -> np.ndarray:
     worlds = _chosen(worlds, nworld)
     if is_mask(worlds):
         return np.flatnonzero(as_host_mask(worlds, nworld, "worlds"))
-    _check_ids(worlds, nworld)
-    found = as_numbers(worlds)
+    _check_ids(worlds)
+    found = as_numbers(worlds)  # once, as each call waits for the device
+    _refuse_integer_mask(found, nworld)
     _check_range(found, "worlds", 0, nworld)
     return found
 
@@ -187,13 +189,16 @@ def _chosen(worlds: Any, nworld: int) -> Any:
         raise ArgumentError(f"worlds should be a slice of integers, got {worlds}: {error}.") from None
 
 
-def _check_ids(ids: Any, nworld: int) -> None:
-    """Check the type and shape of ids. Reject `nworld` ids with repetitions, which are probably a mask of 0 and 1."""
-    _check_integers(ids, "worlds", "booleans or ids")
-    if len(ids.shape) == 0:
-        raise ArgumentError(f"worlds should be booleans, ids or a slice, got {ids}. For one world, pass [{ids}].")
-    if len(ids.shape) != 1:
-        raise ArgumentError(f"worlds should have shape (k,), the ids of worlds, got {tuple(ids.shape)}.")
+def _check_ids(worlds: Any) -> None:
+    _check_integers(worlds, "worlds", "booleans or ids")
+    if len(worlds.shape) == 0:
+        raise ArgumentError(f"worlds should be booleans, ids or a slice, got {worlds}. For one world, pass [{worlds}].")
+    if len(worlds.shape) != 1:
+        raise ArgumentError(f"worlds should have shape (k,), the ids of worlds, got {tuple(worlds.shape)}.")
+
+
+def _refuse_integer_mask(ids: Any, nworld: int) -> None:
+    """Reject `nworld` integers with repetitions. Probably, they are a mask of 0 and 1 as for `mjw.reset_data`."""
     if ids.shape[0] != nworld or nworld == 1:
         return
     if _kind(ids) != "numpy" and wp.get_device(str(ids.device)).is_capturing:
