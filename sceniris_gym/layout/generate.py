@@ -32,7 +32,7 @@ from sceniris_gym.layout.wave.points import launch_draw_points
 from sceniris_gym.layout.wave.prefilter import launch_prefilter
 from sceniris_gym.layout.wave.region_pieces import launch_cut_regions
 from sceniris_gym.layout.wave.rounds import launch_begin_episodes, launch_open_rows
-from sceniris_gym.layout.wave.search import SearchSize, Workspace, create_search, default_size
+from sceniris_gym.layout.wave.search import SearchSize, Workspace, create_search, default_size, suited_size
 from sceniris_gym.layout.wave.settle import launch_settle
 from sceniris_gym.layout.wave.sides import create_regions, launch_build_sides
 from sceniris_gym.layout.wave.standing import launch_test_standing
@@ -45,8 +45,6 @@ from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.program.part import chosen_objects, part_of
 from sceniris_gym.scene.layout_table import LayoutTable
 
-# Candidates are expensive in scenes with more pieces of regions than this, so fewer restarts are tried in parallel.
-_MOST_PIECES = 1024
 # A redraw places few objects in few worlds, so a small wave suffices. Further candidates wait for the next wave.
 _MOST_REDRAWN = 1 << 14
 
@@ -60,7 +58,8 @@ class LayoutGenerator(Fixed, LayoutSource):
         seed: One integer (world i gets seed + i), or one 64-bit seed per world.
         split: "train" or "eval". The splits share no random numbers and have separate banks.
         params: Names of params, or patterns such as "objects.*.joints.*". See `set_params`.
-        size: Capacities, which affect only the speed, not the layouts. None takes defaults for the device.
+        size: Capacities, which affect only the speed, not the layouts. None takes defaults for the device, the scene
+            and the number of worlds.
 
     Raises:
         UnknownNameError: An unknown param.
@@ -89,9 +88,7 @@ class LayoutGenerator(Fixed, LayoutSource):
         check_split(split, "LayoutGenerator", tuple(SPLITS))  # a user does not need to know the others
         nworld = as_count(nworld, "LayoutGenerator: nworld")
         if size is None:
-            size = default_size(compiled.device)
-            if compiled.pieces > _MOST_PIECES:
-                size = replace(size, rows=size.rows // 8)
+            size = suited_size(compiled, nworld)
         check_type(size, SearchSize, "LayoutGenerator: size")
         _check_memory(compiled, nworld, size)
         self.compiled, self.size = compiled, size

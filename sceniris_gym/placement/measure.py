@@ -87,11 +87,11 @@ def facing(at: wp.vec2, target: wp.vec2) -> float:
 
 @wp.func
 def _least(
-    program: Program, obj: int, axis: wp.vec3, body_pos: wp.array[wp.vec3], body_quat: wp.array[wp.vec4]
+    program: Program, obj: int, num: int, axis: wp.vec3, body_pos: wp.array[wp.vec3], body_quat: wp.array[wp.vec4]
 ) -> float:
-    """Return the least coordinate [m] of a posed object along the unit vector `axis` of the world."""
+    """Return the least coordinate [m] of an object's first `num` pieces along the unit vector `axis` of the world."""
     least = float(1.0e30)
-    for i in range(program.obj_piecenum[obj]):
+    for i in range(num):
         piece = program.piece_list[program.obj_pieceadr[obj] + i]
         body = program.piece_body[piece]
         along = wp.transpose(quat_mat(body_quat[body])) * axis
@@ -107,10 +107,11 @@ def _extents(
 
     The result is (low x, low y, high x, high y).
     """
-    low_x = _least(program, obj, x, body_pos, body_quat)
-    low_y = _least(program, obj, y, body_pos, body_quat)
-    high_x = -_least(program, obj, -x, body_pos, body_quat)
-    return wp.vec4(low_x, low_y, high_x, -_least(program, obj, -y, body_pos, body_quat))
+    num = program.obj_piecenum[obj]
+    low_x = _least(program, obj, num, x, body_pos, body_quat)
+    low_y = _least(program, obj, num, y, body_pos, body_quat)
+    high_x = -_least(program, obj, num, -x, body_pos, body_quat)
+    return wp.vec4(low_x, low_y, high_x, -_least(program, obj, num, -y, body_pos, body_quat))
 
 
 @wp.func
@@ -139,7 +140,7 @@ def measure(
             bottom[0] = 0.5 * (ends[0] + ends[2])
             bottom[1] = 0.5 * (ends[1] + ends[3])
         drawn.bounds = ends - wp.vec4(bottom[0], bottom[1], bottom[0], bottom[1])
-    bottom[2] = _least(program, obj, wp.vec3(0.0, 0.0, 1.0), body_pos, body_quat)
+    bottom[2] = _least(program, obj, program.obj_lownum[obj], wp.vec3(0.0, 0.0, 1.0), body_pos, body_quat)
     drawn.pivot = wp.transpose(quat_mat(drawn.quat)) * bottom
     return drawn
 

@@ -216,6 +216,7 @@ class Program:
     # Convex pieces in the frames of their bodies.
     obj_pieceadr: wp.array[int]
     obj_piecenum: wp.array[int]
+    obj_lownum: wp.array[int]  # number of its first pieces that can have its lowest point if only that is measured
     piece_list: wp.array[int]
     piece_type: wp.array[int]  # a PieceType
     piece_body: wp.array[int]

@@ -427,9 +427,12 @@ def _cannot_leave(o: PlacedObject, feet: list[Foot], walls: list[Piece]) -> bool
 
 def _is_walled(surface: SupportSurface, height: float, walls: list[Piece]) -> bool:
     """Return whether the pieces `walls` enclose a surface and rise at least `height` [m] above it."""
-    ends = surface.height + _NEAR, surface.height + max(height, _NEAR)
     meshes = [p.mesh for p in walls if p.mesh is not None and p.mesh.is_convex]
-    low, high = ([section(mesh, z) for mesh in meshes] for z in ends)
-    solid = shapely.union_all(shapely.intersection(low, high))
-    around, inside = (surface.outline.buffer(by, join_style="mitre") for by in (_WALL, 0.02 * _WALL))
-    return solid.buffer(1e-5).covers(around.difference(inside))
+    ends = (-_NEAR, _NEAR, max(height, _NEAR))
+    floor, low, high = ([section(mesh, surface.height + z) for mesh in meshes] for z in ends)
+    solid = shapely.union_all(shapely.intersection(low, high)).buffer(1e-5)
+    # The outline of a visible surface may end before the walls. The pieces that collide then carry the foot up to them.
+    room = surface.outline.union(surface.outline.buffer(_WALL, join_style="mitre").difference(solid))
+    around, inside = (room.buffer(by, join_style="mitre") for by in (_WALL, 0.02 * _WALL))
+    ground = shapely.union_all([surface.outline, *floor]).buffer(1e-5)
+    return ground.covers(room) and solid.covers(around.difference(inside))

@@ -123,6 +123,17 @@ def test_walls_keep_a_foot_on_its_support(z: float, far: str, certain: bool):
     assert stance.is_certain == certain
 
 
+@pytest.mark.parametrize(("size", "certain"), [(0.2, True), (0.199, False)])
+def test_walls_keep_a_foot_on_the_floor_that_collides(size: float, certain: bool):
+    """The visible floor ends 1 mm before the walls, and what is below it carries the foot if it reaches them."""
+    seen = '<geom type="box" size=".199 .199 .01" contype="0" conaffinity="0" group="2"/>'
+    below = f'<geom type="box" size="{size} {size} .01" group="3"/>'
+    text = WALLED.format(z=0.03, far="").replace('<geom type="box" size=".2 .2 .01"/>', seen + below)
+    spec = mujoco.MjSpec.from_string(text)
+    stance = build_plan(scene_of({"thing": {"on": "tray"}}, model=spec, geometry="visual")).stances[0]
+    assert stance.is_certain == certain
+
+
 @pytest.mark.parametrize(("density", "levels"), [(1000, [1]), (100000, [1, 0])], ids=["light", "heavy"])
 def test_what_is_heavy_does_not_feel_a_light_load(density: int, levels: list[int]):
     """A cube of 2 cm on one of 10 cm is tested as if it stood on something that cannot move."""

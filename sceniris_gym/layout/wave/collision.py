@@ -238,7 +238,9 @@ def launch_test_collisions(work: Workspace) -> None:
         work.launch_blocks(_queue_narrow_pairs, program, reach, *state)
         work.launch_lanes(_test_inner_boxes, program, *state)
         work.launch_blocks(_test_narrow_pairs, program, *state)
-    work.launch_lanes(_test_alone, program, reach, shared, *state)
+    # few candidates overflow, and each lane of this kernel needs many registers
+    lanes = work.size.blocks if shared else work.size.lanes
+    work.launch(_test_alone, lanes, lanes, program, reach, shared, *state)
 
 
 @wp.kernel(module="unique", module_options=_OPTIONS, grid_stride=False)

@@ -9,7 +9,7 @@ them.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import warp as wp
@@ -29,6 +29,14 @@ NO_GRASP = 1 << 30
 # Maximum number of 4-byte words for the half-planes and pieces of a wave's candidates. Further rows wait for the next
 # wave.
 _MOST_WORDS = 1 << 27
+
+# From these numbers of worlds, a wave has two and four times the usual candidates, pairs, lanes and blocks.
+_MANY_WORLDS = (1 << 15, 1 << 18)
+# A candidate is tested against the objects placed before. In scenes with at most this number of objects, without an arm
+# and without visible meshes, twice the candidates take the same time.
+_FEW_OBJECTS = 6
+# Scenes whose relations cut a region into more pieces than this try fewer restarts in parallel.
+_MOST_PIECES = 1024
 
 _STREAM_BITS = wp.constant(wp.uint32(STREAM_BITS))
 
@@ -229,7 +237,7 @@ class SearchSize:
     grasps: int = 1 << 14
     lanes: int = 1 << 16
     parts: int = 8
-    blocks: int = 1 << 12
+    blocks: int = 1 << 13
     block_dim: int = 32
 
     def __post_init__(self) -> None:
@@ -248,6 +256,21 @@ CPU_SIZE = SearchSize(
 def default_size(device: str) -> SearchSize:
     """Return the default capacities of a device. On a CPU, one lane does all the work without a queue."""
     return SearchSize() if wp.get_device(device).is_cuda else CPU_SIZE
+
+
+def suited_size(compiled: CompiledScene, nworld: int) -> SearchSize:
+    """Return the default capacities for `nworld` worlds of a scene. On a GPU, many worlds get larger waves."""
+    size = default_size(compiled.device)
+    if not wp.get_device(compiled.device).is_cuda:
+        return size
+    doublings = sum(nworld >= least for least in _MANY_WORLDS)
+    # with relations, most kernels of a wave wait for a few rows, and idle lanes only take time
+    larger = ("candidates", "narrow_pairs", "blocks", *(() if compiled.related else ("lanes",)))
+    is_cheap = len(compiled.placed) <= _FEW_OBJECTS and compiled.reaching is None and not compiled.program.visual
+    # candidates are expensive in a scene with many pieces of regions, so fewer restarts are tried in parallel
+    rows = size.rows // 8 if compiled.pieces > _MOST_PIECES else size.rows
+    scaled = {name: getattr(size, name) << doublings for name in larger}
+    return replace(size, rows=rows, busy=size.busy << min(doublings, 1) + is_cheap, **scaled)
 
 
 @dataclass(frozen=True)

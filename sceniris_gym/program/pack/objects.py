@@ -12,7 +12,8 @@ from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.geometry.colliders import Collider
 from sceniris_gym.geometry.pieces import Piece, PieceType
 from sceniris_gym.geometry.ragged import addressed, columns, ranges
-from sceniris_gym.geometry.rotations import product, quaternion
+from sceniris_gym.geometry.resting_poses import HomeShape
+from sceniris_gym.geometry.rotations import matrix, product, quaternion
 from sceniris_gym.grasping.gripper import carried
 from sceniris_gym.program.device import Cover, Measure, ObjectKind, OrientationType, fill_struct
 from sceniris_gym.program.device_reach import BASE, UNASKED, Reach
@@ -25,10 +26,13 @@ from sceniris_gym.reach.lookup import MapView
 from sceniris_gym.reach.solve import arm_view
 from sceniris_gym.scene.couplings import coupling_arrays
 from sceniris_gym.scene.model import SceneModel
+from sceniris_gym.scene.support import chain_up
 
 _ORIENTATIONS = {"any": OrientationType.ANY, "face_to": OrientationType.FACE_TO}
 # A piece that rises above a surface by less than this [m] does not cover it: half of the height of a ray's origin.
 _FLUSH = 5.0e-5
+# An axis is level or vertical if its vertical part is within this of 0 or 1.
+_LEVEL = 1.0e-6
 
 
 def pack_objects(plan: Plan, rules: PairRules, joints: dict[str, JoinedSites]) -> dict[str, np.ndarray]:
@@ -106,7 +110,12 @@ def _bodies_and_pieces(plan: Plan, colliders: list[Collider]) -> dict[str, np.nd
     of_body: dict[int, list[int]] = {}
     for i, p in enumerate(plan.pieces):
         of_body.setdefault(p.body, []).append(i)
-    own = [sorted(i for body in o.bodies for i in of_body.get(body, ())) for o in objects]
+    low, own = [], []
+    for o in objects:
+        pieces = sorted(i for body in o.bodies for i in of_body.get(body, ()))
+        first = _can_be_lowest(plan, o, pieces)
+        low.append(len(first))
+        own.append([*first, *(i for i in pieces if i not in first)])
     hulls = iter(range(len(plan.pieces), len(plan.pieces) + len(footprint_hulls(objects))))
     shadows = [[next(hulls)] if o.footprint is not None else mine for o, mine in zip(objects, own, strict=True)]
     lists = {
@@ -115,11 +124,33 @@ def _bodies_and_pieces(plan: Plan, colliders: list[Collider]) -> dict[str, np.nd
         "shadow": shadows,
         "overhead": [_overhead(plan, colliders, o) for o in objects],
     }
-    fields: dict[str, np.ndarray] = {}
+    fields = {"obj_lownum": np.array(low, int)}
     for name, entries in lists.items():
         flat, of_objects = addressed(f"obj_{name}", entries)
         fields |= {f"{name}_list": np.array(flat, int), **of_objects}
     return fields
+
+
+def _can_be_lowest(plan: Plan, o: PlacedObject, pieces: list[int]) -> list[int]:
+    """Return the pieces that can have an object's lowest point, if only that is measured. Otherwise, return all pieces.
+
+    Level drawers and doors do not change their heights, so pieces on them that are not lowest at home never are.
+    """
+    if o.heap is not None or not o.stable_poses or _measured(plan, o) != Measure.LOWEST:
+        return pieces
+    mjm, home, root = plan.scene.mjm, plan.scene.home, o.bodies[0]
+    upright = [matrix(v.quat) @ home.xmat[root].reshape(3, 3).T for v in o.stable_poses]
+
+    def keeps_height(i: int) -> bool:
+        chain = np.isin(mjm.jnt_bodyid, chain_up(mjm, plan.pieces[i].body, root))
+        joints = np.flatnonzero(chain & (mjm.jnt_type != mujoco.mjtJoint.mjJNT_FREE))
+        rises = np.abs([(mat @ home.xaxis[joints].T)[2] for mat in upright])
+        return bool((np.abs(rises - (mjm.jnt_type[joints] == mujoco.mjtJoint.mjJNT_HINGE)) < _LEVEL).all())
+
+    heights = {i: [HomeShape(home, root, [plan.pieces[i]]).bottom(v.quat) for v in o.stable_poses] for i in pieces}
+    still = [i for i in pieces if keeps_height(i)]
+    lowest = np.min([heights[i] for i in still], axis=0, initial=np.inf) + _FLUSH
+    return [i for i in pieces if i not in still or np.any(heights[i] <= lowest)]
 
 
 def footprint_hulls(objects: list[PlacedObject]) -> list[Piece]:

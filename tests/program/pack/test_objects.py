@@ -236,3 +236,34 @@ def test_the_device_finds_the_grasps_of_every_stable_pose(folder: Path, cube: st
     assert stable == len(view.stable_graspadr) == 6 + 6 + 1 + 1
     assert len(view.grasp_body) == sum(sizes) > 32
     assert 0 in sizes[6:12]  # lying it is 15 cm wide, and the gripper opens 8 cm
+
+
+CHEST = """<mujoco><worldbody><body name="chest"><geom name="base" type="box" size=".2 .2 .02" pos="0 0 .02"/>
+  <body name="drawer" pos="0 0 .1"><joint name="drawer" type="slide" axis="0 1 0" range="0 .3"/>
+    <geom name="drawer" type="box" size=".1 .1 .02"/></body>
+  <body name="door" pos=".2 0 .3"><joint name="door" axis="0 0 1" range="0 110"/>
+    <geom name="door" type="box" size=".01 .1 .2" pos="0 .1 0"/></body>
+  <body name="flap" pos="0 .3 .1"><joint name="flap" axis="1 0 0" range="-110 0"/>
+    <geom name="flap" type="box" size=".1 .1 .01" pos="0 .1 0"/></body>
+  <body name="ramp" pos="0 -.3 .1"><joint name="ramp" type="slide" axis="0 -.6 -.8" range="0 .2"/>
+    <geom name="ramp" type="box" size=".05 .05 .01"/></body></body></worldbody></mujoco>"""
+
+
+def test_level_drawers_and_doors_are_never_lowest(tmp_path: Path):
+    """The lowest corner of 200 drawn states of MuJoCo C is on a piece that may be lowest, and on each of them once."""
+    (tmp_path / "chest.xml").write_text(CHEST)
+    asset, joints = str(tmp_path / "chest.xml"), {"*": {"fraction": [0, 1]}}
+    packed = pack(scene_of({"chest": {"asset": asset, "kind": "fixture", "on": "floor", "joints": joints}}))
+    mjm, data = packed.scene.mjm, mujoco.MjData(packed.scene.mjm)
+    first = packed.listed("chest", "piece", "piece_list")[: packed["obj_lownum"][packed.number("chest")]]
+    names = {mjm.geom(packed.plan.pieces[i].geom).name.removeprefix("chest/") for i in first}
+    corners = np.array(np.meshgrid(*[(-1, 1)] * 3)).reshape(3, -1).T
+    rng, found = np.random.default_rng(0), set()
+    own = [g for g in range(mjm.ngeom) if mjm.geom(g).name.startswith("chest/")]
+    for _ in range(200):
+        data.qpos[:] = rng.uniform(*mjm.jnt_range.T)
+        mujoco.mj_kinematics(mjm, data)
+        up = data.geom_xmat[own].reshape(-1, 3, 3)[:, 2]
+        least = data.geom_xpos[own, 2] + np.einsum("gi,gi,ci->gc", up, mjm.geom_size[own], corners).min(axis=1)
+        found.add(mjm.geom(own[int(np.argmin(least))]).name.removeprefix("chest/"))
+    assert found == names == {"base", "flap", "ramp"}
