@@ -52,7 +52,7 @@ def task(arm: Path, worlds: int) -> dict[str, Any]:
     from mujoco_playground._src import mjx_env  # pyright: ignore[reportMissingImports]
 
     mjx_env.MENAGERIE_PATH = epath.Path(arm)
-    program = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)[0].partition("sizes = ")[0]
+    program = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)[1].partition("sizes = ")[0]
     room = {"naconmax": 64 * worlds, "naccdmax": 64 * worlds}
     names: dict[str, Any] = {}
     exec(program.replace("super().__init__()", f"super().__init__(config_overrides={room})"), names)

@@ -1,4 +1,4 @@
-"""Pictures of worlds from their cameras: of three scenes for the README, and with randomised appearance.
+"""Pictures of worlds from their cameras: of two scenes for the README, and with randomised appearance.
 
 python -m docs.make_worlds   # about a minute
 """
@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image
 
 from sceniris_gym import CompiledScene, ResetRandomizer, compile_scene, make_worlds
 from sceniris_gym.pictures.camera import Cameras
@@ -19,32 +19,36 @@ from sceniris_gym.pictures.context import Looks, Shot
 PICTURE = Path(__file__).parent / "worlds.jpg"
 RANDOMISED = PICTURE.with_name("randomised.jpg")
 """The picture of docs/randomisation.md: worlds with randomised physics and appearance."""
-SCENES = ("clutter", "kitchen", "mid")
+SCENES = ("clutter", "kitchen")
 SIZE = (200, 150)
-"""Pixels of a world."""
+"""Pixels of a world in a small picture."""
+LARGE = (480, 360)
+"""Pixels of a world in the picture of the README."""
 PAPER = (255, 255, 255)
-_WORLDS, _COLUMNS = 9, 3
-_DRAWN = 3  # pixels are drawn at this multiple of SIZE, and scaled down
-_BETWEEN, _STRIP = 16, 24
-_INK = (40, 44, 50)
+_WORLDS = 3
+_DRAWN = 3  # pixels are drawn at this multiple of a picture's size, and scaled down
+_GAP = 6
 
 
-def worlds_of(compiled: CompiledScene, worlds: int, seed: int = 0) -> np.ndarray:
-    """Return pictures of worlds of a scene, with seeds from `seed` on, (worlds, height, width, 3) uint8."""
+def worlds_of(compiled: CompiledScene, worlds: int, seed: int = 0, size: tuple[int, int] = SIZE) -> np.ndarray:
+    """Return pictures of worlds of a scene, with seeds from `seed` on, (worlds, height, width, 3) uint8.
+
+    They are three times as large as `size`, and `grid` scales them down.
+    """
     model, data = make_worlds(compiled, worlds, nconmax=1, njmax=1)
     ResetRandomizer(compiled, model, data, seed=seed).reset()
-    width, height = (_DRAWN * edge for edge in SIZE)
+    width, height = (_DRAWN * edge for edge in size)
     cameras = Cameras(compiled.scene.sim, model, data, {"overview": Shot((width, height))}, Looks(shadows=True))
     cameras.launch()
     return cameras.images["overview"]["rgb"].numpy()
 
 
-def grid(pictures: Sequence[np.ndarray], columns: int, gap: int) -> Image.Image:
-    """Return pictures, scaled to SIZE, in rows with gaps of `gap` pixels."""
-    width, height = SIZE[0] + gap, SIZE[1] + gap
+def grid(pictures: Sequence[np.ndarray], columns: int, gap: int, size: tuple[int, int] = SIZE) -> Image.Image:
+    """Return pictures, scaled to `size`, in rows with gaps of `gap` pixels."""
+    width, height = size[0] + gap, size[1] + gap
     sheet = Image.new("RGB", (columns * width - gap, -(-len(pictures) // columns) * height - gap), PAPER)
     for i, picture in enumerate(pictures):
-        small = Image.fromarray(picture).resize(SIZE, Image.Resampling.LANCZOS)
+        small = Image.fromarray(picture).resize(size, Image.Resampling.LANCZOS)
         sheet.paste(small, (i % columns * width, i // columns * height))
     return sheet
 
@@ -53,14 +57,8 @@ def main() -> None:
     """Draw the pictures."""
     task = runpy.run_path(str(PICTURE.parents[1] / "examples" / "16_randomised_task.py"))
     grid(list(worlds_of(compile_scene(task["SCENE"], "cpu"), 16)), 4, 4).save(RANDOMISED, quality=85, optimize=True)
-    panels = [grid(list(worlds_of(compile_scene(scene, "cpu"), _WORLDS)), _COLUMNS, 4) for scene in SCENES]
-    width, height = panels[0].width + _BETWEEN, panels[0].height + _STRIP
-    sheet = Image.new("RGB", (len(SCENES) * width - _BETWEEN, height), PAPER)
-    draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(size=15)
-    for i, (scene, panel) in enumerate(zip(SCENES, panels, strict=True)):
-        sheet.paste(panel, (i * width, 0))
-        draw.text((i * width, panel.height + 4), scene, _INK, font)
-    sheet.save(PICTURE, quality=90, optimize=True)
+    tiles = [tile for scene in SCENES for tile in worlds_of(compile_scene(scene, "cpu"), _WORLDS, size=LARGE)]
+    grid(tiles, _WORLDS, _GAP, LARGE).save(PICTURE, quality=88, optimize=True)
     print(f"{PICTURE}: {PICTURE.stat().st_size // 1024} KiB")
 
 

@@ -22,6 +22,7 @@ EXAMPLES = sorted(
 LIST = "examples/index.md"
 """The page that lists the examples. In the navigation, the examples follow it."""
 PAGES = {
+    "README.md": "index.md",
     "CONTRIBUTING.md": "contributing.md",
     "CHANGELOG.md": "changelog.md",
     "SECURITY.md": "security.md",
@@ -34,6 +35,7 @@ PAGES = {
     **{path: PurePosixPath(path).with_suffix(".md").as_posix() for path in EXAMPLES},
 }
 """Path in the repository -> page of the site."""
+_PACKAGE = "sceniris_gym"
 _SPELLED = {"env": "environment", "gpus": "GPUs", "ppo": "PPO", "usd": "USD"}
 """Words of file names with another spelling in titles."""
 _SOURCES = {page: source for source, page in PAGES.items()}
@@ -108,7 +110,13 @@ def _summary(example: str) -> str:
 
 
 def _on_site(link: re.Match, page: str) -> str:
-    """Return a link of a page for the site. For a file without a page, return only the text of the link."""
+    """Return a link of a page for the site. For a file without a page, return only the text of the link.
+
+    A link to an entry of the API, such as `api/scenes.md#sceniris_gym.SceneModel`, becomes a cross-reference, because
+    the page has its anchors only when the site is built.
+    """
+    if (link["anchor"] or "").startswith(f"#{_PACKAGE}."):
+        return f"[{link['text']}][{link['anchor'][1:]}]"
     source = _SOURCES.get(page, f"docs/{page}")
     folder = PurePosixPath(source) if source == "examples" else PurePosixPath(source).parent
     target = os.path.normpath(folder / link["target"])

@@ -90,7 +90,7 @@ def test_the_version_is_the_same_everywhere():
         assert releases[0] == f"{__version__} - {citation['date-released']}"
 
 
-@pytest.mark.parametrize("page", ["README.md", "CHANGELOG.md", "docs/index.md", "docs/tutorial.md"])
+@pytest.mark.parametrize("page", ["README.md", "CHANGELOG.md", "docs/install.md", "docs/tutorial.md"])
 def test_pages_agree_on_whether_there_is_a_release(page: str):
     """They have the sentence that there is none yet until the changelog has a release."""
     is_released = "\n## " in (ROOT / "CHANGELOG.md").read_text().partition("## Unreleased")[2]
@@ -117,6 +117,16 @@ def test_every_dependency_is_pinned():
     wanted = [*PROJECT["project"]["dependencies"], *(text for extra in extras for text in extra)]
     names = {text.split(">")[0].split("[")[0].lower().replace("_", "-") for text in wanted}
     assert names - pinned == {PROJECT["project"]["name"]}  # whose extras the development environment has
+
+
+@pytest.mark.slow
+def test_the_page_of_a_package_index_has_no_dead_link_or_picture(built: Path):
+    """It is the README without links to files of the repository."""
+    wheel = zipfile.ZipFile(next(built.glob("*.whl")))
+    metadata = wheel.read(next(name for name in wheel.namelist() if name.endswith("METADATA"))).decode()
+    assert "Description-Content-Type: text/markdown" in metadata
+    assert "randomises the scene at every reset" in metadata
+    assert re.findall(r"\]\((?!https?:)[^)]*\)", metadata) == []
 
 
 @pytest.mark.slow

@@ -31,7 +31,7 @@ jnp: Any = jax.numpy
 from sceniris_gym.adapters.jax import LayoutAutoResetWrapper, LayoutFunction, wrap_for_brax_training  # noqa: E402
 
 PAGE = Path(__file__).parents[2] / "docs" / "jax.md"
-PROGRAMS = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
+OWN, CLUTTER, FUNCTION = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
 WORLDS = 6
 LENGTH = 3
 SEEDS = np.array([[0, 7], [5, 7], [0, 9], [2**32 - 1, 1], [0, 8], [1, 0]], np.uint32)
@@ -198,6 +198,7 @@ def small(program: str) -> str:
 
 
 SMALL = {"naconmax": 64 * WORLDS, "naccdmax": 64 * WORLDS}
+SIZES_AS_ARGUMENTS = f"num_envs={WORLDS}, num_eval_envs={WORLDS}, batch_size={WORLDS}, num_minibatches=1"
 SIZES = f'"num_envs": {WORLDS}, "num_eval_envs": {WORLDS}, "batch_size": {WORLDS}, "num_minibatches": 1'
 
 
@@ -210,7 +211,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
 
     mjx_env.MENAGERIE_PATH = epath.Path(write_menagerie(tmp_path_factory.mktemp("menagerie")))
     names: dict[str, Any] = {}
-    setup, sizes, _ = small(PROGRAMS[0]).partition("sizes = ")
+    setup, sizes, _ = small(CLUTTER).partition("sizes = ")
     assert sizes
     exec(compile(setup, "jax.md", "exec"), names)
     return names
@@ -509,17 +510,30 @@ def test_other_models_and_observations_are_refused(
 
 def test_the_program_of_the_page_trains_ten_iterations(page: dict[str, Any]):
     """With Brax's PPO as it stands, in short episodes: six worlds of ten unrolls of ten steps."""
-    _, line, training = small(PROGRAMS[0]).partition("sizes = ")
+    _, line, training = small(CLUTTER).partition("sizes = ")
     program = training.replace("240", str(10 * 10 * WORLDS))
     calls = []
     names = page | {"progress": lambda steps, metrics: calls.append(steps)}
     program = program.replace("num_evals=2", "num_evals=2, progress_fn=progress")
     exec(compile(line + program, "jax.md", "exec"), names)
     assert calls == [0, 10 * 10 * WORLDS]
-    about = [text for text in PROGRAMS[0].splitlines() if re.search("sceniris|region|things|compiled|wrap", text)]
+    about = [text for text in CLUTTER.splitlines() if re.search("sceniris|region|things|compiled|wrap", text)]
     assert len(about) == 7  # as the page says
+
+
+def test_an_own_environment_of_the_page_trains(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """The page has the environment in a file, and ten lines around it."""
+    pytest.importorskip("mujoco_playground")
+    monkeypatch.syspath_prepend(tmp_path)
+    files = re.findall(r'```python title="([^"]+)"\n(.*?)```', PAGE.read_text(), re.DOTALL)
+    assert [name for name, _ in files] == ["above.py"]
+    (tmp_path / "above.py").write_text(files[0][1])
+    program = OWN.replace('"objects": things}', '"objects": things, "bank": 2}, "cpu"')
+    program = program.replace("num_envs=2048, batch_size=512", SIZES_AS_ARGUMENTS)
+    program = program.replace("2_000_000", "240").replace("episode_length=150", f"episode_length={LENGTH}")
+    exec(compile(program, "jax.md", "exec"), {})
 
 
 def test_the_function_of_the_page_runs():
     """As it stands, on the CPU."""
-    exec(compile(PROGRAMS[1].replace('"mid"', '"mid", "cpu"'), "jax.md", "exec"), {})
+    exec(compile(FUNCTION.replace('"mid"', '"mid", "cpu"'), "jax.md", "exec"), {})

@@ -16,7 +16,6 @@ from sceniris_gym.cli import COMMANDS
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 WITH_PROGRAMS = (
-    "index",
     "own_model",
     "own_task",
     "tasks",
@@ -26,9 +25,24 @@ WITH_PROGRAMS = (
     "variants",
     "redraws",
     "starts",
+    "api/scenes",
 )
 PAGES = (
-    *(*WITH_PROGRAMS, "tutorial", "how_to", "glossary", "how_it_works", "commands", "viewer", "data_sets", "import"),
+    *(
+        *WITH_PROGRAMS,
+        "why",
+        "install",
+        "troubleshooting",
+        "questions",
+        "tutorial",
+        "how_to",
+        "glossary",
+        "how_it_works",
+        "commands",
+        "viewer",
+        "data_sets",
+        "import",
+    ),
     *("libraries", "mjlab", "jax", "newton", "training", "reach", "libero", "several_gpus"),
 )
 BLOCK = re.compile(r'^```(python|yaml)(?: title="([^"]+)")?\n(.*?)^```$', re.MULTILINE | re.DOTALL)
@@ -56,9 +70,6 @@ def test_the_programs_of_a_guide_run(page: str, tmp_path: Path, monkeypatch: pyt
             found.append({})
             exec(compile(text, f"{page}.md", "exec"), found[-1])
     sys.modules.pop("my_tasks", None)
-    if page == "index":
-        assert found[0]["info"]["layout"]["episode"][6:10].tolist() == [1, 1, 0, 0]
-        assert set(found[1]["randomizer"].layouts.episode.cpu().numpy()) == {1}
     if page == "own_model":
         assert set(found[0]["randomizer"].layouts.episode.cpu().numpy()) == {1}
         assert found[1]["randomizer"].layouts.seed.tolist() == [0, 0, 0, 0]
@@ -68,16 +79,31 @@ def test_the_programs_of_a_guide_run(page: str, tmp_path: Path, monkeypatch: pyt
 
 @pytest.mark.slow
 def test_the_programs_of_the_readme_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """A guide has the first, and runs it; the loop runs in a folder with its scene file. All takes at most 8 KB."""
+    """In a folder with the scene file. The README is also the start page of the site, and has at most 8 KB."""
     monkeypatch.chdir(tmp_path)
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     assert len(readme.encode()) <= 8192
     (_, _, environment), (_, _, scene), (_, _, loop) = BLOCK.findall(readme)
     Path("drawers.yaml").write_text(scene, encoding="utf-8")
-    assert environment == BLOCK.findall(read("index"))[0][2]
-    names: dict = {}
-    exec(compile(loop, "README.md", "exec"), names)
-    assert set(names["randomizer"].layouts.episode.cpu().numpy()) == {1}
+    first: dict = {}
+    exec(compile(environment, "README.md", "exec"), first)
+    assert first["info"]["layout"]["episode"][6:10].tolist() == [1, 1, 0, 0]
+    second: dict = {}
+    exec(compile(loop, "README.md", "exec"), second)
+    assert set(second["randomizer"].layouts.episode.cpu().numpy()) == {1}
+
+
+def test_every_message_of_the_page_on_troubleshooting_is_in_the_source():
+    """Each is quoted in the words of a raised error, a warning or a print, where `...` stands for the rest."""
+    # Two strings that follow each other are one message.
+    joined = re.compile(r'"\s*f?"')
+    texts = [joined.sub("", path.read_text(encoding="utf-8")) for path in (ROOT / "sceniris_gym").rglob("*.py")]
+    quoted = re.findall(r"^\| `([^`]+)` \|", read("troubleshooting"), re.MULTILINE)
+    parts = {message: [part.strip() for part in message.split("...") if part.strip()] for message in quoted}
+    assert len(parts) >= 15
+    assert [
+        message for message, words in parts.items() if not any(all(w in text for w in words) for text in texts)
+    ] == []
 
 
 def test_the_program_of_the_page_on_data_sets_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

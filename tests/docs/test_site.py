@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -119,6 +120,26 @@ def test_nothing_is_loaded_from_another_server(site: Path, pages: dict[Path, Htm
     assert (site / "search" / "search_index.json").is_file()
 
 
+CHROMIUM = next((path for path in map(shutil.which, ("chromium", "chromium-browser", "google-chrome")) if path), None)
+WIDER = """() => [...document.querySelectorAll(".md-typeset pre > code, .md-typeset__scrollwrap")]
+    .filter(found => found.scrollWidth > found.clientWidth + 1).map(found => found.textContent.slice(0, 60))"""
+"""Beginnings of the programs and tables that a reader has to scroll sideways."""
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="there is no browser")
+def test_programs_fit_a_window_and_cards_fit_a_telephone(site: Path):
+    """Programs of 120 columns at 1,280 pixels, and the systems' cards at 390."""
+    sync_playwright = pytest.importorskip("playwright.sync_api").sync_playwright
+    cut = {}
+    with sync_playwright() as driver:
+        page = driver.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"]).new_page()
+        for name, width in (("own_task", 1280), ("examples/04_own_task", 1280), ("systems", 1280), ("systems", 390)):
+            page.set_viewport_size({"width": width, "height": 900})
+            page.goto((site / name / "index.html").as_uri())
+            cut[name, width] = page.evaluate(WIDER)
+    assert cut == {key: [] for key in cut}
+
+
 def errors_of_the_package() -> set[str]:
     """Return the names of all errors and warnings."""
     classes = [value for value in vars(errors).values() if isinstance(value, type) and issubclass(value, Exception)]
@@ -163,3 +184,14 @@ def test_links_of_the_readme_lead_somewhere(site: Path, pages: dict[Path, Html])
         if target.fragment and target.path.startswith("docs/"):
             page = site / target.path.removeprefix("docs/").removesuffix(".md").removesuffix("index") / "index.html"
             assert target.fragment in pages[page].ids, target
+
+
+def test_links_of_pages_lead_somewhere_in_the_repository():
+    """A forge shows the pages, too: links are paths of files, and names of the API are links to its pages."""
+    dead = []
+    for path in [*(ROOT / "docs").rglob("*.md"), *(ROOT / "benchmarks").glob("*.md")]:
+        text = re.sub(r"^```.*?^```$|`[^`]*`", "", path.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+        targets = [urlsplit(link) for link in re.findall(r"\]\(([^)\s]+)\)", text)]
+        dead += [(path.name, t.path) for t in targets if not t.scheme and not (path.parent / t.path).exists()]
+        dead += [(path.name, name) for name in re.findall(r"\]\[(sceniris_gym[^]]*)\]", text)]
+    assert dead == []
