@@ -2,6 +2,7 @@
 
 import resource
 import statistics
+import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -17,8 +18,9 @@ from sceniris_gym.audit.geometry import solids_of
 from sceniris_gym.commands.narrowing import narrow
 from sceniris_gym.device.sequence import LaunchSequence
 from sceniris_gym.layout.compile import compile_scene
-from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.generate import LayoutGenerator, generator_memory
 from sceniris_gym.layout.layouts import LayoutStatus
+from sceniris_gym.layout.wave.search import suited_size
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import ResetRandomizer
@@ -39,6 +41,8 @@ def bench(
 ) -> dict:
     """Measure how fast layouts of a scene are made and worlds are reset, and return the figures.
 
+    The memory that the worlds take is printed to stderr before it is allocated.
+
     Times are wall-clock times, with the device idle before and after. Warm times are medians of 20 replays of a
     captured graph. Rates and fractions refer to the layouts of these 20 replays.
 
@@ -49,13 +53,21 @@ def bench(
         seed: Seed of the first world.
         overrides: Parts of the scene to change.
         picture: PNG to write, or None. It shows the places of objects, with and without `reachable`.
+
+    Raises:
+        MemoryLimitError: The worlds do not fit into the memory of the device.
     """
     start = time.perf_counter()
     compiled = compile_scene(scene, device, overrides=overrides, cache=False)
+    compiling = time.perf_counter() - start
+    makes = generator_memory(compiled, suited_size(compiled, num_envs))
+    batch = Batch(compiled.scene, num_envs, compiled.device, beside=[makes])
+    print(f"{batch.memory}.", file=sys.stderr, flush=True)
+    start = time.perf_counter()
     generator = LayoutGenerator(compiled, num_envs, seed=seed)
     generator.generate()
     wp.synchronize_device(compiled.device)
-    cold = time.perf_counter() - start
+    cold = compiling + time.perf_counter() - start
 
     counts: Counter[str] = Counter()
 
@@ -86,7 +98,7 @@ def bench(
         "valid_per_s": counts["valid"] / REPEATS / warm,
         "candidates_per_layout": counts["candidates"] / made,
         "ns_per_candidate": 1e9 * REPEATS * warm / counts["candidates"],
-        **_resets(compiled, generator),
+        **_resets(compiled, batch, generator),
         "peak_bytes": peak_bytes(compiled.device),
         **narrow(compiled, min(num_envs, _NARROWED), seed, picture),
     }
@@ -111,9 +123,8 @@ def peak_bytes(device: str) -> int:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024  # kibibytes on Linux
 
 
-def _resets(compiled: CompiledScene, generator: LayoutGenerator) -> dict[str, float]:
+def _resets(compiled: CompiledScene, batch: Batch, generator: LayoutGenerator) -> dict[str, float]:
     """Return the time [us] to reset all worlds and to reset 2% of them, with new layouts and kinematics."""
-    batch = Batch(compiled.scene, generator.nworld, compiled.device)
     randomizer = ResetRandomizer(compiled, batch.model, batch.data, layout_source=generator)
     times = {}
     for name, every in (("full_reset_us", 1), ("partial_reset_us", _PARTIAL)):

@@ -32,13 +32,20 @@ from sceniris_gym.layout.wave.points import launch_draw_points
 from sceniris_gym.layout.wave.prefilter import launch_prefilter
 from sceniris_gym.layout.wave.region_pieces import launch_cut_regions
 from sceniris_gym.layout.wave.rounds import launch_begin_episodes, launch_open_rows
-from sceniris_gym.layout.wave.search import SearchSize, Workspace, create_search, default_size, suited_size
+from sceniris_gym.layout.wave.search import (
+    SearchSize,
+    Workspace,
+    create_search,
+    default_size,
+    most_candidates,
+    suited_size,
+)
 from sceniris_gym.layout.wave.settle import launch_settle
 from sceniris_gym.layout.wave.sides import create_regions, launch_build_sides
 from sceniris_gym.layout.wave.standing import launch_test_standing
 from sceniris_gym.layout.wave.start_kinds import launch_draw_kinds, launch_put_at_markers
 from sceniris_gym.layout.world_columns import search_columns
-from sceniris_gym.program.checks.simulation import check_memory
+from sceniris_gym.program.checks.simulation import array_bytes, check_worlds
 from sceniris_gym.program.compiled import CompiledScene, check_split
 from sceniris_gym.program.device import REACH_CAUSES, Cause
 from sceniris_gym.program.device_reach import Reach
@@ -87,10 +94,9 @@ class LayoutGenerator(Fixed, LayoutSource):
         check_type(compiled, CompiledScene, "LayoutGenerator: compiled")
         check_split(split, "LayoutGenerator", tuple(SPLITS))  # a user does not need to know the others
         nworld = as_count(nworld, "LayoutGenerator: nworld")
-        if size is None:
-            size = suited_size(compiled, nworld)
+        size = suited_size(compiled, nworld) if size is None else size
         check_type(size, SearchSize, "LayoutGenerator: size")
-        _check_memory(compiled, nworld, size)
+        check_worlds(compiled.config.where, nworld, compiled.device, generator_memory(compiled, size))
         self.compiled, self.size = compiled, size
         self.split: str = split
         self.layouts = Layouts.create(compiled, nworld, rows=size.rows, params=params, split=split)
@@ -337,11 +343,8 @@ def make_redraw(
     return Redraw(compiled, objects, split, generator.layouts, generator._work, generator.launch_make, adds=adds)
 
 
-def _check_memory(compiled: CompiledScene, nworld: int, size: SearchSize) -> None:
-    """Raise if the largest arrays of layouts and candidates do not fit into memory."""
-    mjm = compiled.mjm
-    state = 4 * mjm.nq + 28 * mjm.nbody  # bytes of joints and of the poses of all bodies
-    row = state + 60 + 36 * len(compiled.slots) + 32 * mjm.nmocap + 4 * len(compiled.placed) * len(Cause)
-    what = f"LayoutGenerator: {nworld} worlds of '{compiled.config.name}'"
-    needed = (nworld + size.rows) * row + size.candidates * state
-    check_memory(what, needed, compiled.device, "Use fewer worlds at once, or another device.")
+def generator_memory(compiled: CompiledScene, size: SearchSize) -> tuple[int, int]:
+    """Return the bytes of a LayoutGenerator with these capacities, as a part of `check_worlds`."""
+    row, one = array_bytes(Layouts.create(compiled, 1).view), replace(size, rows=0, candidates=1, narrow_pairs=0)
+    candidate = array_bytes(create_search(compiled, 1, one), *filter(None, [create_regions(compiled, 1)]))
+    return size.rows * row + most_candidates(compiled, size) * candidate + 16 * size.narrow_pairs, row

@@ -137,8 +137,7 @@ class Cameras:
         numbers = {name: i for i, name in enumerate(self.names)}
         owner = [numbers[scene.owners.get(int(body), "")] for body in mjm.geom_bodyid]
         self._tracks = bool(np.isin([*mjm.cam_mode, *mjm.light_mode], _TRACKING).any())
-        # 7 bytes per value, which is written twice, and 48 bytes per pixel to sort the rays
-        needed = sum(math.prod(shot.size) * (48 + 7 * self.nworld * len(shot.data)) for shot in shots.values())
+        needed = sum(fixed + self.nworld * world for fixed, world in (shot.memory for shot in shots.values()))
         check_memory(f"{where}: {self.nworld} pictures", needed, str(device), "Use smaller pictures, or fewer worlds.")
         same = not {"cam_fovy", "cam_intrinsic"} & {*differ}
         with wp.ScopedDevice(device):

@@ -50,6 +50,12 @@ class Shot:
     size: tuple[int, int]
     data: tuple[str, ...] = ("rgb",)
 
+    @property
+    def memory(self) -> tuple[int, int]:
+        """Bytes for all worlds together, to sort the rays, and bytes for each world, whose values are written twice."""
+        pixels = self.size[0] * self.size[1]
+        return 48 * pixels, 7 * pixels * len(self.data)
+
 
 def in_model_order(mjm: mujoco.MjModel, shots: Mapping[str, Shot], where: str) -> dict[str, Shot]:
     """Return `shots`, which has a camera's name as each key, in the order of the cameras in the model.

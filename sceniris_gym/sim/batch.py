@@ -1,7 +1,8 @@
 """`Batch`: many worlds in one mujoco_warp Model and Data, with memory for contacts and a function for control steps."""
 
 import copy
-from collections.abc import Callable, Collection, Iterable, Mapping
+import logging
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -14,12 +15,15 @@ from sceniris_gym.device.fixed import Fixed
 from sceniris_gym.device.sequence import LaunchSequence
 from sceniris_gym.errors import ContactBudgetError, as_names, check_names
 from sceniris_gym.layout.masks import as_count
-from sceniris_gym.program.checks.simulation import check_memory, put_simulated
+from sceniris_gym.program.checks.simulation import array_bytes, check_worlds, put_simulated
+from sceniris_gym.scene.draws import drawn_fields
 from sceniris_gym.scene.model import SceneModel
-from sceniris_gym.sim.model_fields import ModelFields, widen
+from sceniris_gym.sim.model_fields import ModelFields, owner, widen, with_followers
 from sceniris_gym.sim.variants import fields_of_variants
 from sceniris_gym.sim.versions import OverflowType, room_for_dofs, silence_iterations
 
+# Geoms of these types need little scratch memory: at most 16 iterations for a pair of boxes, and no lists of polygons.
+_PRIMITIVES = [int(getattr(mujoco.mjtGeom, f"mjGEOM_{name}")) for name in ("PLANE", "SPHERE", "CAPSULE", "BOX")]
 # Geoms carry a body tree together if their lowest points differ by less than this [m].
 _SAME_HEIGHT = 0.002
 
@@ -171,6 +175,27 @@ def with_options(mjm: mujoco.MjModel, options: Mapping[str, Any]) -> mujoco.MjMo
     return mjm
 
 
+def _world_bytes(scene: SceneModel, m: mjw.Model, one: mjw.Data) -> int:
+    """Return the bytes of a world: its Data, its rows of model fields, and the scratch memory of a step.
+
+    A step finds contacts and then solves for accelerations, so only the larger of the two scratch memories counts.
+
+    Args:
+        scene: The scene with all variants.
+        m: The Model. Its fields have one row for all worlds.
+        one: Data of one world.
+    """
+    mjm = scene.sim.mjm
+    shared = fields_of_variants() if scene.shared is not None else ()  # these have a second array of nominal values
+    drawn = {each for name in drawn_fields(scene.sim.draws) for each in with_followers(name)}
+    rows = sum(getattr(owner(m, name), name).capacity for name in (*shared, *shared, *drawn.difference(shared)))
+    solid = mjm.geom_type[(mjm.geom_contype != 0) | (mjm.geom_conaffinity != 0)]
+    pair = 3100 if np.isin(solid, _PRIMITIVES).all() else 2400 + 132 * m.opt.ccd_iterations
+    solver = 24 * one.njmax + 8 * (getattr(one, "nvmax", 0) or m.nv) ** 2
+    data = array_bytes(one, one.contact, one.efc, rows=(1, one.naconmax))
+    return data + rows + max(one.naconmax // 4 * pair, solver)
+
+
 class Batch(Fixed):
     """Many worlds of one scene that step together.
 
@@ -186,6 +211,7 @@ class Batch(Fixed):
         substeps: Physics steps in a control step.
         options: Values of MjOption's fields by name. They replace the scene's values.
         graph: If true, the control step is captured into a graph, which later steps replay.
+        beside: What the caller makes for the same worlds, as `parts` of `check_worlds`.
 
     Attributes:
         scene: The simulated scene. All variants of an object share one body in this scene.
@@ -193,6 +219,7 @@ class Batch(Fixed):
         model: mujoco_warp Model.
         data: mujoco_warp Data.
         fields: The ModelFields: fields of `model` that have a row for each world.
+        memory: The WorldMemory of the worlds, with the parts in `beside`. It is logged at level INFO.
         step: Takes one control step in all worlds: `substeps` physics steps, then an update of kinematics and `needs`.
             Without the update, xpos would be one substep older than qpos.
         update: Updates kinematics and `needs` in all worlds.
@@ -221,6 +248,7 @@ class Batch(Fixed):
         substeps: int = 1,
         options: Mapping[str, Any] | None = None,
         graph: bool = True,
+        beside: Sequence[tuple[int, int]] = (),
     ) -> None:
         self.full_scene = scene
         self.scene, self.nworld, self.device = scene.sim, nworld, wp.get_device(device)
@@ -232,23 +260,22 @@ class Batch(Fixed):
                 as_count(value, name, most=end)
         nconmax, njmax = nconmax or contacts, njmax or rows
         naconmax = nworld * nconmax
-        # A pair of convex geoms takes 5 kB of scratch memory. Many worlds share room for a quarter of their contacts. A
-        # few worlds may need room for all.
+        # A pair of convex geoms takes up to 7 kB of scratch memory. Many worlds share room for a quarter of their
+        # contacts. A few worlds may need room for all.
         naccdmax = min(naconmax, max(naconmax // 4, 16 * nconmax))
         with wp.ScopedDevice(self.device):
             self.model = put_simulated(mjm, where)
-            for name in fields_of_variants() if scene.shared is not None else ():
-                widen(self.model, name, nworld)
             if scene.config.model is None:  # a user's own model keeps its options
                 self.model.opt.ls_iterations = LINE_SEARCH
             # solvers often reach their iteration limits, and a warning at every step would flood stdout
             silence_iterations(self.model)
-            room = {"nconmax": nconmax, "naccdmax": naccdmax, "njmax": njmax} | room_for_dofs(nvmax)
-            one = mjw.make_data(mjm, 1, nconmax=nconmax, njmax=njmax)
-            parts = [value for part in (one, one.contact, one.efc) for value in vars(part).values()]
-            needed = nworld * sum(part.capacity for part in parts if isinstance(part, wp.array))
-            check_memory(f"{where}: {nworld} worlds", needed, str(self.device), "Use fewer worlds, or another device.")
-            self.data = mjw.make_data(mjm, nworld, **room)
+            room = {"nconmax": nconmax, "njmax": njmax} | room_for_dofs(nvmax)
+            own = 0, _world_bytes(scene, self.model, mjw.make_data(mjm, 1, **room))
+            self.memory = check_worlds(where, nworld, str(self.device), own, *beside)
+            logging.getLogger(__name__).info("%s: %s.", where, self.memory)
+            for name in fields_of_variants() if scene.shared is not None else ():
+                widen(self.model, name, nworld)
+            self.data = mjw.make_data(mjm, nworld, naccdmax=naccdmax, **room)
         self.fields = ModelFields(scene, self.model, self.data, grow=True)
         self.substeps, self._update = substeps, partial(updater(needs), self.model, self.data)
         self.update = LaunchSequence(self._update, self.device, graph=graph).replay

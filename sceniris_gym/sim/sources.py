@@ -11,11 +11,12 @@ from sceniris_gym.config.fields import short
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, SceneMismatchError, as_names, check_type
 from sceniris_gym.layout.ahead import Ahead
 from sceniris_gym.layout.columns import columns
-from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.generate import LayoutGenerator, generator_memory
 from sceniris_gym.layout.layouts import Layouts, LayoutsView, column_of, view_of
 from sceniris_gym.layout.pipeline import LayoutPipeline
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.layout.stored import StoredLayouts, check_table
+from sceniris_gym.layout.wave.search import suited_size
 from sceniris_gym.levels.curriculum import ADR, LevelReplay, as_curriculum
 from sceniris_gym.levels.sampler import LevelSampler
 from sceniris_gym.program.compiled import CompiledScene, check_split
@@ -78,6 +79,13 @@ def make_pipeline(
     split = layout_source.split or split
     sampler = None if replay is None else LevelSampler(replay, layout_source.layouts, split)
     return LayoutPipeline(layout_source, split, ahead=ahead, chooser=sampler), sampler
+
+
+def maker_memory(compiled: CompiledScene, nworld: int, layout_source: Any, prefetch: Any) -> list[tuple[int, int]]:
+    """Return the bytes of the generators of `make_pipeline`, as parts of `check_worlds`. Prefetching takes a second."""
+    ahead = prefetch or (prefetch is None and wp.get_device(compiled.device).is_cuda)
+    made = [generator_memory(compiled, suited_size(compiled, nworld))] * (2 if ahead else 1)
+    return made if layout_source is None else []
 
 
 def check_prefetch(prefetch: Any, where: str) -> None:

@@ -28,7 +28,7 @@ from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import ResetRandomizer
 from sceniris_gym.sim.snapshot import Snapshot, take
-from sceniris_gym.sim.sources import SourceLike
+from sceniris_gym.sim.sources import SourceLike, maker_memory
 from sceniris_gym.vector import arguments
 from sceniris_gym.vector.arguments import LAYOUTS, PARAMS, STATE
 from sceniris_gym.vector.observer import Images, Observer, action_space
@@ -80,6 +80,9 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
 
     `statistics` sums up the results of finished episodes on the device. `statistics.read()` returns the means.
 
+    `batch.memory` is the memory that the worlds take on the device. Its attribute `most` is the greatest number of
+    worlds that fits. The memory is logged at level INFO before it is allocated.
+
     Attributes such as `compiled` and `randomizer` cannot be replaced, because captured graphs, including your own, use
     the arrays of the original scene. To change such an attribute, make another environment.
 
@@ -127,6 +130,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         ScenirisError: The scene cannot be used, for the reasons that `compile_scene` lists.
         TaskError: A method of the task returns a wrong type or shape. Raised here, or in the first step.
         FixedError: You assign to an attribute that captured graphs use. Raised at this assignment, not here.
+        MemoryLimitError: The worlds do not fit into the memory of the device. The message has the number that fits.
         ContactBudgetError: The first reset has more contacts than `nconmax` leaves room for. After later steps, call
             `randomizer.check_budget()` to check this.
     """
@@ -192,7 +196,10 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         self.rank.tell(self.compiled.device)
         physics: dict[str, Any] = {name: getattr(sim, name) for name in (*ROOM, "graph")}
         physics |= {name: getattr(self.task, name) for name in ("needs", "substeps", "options")}
-        self.batch = batch = Batch(self.compiled.scene, num_envs, self.compiled.device, **physics)
+        shots = {} if seen is None else as_shots(seen.cameras)
+        beside = maker_memory(self.compiled, num_envs, layout_source, sim.prefetch)
+        beside += [shot.memory for shot, _ in shots.values()]
+        self.batch = batch = Batch(self.compiled.scene, num_envs, self.compiled.device, beside=beside, **physics)
         served: dict[str, Any] = {"layout_source": layout_source, "split": split, "prefetch": sim.prefetch}
         served |= {"curriculum": curriculum, "params": params, "needs": self.task.needs, "graph": sim.graph}
         self.randomizer = ResetRandomizer.of_batch(batch, self.compiled, **served)
@@ -207,7 +214,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             worlds.bind()
             # cameras follow bind, which fixes the model fields that differ between worlds
             if seen is not None:
-                self.images = Images(self.batch, as_shots(seen.cameras), seen.every, graph=sim.graph)
+                self.images = Images(self.batch, shots, seen.every, graph=sim.graph)
             size = self.task.action_size or self.compiled.mjm.nu
             more: dict[str, Any] = {"groups": groups, "sensing": wanted, "copy": sim.copy}
             self._observer = Observer(self.task, self.state, self.images, size, **more)

@@ -10,8 +10,10 @@ from PIL import Image
 from ruamel.yaml import YAML
 
 from sceniris_gym.commands.bench import REPEATS, bench, faces, peak_bytes
+from sceniris_gym.errors import MemoryLimitError
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import LayoutStatus
+from sceniris_gym.program.checks import simulation
 from tests.layout.crane import crane_map, crane_mjcf, crane_scene
 from tests.layout.scenes import box_mjcf, compile_on_cpu, write_mjcf
 
@@ -73,3 +75,21 @@ def test_on_a_cpu_the_peak_is_that_of_the_process():
     """As Linux has it in /proc."""
     (line,) = [line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmHWM")]
     assert peak_bytes("cpu") == pytest.approx(int(line.split()[1]) * 1024, rel=0.02)
+
+
+def test_memory_is_told_before_it_is_measured_or_refused(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    """With the number of worlds; more than fit are refused with the greatest number."""
+    monkeypatch.setattr(simulation, "free_memory", lambda device: 1 << 30)
+    with pytest.raises(MemoryLimitError, match=r"100,000 worlds: takes .* GiB or more.*\(at most (\d+,)*\d+\)"):
+        bench("mid", 100_000, "cpu", 0)
+    assert "take" not in capsys.readouterr().err
+    monkeypatch.setattr("sceniris_gym.commands.bench.LayoutGenerator", _stop)
+    with pytest.raises(InterruptedError):
+        bench("mid", WORLDS, "cpu", 0)
+    assert capsys.readouterr().err == "16 worlds take 0.00 GiB of 1.00 GiB free on cpu.\n"
+
+
+def _stop(*args: object, **options: object) -> None:
+    raise InterruptedError

@@ -47,7 +47,7 @@ def test_a_batch_keeps_what_its_graph_was_captured_with(small_scene, name: str):
 
 def test_more_worlds_than_memory_are_refused(small_scene):
     """With their size, before anything is allocated."""
-    with pytest.raises(MemoryLimitError, match=r"1000000000 worlds: takes \d+\.\d GiB or more"):
+    with pytest.raises(MemoryLimitError, match=r"1,000,000,000 worlds: takes \d+\.\d GiB or more"):
         Batch(small_scene.scene, 10**9, "cpu")
 
 

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable
+
 import mujoco
 import numpy as np
 import torch
+import warp as wp
 
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 
@@ -27,6 +31,25 @@ def assert_equal(left: dict, right: dict, worlds: list[int] | slice = slice(None
     """Check that two dicts of arrays agree to the bit in some worlds."""
     for name in left:
         np.testing.assert_array_equal(np.asarray(left[name])[worlds], np.asarray(right[name])[worlds], err_msg=name)
+
+
+def memory_of_a_world(make: Callable[[int], SceneVectorEnv], few: int = 64) -> tuple[float, float]:
+    """Return the bytes that each further world takes during a reset and a step: by the environment, and by Warp.
+
+    Warp's figure is the peak of its allocator, with whatever mujoco_warp allocates in between.
+    """
+    told, taken, texts = [], [], []
+    for num_envs in (few, 3 * few):
+        with wp.ScopedMemoryTracker(print=False, report_func=texts.append) as tracker:
+            tracker.clear()
+            envs = make(num_envs)
+            envs.reset(seed=0)
+            envs.step(envs.action_space.sample())
+            tracker.report()
+        told.append(envs.batch.memory.needed)
+        [(number, unit)] = re.findall(r"Peak usage:\s+cpu\s+([\d.]+) ([KMG])B", texts[-1])
+        taken.append(float(number) * 1024.0 ** (1 + "KMG".index(unit)))
+    return (told[1] - told[0]) / (2 * few), (taken[1] - taken[0]) / (2 * few)
 
 
 def leaves(value) -> list[torch.Tensor]:

@@ -21,6 +21,7 @@ from sceniris_gym.vector.task import Observation, Task
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 from tests.layout.crane import crane_map, crane_mjcf, crane_scene
 from tests.layout.scenes import box_mjcf, compile_on_cpu
+from tests.vector.stepping import memory_of_a_world
 
 NWORLD = 12
 HEIGHTS = {"low": 0.03, "tall": 0.06}
@@ -63,6 +64,12 @@ def compiled(tmp_path_factory: pytest.TempPathFactory) -> CompiledScene:
     thing = {word: value for word, value in scene["objects"].pop("thing").items() if word != "asset"}
     scene["objects"] |= {"thing": {"variants": boxes, **thing}, "other": {"asset": cube, "on": "floor"}}
     return compile_on_cpu(scene, bank=4)
+
+
+def test_memory_has_the_fields_in_which_variants_differ(compiled: CompiledScene):
+    """Within a tenth of what is taken."""
+    told, taken = memory_of_a_world(lambda num_envs: SceneVectorEnv(Look, num_envs, scene=compiled, device="cpu"))
+    assert told == pytest.approx(taken, rel=0.1)
 
 
 @pytest.fixture(scope="module")

@@ -9,8 +9,9 @@ import torch
 from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers.vector import DictInfoToList, RecordEpisodeStatistics
 
-from sceniris_gym.errors import FixedError
-from tests.vector.stepping import actions, assert_equal, leaves, state
+from sceniris_gym.errors import FixedError, MemoryLimitError
+from sceniris_gym.program.checks import simulation
+from tests.vector.stepping import actions, assert_equal, leaves, memory_of_a_world, state
 
 
 def test_the_autoreset_mode_is_the_instances_own(make_env):
@@ -208,6 +209,25 @@ def test_render_takes_pictures_of_the_first_worlds(make_env):
     assert ((frames[0][..., 0] > 100) & (frames[0][..., 1] < 60)).any(), "the red block is in the picture"
     assert_equal(state(envs), before)
     assert make_env(1).render() is None
+
+
+@pytest.mark.parametrize("more", [{}, {"images": {"overview": {"size": (64, 48)}}, "sim_config": {"prefetch": True}}])
+def test_memory_is_told_as_it_is_taken(make_env, more):
+    """Within a tenth, with and without pictures and layouts made in advance."""
+    told, taken = memory_of_a_world(lambda num_envs: make_env(num_envs, **more))
+    assert told == pytest.approx(taken, rel=0.1)
+
+
+def test_more_worlds_than_fit_are_refused(make_env, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture):
+    """The error has the number that fits, as the environment has it; what is taken is logged before it is made."""
+    monkeypatch.setattr(simulation, "free_memory", lambda device: 1 << 30)
+    with caplog.at_level("INFO", "sceniris_gym"):
+        most = make_env(2).batch.memory.most
+    assert caplog.messages == ["scene: 2 worlds take 0.00 GiB of 1.00 GiB free on cpu."]
+    with pytest.raises(
+        MemoryLimitError, match=rf"^scene: {most + 1:,} worlds: takes .*Use fewer worlds \(at most {most:,}\)"
+    ):
+        make_env(most + 1)
 
 
 @pytest.mark.parametrize("name", ["scene", "overrides", "compiled", "randomizer", "batch", "state", "layout_source"])

@@ -1,7 +1,9 @@
 """Checks that MuJoCo-Warp supports the model's solver and features, and that there is enough memory."""
 
 import contextlib
+from collections.abc import Collection
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import mujoco
 import mujoco_warp as mjw
@@ -78,6 +80,56 @@ def check_memory(what: str, needed: int, device: str, cure: str) -> None:
         raise MemoryLimitError(
             f"{what}: takes {needed / 2**30:.1f} GiB or more, but only {free_gib:.1f} GiB are free on {device}. {cure}"
         )
+
+
+class WorldMemory(NamedTuple):
+    """Memory that worlds take on a device, estimated from the shapes of their arrays.
+
+    As text, it is such as "4,096 worlds take 1.14 GiB of 78.52 GiB free on cuda:0".
+
+    Attributes:
+        nworld: Number of worlds.
+        device: Warp's name of the device.
+        needed: Bytes that the worlds take.
+        free: Free bytes before the worlds are made, or None if the system does not report them.
+        most: Greatest number of worlds that fits, or None if `free` is None.
+    """
+
+    nworld: int
+    device: str
+    needed: int
+    free: int | None
+    most: int | None
+
+    def __str__(self) -> str:
+        free = "" if self.free is None else f" of {max(self.free, 0) / 2**30:.2f} GiB free"
+        return f"{self.nworld:,} worlds take {self.needed / 2**30:.2f} GiB{free} on {self.device}"
+
+
+def check_worlds(where: str, nworld: int, device: str, *parts: tuple[int, int]) -> WorldMemory:
+    """Check that worlds fit into free memory, and return the memory that they take.
+
+    Args:
+        where: The beginning of the error.
+        nworld: Number of worlds.
+        device: Warp's name of the device.
+        parts: The bytes of each part of the worlds: a number for all worlds together, and a number for each world.
+
+    Raises:
+        MemoryLimitError: The worlds do not fit. The message has the greatest number of worlds that fits.
+    """
+    fixed, world = (sum(sizes) for sizes in zip(*parts, strict=True))
+    needed, free = fixed + nworld * world, free_memory(device)
+    most = None if free is None else max(free - fixed, 0) // world
+    cure = f"Use fewer worlds (at most {most or 0:,}), or another device."
+    check_memory(f"{where}: {nworld:,} worlds", needed, device, cure)
+    return WorldMemory(nworld, device, needed, free, most)
+
+
+def array_bytes(*holders: Any, rows: Collection[int] = (1,)) -> int:
+    """Return the bytes of the Warp arrays in attributes of these objects that have one of these numbers of rows."""
+    arrays = [array for holder in holders for array in vars(holder).values() if isinstance(array, wp.array)]
+    return sum(array.capacity for array in arrays if array.shape[0] in rows)
 
 
 def free_memory(device: str) -> int | None:
