@@ -5,10 +5,10 @@ import os
 import sys
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from math import radians
 from pathlib import Path
-from typing import Annotated, Literal, ParamSpec
+from typing import Annotated, Any, Literal, ParamSpec
 
 import tyro
 
@@ -48,6 +48,7 @@ from sceniris_gym.training.settings import CONFIG, Options
 from sceniris_gym.viewer.server import HOST, MOST_SHOWN, PORT, address, close_server, open_server
 
 P = ParamSpec("P")
+Port = Annotated[int, range(1, 1 << 16)]
 _DATASET = range(1, 1_000_000_001)  # layouts, some hundred gigabytes
 
 
@@ -321,7 +322,7 @@ def view(
     policy: Annotated[str | None, tyro.conf.arg(metavar="POLICY")] = None,
     layout: LayoutIds = (),
     host: str = HOST,
-    port: Annotated[int, range(1, 1 << 16)] = PORT,
+    port: Port = PORT,
     allow_origin: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="ORIGIN")] = (),
     trust: Flag = False,
     device: Annotated[str | None, tyro.conf.arg(help="with --env: cpu, cuda:0, ...")] = None,
@@ -353,13 +354,7 @@ def view(
     from sceniris_gym.viewer import command
 
     overrides, ids = read_changes(changes), read_ids(layout)
-    server = open_server(host, port, allow_origin)
-    with ExitStack() as stack:
-        stack.callback(close_server, server)
-        print(address(server), flush=True)  # before any slow work
-        if server.get_port() != port:
-            print(f"Port {port} is in use, so the page is at port {server.get_port()}.", file=sys.stderr, flush=True)
-        stack.enter_context(_stdout_to_stderr())
+    with _page(host, port, allow_origin) as server:
         if scene is None:
             kwargs = {"num": num_envs, "split": split, "device": device, "changes": overrides, "trust": trust}
             command.view_env(server, str(env), policy, ids, **kwargs)
@@ -368,6 +363,40 @@ def view(
                 server, scene, overrides, split=split or "train", seed=seed, episode=episode, num=num_envs
             )
     return Answer("")
+
+
+def play(
+    name: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="NAME")], host: str = HOST, port: Port = PORT
+) -> Answer:
+    """Show in the browser how a policy of this package plays its task, in one world that MuJoCo C simulates.
+
+    The command first prints the address to open. Ctrl-C exits.
+
+    Args:
+        name: clutter_extract or tabletop_lift
+        host: address to listen on, 0.0.0.0 for all addresses of this machine
+        port: port to listen on. If it is in use, the next free port is taken
+    """
+    check_numbers(play, {"port": port})
+    from sceniris_gym.viewer import command
+
+    with _page(host, port) as server:
+        command.play(server, name)
+    return Answer("")
+
+
+@contextmanager
+def _page(host: str, port: int, origins: Sequence[str] = ()) -> Iterator[Any]:
+    """Open a page, print its address before any slow work, and then send output of libraries to stderr."""
+    server = open_server(host, port, origins)
+    try:
+        print(address(server), flush=True)
+        if server.get_port() != port:
+            print(f"Port {port} is in use, so the page is at port {server.get_port()}.", file=sys.stderr, flush=True)
+        with _stdout_to_stderr():
+            yield server
+    finally:
+        close_server(server)
 
 
 @_command
@@ -452,11 +481,25 @@ def init(
     return answer(tool.summary(scene, target), json, tool.report)
 
 
+def new_task(
+    name: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="NAME")], out: Out = None, json: Json = False
+) -> Answer:
+    """Write a first scene file and a first task: NAME.yaml and NAME.py.
+
+    Args:
+        name: a module name in lower case, such as pick_can
+        out: folder of the two files, by default the working folder
+    """
+    from sceniris_gym.commands import new_task as tool
+
+    return answer(tool.new_task(name, out or Path()), json)
+
+
 @_command
 def settle(
     scene: Scene,
     heap: str | None = None,
-    rows: Annotated[int, tyro.conf.arg(aliases=["-n"]), range(1, 1_000_001)] = 64,
+    rows: Annotated[int, range(1, 1_000_001)] = 64,
     out: Out = None,
     seed: Seed = 0,
     changes: Changes = (),
@@ -520,10 +563,8 @@ def evaluate(
 
 
 ABOUT = "Fresh, collision-free scene layouts for every reset of batched MuJoCo-Warp environments."
-COMMANDS = {
-    command.__name__.rstrip("_"): command
-    for command in (demo, generate, audit, bench, replay, check, reach, import_, init, settle, train, evaluate, view)
-}
+ALL = (demo, generate, audit, bench, replay, check, reach, import_, init, new_task, settle, train, evaluate, view, play)
+COMMANDS = {command.__name__.rstrip("_").replace("_", "-"): command for command in ALL}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -543,7 +584,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             if arguments[:1] and arguments[0] in COMMANDS:  # so that usage errors name this command's --help
                 command, prog = arguments[0], f"sceniris-gym {arguments[0]}"
                 for option in (argument.partition("=")[0] for argument in arguments[1:]):
-                    if option.startswith("--") and (new := old_names().get(f"{command} {option}")):
+                    if option.startswith("-") and (new := old_names().get(f"{command} {option}")):
                         raise ArgumentError(f"{command}: '{option}' is now {new}. See {prog} --help.")
                 said = tyro.cli(COMMANDS[command], prog=prog, args=arguments[1:])
             else:

@@ -136,8 +136,8 @@ def test_wheel_and_sdist_hold_all_modules_scenes_and_assets(built: Path):
     with tarfile.open(next(built.glob("*.tar.gz"))) as archive:
         sdist = {name.partition("/")[2] for name in archive.getnames()}
     kinds = {
-        "sceniris_gym": ["*.py", "__init__.pyi", "py.typed", "renamed.json"],
-        "envs": ["*.py", "*.yaml"],
+        "sceniris_gym": ["*.py", "__init__.pyi", "py.typed", "renamed.json", "first_task.*"],
+        "envs": ["*.py", "*.yaml", "*.pt"],
         "assets": ["*.py", "*.xml", "meshes/*"],
     }
     files = [

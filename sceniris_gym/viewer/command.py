@@ -1,4 +1,4 @@
-"""The `view` command, which shows a scene or a policy on a page until Ctrl-C."""
+"""The `view` and `play` commands, which show a scene or a policy on a page until Ctrl-C."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sceniris_gym.collecting import uncollected
-from sceniris_gym.errors import ArgumentError
+from sceniris_gym.errors import ArgumentError, check_names
 from sceniris_gym.viewer.server import import_ahead
 
 if TYPE_CHECKING:
@@ -102,5 +102,32 @@ def view_env(
     plays = None if policy is None else policy_of(policy, envs.device, trust=trust)
     said.remove()
     view = EnvView(server, envs, plays, ids)
+    while True:
+        view.tick()
+
+
+def play(server: viser.ViserServer, name: str) -> None:
+    """Show on a page how a shipped policy plays its task, until Ctrl-C. MuJoCo C simulates the only world.
+
+    Args:
+        server: The viser server of the page.
+        name: Name of a shipped policy, which is the name of its scene.
+
+    Raises:
+        UnknownNameError: There is no such policy.
+        SceneMismatchError: The policy belongs to another version of the scene.
+    """
+    print(f"Open the page in a browser to see '{name}'. Ctrl-C closes the page.", file=sys.stderr, flush=True)
+    said = server.gui.add_markdown(f"**{name}** is being loaded.")
+    from sceniris_gym.config.loader import shipped
+    from sceniris_gym.device.kernel_log import start_warp
+    from sceniris_gym.viewer.env_view import EnvView, policy_of
+    from sceniris_gym.viewer.played import PlayedWorld
+
+    start_warp()
+    check_names("policy", [name], "play", files := shipped("envs", ".pt"))
+    world: Any = PlayedWorld(files[name])
+    view = EnvView(server, world, policy_of(str(files[name])), world.ids)
+    said.remove()
     while True:
         view.tick()

@@ -10,6 +10,7 @@ import traceback
 import zipfile
 from collections.abc import Callable, Sequence
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +38,8 @@ FORMS = "a checkpoint of rsl-rl (.pt), a model of Stable-Baselines3 (.zip), or '
 
 _ALGORITHMS = ("PPO", "A2C", "SAC", "TD3", "DDPG")
 _NORMALIZATIONS = ("normalize.pkl", "vecnormalize.pkl")
+# rsl-rl's EmpiricalNormalization: the prefix of its tensors, and the number that it adds to standard deviations.
+_NORMAL, _LEAST_STD = "obs_normalizer.", 0.01
 
 
 def policy_of(name: str, device: str = "cpu", *, trust: bool = False) -> Policy:
@@ -76,28 +79,25 @@ def policy_of(name: str, device: str = "cpu", *, trust: bool = False) -> Policy:
 
 
 def _of_rsl_rl(path: Path, device: str) -> Policy:
-    modules = import_extra("rsl_rl.modules", "rsl-rl", "rsl_rl")
     with of_a_run(path):
         stored = read_checkpoint(path, device)["actor_state_dict"]
         weights = [value for key, value in stored.items() if key.startswith("mlp.") and key.endswith(".weight")]
         if not weights:
             raise ArgumentError(f"--policy {path}: should hold an MLPModel of rsl-rl, got {', '.join(stored)}.")
         sizes = [weights[0].shape[1], *(w.shape[0] for w in weights)]
-        network = modules.MLP(sizes[0], sizes[-1], sizes[1:-1], "elu").to(device)
+        layers = [part for pair in pairwise(sizes) for part in (torch.nn.Linear(*pair), torch.nn.ELU())]
+        network = torch.nn.Sequential(*layers[:-1]).to(device)
         network.load_state_dict({k.removeprefix("mlp."): v for k, v in stored.items() if k.startswith("mlp.")})
-        normal = {k.removeprefix("obs_normalizer."): v for k, v in stored.items() if k.startswith("obs_normalizer.")}
-        scale = torch.nn.Identity()
-        if normal:
-            scale = modules.EmpiricalNormalization(sizes[0]).to(device)
-            scale.load_state_dict(normal)
-    scale.eval()
+        mean, scale = 0.0, 1.0
+        if _NORMAL + "_mean" in stored:
+            mean, scale = stored[_NORMAL + "_mean"], stored[_NORMAL + "_std"] + _LEAST_STD
 
     @torch.inference_mode()
     def policy(observation: dict[str, Tensor]) -> Tensor:
         seen = observation[GROUP]
         if seen.shape[1] != sizes[0]:
             raise ArgumentError(f"--policy {path}: takes {sizes[0]} observations, but this task has {seen.shape[1]}.")
-        return network(scale(seen))
+        return network((seen - mean) / scale)
 
     return policy
 
@@ -151,7 +151,7 @@ class EnvView:
 
     Args:
         server: The viser server of the page.
-        envs: The environment, without autoreset.
+        envs: The environment, without autoreset, or a PlayedWorld.
         policy: The policy, or None for random actions.
         ids: Ids of layouts to play, one after another. If empty, the layouts have the seeds 0, 1, 2, ...
     """
@@ -165,7 +165,7 @@ class EnvView:
         self._wrong = ""  # the error of the pasted id, until the next action of a user
         self.running, self.speed = True, 1.0
         self._plotted = 0.0
-        self._stepped = False  # True after the first step, which compiles kernels
+        self._stepped = not isinstance(envs, SceneVectorEnv)  # True once the kernels of physics are compiled
         self._window = Window(envs.compiled.scene, envs.num_envs, server)
         self._add_controls(server.gui)
         names = envs.observation_names[GROUP]

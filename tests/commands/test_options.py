@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import warnings
+from functools import cache
+from typing import Any
+
 import pytest
+import tyro
 
 from sceniris_gym import cli
 from sceniris_gym.commands.options import check_counts, check_seed, scene_config
@@ -48,7 +53,7 @@ def test_counts_and_seeds_have_bounds():
         ("view mid --episode 2147483648", "--episode 2147483648: should be at most 2147483647."),
         ("view mid -s -1", "--seed -1: should be an integer from 0 to 2^64 - 1."),
         ("import box.obj -o box.xml --jobs 0", "--jobs 0: should be at least 1."),
-        ("settle mid -n 1000001", "--rows 1000001: should be at most 1000000."),
+        ("settle mid --rows 1000001", "--rows 1000001: should be at most 1000000."),
         ("reach panda -s 18446744073709551616", "--seed 18446744073709551616: should be"),
     ],
 )
@@ -57,3 +62,55 @@ def test_numbers_of_commands_have_ranges(words: str, refused: str, capsys: pytes
     with pytest.raises(SystemExit):
         cli.main(words.split())
     assert refused in capsys.readouterr().err
+
+
+@cache
+def parser(command: str) -> Any:
+    """Return the parser of a command."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)
+        return tyro.extras.get_parser(cli.COMMANDS[command])
+
+
+SHARED = {
+    "-n": ("--layouts", "INT", "number of layouts"),
+    "-s": ("--seed", "INT", "seed of "),
+    "-o": ("--out", "PATH", ""),
+    "": ("--device", "STR", "cpu, cuda:0, ..."),
+    "--json": ("--json", None, "print only one line of JSON"),
+}
+"""Options with one meaning: the short form, the long form, the type, and the first words of the help."""
+
+
+@pytest.mark.parametrize("command", cli.COMMANDS)
+def test_shared_options_mean_the_same_in_each_command(command: str):
+    """Long and short form, type and help."""
+    for short, (long, kind, words) in SHARED.items():
+        for action in parser(command)._actions:
+            if {short, long} & {*action.option_strings}:
+                assert set(action.option_strings) == {short, long} - {""}
+                assert str(action.metavar).rpartition("|")[2] == str(kind)
+                assert words in str(action.help)
+
+
+@pytest.mark.parametrize("command", cli.COMMANDS)
+def test_an_unknown_option_names_the_nearest_one(command: str, capsys: pytest.CaptureFixture):
+    """For each option of the command, written with a letter missing or a letter too much."""
+    given = ["x"] if any(not action.option_strings for action in parser(command)._actions) else []
+    given += ["-o", "x"] if command == "import" else []
+    names = [name for action in parser(command)._actions for name in action.option_strings]
+    for option in (name for name in names if name.startswith("--") and name != "--help"):
+        wrong = option[:-1] if len(option) > 6 else f"{option}e"
+        with pytest.raises(SystemExit) as stop:
+            cli.main([command, *given, wrong])
+        assert stop.value.code == 2
+        said = capsys.readouterr().err
+        assert "Perhaps you meant" in said, wrong
+        assert option in said.partition("Perhaps you meant")[2], wrong
+
+
+def test_a_heap_has_rows_not_layouts(capsys: pytest.CaptureFixture):
+    """The former short form names the present option."""
+    with pytest.raises(SystemExit):
+        cli.main(["settle", "mid", "-n", "4"])
+    assert "settle: '-n' is now --rows." in capsys.readouterr().err

@@ -21,7 +21,7 @@ def test_rows_are_written_where_the_scene_names_them(tmp_path: Path, capfd: pyte
     scene = words(folder(), rows=None)
     scene["heaps"]["pile"]["rows"] = "rows.npz"
     (tmp_path / "scene.yaml").write_text(json.dumps(scene))
-    cli.main(["settle", str(tmp_path / "scene.yaml"), "-n", "2", "--json"])
+    cli.main(["settle", str(tmp_path / "scene.yaml"), "--rows", "2", "--json"])
     found = json.loads(capfd.readouterr().out)
     assert found == {"heap": "pile", "things": list(THINGS), "rows": 2, "file": str(tmp_path / "rows.npz")}
     plan = build_plan(build_model(SceneConfig.load(tmp_path / "scene.yaml")))

@@ -1,0 +1,33 @@
+"""The `new-task` command: writes a scene file and a task to start from."""
+
+from keyword import iskeyword
+from pathlib import Path
+
+from sceniris_gym.errors import ArgumentError
+from sceniris_gym.files import write_text
+
+_TEMPLATE = Path(__file__).with_name("first_task")
+
+
+def new_task(name: str, folder: Path) -> dict[str, str]:
+    """Write NAME.yaml and NAME.py, and return their paths and the commands to try next.
+
+    Args:
+        name: Name of both files, a module name in lower case. The class of the task has the same name in CamelCase.
+        folder: Folder of both files.
+
+    Raises:
+        ArgumentError: The name cannot be a module's, or a file with this name exists.
+        OutputError: A file cannot be written.
+    """
+    if not name.isidentifier() or name != name.lower() or iskeyword(name):
+        raise ArgumentError(f"new-task: NAME should be a module name in lower case, such as pick_can, got {name}.")
+    title, files = name.title().replace("_", ""), [folder / f"{name}.yaml", folder / f"{name}.py"]
+    for file in files:
+        if file.exists():
+            raise ArgumentError(f"new-task: {file} exists. Give another NAME, or another folder by --out.")
+    for file in files:
+        text = _TEMPLATE.with_suffix(f"{file.suffix}.txt").read_text()
+        write_text(file, text.replace("first_task", name).replace("FirstTask", title))
+    shown, tried = (f"sceniris-gym view {files[0]}", f"sceniris-gym train {name}:{title}-v0")
+    return {"scene": str(files[0]), "task": str(files[1]), "show layouts": shown, "train": tried}

@@ -1,0 +1,48 @@
+"""The `new-task` command: short files that run as they are, and names that no module can have."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import gymnasium as gym
+import pytest
+
+from sceniris_gym import cli
+from sceniris_gym.training.task_scenes import spec_of
+
+
+def test_what_it_writes_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture):
+    """A scene of at most 15 lines, a task of at most 25: it is found by its name, reset and stepped."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    cli.main(["new-task", "pick_fruit"])
+    assert "sceniris-gym train pick_fruit:PickFruit-v0" in capsys.readouterr().out
+    for file, most in (("pick_fruit.yaml", 15), ("pick_fruit.py", 25)):
+        lines = [line for line in (tmp_path / file).read_text().splitlines() if line]
+        assert len(lines) <= most, file
+        assert "first_task" not in "".join(lines).lower().replace("firsttask", "first_task")
+    assert spec_of("pick_fruit:PickFruit-v0").max_episode_steps == 100
+    envs = gym.make_vec("PickFruit-v0", num_envs=2, device="cpu", overrides={"bank": 8})
+    observation, _ = envs.reset(seed=0)
+    assert observation["policy"].shape == (2, 17)
+    reward = envs.step(envs.action_space.sample())[1]
+    assert (reward < 0.0).all()
+    envs.close()
+
+
+@pytest.mark.parametrize("name", ["2x", "class", "Pick", "my-task"])
+def test_names_that_no_module_has_are_refused(name: str, tmp_path: Path, capsys: pytest.CaptureFixture):
+    """Before anything is written."""
+    with pytest.raises(SystemExit):
+        cli.main(["new-task", name, "-o", str(tmp_path)])
+    assert f"should be a module name in lower case, such as pick_can, got {name}." in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_files_are_not_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture):
+    """Not even one of the two."""
+    (tmp_path / "own.py").write_text("kept")
+    with pytest.raises(SystemExit):
+        cli.main(["new-task", "own", "--out", str(tmp_path)])
+    assert f"{tmp_path / 'own.py'} exists" in capsys.readouterr().err
+    assert [path.read_text() for path in tmp_path.iterdir()] == ["kept"]
