@@ -562,9 +562,31 @@ def evaluate(
     return answer(found, json, tool.report)
 
 
+@_command
+def compile_(
+    names: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="SCENE|TASK")],
+    num_envs: NumEnvs = 16,
+    render: Flag = False,
+    device: Device = None,
+    json: Json = False,
+) -> Answer:
+    """Compile scenes and all kernels that their resets and steps need, before they are used.
+
+    Args:
+        names: scenes (names of shipped scenes, or paths), and tasks (registered, or your own as MODULE:ID)
+        render: also compile the kernels of a task's `render`
+    """
+    if not names:
+        raise ArgumentError("compile: the scene or task is missing. Give at least one, as in 'compile mid'.")
+    from sceniris_gym.commands import compile as tool
+
+    return answer(tool.compile_all(names, num_envs, device, render=render), json)
+
+
 ABOUT = "Fresh, collision-free scene layouts for every reset of batched MuJoCo-Warp environments."
-ALL = (demo, generate, audit, bench, replay, check, reach, import_, init, new_task, settle, train, evaluate, view, play)
-COMMANDS = {command.__name__.rstrip("_").replace("_", "-"): command for command in ALL}
+_SCENES = (demo, generate, audit, bench, replay, check, compile_, reach)
+_ALL = (*_SCENES, import_, init, new_task, settle, train, evaluate, view, play)
+COMMANDS = {command.__name__.rstrip("_").replace("_", "-"): command for command in _ALL}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

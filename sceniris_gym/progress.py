@@ -32,8 +32,11 @@ def tell(what: str, done: int, total: int) -> None:
 
 @contextmanager
 def shown(quiet: bool = False) -> Iterator[None]:
-    """Show a progress bar for this block's work, such as `compile_scene`, if stderr is a terminal."""
-    if quiet or not sys.stderr.isatty():
+    """Show a progress bar for this block's work, such as `compile_scene`, if stderr is a terminal.
+
+    If a listener is set already, it receives the progress, and there is no bar.
+    """
+    if quiet or _listener.get() is not None or not sys.stderr.isatty():
         yield
         return
     from tqdm import tqdm  # imported only where a bar is shown

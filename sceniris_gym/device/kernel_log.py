@@ -4,7 +4,7 @@ import sys
 
 import warp as wp
 
-# Kept for the whole process, like the kernels: each generator would otherwise print the message again.
+# Kept for the whole process, like the kernels: each launch sequence would otherwise print the message again.
 _told: set[str] = set()
 
 
@@ -15,20 +15,15 @@ def start_warp() -> None:
     wp.init()
 
 
-def tell_of_compiling(device: str, own: int) -> None:
-    """Print a message on stderr that kernels are being compiled. For each device, a process prints it only once.
-
-    Args:
-        device: The device.
-        own: Number of this package's Warp modules that have to be compiled.
-    """
+def tell_of_compiling(device: str) -> None:
+    """Print a message on stderr that kernels are being compiled. For each device, a process prints it only once."""
     if device in _told:
         return
     _told.add(device)
     time = "about a minute" if device == "cpu" else "some minutes"
     print(
-        f"sceniris_gym: compiling kernels for '{device}': {own} modules of this package now, and MuJoCo-Warp's when "
-        f"they are needed. This takes {time}, once. Compiled kernels are kept in {wp.config.kernel_cache_dir}",
+        f"sceniris_gym: compiling kernels for '{device}'. This takes {time}, once. Compiled kernels are kept in "
+        f"{wp.config.kernel_cache_dir}",
         file=sys.stderr,
         flush=True,
     )

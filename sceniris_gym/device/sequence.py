@@ -10,6 +10,7 @@ from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import warp as wp
 
+from sceniris_gym.device.loading import ModuleVariant, load_modules, on_missing
 from sceniris_gym.errors import BusyError, refuses_old_names
 
 # One lock for the process, because Warp's stream and capture belong to the process.
@@ -101,6 +102,32 @@ def repeat_launches(left: wp.array, launches: Callable[[], None], most: int) -> 
         wp.capture_while(left, launches)
 
 
+def _capture(launches: Callable[[], None], device: wp.Device, priority: int = 0) -> wp.Graph | None:
+    # on a new stream: CUDA cannot capture the null stream, which is torch's current stream by default
+    stream = wp.Stream(device, priority=priority) if device.is_cuda else None
+    with wp.ScopedDevice(device), wp.ScopedStream(stream), wp.ScopedCapture(device) as capture:
+        launches()
+    return capture.graph
+
+
+def compile_missing(launches: Callable[[], None], device: wp.Device) -> bool:
+    """Compile all kernels of these launches that Warp's cache lacks, without a launch.
+
+    Args:
+        launches: Function that makes the launches, as in `LaunchSequence`.
+        device: The device. It must not be capturing.
+
+    Returns:
+        True, so that `on_missing` continues with the launch.
+    """
+    missing: dict[ModuleVariant, None] = {}
+    with on_missing(lambda variant: missing.setdefault(variant)):
+        _capture(launches, device)
+    if missing:
+        load_modules(missing, device)
+    return True
+
+
 class LaunchSequence:
     """A fixed sequence of kernel launches, captured into a graph at the first replay, or on a CPU at the fourth.
 
@@ -114,31 +141,41 @@ class LaunchSequence:
         graph: Whether to capture a graph and replay it. If false, `replay` launches directly.
         priority: Priority of the kernels in the graph on a GPU. Kernels with -1 run before kernels of other streams.
             The priority of the stream that replays a graph has no effect.
+
+    Attributes:
+        ahead: Launches that include `launches`, which is the default. If Warp's cache lacks a kernel of the sequence,
+            the first replay compiles all missing kernels of `ahead` together.
     """
 
     def __init__(
         self, launches: Callable[[], None], device: wp.Device, *, graph: bool = True, priority: int = 0
     ) -> None:
         self.launches, self.device, self.graph, self.priority = launches, device, graph, priority
+        self.ahead = launches
         self._captured: wp.Graph | None = None
         self._direct = 0 if device.is_cuda else _DIRECT_ON_CPU  # replays that are still to be launched directly
 
     def replay(self) -> None:
         """Run the launches on the device's current stream."""
-        if not self.graph or self.device.is_capturing or self._direct > 0:
-            self._direct -= 1
+        if not self.graph or self.device.is_capturing:
             with wp.ScopedDevice(self.device):
                 self.launches()
-            return
-        if self._captured is None:
-            self._captured = self._record()
-        wp.capture_launch(self._captured)
+        elif self._direct > 0:
+            self._direct -= 1
+            with wp.ScopedDevice(self.device), on_missing(lambda _: compile_missing(self.ahead, self.device)):
+                self.launches()
+        else:
+            if self._captured is None:
+                self._captured = self._record()
+            wp.capture_launch(self._captured)
 
     def _record(self) -> wp.Graph:
-        # on a new stream: CUDA cannot capture the null stream, which is torch's current stream by default
-        stream = wp.Stream(self.device, priority=self.priority) if self.device.is_cuda else None
-        with wp.ScopedDevice(self.device), wp.ScopedStream(stream), wp.ScopedCapture(self.device) as capture:
-            self.launches()
-        if capture.graph is None:
+        missing: list[ModuleVariant] = []
+        with on_missing(missing.append):
+            graph = _capture(self.launches, self.device, self.priority)
+        if missing:  # the graph lacks their launches
+            compile_missing(self.ahead, self.device)
+            graph = _capture(self.launches, self.device, self.priority)
+        if graph is None:
             raise RuntimeError(f"Capturing {self.launches} on {self.device} returned no graph. Pass graph=False.")
-        return capture.graph
+        return graph

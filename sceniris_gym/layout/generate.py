@@ -15,7 +15,6 @@ from sceniris_gym.device.random import SPLITS
 from sceniris_gym.device.sequence import launching, repeat_launches
 from sceniris_gym.errors import ArgumentError, SceneMismatchError, check_type
 from sceniris_gym.layout.layouts import Layouts, allocate_record, column_of
-from sceniris_gym.layout.loading import load_kernels
 from sceniris_gym.layout.masks import as_count, fill_mask
 from sceniris_gym.layout.reaching.stage import ReachStage
 from sceniris_gym.layout.reading import read_layouts
@@ -119,7 +118,6 @@ class LayoutGenerator(Fixed, LayoutSource):
         self._most_waves = most_trials + -(-(nworld + size.rows) * most_trials // capacity)
         self._mask = wp.zeros(nworld, dtype=wp.bool, device=compiled.device)
         self._redraws: dict[tuple[str, ...], Redraw] = {}
-        load_kernels(self._work, staged=self._stage is not None)
         if self._stage is not None:
             self._stage.launch_pose_hands()
         self.reseed(seed=seed)

@@ -20,7 +20,8 @@ class Chooser:
     Pass a chooser to an environment with `layout_source=lambda compiled, n: LayoutPipeline(maker, chooser=...)`. A
     chooser writes `next_seed`, `next_episode` and `next_param` of a LayoutsView. Its launches do not validate arguments
     and never wait for the host. Masks in the arguments have the shape (nworld,), bool, and None selects all worlds.
-    Host code in these methods runs once, at the capture, unless the environment has `graph=False`.
+    Host code in these methods runs at the first resets only, unless the environment has `graph=False`: the launches are
+    recorded to compile missing kernels, and captured.
 
     Attributes:
         layouts: The layouts of the only maker that may use this chooser. A pipeline with another maker rejects the

@@ -9,7 +9,8 @@ import mujoco_warp as mjw
 import numpy as np
 import warp as wp
 
-from sceniris_gym.device.sequence import LaunchSequence
+from sceniris_gym.device.loading import on_missing
+from sceniris_gym.device.sequence import LaunchSequence, compile_missing
 from sceniris_gym.pictures.context import BACKGROUND, CHANNELS, Looks, Shot, in_model_order, picture_context, tile_rays
 from sceniris_gym.program.checks.simulation import check_memory
 from sceniris_gym.scene.model import SceneModel
@@ -153,8 +154,8 @@ class Cameras:
             self.images = {name: _images(self.nworld, shot) for name, shot in shots.items()}
         starts = (self.context.rgb_adr, self.context.depth_adr, self.context.seg_adr)
         self._starts = dict(zip(CHANNELS, (array.numpy().tolist() for array in starts), strict=True))
-        with wp.ScopedDevice(device):
-            self._launch()  # compiles a kernel for this scene, which a capture does not permit
+        with wp.ScopedDevice(device), on_missing(lambda _: compile_missing(self._launch, device)):
+            self._launch()  # makes a kernel for this scene, which a capture does not permit
         self.launch = LaunchSequence(self._launch, device, graph=graph).replay
 
     def _launch(self) -> None:

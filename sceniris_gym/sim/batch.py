@@ -278,7 +278,9 @@ class Batch(Fixed):
             self.data = mjw.make_data(mjm, nworld, naccdmax=naccdmax, **room)
         self.fields = ModelFields(scene, self.model, self.data, grow=True)
         self.substeps, self._update = substeps, partial(updater(needs), self.model, self.data)
-        self.update = LaunchSequence(self._update, self.device, graph=graph).replay
+        update = LaunchSequence(self._update, self.device, graph=graph)
+        update.ahead = self._launch_step  # the kernels of both are compiled together
+        self.update = update.replay
         self.step = LaunchSequence(self._launch_step, self.device, graph=graph).replay
 
     def _launch_step(self) -> None:

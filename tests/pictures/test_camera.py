@@ -11,6 +11,7 @@ from sceniris_gym.pictures.camera import Cameras
 from sceniris_gym.pictures.context import Looks, Shot
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.sim.batch import Batch
+from tests.device.loads import found, loaded
 
 
 def test_worlds_without_mocap_bodies_have_pictures():
@@ -26,6 +27,7 @@ def test_worlds_without_mocap_bodies_have_pictures():
     pictures = cameras.images["overview"]["rgb"].numpy()
     assert pictures.shape == (2, 24, 32, 3)
     assert len(np.unique(pictures)) > 2
+    assert found(cameras._launch) == loaded(cameras._launch)
 
 
 def test_a_picture_shows_a_world_as_it_is_and_leaves_it_so(small_scene):

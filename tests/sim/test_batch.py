@@ -3,6 +3,7 @@
 import mujoco
 import numpy as np
 import pytest
+import warp as wp
 
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import FixedError, MemoryLimitError, NotSupportedError, UnknownNameError
@@ -13,6 +14,7 @@ from sceniris_gym.scene.build import build_model
 from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.sim.batch import LINE_SEARCH, Batch, with_options
 from sceniris_gym.vector.task import FRICTION_PYRAMIDS
+from tests.device.loads import found, loaded
 from tests.versions import since_4
 
 
@@ -30,6 +32,18 @@ def test_a_step_from_a_graph_gives_the_same_bits_and_current_kinematics(small_sc
     for name in ("qpos", "qvel", "xpos", "geom_xmat"):
         recorded, direct = (getattr(batch.data, name).numpy() for batch in batches)
         np.testing.assert_array_equal(recorded, direct, err_msg=name)
+
+
+def test_all_kernels_of_a_step_are_compiled_together_and_none_is_launched_for_this(small_scene):
+    """MuJoCo-Warp's included, before the first update; no array of the worlds changes."""
+    batch = Batch(small_scene.scene, 2, "cpu", needs=["contacts"])
+    batch.step()
+    arrays = {name: value.numpy() for name, value in vars(batch.data).items() if isinstance(value, wp.array)}
+    before = {name: values.copy() for name, values in arrays.items()}
+    together = found(batch.update.__self__.ahead)
+    for name, values in arrays.items():
+        np.testing.assert_array_equal(values, before[name], err_msg=name)
+    assert together == loaded(batch._launch_step) > loaded(batch._update)
 
 
 @pytest.mark.parametrize("name", ["scene", "model", "data", "substeps", "options", "graph"])

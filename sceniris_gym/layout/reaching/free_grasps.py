@@ -213,10 +213,6 @@ def _reject_blocked(
                     search.cause[c] = Cause.BLOCKED
 
 
-OWN_KERNELS = [_test_hands]
-"""Kernels that have a separate Warp module each."""
-
-
 def launch_test_hands(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
     """Find the free grasps of candidates that passed all other tests. Reject candidates that leave no free grasp."""
     inputs = [work.program, reach, work.layouts, work.search, reach_search]

@@ -265,12 +265,3 @@ def _test_containment(
 def launch_test_containment(work: Workspace) -> None:
     """Reject candidates that enclose a placed object or lie inside one. Only for `geometry: visual`."""
     work.launch_lanes(_test_containment, work.program, work.size.parts, work.layouts, work.search)
-
-
-def launched_kernels(work: Workspace) -> list[wp.Kernel]:
-    """Return the kernels of the collision test of a scene."""
-    alone = [_test_alone, _test_containment] if work.program.visual else [_test_alone]
-    if work.size.block_dim == 1:
-        return alone
-    first = [_test_by_block] if work.program.visual else [_queue_narrow_pairs, _test_inner_boxes, _test_narrow_pairs]
-    return [*first, *alone]
