@@ -264,8 +264,8 @@ def suited_size(compiled: CompiledScene, nworld: int) -> SearchSize:
     if not wp.get_device(compiled.device).is_cuda:
         return size
     doublings = sum(nworld >= least for least in _MANY_WORLDS)
-    # with relations, most kernels of a wave wait for a few rows, and idle lanes only take time
-    larger = ("candidates", "narrow_pairs", "blocks", *(() if compiled.related else ("lanes",)))
+    # with relations, most waves have few rows, and idle lanes and blocks only take time
+    larger = ("candidates", "narrow_pairs", *(() if compiled.related else ("lanes", "blocks")))
     is_cheap = len(compiled.placed) <= _FEW_OBJECTS and compiled.reaching is None and not compiled.program.visual
     # candidates are expensive in a scene with many pieces of regions, so fewer restarts are tried in parallel
     rows = size.rows // 8 if compiled.pieces > _MOST_PIECES else size.rows
