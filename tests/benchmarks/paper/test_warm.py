@@ -9,7 +9,7 @@ from benchmarks.paper.scenes import HARD, PHYSICS, compiled_scene, without_resta
 from benchmarks.paper.warm import _key, _kinds_of_kernels, shares, warm
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import LayoutStatus
-from sceniris_gym.layout.wave import collision, draw
+from sceniris_gym.layout.wave import collision, draw, standing
 
 DEVICES = ["cpu", pytest.param("cuda:0", marks=pytest.mark.cuda)]
 
@@ -32,11 +32,11 @@ def test_figures_are_those_of_the_layouts():
 
 @pytest.mark.parametrize("device", DEVICES)
 def test_every_kernel_is_of_some_kind(device: str):
-    """Shares sum up to one, the largest first; regions and standing are for scenes that need them."""
+    """Shares sum up to one, the largest first; regions and containment are for scenes that need them."""
     plain = shares(compiled_scene(PHYSICS, device), 64)
     related = shares(compiled_scene(HARD, device), 64)
     assert set(plain) == {"draw", "prefilter", "collision", "accept", "rows and rounds"}
-    assert set(related) == {*plain, "containment", "regions", "standing"}
+    assert set(related) == {*plain, "containment", "regions"}
     for found in (plain, related):
         assert sum(found.values()) == pytest.approx(1.0)
         assert list(found.values()) == sorted(found.values(), reverse=True)
@@ -45,7 +45,7 @@ def test_every_kernel_is_of_some_kind(device: str):
 def test_kernels_are_known_by_the_names_that_a_gpu_tells():
     """Warp's own names of compiled kernels, also of those with a module of their own."""
     shares(compiled_scene(PHYSICS, "cpu"), 4)
-    for kernel in (draw._draw, collision._test_alone):
+    for kernel in (draw._draw, collision._test_alone, standing._test_standing):
         name = kernel.get_mangled_name()
         assert name != kernel.key
         assert _key(f"forward kernel {name}") == kernel.key == _key(kernel.key)
