@@ -1,7 +1,6 @@
 """The command line: `sceniris-gym COMMAND`. Results go to stdout, messages to stderr."""
 
 import functools
-import os
 import sys
 import warnings
 from collections.abc import Callable, Iterator, Sequence
@@ -42,7 +41,7 @@ from sceniris_gym.config.bounds import MOST_WORLDS
 from sceniris_gym.config.settings import read_changes
 from sceniris_gym.config.tier import Tier, TierWord
 from sceniris_gym.errors import ArgumentError, NotSupportedError, ScenirisError, old_names
-from sceniris_gym.files import check_picture, write_text
+from sceniris_gym.files import check_picture, redirected, write_text
 from sceniris_gym.progress import shown
 from sceniris_gym.training.settings import CONFIG, Options
 from sceniris_gym.viewer.server import HOST, MOST_SHOWN, PORT, address, close_server, open_server
@@ -61,23 +60,10 @@ def _command(work: Callable[P, Answer]) -> Callable[P, Answer]:
         from sceniris_gym.device.kernel_log import start_warp
 
         start_warp()
-        with _stdout_to_stderr(), shown(quiet=bool(kwargs.get("json"))):
+        with redirected(1, 2), shown(quiet=bool(kwargs.get("json"))):
             return work(*args, **kwargs)
 
     return quiet
-
-
-@contextmanager
-def _stdout_to_stderr() -> Iterator[None]:
-    sys.stdout.flush()
-    kept = os.dup(1)
-    os.dup2(2, 1)
-    try:
-        yield
-    finally:
-        sys.stdout.flush()
-        os.dup2(kept, 1)
-        os.close(kept)
 
 
 @_command
@@ -393,7 +379,7 @@ def _page(host: str, port: int, origins: Sequence[str] = ()) -> Iterator[Any]:
         print(address(server), flush=True)
         if server.get_port() != port:
             print(f"Port {port} is in use, so the page is at port {server.get_port()}.", file=sys.stderr, flush=True)
-        with _stdout_to_stderr():
+        with redirected(1, 2):
             yield server
     finally:
         close_server(server)
@@ -407,6 +393,7 @@ def import_(
     up: Literal["x", "y", "z"] | None = None,
     density: float = 500.0,
     tolerance: float | None = None,
+    max_parts: Annotated[int | None, COUNT] = None,
     shell: Flag = False,
     jobs: Annotated[int | None, COUNT] = None,
     device: Device = None,
@@ -422,6 +409,8 @@ def import_(
         density: density of parts without a mass in the file [kg/m^3]
         tolerance: largest distance of convex parts from the surface [m], by default 2% of the mesh's longest side, but
             at least 2 mm
+        max_parts: largest number of convex parts of a link, by default 32. The tolerance grows until they suffice. With
+            --tolerance, it does not grow, and the default is 160
         shell: treat open surfaces as sheets without an inside
         jobs: number of files of a folder to import in parallel, by default one per core
     """
@@ -429,7 +418,7 @@ def import_(
     from sceniris_gym.importers.things.importer import Options
     from sceniris_gym.importers.things.units import ask_on_terminal
 
-    options = Options(scale, up, density, tolerance, shell)
+    options = Options(scale, up, density, tolerance, shell, max_parts)
     if thing.is_dir():
         found = tool.import_many(thing, out, options, jobs, device)
         return answer(found, json)
@@ -536,6 +525,7 @@ def evaluate(
     layouts: Layouts = 4096,
     out: Out = None,
     failed: Path | None = None,
+    video: Path | None = None,
     min_success: float | None = None,
     task: str = "",
     trust: Flag = False,
@@ -548,6 +538,7 @@ def evaluate(
         run: folder of a training, with its model.pt
         out: JSON file to write, with the result for every layout
         failed: file to write, with the ids of the valid layouts without success, one per line
+        video: MP4 to write, with the episodes of the first 16 worlds (extra `video`)
         min_success: least fraction of valid layouts that should end in success. Below it, the exit status is 1
         task: a registered task, or your own as MODULE:ID, by default the task of RUN
         trust: read a checkpoint that holds more than weights, although this executes code in the file
@@ -557,7 +548,7 @@ def evaluate(
         checked_target(file)
     from sceniris_gym.commands import evaluate as tool
 
-    kwargs = {"failed": failed, "min_success": min_success, "task": task, "trust": trust}
+    kwargs = {"failed": failed, "video": video, "min_success": min_success, "task": task, "trust": trust}
     found = tool.evaluate(run, layouts, device, out, **kwargs)
     return answer(found, json, tool.report)
 

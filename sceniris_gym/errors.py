@@ -14,6 +14,7 @@ import lazy_loader
 
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
+_Counts, _Texts = Mapping[str, Mapping[str, int]], Mapping[str, str]
 
 
 @functools.cache
@@ -95,8 +96,9 @@ MeshReason = Literal["empty", "flat", "open", "large", "not finite", "sliver", "
 
 A mesh without faces is "empty", and a mesh without volume is "flat". An "open" mesh has holes that are too large. A
 "large" mesh has too many faces. A "not finite" mesh has non-finite vertices. A "sliver" is too thin and light for
-MuJoCo. "size" means a length under 1 mm or over 50 m, "parts" that no set of convex parts stays near the surface, and
-"refused" that MuJoCo rejects the mesh.
+MuJoCo. "size" means a length under 1 mm or over 50 m. If the unit is unknown, it also means a length over 2 m or a mass
+over 100 kg. "parts" means that no set of convex parts stays near the surface, and "refused" that MuJoCo rejects the
+mesh.
 """
 
 
@@ -135,12 +137,14 @@ class InfeasibleSceneError(ScenirisError):
         name: The first object that could not be placed.
         cause: The most frequent cause of this object's rejections.
         counts: Rejections per object and cause.
+        in_the_way: For each object that collided, a text with the pair of geoms that collided most often.
     """
 
-    def __init__(self, text: str, where: str, name: str, cause: str, counts: Mapping[str, Mapping[str, int]]) -> None:
+    def __init__(self, text: str, where: str, name: str, cause: str, counts: _Counts, in_the_way: _Texts) -> None:
         super().__init__(text)
         self.text, self.where, self.name, self.cause = text, where, name, cause
         self.counts = {k: dict(v) for k, v in counts.items()}
+        self.in_the_way = dict(in_the_way)
 
 
 class ArmError(ScenirisError):

@@ -7,6 +7,7 @@ import os
 import re
 import secrets
 import stat
+import sys
 import zipfile
 import zlib
 from collections.abc import Iterator
@@ -87,6 +88,20 @@ def write_text(path: Path, text: str) -> None:
         file.write_text(text)
 
 
+@contextmanager
+def redirected(source: int, target: int) -> Iterator[None]:
+    """Send the output of a file descriptor, such as 1 for stdout, to another descriptor, also in compiled libraries."""
+    sys.stdout.flush()
+    kept = os.dup(source)
+    os.dup2(target, source)
+    try:
+        yield
+    finally:
+        sys.stdout.flush()
+        os.dup2(kept, source)
+        os.close(kept)
+
+
 def check_writable(path: Path) -> None:
     """Check that `path` can be written, before the work that produces its content. Leaves no file behind.
 
@@ -100,8 +115,8 @@ def check_writable(path: Path) -> None:
         pass
 
 
-def check_picture(path: Path | None) -> None:
-    """Check that `path` ends in .png and can be written. None means no picture.
+def check_picture(path: Path | None, suffix: str = ".png") -> None:
+    """Check that `path` ends in `suffix` and can be written. None means no picture.
 
     Raises:
         NotSupportedError: The path has another suffix.
@@ -109,8 +124,10 @@ def check_picture(path: Path | None) -> None:
     """
     if path is None:
         return
-    if path.suffix.lower() != ".png":
-        raise NotSupportedError(f"{path}: a picture should be a PNG. Give a path that ends in .png.")
+    if path.suffix.lower() != suffix:
+        raise NotSupportedError(
+            f"{path}: a picture should be a PNG, a video an MP4. Give a path that ends in {suffix}."
+        )
     check_writable(path)
 
 

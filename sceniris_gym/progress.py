@@ -24,7 +24,10 @@ def listening(listener: Progress) -> Iterator[None]:
 
 
 def tell(what: str, done: int, total: int) -> None:
-    """Report the progress of some work to the listener, if one is set."""
+    """Report the progress of some work to the listener, if one is set.
+
+    If no part is finished, `shown` draws the bar at once. Report this before a part that may take long.
+    """
     listener = _listener.get()
     if listener is not None:
         listener(what, done, total)
@@ -47,7 +50,8 @@ def shown(quiet: bool = False) -> Iterator[None]:
         nonlocal bar
         if bar.disable or bar.desc != what:
             bar.close()
-            bar = tqdm(total=total, desc=what, file=sys.stderr, unit_scale=True, delay=_SOON, leave=False)
+            delay = _SOON if done else 0.0
+            bar = tqdm(total=total, desc=what, file=sys.stderr, unit_scale=True, delay=delay, leave=False)
         bar.update(done - bar.n)
 
     try:

@@ -35,7 +35,7 @@ EXAMPLES: dict[type, Exception] = {
         UnknownNameError("body", "lid", "scene.yaml: objects.can.on", ["pot/lid", "pan"]),
         in_a_cycle("scene.yaml", ["a", "b"], "objects are placed relative to each other"),
         GraspError("scene.yaml: objects.can.reachable: it is too wide.", 0.1, 0.08),
-        InfeasibleSceneError("scene.yaml: it is full.", "scene.yaml", "apple", "collision", {"can": {"collision": 0}}),
+        InfeasibleSceneError("it is full.", "scene.yaml", "apple", "collision", {"can": {"collision": 0}}, {"a": "b"}),
         ContactBudgetError("nconmax", 40, 57),
         FixedError("SceneVectorEnv", "compiled"),
         OutputError("/out/a.png", "no space left on device"),
@@ -122,7 +122,7 @@ def test_a_circle_is_closed_in_its_message():
 def test_counts_of_rejections_are_the_error_s_own():
     """A caller's later changes to the counts do not change those of the error."""
     counts = {"apple": {"collision": 7}}
-    error = InfeasibleSceneError("scene.yaml: it is full.", "scene.yaml", "apple", "collision", counts)
+    error = InfeasibleSceneError("scene.yaml: it is full.", "scene.yaml", "apple", "collision", counts, {})
     counts["apple"]["collision"] = 0
     assert error.counts == {"apple": {"collision": 7}}
 

@@ -62,6 +62,9 @@ def test_bars_are_for_terminals(capsys: pytest.CaptureFixture, monkeypatch: pyte
     with shown():
         tell("work", 1, 2)
     assert "work" not in capsys.readouterr().err
+    with shown():
+        tell("work", 0, 2)  # may be long
+    assert "work" in capsys.readouterr().err
     monkeypatch.setattr("sceniris_gym.progress._SOON", 0.0)
     with shown():
         tell("work", 1, 2)

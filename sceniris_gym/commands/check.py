@@ -40,7 +40,8 @@ def judge(
         try:
             found = check(compile_scene(config, device), layouts, seed, picture, split)
         except InfeasibleSceneError as error:
-            found = {"scene": config.name, "valid": 0.0, "error": str(error), "rejections": error.counts}
+            counted = {"rejections": error.counts, "in_the_way": error.in_the_way}
+            found = {"scene": config.name, "valid": 0.0, "error": str(error), **counted}
     for warning in warned:
         warnings.warn(warning.message, stacklevel=2)
     often = strict and any(isinstance(warning.message, FallbackWarning) for warning in warned)
@@ -73,8 +74,9 @@ def check(compiled: CompiledScene, layouts: int, seed: int, picture: Path | None
 
 def report(found: Mapping) -> str:
     """Return the findings of `check` as text."""
+    ways = [f"most in the way of {name}: {pair}" for name, pair in found["in_the_way"].items()]
     if "error" in found:
-        return "\n".join([verdict(found, found["error"]), table_of_rejections(found["rejections"])])
+        return "\n".join([verdict(found, found["error"]), table_of_rejections(found["rejections"]), *ways])
     valid = (
         f"{found['layouts']} layouts of '{found['scene']}': {found['valid']:.2%} valid, "
         f"{found['first_pass_valid']:.2%} on the first pass, {found['attempts_per_layout']:.2f} candidates per layout"
@@ -84,7 +86,7 @@ def report(found: Mapping) -> str:
         f"each object gets {found['attempts']} attempts before a layout starts again",
         f"the first one is {found['first_id']}",
         table_of_rejections(found["rejections"]),
-        *(f"most in the way of {name}: {pair}" for name, pair in found["in_the_way"].items()),
+        *ways,
     ]
     lines += [
         f"{name}: {part['kept']:.1%} of {part['candidates']} candidates are within reach"

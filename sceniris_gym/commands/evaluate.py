@@ -1,18 +1,20 @@
 """The `evaluate` command: evaluates a trained policy on unseen layouts."""
 
 from collections.abc import Mapping
+from contextlib import nullcontext
 from pathlib import Path
 from shlex import quote
 from typing import Any
 
 from sceniris_gym.commands.answer import OK, verdict
 from sceniris_gym.errors import ArgumentError, SceneMismatchError
-from sceniris_gym.files import as_json, write_text
+from sceniris_gym.files import as_json, check_picture, write_text
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.training.judging import judge, judges_of
 from sceniris_gym.training.runner import Policy
 from sceniris_gym.training.settings import CONFIG, MODEL, read_config, read_parts, share, without_layouts
 from sceniris_gym.training.task_scenes import scene_of, spec_of
+from sceniris_gym.training.video import PICTURES, filming
 
 
 def evaluate(
@@ -22,6 +24,7 @@ def evaluate(
     out: Path | None = None,
     *,
     failed: Path | None = None,
+    video: Path | None = None,
     min_success: float | None = None,
     task: str = "",
     trust: bool = False,
@@ -34,6 +37,7 @@ def evaluate(
         device: Warp's name of the device. None takes "cuda:0" if available, otherwise "cpu".
         out: JSON file to write, with the result on each layout.
         failed: File to write, with the ids of valid layouts without success.
+        video: MP4 to write, with the first 16 worlds of the valid layouts.
         min_success: Least success rate on valid layouts for a good verdict, or None for no verdict.
         task: The task, as `spec_of` takes it. "" takes the task that the folder names. That task should not be a
             MODULE:ID, because importing the module would execute its code.
@@ -48,6 +52,7 @@ def evaluate(
         SceneMismatchError: The run was made by a version in which the scene has other layouts.
         ScenirisError: The task is unknown, or its scene cannot be compiled.
     """
+    check_picture(video, ".mp4")
     named, settings = read_config(run)
     if ":" in named and not task:
         raise ArgumentError(f"{run / CONFIG}: its task is Python code. If you trust this code, give --task {named}.")
@@ -56,10 +61,11 @@ def evaluate(
     trained = read_parts(run).get("scene", {}).get("hash")  # version 0.1.0 wrote no hash
     if scene.former_hash is not None and trained in (None, scene.former_hash):
         raise SceneMismatchError(f"{run}: this policy {scene.mismatch(scene.former_hash, '')}")
-    found = {
-        name: judge(Policy(run, task, settings, env, trust=trust), env, task, layouts)
-        for name, env in judges_of(task, layouts, device).items()
-    }
+    shown = {} if video is None else {"render_mode": "rgb_array", "render_config": PICTURES}
+    found = {}
+    for name, env in judges_of(task, layouts, device, **shown).items():
+        with nullcontext() if video is None or name != "valid" else filming(video, env.unwrapped) as film:
+            found[name] = judge(Policy(run, task, settings, env, trust=trust), env, task, layouts, film)
     if out is not None:
         write_text(out, as_json(found))
     more: dict[str, Any] = {} if min_success is None else {OK: found["valid"]["success"] >= min_success}

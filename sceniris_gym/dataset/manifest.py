@@ -20,6 +20,8 @@ MANIFEST, SCENE, SCENE_USD = "dataset.json", "scene.zip", "scene.usdc"
 PART_ROWS = 1 << 16
 """Number of rows of a part. It is the same in every process. The last part may have fewer rows."""
 FORMAT = 3
+STATE = ("qpos", "mocap_pos", "mocap_quat")
+"""Columns that make a state: copy each into the field of MjData with the same name."""
 
 _FIELDS = {
     **{"format": int, "scene": str, "hash": str, "split": str, "seed": int, "layouts": int, "rows_of_a_part": int},
@@ -77,6 +79,7 @@ class DatasetPlan:
             "layouts": n,
             "rows_of_a_part": PART_ROWS,
             "columns": {name: {"dtype": dtype, "shape": list(shape)} for name, (dtype, shape) in forms.items()},
+            "state_columns": list(STATE),
             "object_names": list(compiled.object_names),
             "reachable_names": [] if compiled.reaching is None else list(compiled.reaching.names),
             "formats": list(formats),

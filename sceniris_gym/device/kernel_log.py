@@ -1,18 +1,27 @@
 """The message printed before kernels are compiled. It replaces the lines that Warp prints for each module."""
 
+import os
 import sys
+from pathlib import Path
 
 import warp as wp
 
+from sceniris_gym.files import redirected
+
+_GPU = Path("/proc/driver/nvidia")
 # Kept for the whole process, like the kernels: each launch sequence would otherwise print the message again.
 _told: set[str] = set()
 
 
 def start_warp() -> None:
-    """Start Warp. If its log level is the default `wp.LOG_INFO`, raise the level to `wp.LOG_WARNING`."""
+    """Start Warp. If its log level is the default `wp.LOG_INFO`, raise the level to `wp.LOG_WARNING`.
+
+    On a computer without an NVIDIA driver, Warp's line about it is left out.
+    """
     if wp.config.log_level == wp.LOG_INFO:
         wp.config.log_level = wp.LOG_WARNING
-    wp.init()
+    with open(os.devnull, "w") as nowhere, redirected(2, 2 if _GPU.exists() else nowhere.fileno()):
+        wp.init()
 
 
 def tell_of_compiling(device: str) -> None:

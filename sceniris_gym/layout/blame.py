@@ -18,7 +18,7 @@ from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import Cause
 from sceniris_gym.program.pack.home_touch import HomeTouch
 from sceniris_gym.program.pack.pairs import Pair, PairRules, collider_pairs
-from sceniris_gym.program.placed_object import COS_MAX_TILT
+from sceniris_gym.program.placed_object import COS_MAX_TILT, PlacedObject
 
 # Recorded candidates per world, enough for most objects to appear in the record.
 _RECORDED = 8
@@ -115,20 +115,17 @@ def recording(generator: LayoutGenerator) -> LayoutGenerator:
     return generator
 
 
-def obstructions(generator: LayoutGenerator, name: str | None = None) -> dict[str, str]:
+def obstructions(generator: LayoutGenerator) -> dict[str, str]:
     """For each object with recorded collisions, describe the pair of geoms that collides most often.
 
     The result maps each object's name to a text. The text gives the names of the two geoms, their mean distance, and
-    the fraction of the object's collisions in which they collide.
+    the fraction of the object's collisions in which they collide, and the sizes of the object and its region.
 
     Args:
         generator: A generator that has recorded candidates. See `recording`.
-        name: The only object to describe, or None for all objects.
     """
     rejected, found = read_rejected(generator), {}
     collided = np.flatnonzero(rejected.causes == Cause.COLLISION)
-    if name is not None:
-        collided = collided[rejected.objects[collided] == generator.compiled.placed.index(name)]
     if not len(collided):
         return {}
     blame, data = Blame(generator.compiled), mujoco.MjData(generator.compiled.mjm)
@@ -144,8 +141,20 @@ def obstructions(generator: LayoutGenerator, name: str | None = None) -> dict[st
             most = max(hits.values(), key=len)
             gap = _gap(float(np.mean([hit.distance for hit in most])), most[0].margin, " on average")
             share = f"{len(most) / len(rows):.0%} of collisions"
-            found[generator.compiled.placed[number]] = f"{most[0].names} ({gap}; {share})"
+            one = generator.compiled.plan.objects[number]
+            found[one.name] = f"{most[0].names} ({gap}; {share}{_sizes(one)})"
     return found
+
+
+def _sizes(one: PlacedObject) -> str:
+    """Return the end of a text with the widths of an object and of its region, seen from above, if it has a region."""
+    areas = [surface.region.bounds for surface in (one.surfaces[0] if one.surfaces else ())]
+    if not areas:
+        return ""
+    (low, high), bounds = (np.stack(areas)[:, i : i + 2] for i in (0, 2)), one.stable_poses[0].bounds
+    sizes = (bounds[2:] - bounds[:2], high.max(axis=0) - low.min(axis=0))
+    own, region = (" x ".join(f"{100.0 * length:.3g}" for length in size) for size in sizes)
+    return f"; '{one.name}' is {own} cm wide, its region {region} cm"
 
 
 def infeasible(compiled: CompiledScene, probe: LayoutGenerator, key: str = "") -> InfeasibleSceneError:
@@ -165,7 +174,8 @@ def infeasible(compiled: CompiledScene, probe: LayoutGenerator, key: str = "") -
     tried = [(name, causes) for found in (counts, late) for name, causes in found.items() if any(causes.values())]
     name, causes = tried[-1]
     cause, part = max(causes, key=causes.__getitem__), compiled.config.parts.get(name)
-    way = obstructions(probe, name).get(name) if causes.get(Cause.COLLISION.name.lower()) else None
+    ways = obstructions(probe)
+    way = ways.get(name)
     if cause == Cause.EMPTY.name.lower() and (leaning := _leaning_support(compiled, probe, name)) is not None:
         orientation = compiled.config.objects[leaning.split("/")[0]].drawn_orientation.kind
         remedy = _of_leaning(leaning, orientation)
@@ -181,6 +191,7 @@ def infeasible(compiled: CompiledScene, probe: LayoutGenerator, key: str = "") -
         name,
         cause,
         counts,
+        ways,
     )
 
 

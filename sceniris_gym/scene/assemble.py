@@ -26,6 +26,9 @@ MARK_GROUP = 4
 _OF_JOINTS = ("actuators", "tendons", "equalities")
 """Elements that refer to joints. If a variant loses its joints, it also loses these elements."""
 
+_SIZES = ("memory", "nconmax", "nemax", "njmax", "nstack")
+"""Sizes of buffers. Like options, the scene determines them."""
+
 _AT_ONCE = 24
 """Number of variants per intermediate model: about the square root of the largest number of variants."""
 
@@ -253,6 +256,8 @@ def attach(
     for element in (*(world.geoms if tops else planes), *world.sites, *world.cameras, *world.lights):
         child.delete(element)  # the asset's floor and lights for viewing
     child.option, child.visual = spec.option, spec.visual  # the scene's options apply, and MuJoCo would warn of others
+    for size in _SIZES:
+        setattr(child, size, getattr(spec, size))
     _keep_files_apart(spec, child, name)
     if len(tops) == 1 and not around:
         tops[0].name = tops[0].name or "/"  # differs from all names of the asset, unlike `name`

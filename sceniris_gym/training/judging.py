@@ -6,6 +6,7 @@ episode's last step.
 """
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import torch
@@ -35,11 +36,11 @@ TARGETS = {
 """Target objects of each task. If the task chooses one per episode, they have the order of its `chosen`."""
 
 
-def judges_of(task: str, layouts: int, device: str | None) -> dict[str, RslRlVecEnvWrapper]:
+def judges_of(task: str, layouts: int, device: str | None, **options: Any) -> dict[str, RslRlVecEnvWrapper]:
     """Return two environments that evaluate policies of a task: one with valid layouts, and one with unchecked layouts.
 
     The keys are `valid` and `unfiltered`. In unfiltered layouts, objects may be out of reach, unless the task uses the
-    grasp of an object.
+    grasp of an object. `options` are more arguments of the environment `valid`.
     """
     worlds = layouts + max(1, layouts // SPARE)
     compiled = compile_scene(scene_of(task, reachable=True), device)
@@ -49,7 +50,7 @@ def judges_of(task: str, layouts: int, device: str | None) -> dict[str, RslRlVec
         unfiltered = make_env(task, worlds, anywhere, **uniform)
     except UnknownNameError:  # the task uses the grasp of an object
         unfiltered = make_env(task, worlds, compiled, **uniform)
-    valid = make_env(task, worlds, compiled, split="eval")
+    valid = make_env(task, worlds, compiled, split="eval", **options)
     return {"valid": RslRlVecEnvWrapper(valid), "unfiltered": RslRlVecEnvWrapper(unfiltered)}
 
 
@@ -58,7 +59,7 @@ def density(task: str, s: State, chosen: Tensor) -> tuple[Tensor, Tensor]:
 
     The first tensor is the number of present free objects other than the target. The second is the horizontal distance
     [m] from the target's origin to the nearest origin of these objects. If the task is not in TARGETS, the first tensor
-    counts all free objects, and the second is infinite.
+    counts all free objects, and the second is the least distance of two of them. Without other objects, it is infinite.
 
     Args:
         task: Id of a task of this package without the namespace, or MODULE:ID.
@@ -70,20 +71,24 @@ def density(task: str, s: State, chosen: Tensor) -> tuple[Tensor, Tensor]:
     names = [name for name, part in s.scene.config.objects.items() if part.kind == "free"]
     if not names:
         return torch.zeros_like(nearest, dtype=torch.long), nearest
-    present = s.present(names)
+    present, flat = s.present(names), s.poses(names)[:, :, :2]
     if task not in TARGETS:
-        return present.sum(dim=1), nearest
+        pairs = present[:, :, None] & present[:, None] & ~torch.eye(len(names), dtype=torch.bool, device=s.device)
+        return present.sum(dim=1), torch.where(pairs, torch.cdist(flat, flat), torch.inf).amin(dim=(1, 2))
     is_target = torch.zeros_like(present)
     is_target[:, [names.index(name) for name in TARGETS[task]]] = chosen > 0
-    flat = s.poses(names)[:, :, :2]
     away = (flat - (flat * is_target[:, :, None]).sum(dim=1, keepdim=True)).norm(dim=2)
     others = present & ~is_target
     return others.sum(dim=1), torch.where(others, away, torch.inf).amin(dim=1)
 
 
 @torch.inference_mode()
-def judge(policy: Any, env: RslRlVecEnvWrapper, task: str, layouts: int) -> dict[str, Any]:
+def judge(
+    policy: Any, env: RslRlVecEnvWrapper, task: str, layouts: int, film: Callable[[Tensor], object] | None = None
+) -> dict[str, Any]:
     """Let a policy play one episode in each of the first `layouts` worlds whose layout is not from the bank.
+
+    `film` is called at the start and after each step, with True for each world whose episode runs.
 
     Returns:
         A mapping with these keys.
@@ -94,7 +99,7 @@ def judge(policy: Any, env: RslRlVecEnvWrapper, task: str, layouts: int) -> dict
         - `unfinished`: number of episodes that did not end within the maximum episode length
         - `by_choice`: fraction of successes for each object that a task of this package may choose as target
         - `each`: per layout, `id` (reproduces valid layouts only), `success`, `things` (number of other objects) and
-          `nearest` (distance to the nearest other object [mm])
+          `nearest` (distance to the nearest other object [mm]), both as `density` returns them
     """
     obs, info = env.reset(seed=EVAL_SEED)
     ids = env.unwrapped.layout_ids(info)
@@ -107,6 +112,8 @@ def judge(policy: Any, env: RslRlVecEnvWrapper, task: str, layouts: int) -> dict
     running = counted.clone()
     success, total = torch.zeros_like(running), torch.zeros(env.num_envs, device=env.device)
     steps = int(env.max_episode_length)
+    film = film or (lambda running: None)
+    film(running)
     for step in range(steps):
         tell("judged steps", step, steps)
         obs, reward, done, extras = env.step(policy(obs))
@@ -114,6 +121,7 @@ def judge(policy: Any, env: RslRlVecEnvWrapper, task: str, layouts: int) -> dict
         ends = running & done.bool()
         success |= ends & extras["success"]
         running &= ~ends
+        film(running)
     number, successes = int(counted.sum()), int(success.sum())
     by_choice = (success.float() @ chosen) / (counted.float() @ chosen)
     return {

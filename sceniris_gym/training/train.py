@@ -27,6 +27,7 @@ from sceniris_gym.errors import ArgumentError
 from sceniris_gym.files import as_json, read_bytes, replacing, write_text
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.levels.curriculum import LevelReplay
+from sceniris_gym.progress import tell
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.training import layout_sources
 from sceniris_gym.training.judging import judge, judges_of
@@ -155,8 +156,10 @@ class Run:
 
     def _warm_up(self) -> None:
         """Compile and allocate everything for training, by training a policy that is then discarded."""
-        for env in self.judges.values():
+        for i, env in enumerate(self.judges.values()):
+            tell("first steps", i, 1 + len(self.judges))
             env.step(torch.zeros(env.num_envs, env.num_actions, device=env.device))
+        tell("first steps", len(self.judges), 1 + len(self.judges))
         runner = runner_of(self.env, self.settings, self.options.seed)
         # Imitation requires a loaded teacher. The untrained teacher is good enough here.
         runner.alg.teacher_loaded = True  # type: ignore[attr-defined]
@@ -184,6 +187,7 @@ class Run:
     def _train(self, iterations: int) -> None:
         self.runner.alg.entropy_coef = self.settings.entropy_after(self.env_steps)
         start = self._clock()
+        tell("seconds of training", int(self.seconds), max(int(60.0 * self.options.minutes), int(self.seconds)))
         self.runner.learn(iterations)
         seconds = self._clock() - start
         self.seconds += seconds

@@ -114,6 +114,7 @@ class SceneView:
         self.where, self._pose = where, START
         self._end_play()
         self.table = self.deck.make(where)
+        self._worlds.paint(self.deck.compiled, self.table)
         if self._candidates is not None:
             self._candidates = self.deck.rejected(where)
             self._candidate = self._first_candidate()

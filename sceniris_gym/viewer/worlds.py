@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     import viser
 
     from sceniris_gym.layout.layouts import Layouts
+    from sceniris_gym.program.compiled import CompiledScene
+    from sceniris_gym.scene.layout_table import LayoutTable
     from sceniris_gym.sim.batch import Batch
 
 _GAP = 0.12  # between worlds, as a fraction of their size
@@ -67,8 +69,14 @@ class Worlds:
         if scene.config.floor is not None:
             size = np.maximum(size, scene.config.floor.size)
         self.origins = grid_origins(num, (1.0 + _GAP) * size)
+        drawn = drawn_model(mjm)
+        painted = painted_geoms(scene, drawn)
+        drawn.geom_rgba[painted, 3] = 0.0  # mjviser leaves them out, because its meshes have one colour in all worlds
+        self._painted: dict[int, Any] = {}
         with server.atomic():
-            self._scene = ViserMujocoScene(server, drawn_model(mjm), num_envs=num)
+            self._scene = ViserMujocoScene(server, drawn, num_envs=num)
+            for geom in painted:
+                self._add_painted(geom)
             if num > _FEW:
                 for group in self._scene._mesh_groups:
                     many = _triangles(mjm, int(group.body_ids[0])) >= _MANY
@@ -98,6 +106,32 @@ class Worlds:
             self._xpos[i, body] += offset
         self._mocap_pos[i] = self._xpos[i, self.mjm.body_mocapid >= 0]  # MuJoCo numbers them in the order of bodies
         self._mocap_quat[i] = data.mocap_quat
+
+    def _add_painted(self, geom: int) -> None:
+        """Add a geom whose colour differs between worlds. mjviser moves and hides it like its own meshes."""
+        from mjviser.conversions import merge_geoms
+        from mjviser.scene import _MeshGroup
+
+        mesh, body, group = merge_geoms(self.mjm, [geom]), self.mjm.geom_bodyid[geom], int(self.mjm.geom_group[geom])
+        wxyzs, positions = np.tile([1.0, 0.0, 0.0, 0.0], (self.num, 1)), np.zeros((self.num, 3))
+        handle: Any = self._server.scene.add_batched_meshes_simple(
+            f"/bodies/painted{geom}", mesh.vertices, mesh.faces, wxyzs, positions, visible=group in VISIBLE_GROUPS
+        )
+        mocap = self.mjm.body_mocapid[[body]]
+        self._scene._mesh_groups.append(_MeshGroup(handle, np.array([body]), group, None if mocap < 0 else mocap))
+        self._painted[geom] = handle
+
+    def paint(self, compiled: CompiledScene, table: LayoutTable) -> None:
+        """Give geoms the colours that the layouts of all worlds draw. `table` has a row for each world."""
+        if not self._painted:
+            return
+        from sceniris_gym.commands.replay import drawn  # only some scenes need mujoco_warp here
+
+        models = (drawn(compiled, table[i : i + 1])[0] for i in range(self.num))
+        colours = np.stack([drawn_model(mjm).geom_rgba[list(self._painted)] for mjm in models])
+        for i, handle in enumerate(self._painted.values()):
+            handle.batched_colors = (255.0 * colours[:, i, :3]).round().astype(np.uint8)
+            handle.batched_opacities = colours[:, i, 3].astype(np.float32)
 
     def is_like(self, other: Worlds) -> bool:
         """Return True if `other` has the same number of worlds, and a scene with nearly the same bounds."""
@@ -224,6 +258,21 @@ def drawn_model(mjm: mujoco.MjModel) -> mujoco.MjModel:
     endless = planes & (drawn.geom_size[:, 0] <= 0.0)
     drawn.geom_size[endless, :2] = _ENDLESS / 2.0
     return drawn
+
+
+def painted_geoms(scene: SceneModel, drawn: mujoco.MjModel) -> list[int]:
+    """Return the visible geoms of a `drawn_model` whose colours differ between layouts of the scene.
+
+    Planes and meshes with textures are left out. They look the same in all worlds.
+    """
+    changed = np.zeros(drawn.ngeom, bool)
+    for draw in scene.draws:
+        if draw.word.field == "geom_rgba":
+            changed[draw.rows] = True
+        elif draw.word.field in ("mat_rgba", "mat_texid"):
+            changed |= np.isin(scene.mjm.geom_matid, draw.rows)
+    kept = (drawn.geom_matid < 0) & (drawn.geom_rgba[:, 3] > 0.0) & (drawn.geom_type != mujoco.mjtGeom.mjGEOM_PLANE)
+    return np.flatnonzero(changed & kept).tolist()
 
 
 def _mean_colour(mjm: mujoco.MjModel, texture: int) -> np.ndarray:

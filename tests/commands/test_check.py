@@ -69,6 +69,31 @@ def test_layouts_are_made_once_and_their_rejections_name_what_is_in_the_way(
     assert "100% of collisions" in found["in_the_way"]["b"]
 
 
+def test_a_scene_without_a_layout_has_the_table_and_all_that_is_in_the_way_with_sizes(
+    tmp_path: Path, capsys: pytest.CaptureFixture
+):
+    """The verdict and the exit status are bad; the crate that is only hard is told too, not the last one only."""
+    crate, post = ({"asset": box_mjcf(tmp_path, name, size, size, size)} for name, size in (("c", 0.1), ("p", 0.5)))
+    objects = {
+        "post": {**post, "kind": "static"},
+        "hard": {**crate, "on": "floor", "region": {"box": [[-0.35, -0.2], [0.35, 0.2]]}},
+        "never": {**crate, "on": "floor", "region": {"box": [[-0.1, -0.05], [0.1, 0.05]]}},
+    }
+    with (tmp_path / "full.yaml").open("w") as stream:
+        YAML().dump({"floor": {"size": [1.0, 1.0]}, "objects": objects}, stream)
+    with pytest.raises(SystemExit) as ended:
+        main(["check", str(tmp_path / "full.yaml"), "-n", "8", "--device", "cpu"])
+    lines = capsys.readouterr().out.splitlines()
+    assert ended.value.code == 1
+    assert lines[0].startswith("FAIL: ")
+    assert [line.split()[0] for line in lines[1:4]] == ["rejected", "hard", "never"]
+    assert [line.split(":")[0] for line in lines[4:]] == ["most in the way of hard", "most in the way of never"]
+    for line, says in zip(
+        lines[4:], ("'hard' is 10 x 10 cm wide, its region 70 x 40 cm", "region 20 x 10 cm"), strict=True
+    ):
+        assert says in line
+
+
 def _counted(function: Callable, calls: list) -> Callable:
     """The same function, which notes what it was called on."""
 

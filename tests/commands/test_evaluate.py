@@ -6,6 +6,8 @@ import json
 import re
 from pathlib import Path
 
+import gymnasium
+import numpy as np
 import pytest
 import torch
 
@@ -16,6 +18,7 @@ from sceniris_gym.commands.evaluate import evaluate, report
 from sceniris_gym.commands.train import train
 from sceniris_gym.errors import ArgumentError, SceneMismatchError
 from sceniris_gym.training.settings import Options
+from sceniris_gym.training.task_scenes import registered_id
 from tests.training.scenes import write_task
 
 PAGE = Path(__file__).parents[2] / "docs" / "training.md"
@@ -69,6 +72,25 @@ def test_failed_layouts_are_listed_and_shown(run: Path, capfd: pytest.CaptureFix
     assert said[0].startswith("FAIL: valid: ")
     view = f"sceniris-gym view --env {task} --policy {run / 'model.pt'} --layout {failed}"
     assert said[-1] == (view if ids else "All valid layouts ended in success.")
+
+
+def test_a_video_shows_the_first_episodes(run: Path, capfd: pytest.CaptureFixture, tmp_path: Path):
+    """A frame for the start and each step, in a grid of 4 x 4 worlds; an .avi is refused."""
+    ffmpeg = pytest.importorskip("imageio_ffmpeg", reason="imageio-ffmpeg is not installed (extra 'video')")
+    task, file = json.loads((run / "config.json").read_text())["options"]["task"], tmp_path / "out.mp4"
+    words = ["evaluate", str(run), "-n", "3", "--device", "cpu", "--task", task, "--json"]
+    cli.main([*words, "--video", str(file)])
+    assert json.loads(capfd.readouterr().out).keys() == {"valid", "unfiltered"}
+    about, *frames = ffmpeg.read_frames(file)
+    steps = gymnasium.spec(registered_id(task)).max_episode_steps
+    assert (about["size"], len(frames)) == ((960, 720), 1 + (steps or 0))
+    first = np.frombuffer(frames[0], np.uint8).reshape(720, 960, 3)
+    assert first[:180, :240].std() > 10.0
+    assert first[-180:, -240:].max() < 20  # there are four worlds, so the last tile stays black
+    with pytest.raises(SystemExit) as stop:
+        cli.main([*words, "--video", str(tmp_path / "out.avi")])
+    assert stop.value.code == 2
+    assert "Give a path that ends in .mp4" in capfd.readouterr().err
 
 
 @pytest.mark.parametrize("fraction", ["65", "-0.1", "nan"])

@@ -26,6 +26,7 @@ def test_warp_is_silent_unless_it_is_asked_to_speak(level: str, silent: bool):
     """Neither a greeting nor a line about a module in a fresh process, but for those who want to hear all of it."""
     done = subprocess.run([sys.executable, "-c", PROGRAM, level], capture_output=True, text=True, check=True)
     assert (done.stdout == "") is silent
+    assert "CUDA driver" not in done.stderr  # a computer without a GPU has none to miss
 
 
 def test_each_device_is_told_of_once(capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch):

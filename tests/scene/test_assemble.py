@@ -42,6 +42,14 @@ def test_a_lamp_and_a_floor_of_an_asset_stay_behind(folder: Path):
     assert scene.mjm.opt.timestep == 0.005
 
 
+def test_sizes_of_buffers_of_an_asset_stay_behind(folder: Path, capfd: pytest.CaptureFixture):
+    """The scene has its sizes, and MuJoCo writes no line about a conflict."""
+    for name, sizes in (("a", 'memory="9M"'), ("b", 'nconmax="50" njmax="77"')):
+        (folder / f"{name}.xml").write_text(BALL.replace("<worldbody>", f"<size {sizes}/><worldbody>", 1))
+    build(folder, {name: {"asset": name, "on": "floor"} for name in "ab"})
+    assert capfd.readouterr().err == ""
+
+
 def test_each_kind_is_the_body_it_should_be(folder: Path):
     """Free: a freejoint; fixture: a mocap body; static: neither; marker: a mocap body that touches nothing."""
     scene = build(

@@ -39,12 +39,17 @@ def test_density_is_about_the_target_that_is_chosen():
         assert float(nearest[world]) == pytest.approx(away.min(), abs=1e-5)
 
 
-def test_a_task_without_a_target_has_no_nearest_thing():
-    """The others are counted all the same; a scene may have none at all."""
+def test_a_task_without_a_target_has_the_least_distance_of_two_things():
+    """Of those that are there, by qpos; all are counted."""
     envs = task_scenes.make_env("TabletopReach-v0", 3, reach_scene())
     envs.reset(seed=1)
     things, nearest = judging.density("TabletopReach-v0", envs.state, torch.ones(3, 1))
-    assert (things.tolist(), nearest.tolist()) == ([5] * 3, [np.inf] * 3)
+    scene, qpos = envs.batch.scene, envs.batch.data.qpos.numpy()
+    names = [name for name, part in scene.config.objects.items() if part.kind == "free"]
+    flat = np.stack([qpos[:, a : a + 2] for a in (scene.mjm.joint(f"{n}/free").qposadr[0] for n in names)], axis=1)
+    away = np.linalg.norm(flat[:, :, None] - flat[:, None], axis=-1) + 9.0 * np.eye(len(names))
+    assert things.tolist() == [len(names)] * 3 == [5] * 3
+    np.testing.assert_allclose(nearest, away.min(axis=(1, 2)), atol=1e-5)
 
 
 def test_a_scene_without_free_objects_has_no_things():

@@ -18,6 +18,7 @@ pytest.importorskip("rsl_rl")
 from benchmarks import curves
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.files import as_json
+from sceniris_gym.progress import listening
 from sceniris_gym.training import task_scenes, train
 from sceniris_gym.training.settings import SETTINGS, Options, source_hash
 from tests.training.scenes import reach_scene
@@ -117,10 +118,13 @@ def test_a_policy_that_sees_images_imitates_a_teacher_that_sees_none(tmp_path: P
         if "cnns" in name and not torch.equal(value, before[name])
     }
     assert changed == {"front", "wrist"}
-    again = train.Run(Options("TabletopReachPixels-v0", **common, million_steps=8e-6, resume=True))
-    monkeypatch.setattr(again, "_judge", lambda: None)
-    monkeypatch.setattr(again, "_teach", pytest.fail)
-    again.go()
+    heard: list[str] = []
+    with listening(lambda what, *_: heard.append(what)):
+        again = train.Run(Options("TabletopReachPixels-v0", **common, million_steps=8e-6, resume=True))
+        monkeypatch.setattr(again, "_judge", lambda: None)
+        monkeypatch.setattr(again, "_teach", pytest.fail)
+        again.go()
+    assert {"first steps", "seconds of training"} <= set(heard)
     assert again.iterations == 2
 
 

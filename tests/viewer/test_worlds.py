@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,11 +12,14 @@ import numpy as np
 import pytest
 import warp as wp
 
+from sceniris_gym.commands.replay import drawn
 from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.viewer.deck import LayoutDeck, Where
 from sceniris_gym.viewer.shown import ShownWorld
 from sceniris_gym.viewer.worlds import Window, Worlds, body_mesh, drawn_model, grid_origins, view_direction
+from tests.layout.scenes import box_mjcf
 from tests.viewer.pages import drawn_body, page
 from tests.viewer.worlds_on_show import compiled_scene, world_of
 
@@ -155,6 +159,40 @@ def test_the_page_of_an_environment_keeps_to_real_time():
         for _ in range(5):
             window.show(batch, layouts, 0.04)
         assert time.monotonic() - began > 0.15
+
+
+def test_each_world_has_its_drawn_colours(tmp_path: Path):
+    """Those of the layout; these geoms move with their bodies, and those of other objects are as ever."""
+    cube = {"asset": box_mjcf(tmp_path, "cube", 0.1, 0.1, 0.1), "on": "floor"}
+    scene = SceneConfig.load(
+        {
+            "floor": {"size": [1.0, 1.0]},
+            "objects": {
+                "cube": {**cube, "randomize": {"rgba": {"abs": [[0, 0, 0, 1], [1, 1, 1, 1]]}}},
+                "plain": cube,
+            },
+            "bank": 2,
+        }
+    )
+    compiled = compile_scene(scene, "cpu")
+    table = LayoutDeck(compiled, 3).make(Where(seed=5))
+    models = [drawn(compiled, table[i : i + 1])[0] for i in range(3)]
+    with page() as server:
+        worlds = Worlds(server, compiled.scene, 3)
+        worlds.paint(compiled, table)
+        for i in range(3):
+            worlds.put(i, ShownWorld(compiled, table[i : i + 1]).data)
+        worlds.send()
+        bodies = compiled.mjm.geom_bodyid[list(worlds._painted)].tolist()
+        assert set(bodies) == {compiled.scene.bodies["cube"]}
+        for geom, handle in worlds._painted.items():
+            colours = np.stack([model.geom_rgba[geom, :3] for model in models])
+            assert len(np.unique(colours, axis=0)) == 3
+            np.testing.assert_allclose(handle.batched_colors / 255.0, colours, atol=0.01)
+            if handle.visible:
+                places = [ShownWorld(compiled, table[i : i + 1]).data.body("cube").xpos for i in range(3)]
+                np.testing.assert_allclose(handle.batched_positions, places + worlds.origins, atol=1e-4)
+        assert any(handle.visible for handle in worlds._painted.values())
 
 
 def test_geoms_have_the_colours_of_mujoco():

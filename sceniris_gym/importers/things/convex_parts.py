@@ -23,11 +23,15 @@ from sceniris_gym.importers.things import splitting
 from sceniris_gym.importers.things.fit import Distances, Fit, Measure, are_near, tolerance_of
 from sceniris_gym.importers.things.repair import Solid
 from sceniris_gym.importers.things.thing import LEAST_MOMENT, Inertia
+from sceniris_gym.progress import tell
 
 if TYPE_CHECKING:
     import manifold3d
 
-MOST_PARTS = 160
+MOST_PARTS, USUAL_PARTS = 160, 32
+"""Greatest number of parts of a mesh with a given tolerance, and by default."""
+_LOOSER = 1.4  # factor of the allowed distance, while too many parts are left
+_COARSER = 2.0  # multiple of the spacing of sample points, for merging with this distance
 _TOO_MANY = 2 * MOST_PARTS  # parts of one piece: merging more does not reach `MOST_PARTS`, and finer cuts take minutes
 _MOST_SPLIT = 4 * MOST_PARTS  # parts of all pieces: merging more parts takes minutes
 _MOST_PIECES = 200
@@ -72,21 +76,27 @@ class Parts:
     method: str
 
 
-def convex_parts(solid: Solid, where: str, tolerance: float | None = None) -> Parts:
+def convex_parts(solid: Solid, where: str, tolerance: float | None = None, max_parts: int | None = None) -> Parts:
     """Find few convex parts whose distance from a mesh is at most a tolerance, as `Fit` measures it.
 
     Args:
         solid: The mesh.
         where: Prefix of error messages.
         tolerance: Largest distance between parts and mesh [m]. By default 2 mm or 2% of the mesh's longest edge,
-            whichever is larger.
+            whichever is larger. The default grows until `max_parts` parts suffice.
+        max_parts: Greatest number of parts. None means 32, or 160 if a `tolerance` is given.
 
     Raises:
-        MeshError: The best parts exceed the tolerance, or are more than `MOST_PARTS`.
+        MeshError: The best parts exceed the tolerance. Or they are more than 160, or with a `tolerance`, more than
+            `max_parts`.
         MissingExtraError: The mesh is not convex, and CoACD is not installed.
     """
+    most = max_parts or (USUAL_PARTS if tolerance is None else MOST_PARTS)
     allowed = tolerance_of(solid.mesh) if tolerance is None else tolerance
-    cuts = [_of_piece(piece, solid.closed, _REST * allowed) for piece in _pieces(solid.mesh)]
+    pieces, cuts = _pieces(solid.mesh), []
+    for i, piece in enumerate(pieces):
+        tell("pieces cut", i, len(pieces))
+        cuts.append(_of_piece(piece, solid.closed, _REST * allowed))
     found, methods = [part for cut in cuts for part in cut.parts], [cut.method for cut in cuts]
     method = ", ".join(f"{methods.count(word)} x {word}" for word in sorted(set(methods)))
     exact = Measure(solid.mesh, allowed, _EXACT)
@@ -99,16 +109,25 @@ def convex_parts(solid: Solid, where: str, tolerance: float | None = None) -> Pa
             if tried[-1][1].error <= allowed or len(tried[-1][0]) > MOST_PARTS:
                 break
         parts, fit = min(tried, key=_rank)
+        beyond = splitting.Excess(near, solid.mesh, _COARSER * allowed).beyond
         method += ", split" if len(found) > len(whole) else ""
     else:
-        parts, fit = _merged(found, Measure(solid.mesh, allowed).beyond, exact, allowed)
-    if fit.error > allowed or len(parts) > MOST_PARTS:
+        beyond = Measure(solid.mesh, allowed).beyond
+        parts, fit = _merged(found, beyond, exact, allowed)
+    limit = MOST_PARTS if tolerance is None else min(most, MOST_PARTS)
+    if fit.error > allowed or len(parts) > limit:
         raise MeshError(
-            f"{where}: at most {MOST_PARTS} convex parts should fit the surface within {1000.0 * allowed:.2g} mm, but "
+            f"{where}: at most {limit} convex parts should fit the surface within {1000.0 * allowed:.2g} mm, but "
             f"the best fit has {len(parts)} parts and is off by {1000.0 * fit.error:.2g} mm ({method}). Increase "
             "--tolerance, or model thin and fine structures thicker.",
             "parts",
         )
+    loose = allowed
+    while len(parts) > most:
+        loose *= _LOOSER
+        parts = merge(parts, beyond, loose, most)
+        fit = exact.fit(parts)
+        allowed = max(allowed, fit.error)
     return Parts(tuple(parts), fit, allowed, method)
 
 
@@ -164,7 +183,7 @@ def _merged(
     return min(tried, key=_rank)
 
 
-def merge(parts: list[trimesh.Trimesh], beyond: Beyond, allowed: float) -> list[trimesh.Trimesh]:
+def merge(parts: list[trimesh.Trimesh], beyond: Beyond, allowed: float, fewest: int = 1) -> list[trimesh.Trimesh]:
     """Replace pairs of parts by their common hull while the hull stays near the mesh, least added volume first.
 
     Args:
@@ -172,6 +191,7 @@ def merge(parts: list[trimesh.Trimesh], beyond: Beyond, allowed: float) -> list[
         beyond: Takes a part and the other parts. Returns the largest distance [m] from the outside of the part to the
             mesh.
         allowed: Largest distance [m] that `beyond` may return for a hull.
+        fewest: Number of parts that ends the merging.
     """
     alive = dict(enumerate(parts))
     fresh = itertools.count(len(parts))
@@ -185,7 +205,8 @@ def merge(parts: list[trimesh.Trimesh], beyond: Beyond, allowed: float) -> list[
 
     for i in range(len(parts)):
         push(i, range(i))
-    while heap:
+    while heap and len(alive) > fewest:
+        tell("parts merged", len(parts) - len(alive), len(parts))
         _, j, i = heapq.heappop(heap)
         if i not in alive or j not in alive:
             continue

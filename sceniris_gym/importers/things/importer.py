@@ -19,11 +19,12 @@ from sceniris_gym.geometry.pieces import extract_pieces, mesh_vertices
 from sceniris_gym.geometry.resting_poses import HomeShape
 from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.importers.things import meshes
-from sceniris_gym.importers.things.convex_parts import Parts, convex_parts, inertia_of
+from sceniris_gym.importers.things.convex_parts import MOST_PARTS, Parts, convex_parts, inertia_of
 from sceniris_gym.importers.things.grasps import GraspSite, antipodal_grasps
 from sceniris_gym.importers.things.repair import Solid, check_faces, repair
 from sceniris_gym.importers.things.thing import Inertia, Link, Surface, Thing, write_asset
 from sceniris_gym.importers.things.units import UPRIGHT, Ask, find_scale, find_up, parse_scale
+from sceniris_gym.progress import tell
 from sceniris_gym.scene.overview import box_corners
 
 SECONDS, STILL = 0.5, 0.01
@@ -54,6 +55,7 @@ def resting_poses(path: Path) -> list[Rest]:
     spec.worldbody.bodies[0].add_freejoint()
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 1.0], friction=[0.8, 0.005, 0.0001])
     mjm = spec.compile()
+    tell("resting poses", 0, 1)
     home = mujoco.MjData(mjm)
     mujoco.mj_kinematics(mjm, home)
     mujoco.mj_comPos(mjm, home)
@@ -102,7 +104,7 @@ SUFFIXES = (*meshes.SUFFIXES, ".usd", ".usda", ".usdc", ".usdz", ".urdf")
 _FRAME = Inertia(1e-6, np.zeros(3), 1e-12 * np.eye(3))
 """Inertia of a link without geometry."""
 _UP = np.array([0.0, 0.0, 1.0])
-_LIMITS = {"density": (0.01, 1e5), "tolerance": (1e-6, 10.0)}
+_LIMITS = {"density": (0.01, 1e5), "tolerance": (1e-6, 10.0), "max_parts": (1, MOST_PARTS)}
 
 
 @dataclass(frozen=True)
@@ -115,7 +117,8 @@ class Options:
         up: The axis of the file that points up: "x", "y" or "z". If None, it comes from the file or is guessed.
         density: Density [kg/m^3].
         tolerance: Largest distance between the convex parts and the surface [m]. If None, 2 mm or 2% of the longest
-            edge of each link, whichever is larger.
+            edge of each link, whichever is larger, and more where this gives more than `max_parts`.
+        max_parts: Greatest number of convex parts of a link. If None, 32, or 160 if a `tolerance` is given.
         shell: Whether the surfaces are sheets that enclose no volume. If so, holes in them are not closed.
     """
 
@@ -124,12 +127,13 @@ class Options:
     density: float = 500.0
     tolerance: float | None = None
     shell: bool = False
+    max_parts: int | None = None
 
     def check(self) -> None:
         """Check the ranges of the options.
 
         Raises:
-            ArgumentError: The scale, the density or the tolerance is out of range.
+            ArgumentError: The scale, the density, the tolerance or the number of parts is out of range.
         """
         if self.scale is not None:
             parse_scale(self.scale)
@@ -146,7 +150,7 @@ def import_thing(source: Path, out: Path, options: Options | None = None, ask: A
         source: A file with one of `SUFFIXES`.
         out: The MJCF file to write. Meshes, images and `manifest.json` go to a folder of the same name next to it.
         options: The user's choices.
-        ask: Function that prompts the user for a scale if the object is smaller than 1 mm or larger than 50 m. If None,
+        ask: Function that prompts the user for a scale if the object's size is implausible, see `find_scale`. If None,
             such a size is an error.
 
     Returns:
@@ -164,13 +168,13 @@ def import_thing(source: Path, out: Path, options: Options | None = None, ask: A
     where = str(source)
     thing = _read(source)
     check_faces([surface for link in thing.links for surface in link.touched], where)
-    scale, scale_how = find_scale(thing, options.scale, ask, where)
+    scale, scale_how = find_scale(thing, options.scale, ask, where, options.density)
     thing = thing.scaled(scale)
     touched = {link.name: link.touched for link in thing.links if link.touched}
     solids = {name: repair(some, f"{where}: {name}", shell=options.shell) for name, some in touched.items()}
     if not solids:
         raise MeshError(f"{where}: it has no volume. Export a closed surface, or give it a thickness.", "flat")
-    cut = {name: convex_parts(solid, where, options.tolerance) for name, solid in solids.items()}
+    cut = {name: convex_parts(solid, where, options.tolerance, options.max_parts) for name, solid in solids.items()}
     patches = {link.name: solids[link.name].patches for link in thing.links if link.touched and not link.solids}
     patched = [replace(link, surfaces=(*link.surfaces, *patches.get(link.name, ()))) for link in thing.links]
     thing = replace(thing, name=out.stem, links=tuple(patched))
@@ -188,6 +192,7 @@ def import_thing(source: Path, out: Path, options: Options | None = None, ask: A
         low, high = points.min(axis=0), points.max(axis=0)
         shift = np.array([*(-0.5 * (low + high)[:2]), -low[2]])
         asset = asset.moved(rotation, shift)
+        tell("grasps", 0, 1)
         grasps = _grasps(thing.moved(rotation, shift).links[0], asset.links[0])
         shutil.rmtree(draft.parent / draft.stem)
         files = write_asset(asset, grasps, draft)

@@ -16,6 +16,7 @@ import trimesh
 from sceniris_gym.errors import import_extra
 from sceniris_gym.geometry.pieces import convex_hull
 from sceniris_gym.importers.things.fit import Distances, height_over, points_with_normals
+from sceniris_gym.progress import tell
 
 if TYPE_CHECKING:
     import manifold3d
@@ -83,6 +84,7 @@ def split(parts: Sequence[trimesh.Trimesh], excess: Excess, most: int) -> list[t
     low, high = np.split(np.array(excess.solid.bounding_box()), 2)
     least = _SLIVER * float(np.prod(high - low))
     while pieces:
+        tell("parts split", len(found), len(found) + len(pieces))
         piece = pieces.pop()
         if piece.volume() < least or (part := hull_or_none(mesh_of(piece).vertices, excess.allowed)) is None:
             continue

@@ -15,7 +15,9 @@ LEAST_SIZE, MOST_SIZE = 0.001, 50.0
 """Limits of the longest edge of an object's bounds [m]. Outside them, the unit is most likely wrong."""
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 """Metres per unit."""
-_USUAL = (0.01, 3.0)  # usual sizes of objects in scenes [m]
+_HELD, _USUAL = (0.02, 0.5), (0.01, 3.0)  # sizes of objects that a hand holds, and of most objects in scenes [m]
+_MOST_GUESSED, _HEAVIEST = 2.0, 100.0
+"""Greatest longest edge [m] and mass [kg] with a guessed unit. Most files in cm or mm exceed them in metres."""
 UPRIGHT = {
     "x": np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]),
     "y": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]),
@@ -54,16 +56,17 @@ def parse_scale(text: str) -> float:
     return factor
 
 
-def find_scale(thing: Thing, scale: str | None, ask: Ask | None, where: str) -> tuple[float, str]:
+def find_scale(thing: Thing, scale: str | None, ask: Ask | None, where: str, density: float = 0.0) -> tuple[float, str]:
     """Return the metres per unit of length of an object, and the source of this number in words.
 
     If the user gives a `scale` (a number or the name of a unit), it is used. Otherwise, the file's unit is used, or
-    metres if the file has no unit. If the longest edge of the object is then below 1 mm or above 50 m, `ask` prompts
-    the user for another scale. Error messages begin with `where`.
+    metres if the file has no unit. `ask` prompts the user for another scale if the longest edge of the object is then
+    below 1 mm or above 50 m. If the file has no unit, `ask` also prompts for an edge above 2 m, or a mass above 100 kg.
+    `density` [kg/m^3] determines this mass. Error messages begin with `where`.
 
     Raises:
         MeshError: The longest edge is below 1 mm or above 50 m, and `ask` is None, or the user's answer does not change
-            this.
+            this. Or the file has no unit, the object is too long or too heavy in metres, and `ask` is None.
         ArgumentError: The scale or the user's answer is not a positive number and not the name of a unit.
     """
     size = float(thing.extents().max())
@@ -73,12 +76,16 @@ def find_scale(thing: Thing, scale: str | None, ask: Ask | None, where: str) -> 
         factor, how = thing.meters, "from the file"
     else:
         factor, how = 1.0, "guessed: the file has no unit"
-    if LEAST_SIZE <= size * factor <= MOST_SIZE:
-        if how.startswith("guessed") and not _USUAL[0] <= size * factor <= _USUAL[1]:
-            how += f", use --scale if {size * factor:.3g} m is not its length"
-        return factor, how
-    choices = _choices(size)
-    problem = f"{where}: its length should be from 1 mm to 50 m, got {size * factor:.4g} m"
+    guessed, mass = how.startswith("guessed"), density * _volume(thing) * factor**3
+    if not LEAST_SIZE <= size * factor <= MOST_SIZE:
+        problem = f"{where}: its length should be from 1 mm to 50 m, got {size * factor:.4g} m"
+        choices = _choices(size)
+    elif guessed and (size > _MOST_GUESSED or mass > _HEAVIEST):
+        problem = f"{where}: the file has no unit, and in metres, its object is {size:.3g} m long, with {mass:,.0f} kg"
+        choices = f"{_choices(size, _HELD)}. --scale m keeps this size"
+    else:
+        small = guessed and size < _USUAL[0]
+        return factor, how + (f", use --scale if {size:.3g} m is not its length" if small else "")
     if ask is None or size == 0.0:
         raise MeshError(f"{problem}. {choices}.", "size")
     factor = parse_scale(ask(f"{problem}. {choices}. Scale?"))
@@ -108,15 +115,23 @@ def find_up(thing: Thing, up: str | None, stands: Callable[[str], bool]) -> tupl
     return "z", "guessed: it does not stand with z or y up"
 
 
-def _choices(size: float) -> str:
+def _volume(thing: Thing) -> float:
+    """Return the volume inside the surfaces of an object, in cubed units of the file. Holes make it inexact."""
+    surfaces = [surface for link in thing.links for surface in link.touched]
+    corners = (surface.vertices[surface.faces] for surface in surfaces)
+    return abs(sum(float(np.linalg.det(triangles).sum()) for triangles in corners)) / 6.0
+
+
+def _choices(size: float, *first: tuple[float, float]) -> str:
     """Return the end of an error message: values of `--scale` that would give the object a plausible size.
 
     Args:
         size: Longest edge of the object, in the file's unit of length.
+        first: A range of sizes [m] that is preferred.
     """
     if size == 0.0:
         return "All its vertices coincide: export the file again"
-    for low, high in (_USUAL, (LEAST_SIZE, MOST_SIZE)):
+    for low, high in (*first, _USUAL, (LEAST_SIZE, MOST_SIZE)):
         fit = [unit for unit, factor in UNITS.items() if low <= size * factor <= high]
         if fit:
             return f"Give its scale: {', '.join(f'--scale {u} makes it {size * UNITS[u]:.3g} m' for u in fit)}"

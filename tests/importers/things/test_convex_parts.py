@@ -41,6 +41,17 @@ def test_a_solid_that_is_not_cut_well_is_split(monkeypatch: pytest.MonkeyPatch):
     assert parts.method == "1 x hull, split"
 
 
+def test_parts_are_merged_until_they_are_few_enough(monkeypatch: pytest.MonkeyPatch):
+    """The tolerance is then what they are off; a given tolerance is kept, and too many parts are refused."""
+    monkeypatch.setattr("sceniris_gym.importers.things.convex_parts._cut", lambda *arguments: [])
+    corner = repair([surface(trimesh.boolean.union([box(), box().apply_translation(0.5 * box().extents)]))], "corner")
+    many, few = (convex_parts(corner, "corner", None, most) for most in (None, 1))
+    assert len(many.meshes) > len(few.meshes) == 1
+    assert many.tolerance < few.tolerance == few.fit.error < 0.05
+    with pytest.raises(MeshError, match="at most 1 convex parts should fit the surface within 3 mm"):
+        convex_parts(corner, "corner", 0.003, 1)
+
+
 def test_a_solid_is_split_further_before_it_is_refused(monkeypatch: pytest.MonkeyPatch):
     """A first split that the final check rejects is followed by one that is twice as fine."""
     module = "sceniris_gym.importers.things.convex_parts"

@@ -22,6 +22,7 @@ from sceniris_gym.errors import (
 )
 from sceniris_gym.importers.things.fit import tolerance_of
 from sceniris_gym.importers.things.importer import STILL, SUFFIXES, Options, import_thing, moved, resting_poses, stands
+from sceniris_gym.progress import listening
 from sceniris_gym.scene.model_files import THINGS
 from tests.importers.things.shapes import box, cup, write
 
@@ -42,6 +43,17 @@ def test_a_mesh_is_placed_in_a_scene_by_one_line(tmp_path: Path):
     mujoco.mj_kinematics(alone, data)
     seen = data.geom_xpos[0] + alone.mesh_vert[: alone.mesh_vertnum[0]] @ data.geom_xmat[0].reshape(3, 3).T
     np.testing.assert_allclose(seen.min(axis=0), [-0.02, -0.03, 0.0], atol=1e-6)
+
+
+def test_each_step_that_may_be_long_is_told_before_it_starts(tmp_path: Path):
+    """So that a bar stands there; parts that are to be too few or too many are refused before any work."""
+    heard: list[tuple] = []
+    with listening(lambda *words: heard.append(words)):
+        import_thing(write(box(), tmp_path / "box.obj"), tmp_path / "box.xml")
+    assert list(dict.fromkeys(what for what, _, _ in heard)) == ["pieces cut", "resting poses", "grasps"]
+    assert {what for what, done, _ in heard if done == 0} == {"pieces cut", "resting poses", "grasps"}
+    with pytest.raises(ArgumentError, match="max_parts: 161 should be from 1 to 160"):
+        import_thing(tmp_path / "box.obj", tmp_path / "box.xml", Options(max_parts=161))
 
 
 def test_the_manifest_has_the_hashes_of_all_files(tmp_path: Path):

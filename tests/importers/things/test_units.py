@@ -21,7 +21,21 @@ def test_what_the_user_says_wins_then_what_the_file_says_then_metres():
     assert find_scale(thing(100.0, 0.01), "mm", None, "x") == (0.001, "as given")
     assert find_scale(thing(100.0, 0.01), None, None, "x") == (0.01, "from the file")
     assert find_scale(thing(0.1), None, None, "x") == (1.0, "guessed: the file has no unit")
-    assert "--scale" in find_scale(thing(20.0), None, None, "x")[1]
+    assert "--scale" in find_scale(thing(0.005), None, None, "x")[1]
+
+
+@pytest.mark.parametrize(("size", "density", "told"), [(12.6, 0.0, "12.6 m long"), (1.9, 15.0, "with 103 kg")])
+def test_a_guessed_unit_that_gives_furniture_is_refused_where_nobody_can_be_asked(
+    size: float, density: float, told: str
+):
+    """OBJ and STL files are mostly in cm or mm: units that give the size of a thing in a hand are proposed."""
+    with pytest.raises(MeshError, match=rf"{told}.*--scale in makes it {0.0254 * size:.3g} m") as raised:
+        find_scale(thing(size), None, None, "cube.stl", density)
+    assert "--scale mm" not in str(raised.value) and "--scale m keeps" in str(raised.value)
+    assert raised.value.reason == "size"
+    assert find_scale(thing(size), None, lambda _: "cm", "cube.stl", density) == (0.01, "as answered")
+    for given, in_file in (("m", None), (None, 1.0)):  # said by the user, or by the file
+        assert find_scale(thing(size, in_file), given, None, "cube.stl", density)[0] == 1.0
 
 
 @pytest.mark.parametrize("size", [0.0005, 80.0])
