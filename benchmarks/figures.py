@@ -14,6 +14,13 @@ GPU_RATES = (
     *("mid:16384", "mid_16k:16384", "hard:16384", "hard_plus:16384", "table_top:16384"),
     *("mid:65536", "mid_16k:65536", "mid:524288"),
 )
+_WATCHED = "clutter clutter_extract clutter_push drawer_open_pick drawer_pick hard hard_plus kitchen kitchen_reset mid"
+_WATCHED += " mid_16k table_top tabletop_lift tabletop_lift_any tabletop_reach"
+WATCHED = (
+    *(f"{scene}:{worlds}" for scene in _WATCHED.split() for worlds in (1024, 4096, 16384, 65536)),
+    *("mid:131072", "mid:524288"),
+)
+"""What `benchmarks.rates` compares with the best rates so far."""
 CPU_RATES = ("mid:4096", "mid_16k:1024", "hard:1024", "hard_plus:1024", "table_top:1024", "kitchen:256", "clutter:256")
 """Scenes and numbers of worlds; `run.sh` reads these lists, too."""
 

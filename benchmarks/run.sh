@@ -21,11 +21,12 @@ cli() { python3 -m sceniris_gym "$@" --device "$device" --json; }
 audit() { cli audit "$@" || [ $? -eq 1 ]; }  # a bad verdict is a figure, too
 list() { python3 -c "from benchmarks import figures; print(*figures.$1)"; }
 
-worlds=$(list GPU_RATES) tasks=$(list TASKS) paper="--peer uniform --peer scene_synthesizer"
+worlds=$(list "GPU_RATES+figures.WATCHED" | tr " " "\n" | sort -u) tasks=$(list TASKS) paper="--peer uniform --peer scene_synthesizer"
 [ "$device" = cpu ] && worlds=$(list CPU_RATES) tasks="" paper=--quick
 
 measure about python3 -m benchmarks.machine "$device" "${COMMIT:-$(git describe --always --dirty --abbrev=7)}"
 measure rates python3 -m benchmarks.generator_rates $worlds --device "$device"
+[ "$device" = cpu ] || python3 -m benchmarks.rates "$folder/rates.jsonl" # what is slower than it ever was
 measure start python3 -m benchmarks.second_start TabletopReach-v0 --device "$device" --repeats 3
 measure sb3_bytes python3 -m benchmarks.sb3_bytes --env-id sceniris_gym/DrawerPick-v0 --steps 6 --episode 5 \
   --device "$device"
