@@ -184,7 +184,6 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         shown = as_config(RenderConfig, {} if render_config is None else render_config, "render_config")
         self.rendering = Rendering(render_mode, num_envs, shown)
         self.output, self.render_mode = output, render_mode
-        self.images: Images | None = None
         self.rank = Rank.current()
         device = self.rank.device if device is None and not isinstance(scene, CompiledScene) else device
         self.lock = ObjectLock(type(self).__name__)
@@ -197,9 +196,9 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         physics: dict[str, Any] = {name: getattr(sim, name) for name in (*ROOM, "graph")}
         physics |= {name: getattr(self.task, name) for name in ("needs", "substeps", "options")}
         shots = {} if seen is None else as_shots(seen.cameras)
-        beside = maker_memory(self.compiled, num_envs, layout_source, sim.prefetch)
-        beside += [shot.memory for shot, _ in shots.values()]
-        self.batch = batch = Batch(self.compiled.scene, num_envs, self.compiled.device, beside=beside, **physics)
+        makers = maker_memory(self.compiled, num_envs, layout_source, sim.prefetch)
+        physics["beside"] = [*makers, *(shot.memory for shot, _ in shots.values())]
+        self.batch = batch = Batch(self.compiled.scene, num_envs, self.compiled.device, **physics)
         served: dict[str, Any] = {"layout_source": layout_source, "split": split, "prefetch": sim.prefetch}
         served |= {"curriculum": curriculum, "params": params, "needs": self.task.needs, "graph": sim.graph}
         self.randomizer = ResetRandomizer.of_batch(batch, self.compiled, **served)
@@ -213,8 +212,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         with on_torch_stream(self.batch.device):
             worlds.bind()
             # cameras follow bind, which fixes the model fields that differ between worlds
-            if seen is not None:
-                self.images = Images(self.batch, shots, seen.every, graph=sim.graph)
+            self.images = None if seen is None else Images(self.batch, shots, seen.every, graph=sim.graph)
             size = self.task.action_size or self.compiled.mjm.nu
             more: dict[str, Any] = {"groups": groups, "sensing": wanted, "copy": sim.copy}
             self._observer = Observer(self.task, self.state, self.images, size, **more)

@@ -1,4 +1,4 @@
-"""What is slower than the best rates so far, and how the file of the best ones grows."""
+"""Comparison of rates with the best ones so far, and the growth of the file of these."""
 
 from __future__ import annotations
 
