@@ -21,7 +21,7 @@ setup: $(STAMP)
 # it misses. Modules are compiled when they are first imported, which is a quarter of them.
 $(STAMP): pyproject.toml constraints.txt
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	sed '/^$$/,$$d; /^#/d' constraints.txt | xargs -P 2 -n 65 $(BIN)/python -m pip install --no-deps --no-compile --no-warn-conflicts
+	sed '/^$$/,$$d; /^#/d' constraints.txt | xargs -P 2 -n 67 $(BIN)/python -m pip install --no-deps --no-compile --no-warn-conflicts
 	$(BIN)/python -m pip install --no-compile --no-build-isolation -e '.[dev]' -c constraints.txt
 	touch $@
 

@@ -49,8 +49,8 @@ ORDER = {  # a module imports its own part of the house and those with a smaller
     for name in names
 }
 WITH_TORCH = {"vector", "adapters", "dataset", "training", "commands", "viewer"}
-TORCH_LATER = {"sim/snapshot.py"}
-"""Files that import torch, and are imported where it is used: a snapshot's rows are tensors, as those of a task are."""
+TORCH_LATER = {"audit/chain.py", "sim/snapshot.py"}
+"""Files that import torch where it is used: a judged arm is a SerialChain, and a snapshot's rows are tensors."""
 OUTSIDE = {"__init__", "registration"}  # the door of the package: looked at below, by what it loads
 
 
@@ -118,6 +118,15 @@ def test_torch_is_imported_only_where_it_may_be():
     without = [path for path in SOURCES if part(path) not in WITH_TORCH]
     without = [path for path in without if str(path.relative_to(PACKAGE)) not in TORCH_LATER]
     assert [str(path) for path in without if "torch" in {name.split(".")[0] for name in imports(path)}] == []
+
+
+def test_only_the_audit_of_an_arm_loads_pytorch_kinematics(loaded: list[set[str]]):
+    """One file imports it, and not before it judges an arm: other commands do not wait for it."""
+    found = [path for path in SOURCES if "pytorch_kinematics" in {name.split(".")[0] for name in imports(path)}]
+    assert found == [PACKAGE / "audit" / "chain.py"]
+    judging = loaded_by("import sceniris_gym.cli, sceniris_gym.audit.auditor, sceniris_gym.audit.reach")
+    assert "sceniris_gym.audit.chain" in judging
+    assert not (judging | loaded[2]) & {"pytorch_kinematics", "torch"}
 
 
 def test_the_audit_shares_no_code_with_the_generator():

@@ -1,9 +1,11 @@
-"""Forward and inverse kinematics in NumPy, to judge the reach of an arm.
+"""Forward and inverse kinematics in float64, to judge the reach of an arm.
 
-This code shares nothing with reach/solve.py, the Warp kinematics of resets and maps. Forward kinematics are the product
-of exponentials (R. W. Brockett, "Robotic manipulators and the product of exponentials formula", 1984), with the joint
-axes that MuJoCo C computes at `qpos0`.
+This code shares nothing with reach/solve.py, the Warp kinematics of resets and maps. Forward kinematics and Jacobians
+come from a SerialChain of pytorch-kinematics, made from the bodies of an MjModel: the MJCF reader of that library fails
+on MuJoCo 4, and gives joints without limits the range (0, 0).
 """
+
+from itertools import pairwise
 
 import mujoco
 import numpy as np
@@ -33,30 +35,43 @@ class Chain:
     """
 
     def __init__(self, mjm: mujoco.MjModel, root: int, site: int) -> None:
+        import pytorch_kinematics as pk  # takes seconds, and only the audit of an arm needs it
+        import torch
+
         path = [int(mjm.site_bodyid[site])]
         while path[-1] != root:
             path.append(int(mjm.body_parentid[path[-1]]))
         self.joints = np.flatnonzero(np.isin(mjm.jnt_bodyid, path[:-1]))
-        limited = mjm.jnt_limited[self.joints].astype(bool)
-        low, high = mjm.jnt_range[self.joints].T
-        self.lower, self.upper = np.where(limited, low, -np.inf), np.where(limited, high, np.inf)
         self._ref = mjm.qpos0[mjm.jnt_qposadr[self.joints]]
         self._slide = mjm.jnt_type[self.joints] == mujoco.mjtJoint.mjJNT_SLIDE
+        # All joints of the SerialChain are zero at qpos0, where all frames but the TCP are aligned with the base.
         data = mujoco.MjData(mjm)
         mujoco.mj_kinematics(mjm, data)
         base = data.xmat[root].reshape(3, 3)
-        self._tcp = np.eye(4)
-        self._tcp[:3, :3] = base.T @ data.site_xmat[site].reshape(3, 3)
-        self._tcp[:3, 3] = base.T @ (data.site_xpos[site] - data.xpos[root])
-        # The twist of a hinge is its axis and its moment about the base. The twist of a slide is only its axis.
-        axis, anchor = data.xaxis[self.joints] @ base, (data.xanchor[self.joints] - data.xpos[root]) @ base
-        self._twist = np.zeros((len(self.joints), 4, 4))
-        self._twist[:, :3, :3] = np.where(self._slide[:, None, None], 0.0, np.cross(axis[:, None], -np.eye(3)))
-        self._twist[:, :3, 3] = np.where(self._slide[:, None], axis, np.cross(anchor, axis))
+        points = np.vstack([data.xpos[root], data.xanchor[self.joints], data.site_xpos[site]]) @ base
+        *steps, last = np.diff(points, axis=0)
+        frames = [pk.Frame("base")]
+        for i, step in zip(self.joints.tolist(), steps, strict=True):
+            offset = pk.Transform3d(pos=step, dtype=torch.float64)
+            kind = "prismatic" if mjm.jnt_type[i] == mujoco.mjtJoint.mjJNT_SLIDE else "revolute"
+            limits = mjm.jnt_range[i] if mjm.jnt_limited[i] else None
+            joint = pk.Joint(f"joint {i}", offset, kind, data.xaxis[i] @ base, torch.float64, limits=limits)
+            frames.append(pk.Frame(joint.name, joint=joint))
+        tcp = pk.Transform3d(pos=last, rot=base.T @ data.site_xmat[site].reshape(3, 3), dtype=torch.float64)
+        frames.append(pk.Frame("tcp", pk.Link("tcp", tcp)))
+        for parent, child in pairwise(frames):
+            parent.add_child(child)
+        self._serial = pk.SerialChain(pk.Chain(frames[0], dtype=torch.float64), "tcp", dtype=torch.float64)
+        self.lower, self.upper = self._serial.low.numpy(), self._serial.high.numpy()
 
     def fk(self, q: np.ndarray) -> np.ndarray:
         """Return TCP poses in the base frame, shape (N, 4, 4), for joint positions [rad or m], shape (N, n)."""
-        return self._placed(q)[0]
+        return self.jacobian(q)[0]
+
+    def jacobian(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return TCP poses (N, 4, 4) and their Jacobians (N, 6, n) at joint positions (N, n), in the base frame."""
+        jacobian, poses = self._serial.jacobian(q - self._ref, ret_eef_pose=True)
+        return poses.numpy(), jacobian.numpy()
 
     def ik(self, poses: np.ndarray, starts: np.ndarray, iterations: int) -> np.ndarray:
         """Find joint positions for TCP poses, by damped least squares within the joint limits.
@@ -99,7 +114,7 @@ class Chain:
         q = self._within(q)
         lever = np.array([1.0, 1.0, 1.0, _LEVER, _LEVER, _LEVER])
         for _ in range(iterations):
-            at, jacobian = self._placed(q)
+            at, jacobian = self.jacobian(q)
             e = lever * _difference(at, poses)
             jacobian = lever[:, None] * jacobian
             down = np.einsum("nij,ni->nj", jacobian, e)
@@ -112,19 +127,6 @@ class Chain:
             longest = np.abs(step).max(axis=1, keepdims=True)
             q = np.clip(q + step * np.minimum(_LONGEST_STEP / np.maximum(longest, 1e-12), 1.0), self.lower, self.upper)
         return self._within(q)
-
-    def _placed(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return TCP poses (N, 4, 4) and their Jacobians (N, 6, n) at joint positions (N, n), in the base frame."""
-        change = q - self._ref
-        sine, versine = np.where(self._slide, change, np.sin(change)), 1.0 - np.cos(change)
-        motion = np.eye(4) + sine[..., None, None] * self._twist + versine[..., None, None] * self._twist @ self._twist
-        at, moved = np.tile(np.eye(4), (len(q), 1, 1)), np.zeros((*q.shape, 4, 4))
-        for i, twist in enumerate(self._twist):
-            moved[:, i] = at @ twist @ np.linalg.inv(at)
-            at = at @ motion[:, i]
-        at = at @ self._tcp
-        along, around = (moved @ at[:, None, :, 3:])[:, :, :3, 0], moved[:, :, [2, 0, 1], [1, 2, 0]]
-        return at, np.concatenate([along, around], axis=2).transpose(0, 2, 1)
 
     def _within(self, q: np.ndarray) -> np.ndarray:
         """Return joint positions clamped to their limits. Hinges without limits are wrapped to [-pi, pi] instead."""

@@ -88,9 +88,8 @@ def judge_reach(compiled: CompiledScene, table: LayoutTable, claims: list[Claim]
     present = {claim.name: table.present[:, compiled.slots.index(claim.name)] & ~full for claim in claims}
     for robot in dict.fromkeys(claim.robot for claim in claims):
         home, name = scene.home_of(robot)
-        tcp, chain = home.tcps[name], None
-        if home is not scene:
-            chain = Chain(home.mjm, home.bodies[name], home.mjm.site(tcp).id)
+        tcp = home.tcps[name]
+        chain = None if home is scene else Chain(home.mjm, home.bodies[name], home.mjm.site(tcp).id)
         audit = ReachAudit(compiled.mjm, scene.bodies[robot], scene.bodies, tcp, chain)
         found += audit.judge(table, [claim for claim in claims if claim.robot == robot], present)
     return found

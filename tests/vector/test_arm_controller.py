@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import torch
 
+from sceniris_gym.audit.chain import Chain
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ArgumentError, ArmError, UnknownNameError
 from sceniris_gym.layout.compile import compile_scene
@@ -42,14 +43,19 @@ def driven(arm_scene: CompiledScene) -> tuple[SceneVectorEnv, Any]:
     return envs, envs.task
 
 
+def panda(mjm: mujoco.MjModel) -> Chain:
+    """Return the Panda's kinematics in float64, which share no code with the controller."""
+    return Chain(mjm, mjm.body("panda").id, mjm.site("panda/tcp").id)
+
+
 def drive(envs: SceneVectorEnv, action: torch.Tensor) -> None:
     """Step with actions of fewer numbers than there are controls, shape (4, n)."""
     envs.step(torch.nn.functional.pad(action, (0, 8 - action.shape[1])))
 
 
 def test_the_jacobian_is_mujocos_in_the_base_frame(driven):
-    """Column by column, against mj_jacSite."""
-    envs, _ = driven
+    """Column by column, against mj_jacSite and the Jacobian of a SerialChain, where also the tool is."""
+    envs, task = driven
     mjm = envs.compiled.mjm
     found = envs.state.jacobian("panda/tcp", "panda")
     assert found.shape == (4, 6, 9)
@@ -64,6 +70,9 @@ def test_the_jacobian_is_mujocos_in_the_base_frame(driven):
         base = data.body("panda").xmat.reshape(3, 3)
         expected = np.concatenate([base.T @ jacobian[:3], base.T @ jacobian[3:]])[:, dofs]
         np.testing.assert_allclose(found[i, :, :7].numpy(), expected, atol=1e-5)
+    poses, jacobians = panda(mjm).jacobian(task.arm.qpos(envs.state).double().numpy())
+    np.testing.assert_allclose(found[:, :, :7].numpy(), jacobians, atol=1e-5)
+    np.testing.assert_allclose(task.arm.tool(envs.state)[:, :3], poses[:, :3, 3], atol=1e-5)
 
 
 def test_joint_targets_lead_by_what_full_speed_takes_and_no_more(driven):
@@ -113,6 +122,11 @@ def test_a_tool_goes_along_the_axes_of_the_base_and_looks_down(driven):
     half = 0.5 * goal[:, 3]
     down = torch.stack([0 * half, half.cos(), half.sin(), 0 * half], dim=1)
     assert ((tool[:, 3:] * down).sum(dim=1).abs() > 0.9999).all()
+    # the joints, as a SerialChain has them, bring the tool to the same pose
+    reached, yaw = panda(envs.compiled.mjm).fk(arm.qpos(s).double().numpy()), goal[:, 3].numpy()
+    np.testing.assert_allclose(reached[:, :3, 3], goal[:, :3], atol=2e-3)
+    np.testing.assert_allclose(reached[:, :2, 0], np.stack([np.cos(yaw), np.sin(yaw)], axis=1), atol=2e-2)
+    np.testing.assert_allclose(reached[:, :3, 2], [[0.0, 0.0, -1.0]] * 4, atol=2e-2)
 
 
 def test_a_tool_does_not_go_below_what_it_is_told(driven):
