@@ -31,7 +31,8 @@ measure start python3 -m benchmarks.second_start TabletopReach-v0 --device "$dev
 measure sb3_bytes python3 -m benchmarks.sb3_bytes --env-id sceniris_gym/DrawerPick-v0 --steps 6 --episode 5 \
   --device "$device"
 for task in $tasks; do
-  measure "steps_$task" python3 -m benchmarks.reset_cost --task "$task" --rounds 3 --out "$folder/steps_$task.json"
+  measure "steps_$task" python3 -m benchmarks.reset_cost --task "$task" --sources fresh in_place replayed fixed \
+    --instances 6 --out "$folder/steps_$task.json"
 done
 [ "$device" = cpu ] || measure resets python3 -m benchmarks.resets_table "$folder/resets" --device "$device" \
   ${BEFORE:+--before "$BEFORE"}

@@ -71,6 +71,17 @@ def test_figures_of_what_was_not_measured_are_left_out():
     assert "## Layouts" not in text
 
 
+def test_ratios_have_their_standard_errors_where_the_run_has_them():
+    """Earlier runs had one environment of each source, so they have medians without errors."""
+    ratios = {"fresh / replayed": 0.9937, "fresh / fixed": 0.9}
+    line = {"task": "DrawerPick-v0", "steps_per_second": {"fresh": 164395}}
+    before = Run({"about": [ABOUT], "steps_DrawerPick-v0": [line | {"ratio_median": ratios}]}, "a")
+    errors = {"ratio": ratios, "standard_error": dict.fromkeys(ratios, 0.0061)}
+    after = Run({"about": [ABOUT], "steps_DrawerPick-v0": [line | errors]}, "b")
+    text = results.page([after, before])
+    assert "| 164,395; 0.994 ± 0.006; 0.900 ± 0.006 (164,395; 0.994; 0.900) |" in text
+
+
 def test_what_run_sh_left_is_kept_as_one_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """By date, card and commit; lines that are not JSON are not taken."""
     monkeypatch.setattr(results, "HERE", tmp_path)
