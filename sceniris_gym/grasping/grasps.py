@@ -218,7 +218,8 @@ class Graspable:
         between = section(self.triangles, pos, axes, gripper)
         if between is None:
             return None
-        return pos + axes[:, 1] * 0.5 * (between[0] + between[1]), between[1] - between[0]
+        width, (first, slope) = between[1] - between[0], gripper.middle
+        return pos + axes[:, 1] * (0.5 * (between[0] + between[1]) - (first + slope * width)), width
 
     def _mat(self, body: int) -> np.ndarray:
         """Return the rotation matrix (3, 3) from a body's frame to the root's frame."""

@@ -70,6 +70,8 @@ class Fingers:
         at_closed, at_open = (self._pose(share)[geoms] for share in (0.0, 1.0))
         moves = np.linalg.norm(at_open - at_closed, axis=1) > _MOVES
         left = at_open[:, 1] > 0.0
+        if gripper.middle[1] != 0.0:  # the hand is the other finger
+            left, moves = moves == (gripper.middle[1] > 0.0), True
         self._sides = [geoms[moves & side].tolist() for side in (left, ~left)]
 
     def grips(self, bodies: Sequence[int], grasps: Sequence[Grasp]) -> tuple[Grip, ...]:

@@ -2,6 +2,7 @@
 
 Finger joints are the joints of the hand that do not move the TCP. If an equality makes a finger joint follow another
 finger joint, only the joint that is followed is set. A gripper with two mirrored fingers is then opened by one joint.
+Joints in closed loops follow the joints that actuators drive (`loop_couplings`).
 All lengths are in the TCP frame, with +z along the approach axis and +y along the closing axis.
 """
 
@@ -16,6 +17,7 @@ import numpy as np
 from sceniris_gym.errors import NotSupportedError
 from sceniris_gym.files import Array
 from sceniris_gym.geometry.pieces import Piece, PieceType
+from sceniris_gym.grasping.linkage import loop_couplings
 from sceniris_gym.reach.arm import SerialArm
 from sceniris_gym.scene.couplings import (
     Coupling,
@@ -35,6 +37,8 @@ _DEEP = 0.1
 # While the gripper opens, the error [m or rad] of an equality may exceed its error in the start pose by the first
 # number. The second number is the number of openings to check.
 _KEPT, _SHARES = 1e-4, 17
+_WAYS = 257  # openings at which fingers in closed loops are tested for touching, 0.3 mm apart
+_CLEAR = 0.005  # m, between an object and the finger that is part of the hand
 _TIPS = 0.01  # m, a piece is a fingertip if it ends at most this far behind the end of the farthest piece
 
 
@@ -53,6 +57,9 @@ class Gripper:
         open_qpos: Positions of the joints in `qposadr` at the widest gap [m or rad].
         closed_qpos: Positions of the joints in `qposadr` at the smallest gap [m or rad].
         couplings: Couplings of the joints that follow the joints in `qposadr`, in the order of `joint_couplings`.
+        middle: Position on the closing axis of the middle of an object before its grasp, as (a, b) for a + b w [m] if
+            the object has the width w. It is not the TCP if one finger is part of the hand. Then b has the sign of the
+            side to which the other finger opens.
     """
 
     opening: float
@@ -65,6 +72,7 @@ class Gripper:
     open_qpos: Array
     closed_qpos: Array
     couplings: tuple[Coupling, ...] = ()
+    middle: tuple[float, float] = (0.0, 0.0)
 
     @classmethod
     def from_model(cls, mjm: mujoco.MjModel, arm: SerialArm, home_qpos: np.ndarray, pieces: list[Piece]) -> Gripper:
@@ -78,16 +86,18 @@ class Gripper:
 
         Raises:
             NotSupportedError: The fingers are part of a closed loop, and opening the gripper would violate the equality
-                that closes the loop.
+                that closes the loop: no actuator drives the loop, or a joint reaches its limit.
         """
         hand = carried(mjm, arm)
         own = [p for p in pieces if p.body in hand and p.type != PieceType.PLANE]
-        couplings = joint_couplings(mjm, f"arm '{arm.name}'")
+        couplings, home = joint_couplings(mjm, f"arm '{arm.name}'"), home_qpos.copy()
+        follow(couplings, home)
+        loops = loop_couplings(mjm, hand_joints(mjm, hand, arm.qposadr), couplings, home)
+        couplings = (*loops, *couplings)
         found = finger_joints(mjm, hand, arm.qposadr, couplings, home_qpos)
         if not found or not own:
             nothing = np.zeros(0)
             return cls(_NO_LIMIT, 0.0, 0.0, _DEEP, 0.01, 0.0, np.zeros(0, int), nothing, nothing)
-        home = home_qpos.copy()
         follow(couplings, home)
         measured = _Hand(mjm, arm, own, couplings, home)
         joints, limits = list(found), np.array(list(found.values()))
@@ -96,8 +106,13 @@ class Gripper:
         rows = np.arange(len(joints))
         wide, narrow = limits[rows, outer], limits[rows, 1 - np.array(outer)]
         fingers = measured.moved_by(joints)
+        if loops:
+            narrow = measured.closed_end(fingers, adr, wide, narrow)
         low, high, opening = measured.opened(fingers, adr, wide)
         _, _, closed = measured.opened(fingers, adr, narrow)
+        middle = (0.0, 0.0)
+        if len(joints) == 1 and (jaw := measured.one_jaw(joints[0], float(wide[0]), float(narrow[0]))) is not None:
+            opening, closed, middle = jaw
         at = _beside(low, high, fingers)
         between = ~at & (high[:, 2] < 0.0) & (low[:, 1] < 0.5 * opening) & (high[:, 1] > -0.5 * opening)
         gripper = cls(
@@ -111,6 +126,7 @@ class Gripper:
             open_qpos=wide,
             closed_qpos=narrow,
             couplings=tuple(driven_by(couplings, joints)),
+            middle=middle,
         )
         gripper._check_loops(mjm, arm, home_qpos)
         return gripper
@@ -142,8 +158,9 @@ class Gripper:
         for row, eq in np.argwhere(missed > equality_errors(mjm, qpos[None]) + _KEPT):
             raise NotSupportedError(
                 f"arm '{arm.name}': opening its gripper would break {equality_label(mjm, eq)} by {missed[row, eq]:.3g} "
-                "m or rad, because fingers that form a closed loop are not supported. Replace this equality by an "
-                "<equality><joint> that moves the finger joints in the same way, or leave out 'reachable'."
+                "m or rad, because no actuator drives the loop through all of its joints' ranges. Add an actuator of a "
+                "joint in the loop and limit this joint to the way from open to closed, add an <equality><joint> that "
+                "moves the finger joints in the same way, or leave out 'reachable'."
             )
 
 
@@ -151,6 +168,13 @@ def carried(mjm: mujoco.MjModel, arm: SerialArm) -> set[int]:
     """Return the bodies that the arm's last joint moves: the body with this joint, the hand and the fingers."""
     last = int(np.flatnonzero(mjm.jnt_qposadr == arm.qposadr[-1])[0])
     return set(subtree(mjm, int(mjm.jnt_bodyid[last])))
+
+
+def hand_joints(mjm: mujoco.MjModel, hand: Iterable[int], arm: np.ndarray) -> np.ndarray:
+    """Return the ids of the hinges and slides of a hand, without joints at the addresses `arm` in qpos."""
+    scalar = (mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE)
+    fingers = np.isin(mjm.jnt_bodyid, list(hand)) & np.isin(mjm.jnt_type, scalar) & ~np.isin(mjm.jnt_qposadr, arm)
+    return np.flatnonzero(fingers)
 
 
 def finger_joints(
@@ -165,10 +189,9 @@ def finger_joints(
         couplings: Joints that follow others. The limits of a follower narrow the range of its driver.
         home: Pose of the model, shape (nq,). Ranges are computed with all other joints in this pose.
     """
-    scalar = (mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE)
-    fingers = np.isin(mjm.jnt_bodyid, list(hand)) & np.isin(mjm.jnt_type, scalar) & ~np.isin(mjm.jnt_qposadr, arm)
-    fingers[[c.follower for c in couplings]] = False
-    found = {j: free_range(mjm, couplings, j, home) for j in np.flatnonzero(fingers).tolist()}
+    followers = [c.follower for c in couplings]
+    free = [j for j in hand_joints(mjm, hand, arm).tolist() if j not in followers]
+    found = {j: free_range(mjm, couplings, j, home) for j in free}
     return {j: ends for j, ends in found.items() if np.isfinite(ends).all()}
 
 
@@ -207,6 +230,20 @@ class _Hand:
             off.append(np.abs(low[moved, 1] + high[moved, 1]).sum())
         return int(off[1] > off[0])
 
+    def closed_end(self, fingers: np.ndarray, adr: np.ndarray, wide: np.ndarray, narrow: np.ndarray) -> np.ndarray:
+        """Return the joint positions at which closing fingers first touch, or `narrow` if the fingers do not touch.
+
+        Args:
+            fingers: Mask of the pieces that finger joints move, shape (npiece,).
+            adr: Addresses in qpos of the finger joints, shape (n,).
+            wide: Positions of these joints when the gripper is open [m or rad], shape (n,).
+            narrow: Their positions at their other limits [m or rad], shape (n,).
+        """
+        for way in np.linspace(0.0, 1.0, _WAYS):
+            if self.opened(fingers, adr, wide + way * (narrow - wide))[2] <= 0.0:
+                return wide + way * (narrow - wide)
+        return narrow
+
     def opened(self, fingers: np.ndarray, adr: np.ndarray, qpos: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
         """Return the boxes of all pieces and the gap between the fingers, with finger joints at given positions.
 
@@ -228,20 +265,55 @@ class _Hand:
             above = below = alone if alone > 0.0 else _NO_LIMIT  # the hull of a hooked finger may contain the TCP
         return low, high, float(np.clip(above + below, 0.0, _NO_LIMIT))
 
+    def one_jaw(self, joint: int, wide: float, narrow: float) -> tuple[float, float, tuple[float, float]] | None:
+        """Return `opening`, `closed` and `middle` of a gripper whose only jaw closes on a finger that the hand forms.
+
+        The gaps are between the tips: between the vertices of each finger within 1 cm of its end in the closed gripper.
+
+        Args:
+            joint: The joint of the jaw.
+            wide: Position of the joint when the gripper is open [m or rad].
+            narrow: Position of the joint when the gripper is closed [m or rad].
+
+        Returns:
+            The three attributes of the gripper, or None if no part of the hand beside the TCP faces the jaw.
+        """
+        moves, (shut, spread) = self.moved_by([joint]), (self._vertices(joint, qpos) for qpos in (narrow, wide))
+        hand = np.concatenate([np.zeros((0, 3)), *(v for v, m in zip(shut, moves, strict=True) if not m)])
+        jaw, away = (np.concatenate([v for v, m in zip(each, moves, strict=True) if m]) for each in (shut, spread))
+        side = float(np.sign((away - jaw)[:, 1].mean()))
+        tip = jaw[:, 2] > jaw[:, 2].max() - _TIPS
+        facing = hand[side * hand[:, 1] < (side * jaw[tip, 1]).max()]
+        if facing[:, 2].max(initial=-np.inf) < -_TIPS:
+            return None
+        fixed = float((side * facing[facing[:, 2] > facing[:, 2].max() - _TIPS, 1]).max())
+        closed, opening = (max(float((side * each[tip, 1]).min()) - fixed, 0.0) for each in (jaw, away))
+        return opening, closed, (side * (fixed + _CLEAR), 0.5 * side)
+
+    def _vertices(self, joint: int, qpos: float) -> list[np.ndarray]:
+        """Return the vertices [m] of each piece in the TCP frame, with a finger joint at a position."""
+        data, axes, at = self._posed(self.mjm.jnt_qposadr[joint], qpos)
+        places = [(data.xmat[p.body].reshape(3, 3).T, data.xpos[p.body] - at, p.mesh) for p in self.pieces]
+        return [(mesh.vertices @ turn + shift) @ axes.T for turn, shift, mesh in places if mesh is not None]
+
     def _boxes(self, adr: np.ndarray, qpos: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
         """Return the lower and the upper corners [m] of the pieces' boxes in the TCP frame, shape (npiece, 3) each.
 
         `adr` and `qpos` are the qpos addresses and positions of the joints that differ from `home`.
         """
+        data, axes, at = self._posed(adr, qpos)
+        found = np.array([p.extents(axes @ data.xmat[p.body].reshape(3, 3)) for p in self.pieces])
+        shift = np.array([axes @ (data.xpos[p.body] - at) for p in self.pieces])
+        return found[:, 0] + shift, found[:, 1] + shift
+
+    def _posed(self, adr: np.ndarray, qpos: np.ndarray | float) -> tuple[mujoco.MjData, np.ndarray, np.ndarray]:
+        """Pose the hand as `_boxes` does, and return its data, and the TCP's axes as rows (3, 3) and position [m]."""
         data = mujoco.MjData(self.mjm)
         data.qpos[:] = self.home
         data.qpos[adr] = qpos
         follow(self.couplings, data.qpos)
         mujoco.mj_kinematics(self.mjm, data)
-        axes, at = data.site_xmat[self.arm.tcp_site].reshape(3, 3).T, data.site_xpos[self.arm.tcp_site]
-        found = np.array([p.extents(axes @ data.xmat[p.body].reshape(3, 3)) for p in self.pieces])
-        shift = np.array([axes @ (data.xpos[p.body] - at) for p in self.pieces])
-        return found[:, 0] + shift, found[:, 1] + shift
+        return data, data.site_xmat[self.arm.tcp_site].reshape(3, 3).T, data.site_xpos[self.arm.tcp_site]
 
 
 def _beside(low: np.ndarray, high: np.ndarray, fingers: np.ndarray) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,9 +11,12 @@ import pytest
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.grasping.grip import INSIDE, Fingers
 from sceniris_gym.program.plan import build_plan
+from sceniris_gym.program.reach import robot_arm
 from sceniris_gym.program.starts import plan_grips
 from sceniris_gym.scene.build import build_model
-from tests.layout.scenes import box_mjcf
+from tests.grasping.scenes import Scene, rotation
+from tests.grasping.test_gripper import ONE_JAW
+from tests.layout.scenes import box_mjcf, write_mjcf
 from tests.layout.starting import SCENE
 
 WIDTH = 0.05
@@ -64,3 +68,20 @@ def test_only_things_that_a_start_holds_are_measured(closing):
     grips = plan_grips(plan)
     assert len(grips) == len(grasps)
     assert sum(grip.fits for grip in grips) > len(grasps) // 2
+
+
+def test_a_jaw_presses_a_thing_against_the_hand(tmp_path: Path):
+    """The fixed bar of the hand is 9 mm from the TCP. Before the grasp, the thing is 5 mm from this bar, then at it."""
+    turn, bend = '<joint name="turn" axis="0 0 1" range="-90 90"/>', '<joint axis="0 1 0" range="-90 90"/>'
+    hand = f'<geom type="box" size=".03 .03 .01"/><site name="tcp" pos="0 0 .1"/>{ONE_JAW}'
+    arm = write_mjcf(
+        tmp_path, "hobby", f'<body pos="0 0 .3">{turn}<geom size=".02"/><body name="hand">{bend}{hand}</body></body>'
+    )
+    s = Scene(box_mjcf(tmp_path, "cube", 0.02, 0.02, 0.03), arm)
+    (grasp,) = (grasp for grasp in s.grasp_set().grasps if grasp.name == "top 0")
+    fingers = Fingers([s.scene.mjm], robot_arm(s.scene), s.gripper, s.scene.home)
+    (grip,) = fingers.grips(s.scene.subtree("thing"), [grasp])
+    assert grip.fits
+    across = rotation(grasp.quat)[:, 1]
+    assert -grasp.pos @ across == pytest.approx(0.009 - 0.005 - 0.01, abs=1e-6)
+    assert -grip.pos @ across == pytest.approx(0.009 - 0.01 + INSIDE, abs=2e-5)

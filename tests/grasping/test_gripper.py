@@ -237,3 +237,23 @@ def test_one_jaw_has_as_much_room_on_its_other_side():
     """Upright it stands 16 mm from the middle."""
     gripper = _swinging([0])
     assert gripper.closed == pytest.approx(2.0 * 0.016, abs=1e-6)
+
+
+ONE_JAW = """
+<geom name="fixed" type="box" size=".005 .003 .05" pos="0 .012 .06"/>
+<body name="jaw" pos="0 -.012 0"><joint name="jaw" axis="1 0 0" range="-4 60"/>
+  <geom name="jaw" type="box" size=".005 .003 .05" pos="0 0 .06"/></body>"""
+
+
+def test_a_jaw_that_closes_on_the_hand_opens_as_far_as_the_tips_are_apart():
+    """The corners at the end of the jaw, by MuJoCo's own poses, and the inner face of the fixed bar."""
+    mjm = mujoco.MjModel.from_xml_string(SWING.format(fingers=ONE_JAW))
+    arm, data = SerialArm.from_model(mjm, "base"), mujoco.MjData(mjm)
+    gripper = Gripper.from_model(mjm, arm, np.zeros(mjm.nq), extract_pieces(mjm, "physics"))
+    for gap, qpos in ((gripper.opening, gripper.open_qpos), (gripper.closed, gripper.closed_qpos)):
+        data.qpos[gripper.qposadr] = qpos
+        mujoco.mj_kinematics(mjm, data)
+        ends = [data.geom("jaw").xmat.reshape(3, 3) @ [0, y, 0.05] + data.geom("jaw").xpos for y in (-0.003, 0.003)]
+        assert gap == pytest.approx(0.012 - 0.003 - max(end[1] for end in ends), abs=1e-9)
+    assert gripper.open_qpos == pytest.approx(np.radians(60))
+    assert gripper.middle == pytest.approx((0.009 - 0.005, -0.5))

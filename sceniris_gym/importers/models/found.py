@@ -24,7 +24,12 @@ _LEAST_BRANCH = 3
 # A finger has at most this number of joints in a row. A longer branch may be an arm of a torso.
 _MOST_FINGER = 5
 # A site is a tool centre point if its name contains one of these words, best first.
-_TCP_WORDS = ("tcp", "grip_site", "gripsite", "pinch", "grasp", "attachment", "ee_site", "eef", "end_effector", "tool")
+_TCP_WORDS = (
+    *("tcp", "grip_site", "gripsite", "gripperframe", "pinch", "grasp"),
+    *("attachment", "ee_site", "eef", "end_effector", "tool"),
+)
+# A hinge at the end of an arm moves a finger if the name of its body contains one of these words.
+_FINGER_WORDS = ("jaw", "finger", "claw")
 # Distance of the tool centre point behind the fingertips [m].
 _TIP = 0.01
 # Fingers centred within this distance of the hand's origin do not indicate an approach direction [m].
@@ -72,7 +77,7 @@ class FoundArm:
         own = [s for s in range(self.mjm.nsite) if self.mjm.site_bodyid[s] in self.palm]
         site = next((s for word in _TCP_WORDS for s in own if word in self.mjm.site(s).name.lower()), None)
         if site is not None:
-            along = self._along(data, data.site_xmat[site].reshape(3, 3))
+            along = self._along(data, data.site_xmat[site].reshape(3, 3), data.site_xpos[site])
             return TcpConfig.model_validate({"site": self.mjm.site(site).name, **_rotation_to(along)})
         body = self.hand if self.fingers else self.palm[-1]
         mat, pos = data.xmat[body].reshape(3, 3), data.xpos[body]
@@ -85,17 +90,20 @@ class FoundArm:
         name = self.mjm.body(body).name
         return TcpConfig.model_validate({"body": name, "offset": offset, **_rotation_to(along)})
 
-    def _along(self, data: mujoco.MjData, mat: np.ndarray) -> np.ndarray:
+    def _along(self, data: mujoco.MjData, mat: np.ndarray, tip: np.ndarray | None = None) -> np.ndarray:
         """Return the approach axis in a frame of the hand. If it is near an axis of this frame, return that axis.
 
         Args:
             data: The model in its start pose.
             mat: Orientation of the frame in the world, shape (3, 3).
+            tip: Position of the site at the tool centre point, if there is one. A hand with one finger points to it.
         """
         along, hand = np.zeros(3), data.xpos[self.hand]
         if self.fingers:
             points = _points(self.mjm, data, self.fingers)
             along = (points.max(axis=0) + points.min(axis=0)) / 2.0 - hand
+        if tip is not None and len(self.fingers) == 1:
+            along = tip - hand
         if np.linalg.norm(along) < _AT_ORIGIN:
             last = self.joints[-1]
             before = data.xpos[self.mjm.jnt_bodyid[self.joints[-3]]]
@@ -146,9 +154,10 @@ def _in_a_row(mjm: mujoco.MjModel, root: int) -> int:
 
 
 def _ends_in_finger(mjm: mujoco.MjModel, body: int) -> bool:
-    """Return whether the only joint in a body and its descendants is a slide, as for a gripper with one finger."""
+    """Return whether the only joint in a body and its descendants is a slide, or a hinge that a finger is named for."""
     own = [j for b in subtree(mjm, body) for j in range(mjm.njnt) if mjm.jnt_bodyid[j] == b]
-    return len(own) == 1 and mjm.jnt_type[own[0]] == mujoco.mjtJoint.mjJNT_SLIDE
+    named = any(word in mjm.body(body).name.lower() for word in _FINGER_WORDS)
+    return len(own) == 1 and (named or mjm.jnt_type[own[0]] == mujoco.mjtJoint.mjJNT_SLIDE)
 
 
 def _points(mjm: mujoco.MjModel, data: mujoco.MjData, bodies: tuple[int, ...]) -> np.ndarray:

@@ -31,6 +31,18 @@ def test_a_site_that_is_named_for_it_is_the_tool_centre_point():
     assert (tcp.site, tcp.pitch) == ("grip_site", 90.0)
 
 
+def test_a_hinge_named_as_a_jaw_is_a_finger_and_no_joint_of_the_arm():
+    """The hand is the other finger, and its site is the tool centre point, whose x axis points out of the hand."""
+    jaw = '<body name="moving_jaw" pos="0.02 0 0.02"><joint axis="0 1 0" range="0 90"/><geom size="0.01"/></body>'
+    site = '<site name="gripperframe" pos="0.01 0 0.09" euler="0 -90 0"/>'
+    mjm = mujoco.MjModel.from_xml_string(arm(site + jaw))
+    (found,) = find_arms(mjm)
+    assert (mjm.body(found.hand).name, len(found.joints)) == ("hand", 6)
+    assert [mjm.body(b).name for b in found.fingers] == ["moving_jaw"]
+    tcp = found.tcp(posed(mjm))
+    assert (tcp.site, tcp.pitch) == ("gripperframe", 90.0)
+
+
 @pytest.mark.parametrize("axis", ["x", "y", "z"])
 def test_without_fingers_the_last_body_points_along_the_last_joint(axis: str):
     """Whichever way its frame is turned; the arm is upright, so that the tool points up."""
