@@ -1,13 +1,12 @@
 """The command line: `sceniris-gym COMMAND`. Results go to stdout, messages to stderr."""
 
-import functools
 import sys
 import warnings
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
+from functools import partial, wraps
 from math import radians
 from pathlib import Path
-from typing import Annotated, Any, Literal, ParamSpec
+from typing import Annotated, Any, Literal, NoReturn, ParamSpec
 
 import tyro
 
@@ -54,7 +53,7 @@ _DATASET = range(1, 1_000_000_001)  # layouts, some hundred gigabytes
 def _command(work: Callable[P, Answer]) -> Callable[P, Answer]:
     """Wrap a command: check its numbers, start Warp, show a progress bar, and send output of libraries to stderr."""
 
-    @functools.wraps(work)
+    @wraps(work)
     def quiet(*args: P.args, **kwargs: P.kwargs) -> Answer:
         check_numbers(work, kwargs)
         from sceniris_gym.device.kernel_log import start_warp
@@ -241,7 +240,7 @@ def check(
     check_picture(picture)
     from sceniris_gym.commands import check as tool
 
-    found = tool.judge(scene_config(scene, changes), layouts, seed, picture, split=split, strict=strict, device=device)
+    found = tool.judge(scene_config(scene, changes), device, layouts, seed, picture, split, strict=strict)
     return answer(found, json, tool.report)
 
 
@@ -288,7 +287,7 @@ def reach(
         found = tool.judge(arm, map_, poses, target, judged_by, device, overrides)
     elif build:
         target, steps = checked_target(out, tool.default_map(arm)), {"step": step, "tilt_step": radians(tilt_step)}
-        found = tool.build(arm, target, device, seed=seed, changes=overrides, **steps)
+        found = tool.build(arm, target, device, overrides, seed=seed, **steps)
     elif scene is not None:
         target = checked_target(out, f"demo/reach_{Path(scene).stem}.png")
         found = tool.narrowed(arm, scene_config(scene, changes), target, device, seed=seed)
@@ -340,15 +339,13 @@ def view(
     from sceniris_gym.viewer import command
 
     overrides, ids = read_changes(changes), read_ids(layout)
-    with _page(host, port, allow_origin) as server:
-        if scene is None:
-            kwargs = {"num": num_envs, "split": split, "device": device, "changes": overrides, "trust": trust}
-            command.view_env(server, str(env), policy, ids, **kwargs)
-        else:
-            command.view_scene(
-                server, scene, overrides, split=split or "train", seed=seed, episode=episode, num=num_envs
-            )
-    return Answer("")
+    if scene is None:
+        options = {"num_envs": num_envs, "split": split, "device": device, "overrides": overrides, "trust": trust}
+        make = partial(command.view_env, env=str(env), policy=policy, ids=ids, **options)
+    else:
+        where = {"split": split or "train", "seed": seed, "episode": episode, "num": num_envs}
+        make = partial(command.view_scene, scene=scene, changes=overrides, **where)
+    return _shown(make, scene or str(env), host, port, allow_origin)
 
 
 def play(
@@ -366,21 +363,21 @@ def play(
     check_numbers(play, {"port": port})
     from sceniris_gym.viewer import command
 
-    with _page(host, port) as server:
-        command.play(server, name)
-    return Answer("")
+    return _shown(partial(command.play, name=name), name, host, port)
 
 
-@contextmanager
-def _page(host: str, port: int, origins: Sequence[str] = ()) -> Iterator[Any]:
-    """Open a page, print its address before any slow work, and then send output of libraries to stderr."""
+def _shown(make: Callable[[Any], Any], name: str, host: str, port: int, origins: Sequence[str] = ()) -> NoReturn:
+    """Open a page, and show the view that `make` returns for it until Ctrl-C. Output of libraries goes to stderr."""
     server = open_server(host, port, origins)
     try:
-        print(address(server), flush=True)
+        print(address(server), flush=True)  # before any slow work
         if server.get_port() != port:
             print(f"Port {port} is in use, so the page is at port {server.get_port()}.", file=sys.stderr, flush=True)
+        print(f"Open the page in a browser to see '{name}'. Ctrl-C closes the page.", file=sys.stderr, flush=True)
         with redirected(1, 2):
-            yield server
+            view = make(server)
+            while True:
+                view.tick()
     finally:
         close_server(server)
 
@@ -464,9 +461,9 @@ def init(
         raise NotSupportedError("init: --assets, --widen and --clutter need a problem file of LIBERO (.bddl) as MODEL.")
     scene = tool.init(model, device)
     if target is not None:
-        write_text(target, tool.text(scene, target))
+        write_text(target, scene.text(target))
     elif not json:
-        return Answer(tool.text(scene, None).rstrip())
+        return Answer(scene.text().rstrip())
     return answer(tool.summary(scene, target), json, tool.report)
 
 

@@ -3,6 +3,7 @@
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from sceniris_gym.commands.answer import OK, verdict
 from sceniris_gym.commands.narrowing import narrow
@@ -14,31 +15,19 @@ from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.program.compiled import CompiledScene
 
 
-def judge(
-    config: SceneConfig,
-    layouts: int,
-    seed: int,
-    picture: Path | None = None,
-    *,
-    split: str = "train",
-    strict: bool = False,
-    device: str | None = None,
-) -> dict:
+def judge(config: SceneConfig, device: str | None, *options: Any, strict: bool = False) -> dict:
     """Compile a scene and return the findings of `check`, with the verdict.
 
     Args:
         config: The scene.
-        layouts: Number of layouts.
-        seed: Seed of the first layout.
-        picture: PNG to write, or None.
-        split: "train" or "eval".
-        strict: Whether a FallbackWarning makes the verdict bad.
         device: Warp's name of the device. None takes "cuda:0" if available, otherwise "cpu".
+        options: The arguments of `check` after the scene.
+        strict: Whether a FallbackWarning makes the verdict bad.
     """
     with warnings.catch_warnings(record=True) as warned:
         warnings.simplefilter("always")
         try:
-            found = check(compile_scene(config, device), layouts, seed, picture, split)
+            found = check(compile_scene(config, device), *options)
         except InfeasibleSceneError as error:
             counted = {"rejections": error.counts, "in_the_way": error.in_the_way}
             found = {"scene": config.name, "valid": 0.0, "error": str(error), **counted}

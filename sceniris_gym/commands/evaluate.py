@@ -64,7 +64,7 @@ def evaluate(
     shown = {} if video is None else {"render_mode": "rgb_array", "render_config": PICTURES}
     found = {}
     for name, env in judges_of(task, layouts, device, **shown).items():
-        with nullcontext() if video is None or name != "valid" else filming(video, env.unwrapped) as film:
+        with filming(video, env.unwrapped) if video and name == "valid" else nullcontext(lambda _: None) as film:
             found[name] = judge(Policy(run, task, settings, env, trust=trust), env, task, layouts, film)
     if out is not None:
         write_text(out, as_json(found))

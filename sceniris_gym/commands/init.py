@@ -1,7 +1,6 @@
 """The `init` command: writes a first scene file for a model or a LIBERO problem file, once layouts are found."""
 
 import io
-import os
 import re
 import warnings
 import zipfile
@@ -43,13 +42,6 @@ def init(model: Path, device: str | None = None) -> FirstScene:
         scene.robot.notes += (reach_note(built.mjm, scene.robot.words["in_model"], built.tcps[ROBOT]),)
     _try(scene, lambda config: compile_scene(config, device))
     return scene
-
-
-def text(scene: FirstScene, out: Path | None) -> str:
-    """Return the scene file, with the path of its model relative to the folder of `out`."""
-    if out is None:
-        return scene.text(str(scene.model))
-    return scene.text(os.path.relpath(scene.model.resolve(), out.resolve().parent))
 
 
 def summary(scene: FirstScene, out: Path | None) -> dict[str, Any]:

@@ -22,7 +22,7 @@ from sceniris_gym.pictures.layout_picture import save
 from sceniris_gym.pictures.reach_picture import draw
 from sceniris_gym.program.reach import robot_arm
 from sceniris_gym.reach.arm import TCP, SerialArm
-from sceniris_gym.reach.build import TILT_STEP, build_map
+from sceniris_gym.reach.build import build_map
 from sceniris_gym.reach.map import SUFFIX, ReachMap, build_command, default_tier, map_file, map_path, why_not_map
 from sceniris_gym.reach.solve import solve
 from sceniris_gym.scene.build import build_model
@@ -51,24 +51,17 @@ def read_arm(name: str, changes: Mapping[str, Any] | None = None) -> tuple[mujoc
 
 
 def build(
-    name: str,
-    out: Path,
-    device: str | None = None,
-    *,
-    step: float | None = None,
-    tilt_step: float = TILT_STEP,
-    seed: int = 0,
-    changes: Mapping[str, Any] | None = None,
+    name: str, out: Path, device: str | None = None, changes: Mapping[str, Any] | None = None, **options: Any
 ) -> dict[str, Any]:
     """Build the map of an arm into a file, report the progress, and describe the map.
 
+    The arm and `changes` are as in `read_arm`. The `options` are the steps and the seed, as `build_map` takes them.
     Until the map is complete, a file next to `out` stores the state of the build. A later build resumes from this file.
     """
     _, arm = read_arm(name, changes)
     state = out.with_name(f".{out.name}.state")
     start = time.perf_counter()
-    chosen = device_name(device, "reach")
-    built = build_map(arm, chosen, step=step, tilt_step=tilt_step, seed=seed, state=state)
+    built = build_map(arm, device_name(device, "reach"), state=state, **options)
     with replacing(out) as temporary:
         built.save(temporary)
     state.unlink(missing_ok=True)

@@ -77,11 +77,11 @@ def level_surfaces(
     planes = [p for p in carrying if p.type == PieceType.PLANE and matrix(p.quat)[2, 2] > _COS_MAX_SLOPE]
     surfaces = [_plane_surface(body, p) for p in planes]
     for height, flat in _levels([p.mesh for p in carrying if p.mesh is not None]):
-        over = [_shadow(m, height + _ABOVE) if open_above else section(m, height + _ABOVE) for m in meshes]
-        outline = _parts(flat.difference(shapely.union_all([o for o in over if o is not None])))
+        over = [shadow(m, height + _ABOVE) if open_above else section(m, height + _ABOVE) for m in meshes]
+        outline = polygons_of(flat.difference(shapely.union_all([o for o in over if o is not None])))
         # shrink until strips are gone, then grow to 10 um beyond the edges
         core = outline.buffer(-_HALF_WIDTH, join_style="mitre")
-        wide = _parts(outline.intersection(core.buffer(_HALF_WIDTH + 1e-5, join_style="mitre")))
+        wide = polygons_of(outline.intersection(core.buffer(_HALF_WIDTH + 1e-5, join_style="mitre")))
         if not wide.is_empty:
             surfaces.append(SupportSurface(body, height, wide, wide))
     return surfaces
@@ -174,7 +174,7 @@ def _kept(
         if points is not None:
             region = MultiPoint(np.array(points)[shapely.distance(area, shapely.points(points)) <= _ON_EDGE])
         else:
-            region = _parts(area if keep is None else area.intersection(keep))
+            region = polygons_of(area if keep is None else area.intersection(keep))
         if not region.is_empty:
             found.append(replace(surface, region=region))
     return found
@@ -241,7 +241,7 @@ def _levels(meshes: list[trimesh.Trimesh]) -> list[tuple[float, MultiPolygon]]:
         merged = shapely.union_all(faces[shapely.area(faces) > 0.0])
         # close gaps of up to 2 um, which rounding leaves between faces of neighbouring geoms
         merged = merged.buffer(1e-6, join_style="mitre").buffer(-1e-6, join_style="mitre")
-        levels.append((float(heights[group].max()), _parts(merged)))
+        levels.append((float(heights[group].max()), polygons_of(merged)))
     return [(z, area) for z, area in levels if not area.is_empty]
 
 
@@ -257,7 +257,7 @@ def section(mesh: trimesh.Trimesh, z: float) -> shapely.Geometry | None:
     return reduce(shapely.symmetric_difference, rings, Polygon())  # rings inside other rings are holes
 
 
-def _shadow(mesh: trimesh.Trimesh, z: float) -> shapely.Geometry | None:
+def shadow(mesh: trimesh.Trimesh, z: float) -> shapely.Geometry | None:
     """Return the outline, seen from above, of the part of a mesh above height `z` [m], or None without such a part."""
     if mesh.bounds[1, 2] <= z:
         return None
@@ -268,6 +268,6 @@ def _shadow(mesh: trimesh.Trimesh, z: float) -> shapely.Geometry | None:
     return shapely.union_all(faces[shapely.area(faces) > 1e-12])
 
 
-def _parts(geometry: shapely.Geometry) -> MultiPolygon:
+def polygons_of(geometry: shapely.Geometry) -> MultiPolygon:
     """Return the polygons of a geometry. Its lines and points are left out, because they have no area."""
     return MultiPolygon([g for g in shapely.get_parts(geometry) if isinstance(g, Polygon) and g.area > 0.0])

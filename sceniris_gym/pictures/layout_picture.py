@@ -18,7 +18,7 @@ from sceniris_gym.config.fields import FLOOR
 from sceniris_gym.files import replacing
 from sceniris_gym.pictures.context import Looks, Shot, in_model_order, picture_context
 from sceniris_gym.scene.layout_table import LayoutTable
-from sceniris_gym.scene.overview import box_corners, frame
+from sceniris_gym.scene.overview import frame, local_corners
 from sceniris_gym.scene.parking import is_parked
 
 CAMERA = "overview"
@@ -131,11 +131,7 @@ def _corners(mjm: mujoco.MjModel, poses: dict[str, np.ndarray]) -> np.ndarray:
     """
     corners = []
     for geom in np.flatnonzero(np.isin(mjm.geom_group, _VISIBLE_GROUPS)):
-        center, half = mjm.geom_aabb[geom, :3], mjm.geom_aabb[geom, 3:]
-        if mjm.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE:
-            center, half = np.zeros(3), mjm.geom_size[geom] * [1, 1, 0]
-        box = box_corners(center, half)
-        corners.append(box @ poses["geom_xmat"][:, geom].reshape(-1, 3, 3).transpose(0, 2, 1))
+        corners.append(local_corners(mjm, geom) @ poses["geom_xmat"][:, geom].reshape(-1, 3, 3).transpose(0, 2, 1))
         corners[-1] += poses["geom_xpos"][:, None, geom]
         corners[-1] = corners[-1][~is_parked(poses["geom_xpos"][:, geom])]
     return np.concatenate(corners).reshape(-1, 3)

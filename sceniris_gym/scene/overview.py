@@ -61,12 +61,18 @@ def box_corners(center: np.ndarray, half: np.ndarray) -> np.ndarray:
     return center + signs * half
 
 
+def local_corners(mjm: mujoco.MjModel, geom: int) -> np.ndarray:
+    """Return the corners [m] of a geom's bounding box in the geom's frame, shape (8, 3). A plane's box is flat."""
+    if mjm.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE:
+        return box_corners(np.zeros(3), mjm.geom_size[geom] * [1, 1, 0])
+    return box_corners(mjm.geom_aabb[geom, :3], mjm.geom_aabb[geom, 3:])
+
+
 def geom_corners(mjm: mujoco.MjModel, data: mujoco.MjData, geoms: np.ndarray) -> np.ndarray:
     """Return the corners [m] of the bounding boxes of n geoms, world frame, shape (8 n, 3)."""
     found = [np.zeros((0, 3))]
     for geom in geoms:
-        box = box_corners(mjm.geom_aabb[geom, :3], mjm.geom_aabb[geom, 3:])
-        found.append(box @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom])
+        found.append(local_corners(mjm, geom) @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom])
     return np.concatenate(found)
 
 

@@ -84,7 +84,7 @@ def density(task: str, s: State, chosen: Tensor) -> tuple[Tensor, Tensor]:
 
 @torch.inference_mode()
 def judge(
-    policy: Any, env: RslRlVecEnvWrapper, task: str, layouts: int, film: Callable[[Tensor], object] | None = None
+    policy: Any, env: RslRlVecEnvWrapper, task: str, layouts: int, film: Callable[[Tensor], object] = lambda _: None
 ) -> dict[str, Any]:
     """Let a policy play one episode in each of the first `layouts` worlds whose layout is not from the bank.
 
@@ -112,7 +112,6 @@ def judge(
     running = counted.clone()
     success, total = torch.zeros_like(running), torch.zeros(env.num_envs, device=env.device)
     steps = int(env.max_episode_length)
-    film = film or (lambda running: None)
     film(running)
     for step in range(steps):
         tell("judged steps", step, steps)

@@ -20,11 +20,10 @@ from sceniris_gym.scene.layout_table import LayoutTable
 def valid_rows(compiled: CompiledScene, count: int, seed: int) -> LayoutTable:
     """Make `count` valid layouts of the train split: episode 0 of the seeds from `seed` on, skipping invalid ones."""
     parts: list[LayoutTable] = []
-    found, room = 0, max(count, 64)
-    while found < count:
+    room = max(count, 64)
+    while sum(map(len, parts)) < count:
         table = make_table(compiled, room, seed)
         parts.append(table[table.valid])
-        found += len(parts[-1])
         seed += room
     return LayoutTable.concatenate(parts)[:count]
 

@@ -1,8 +1,7 @@
-"""The `view` and `play` commands, which show a scene or a policy on a page until Ctrl-C."""
+"""The views of the `view` and `play` commands, which show a scene or a policy on a page."""
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,13 +13,16 @@ from sceniris_gym.viewer.server import import_ahead
 if TYPE_CHECKING:
     import viser
 
+    from sceniris_gym.viewer.env_view import EnvView
+    from sceniris_gym.viewer.view import SceneView
+
 _KERNELS = "The first start compiles kernels, which takes a minute or two."
 
 
 def view_scene(
     server: viser.ViserServer, scene: str, changes: Mapping[str, Any], *, split: str, seed: int, episode: int, num: int
-) -> None:
-    """Show the layouts of a scene on a page until Ctrl-C.
+) -> SceneView:
+    """Show the layouts of a scene on a page, and return the view. Its `tick` handles the user's requests.
 
     Args:
         server: The viser server of the page.
@@ -31,7 +33,6 @@ def view_scene(
         episode: Episode of all worlds.
         num: Number of worlds.
     """
-    print(f"Open the page in a browser to see '{scene}'. Ctrl-C closes the page.", file=sys.stderr, flush=True)
     with uncollected():
         drawing = import_ahead()
         from sceniris_gym.config.loader import read_scene, shipped
@@ -46,36 +47,23 @@ def view_scene(
     if scene not in shipped("envs", ".yaml") and not Path(scene).expanduser().is_file():
         read_scene(scene)  # raises an error with the reason
     view.load()
-    while True:
-        view.tick()
+    return view
 
 
 def view_env(
-    server: viser.ViserServer,
-    env: str,
-    policy: str | None,
-    ids: Sequence[str],
-    *,
-    num: int,
-    split: str | None,
-    device: str | None,
-    changes: Mapping[str, Any],
-    trust: bool = False,
-) -> None:
-    """Show on a page how a policy plays an environment, until Ctrl-C.
+    server: viser.ViserServer, env: str, policy: str | None, ids: Sequence[str], *, trust: bool = False, **options: Any
+) -> EnvView:
+    """Show on a page how a policy plays an environment, and return the view.
 
     Args:
         server: The viser server of the page.
         env: Name or id of a registered environment.
         policy: Name of the policy for `policy_of`, or None for random actions.
         ids: Ids of the layouts to play. If empty, the layouts have the seeds 0, 1, 2, ...
-        num: Number of worlds.
-        split: Split of the layouts. If None, the split of the first id, or "train".
-        device: Device of the simulation, or None for the default.
-        changes: Dotted keys and values that replace values in the scene file.
         trust: Passed to `policy_of`.
+        options: Arguments of the environment, such as `num_envs`, `device` and `overrides`. If the `split` is None, it
+            is the split of the first id, or "train".
     """
-    print(f"Open the page in a browser to see '{env}'. Ctrl-C closes the page.", file=sys.stderr, flush=True)
     import gymnasium
 
     import sceniris_gym  # noqa: F401, registers the environments
@@ -95,19 +83,17 @@ def view_env(
     def tell(what: str, done: int, total: int) -> None:
         said.content = f"**{env}** is being compiled ({what}: {done} of {total}). {_KERNELS}"
 
-    shown = LayoutId.parse(ids[0]).split if ids and split is None else split or "train"
-    kwargs = {"split": shown, "device": device, "overrides": dict(changes), "autoreset_mode": "Disabled"}
+    options["split"] = options.get("split") or (LayoutId.parse(ids[0]).split if ids else "train")
     with listening(tell):
-        envs: Any = gymnasium.make_vec(spec, num_envs=num, **kwargs).unwrapped
+        envs: Any = gymnasium.make_vec(spec, autoreset_mode="Disabled", **options).unwrapped
     plays = None if policy is None else policy_of(policy, envs.device, trust=trust)
     said.remove()
     view = EnvView(server, envs, plays, ids)
-    while True:
-        view.tick()
+    return view
 
 
-def play(server: viser.ViserServer, name: str) -> None:
-    """Show on a page how a shipped policy plays its task, until Ctrl-C. MuJoCo C simulates the only world.
+def play(server: viser.ViserServer, name: str) -> EnvView:
+    """Show on a page how a shipped policy plays its task, and return the view. MuJoCo C simulates the only world.
 
     Args:
         server: The viser server of the page.
@@ -117,7 +103,6 @@ def play(server: viser.ViserServer, name: str) -> None:
         UnknownNameError: There is no such policy.
         SceneMismatchError: The policy belongs to another version of the scene.
     """
-    print(f"Open the page in a browser to see '{name}'. Ctrl-C closes the page.", file=sys.stderr, flush=True)
     said = server.gui.add_markdown(f"**{name}** is being loaded.")
     from sceniris_gym.config.loader import shipped
     from sceniris_gym.device.kernel_log import start_warp
@@ -129,5 +114,4 @@ def play(server: viser.ViserServer, name: str) -> None:
     world: Any = PlayedWorld(files[name])
     view = EnvView(server, world, policy_of(str(files[name])), world.ids)
     said.remove()
-    while True:
-        view.tick()
+    return view

@@ -9,13 +9,13 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
-import shapely
 import trimesh
-from shapely.geometry import MultiPolygon, Point, Polygon
+from shapely.geometry import Point
 
 from sceniris_gym.config.relations import Sector
 from sceniris_gym.errors import ScenirisError
 from sceniris_gym.geometry.pieces import PieceType, extract_pieces
+from sceniris_gym.geometry.supports import polygons_of
 from sceniris_gym.pictures.reach_picture import reached_share
 from sceniris_gym.program.reach import load_map, robot_arm
 from sceniris_gym.reach.map import ReachMap
@@ -74,8 +74,7 @@ def sketch_relations(world: ShownWorld, only: str | None = None) -> Sketch:
             if isinstance(relation, Sector) and relation.high == math.inf:
                 apex = Point(*world.standing(anchors[0])[0][:2])
                 area = area.intersection(apex.buffer(apex.distance(Point(*at[:2])) + _BEYOND))
-            area = MultiPolygon([p for p in shapely.get_parts(area) if isinstance(p, Polygon)])
-            sketch.area(area, height, colour, 0.3)
+            sketch.area(polygons_of(area), height, colour, 0.3)
             tip = _above(world, name)
             sketch.arrows += [(np.stack([_tail(world, anchor, tip), tip]), colour) for anchor in anchors]
             sketch.labels.append((f"{name}: {relation.summary}", tip + [0.0, 0.0, _LINE * (i + 1)]))

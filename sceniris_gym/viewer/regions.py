@@ -12,6 +12,8 @@ from shapely.geometry.base import BaseGeometry
 
 from sceniris_gym.config.relations import Beside, Between, Joined, Relation, Sector
 from sceniris_gym.geometry.pieces import PieceType
+from sceniris_gym.geometry.rotations import pose_matrix
+from sceniris_gym.geometry.supports import polygons_of, shadow
 from sceniris_gym.program.device import Cover
 from sceniris_gym.program.plan import PlacedObject
 from sceniris_gym.viewer.shown import ShownWorld
@@ -28,7 +30,6 @@ _CROWDED = 0.2  # m, labels that are nearer to each other are moved apart
 _SITE = 0.005  # m, radius of the discs that stand for points and for joined sites
 _LIFT = 0.002  # m, height of a region above its surface, and above the region before it
 _OVER = 1e-4  # m, only geometry at least this high above a surface covers it, as in the generator
-_THIN = 1e-9  # m2, an outline with a smaller area is a face seen from its edge
 
 
 def sketch_regions(world: ShownWorld, only: str | None = None) -> Sketch:
@@ -126,30 +127,16 @@ def cover_over(world: ShownWorld, placed: PlacedObject, height: float) -> BaseGe
     found = []
     for piece in compiled.plan.pieces:
         if piece.body in parent and piece.type != PieceType.PLANE and piece.mesh is not None:
-            triangles = world.from_body(piece.body, np.asarray(piece.mesh.triangles))
-            whole = compiled.config.geometry == "physics"  # then pieces are convex
-            found += [_above(some, height + _OVER) for some in ([triangles] if whole else triangles[:, None])]
+            mesh = piece.mesh.copy(include_cache=True)
+            mesh.apply_transform(pose_matrix(world.data.xpos[piece.body], world.data.xquat[piece.body]))
+            found.append(shadow(mesh, height + _OVER))
     return shapely.union_all(found)
-
-
-def _above(triangles: np.ndarray, height: float) -> BaseGeometry:
-    """Return the convex hull, seen from above, of the parts of triangles (n, 3, 3) [m] above a height [m]."""
-    ends = np.stack([triangles, np.roll(triangles, 1, axis=1)], axis=2).reshape(-1, 2, 3)
-    above = ends[:, :, 2] > height
-    one, other = ends[above[:, 0] != above[:, 1]].transpose(1, 0, 2)
-    share = (height - one[:, 2:]) / (other[:, 2:] - one[:, 2:])
-    points = np.concatenate([ends[above[:, 0], 0], one + share * (other - one)])[:, :2]
-    if len(points) < 3:
-        return shapely.Polygon()
-    outline = shapely.MultiPoint(points).convex_hull
-    return outline if outline.area > _THIN else shapely.Polygon()
 
 
 def _areas(region: BaseGeometry) -> MultiPolygon:
     """Return a region as polygons that can be drawn. Points become small discs, and lines are left out."""
     discs = [part.buffer(_SITE) if isinstance(part, Point) else part for part in shapely.get_parts(region)]
-    parts = shapely.get_parts(shapely.union_all([disc for disc in discs if isinstance(disc, Polygon)]))
-    return MultiPolygon([part for part in parts if part.area > 0.0])
+    return polygons_of(shapely.union_all([disc for disc in discs if isinstance(disc, Polygon)]))
 
 
 def relation_area(world: ShownWorld, name: str, relation: Relation) -> BaseGeometry | None:

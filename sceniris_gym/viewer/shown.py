@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 
 from sceniris_gym.audit.physics import hold
-from sceniris_gym.geometry.rotations import matrix
+from sceniris_gym.geometry.rotations import matrix, pose_matrix, quaternion
 from sceniris_gym.layout.reaching.search import PREGRASP_DISTANCE
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.plan import PlacedObject
@@ -139,14 +139,13 @@ class Player:
     Attributes:
         data: MjData in the current state.
         running: False while the simulation is paused.
-        speed: Simulated seconds per second of real time.
     """
 
     def __init__(self, compiled: CompiledScene, table: LayoutTable) -> None:
         self.mjm, self.table = compiled.mjm, table
         self.data = mujoco.MjData(compiled.mjm)
         self._closed = _closed_fingers(compiled, table)
-        self.running, self.speed = False, 1.0
+        self.running = False
         self.reset()
 
     def reset(self) -> None:
@@ -161,10 +160,10 @@ class Player:
         self._debt = 0.0
 
     def advance(self, seconds: float) -> bool:
-        """Simulate `seconds` of real time [s] at the chosen speed. Return True if at least one step was taken."""
+        """Simulate about `seconds` [s]. Return True if at least one step was taken."""
         if not self.running:
             return False
-        self._debt = min(self._debt + seconds * self.speed, _LONGEST)
+        self._debt = min(self._debt + seconds, _LONGEST)
         steps = int(self._debt / self.mjm.opt.timestep)
         self._debt -= steps * self.mjm.opt.timestep
         for _ in range(steps):
@@ -280,10 +279,8 @@ def with_arm(world: ShownWorld, pose: str) -> LayoutTable | None:
 def _solved(world: ShownWorld, arm: SerialArm, k: int, step: str) -> np.ndarray | None:
     pos, quat = np.split(world.table.grasp_pose[0, k].astype(float), [3])
     back = 0.0 if step == GRASP else PREGRASP_DISTANCE
-    base = world.data.xpos[arm.base_body], world.data.xquat[arm.base_body]
-    inverse, local = (np.empty(3), np.empty(4)), (np.empty(3), np.empty(4))
-    mujoco.mju_negPose(*inverse, *base)
-    mujoco.mju_mulPose(*local, *inverse, pos - back * matrix(quat)[:, 2], quat)
+    base = pose_matrix(world.data.xpos[arm.base_body], world.data.xquat[arm.base_body])
+    local = np.linalg.inv(base) @ pose_matrix(pos - back * matrix(quat)[:, 2], quat)
     starts = np.concatenate([world.data.qpos[None, arm.qposadr], random_joints(arm, _RESTARTS)])
-    joints, solved = solve(arm, np.concatenate(local)[None], starts=starts)
+    joints, solved = solve(arm, np.array([[*local[:3, 3], *quaternion(local[:3, :3])]]), starts=starts)
     return joints[0] if solved[0] else None

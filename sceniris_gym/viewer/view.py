@@ -72,7 +72,7 @@ class SceneView:
         for action in self.requests.take(_FRAME if running else seconds):
             self._try(action)
         now = time.monotonic()
-        if self._player is not None and self._player.advance(now - self._stepped):
+        if self._player is not None and self._player.advance((now - self._stepped) * self._speed):
             self._show_player()
         self._stepped = now
         if now - self._looked > _IDLE:
@@ -196,8 +196,6 @@ class SceneView:
     def set_speed(self, speed: float) -> None:
         """Set how many seconds physics simulates per second of real time."""
         self._speed = speed
-        if self._player is not None:
-            self._player.speed = speed
 
     def set_target(self, i: int, value: float) -> None:
         """Set the control of actuator `i`, and run physics in the first world."""
@@ -279,8 +277,7 @@ class SceneView:
         if self._geometry == SEEN or self._player is not None:
             self.server.scene.remove_by_name(f"/{_PIECES}")
         else:
-            opacity = 1.0 if self._geometry == COLLIDED else 0.5
-            self._sketch(_PIECES, sketch_pieces(world, opacity))
+            self._sketch(_PIECES, sketch_pieces(world, opacity=1.0 if self._geometry == COLLIDED else 0.5))
 
     def _show_candidate(self, world: ShownWorld, candidate: Candidate | None, before: Sequence[int]) -> None:
         if candidate is None:
@@ -317,7 +314,6 @@ class SceneView:
         """
         if self._player is None:
             self._player = Player(self.deck.compiled, self.table[:1])
-            self._player.speed = self._speed
             self._candidates, self._pose = None, START
             self.panel.rejected.value = False
             self.panel.arm.value = START

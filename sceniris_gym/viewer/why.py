@@ -7,13 +7,14 @@ import numpy as np
 
 from sceniris_gym.layout.blame import Hit
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.scene.overview import VISIBLE_GROUPS, box_corners
+from sceniris_gym.scene.overview import VISIBLE_GROUPS, box_corners, geom_corners
 from sceniris_gym.viewer.deck import Candidate
 from sceniris_gym.viewer.shown import ShownWorld
 from sceniris_gym.viewer.sketch import GREY, ORANGE, RED, Colour, Sketch
 from sceniris_gym.viewer.worlds import body_mesh
 
 _MOST_HITS = 3
+_TOP = [1, 5, 7, 3]  # the upper corners among those of `box_corners`, one after another around the box
 _ABOVE = 0.15  # m from a candidate to its label
 _MOST_BEFORE = 20  # greatest number of surfaces along a ray
 _BEYOND = 1e-4  # m behind a surface, where the next ray starts
@@ -81,7 +82,7 @@ def sketch_candidate(
         ends = np.zeros(6)
         mujoco.mj_geomDistance(mjm, world.data, *hit.geoms, 1.0, ends)
         sketch.lines.append((ends.reshape(2, 3), ORANGE))
-        sketch.outline(_edges_of_box(world, hit.geoms[1]), ORANGE)
+        sketch.outline(geom_corners(mjm, world.data, np.array(hit.geoms[1:]))[_TOP], ORANGE)
     low, high = world.box(candidate.name)
     middle = (low + high) / 2.0
     top = np.array([*middle[:2], high[2] + _ABOVE])
@@ -132,13 +133,3 @@ def _add_body(sketch: Sketch, world: ShownWorld, body: int, colour: Colour, opac
     if mesh is not None:
         vertices, faces = mesh
         sketch.surfaces.append((world.from_body(body, vertices), faces, colour, opacity))
-
-
-def _edges_of_box(world: ShownWorld, geom: int) -> np.ndarray:
-    """Return the four upper corners of the box around a geom, in the world frame [m], shape (4, 3)."""
-    mjm, data = world.compiled.mjm, world.data
-    center, half = mjm.geom_aabb[geom, :3], mjm.geom_aabb[geom, 3:]
-    if mjm.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE:
-        half = np.array([*mjm.geom_size[geom, :2], 0.0])
-    corners = center + half * np.array([[-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]])
-    return corners @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom]

@@ -83,9 +83,7 @@ class Worlds:
                     group.handle.lod = ((_FAR * self.size, _COARSE),) if many else "off"
             light(server)  # replaces the lights of mjviser before the page draws with them
         self._scene.camera_tracking_enabled = False
-        shape = (num, mjm.nbody)
-        self._xpos, self._xmat = np.zeros((*shape, 3)), np.zeros((*shape, 3, 3))
-        self._mocap_pos, self._mocap_quat = np.zeros((num, mjm.nmocap, 3)), np.zeros((num, mjm.nmocap, 4))
+        self._xpos, self._xmat = np.zeros((num, mjm.nbody, 3)), np.zeros((num, mjm.nbody, 3, 3))
 
     def put(
         self, i: int, data: Any, hidden: Collection[int] = (), moved: Mapping[int, np.ndarray] | None = None
@@ -94,7 +92,7 @@ class Worlds:
 
         Args:
             i: The world.
-            data: An MjData with current kinematics, or any object with xpos, xmat and mocap_quat.
+            data: An MjData with current kinematics, or any object with xpos and xmat.
             hidden: Bodies that are not drawn.
             moved: Body -> offset [m] from the body's position to its drawing, shape (3,).
         """
@@ -104,8 +102,6 @@ class Worlds:
             self._xpos[i, body] = _AWAY
         for body, offset in (moved or {}).items():
             self._xpos[i, body] += offset
-        self._mocap_pos[i] = self._xpos[i, self.mjm.body_mocapid >= 0]  # MuJoCo numbers them in the order of bodies
-        self._mocap_quat[i] = data.mocap_quat
 
     def _add_painted(self, geom: int) -> None:
         """Add a geom whose colour differs between worlds. mjviser moves and hides it like its own meshes."""
@@ -117,8 +113,7 @@ class Worlds:
         handle: Any = self._server.scene.add_batched_meshes_simple(
             f"/bodies/painted{geom}", mesh.vertices, mesh.faces, wxyzs, positions, visible=group in VISIBLE_GROUPS
         )
-        mocap = self.mjm.body_mocapid[[body]]
-        self._scene._mesh_groups.append(_MeshGroup(handle, np.array([body]), group, None if mocap < 0 else mocap))
+        self._scene._mesh_groups.append(_MeshGroup(handle, np.array([body]), group, None))
         self._painted[geom] = handle
 
     def paint(self, compiled: CompiledScene, table: LayoutTable) -> None:
@@ -141,7 +136,7 @@ class Worlds:
 
     def send(self) -> None:
         """Send the states of all worlds to the page."""
-        self._scene.update_from_arrays(self._xpos, self._xmat, self._mocap_pos, self._mocap_quat)
+        self._scene.update_from_arrays(self._xpos, self._xmat)
 
     def show_visuals(self, visible: bool) -> None:
         """Show or hide the visual geometry of all worlds. The viewer hides it to show only the collision geometry."""
@@ -184,7 +179,6 @@ class Window:
         self._worlds = Worlds(self.server, scene, self.num)
         self._worlds.aim()
         self._simulated = scene.sim_bodies
-        self._mocap = scene.sim.mjm.body_mocapid[scene.sim_bodies[scene.mjm.body_mocapid >= 0]]
         self._bodies = [scene.subtree(name) for name in slot_names(scene.config)]
         self._due = time.monotonic()
 
@@ -197,13 +191,11 @@ class Window:
             seconds: Time that was simulated since the last call [s].
         """
         data = batch.data
-        arrays = (data.xpos, data.xmat, data.mocap_quat, layouts.view.present)
-        xpos, xmat, mocap_quat, present = (array.numpy() for array in arrays)
-        xpos, xmat = xpos[:, self._simulated], xmat[:, self._simulated]
-        mocap_quat = mocap_quat[:, self._mocap]
+        xpos, xmat = (array.numpy()[:, self._simulated] for array in (data.xpos, data.xmat))
+        present = layouts.view.present.numpy()
         for i in range(self.num):
             absent = [body for slot in np.flatnonzero(present[i] == 0) for body in self._bodies[slot]]
-            self._worlds.put(i, SimpleNamespace(xpos=xpos[i], xmat=xmat[i], mocap_quat=mocap_quat[i]), absent)
+            self._worlds.put(i, SimpleNamespace(xpos=xpos[i], xmat=xmat[i]), absent)
         self._worlds.send()
         now = time.monotonic()
         self._due = max(self._due + seconds, now - seconds)  # a slow machine does not hurry to catch up
@@ -240,8 +232,8 @@ def drawn_model(mjm: mujoco.MjModel) -> mujoco.MjModel:
 
     From the model itself, mjviser would draw static bodies in one world only, planes as one endless grid, and geoms in
     the colour of their material, even if a geom has a separate colour. mjviser would also leave out the textures of
-    primitives: in the copy, these primitives have the mean colour of their texture. Another reason for the copy is that
-    mjviser changes the model's `vis`.
+    primitives: in the copy, these primitives have the mean colour of their texture. It would also ask for the poses of
+    mocap bodies separately. Another reason for the copy is that mjviser changes the model's `vis`.
     """
     drawn = copy.copy(mjm)
     drawn.geom_rgba[:] = nominal_values(mjm, "geom_rgba")
@@ -250,7 +242,7 @@ def drawn_model(mjm: mujoco.MjModel) -> mujoco.MjModel:
         if texture < 0 or mjm.geom_type[geom] not in _TEXTURED:
             drawn.geom_matid[geom] = -1
             drawn.geom_rgba[geom, :3] *= 1.0 if texture < 0 else _mean_colour(mjm, texture)
-    drawn.body_weldid[drawn.body_weldid == 0] = -1
+    drawn.body_weldid[drawn.body_weldid == 0] = drawn.body_mocapid[:] = -1
     drawn.geom_group[drawn.geom_group == MARK_GROUP] = 2
     planes = drawn.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
     drawn.geom_matid[planes] = -1

@@ -100,7 +100,7 @@ def test_a_task_of_ones_own_is_shown(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
     monkeypatch.setattr(env_view, "EnvView", show)
     with pytest.raises(InterruptedError):
-        view_env(MagicMock(), task, None, [], num=2, split="train", device="cpu", changes={})
+        view_env(MagicMock(), task, None, [], num_envs=2, split="train", device="cpu")
     (envs,) = shown
     assert (type(envs.task).__name__, envs.num_envs) == ("Lower", 2)
 
@@ -119,7 +119,7 @@ def test_chosen_layouts_decide_the_split(split: str | None, shown: str, monkeypa
     with pytest.raises(InterruptedError):
         view_env(
             *(MagicMock(), "sceniris_gym/TabletopReach-v0", None, ["0123456789abcdef:eval:1:0"]),
-            **{"num": 1, "split": split, "device": "cpu", "changes": {}},
+            **{"num_envs": 1, "split": split, "device": "cpu"},
         )
     assert found == [shown]
 
@@ -134,4 +134,4 @@ def test_chosen_layouts_decide_the_split(split: str | None, shown: str, monkeypa
 def test_what_is_no_environment_is_refused(env: str, words: str):
     """With what could not be imported, or with the nearest id."""
     with pytest.raises(ArgumentError, match=words):
-        view_env(MagicMock(), env, None, [], num=1, split="train", device="cpu", changes={})
+        view_env(MagicMock(), env, None, [], num_envs=1, split="train", device="cpu")

@@ -104,9 +104,11 @@ def test_a_page_shows_the_stored_layouts(file: Path, monkeypatch: pytest.MonkeyP
         raise InterruptedError
 
     monkeypatch.setattr("sceniris_gym.viewer.env_view.EnvView.tick", tick)
+    monkeypatch.setattr(cli, "close_server", lambda _: None)
     with page() as server:
+        monkeypatch.setattr(cli, "open_server", lambda *_: server)
         with pytest.raises(InterruptedError):
-            command.play(server, "tabletop_reach")
+            cli.play("tabletop_reach")
         (view,) = shown
         view.step()
         assert control(server, "layout").value == view.envs.ids[0]

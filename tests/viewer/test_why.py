@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.layout.blame import Hit
 from sceniris_gym.program.compiled import upload_scene
 from sceniris_gym.program.device import Cause
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.viewer.deck import LayoutDeck, Where
-from sceniris_gym.viewer.sketch import GREY, RED
+from sceniris_gym.viewer.sketch import GREY, ORANGE, RED
 from sceniris_gym.viewer.why import (
     CAUSES,
     bodies_before,
@@ -49,6 +50,19 @@ def test_a_candidate_is_red_and_later_objects_are_not_there(deck: LayoutDeck):
         later = set(deck.compiled.placed[candidate.number + 1 :])
         assert world.unplaced == later
         assert [text for text, _ in sketch.labels] == [f"{candidate.name}: {candidate.cause}"]
+
+
+def test_a_floor_that_is_hit_is_outlined_where_it_is(deck: LayoutDeck):
+    """MuJoCo's box of a plane reaches kilometres down; the outline is the rectangle that the scene file gives."""
+    pytest.importorskip("mjviser", reason="needs the extra 'viewer'")
+    mjm, candidate = deck.compiled.mjm, deck.rejected(Where())[0]
+    own = int(np.flatnonzero(mjm.geom_bodyid == deck.compiled.scene.bodies[candidate.name])[0])
+    floor = mjm.geom("floor").id
+    hit = Hit((own, floor), "both", -0.01, 0.0)
+    sketch = sketch_candidate(world_of(deck.compiled, candidate), candidate, [hit])
+    outline = np.concatenate([ends for ends, colour in sketch.lines if colour == ORANGE][1:])
+    assert np.ptp(outline, axis=0) == pytest.approx([*2.0 * mjm.geom_size[floor, :2], 0.0])
+    assert outline[:, 2] == pytest.approx(0.0)
 
 
 def test_what_hides_a_candidate_is_found_and_drawn_as_glass():

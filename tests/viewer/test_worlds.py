@@ -47,6 +47,7 @@ def test_what_is_sent_is_the_layout():
             if not group.handle.visible:
                 continue
             sent = np.asarray(group.handle.batched_positions).reshape(9, len(group.body_ids), 3)
+            turned = np.asarray(group.handle.batched_wxyzs).reshape(9, len(group.body_ids), 4)
             for k, body in enumerate(group.body_ids):
                 checked.add(int(body))
                 for i, world in enumerate(shown):
@@ -54,6 +55,7 @@ def test_what_is_sent_is_the_layout():
                         assert sent[i, k, 2] < -1.0e4
                     else:
                         assert sent[i, k] == pytest.approx(world.data.xpos[body] + worlds.origins[i], abs=1e-4)
+                        assert abs(turned[i, k] @ world.data.xquat[body]) == pytest.approx(1.0, abs=1e-6)
         assert {compiled.scene.bodies[name] for name in ("mug", "counter", "plate")} <= checked
         assert 0 in checked  # the floor of every world
 
@@ -139,10 +141,9 @@ def test_the_page_of_an_environment_keeps_to_real_time():
     world = world_of("mid")
     scene = world.compiled.scene
     xpos, xmat = world.data.xpos[None].repeat(70, axis=0), world.data.xmat.reshape(-1, 3, 3)[None].repeat(70, axis=0)
-    quat = world.data.mocap_quat[None].repeat(70, axis=0)
     present = np.ones((70, 3), int)
     present[1, world.compiled.slots.index("apple")] = 0
-    states = {"xpos": (xpos, wp.vec3), "xmat": (xmat, wp.mat33), "mocap_quat": (quat, wp.quat)}
+    states = {"xpos": (xpos, wp.vec3), "xmat": (xmat, wp.mat33)}
     data = {name: wp.array(values, dtype=dtype, device="cpu") for name, (values, dtype) in states.items()}
     batch: Any = SimpleNamespace(data=SimpleNamespace(**data))
     view = SimpleNamespace(present=wp.array(present, dtype=int, device="cpu"))

@@ -1,6 +1,7 @@
 """Writes a first scene file for a model. The file has the model's robot, its free bodies, and a list of supports."""
 
 import json
+import os
 import re
 import textwrap
 from collections.abc import Iterable, Mapping
@@ -111,15 +112,12 @@ class FirstScene:
                 return True
         return False
 
-    def text(self, model: str) -> str:
-        """Return the scene file.
-
-        Args:
-            model: Path of the model, as written in the scene file.
-        """
+    def text(self, out: Path | None = None) -> str:
+        """Return the scene file, with the path of its model relative to the folder of `out`, if `out` is given."""
+        model = self.model if out is None else os.path.relpath(self.model.resolve(), out.resolve().parent)
         lines = [
             "# A first scene, generated from the model. Test it with `sceniris-gym check`, then edit it.",
-            f"model: {flow(model)}",
+            f"model: {flow(str(model))}",
             *(f"# {line}" for line in _wrapped(self.start)),
             *([f"home: {flow(self.home)}"] if self.home else []),
         ]

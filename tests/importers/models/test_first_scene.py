@@ -24,7 +24,7 @@ def model(folder: Path, xml: str) -> Path:
 def test_free_bodies_stand_on_what_is_beneath_them(tmp_path: Path):
     """On a box before what stands on that; endless planes get a region; what has no freejoint is a comment."""
     scene = first_scene(model(tmp_path, TABLE))
-    text = scene.text("model.xml")
+    text = scene.text(tmp_path / "scene.yaml")
     assert YAML(typ="safe").load(text) == {
         "model": "model.xml",
         "objects": {
@@ -44,7 +44,7 @@ def test_what_stands_on_something_that_is_commented_out_is_too(tmp_path: Path):
     scene = first_scene(model(tmp_path, TABLE))
     scene.comment_out("a", "it is too heavy.")
     assert list(scene.words()["objects"]) == ["can", "ball"]
-    lines = scene.text("model.xml").splitlines()
+    lines = scene.text().splitlines()
     assert lines[lines.index("  # a: {body: a/main, on: table, ratio_on_support: 1}") - 1] == "  # it is too heavy."
     assert (
         lines[lines.index("  # top: {on: a, ratio_on_support: 1}") - 1]
@@ -57,21 +57,21 @@ def test_a_robot_is_named_with_its_tool(tmp_path: Path):
     scene = first_scene(model(tmp_path, arm(FINGERS)))
     assert scene.words()["robot"] == {"in_model": "base", "tcp": {"body": "hand", "offset": [0.0, 0.0, 0.07]}}
     assert scene.words()["objects"] == {}
-    assert "no body with a freejoint" in scene.text("model.xml")
+    assert "no body with a freejoint" in scene.text()
 
 
 def test_a_robot_without_a_name_is_a_comment(tmp_path: Path):
     """It says what mends it."""
     scene = first_scene(model(tmp_path, arm(FINGERS).replace('<body name="base">', "<body>")))
     assert "robot" not in scene.words()
-    assert "Its root body has no name. Give it one." in scene.text("model.xml")
+    assert "Its root body has no name. Give it one." in scene.text()
 
 
 def test_a_body_without_a_name_is_a_comment(tmp_path: Path):
     """A scene could not name it."""
     scene = first_scene(model(tmp_path, TABLE.replace('<body name="ball"', "<body")))
     assert list(scene.words()["objects"]) == ["can", "a", "top"]
-    assert "has no name. Give it one." in scene.text("model.xml")
+    assert "has no name. Give it one." in scene.text()
 
 
 def test_the_start_pose_is_a_home_of_an_attached_model(tmp_path: Path):
@@ -83,13 +83,13 @@ def test_the_start_pose_is_a_home_of_an_attached_model(tmp_path: Path):
     )
     xml = TABLE.replace("</mujoco>", f"<keyframe>{keys}</keyframe></mujoco>")
     scene = first_scene(model(tmp_path, xml))
-    assert scene.words()["home"] == YAML(typ="safe").load(scene.text("model.xml"))["home"] == "arm/home"
-    assert "# The start pose is its keyframe 'arm/home', of 'arm/home', 'b/home'." in scene.text("model.xml")
+    assert scene.words()["home"] == YAML(typ="safe").load(scene.text())["home"] == "arm/home"
+    assert "# The start pose is its keyframe 'arm/home', of 'arm/home', 'b/home'." in scene.text()
     config = SceneConfig.load(scene.words())
     assert build_model(config).home_qpos[2] == 0.6
     scene = first_scene(model(tmp_path, xml.replace('"b/home"', '"home"')))
     assert "home" not in scene.words()
-    assert "# The start pose is its keyframe 'home'." in scene.text("model.xml")
+    assert "# The start pose is its keyframe 'home'." in scene.text()
 
 
 def test_things_stand_on_a_table_that_moves_itself(tmp_path: Path):
