@@ -12,7 +12,6 @@ import numpy as np
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
-from sceniris_gym.errors import NotSupportedError
 from sceniris_gym.scene.layout_table import LayoutTable
 
 Rows = Mapping[str, np.ndarray]
@@ -166,15 +165,9 @@ def _mesh(mjm: mujoco.MjModel, mesh: int, *, hull: bool) -> tuple[np.ndarray, np
 
 
 def solid_of(mjm: mujoco.MjModel, geom: int, *, hull: bool) -> Solid:
-    """Return the solid of a geom. A mesh becomes its convex hull if `hull` is true, else its rendered surface.
-
-    Raises:
-        NotSupportedError: The geom has a type that the audit does not support (height field, signed distance field).
-    """
+    """Return the solid of a geom. A mesh becomes its convex hull if `hull` is true, else its rendered surface."""
     kind, size = mujoco.mjtGeom(mjm.geom_type[geom]), mjm.geom_size[geom].copy()
     none, no_faces = np.zeros((0, 3)), np.zeros((0, 3), int)
-    if kind == mujoco.mjtGeom.mjGEOM_BOX:
-        return Solid(geom, Form.POLYHEDRON, *convex_hull(_BOX_CORNERS * size), 0.0, size)
     if kind == mujoco.mjtGeom.mjGEOM_MESH:
         return Solid(geom, Form.POLYHEDRON, *_mesh(mjm, mjm.geom_dataid[geom], hull=hull), 0.0, size)
     if kind in (mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_CAPSULE):  # both ends of a sphere are its centre
@@ -182,11 +175,9 @@ def solid_of(mjm: mujoco.MjModel, geom: int, *, hull: bool) -> Solid:
         return Solid(geom, Form.ROUNDED, ends, no_faces, float(size[0]), size)
     if kind in _WITHOUT_VERTICES:
         return Solid(geom, _WITHOUT_VERTICES[kind], none, no_faces, 0.0, size)
-    name = mjm.geom(geom).name or f"number {geom}"
-    raise NotSupportedError(
-        f"audit: geom '{name}' is of type {kind.name.removeprefix('mjGEOM_').lower()}, which the audit cannot judge. "
-        "Valid types: plane, sphere, capsule, ellipsoid, cylinder, box, mesh."
-    )
+    # a box, or the box around a height field or signed distance field, which no placed object comes near
+    box = mjm.geom_aabb[geom, :3] + _BOX_CORNERS * mjm.geom_aabb[geom, 3:]
+    return Solid(geom, Form.POLYHEDRON, *convex_hull(box), 0.0, size)
 
 
 def solids_of(mjm: mujoco.MjModel, geometry: str) -> list[Solid]:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import mujoco
 import numpy as np
 
-from sceniris_gym.errors import MeshError, NotSupportedError
+from sceniris_gym.errors import MeshError
 from sceniris_gym.geometry.contacts import ContactRules
 from sceniris_gym.geometry.rotations import matrix, pose_matrix
 
@@ -50,6 +50,8 @@ _TYPES = {
     mujoco.mjtGeom.mjGEOM_BOX: PieceType.BOX,
     mujoco.mjtGeom.mjGEOM_MESH: PieceType.HULL,
 }
+ROUGH = (int(mujoco.mjtGeom.mjGEOM_HFIELD), int(mujoco.mjtGeom.mjGEOM_SDF))
+"""Types of geoms whose pieces are boxes around them."""
 _VISIBLE_GROUPS = range(3)
 # A triangle is flat if its height is less than this fraction of its longest edge. The fraction allows for float32.
 _FLAT = 4.0e-7
@@ -137,6 +139,8 @@ def extract_pieces(
 ) -> list[Piece]:
     """Return the pieces of a model, in the order of the model's geoms.
 
+    Height fields and signed distance fields are boxes around them. Flexes have no pieces.
+
     Args:
         mjm: The model.
         geometry: "physics" or "visual".
@@ -145,9 +149,7 @@ def extract_pieces(
 
     Raises:
         MeshError: A mesh is open, flat, or has no faces.
-        NotSupportedError: The model has a height field, a signed distance field or a flex.
     """
-    _check_flexes(mjm, geometry, bodies, where or {})
     pieces = []
     rules = ContactRules(mjm, geometry)
     for geom in range(mjm.ngeom):
@@ -161,24 +163,18 @@ def extract_pieces(
     return pieces
 
 
-def _check_flexes(mjm: mujoco.MjModel, geometry: str, bodies: set[int] | None, where: Mapping[int, str]) -> None:
-    """Reject colliding flexes, because a flex has no fixed shape. With visual geometry, also reject visible flexes."""
+def obstacle_flexes(mjm: mujoco.MjModel, geometry: str) -> list[tuple[int, set[int]]]:
+    """Return the id of each flex that collides or, with visual geometry, is visible, and the bodies that move it."""
+    found = []
     for flex in range(mjm.nflex):
         vert, node = mjm.flex_vertadr[flex], mjm.flex_nodeadr[flex]
         nodes = mjm.flex_nodebodyid[node : node + mjm.flex_nodenum[flex]] if mjm.flex_nodenum[flex] else []
         verts = mjm.flex_vertbodyid[vert : vert + mjm.flex_vertnum[flex]]
-        own = {int(body) for body in (*verts, *nodes) if body >= 0}  # bodies of the flex's vertices and nodes
-        collides = bool(mjm.flex_contype[flex] | mjm.flex_conaffinity[flex])
+        collides = mjm.flex_contype[flex] | mjm.flex_conaffinity[flex]
         visible = mjm.flex_group[flex] in _VISIBLE_GROUPS and mjm.flex_rgba[flex][3] > 0.0
-        if (bodies is not None and not bodies & own) or not (collides or (geometry == "visual" and visible)):
-            continue
-        prefix = next((f"{where[body]}: " for body in sorted(own) if body in where), "")
-        cure = "turn its collisions off (contype=0, conaffinity=0)" if collides else "make it invisible (rgba alpha=0)"
-        name = mujoco.mj_id2name(mjm, mujoco.mjtObj.mjOBJ_FLEX, flex)
-        raise NotSupportedError(
-            f"{prefix}flex '{name or flex}': a soft body cannot be an obstacle. Use rigid bodies of primitives "
-            f"or meshes, or {cure}."
-        )
+        if collides or (geometry == "visual" and visible):
+            found.append((flex, {int(body) for body in (*verts, *nodes) if body >= 0}))
+    return found
 
 
 def _piece(mjm: mujoco.MjModel, geom: int, geometry: str, contact_class: int, prefix: str = "") -> Piece:
@@ -192,12 +188,10 @@ def _piece(mjm: mujoco.MjModel, geom: int, geometry: str, contact_class: int, pr
         prefix: Beginning of error messages.
     """
     kind = mujoco.mjtGeom(int(mjm.geom_type[geom]))
-    if kind not in _TYPES:
-        raise NotSupportedError(
-            f"{prefix}geom '{geom_name(mjm, geom)}': a {kind.name[len('mjGEOM_') :].lower()} cannot be an obstacle. "
-            "Use primitives or meshes, or turn its collisions off (contype=0, conaffinity=0)."
-        )
-    pos, quat = mjm.geom_pos[geom].copy(), mjm.geom_quat[geom].copy()
+    pos, quat, size = mjm.geom_pos[geom].copy(), mjm.geom_quat[geom].copy(), mjm.geom_size[geom].copy()
+    if int(kind) in ROUGH:
+        kind, center, size = mujoco.mjtGeom.mjGEOM_BOX, mjm.geom_aabb[geom, :3], mjm.geom_aabb[geom, 3:].copy()
+        pos += matrix(quat) @ center
     vertices = np.zeros((0, 3))
     mesh = None
     if kind == mujoco.mjtGeom.mjGEOM_MESH:
@@ -211,7 +205,7 @@ def _piece(mjm: mujoco.MjModel, geom: int, geometry: str, contact_class: int, pr
             mesh = _known_hull((vertices + middle).tobytes()).copy(include_cache=True)
         mesh.apply_transform(pose_matrix(mjm.geom_pos[geom], quat))
     elif kind != mujoco.mjtGeom.mjGEOM_PLANE:
-        mesh = _primitive(kind, mjm.geom_size[geom])
+        mesh = _primitive(kind, size)
         mesh.apply_transform(pose_matrix(pos, quat))
     return Piece(
         geom=geom,
@@ -219,7 +213,7 @@ def _piece(mjm: mujoco.MjModel, geom: int, geometry: str, contact_class: int, pr
         type=_TYPES[kind],
         pos=pos,
         quat=quat,
-        size=mjm.geom_size[geom].copy(),
+        size=size,
         vertices=vertices,
         mesh=mesh,
         contact_class=contact_class,

@@ -130,7 +130,7 @@ def _corners(mjm: mujoco.MjModel, poses: dict[str, np.ndarray]) -> np.ndarray:
     Geoms of absent objects are left out. They are parked far away and would make everything else a few pixels wide.
     """
     corners = []
-    for geom in np.flatnonzero(np.isin(mjm.geom_group, _VISIBLE_GROUPS)):
+    for geom in np.flatnonzero(np.isin(mjm.geom_group, _VISIBLE_GROUPS)).tolist():
         corners.append(local_corners(mjm, geom) @ poses["geom_xmat"][:, geom].reshape(-1, 3, 3).transpose(0, 2, 1))
         corners[-1] += poses["geom_xpos"][:, None, geom]
         corners[-1] = corners[-1][~is_parked(poses["geom_xpos"][:, geom])]

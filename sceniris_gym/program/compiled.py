@@ -35,6 +35,7 @@ CHECKS: tuple[Callable[[Plan], None], ...] = (
     constraints.check_constraints,
     objects.check_followers,
     constraints.check_tendon_limits,
+    places.check_rough_shapes,
     objects.check_heaps,
     objects.check_supports,
     places.check_distances,

@@ -127,19 +127,24 @@ COS_MAX_TILT_32 = 0.9999985
 """The same in single precision, for the poses of supports in a world."""
 
 
-def obstacles(scene: SceneModel) -> list[Piece]:
-    """Return all pieces of a scene, sorted by body, planes before solid pieces.
-
-    Raises:
-        MeshError, NotSupportedError: A geom cannot be an obstacle. The error names the key of the geom's asset.
-    """
+def keys_of_bodies(scene: SceneModel) -> dict[int, str]:
+    """Return id of a body -> the scene file and the key of the body's asset, object or robot, for error messages."""
     config = scene.config
     where = dict.fromkeys(range(scene.mjm.nbody), config.where)
     for body, name in scene.owners.items():
         robot = config.all_robots.get(name)
         asset = ".asset" if robot is None and config.objects[name].asset is not None else ""
         where[body] = f"{config.where}: {config.key(name) if robot is None else robot.key}{asset}"
-    pieces = extract_pieces(scene.mjm, config.geometry, where=where)
+    return where
+
+
+def obstacles(scene: SceneModel) -> list[Piece]:
+    """Return all pieces of a scene, sorted by body, planes before solid pieces.
+
+    Raises:
+        MeshError: A geom cannot be an obstacle. The error names the key of the geom's asset.
+    """
+    pieces = extract_pieces(scene.mjm, scene.config.geometry, where=keys_of_bodies(scene))
     return sorted(pieces, key=lambda p: (p.body, p.type != PieceType.PLANE, p.contact_class, p.geom))
 
 

@@ -1,6 +1,6 @@
 """Stances of free objects: their feet, their depth in MuJoCo's soft contacts, and the loads on them."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
 from typing import NamedTuple
@@ -13,11 +13,12 @@ from shapely.geometry import MultiPoint, Polygon
 from sceniris_gym.config.bounds import MAX_FOOT
 from sceniris_gym.geometry.feet import around, curved_foot, flat_foot
 from sceniris_gym.geometry.pieces import Piece, PieceType, extract_pieces
-from sceniris_gym.geometry.resting_poses import ROCKING, HomeShape, StablePose, weights
+from sceniris_gym.geometry.resting_poses import ROCKING, HomeShape, StablePose, of_heading_zero, weights
 from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.geometry.supports import SupportSurface, section
 from sceniris_gym.program.device import ObjectKind
 from sceniris_gym.program.device_statics import MOST_MOVE, RISE, ROLL
+from sceniris_gym.program.dropping import STILL, drop, moved, only
 from sceniris_gym.program.loads import CONTACTS, contact_heights, contact_of, deepest, depth_of, tilt_of
 from sceniris_gym.program.placed_object import PlacedObject
 from sceniris_gym.program.resting import drawn_states, touch_distances
@@ -295,7 +296,16 @@ def _stance(scene: SceneModel, o: PlacedObject, pieces: list[Piece], loads: dict
     is_exact = {p.type for p in below} == {PieceType.PLANE} or {p.type for p in own} <= _BALLS
     steady = 0.0 if is_exact and not mjm.body_weldid[support.body] else _STEADY
     takes_edges = not any(p.type == PieceType.CYLINDER for p in below)
-    feet = [_foot(shapes, v, law, lower, is_shifted, takes_edges, steady) for v in o.stable_poses]
+
+    def foot_in(pose: StablePose) -> Foot:
+        return _foot(shapes, pose, law, lower, is_shifted, takes_edges, steady)
+
+    feet = [foot_in(v) for v in o.stable_poses]
+    # it may rock to rest if nothing stands on it, its support cannot move, and no part of it is beyond the edge
+    is_firm = whole and len(loads) == 2 and not (o.joint_ranges or mjm.body_weldid[support.body])
+    if is_firm and max(f.most for f in feet) <= 0.0:
+        height = max(distance for distance in touch if distance is not None)
+        feet = [_at_rest(scene, o, i, f, height, foot_in) for i, f in enumerate(feet)]
     heights = [contact_heights(own, shapes[0][0], v) for v in o.stable_poses]
     rough, light = (c._replace(cone=max(c.cone, 1.0)) for c in every), scene.least.body_invweight0[:, 0]
     each = np.array(list(loads.values())) / CONTACTS
@@ -362,6 +372,28 @@ def _foot(
         least = -np.inf if is_shifted else float(margins.min())
         found.append(Foot(corners, its_law, least, float(margins.max()), bottom, hangs, drop, roll))
     return next((f for f in found if f.margin > 0.0), max(found, key=lambda f: f.most))
+
+
+def _at_rest(
+    scene: SceneModel, o: PlacedObject, i: int, foot: Foot, touch: float, foot_in: Callable[[StablePose], Foot]
+) -> Foot:
+    """Return the foot of an object after it has rocked to rest, or `foot` if it then falls or has moved too far.
+
+    Args:
+        scene: The scene.
+        o: The object.
+        i: Number of its stable pose.
+        foot: Its foot in this pose.
+        touch: Distance [m] at which its support begins to carry it.
+        foot_in: Returns its foot in a pose.
+    """
+    poses = drop(only(scene.mjm, o), scene, o, i, touch - foot.bottom, {})
+    center = HomeShape(scene.home, o.bodies[0], []).center_of_mass
+    rest = foot_in(replace(o.stable_poses[i], quat=of_heading_zero(matrix(poses[1][3:]))))
+    far = o.config.gap + max(moved(*poses, at) for at in (np.zeros(3), center))
+    if far > STILL or rest.margin <= 0.0:
+        return foot
+    return rest._replace(bottom=foot.bottom, hangs=foot.hangs, drop=foot.drop)
 
 
 def _rolling(shape: HomeShape, pose: StablePose, lean: float, steady: float) -> tuple[list[np.ndarray], Law, Roll]:

@@ -15,12 +15,15 @@ from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import SceneKeyError, UnknownNameError
 from sceniris_gym.scene import assemble, backdrop
+from sceniris_gym.scene.assemble import FREE, compile_spec
+from sceniris_gym.scene.field_table import JOINT_TRANSMISSIONS
 from sceniris_gym.scene.parking import add_parking_ground, has_parking_ground
 from sceniris_gym.scene.support import subtree
 from sceniris_gym.scene.tcp import tcp_site
 
 HOME = "home"
 """The keyframe of a model's start pose, unless the scene names another keyframe."""
+_SLIDE, _HINGE = int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE)
 _MOCAP = ("fixture", "marker")
 _JOINTS = {int(kind): kind.name.removeprefix("mjJNT_").lower() for kind in mujoco.mjtJoint.__members__.values()}
 EDIT_SPEC = "Call edit_spec(spec, scene) on the MjSpec before you compile it, and simulate the compiled model."
@@ -33,8 +36,74 @@ def instead_of_variants(name: str, members: Sequence[str]) -> str:
     return f"Or make each variant a body of the model, and let a group draw one of them: {group}. {EDIT_SPEC}"
 
 
+def named_by_place(spec: mujoco.MjSpec) -> mujoco.MjSpec:
+    """Name keyframes, and bodies and geoms of the world, after their place if they have no name. Return `spec`.
+
+    Their names are `key_`, `body_` or `geom_` and their id in the compiled model, as in `geom_0` for the first geom.
+    """
+    for kind, elements in (("key", spec.keys), ("body", spec.bodies), ("geom", spec.geoms)):
+        for i, element in enumerate(elements):
+            is_inside = kind != "key" and element.parent is not None and element.parent.name != "world"
+            if not (element.name or is_inside or getattr(spec, kind)(f"{kind}_{i}")):
+                element.name = f"{kind}_{i}"
+    return spec
+
+
+def free_from_slides(spec: mujoco.MjSpec, body: mujoco.MjsBody, where: str) -> bool:
+    """Replace three slides and three hinges of a body by a freejoint, and adapt the keyframes. Return whether it is so.
+
+    The joints stay if they have limits, springs or different damping, or if another element refers to one of them.
+
+    Args:
+        spec: The specification.
+        body: A child of the world.
+        where: The text at the beginning of error messages.
+
+    Raises:
+        SceneFileError: MuJoCo cannot compile the specification.
+    """
+    joints = list(body.joints)
+    if body.parent.name != "world" or sorted(int(joint.type) for joint in joints) != [_SLIDE] * 3 + [_HINGE] * 3:
+        return False
+    mjm = compile_spec(spec, where)
+    ids, dofs = np.array([joint.id for joint in joints]), mjm.dof_bodyid == body.id
+    axes, is_slide = mjm.jnt_axis[ids], mjm.jnt_type[ids] == _SLIDE
+    if min(map(np.linalg.matrix_rank, (axes[is_slide], axes[~is_slide]))) < 3 or _named_joints(mjm) & {*ids.tolist()}:
+        return False
+    same = np.column_stack([mjm.dof_damping, mjm.dof_armature, mjm.dof_frictionloss])[dofs]
+    if np.ptp(same, axis=0).any() or mjm.jnt_stiffness[ids].any() or mjm.jnt_limited[ids].any():
+        return False
+    data, adr, kept = mujoco.MjData(mjm), int(mjm.jnt_qposadr[ids[0]]), joints[0]
+    poses = []
+    for key in spec.keys:
+        data.qpos[:] = mjm.key(key.id).qpos
+        mujoco.mj_kinematics(mjm, data)
+        pose = [*data.xpos[body.id], *data.xquat[body.id]]
+        poses.append([*data.qpos[:adr], *pose, *data.qpos[adr + len(ids) :]])
+    for joint in joints[1:]:
+        spec.delete(joint)
+    kept.type, kept.name = FREE, f"{body.name}/free"
+    for key, qpos in zip(spec.keys, poses, strict=True):
+        key.qpos = qpos
+    return True
+
+
+def _named_joints(mjm: mujoco.MjModel) -> set[int]:
+    """Return the joints to which actuators, tendons, equalities or sensors of a model refer."""
+    eq, joint = mjm.eq_type == mujoco.mjtEq.mjEQ_JOINT, mujoco.mjtObj.mjOBJ_JOINT
+    named = (
+        mjm.actuator_trnid[np.isin(mjm.actuator_trntype, JOINT_TRANSMISSIONS), 0],
+        mjm.wrap_objid[mjm.wrap_type == mujoco.mjtWrap.mjWRAP_JOINT],
+        *(mjm.eq_obj1id[eq], mjm.eq_obj2id[eq]),
+        mjm.sensor_objid[mjm.sensor_objtype == joint],
+    )
+    return {*np.concatenate(named).tolist()}
+
+
 def adopt_body(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: str) -> None:
     """Use a body of a specification as an object. A fixture or a marker becomes a mocap body.
+
+    Three slides and three hinges of a free object become a freejoint.
 
     Args:
         spec: The specification.
@@ -50,6 +119,8 @@ def adopt_body(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: str)
     if body is None or body.name == "world":
         raise _unknown(config.body or name, [b.name for b in spec.bodies], where)
     where = f"{where}.kind"
+    if config.kind == "free":
+        free_from_slides(spec, body, where)
     _check_kind(body.name, body.parent.name, [int(joint.type) for joint in body.joints], config.kind, where)
     if config.kind in _MOCAP:
         assemble.make_kind(spec, body, body.name, config.kind, where)
@@ -148,10 +219,10 @@ def edit_spec(spec: mujoco.MjSpec, scene: str | Path | Mapping | SceneConfig) ->
     for robot in config.all_robots.values():
         if robot.placing is not None:
             adopt_body(spec, robot.name, robot.placing, f"{config.where}: {robot.section}")
-        mjm = assemble.compile_spec(spec, "edit_spec: spec")
+        mjm = compile_spec(spec, "edit_spec: spec")
         tcp_site(spec, mjm, mjm.qpos0, robot, config.where)
     nslot = len(config.objects)
-    if config.groups and not has_parking_ground(assemble.compile_spec(spec, "edit_spec: spec"), nslot, config.where):
+    if config.groups and not has_parking_ground(compile_spec(spec, "edit_spec: spec"), nslot, config.where):
         add_parking_ground(spec, nslot)
 
 
@@ -167,7 +238,7 @@ def _unknown(name: str, bodies: list[str], where: str) -> UnknownNameError:
 
 
 def _check_kind(name: str, parent: str, joints: list[int], kind: str, where: str) -> None:
-    free = int(assemble.FREE)
+    free = int(FREE)
     if parent != "world":
         raise SceneKeyError(
             f"{where}: body '{name}' should be a child of the world, not of '{parent}'. Move it in the model."

@@ -43,8 +43,8 @@ class Home(NamedTuple):
 def attach_object(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: str, owner: str = "") -> Home:
     """Attach the asset of an object as a body of the object's kind, and return its start pose.
 
-    If the object is a variant of `owner`, names of its body and elements lack the prefix `owner/`, which
-    `attach_variants` adds.
+    If the object is a variant of `owner`, bodies without joints below it become parts of it. Names of its body and
+    elements lack the prefix `owner/`, which `attach_variants` adds.
 
     Raises:
         NotSupportedError: A variant is soft.
@@ -71,6 +71,11 @@ def attach_object(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: s
         scale_asset(child, config.scale, f"{where}.scale")
     home = _take_home(child, name, keyframe=None, where=f"{where}.asset")
     root = attach(spec, child, name, spec.worldbody.add_frame(), f"{where}.asset")
+    below = root.find_all("body") if owner else []
+    # MuJoCo 3.11 would lose the poses of bodies two levels below, and masses that geoms do not give
+    if not any(body.joints or body.bodies or body.explicitinertial for body in below) and not root.explicitinertial:
+        for body in below:
+            body.to_frame()
     make_kind(spec, root, name, config.kind, f"{where}.kind")
     return home
 

@@ -10,7 +10,6 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from sceniris_gym.audit.geometry import convex_hull, home_of, poses_of, solid_of, solids_of
-from sceniris_gym.errors import NotSupportedError
 from tests.audit.shapes import angle, model_of
 from tests.commands.scenes import layout, small_model
 
@@ -95,14 +94,15 @@ def test_what_collides_and_what_is_seen_are_chosen_by_their_words():
     assert chosen["visual"] == {"both", "drawn", "one bit", "unseen ground"}
 
 
-def test_a_geom_without_a_solid_is_named():
-    """A height field has none."""
+def test_a_height_field_is_the_box_around_it():
+    """From its base up to its highest point."""
     mjm = mujoco.MjModel.from_xml_string(
-        '<mujoco><asset><hfield name="hills" nrow="2" ncol="2" size="1 1 1 1"/></asset>'
+        '<mujoco><asset><hfield name="hills" nrow="2" ncol="2" size="1 2 3 4"/></asset>'
         '<worldbody><geom name="hills" type="hfield" hfield="hills"/></worldbody></mujoco>'
     )
-    with pytest.raises(NotSupportedError, match=r"geom 'hills' is of type hfield.*Valid.*: plane, sphere"):
-        solids_of(mjm, "physics")
+    (solid,) = solids_of(mjm, "physics")
+    assert solid.vertices.min(axis=0).tolist() == [-1, -2, -4]
+    assert solid.vertices.max(axis=0).tolist() == [1, 2, 3]
 
 
 def test_poses_are_those_of_the_rows():

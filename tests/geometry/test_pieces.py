@@ -9,8 +9,7 @@ import trimesh
 from scipy.spatial import ConvexHull
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import NotSupportedError
-from sceniris_gym.geometry.pieces import Piece, PieceType, extract_pieces, hull_vertices
+from sceniris_gym.geometry.pieces import Piece, PieceType, extract_pieces, hull_vertices, obstacle_flexes
 from sceniris_gym.scene.build import build_model
 
 WORKSHOP = """
@@ -208,17 +207,16 @@ SOFT = {
 
 
 @pytest.mark.parametrize("flex", SOFT.values(), ids=SOFT)
-def test_a_flex_that_would_be_an_obstacle_is_refused_by_its_name(flex: dict):
-    """Colliding ones in either geometry, visible ones in the visual one; pieces of other bodies can be had."""
+def test_flexes_that_collide_or_are_seen_are_found(flex: dict):
+    """Colliding ones in either geometry, visible ones in the visual one; none is a piece."""
     soft = mujoco.MjModel.from_xml_string(FLEX.format(contact=CONTACT.format(1), alpha=0, **flex))
-    where = dict.fromkeys(range(2, soft.nbody), "scene.yaml: objects.mast.asset")
     for geometry in ("physics", "visual"):
-        with pytest.raises(NotSupportedError, match=r"^scene.yaml: objects.mast.asset: flex 'flag'.*contype=0"):
-            extract_pieces(soft, geometry, where=where)
-    assert len(extract_pieces(soft, "physics", bodies={1})) == 1
+        ((number, bodies),) = obstacle_flexes(soft, geometry)
+        assert number == 0
+        assert bodies <= {*range(2, soft.nbody)}
+        assert len(extract_pieces(soft, "physics")) == 2
     limp = mujoco.MjModel.from_xml_string(FLEX.format(contact=CONTACT.format(0), alpha=1, **flex))
-    assert len(extract_pieces(limp, "physics")) == 2
-    with pytest.raises(NotSupportedError, match=r"flex 'flag'.*alpha=0"):
-        extract_pieces(limp, "visual")
+    assert not obstacle_flexes(limp, "physics")
+    assert len(obstacle_flexes(limp, "visual")) == 1
     unseen = mujoco.MjModel.from_xml_string(FLEX.format(contact=CONTACT.format(0), alpha=0, **flex))
-    assert len(extract_pieces(unseen, "visual")) == 2
+    assert not obstacle_flexes(unseen, "visual")

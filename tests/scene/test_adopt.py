@@ -17,6 +17,7 @@ from sceniris_gym.scene.model import SceneModel
 from tests.scene.memory import NEAR, cubes_on, model_text, spec_of
 
 PLACED = {"objects": cubes_on("ground", region=NEAR), "home": "init_state"}
+AXES = ("1 0 0", "0 1 0", "0 0 1")
 ARRAYS = ("body_pos", "body_parentid", "body_mocapid", "jnt_type", "jnt_qposadr", "geom_type", "geom_size", "geom_pos")
 
 
@@ -65,6 +66,37 @@ def test_parts_of_an_attached_body_go_by_their_names_without_its_prefix():
     assert list(scene.parts("cabinet")) == ["drawer"]
     assert list(scene.joints("cabinet")) == ["slide"]
     assert scene.support("cabinet/drawer", "here").body == scene.mjm.body("cab/drawer").id
+
+
+SLIDES = "".join(f'<joint name="{t}{i}" type="{t}" axis="{i}"/>' for t in ("slide", "hinge") for i in AXES)
+LOOSE = f"""<mujoco><default><joint armature="0.01"/></default><worldbody>
+<geom name="bench" type="box" size=".5 .5 .02"/>
+<body name="block" pos="0.1 0 0.05">{SLIDES}<geom type="box" size=".03 .02 .03"/></body>
+<body name="lid" pos="0.3 0 0.1"><joint axis="1 0 0"/><geom size=".02" pos="0 0.03 0"/></body></worldbody>
+<keyframe><key name="home" qpos="0.1 -0.2 0.03 0.3 0.4 0.5 0.6"/></keyframe></mujoco>"""
+
+
+def test_three_slides_and_three_hinges_are_a_freejoint(tmp_path: Path):
+    """All bodies keep the poses that MuJoCo finds in the keyframe, but joints that something refers to stay."""
+    given = mujoco.MjModel.from_xml_string(LOOSE)
+    data = mujoco.MjData(given)
+    mujoco.mj_resetDataKeyframe(given, data, 0)
+    mujoco.mj_kinematics(given, data)
+    path = tmp_path / "loose.xml"
+    path.write_text(LOOSE)
+    scene = built(path, {"objects": {"block": {"on": "bench"}}})
+    assert scene.mjm.jnt_type.tolist() == [mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_HINGE]
+    np.testing.assert_allclose(scene.home.xpos, data.xpos, atol=1e-12)
+    np.testing.assert_allclose(scene.home.xmat, data.xmat, atol=1e-12)
+    for old, new in (
+        ("</mujoco>", '<actuator><motor joint="slide1 0 0"/></actuator></mujoco>'),
+        ("</mujoco>", '<sensor><jointpos joint="hinge0 0 1"/></sensor></mujoco>'),
+        ('"slide0 0 1"', '"slide0 0 1" range="0 1" limited="true"'),
+        ('"slide0 0 1" type="slide" axis="0 0 1"', '"slide0 0 1" type="slide" axis="0 1 0"'),
+    ):
+        path.write_text(LOOSE.replace(old, new))
+        with pytest.raises(SceneKeyError, match="'block' should have a freejoint and no other joint"):
+            built(path, {"objects": {"block": {"on": "bench"}}})
 
 
 WRONG: dict[str, tuple[dict[str, Any], type[ScenirisError], str]] = {

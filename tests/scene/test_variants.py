@@ -55,6 +55,23 @@ def test_a_shared_body_has_room_for_every_variant():
     assert sim.mjm.body_simple[sim.bodies["target"]] == 0
 
 
+def test_nested_bodies_without_joints_are_one_rigid_body(tmp_path: Path):
+    """With the mass, the centre of mass and the geoms that MuJoCo finds in the nested bodies."""
+    inner = f'<body pos="0.01 0.02 0.03" quat="1 1 0 0">{GEOM}</body><body pos="-0.03 0 0"><geom size=".01"/></body>'
+    path = tmp_path / "nested.xml"
+    path.write_text(f"<mujoco><worldbody><body>{inner}</body></worldbody></mujoco>")
+    words = {"variants": {"nested": {"asset": str(path)}, "can": {"asset": "can"}}, "on": "table"}
+    built = build_model(SceneConfig.load(TABLE, {"objects.target": words}))
+    mjm, body = built.mjm, built.bodies["target/nested"]
+    alone = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(alone)
+    mujoco.mj_forward(alone, data)
+    assert mjm.body_mass[body] == pytest.approx(alone.body_subtreemass[1])
+    np.testing.assert_allclose(mjm.body_ipos[body], data.subtree_com[1], atol=1e-9)
+    np.testing.assert_allclose(mjm.geom_pos[mjm.geom_bodyid == body], data.geom_xpos, atol=1e-9)
+    assert built.sim.mjm.body("target").id
+
+
 def test_models_do_not_depend_on_how_many_variants_are_attached_at_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):

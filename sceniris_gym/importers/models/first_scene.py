@@ -14,7 +14,7 @@ import numpy as np
 
 from sceniris_gym.config.fields import FLOOR, ROBOT
 from sceniris_gym.errors import ArmError, NotSupportedError
-from sceniris_gym.geometry.pieces import Piece, extract_pieces
+from sceniris_gym.geometry.pieces import ROUGH, Piece, extract_pieces
 from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.importers.models.found import (
     FoundArm,
@@ -26,7 +26,7 @@ from sceniris_gym.importers.models.found import (
     supports_of,
 )
 from sceniris_gym.reach.arm import SerialArm
-from sceniris_gym.scene.adopt import HOME
+from sceniris_gym.scene.adopt import HOME, free_from_slides, named_by_place
 from sceniris_gym.scene.assemble import compile_spec
 from sceniris_gym.scene.model_files import load_model
 from sceniris_gym.scene.support import subtree
@@ -143,16 +143,20 @@ def first_scene(path: Path) -> FirstScene:
         MeshError: A mesh cannot be used for collision.
     """
     where = str(path)
-    mjm = compile_spec(load_model(path, where), where)
+    spec = named_by_place(load_model(path, where))
+    for body in spec.worldbody.bodies:
+        free_from_slides(spec, body, where)
+    mjm = compile_spec(spec, where)
     data = mujoco.MjData(mjm)
     names = [mjm.key(i).name for i in range(mjm.nkey)]
     attached = [name for name in names if name.rpartition("/")[2] == HOME]  # attached models prefix the name
-    home, *others = [HOME] if HOME in names else attached or [None]
+    home, *others = [HOME] if HOME in names else attached or (names if names == ["key_0"] else [None])
     data.qpos[:] = mjm.qpos0 if home is None else mjm.key(home).qpos
     mujoco.mj_kinematics(mjm, data)
     start = f"qpos0, as it has no keyframe '{HOME}'" if home is None else f"its keyframe '{home}'"
     start += f", of {', '.join(map(repr, (home, *others)))}" if others else ""
     pieces = extract_pieces(mjm, "physics", where=dict.fromkeys(range(mjm.nbody), where))
+    pieces = [p for p in pieces if mjm.geom_type[p.geom] not in ROUGH]  # which are no supports
     arms = find_arms(mjm)
     roots = {arm.base for arm in arms}
     tops = [b for b in range(1, mjm.nbody) if mjm.body_parentid[b] == 0 and b not in roots]
@@ -192,8 +196,6 @@ class _Bodies:
     def _entry(self, name: str, body: int) -> Entry:
         own_name = self.mjm.body(body).name
         words: dict[str, Any] = {} if own_name == name else {"body": own_name}
-        if not own_name:
-            return _commented_out(name, {}, f"Body {body} of the model has no name. Give it one.")
         if self._is_driven(subtree(self.mjm, body)):
             return _commented_out(name, words, f"'{name}' has actuators: it is a robot with a free base.")
         geom = geom_beneath(self.mjm, self.data, body)
@@ -259,8 +261,6 @@ def _robot(mjm: mujoco.MjModel, data: mujoco.MjData, arms: list[FoundArm]) -> En
     notes = [f"An arm of {len(arm.joints)} joints, {'with' if arm.fingers else 'without'} fingers."]
     if others:
         notes.append(f"More arms end at {', '.join(repr(mjm.body(other.hand).name) for other in others)}.")
-    if not name:
-        return Entry(ROBOT, {"in_model": "NAME"}, tuple(notes), "Its root body has no name. Give it one.")
     tcp = arm.tcp(data).model_dump(mode="json", exclude_defaults=True)
     return Entry(ROBOT, {"in_model": name, "tcp": next(iter(tcp.values())) if len(tcp) == 1 else tcp}, tuple(notes))
 

@@ -1,18 +1,24 @@
 """Checks that objects stay near enough to the origin for single precision, and away from parked objects."""
 
+from collections.abc import Mapping
+
 import mujoco
 import numpy as np
 
 from sceniris_gym.config.bounds import BOUNDS, MOST_FAR, MOST_WIDE
 from sceniris_gym.errors import NotSupportedError, SceneKeyError
-from sceniris_gym.geometry.pieces import PieceType, geom_name
+from sceniris_gym.geometry.pieces import ROUGH, PieceType, geom_name, obstacle_flexes
 from sceniris_gym.program.device import ObjectKind
-from sceniris_gym.program.placed_object import PlacedObject
+from sceniris_gym.program.placed_object import PlacedObject, keys_of_bodies
 from sceniris_gym.program.plan import Plan
 from sceniris_gym.scene.parking import GROUND_RISE, PARKING_FROM, PARKING_SPACING
 
 # An object that may get beyond this [m] in both x and y is too close to parked objects.
 _NEAREST = PARKING_FROM - PARKING_SPACING
+# Least distance [m] between what layouts move and a shape that is only bounded by a box.
+_APART = 0.1
+# An empty box (lower corner, upper corner), and the directions that its corners move to as it grows.
+_NOWHERE, _OUTWARDS = np.array([[np.inf] * 3, [-np.inf] * 3]), np.array([[-1.0], [1.0]])
 
 
 def check_distances(plan: Plan) -> None:
@@ -110,15 +116,8 @@ def check_parking(plan: Plan) -> None:
                 f"{config.where}: objects.{o.name}: is {edge:.3g} m wide and may be absent, but absent objects are "
                 f"parked only {PARKING_SPACING:g} m apart. Use a smaller object, or {cure}."
             )
-    corners: dict[str, np.ndarray] = {}  # at home, of pieces that rise above the ground
-    for p, _, high in plan.solids:
-        if high[2] > GROUND_RISE:
-            name = plan.scene.owners.get(p.body) or str(plan.scene.mjm.body(p.body).name)
-            corners[name] = np.maximum(corners[name], high[:2]) if name in corners else high[:2]
-    for o in plan.objects:
-        corners[o.name] = _corner(plan, o, corners)
-    for name, corner in corners.items():
-        if corner.min() > _NEAREST:
+    for name, (_, corner) in _reaches(plan, GROUND_RISE).items():
+        if corner[:2].min() > _NEAREST:
             path = f"objects.{name}" if name in config.objects else f"body '{name}'"
             raise SceneKeyError(
                 f"{config.where}: {path}: reaches as far as ({corner[0]:.3g}, {corner[1]:.3g}) m, but absent members "
@@ -127,32 +126,102 @@ def check_parking(plan: Plan) -> None:
             )
 
 
-def _corner(plan: Plan, o: PlacedObject, corners: dict[str, np.ndarray]) -> np.ndarray:
-    """Return the greatest x and y [m] that an object may reach. `corners` has the known results, by name."""
-    size = _size(plan, o)
+def check_rough_shapes(plan: Plan) -> None:
+    """Check that layouts keep objects away from height fields, signed distance fields and flexes.
+
+    Raises:
+        NotSupportedError: An object may come near such a shape, or the shape is part of an object that layouts move.
+    """
+    scene, config, rough = plan.scene, plan.scene.config, _rough_shapes(plan)
+    if not rough:
+        return
+    ends, keys = _reaches(plan), keys_of_bodies(scene)
+    moving = {o.name: ends[o.name] for o in plan.objects if o.kind != ObjectKind.MARKER}
+    if any(part.reachable for part in config.objects.values()):  # the arms move too
+        for name in config.all_robots.keys() - moving.keys() & ends.keys():
+            moving[name] = ends[name] + 2.0 * _size(plan, scene.subtree(name), {}) * _OUTWARDS
+    for label, bodies, box in rough:
+        first = min(bodies, key=lambda body: body not in scene.owners)
+        owner, (low, high) = scene.owners.get(first), box + _APART * _OUTWARDS
+        near = [name for name, at in moving.items() if (at[0] < high).all() and (at[1] > low).all()]
+        if name := owner if owner in moving else next(iter(near), None):
+            key = config.key(name) if name in config.objects else config.all_robots[name].key
+            away = "" if name == owner else f", or keep {key} more than {_APART:g} m away from the box around it"
+            raise NotSupportedError(
+                f"{keys[first]}: {label} cannot be an obstacle. Use rigid primitives or meshes, turn its collisions "
+                f"off (contype=0, conaffinity=0, and rgba alpha=0 for visual geometry){away}."
+            )
+
+
+def _rough_shapes(plan: Plan) -> list[tuple[str, set[int], np.ndarray]]:
+    """Return the shapes that are only bounded by boxes: their name in messages, bodies, and box [m], shape (2, 3).
+
+    These are height fields and signed distance fields among the pieces. A flex has no piece, but counts if it collides
+    or, with visual geometry, if it is visible.
+    """
+    scene, mjm, found = plan.scene, plan.scene.mjm, []
+    for p, low, high in plan.solids:
+        if mjm.geom_type[p.geom] in ROUGH:
+            kind = mujoco.mjtGeom(mjm.geom_type[p.geom]).name.removeprefix("mjGEOM_").lower()
+            found.append((f"geom '{geom_name(mjm, p.geom)}': a {kind}", {p.body}, np.array([low, high])))
+    mujoco.mj_flex(mjm, scene.home)
+    for flex, bodies in obstacle_flexes(mjm, scene.config.geometry):
+        at = scene.home.flexvert_xpos[mjm.flex_vertadr[flex] :][: mjm.flex_vertnum[flex]]
+        box = np.array([at.min(axis=0), at.max(axis=0)]) + mjm.flex_radius[flex] * _OUTWARDS
+        name = mujoco.mj_id2name(mjm, mujoco.mjtObj.mjOBJ_FLEX, flex) or flex
+        found.append((f"flex '{name}': a soft body", bodies, box))
+    return found
+
+
+def _reaches(plan: Plan, above: float = -np.inf) -> dict[str, np.ndarray]:
+    """Return the box [m] that each object, robot and other body may reach, by name: lower and upper corner, (2, 3).
+
+    Pieces of bodies that are not placed count if they rise above the height `above` [m] in the start pose.
+    """
+    ends: dict[str, np.ndarray] = {}
+    for p, low, high in plan.solids:
+        if high[2] > above:
+            name = plan.scene.owners.get(p.body) or str(plan.scene.mjm.body(p.body).name)
+            known = ends.get(name, _NOWHERE)
+            ends[name] = np.array([np.minimum(known[0], low), np.maximum(known[1], high)])
+    for o in plan.objects:
+        ends[o.name] = _reach(plan, o, ends)
+    return ends
+
+
+def _reach(plan: Plan, o: PlacedObject, ends: dict[str, np.ndarray]) -> np.ndarray:
+    """Return the box [m] that an object may reach, shape (2, 3). `ends` has the known boxes, by name."""
+    size = _size(plan, o.bodies, o.spans)
     if not o.config.is_placed:
-        return corners.get(o.name, np.full(2, -np.inf)) + (2.0 * size if o.joint_ranges else 0.0)
+        return ends.get(o.name, _NOWHERE) + (2.0 * size if o.joint_ranges else 0.0) * _OUTWARDS
     if o.config.support is None:
-        at = np.array(o.config.region and o.config.region.corners)[1, :2]
+        at = np.array(o.config.region and o.config.region.corners)
     elif o.support is not None and o.support.owner is not None:
-        at = corners.get(o.support.owner, np.full(2, -np.inf))
+        at = ends.get(o.support.owner, _NOWHERE)
     else:  # on a support that belongs to no object
         assert o.ground is not None
         pos, mat = plan.scene.home.xpos[o.ground], plan.scene.home.xmat[o.ground].reshape(3, 3)
-        at = (o.corners @ mat.T + pos)[:, :2].max(axis=0)
-    return at + 2.0 * size
+        corners = o.corners @ mat.T + pos
+        at = np.array([corners.min(axis=0), corners.max(axis=0)])
+    return at + 2.0 * size * _OUTWARDS
 
 
-def _size(plan: Plan, o: PlacedObject) -> float:
-    """Return an upper bound [m] of the distance from an object's root to its pieces, for all drawn joint positions."""
+def _size(plan: Plan, bodies: list[int], spans: Mapping[int, tuple[float, float]]) -> float:
+    """Return an upper bound [m] of the distance from an object's root to its pieces, for all drawn joint positions.
+
+    Args:
+        plan: The plan.
+        bodies: The object's bodies, the root first.
+        spans: The ranges of its drawn joints, as `PlacedObject.spans`.
+    """
     mjm = plan.scene.mjm
-    own = [p for p in plan.pieces if p.body in o.bodies]
+    own = [p for p in plan.pieces if p.body in bodies]
     if not own:
         return 0.0
-    drawn = {adr: max(map(abs, ends)) for adr, ends in o.spans.items()}
+    drawn = {adr: max(map(abs, ends)) for adr, ends in spans.items()}
     size = max(float(np.linalg.norm(np.maximum(*np.abs(p.bounds)))) for p in own)
-    size += float(np.linalg.norm(mjm.body_pos[o.bodies[1:]], axis=1).sum())
-    for joint in np.flatnonzero(np.isin(mjm.jnt_bodyid, o.bodies)):
+    size += float(np.linalg.norm(mjm.body_pos[bodies[1:]], axis=1).sum())
+    for joint in np.flatnonzero(np.isin(mjm.jnt_bodyid, bodies)):
         adr = int(mjm.jnt_qposadr[joint])
         if mjm.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE:
             size += drawn.get(adr, abs(float(plan.scene.home_qpos[adr]))) + abs(float(mjm.qpos0[adr]))

@@ -1,6 +1,5 @@
 """Checks that objects can stand: they collide with supports and do not fall, and supports do not give way."""
 
-import copy
 import itertools
 
 import mujoco
@@ -8,14 +7,13 @@ import numpy as np
 
 from sceniris_gym.config.bounds import MAX_LEVELS
 from sceniris_gym.errors import SceneKeyError
-from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.program.device import ObjectKind
+from sceniris_gym.program.dropping import DROP_SECONDS, STILL, drop, held, moved, only, point
 from sceniris_gym.program.loads import least_upright, wind_push
 from sceniris_gym.program.placed_object import COS_MAX_TILT, PlacedObject
 from sceniris_gym.program.plan import Plan
 from sceniris_gym.program.resting import check_weight, drawn_joints
 from sceniris_gym.program.standing import Stance
-from sceniris_gym.scene.couplings import follow
 from sceniris_gym.scene.draws import LOOSE, WEAK, Ends, at_ends
 from sceniris_gym.scene.model import SceneModel
 
@@ -23,14 +21,10 @@ from sceniris_gym.scene.model import SceneModel
 _TILT = 1.0
 # Greatest sink [m] of an object into its support, and greatest yield [m] of a support under a load.
 _GIVES = 5.0e-3
-# Duration of a simulated test [s], and how often the height of the support is measured in this time.
-_SECONDS, _LOOKS = 0.5, 10
-# Greatest motion [m] of a standing object during the test.
-_STILL = 0.01
+# How often the height of the support is measured while a load is simulated.
+_LOOKS = 10
 # Greatest height [m] between the geoms used for placing and the geoms that carry the object.
 _DROP = 2.0e-3
-# Inertia [kg or kg m^2] that holds joints in place. With 1e9 in a hinge, rounding tips the body below it.
-_HELD = 1.0e6
 # Ends of draws at which joints and supports give way the most. Both masses are tested, because either may be worse.
 _HEAVY: dict[str, Ends] = {**WEAK, **LOOSE}
 _LIGHT: dict[str, Ends] = {**_HEAVY, "body_mass": "least"}
@@ -147,9 +141,9 @@ def _check_joints(plan: Plan, mjm: mujoco.MjModel, o: PlacedObject, load: float,
     is_loose = mjm.body_dofnum[root] == 6 and root not in placed
     if not joints and not is_loose:
         return
-    held = np.isin(mjm.body_rootid, placed) | (not is_loose)  # a loose support may itself rest on other bodies
+    apart = np.isin(mjm.body_rootid, placed) | (not is_loose)  # a loose support may itself rest on other bodies
     is_free = mjm.jnt_type == mujoco.mjtJoint.mjJNT_FREE
-    model, data = _held(mjm, is_free & held[mjm.jnt_bodyid], held), mujoco.MjData(mjm)
+    model, data = held(mjm, is_free & apart[mjm.jnt_bodyid], apart), mujoco.MjData(mjm)
     if not is_loose:
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
     owner = next((x for x in plan.objects if o.support is not None and x.name == o.support.owner), o)
@@ -160,12 +154,12 @@ def _check_joints(plan: Plan, mjm: mujoco.MjModel, o: PlacedObject, load: float,
         mujoco.mj_forward(model, data)
         if data.xmat[o.ground][8] < COS_MAX_TILT:  # too tilted to be a support in this state
             continue
-        start, force = _point(data, o.ground, at), load * model.opt.gravity
+        start, force = point(data, o.ground, at), load * model.opt.gravity
         data.xfrc_applied[o.ground] = [*force, *np.cross(start - data.xipos[o.ground], force)]
         fall = 0.0
         for _ in range(_LOOKS):
-            mujoco.mj_step(model, data, round(_SECONDS / _LOOKS / model.opt.timestep))
-            fall = max(fall, float((start - _point(data, o.ground, at))[2]))
+            mujoco.mj_step(model, data, round(DROP_SECONDS / _LOOKS / model.opt.timestep))
+            fall = max(fall, float((start - point(data, o.ground, at))[2]))
         if fall > _GIVES:
             names = " and ".join(f"'{mjm.joint(j).name}'" for j in joints)
             by, cure = f"too little holds joint {names}", "Give it frictionloss, stiffness, limits or an actuator"
@@ -180,31 +174,19 @@ def _check_joints(plan: Plan, mjm: mujoco.MjModel, o: PlacedObject, load: float,
 
 def _check_own_joints(plan: Plan, mjm: mujoco.MjModel, o: PlacedObject, stance: Stance, where: str) -> None:
     """Reject an object that stands in MuJoCo C if its joints are held, but moves if they are not."""
-    home = plan.scene.home
-    is_own, ground = np.isin(mjm.jnt_bodyid, o.bodies), int(o.ground or 0)
-    free, *inner = np.flatnonzero(is_own).tolist()
+    _, *inner = np.flatnonzero(np.isin(mjm.jnt_bodyid, o.bodies)).tolist()
     if not inner:
         return
-    loose = _held(mjm, ~is_own, ~np.isin(np.arange(mjm.nbody), [*o.bodies, ground]))
-    firm = _held(loose, np.isin(np.arange(mjm.njnt), inner), np.zeros(mjm.nbody, bool))
-    data, adr = mujoco.MjData(mjm), int(mjm.jnt_qposadr[free])
+    loose = only(mjm, o)
+    firm = held(loose, np.isin(np.arange(mjm.njnt), inner), np.zeros(mjm.nbody, bool))
 
     def moves(model: mujoco.MjModel, state: dict[int, float], i: int) -> float:
-        surface, pose = o.surfaces[i][0], o.stable_poses[i]
-        at = np.array([*surface.region.representative_point().coords[0], surface.height + stance.touch])
-        start = _point(home, ground, at) - [*(matrix(pose.quat) @ pose.pivot)[:2], stance.feet[i].bottom]
-        mujoco.mj_resetData(model, data)
-        data.qpos[:], data.ctrl[:] = home.qpos, plan.scene.home_ctrl
-        data.qpos[adr : adr + 7] = [*start, *pose.quat]
-        data.qpos[list(state)] = list(state.values())
-        follow(o.followers, data.qpos)
-        mujoco.mj_step(model, data, round(_SECONDS / model.opt.timestep))
-        return float(np.linalg.norm(data.qpos[adr : adr + 3] - start))
+        return moved(*drop(model, plan.scene, o, i, stance.touch - stance.feet[i].bottom, state), np.zeros(3))
 
     # a reset makes position actuators hold the drawn joints, so only the home state is tested with actuators
     states = [{}] if np.isin(mjm.actuator_trnid[:, 0], inner).any() else _states(o) or [{}]
     for state, i in itertools.product(states, range(len(o.stable_poses))):
-        if (far := moves(loose, state, i)) > _STILL >= moves(firm, state, i):
+        if (far := moves(loose, state, i)) > STILL >= moves(firm, state, i):
             raise SceneKeyError(
                 f"{where}: '{o.name}' moves by {1e3 * far:.3g} mm: its joints {[mjm.joint(j).name for j in inner]} "
                 f"give way. Hold them by frictionloss, stiffness or actuator, make the object a robot with 'in_model', "
@@ -218,22 +200,9 @@ def _states(o: PlacedObject) -> list[dict[int, float]]:
     return [{adr: values[(len(values) - 1) * i // 4] for adr, values in drawn} for i in range(5 if drawn else 0)]
 
 
-def _held(mjm: mujoco.MjModel, joints: np.ndarray, bodies: np.ndarray) -> mujoco.MjModel:
-    """Return a copy of a model in which masked joints (njnt,) cannot move and masked bodies (nbody,) do not collide."""
-    model = copy.copy(mjm)
-    model.geom_contype[bodies[mjm.geom_bodyid]] = model.geom_conaffinity[bodies[mjm.geom_bodyid]] = 0
-    model.dof_armature[joints[mjm.dof_jntid]] = _HELD
-    return model
-
-
-def _point(data: mujoco.MjData, body: int, at: np.ndarray) -> np.ndarray:
-    """Return the world position [m] of a point of a body. `at` is this point in the body's frame [m]."""
-    return data.xpos[body] + data.xmat[body].reshape(3, 3) @ at
-
-
 def _yielding(mjm: mujoco.MjModel, home: mujoco.MjData, body: int, at: np.ndarray) -> set[int]:
     """Return the joints (no free joints) that move a point of a body up or down. `at` [m] is in the body's frame."""
     jacobian = np.zeros((3, mjm.nv))
-    mujoco.mj_jac(mjm, home, jacobian, None, _point(home, body, at), body)
+    mujoco.mj_jac(mjm, home, jacobian, None, point(home, body, at), body)
     joints = mjm.dof_jntid[np.abs(jacobian[2]) > _LEAST_LIFT]
     return set(joints[mjm.jnt_type[joints] != mujoco.mjtJoint.mjJNT_FREE].tolist())

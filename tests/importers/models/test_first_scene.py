@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import mujoco
+import numpy as np
 import pytest
 from ruamel.yaml import YAML
 
@@ -39,6 +41,14 @@ def test_free_bodies_stand_on_what_is_beneath_them(tmp_path: Path):
     assert "table: 0.6 x 0.8 m, 0.48 m2" in text
 
 
+def test_three_slides_and_three_hinges_are_a_free_body(tmp_path: Path):
+    """It gets an entry as bodies with a freejoint do."""
+    joints = [f'<joint type="{t}" axis="{i}"/>' for t in ("slide", "hinge") for i in ("1 0 0", "0 1 0", "0 0 1")]
+    two = '<joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 1 0"/>'
+    scene = first_scene(model(tmp_path, TABLE.replace(two, "".join(joints))))
+    assert scene.words()["objects"]["pin"] == {"on": "table", "ratio_on_support": 1}
+
+
 def test_what_stands_on_something_that_is_commented_out_is_too(tmp_path: Path):
     """Each with its reason."""
     scene = first_scene(model(tmp_path, TABLE))
@@ -60,18 +70,22 @@ def test_a_robot_is_named_with_its_tool(tmp_path: Path):
     assert "no body with a freejoint" in scene.text()
 
 
-def test_a_robot_without_a_name_is_a_comment(tmp_path: Path):
-    """It says what mends it."""
-    scene = first_scene(model(tmp_path, arm(FINGERS).replace('<body name="base">', "<body>")))
-    assert "robot" not in scene.words()
-    assert "Its root body has no name. Give it one." in scene.text()
-
-
-def test_a_body_without_a_name_is_a_comment(tmp_path: Path):
-    """A scene could not name it."""
-    scene = first_scene(model(tmp_path, TABLE.replace('<body name="ball"', "<body")))
-    assert list(scene.words()["objects"]) == ["can", "a", "top"]
-    assert "has no name. Give it one." in scene.text()
+def test_what_has_no_name_is_named_by_its_place(tmp_path: Path):
+    """The root of a robot, a free body, the ground, and the only keyframe, which is the start pose."""
+    robot = first_scene(model(tmp_path, arm(FINGERS).replace('<body name="base">', "<body>"))).words()["robot"]
+    assert robot["in_model"] == "body_1"
+    xml = TABLE.replace('<body name="ball"', "<body").replace('<geom name="ground"', "<geom")
+    mjm = mujoco.MjModel.from_xml_string(xml)
+    qpos = mjm.qpos0 + np.where(np.arange(mjm.nq) == 0, 0.01, 0.0)
+    key = f'<keyframe><key qpos="{" ".join(map(str, qpos))}"/></keyframe></mujoco>'
+    scene = first_scene(model(tmp_path, xml.replace("</mujoco>", key)))
+    ball = next(name for name in scene.words()["objects"] if name.startswith("body_"))
+    assert scene.words()["objects"][ball]["on"] == "geom_0"
+    assert scene.words()["home"] == "key_0"
+    built = build_model(SceneConfig.load(scene.words()))
+    assert built.home_qpos.tolist() == qpos.tolist()
+    assert mjm.geom_type[mjm.body_geomadr[built.bodies[ball]]] == mujoco.mjtGeom.mjGEOM_SPHERE
+    assert built.support("geom_0", "").geom == 0
 
 
 def test_the_start_pose_is_a_home_of_an_attached_model(tmp_path: Path):

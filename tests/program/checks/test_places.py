@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import SceneKeyError
-from sceniris_gym.program.checks.places import check_parking
+from sceniris_gym.errors import NotSupportedError, SceneKeyError
+from sceniris_gym.program.checks.places import check_parking, check_rough_shapes
 from sceniris_gym.program.compiled import upload_scene
 from sceniris_gym.program.plan import build_plan
 from sceniris_gym.scene.build import build_model
@@ -225,3 +225,40 @@ def test_without_groups_anything_may_stand_there(tmp_path: Path):
     """Nothing is parked, so nothing is in the way."""
     tower = {"asset": write_mjcf(tmp_path, "tower", '<geom type="box" size="1 1 1" pos="41 41 1"/>'), "kind": "static"}
     _check(_scene(tmp_path, {"tower": tower}, {}))
+
+
+HILLS = '<asset><hfield name="hills" nrow="2" ncol="2" size=".5 .5 .1 .1" elevation="0 1 0 1"/></asset>'
+HILL = '<geom name="hill" type="hfield" hfield="hills" pos="{} 0 0"/>'
+FLAG = """<body name="pole" pos="{} 0 0.1"><flexcomp name="flag" type="grid" count="3 3 1" spacing=".05 .05 .05" dim="2"
+  rigid="true" radius=".005" mass=".1"><contact selfcollide="none"/></flexcomp></body>"""
+
+
+@pytest.mark.parametrize("geometry", ["physics", "visual"])
+@pytest.mark.parametrize(
+    ("shape", "at", "says"),
+    [(HILL, 0.3, "geom 'hill': a hfield"), (HILL, 0.95, "geom 'hill': a hfield"), (HILL, 1.6, None)]
+    + [(FLAG, 0.3, "flex 'flag': a soft body"), (FLAG, 1.0, None)],
+)
+def test_what_is_no_obstacle_is_refused_near_placed_objects(
+    tmp_path: Path, geometry: str, shape: str, at: float, says: str | None
+):
+    """The crate stays on the floor, and MuJoCo finds no contact in the place where it is nearest."""
+    body = shape.format(at) + "</worldbody>" + HILLS + "<worldbody>"
+    if says is not None:
+        with pytest.raises(NotSupportedError, match=rf"{says} cannot be an obstacle\. Use .*, or keep objects\.crate"):
+            _upload(tmp_path, body, {"crate": {"on": "floor"}}, geometry=geometry)
+        return
+    _upload(tmp_path, body, {"crate": {"on": "floor"}}, geometry=geometry)
+    mjm = mujoco.MjModel.from_xml_path(str(tmp_path / "own.xml"))
+    data = mujoco.MjData(mjm)
+    data.qpos[:3] = 0.5, 0.0, 0.05
+    mujoco.mj_forward(mjm, data)
+    assert data.ncon == 0
+
+
+def test_a_height_field_that_layouts_move_is_refused_with_the_key_of_its_asset(tmp_path: Path):
+    """However far away the other objects are."""
+    land = write_mjcf(tmp_path, "land", '<geom name="hill" type="hfield" hfield="hills"/>', HILLS)
+    objects = {"land": {"asset": land, "region": {"box": [[9, 9, 9], [10, 10, 10]]}}}
+    with pytest.raises(NotSupportedError, match=r"objects\.land\.asset: geom '.*hill': a hfield cannot be an obstacle"):
+        check_rough_shapes(build_plan(_scene(tmp_path, objects, {})))

@@ -174,6 +174,32 @@ def test_what_balances_on_a_curved_foot_is_refused(case: str):
         checked(scene)
 
 
+def _can(degrees: float) -> str:
+    """Return a can of 6.6 x 10 cm, the bottom of which is cut off at an angle."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
+    ring = 0.033 * np.column_stack([np.cos(angle), np.sin(angle)])
+    low, high = ring[:, 0] * np.tan(np.radians(degrees)), np.full(48, 0.1)
+    vertex = " ".join(f"{v:.6f}" for end in (low, high) for v in np.column_stack([ring, end]).ravel())
+    asset = f'<mujoco><asset><mesh name="can" vertex="{vertex}"/></asset>'
+    return BODY.format(geom='type="mesh" mesh="can"', inertial="", z=0.0).replace("<mujoco>", asset)
+
+
+@pytest.mark.parametrize(("degrees", "stays"), [(4.0, True), (6.0, True), (12.0, False)])
+def test_what_rocks_to_rest_within_a_centimetre_stands(degrees: float, stays: bool):
+    """A can with a slanted bottom is taken if it moves by less than 1 cm in MuJoCo C, and else refused."""
+    spec = mujoco.MjSpec.from_string(_can(degrees))
+    mjm = spec.compile()
+    start = mjm.qpos0.copy()
+    start[2] += 0.0005 + 0.033 * np.tan(np.radians(degrees))
+    assert (StackJudge(mjm).moves(start, np.zeros((0, 3)), np.zeros((0, 4))).max() <= STILL) == stays
+    scene = scene_of({"thing": {"on": "floor"}}, model=spec)
+    with nullcontext() if stays else pytest.raises(SceneKeyError, match=r"'thing' (rolls|falls) over"):
+        checked(scene)
+    scene = scene_of({"thing": {"on": "floor"}, "lid": {"asset": "can", "on": "thing"}}, model=spec)
+    with pytest.raises(SceneKeyError, match=r"'thing' (rolls|falls) over"):  # it would throw the can off
+        checked(scene)
+
+
 LOOSE = """<mujoco><worldbody><geom name="floor" type="plane" size="3 3 .1"/>
   <body name="post" pos="0 0 .1"><geom name="post" type="cylinder" size=".05 .1"/></body>
   <body name="bench" pos="1 0 .1">{joint}<geom name="bench" type="box" size=".2 .2 .1"/></body>
