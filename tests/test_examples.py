@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import ast
 import json
-import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -25,13 +22,14 @@ SCRIPTS = sorted(EXAMPLES.glob("*.py"))
 
 @pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.stem)
 def test_an_example_is_short_and_has_a_test(path: Path):
-    """Less than 60 lines, except for all of PPO; a first line that says what it shows; a test in this file."""
+    """Less than 60 lines, except for all of PPO; a first line that says what it shows; a test here or of ranks."""
     text = path.read_text()
     doc = ast.get_docstring(ast.parse(text))
     assert doc is not None
     assert len(doc.splitlines()[0]) < 120
     assert len(text.splitlines()) < (74 if path.stem == "06_own_ppo" else 60)
-    assert f'load("{path.stem}")' in Path(__file__).read_text()
+    tests = Path(__file__).with_name("vector") / "test_ranks.py" if path.stem == "08_all_gpus" else Path(__file__)
+    assert path.stem in tests.read_text()
 
 
 @pytest.mark.slow
@@ -143,58 +141,6 @@ def test_stable_baselines_trains_and_is_judged(tmp_path: Path, capsys: pytest.Ca
     assert re.search(r"\n480 steps: return -?\d\.\d+, success 0\.00; reaching \d\.\d+, hovering", out)
     assert re.search(r"\nafter: return -?\d\.\d+ \+- \d\.\d+, success [01]\.\d+", out)
     assert {path.name for path in tmp_path.iterdir()} == {"model.zip", "normalize.pkl"}
-
-
-TWO = """
-import importlib.util, json, os, sys
-import torch
-from rsl_rl.runners import OnPolicyRunner
-
-
-def configure(self):  # as rsl-rl does with NCCL, which there is none of on a CPU
-    self.is_distributed, self.gpu_world_size = True, int(os.environ["WORLD_SIZE"])
-    self.gpu_local_rank, self.gpu_global_rank = int(os.environ["LOCAL_RANK"]), int(os.environ["RANK"])
-    self.cfg["multi_gpu"] = {"global_rank": self.gpu_global_rank, "local_rank": self.gpu_local_rank, "world_size": 2}
-    torch.distributed.init_process_group("gloo")
-
-
-def learn(self, *args, **kwargs):
-    learned(self, *args, **kwargs)
-    weights = torch.cat([p.flatten() for p in self.alg.actor.parameters()]).double().sum().item()
-    seeds = self.env.unwrapped.state.seed.tolist()
-    found = [None, None]
-    torch.distributed.all_gather_object(found, (weights, seeds, self.logger.writer is not None))
-    if self.gpu_global_rank == 0:
-        with open(sys.argv[3], "w") as file:  # the other process writes to the same standard output
-            json.dump(found, file)
-
-
-learned, OnPolicyRunner.learn, OnPolicyRunner._configure_multi_gpu = OnPolicyRunner.learn, learn, configure
-spec = importlib.util.spec_from_file_location("example", sys.argv[1])
-example = importlib.util.module_from_spec(spec)
-spec.loader.exec_module(example)
-example.main(num_envs=3, iterations=2, device="cpu", out=sys.argv[2])
-"""
-
-
-@pytest.mark.slow
-def test_two_processes_train_one_policy_on_layouts_of_their_own(tmp_path: Path):
-    """As `load("08_all_gpus")` runs under torchrun, with gloo in place of NCCL; one of them writes."""
-    pytest.importorskip("rsl_rl")
-    script, out, found = tmp_path / "two.py", tmp_path / "out", tmp_path / "found.json"
-    script.write_text(TWO)
-    command = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2", str(script)]
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(Path.cwd()), os.environ.get("PYTHONPATH", "")])}
-    command += [str(EXAMPLES / "08_all_gpus.py"), str(out), str(found)]
-    done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=400, check=False)
-    assert done.returncode == 0, done.stderr[-2000:]
-    (weights, seeds, writes), (others, other_seeds, other_writes) = json.loads(found.read_text())
-    assert weights == others
-    assert (seeds, other_seeds) == ([0, 1, 2], [2**40, 2**40 + 1, 2**40 + 2])
-    assert (writes, other_writes) == (True, False)
-    names = [path.name for path in out.iterdir()]
-    assert sorted(name for name in names if name.endswith(".pt")) == ["model_0.pt", "model_1.pt"]
-    assert sum("tfevents" in name for name in names) == 1
 
 
 @pytest.mark.slow

@@ -32,7 +32,21 @@ CLAUSES = {"What", "Where", "Whether", "How", "Who", "That", "Which"}
 
 def functions(path: Path) -> Iterator[ast.FunctionDef]:
     """Yield the functions and methods of a module, those inside of others too."""
-    return (node for node in ast.walk(tree_of(path)) if isinstance(node, ast.FunctionDef))
+    return (node for node in statements(tree_of(path)) if isinstance(node, ast.FunctionDef))
+
+
+def inside(node: ast.AST) -> Iterator[ast.AST]:
+    """Yield the statements right inside of a node, and its handlers and cases. Expressions have none."""
+    for name in ("body", "orelse", "finalbody", "handlers", "cases"):
+        found = getattr(node, name, ())
+        yield from found if isinstance(found, list) else ()
+
+
+def statements(node: ast.AST) -> Iterator[ast.AST]:
+    """Yield a node and the statements in it, those inside of others too."""
+    yield node
+    for inner in inside(node):
+        yield from statements(inner)
 
 
 def is_kernel(node: ast.AST) -> bool:
@@ -78,8 +92,8 @@ def state(path: Path) -> Iterator[str]:
 
 def loops(node: ast.AST) -> int:
     """Return how many loops stand inside one another, those of functions inside not counted."""
-    inside = [loops(child) for child in ast.iter_child_nodes(node) if not isinstance(child, ast.FunctionDef)]
-    return max(inside, default=0) + isinstance(node, ast.For | ast.While)
+    deepest = max((loops(child) for child in inside(node) if not isinstance(child, ast.FunctionDef)), default=0)
+    return deepest + isinstance(node, ast.For | ast.While)
 
 
 def test_tests_mirror_the_source():
@@ -120,7 +134,7 @@ def test_first_lines_are_sentences_about_the_thing():
     """No docstring opens with a relative clause, or asks a question."""
     offenders = []
     for path in (path for folder in DOCUMENTED for path in sorted((ROOT / folder).rglob("*.py"))):
-        for node in ast.walk(tree_of(path)):
+        for node in statements(tree_of(path)):
             if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and (doc := ast.get_docstring(node)):
                 first = doc.splitlines()[0]
                 if first.split()[0].strip(",") in CLAUSES or first.endswith("?"):

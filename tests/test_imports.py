@@ -137,19 +137,30 @@ def test_the_audit_shares_no_code_with_the_generator():
 
 
 @pytest.fixture(scope="module")
-def loaded() -> list[set[str]]:
-    """Return the modules that a fresh interpreter has after each step: the package, layouts, a reset."""
-    steps = (
-        "import sys, sceniris_gym",
-        "from sceniris_gym import LayoutGenerator, ResetRandomizer, compile_scene, make_worlds;"
-        "compiled = compile_scene({'objects': {}}, 'cpu');"
-        "generator = LayoutGenerator(compiled, 2); generator.generate();"
-        "generator.layouts.ids('train'), generator.rejection_counts(), generator.table()",
-        "ResetRandomizer(compiled, *make_worlds(compiled, 2)).reset([1])",
-    )
-    code = "".join(f"{step}\nprint('\\nloaded:', *sys.modules)\n" for step in steps)
+def told() -> list[str]:
+    """Return what a fresh interpreter tells: its modules with the package, layouts, a reset; and reads of old names."""
+    code = """
+import sys, sceniris_gym
+print("\\ntold:", *sys.modules)
+from sceniris_gym import LayoutGenerator, LevelReplay, ResetRandomizer, compile_scene, errors, make_worlds
+compiled = compile_scene({"objects": {}}, "cpu")
+generator = LayoutGenerator(compiled, 2)
+generator.generate()
+generator.layouts.ids("train"), generator.rejection_counts(), generator.table()
+print("\\ntold:", *sys.modules)
+ResetRandomizer(compiled, *make_worlds(compiled, 2)).reset([1])
+print("\\ntold:", *sys.modules)
+LevelReplay(alpha=0.5)
+print("\\ntold:", errors.old_names.cache_info())
+"""
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    return [set(line.split()) for line in out.splitlines() if line.startswith("loaded:")]
+    return [line for line in out.splitlines() if line.startswith("told:")]
+
+
+@pytest.fixture
+def loaded(told: list[str]) -> list[set[str]]:
+    """Return the modules that a fresh interpreter has after each step: the package, layouts, a reset."""
+    return [set(line.split()) for line in told[:3]]
 
 
 def test_importing_the_package_loads_nothing_heavy(loaded: list[set[str]]):
@@ -160,12 +171,12 @@ def test_importing_the_package_loads_nothing_heavy(loaded: list[set[str]]):
 
 
 def test_public_modules_are_attributes_of_the_package():
-    """Each is imported on first use. Those of adapters need their libraries."""
-    modules = [module for module in MODULES if module]
-    names = ", ".join(f"s.{module}" for module in modules if "." not in module)
-    assert {f"sceniris_gym.{module}" for module in modules if "." not in module} <= loaded_by(
-        f"import sceniris_gym as s; {names}, s.adapters.rsl_rl, s.adapters.sb3"
-    )
+    """Each is imported when its package is asked for it. Those of adapters need their libraries."""
+    modules = [module for module in MODULES if module not in ("", "errors") and "." not in module]
+    assert sceniris_gym.errors is errors  # at once
+    for module in ("adapters", *modules, "adapters.rsl_rl", "adapters.sb3"):
+        parent, _, name = f"sceniris_gym.{module}".rpartition(".")
+        assert vars(sys.modules[parent])["__getattr__"](name) is sys.modules[f"{parent}.{name}"]
 
 
 def test_scenes_and_layouts_are_made_without_torch(loaded: list[set[str]]):
@@ -181,17 +192,27 @@ def test_a_randomizer_resets_without_torch(loaded: list[set[str]]):
     assert "torch" not in loaded[2]
 
 
+def test_old_names_are_read_when_one_is_asked_for(told: list[str]):
+    """Not by imports, nor by public names and calls with keywords."""
+    assert "misses=0" in told[3]
+
+
 def test_a_second_start_imports_what_it_uses(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """A scene from the cache needs no meshes, hulls or graphs, which take most of a second to import."""
+    """A scene from the cache needs no meshes, hulls or graphs, which take most of a second to import.
+
+    Its key is the same in another process, which writes no second scene.
+    """
     monkeypatch.setenv("SCENIRIS_GYM_CACHE", str(tmp_path))
     sceniris_gym.compile_scene("tabletop_lift", "cpu")
-    assert list(tmp_path.rglob("*.npz"))
+    kept = sorted(tmp_path.rglob("*.npz"))
     second = loaded_by(
         "import sceniris_gym.vector.vector_env; import sceniris_gym;"
         "sceniris_gym.LayoutGenerator(sceniris_gym.compile_scene('tabletop_lift', 'cpu'), 2)"
     )
     assert "mujoco_warp" in second
     assert not second & {"trimesh", "scipy", "networkx", "matplotlib", "PIL"}
+    assert kept
+    assert kept == sorted(tmp_path.rglob("*.npz"))
 
 
 @pytest.mark.parametrize("collecting", [True, False])

@@ -172,19 +172,40 @@ def test_the_console_script_is_installed(python: Path, tmp_path: Path):
         assert command in said
 
 
+COMMANDS = """
+import json, runpy, sys
+import sceniris_gym
+import sceniris_gym.training.settings
+
+program, lines = sys.argv[1:]
+for words in json.loads(lines):
+    sys.argv = [program, *words]
+    try:
+        runpy.run_path(program, run_name="__main__")
+    except SystemExit as end:
+        assert not end.code, end.code
+    print("\\0", end="", flush=True)
+print(sceniris_gym.__file__, sceniris_gym.training.settings.source_hash())
+"""
+
+
 @pytest.mark.slow
 def test_the_wheel_alone_makes_layouts_trains_and_evaluates(python: Path, tmp_path: Path):
-    """`demo`, and a small training and evaluation of a task that lies where the program is started."""
+    """`demo`, and a small training and evaluation of a task that lies where the program is started.
+
+    One process runs the console script three times, since most of each would be imports.
+    """
     pytest.importorskip("rsl_rl")
-    program, task = python.parent / "sceniris-gym", write_task(tmp_path, "own_task_of_the_wheel")
-    figures = json.loads(run(program, "demo", "--device", "cpu", "--out", "demo.png", "--json", cwd=tmp_path))
+    task = write_task(tmp_path, "own_task_of_the_wheel")
+    demo = ["demo", "--device", "cpu", "--out", "demo.png", "--json"]
+    train = ["train", task, *SMALL, "--out", "run", "--json"]
+    evaluate = ["evaluate", "run", "--task", task, "--layouts", "3", "--device", "cpu"]
+    program = str(python.parent / "sceniris-gym")
+    said = run(python, "-c", COMMANDS, program, json.dumps([demo, train, evaluate]), cwd=tmp_path).split("\0")
+    figures, trained = json.loads(said[0]), json.loads(said[1])
     assert (figures["valid"], (tmp_path / "demo.png").is_file()) == (1.0, True)
-    trained = json.loads(run(program, "train", task, *SMALL, "--out", "run", "--json", cwd=tmp_path))
     assert (trained["task"], trained["valid"]["layouts"]) == (task, 3)
-    words = ("--task", task, "--layouts", "3", "--device", "cpu")
-    said = run(program, "evaluate", "run", *words, cwd=tmp_path)
-    assert [line.split(": ")[0] for line in said.splitlines()] == ["valid", "unfiltered"]
-    code = "import sceniris_gym as s, sceniris_gym.training.settings as h; print(s.__file__, h.source_hash())"
-    file, sources = run(python, "-c", code, cwd=tmp_path).split()
+    assert [line.split(": ")[0] for line in said[2].splitlines()] == ["valid", "unfiltered"]
+    file, sources = said[3].split()
     assert Path(file).is_relative_to(python.parents[1])
     assert sources == source_hash()

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import pickle
 import re
-import subprocess
-import sys
 from collections.abc import Callable
 from copy import copy
 from dataclasses import fields
@@ -251,13 +249,6 @@ def test_random_numbers_without_a_name_are_refused_by_uniform(arguments: tuple[f
     """A name is a string."""
     with pytest.raises(ArgumentTypeError, match=r"name should be a string, got 3\. Call uniform\(n, low, high\)"):
         object.__new__(State).random(*arguments)  # type: ignore[arg-type]
-
-
-def test_old_names_are_read_when_one_is_asked_for():
-    """Not by imports, nor by public names and calls with keywords."""
-    code = "from sceniris_gym import LevelReplay, errors; LevelReplay(alpha=0.5); print(errors.old_names.cache_info())"
-    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    assert "misses=0" in said
 
 
 def test_the_old_names_of_the_changelog_are_refused():

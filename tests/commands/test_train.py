@@ -15,7 +15,7 @@ import torch
 
 pytest.importorskip("rsl_rl")
 
-from sceniris_gym import cli
+from sceniris_gym import cli, commands
 from tests.training.scenes import SMALL, write_task
 
 
@@ -81,14 +81,21 @@ def test_what_cannot_be_trained_is_refused(
     assert not (tmp_path / "run").exists()
 
 
-def test_a_missing_library_is_said_with_its_extra(tmp_path: Path):
+def test_a_missing_library_is_said_with_its_extra(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture
+):
     """Without rsl-rl the command ends with the extra to install."""
-    program = "import sys; sys.modules['rsl_rl'] = None; from sceniris_gym.__main__ import main; main()"
-    words = [sys.executable, "-c", program, "train", "DrawerPick-v0", "--out", str(tmp_path), "--device", "cpu"]
-    ended = subprocess.run(words, capture_output=True, text=True, check=False)
-    assert (ended.returncode, ended.stdout) == (2, "")
+    importers = ("commands.train", "training.train", "training.runner", "training.judging", "adapters.rsl_rl")
+    for name in [name for name in sys.modules if name.partition(".")[0] == "rsl_rl"]:
+        monkeypatch.delitem(sys.modules, name)
+    for name in (f"sceniris_gym.{importer}" for importer in importers):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    monkeypatch.delattr(commands, "train", raising=False)
+    monkeypatch.setitem(sys.modules, "rsl_rl", None)
+    with pytest.raises(SystemExit) as stop:
+        cli.main(["train", "DrawerPick-v0", "--out", str(tmp_path), "--device", "cpu"])
     expected = "error: rsl_rl is not installed. Install the extra: pip install 'sceniris-gym[rsl-rl]'.\n"
-    assert without_warp(ended.stderr) == expected
+    assert (stop.value.code, *capfd.readouterr()) == (2, "", expected)
 
 
 @pytest.mark.slow

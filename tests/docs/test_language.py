@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,6 @@ from PIL import Image
 
 from docs.examples import FOLDER, PAGES, TEXT_KEY, Example, read_examples
 from docs.seen import View
-from sceniris_gym import errors
 from sceniris_gym.config.groups import GroupConfig, StackConfig
 from sceniris_gym.config.objects import JointConfig, ObjectConfig, RegionConfig
 from sceniris_gym.config.orientation import Orientation, Stable
@@ -25,6 +25,7 @@ from sceniris_gym.config.scene_words import CameraConfig, Floor
 from sceniris_gym.program.checks import oddities
 from sceniris_gym.program.device import Cause
 from tests.oracle.hostile_judge import KICK
+from tests.sources import PACKAGE, tree_of
 
 EXAMPLES = read_examples(*PAGES)
 TEXT = "".join(page.read_text(encoding="utf-8") for page in PAGES)
@@ -111,20 +112,26 @@ def _rows(text: str) -> list[str]:
     return re.findall(r"^\| (?!what)[^\n]*", text, re.MULTILINE)
 
 
-def _raised() -> Iterator[tuple[Path, str, str, str]]:
+@cache
+def _raised() -> list[tuple[Path, str, str, str]]:
     """The file, its function, the name and the words of every error that is raised, or that makes its words itself."""
-    assert errors.__file__ is not None
-    package = Path(errors.__file__).parent
-    for path in package.rglob("*.py"):
-        file = path.relative_to(package)
-        for top in ast.parse(path.read_text(encoding="utf-8")).body:
+    return list(_each_raised())
+
+
+def _each_raised() -> Iterator[tuple[Path, str, str, str]]:
+    for path in PACKAGE.rglob("*.py"):
+        file = path.relative_to(PACKAGE)
+        for top in tree_of(path).body:
             of = top.name if isinstance(top, ast.FunctionDef | ast.ClassDef) else ""
             for node in ast.walk(top):
                 if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call):
                     name = ast.unparse(node.exc.func)
                     yield file, of, name, "" if name in OWN_WORDS else _texts(node.exc)
                 elif isinstance(node, ast.FunctionDef):
-                    for made in (name for name in OWN_WORDS if f"{name}(" in ast.unparse(node)):
+                    called = {
+                        n.func.id for n in ast.walk(node) if isinstance(n, ast.Call) and isinstance(n.func, ast.Name)
+                    }
+                    for made in OWN_WORDS & called:
                         yield file, of, made, _texts(*node.body[1:])  # without the docstring
 
 

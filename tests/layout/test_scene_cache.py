@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import subprocess
-import sys
 import warnings
 from dataclasses import replace
 from pathlib import Path
@@ -92,14 +90,6 @@ def test_grasps_and_gripper_are_the_same(folder: Path, only_read: Any):
     assert repr(second.arms[0].gripper) == repr(first.arms[0].gripper)
     assert second.arms[0].arm.hash == first.arms[0].arm.hash
     assert [type(t.tier) for t in second.targets] == [type(t.tier) for t in first.targets]
-
-
-def test_another_process_finds_it(folder: Path, only_read: Any):
-    """A key is the same in every process."""
-    code = "from sceniris_gym import compile_scene; compile_scene('mid', 'cpu')"
-    subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, env=dict(os.environ))
-    only_read()
-    assert compile_scene("mid", "cpu").attempts == 10
 
 
 def _model(**words: Any):

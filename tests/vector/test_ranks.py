@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -12,43 +13,57 @@ import pytest
 
 from sceniris_gym.vector.ranks import Rank
 
-SCRIPT = """
-import json, sys
-import torch.distributed as dist
-from sceniris_gym.vector.vector_env import SceneVectorEnv
-from tests.vector.conftest import SCENE, Reach
+ROOT = Path(__file__).parents[2]
 
-dist.init_process_group("gloo")
-envs = SceneVectorEnv(Reach, 8, scene={**SCENE, "bank": 1}, device="cpu")
-rows = []
-for _ in range(2):
-    _, info = envs.reset(seed=0)
-    rows.append(envs.randomizer.layouts.qpos.cpu().numpy().tolist())
-    assert envs.np_random_seed == 0
-assert rows[0] == rows[1]
-found = [None] * dist.get_world_size()
-dist.all_gather_object(found, (info["layout"]["seed"].tolist(), rows[0]))
-if dist.get_rank() == 0:
-    seeds = [seed for part, _ in found for seed in part]
-    layouts = {tuple(row) for _, part in found for row in part}
-    with open(sys.argv[1], "w") as file:  # the other process writes to the same standard output
-        json.dump([seeds, len(layouts)], file)
-dist.destroy_process_group()
-"""
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """Return the folder of what two processes found, as torchrun starts them, and their standard error."""
+    pytest.importorskip("rsl_rl")
+    folder = tmp_path_factory.mktemp("two")
+    command = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2"]
+    command += ["-m", "tests.vector.two_processes", str(folder)]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=400, check=False)
+    assert done.returncode == 0, done.stderr[-2000:]
+    return folder, done.stderr
 
 
 @pytest.mark.slow
-def test_two_processes_share_no_layout_and_make_theirs_again(tmp_path: Path):
-    """As torchrun starts them, with seed 0 in both, over gloo."""
-    script, found = tmp_path / "two.py", tmp_path / "found.json"
-    script.write_text(SCRIPT)
-    command = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2", str(script)]
-    command.append(str(found))
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(Path.cwd()), os.environ.get("PYTHONPATH", "")])}
-    done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=240, check=False)
-    assert done.returncode == 0, done.stderr[-2000:]
-    assert json.loads(found.read_text()) == [[*range(8), *range(2**40, 2**40 + 8)], 16]
-    assert "rank 1 of 2" in done.stderr
+def test_two_processes_share_no_layout_and_make_theirs_again(trained: tuple[Path, str]):
+    """With seed 0 in both."""
+    folder, said = trained
+    assert json.loads((folder / "shared.json").read_text()) == [[*range(8), *range(2**40, 2**40 + 8)], 16]
+    assert "rank 1 of 2" in said
+
+
+@pytest.mark.slow
+def test_two_processes_train_one_policy_on_layouts_of_their_own(trained: tuple[Path, str]):
+    """By the example of rsl-rl; one of them writes."""
+    (weights, seeds, writes), (others, other_seeds, other_writes) = json.loads(
+        (trained[0] / "example.json").read_text()
+    )
+    assert weights == others
+    assert (seeds, other_seeds) == ([0, 1, 2], [2**40, 2**40 + 1, 2**40 + 2])
+    assert (writes, other_writes) == (True, False)
+    names = [path.name for path in (trained[0] / "example").iterdir()]
+    assert sorted(name for name in names if name.endswith(".pt")) == ["model_0.pt", "model_1.pt"]
+    assert sum("tfevents" in name for name in names) == 1
+
+
+@pytest.mark.slow
+def test_two_processes_are_measured(trained: tuple[Path, str], tmp_path: Path):
+    """They take twice the steps, have equal weights at the end, and share no layout; one of them writes."""
+    from benchmarks.many_gpus import report
+
+    assert [path.name for path in (trained[0] / "measured").iterdir()] == ["trained_2.json"]
+    found = json.loads(Path(shutil.copy(trained[0] / "measured" / "trained_2.json", tmp_path)).read_text())
+    assert (found["processes"], found["layouts"], found["layouts_shared"]) == (2, 600, 0)
+    assert found["weights_differ_by"] == 0.0
+    assert 0.0 < found["exchange_share"] < 1.0
+    report(tmp_path)
+    assert json.loads((tmp_path / "many_gpus.json").read_text())["training"][0]["ratio"] == 2.0
+    assert (tmp_path / "many_gpus.png").stat().st_size > 5000
 
 
 def test_a_process_by_itself_changes_nothing(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
