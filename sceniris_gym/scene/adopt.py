@@ -43,9 +43,11 @@ def named_by_place(spec: mujoco.MjSpec) -> mujoco.MjSpec:
     """
     for kind, elements in (("key", spec.keys), ("body", spec.bodies), ("geom", spec.geoms)):
         for i, element in enumerate(elements):
-            is_inside = kind != "key" and element.parent is not None and element.parent.name != "world"
-            if not (element.name or is_inside or getattr(spec, kind)(f"{kind}_{i}")):
-                element.name = f"{kind}_{i}"
+            # the world has a name, and no parent: MuJoCo 3.11 crashes if it is asked for one
+            if element.name or (kind != "key" and element.parent.name != "world"):
+                continue
+            if getattr(spec, kind)(name := f"{kind}_{i}") is None:
+                element.name = name
     return spec
 
 
