@@ -18,7 +18,7 @@ from sceniris_gym.audit.geometry import poses_of
 from sceniris_gym.layout.tables import make_table
 from sceniris_gym.layout.wave.points import NO_PIECE, PointCounter, arrival_key, arrival_time, piece_of
 from tests.layout.related import Shapes, scene
-from tests.oracle.regions import region
+from tests.oracle.regions import regions
 from tests.oracle.uniformity import spread_p_value, turned_back
 
 N = 1200
@@ -64,9 +64,7 @@ class Drawn:
         relations = self.compiled.config.objects[name].relations
         areas = np.full(N, support)
         for r in relations:
-            areas = shapely.intersection(
-                areas, [region(r, self.seen[name], self.seen, i, self.under[name][i]) for i in range(N)]
-            )
+            areas = shapely.intersection(areas, regions(r, self.seen[name], self.seen, self.under[name]))
         points = self.seen[name].pivot[:, :2]
         heading = self.seen[relations[0].anchors[0]].heading
         return spread_p_value(points, areas), spread_p_value(*turned_back(points, areas, heading))
