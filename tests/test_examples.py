@@ -28,7 +28,7 @@ def test_an_example_is_short_and_has_a_test(path: Path):
     assert doc is not None
     assert len(doc.splitlines()[0]) < 120
     assert len(text.splitlines()) < (74 if path.stem == "06_own_ppo" else 60)
-    tests = Path(__file__).with_name("vector") / "test_ranks.py" if path.stem == "08_all_gpus" else Path(__file__)
+    tests = Path(__file__).with_name("vector") / "two_processes.py" if path.stem == "08_all_gpus" else Path(__file__)
     assert path.stem in tests.read_text()
 
 
