@@ -143,7 +143,7 @@ def _cut(path: Path) -> None:
 
 def _flip(path: Path) -> None:
     data = bytearray(path.read_bytes())
-    data[len(data) // 2] ^= 0xFF
+    data[data.index(b"program.vert.npy") + 400] ^= 0xFF  # a number, and not a date or a length, which nobody reads
     path.write_bytes(data)
 
 

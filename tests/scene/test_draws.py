@@ -274,7 +274,9 @@ ROOT = Path(__file__).parents[2] / "sceniris_gym"
 # Expressions that may name a model of their own: one at such ends, or what gets a row for each world.
 ENDLESS = {"ipos", "rgba", "bias", "delay", "wind"}
 LISTED = {
-    "program/checks/standing.py": {"model.opt.gravity", "model.dof_armature"},
+    "program/checks/standing.py": {"model.opt.gravity"},
+    "program/dropping.py": {"model.dof_armature"},
+    "grasping/linkage.py": {"mjm.jnt_stiffness"},  # only chooses among positions that close a loop
     "program/loads.py": {"windy.opt.wind", "windy.body_mass", "mjm.body_invweight0", "mjm.weights"},
     "program/pack/program.py": {"mjm.body_ipos", "mjm.weights"},
     "grasping/grip.py": {"alone.opt.gravity", "mjm.actuator_gainprm", "mjm.actuator_biasprm"},

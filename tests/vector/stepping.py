@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import re
 from collections.abc import Callable
 
@@ -40,6 +41,8 @@ def memory_of_a_world(make: Callable[[int], SceneVectorEnv], few: int = 64) -> t
     """
     told, taken, texts = [], [], []
     for num_envs in (few, 3 * few):
+        envs = None
+        gc.collect()  # what earlier tests left would be given back in between
         with wp.ScopedMemoryTracker(print=False, report_func=texts.append) as tracker:
             tracker.clear()
             envs = make(num_envs)
