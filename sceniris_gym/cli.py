@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from functools import partial, wraps
 from math import radians
 from pathlib import Path
-from typing import Annotated, Any, Literal, NoReturn, ParamSpec
+from typing import Annotated, Literal, ParamSpec
 
 import tyro
 
@@ -43,7 +43,7 @@ from sceniris_gym.errors import ArgumentError, NotSupportedError, ScenirisError,
 from sceniris_gym.files import check_picture, redirected, write_text
 from sceniris_gym.progress import shown
 from sceniris_gym.training.settings import CONFIG, Options
-from sceniris_gym.viewer.server import HOST, MOST_SHOWN, PORT, address, close_server, open_server
+from sceniris_gym.viewer.server import HOST, MOST_SHOWN, PORT, show_page
 
 P = ParamSpec("P")
 Port = Annotated[int, range(1, 1 << 16)]
@@ -345,7 +345,7 @@ def view(
     else:
         where = {"split": split or "train", "seed": seed, "episode": episode, "num": num_envs}
         make = partial(command.view_scene, scene=scene, changes=overrides, **where)
-    return _shown(make, scene or str(env), host, port, allow_origin)
+    return show_page(make, scene or str(env), host, port, allow_origin)
 
 
 def play(
@@ -363,23 +363,7 @@ def play(
     check_numbers(play, {"port": port})
     from sceniris_gym.viewer import command
 
-    return _shown(partial(command.play, name=name), name, host, port)
-
-
-def _shown(make: Callable[[Any], Any], name: str, host: str, port: int, origins: Sequence[str] = ()) -> NoReturn:
-    """Open a page, and show the view that `make` returns for it until Ctrl-C. Output of libraries goes to stderr."""
-    server = open_server(host, port, origins)
-    try:
-        print(address(server), flush=True)  # before any slow work
-        if server.get_port() != port:
-            print(f"Port {port} is in use, so the page is at port {server.get_port()}.", file=sys.stderr, flush=True)
-        print(f"Open the page in a browser to see '{name}'. Ctrl-C closes the page.", file=sys.stderr, flush=True)
-        with redirected(1, 2):
-            view = make(server)
-            while True:
-                view.tick()
-    finally:
-        close_server(server)
+    return show_page(partial(command.play, name=name), name, host, port)
 
 
 @_command

@@ -6,16 +6,18 @@ import contextlib
 import importlib.util
 import io
 import socket
+import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 from urllib.parse import urlsplit
 
 import numpy as np
 
 from sceniris_gym.collecting import uncollected
 from sceniris_gym.errors import ArgumentError, MissingExtraError
+from sceniris_gym.files import redirected
 
 if TYPE_CHECKING:
     import viser
@@ -64,6 +66,27 @@ def open_server(host: str = HOST, port: int = PORT, origins: Sequence[str] = ())
     server.gui.main_panel.dock_right()
     light(server)  # before the page draws, so that it never shows the shadows of viser's default lights
     return server
+
+
+def show_page(
+    make: Callable[[viser.ViserServer], Any], name: str, host: str, port: int, origins: Sequence[str] = ()
+) -> NoReturn:
+    """Open a page, and show the view that `make` returns for it until Ctrl-C. Output of libraries goes to stderr.
+
+    `name` is the name of the scene or task. The other arguments are as in `open_server`.
+    """
+    server = open_server(host, port, origins)
+    try:
+        print(address(server), flush=True)  # before any slow work
+        if server.get_port() != port:
+            print(f"Port {port} is in use, so the page is at port {server.get_port()}.", file=sys.stderr, flush=True)
+        print(f"Open the page in a browser to see '{name}'. Ctrl-C closes the page.", file=sys.stderr, flush=True)
+        with redirected(1, 2):
+            view = make(server)
+            while True:
+                view.tick()
+    finally:
+        close_server(server)
 
 
 def _check_host(host: str) -> None:

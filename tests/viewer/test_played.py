@@ -104,9 +104,9 @@ def test_a_page_shows_the_stored_layouts(file: Path, monkeypatch: pytest.MonkeyP
         raise InterruptedError
 
     monkeypatch.setattr("sceniris_gym.viewer.env_view.EnvView.tick", tick)
-    monkeypatch.setattr(cli, "close_server", lambda _: None)
+    monkeypatch.setattr("sceniris_gym.viewer.server.close_server", lambda _: None)
     with page() as server:
-        monkeypatch.setattr(cli, "open_server", lambda *_: server)
+        monkeypatch.setattr("sceniris_gym.viewer.server.open_server", lambda *_: server)
         with pytest.raises(InterruptedError):
             cli.play("tabletop_reach")
         (view,) = shown

@@ -261,7 +261,7 @@ def default_size(device: str) -> SearchSize:
 def suited_size(compiled: CompiledScene, nworld: int) -> SearchSize:
     """Return the default capacities for `nworld` worlds of a scene. On a GPU, many worlds get larger waves."""
     size = default_size(compiled.device)
-    if not wp.get_device(compiled.device).is_cuda:
+    if size is CPU_SIZE:
         return size
     doublings = sum(nworld >= least for least in _MANY_WORLDS)
     # with relations, most waves have few rows, and idle lanes and blocks only take time
