@@ -34,7 +34,7 @@ $(OLDEST_STAMP): constraints-oldest.txt $(STAMP)
 	echo "import site; site.addsitedir('$$(site $(BIN)/python)')" > "$$(site $(OLDEST)/bin/python)/rest.pth"
 	touch $@
 
-# Types take one core and the oldest versions wait for their installation: the suite runs beside what is left of them.
+# Lint and types take seconds, and the oldest versions wait for their installation: the suite runs beside what is left.
 test: $(STAMP)
 	+$(MAKE) --no-print-directory -j 2 lint types test-marked-oldest test-suite
 
@@ -59,7 +59,7 @@ lint: $(STAMP)
 	$(BIN)/ruff format --check .
 
 types: $(STAMP)
-	$(BIN)/pyright
+	$(BIN)/pyrefly check
 
 # The site, into site/: every warning is an error, so dead links and anchors are.
 docs: $(STAMP)

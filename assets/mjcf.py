@@ -24,7 +24,7 @@ def text(value: object) -> str:
         return " ".join(text(item) for item in value)
     if isinstance(value, bool):
         return "true" if value else "false"
-    number = f"{round(float(value), 12):.9g}"  # pyright: ignore[reportArgumentType]
+    number = f"{round(float(value), 12):.9g}"  # pyrefly: ignore[bad-argument-type]
     return "0" if number == "-0" else number
 
 

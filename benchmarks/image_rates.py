@@ -103,7 +103,8 @@ def rates(compiled: CompiledScene, case: str, options: Options) -> Iterator[dict
     """Yield a line for each look of the pictures of a case."""
     task, worlds, edge = case.split(":")
     plain = make(compiled, task, int(worlds), None)
-    action = 0.3 * torch.randn(plain.action_space.shape, device=plain.device).clamp(-1.0, 1.0)  # type: ignore[arg-type]
+    # pyrefly: ignore[no-matching-overload]
+    action = 0.3 * torch.randn(plain.action_space.shape, device=plain.device).clamp(-1.0, 1.0)
     everyone = torch.ones(int(worlds), dtype=torch.bool, device=plain.device)
     few = torch.arange(int(worlds), device=plain.device) % 100 == 0
     step = clock(plain, options, lambda: plain.step(action))
@@ -134,6 +135,7 @@ def rates(compiled: CompiledScene, case: str, options: Options) -> Iterator[dict
 def with_options(**options: Any) -> Iterator[None]:
     """Make contexts with other options of mujoco_warp's."""
     original = context.render_context
+    # pyrefly: ignore[bad-argument-type]
     context.render_context = lambda *args, **given: original(*args, **(given | options))
     try:
         yield
@@ -144,7 +146,7 @@ def with_options(**options: Any) -> Iterator[None]:
 @contextmanager
 def with_rows() -> Iterator[None]:
     """Let neighbouring threads take the pixels of a row rather than of a tile."""
-    original, context._TILE = context._TILE, (1 << 20, 1)
+    original, context._TILE = context._TILE, (1 << 20, 1)  # pyrefly: ignore[bad-assignment]
     try:
         yield
     finally:

@@ -88,7 +88,7 @@ def main(
             scale = scales[top_of(folder, source)].get(source.name, said)
             (outcome,) = import_folder([source], kept.parent, Options(scale=scale), jobs=1, seconds=seconds)
             found = {"mesh": str(source.relative_to(folder)), "scale": scale} | judged(outcome)
-            if "--shell" in found.get("refused", ""):  # as the refusal says
+            if "--shell" in (found.get("refused") or ""):  # as the refusal says
                 words = Options(scale=scale, shell=True)
                 (outcome,) = import_folder([source], kept.parent / "shell", words, jobs=1, seconds=seconds)
                 found["shell"] = judged(outcome)

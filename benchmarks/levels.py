@@ -166,7 +166,7 @@ def steps(
     words: dict[str, dict[str, Any]] = {"levels": {}, "levels_and_params": {"params": "*"}}
     words = {name: {"curriculum": LevelReplay(), "max_episode_steps": episode, **more} for name, more in words.items()}
     made = {name: make_env(task, num_envs, compiled, **more) for name, more in words.items()}
-    shape = (20, *made["levels"].action_space.shape)  # type: ignore[misc]
+    shape = (20, *made["levels"].action_space.shape)  # pyrefly: ignore[not-iterable]
     actions = (2.0 * torch.rand(shape, generator=random) - 1.0).to(made["levels"].device)
     begun, switches = torch.randint(episode, (num_envs,), generator=random), {}
     for name, envs in made.items():

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import mujoco
 import torch
 import tyro
-from mjlab.envs import ManagerBasedRlEnv  # pyright: ignore[reportMissingImports]
-from mjlab.tasks.manipulation.config.yam.env_cfgs import (  # pyright: ignore[reportMissingImports]
+from mjlab.envs import ManagerBasedRlEnv
+from mjlab.tasks.manipulation.config.yam.env_cfgs import (
     yam_multi_cube_seg_env_cfg,
 )
 

@@ -170,7 +170,7 @@ def begin(envs: SceneVectorEnv) -> None:
 def compare(variant: Variant, base: SceneVectorEnv, envs: SceneVectorEnv, options: Options) -> dict[str, Any]:
     """Let both take turns, and return what is known of them then."""
     random = torch.Generator().manual_seed(1)
-    shape = (options.rounds + 1, options.steps, *base.action_space.shape)  # type: ignore[misc]
+    shape = (options.rounds + 1, options.steps, *base.action_space.shape)  # pyrefly: ignore[not-iterable]
     actions = (2.0 * torch.rand(shape, generator=random) - 1.0).to(base.device)
     steps: dict[str, Step] = {"as it is": base.step, "variant": envs.step}
     if variant.whole:

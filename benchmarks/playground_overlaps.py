@@ -48,8 +48,8 @@ class Options:
 
 def task(arm: Path, worlds: int) -> dict[str, Any]:
     """Return the names of the page's program before it trains, with room for so many worlds."""
-    from etils import epath  # pyright: ignore[reportMissingImports]
-    from mujoco_playground._src import mjx_env  # pyright: ignore[reportMissingImports]
+    from etils import epath
+    from mujoco_playground._src import mjx_env
 
     mjx_env.MENAGERIE_PATH = epath.Path(arm)
     program = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)[1].partition("sizes = ")[0]
@@ -95,7 +95,7 @@ def starts_seen(env: Any, worlds: int) -> tuple[int, int]:
 def main(options: Options) -> None:
     """Print a line for each way to start, and the starts seen by each wrapper."""
     names = task(options.arm, options.worlds)
-    from mujoco_playground._src import wrapper  # pyright: ignore[reportMissingImports]
+    from mujoco_playground._src import wrapper
 
     from sceniris_gym.adapters.jax import LayoutFunction
 

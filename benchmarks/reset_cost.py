@@ -132,7 +132,7 @@ def play(options: Options, instances: Mapping[str, SceneVectorEnv]) -> dict[str,
     """Let the instances of a round take turns, and return the steps per second of each."""
     names, one = list(instances), next(iter(instances.values()))
     counted = options.turns * options.steps
-    shape = (options.episode + counted, *one.action_space.shape)  # type: ignore[misc]
+    shape = (options.episode + counted, *one.action_space.shape)  # pyrefly: ignore[not-iterable]
     random = torch.rand(shape, generator=torch.Generator().manual_seed(1))
     actions = (2.0 * random - 1.0).to(one.device)
     for envs in instances.values():

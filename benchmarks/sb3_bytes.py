@@ -35,11 +35,11 @@ def counted_bytes() -> Iterator[list[int]]:
         found.append(tensor.numel() * tensor.element_size())
         return original(tensor, *args, **kwargs)
 
-    torch.Tensor.cpu = cpu  # type: ignore[method-assign]
+    torch.Tensor.cpu = cpu
     try:
         yield found
     finally:
-        torch.Tensor.cpu = original  # type: ignore[method-assign]
+        torch.Tensor.cpu = original
 
 
 def timed(work: Callable[[], Any], device: torch.device) -> tuple[float, Any]:
@@ -61,7 +61,7 @@ def measure(env_id: str, num_envs: int, steps: int, episode: int, device: str | 
     envs.seed(0)
     envs.reset()
     inner.state.elapsed.copy_(torch.arange(num_envs) % episode)
-    action = np.zeros((num_envs, *envs.action_space.shape), np.float32)  # type: ignore[misc]
+    action = np.zeros((num_envs, *envs.action_space.shape), np.float32)  # pyrefly: ignore[not-iterable]
     envs.step(action)  # the first one loads kernels
     bare = sorted(timed(lambda: inner.step(action), inner.device)[0] for _ in range(steps))
     seconds, finished, copied = [], 0, 0

@@ -41,7 +41,7 @@ def main() -> None:
     compiled = upload_scene(build_model(words.scene), "cpu")
     layouts = Layouts.create(compiled, words.worlds, rows=SearchSize().rows)
     search = create_search(compiled, words.worlds, SearchSize())
-    parts = [("layouts", LayoutsView, layouts.view), ("search", Search, search)]
+    parts: list[tuple[str, Any, Any]] = [("layouts", LayoutsView, layouts.view), ("search", Search, search)]
     if (regions := create_regions(compiled, search.cause.shape[0])) is not None:
         parts.append(("regions", Regions, regions))
     total = 0

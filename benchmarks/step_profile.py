@@ -63,7 +63,8 @@ def main(options: Options) -> None:
     envs = make_env(options.task, options.num_envs, compiled)
     adapter = RslRlVecEnvWrapper(envs, seed=0)
     s, task = envs.state, envs.task
-    action = 0.3 * torch.randn(envs.action_space.shape, device=envs.device).clamp(-1.0, 1.0)  # type: ignore[arg-type]
+    # pyrefly: ignore[no-matching-overload]
+    action = 0.3 * torch.randn(envs.action_space.shape, device=envs.device).clamp(-1.0, 1.0)
     nobody = torch.zeros(options.num_envs, dtype=torch.bool, device=envs.device)
     some = torch.arange(options.num_envs, device=envs.device) % 200 == 0
     with torch.inference_mode():

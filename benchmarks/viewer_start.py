@@ -59,10 +59,11 @@ def start(scene: str, worlds: int) -> dict[str, float]:
     with served(scene, worlds) as (process, address, begun):
         times = {"address": time.perf_counter() - begun}
         page = address.rstrip("/").replace("http", "ws")
-        with connect(page, subprotocols=[f"viser-v{version('viser')}"], max_size=None) as socket:  # type: ignore[list-item]
+        # pyrefly: ignore[bad-argument-type]
+        with connect(page, subprotocols=[f"viser-v{version('viser')}"], max_size=None) as socket:
             received = socket.recv(timeout=_PATIENCE)
             times["first_message"] = time.perf_counter() - begun
-            while _WORLDS not in received:  # type: ignore[operator]
+            while _WORLDS not in received:  # pyrefly: ignore[unsupported-operation]
                 received = socket.recv(timeout=_PATIENCE)
             times["worlds"] = time.perf_counter() - begun
             times["cpu"] = cpu(process)

@@ -35,7 +35,8 @@ def as_colours(kind: str, values: np.ndarray) -> np.ndarray:
     if kind == "depth":
         grey = np.where(values > 0.0, 1.0 - (values - _NEAR) / (_FAR - _NEAR), 0.0)
         return np.repeat((255 * grey.clip(0.0, 1.0)).astype(np.uint8), 3, axis=3)
-    colours = (255 * np.array(matplotlib.colormaps[_PALETTE].colors)).astype(np.uint8)  # type: ignore[attr-defined]
+    # pyrefly: ignore[missing-attribute]
+    colours = (255 * np.array(matplotlib.colormaps[_PALETTE].colors)).astype(np.uint8)
     colours[0] = 245  # the background
     return colours[values[..., 0]]
 

@@ -92,7 +92,7 @@ class TabletopLift(Task):
     sim_config = SimConfig(nconmax=48, njmax=192)
     targets = tuple(GRASP_HEIGHTS)
     """Objects that can be chosen."""
-    objects = OBJECTS
+    objects: tuple[str, ...] = OBJECTS
     """All objects on the table. Objects that can be chosen come first."""
 
     def bind(self, s: State) -> None:

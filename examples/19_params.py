@@ -24,10 +24,11 @@ def main(num_envs: int = 1024, resets: int = 4, device: str | None = None) -> No
     base: Any = envs.unwrapped
     _, info = envs.reset(seed=0)
     widest = {name: values[0] for name, values in info["layout"]["params"].items()}
+    told, wanted = "", torch.empty(0)
     for k in range(1, resets + 1):
+        share = 0.5 + 0.5 * k / resets
         for name, box in widest.items():
             middle = 0.5 * (box[:2] + box[2:]).repeat(2)
-            share = 0.5 + 0.5 * k / resets
             base.set_param(name, torch.lerp(middle, box, share))
         envs.reset()
         at = torch.stack([base.state.pose(name)[:, :2] for name in THINGS])

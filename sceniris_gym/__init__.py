@@ -11,7 +11,7 @@ from sceniris_gym import errors, registration
 __version__ = "0.2.0.dev0"
 _MODULES = {"adapters", "cli", "config", "levels", "libero", "pictures", "reach"}  # `import *` leaves them out
 _public, __dir__, _names = lazy_loader.attach_stub(__name__, __file__)
-__all__ = [name for name in _names if name not in _MODULES]  # pyright: ignore[reportUnsupportedDunderAll]
+__all__ = [name for name in _names if name not in _MODULES]  # pyrefly: ignore[unresolvable-dunder-all]
 
 
 def _found(name: str) -> object:

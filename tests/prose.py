@@ -68,7 +68,7 @@ CLEAN = (
 LIST_MARK = re.compile(r"[-*+>] |\d+[.)] |#+ ")
 ENTRY = re.compile(rf"{LIST_MARK.pattern}|\*{{0,2}}\w+(?: \([^)]*\))?: ")
 NO_PROSE = ("|", ">>>", "...", "!!!", "???", "<", "#!", ".. ", "```", "~~~")
-DIRECTIVE = re.compile(r"#+ ?(?:!|%|---|===|(?:fmt|pragma|pylint|pyright|ruff|type):|noqa)")
+DIRECTIVE = re.compile(r"#+ ?(?:!|%|---|===|(?:fmt|pragma|pylint|pyrefly|ruff|type):|noqa)")
 ACCESSES = re.compile(r"# [A-Z]\w* (?:in|out|both): [\w*]+(?:[,;:]? [\w*]+)*[,;:]?$")
 
 Line = tuple[int, str]

@@ -252,4 +252,4 @@ def test_every_error_and_warning_is_of_one_base_each():
 def test_an_unknown_name_is_an_attribute_error():
     """As for any module."""
     with pytest.raises(AttributeError, match="attribute SceneConfigg"):
-        _ = sceniris_gym.SceneConfigg  # type: ignore[attr-defined]
+        _ = sceniris_gym.SceneConfigg  # pyrefly: ignore[missing-attribute]

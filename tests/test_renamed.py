@@ -125,7 +125,7 @@ def test_an_old_attribute_is_refused_by_its_new_name(kind: type, old: str, new: 
 def test_what_sets_params_of_a_randomizer_has_the_name_of_an_environment_s(old: str, new: str):
     """The same for ids."""
     randomizer = object.__new__(ResetRandomizer)
-    randomizer.pipeline = None  # type: ignore[assignment]
+    randomizer.pipeline = None  # pyrefly: ignore[bad-assignment]
     with pytest.raises(AttributeError, match=f"^ResetRandomizer: '{old}' is now {new}"):
         getattr(randomizer, old)
 
@@ -134,7 +134,7 @@ def test_a_result_of_an_episode_refuses_an_old_name():
     """It can still be copied, compared and pickled."""
     result = EpisodeResult("id", True, True, 1.0, 3, False)
     with pytest.raises(AttributeError, match=r"^EpisodeResult: 'success_ever' is now success_once"):
-        result.success_ever  # type: ignore[attr-defined]  # noqa: B018
+        result.success_ever  # pyrefly: ignore[missing-attribute]  # noqa: B018
     assert pickle.loads(pickle.dumps(result)) == copy(result) == result
 
 
@@ -147,7 +147,7 @@ def test_other_attributes_fail_as_ever():
             raise AttributeError("the bearing is worn")
 
     with pytest.raises(AttributeError, match="'Thing' object has no attribute 'knobs'"):
-        Thing().knobs  # type: ignore[attr-defined]  # noqa: B018
+        Thing().knobs  # pyrefly: ignore[missing-attribute]  # noqa: B018
     with pytest.raises(AttributeError, match="the bearing is worn"):
         Thing().broken  # noqa: B018
 
@@ -155,15 +155,15 @@ def test_other_attributes_fail_as_ever():
 def test_an_old_public_name_is_refused_by_its_new_one():
     """As an attribute and in an import. Modules are still found, and unknown names still are not."""
     with pytest.raises(ImportError, match="sceniris_gym: 'place_on' is now edit_spec"):
-        sceniris_gym.place_on  # type: ignore[attr-defined]  # noqa: B018
+        sceniris_gym.place_on  # pyrefly: ignore[missing-attribute]  # noqa: B018
     with pytest.raises(ImportError, match="sceniris_gym: 'Touch' is now ContactSensor"):
-        from sceniris_gym import Touch  # type: ignore[attr-defined]  # noqa: F401
+        from sceniris_gym import Touch  # pyrefly: ignore[missing-module-attribute]  # noqa: F401
     with pytest.raises(ImportError, match=r"sceniris_gym: 'read_bddl' is now libero\.read_bddl"):
-        from sceniris_gym import read_bddl  # type: ignore[attr-defined]  # noqa: F401
+        from sceniris_gym import read_bddl  # pyrefly: ignore[missing-module-attribute]  # noqa: F401
     with pytest.raises(ImportError, match=r"sceniris_gym: 'LiberoGoal' is now libero\.LiberoGoal"):
-        from sceniris_gym import LiberoGoal  # type: ignore[attr-defined]  # noqa: F401
+        from sceniris_gym import LiberoGoal  # pyrefly: ignore[missing-module-attribute]  # noqa: F401
     with pytest.raises(ImportError, match="sceniris_gym: 'Status' is now LayoutStatus"):
-        from sceniris_gym import Status  # type: ignore[attr-defined]  # noqa: F401
+        from sceniris_gym import Status  # pyrefly: ignore[missing-module-attribute]  # noqa: F401
     from sceniris_gym import levels
 
     assert levels.LevelReplay is LevelReplay
@@ -229,9 +229,9 @@ def test_an_old_name_of_a_module_is_refused_by_its_new_one(name: str, old: str, 
 def test_an_error_at_the_door_is_refused_by_its_module():
     """Old names, too."""
     with pytest.raises(ImportError, match=r"sceniris_gym: 'MeshError' is now errors\.MeshError"):
-        from sceniris_gym import MeshError  # type: ignore[attr-defined]  # noqa: F401
+        from sceniris_gym import MeshError  # pyrefly: ignore[missing-module-attribute]  # noqa: F401
     with pytest.raises(ImportError, match=r"sceniris_gym: 'SeedError' is now errors\.ArgumentError"):
-        from sceniris_gym import SeedError  # type: ignore[attr-defined]  # noqa: F401
+        from sceniris_gym import SeedError  # pyrefly: ignore[missing-module-attribute]  # noqa: F401
 
 
 @pytest.mark.parametrize("name", [name for name in old_names() if " " in name])
@@ -248,7 +248,7 @@ def test_an_old_option_of_a_command_is_refused_by_its_new_name(name: str, capfd:
 def test_random_numbers_without_a_name_are_refused_by_uniform(arguments: tuple[float, ...]):
     """A name is a string."""
     with pytest.raises(ArgumentTypeError, match=r"name should be a string, got 3\. Call uniform\(n, low, high\)"):
-        object.__new__(State).random(*arguments)  # type: ignore[arg-type]
+        object.__new__(State).random(*arguments)  # pyrefly: ignore[bad-argument-type]
 
 
 def test_the_old_names_of_the_changelog_are_refused():

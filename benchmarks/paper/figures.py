@@ -91,7 +91,7 @@ _HARDER = "Hard and Hard+ increase about 20-30s execution time over its previous
 def _paper(
     experiment: Experiment, worlds: int, value: float, unit: str, place: str, quote: str, **more: float | str
 ) -> Reported:
-    return Reported(experiment, worlds, value, unit, PAPER, place, quote, **more)  # type: ignore[arg-type]
+    return Reported(experiment, worlds, value, unit, PAPER, place, quote, **more)  # pyrefly: ignore[bad-argument-type]
 
 
 _COLD = {

@@ -87,7 +87,7 @@ def shares(compiled: CompiledScene, worlds: int) -> dict[str, float]:
     times: Counter[str] = Counter()
 
     def add(kernel: str, seconds: float) -> None:
-        times[kinds.get(_key(kernel), "other")] += seconds  # type: ignore[assignment]
+        times[kinds.get(_key(kernel), "other")] += seconds  # pyrefly: ignore[unsupported-operation]
 
     if wp.get_device(compiled.device).is_cuda:
         wp.timing_begin(cuda_filter=wp.TIMING_KERNEL)

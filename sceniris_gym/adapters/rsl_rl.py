@@ -76,12 +76,12 @@ class RslRlVecEnvWrapper(VecEnv):
         self._means = torch.zeros((), device=env.device)
 
     @property
-    def episode_length_buf(self) -> Tensor:  # type: ignore[override]
+    def episode_length_buf(self) -> Tensor:
         """Control steps since the reset of each world, shape (num_envs,). Assignment copies values into this tensor."""
         return self.env.state.elapsed
 
     @episode_length_buf.setter
-    def episode_length_buf(self, steps: Tensor) -> None:  # type: ignore[override]
+    def episode_length_buf(self, steps: Tensor) -> None:
         self.env.state.elapsed.copy_(steps)
 
     @property

@@ -132,7 +132,7 @@ def rotation(quat: np.ndarray) -> np.ndarray:
 
 def frame(pose: np.ndarray) -> np.ndarray:
     """Return a pose as a homogeneous matrix (4, 4). `pose` (7,) is a position [m] and a quaternion of any length."""
-    return np.block([[rotation(pose[3:]), pose[:3, None]], [np.zeros(3), 1.0]])
+    return np.block([[rotation(pose[3:]), pose[:3, None]], [np.zeros((1, 3)), np.ones((1, 1))]])
 
 
 def convex_hull(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

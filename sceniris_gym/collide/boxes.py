@@ -92,7 +92,7 @@ class Step:
 @wp.func
 def next_step(program: Program, entry: wp.vec3i, poses: PairPoses, margin: float) -> Step:
     """Test whether the boxes of an entry (pair, node of a, node of b) are near each other, and return the next step."""
-    step = Step()
+    step = Step()  # pyrefly: ignore[missing-argument]
     pair = entry[0]
     na = entry[1]
     nb = entry[2]
@@ -182,7 +182,7 @@ def collides(
                 wp.tile_stack_clear(leaves)
         else:
             entry, slot = wp.tile_stack_pop(nodes)
-            step = Step()
+            step = Step()  # pyrefly: ignore[missing-argument]
             if slot >= 0:
                 poses = pair_poses(program, entry[0], own_pos, own_quat, body_pos, body_quat)
                 step = next_step(program, entry, poses, margin_of(program, worldid, entry[0], support))

@@ -45,7 +45,7 @@ def piece_shape(program: Program, piece: int) -> Shape:
 
     A point with a radius represents a sphere exactly, and a segment with a radius represents a capsule exactly.
     """
-    s = Shape()
+    s = Shape()  # pyrefly: ignore[missing-argument]
     s.kind = program.piece_type[piece]
     s.size = program.piece_size[piece]
     s.vertadr = program.piece_vertadr[piece]

@@ -67,7 +67,7 @@ def pair_poses(
     a = bodies[0]
     b = bodies[1]
     own = bodies[2]
-    p = PairPoses()
+    p = PairPoses()  # pyrefly: ignore[missing-argument]
     if (own & OWN_A) != 0:
         p.a = pose_of(own_pos[a], own_quat[a])
     else:

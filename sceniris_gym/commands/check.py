@@ -27,7 +27,7 @@ def judge(config: SceneConfig, device: str | None, *options: Any, strict: bool =
     with warnings.catch_warnings(record=True) as warned:
         warnings.simplefilter("always")
         try:
-            found = check(compile_scene(config, device), *options)
+            found: dict = check(compile_scene(config, device), *options)
         except InfeasibleSceneError as error:
             counted = {"rejections": error.counts, "in_the_way": error.in_the_way}
             found = {"scene": config.name, "valid": 0.0, "error": str(error), **counted}

@@ -69,7 +69,7 @@ def drawn(compiled: CompiledScene, table: LayoutTable) -> tuple[mujoco.MjModel, 
         nominal = {name: wp.array(nominal_values(mjm, name)[None], dtype=float) for name in drawn_fields(draws)}
         arrays = {name: wp.clone(values) for name, values in nominal.items()}
     world = WorldColumns(1, arrays, nominal, draws, params=ParamTable(compiled, table.params))
-    layouts = LayoutsView()
+    layouts = LayoutsView()  # pyrefly: ignore[missing-argument]
     rows = {name: getattr(table, name)[:1] for name in ("param", *columns("draw"))}
     fill_struct(LayoutsView, layouts, rows, compiled.device)
     world.launch(None, layouts)

@@ -28,7 +28,7 @@ def wrong(advice: str, word: str = "", valid: Iterable[str] = ()) -> PydanticCus
         valid: The valid values.
     """
     context = {"advice": advice, "hint": did_you_mean(word, valid)}
-    return PydanticCustomError(ADVICE, "{advice}", context)  # type: ignore[arg-type]
+    return PydanticCustomError(ADVICE, "{advice}", context)
 
 
 def check_words(words: Iterable[Any], valid: Collection[str], advice: str) -> None:

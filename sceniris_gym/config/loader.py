@@ -95,7 +95,7 @@ def merge(base: Mapping, child: Mapping, path: tuple[str, ...] = ()) -> dict:
     for key, value in child.items():
         below = merged.get(key)
         both = isinstance(value, Mapping) and isinstance(below, Mapping)
-        merged[key] = merge(below, value, (*path, str(key))) if both else value  # type: ignore[arg-type]
+        merged[key] = merge(below, value, (*path, str(key))) if both else value
     return merged
 
 
@@ -116,7 +116,7 @@ def override(scene: Mapping, overrides: Mapping[str, Any], where: str) -> dict:
         if len(keys) > _MOST_KEYS:
             raise SceneKeyError(f"overrides: {short(dotted)}: should have {_MOST_KEYS} keys at most, has {len(keys)}.")
         nested = value
-        for key in reversed(keys):
+        for key in reversed(keys):  # pyrefly: ignore[non-convergent-recursion]
             nested = {key: nested}
         changed = merge(changed, nested)
     return changed

@@ -176,17 +176,17 @@ class Sector(Relation):
         measure: str
 
     @property
-    def low(self) -> float:
+    def low(self) -> float:  # pyrefly: ignore[bad-override]
         """The minimum distance [m]."""
         return 0.0 if self.distance is None else self.distance.low
 
     @property
-    def high(self) -> float:
+    def high(self) -> float:  # pyrefly: ignore[bad-override]
         """The maximum distance [m], infinity without a limit."""
         return math.inf if self.distance is None else self.distance.high
 
     @property
-    def by_bounds(self) -> bool:
+    def by_bounds(self) -> bool:  # pyrefly: ignore[bad-override]
         """True if the distance is measured between bounds, not between origins."""
         return self.measure == "bounds"
 
@@ -231,7 +231,7 @@ class Direction(Sector):
         return self.word if self.direction is None else "of"
 
     @property
-    def half_angle(self) -> float:
+    def half_angle(self) -> float:  # pyrefly: ignore[bad-override]
         """Largest allowed angle [rad] between the relation's direction and the line from the anchor to the object."""
         return math.radians(90.0 if self.angle is None else self.angle)
 
@@ -285,7 +285,7 @@ class Between(Relation):
     width: Width | None = None
 
     @property
-    def has_own_width(self) -> bool:
+    def has_own_width(self) -> bool:  # pyrefly: ignore[bad-override]
         """True if the strip has the width of the placed object."""
         return self.width is None
 
@@ -312,7 +312,7 @@ class Joined(Relation):
     one_of = ("beside",)
     type = RelationType.JOINED
     misplaced = dict.fromkeys(("side", "frame"), "should not be given if 'beside' names sites: they determine the pose")
-    anchor_key: ClassVar[str] = "beside.of"
+    anchor_key: ClassVar[str] = "beside.of"  # pyrefly: ignore[bad-override]
     beside: Connection
     gap: Length | None = None
 

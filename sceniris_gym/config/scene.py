@@ -169,7 +169,7 @@ class SceneConfig(SceneWords):
             raise wrong("should have a 'model', because a robot is 'in_model'")
         return self
 
-    @model_validator(mode="wrap")
+    @model_validator(mode="wrap")  # pyrefly: ignore[bad-argument-type]
     @classmethod
     def _is_written_out(
         cls, data: Any, handler: ModelWrapValidatorHandler[SceneConfig], info: ValidationInfo

@@ -31,7 +31,7 @@ def as_config(cls: type[_Config], value: Any, where: str) -> _Config:
     if not isinstance(value, Mapping):
         name = f"{'an' if cls.__name__[0] in 'AEIOU' else 'a'} {cls.__name__}"
         raise ArgumentTypeError(f"{where} should be {name}, a mapping of its fields, or None, got {short(value)}.")
-    known = {f.name: f for f in fields(cls)}  # type: ignore[arg-type]
+    known = {f.name: f for f in fields(cls)}  # pyrefly: ignore[bad-argument-type]
     check_names("field", value, where, known)
     for name, field in known.items():
         if field.default is MISSING and field.default_factory is MISSING and name not in value:

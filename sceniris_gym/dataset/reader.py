@@ -171,6 +171,7 @@ class LayoutDataset(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
             rows["draw_seed"], rows["draw_episode"] = held["seed"], np.where(held["valid"], held["episode"], -1)
             rows["draw_stream"] = np.full(count, named_stream(self.manifest["split"]), np.int32)
         columns = {name: rows[name] for name in COLUMNS if name in rows}
+        # pyrefly: ignore[bad-argument-type]
         return replace(states, **columns, scene=self.manifest["hash"], split=self.manifest["split"])
 
     def _part(self, part: int) -> np.ndarray:

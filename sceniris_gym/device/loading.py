@@ -41,12 +41,12 @@ def on_missing(react: Callable[[ModuleVariant], object]) -> Iterator[None]:
             return 1, 1
 
     wp.Module.load = load_unless_missing
-    wp.get_suggested_block_size = suggest_unless_missing  # pyright: ignore[reportAttributeAccessIssue]
+    wp.get_suggested_block_size = suggest_unless_missing
     try:
         yield
     finally:
         wp.Module.load = load
-        wp.get_suggested_block_size = suggest  # pyright: ignore[reportAttributeAccessIssue]
+        wp.get_suggested_block_size = suggest
 
 
 def _is_kept(module: wp.Module, block_dim: int) -> bool:

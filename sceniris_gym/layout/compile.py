@@ -138,6 +138,7 @@ def _with_bank(compiled: CompiledScene) -> CompiledScene:
     _warn_of_fallbacks(compiled, train, evaluation)
     columns = (np.stack(rows) for rows in zip(*found[0], *found[1], strict=True))
     program = copied(Program, compiled.program)
+    # pyrefly: ignore[missing-argument]
     bank = fill_struct(Bank, Bank(), dict(zip(BANKED, columns, strict=True)), compiled.device)
     bank.ntrain = len(found[0])
     # these two numbers only tune the parallel search, and do not change layouts

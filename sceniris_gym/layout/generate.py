@@ -97,7 +97,7 @@ class LayoutGenerator(Fixed, LayoutSource):
         check_type(size, SearchSize, "LayoutGenerator: size")
         check_worlds(compiled.config.where, nworld, compiled.device, generator_memory(compiled, size))
         self.compiled, self.size = compiled, size
-        self.split: str = split
+        self.split: str = split  # pyrefly: ignore[bad-override-mutable-attribute]
         self.layouts = Layouts.create(compiled, nworld, rows=size.rows, params=params, split=split)
         draws_joints = compiled.starts is not None and any(kind.joints for kind in compiled.config.start)
         at_marker = np.zeros((1, 0)) if compiled.starts is None else compiled.starts.marker.numpy() >= 0
@@ -108,6 +108,7 @@ class LayoutGenerator(Fixed, LayoutSource):
         self._boxes = self.layouts.params.boxes(compiled)
         search, reaching = create_search(compiled, nworld, size), compiled.reaching
         self._regions = create_regions(compiled, search.cause.shape[0])
+        # pyrefly: ignore[missing-argument]
         reaches = [Reach()] if reaching is None else [one.view for one in reaching.arms]
         ahead, view = 0 if self._boxes is not None else count_ahead(compiled, size), self.layouts.view
         self._work = Workspace(compiled, program, statics, ahead, reaches, SPLITS[split], size, view, search)

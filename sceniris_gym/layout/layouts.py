@@ -107,8 +107,8 @@ def view_of(nrow: int, device: str, arrays: Mapping[str, Any]) -> LayoutsView:
         device: The device of the result.
         arrays: NumPy or Warp arrays by name of the field. Warp arrays on the device share their memory.
     """
-    view = LayoutsView()
-    for name, variable in LayoutsView.vars.items():
+    view = LayoutsView()  # pyrefly: ignore[missing-argument]
+    for name, variable in LayoutsView.vars.items():  # pyrefly: ignore[missing-attribute]
         if isinstance(arrays.get(name), wp.array):
             setattr(view, name, arrays[name].to(device))
         elif name in arrays:
@@ -348,6 +348,7 @@ class Layouts(StaysHere):
             view.mocap_quat = _part(mocap_pose, 4, wp.quat)
             for name, (_, shape) in row_types(compiled, njoint=MAX_JOINTS).items():
                 if name in columns("pose", "grasp") and name not in ("qpos", "mocap_pos", "mocap_quat"):
+                    # pyrefly: ignore[missing-attribute]
                     full, dtype = (nworld if 0 in shape else nrow, *shape), LayoutsView.vars[name].type.dtype
                     setattr(view, name, wp.full(full, COLUMNS[name].blank, dtype=dtype))
             view.present.fill_(1)

@@ -69,14 +69,14 @@ class WorldColumns:
         memory = [memory_of(array, nominal.get(name)) for name, array in arrays.items()]
         with wp.ScopedDevice(next((array.device for array in arrays.values()), None)):
             self._drawn, self._elements, self._memory = (
-                wp.array(np.array(rows, dtype.numpy_dtype()), dtype=dtype)
+                wp.array(np.array(rows, dtype.numpy_dtype()), dtype=dtype)  # pyrefly: ignore[missing-attribute]
                 for rows, dtype in ((numbers, Number), (elements, Element), (memory, Array))
             )
             self._table = wp.array(table, dtype=float)
             self._given = wp.zeros((nworld, len(numbers)), dtype=float) if given is None else given
         columns = np.cumsum([draw.width for draw in draws]).tolist()
         self.numbers = {d.name: self._given[:, end - d.width : end] for d, end in zip(draws, columns, strict=True)}
-        self._no_layouts = LayoutsView()
+        self._no_layouts = LayoutsView()  # pyrefly: ignore[missing-argument]
         self._narrowed: list[int] | None = None  # column of each draw's param, once there are params
         if params is not None:
             self.use_params(params)

@@ -300,6 +300,7 @@ def create_buffer(replay: LevelReplay, layouts: LayoutsView) -> Buffer:
         "decision level next_level inserted boundary next_boundary": nworld,
         "column other present least most delta band episodes successes": 0,
     }
+    # pyrefly: ignore[missing-argument]
     buffer, vacant = allocate(Buffer, Buffer(), shapes, device), min(-(-capacity // _LOWEST), _SHARE * nworld)
     param = np.tile(layouts.default_param.numpy(), (capacity, 1))
     fill_struct(Buffer, buffer, {"param": param, "vacant": np.arange(vacant)}, device)
@@ -334,5 +335,5 @@ def bounds_of(buffer: Buffer) -> dict[str, tuple[Any, Any]]:
 
 def arrays_of(buffer: Buffer) -> dict[str, wp.array]:
     """Return the arrays of a buffer by name."""
-    values = {name: getattr(buffer, name) for name in Buffer.vars}
+    values = {name: getattr(buffer, name) for name in Buffer.vars}  # pyrefly: ignore[missing-attribute]
     return {name: value for name, value in values.items() if isinstance(value, wp.array)}

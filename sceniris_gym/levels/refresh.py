@@ -2,7 +2,6 @@
 
 import numpy as np
 import warp as wp
-from warp.utils import array_scan
 
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.params import ParamTable
@@ -109,14 +108,14 @@ def launch_refresh(buffer: Buffer, replay: LevelReplay) -> None:
         array.zero_()
     buffer.vacant.fill_(NO_SLOT)
     wp.launch(_count, capacity, outputs=[buffer], device=device)
-    array_scan(buffer.count, buffer.better)
+    wp.utils.array_scan(buffer.count, buffer.better)
     power = 1.0 / replay.temperature
     inputs = [power if replay.prioritization == name else 0.0 for name in ("rank", "proportional")]
     wp.launch(_weigh, BINS, inputs=inputs, outputs=[buffer], device=device)
     wp.launch(_mark_vacant, capacity, outputs=[buffer], device=device)
-    array_scan(buffer.cumulative, buffer.cumulative)
+    wp.utils.array_scan(buffer.cumulative, buffer.cumulative)
     wp.launch(_fill, capacity, inputs=[replay.staleness_coef], outputs=[buffer], device=device)
-    array_scan(buffer.cumulative, buffer.cumulative)
+    wp.utils.array_scan(buffer.cumulative, buffer.cumulative)
 
 
 @wp.kernel

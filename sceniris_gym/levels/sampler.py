@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 import warp as wp
-from warp.utils import array_cast
 
 from sceniris_gym.config.fields import short
 from sceniris_gym.device.fixed import StaysHere
@@ -215,7 +214,7 @@ class LevelSampler(Chooser, StaysHere):
         if dtype is wp.uint64 and given.dtype in (wp.int64, wp.uint64):
             return given.view(wp.uint64)
         made = wp.empty(given.shape, dtype=dtype, device=self._device)
-        array_cast(given, made)
+        wp.utils.array_cast(given, made)
         return made
 
     def after_reset(self) -> None:

@@ -193,7 +193,7 @@ def resolve(
             width = wp.min(size[0], size[1])
         return _between(width, points, num, hull)
 
-    s = ResolvedRelation()
+    s = ResolvedRelation()  # pyrefly: ignore[missing-argument]
     s.reach = _NO_LIMIT
     frame = program.rel_frame[rel]
     axis = program.rel_heading[rel]

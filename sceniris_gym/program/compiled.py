@@ -247,7 +247,7 @@ def upload_plan(plan: Plan, device: str, *, starts: bool = True) -> CompiledScen
     lanes = _WARP if wp.get_device(device).is_cuda else 1
     arrays = pack_program(plan, colliders, lanes) | collider_arrays(colliders)
     fill_views(plan, {name: arrays.pop(name) for name in ARM_LISTS}, device)
-    program = Program()
+    program = Program()  # pyrefly: ignore[missing-argument]
     program.visual = is_visual
     program.face_vertadr = 0
     if is_visual and any(p.type in ROUND for p in plan.pieces):  # triangles are tested as hulls against round pieces

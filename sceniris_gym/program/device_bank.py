@@ -24,5 +24,6 @@ class Bank:
 
 def empty_bank(device: str) -> Bank:
     """Return a bank without layouts, so no world can take a fallback from it."""
+    # pyrefly: ignore[missing-attribute]
     shapes = {name: (0,) * Bank.vars[name].type.ndim for name in Bank.vars if name != "ntrain"}
-    return allocate(Bank, Bank(), shapes, device)
+    return allocate(Bank, Bank(), shapes, device)  # pyrefly: ignore[missing-argument]

@@ -57,7 +57,7 @@ class ReachingArm:
     arm: SerialArm
     gripper: Gripper
     map: ReachMap | None
-    view: Reach = field(repr=False, default_factory=Reach)
+    view: Reach = field(repr=False, default_factory=Reach)  # pyrefly: ignore[no-matching-overload]
 
 
 @dataclass(frozen=True)

@@ -298,7 +298,7 @@ def _stance(scene: SceneModel, o: PlacedObject, pieces: list[Piece], loads: dict
     takes_edges = not any(p.type == PieceType.CYLINDER for p in below)
 
     def foot_in(pose: StablePose) -> Foot:
-        return _foot(shapes, pose, law, lower, is_shifted, takes_edges, steady)
+        return _foot(shapes, pose, law, lower, is_shifted, takes_edges, steady)  # pyrefly: ignore[bad-argument-type]
 
     feet = [foot_in(v) for v in o.stable_poses]
     # it may rock to rest if nothing stands on it, its support cannot move, and no part of it is beyond the edge

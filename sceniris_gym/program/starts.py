@@ -63,6 +63,7 @@ def plan_grips(plan: Plan) -> tuple[Grip, ...]:
         for i, (grasp, grip) in enumerate(zip(grasps, fingers.grips(bodies, grasps), strict=True)):
             ways = {"fits": _CARRIED, "lifts": _downs(plan.objects[target.number], target, i), "holds": _ALL_WAYS}
             asked = {"fits", *(_FITS[pose][0] for pose in poses)} if grip.fits and is_free else ()
+            # pyrefly: ignore[bad-argument-type]
             found.append(replace(grip, **{fit: fingers.hold(bodies, grasp, grip, ways[fit]) for fit in asked}))
     return tuple(found)
 
@@ -74,7 +75,7 @@ def weakest(scene: SceneModel) -> list[mujoco.MjModel]:
     force of actuators and for centres of mass, the worst value is unknown. The result has a model for each combination
     of their least and greatest values.
     """
-    ends, draws = {**WEAK, "dof_frictionloss": "most", "jnt_stiffness": "most"}, scene.draws
+    ends, draws = WEAK | {"dof_frictionloss": "most", "jnt_stiffness": "most"}, scene.draws
     unknown = product(corners(draws, "actuator_biasprm"), corners(draws, "body_ipos"))
     return [at_ends(scene.mjm, draws, **ends, actuator_biasprm=bias, body_ipos=center) for bias, center in unknown]
 

@@ -175,7 +175,7 @@ def end_turns(arm: SerialArm) -> tuple[JointTurn, JointTurn]:
 
 
 def _turn(arm: SerialArm, joint: int, sign: float) -> JointTurn:
-    free, turn = arm.turns_freely(joint), JointTurn()
+    free, turn = arm.turns_freely(joint), JointTurn()  # pyrefly: ignore[missing-argument]
     turn.lower, turn.upper = (-np.pi, 2.0 * np.pi) if free else (float(arm.lower[joint]), float(arm.upper[joint]))
     turn.sign = 1.0 if sign > 0.0 else -1.0
     return turn

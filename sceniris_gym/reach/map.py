@@ -153,7 +153,7 @@ class ReachMap:
 
     def view(self, device: str | wp.Device | None = None) -> MapView:
         """Copy the map to a device."""
-        view = MapView()
+        view = MapView()  # pyrefly: ignore[missing-argument]
         view.axis_x, view.axis_y = map(float, self.arm.axis_xy)
         view.nz, view.ntilt, view.nu = self.nz, self.ntilt, self.nu
         view.z_low, view.u_low = self.z_low, self.u_low

@@ -78,7 +78,7 @@ def arm_view(arm: SerialArm, device: str) -> ArmView:
     lower, upper = arm.lower.astype(np.float32), arm.upper.astype(np.float32)
     lower = np.where(lower < arm.lower, np.nextafter(lower, np.float32(np.inf)), lower)
     upper = np.where(upper > arm.upper, np.nextafter(upper, np.float32(-np.inf)), upper)
-    view = ArmView()
+    view = ArmView()  # pyrefly: ignore[missing-argument]
     view.njoint = len(arm.joints)
     view.link_pos = wp.array(pos, dtype=wp.vec3, device=device)
     view.link_quat = wp.array(quat, dtype=wp.vec4, device=device)
@@ -227,7 +227,7 @@ def refine(view: ArmView, pos: wp.vec3, quat: wp.vec4, q0: vec8, iterations: int
     for i in range(MAX_JOINTS):
         if i < view.njoint:
             q[i] = wp.clamp(q0[i], view.lower[i], view.upper[i])
-    result = IkResult()
+    result = IkResult()  # pyrefly: ignore[missing-argument]
     k = int(0)
     while k <= iterations:
         at, rotation, origin, axis = _frames(view, q)

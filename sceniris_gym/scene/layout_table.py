@@ -135,6 +135,7 @@ class LayoutTable:
             raise SceneMismatchError(
                 "LayoutTable.concatenate: all tables should have the same scene, split, params and row shapes."
             )
+        # pyrefly: ignore[bad-argument-type]
         return replace(tables[0], **{name: np.concatenate([getattr(t, name) for t in tables]) for name in COLUMNS})
 
     def __len__(self) -> int:

@@ -236,7 +236,7 @@ def launch_derived(tables: Derived, m: mjw.Model, mask: wp.array, wide: Containe
         mask: Selected worlds, shape (nworld,), bool.
         wide: Names of the fields that have a row for each world.
     """
-    for name in Derived.vars:
+    for name in Derived.vars:  # pyrefly: ignore[missing-attribute]
         if (array := getattr(m, name, None)) is not None:
             setattr(tables, name, None if name in FOLLOWS and name not in wide else array)
     wp.launch_tiled(_derive, dim=[mask.shape[0]], inputs=[mask, tables], block_dim=_LANES, device=mask.device)

@@ -85,7 +85,7 @@ def derived_tables(mjm: mujoco.MjModel, nworld: int) -> Derived:
     driven = np.isin(mjm.actuator_trntype, (*JOINT_TRANSMISSIONS, int(mujoco.mjtTrn.mjTRN_TENDON)))
     driven &= np.any(mjm.actuator_armature)  # a field that is 0 in the whole model cannot vary
     transmissions = np.concatenate([np.ones(mjm.ntendon, bool), driven, driven])
-    t = Derived()
+    t = Derived()  # pyrefly: ignore[missing-argument]
     t.body_end = wp.array([subtree(mjm, b)[-1] + 1 for b in range(mjm.nbody)], dtype=int)
     t.dof_block = wp.array(trees, dtype=wp.vec2i, ndim=1)
     t.xpos, t.xmat = wp.array(data.xpos, dtype=wp.vec3), wp.array(data.xmat.reshape(-1, 3, 3), dtype=wp.mat33)

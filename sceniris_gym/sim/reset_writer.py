@@ -117,6 +117,7 @@ class ContactList:
         self._kept, self._rank, self._mover = (wp.zeros(room, dtype=wp.int32, device=device) for _ in range(3))
         fields = [getattr(d.contact, field.name) for field in dataclasses.fields(d.contact)]
         words = [(a.ptr, a.strides[0] // 4) for a in fields if isinstance(a, wp.array) and a.size > 0]
+        # pyrefly: ignore[missing-attribute]
         self._words = wp.array(np.array(words, Words.numpy_dtype()), dtype=Words, device=device)
 
     def launch_drop(self) -> None:

@@ -146,7 +146,7 @@ def rest_map(
             if limited[which]:
                 lower[e], upper[e] = limits[which]
     flat = [term for row in terms for term in row]
-    rest = RestMap()
+    rest = RestMap()  # pyrefly: ignore[missing-argument]
     with wp.ScopedDevice(device):
         rest.rowadr = wp.array(np.cumsum([0] + [len(row) for row in terms]), dtype=int)
         rest.qposadr = wp.array([adr for adr, _ in flat], dtype=int)

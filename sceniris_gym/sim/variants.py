@@ -156,7 +156,7 @@ class VariantWriter:
         bodies, mocap = [scene.sim.bodies[name] for name in variants], (nworld, max(sim.nmocap, 1))
         with wp.ScopedDevice(self._device):
             self.variant = wp.zeros((nworld, len(variants)), dtype=int)
-            self._poses = Poses()
+            self._poses = Poses()  # pyrefly: ignore[missing-argument]
             self._poses.qpos = wp.zeros((nworld, sim.nq), dtype=float)
             self._poses.mocap_pos, self._poses.mocap_quat = (wp.zeros(mocap, dtype=each) for each in (wp.vec3, wp.quat))
             # kernels only have addresses, so this reference keeps the memory alive
@@ -193,7 +193,7 @@ def _places(scene: SceneModel) -> Places:
     first = full.jnt_qposadr[full.body_jntadr[owners]], sim.jnt_qposadr[sim.body_jntadr[scene.sim_bodies[owners]]]
     kinds = (kind[bodies] for bodies in ([scene.bodies[name] for name in slot_names(scene.config)], owners, mocap))
     adr = np.arange(full.nq) - first[0] + first[1], sim.body_mocapid[scene.sim_bodies[mocap]]
-    places = Places()
+    places = Places()  # pyrefly: ignore[missing-argument]
     places.slot_kind, places.qpos_kind, places.mocap_kind = (wp.array(each, dtype=wp.vec2i, ndim=1) for each in kinds)
     places.qpos_adr, places.mocap_adr = (wp.array(each, dtype=int, ndim=1) for each in adr)
     return places
@@ -221,6 +221,7 @@ def _words(scene: SceneModel, arrays: Sequence[wp.array]) -> list[wp.array]:
     for column, values in zip(table.T, columns, strict=True):
         column[: len(values)] = values
     memory = [memory_of(array) for array in arrays]
+    # pyrefly: ignore[missing-attribute]
     structs = (np.array(words, Word.numpy_dtype()), Word), (np.array(memory, Array.numpy_dtype()), Array)
     return [wp.array(table, dtype=int), *(wp.array(rows, dtype=dtype) for rows, dtype in structs)]
 

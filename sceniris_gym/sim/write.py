@@ -42,7 +42,7 @@ class Poses:
 
 def poses_of(rows: LayoutsView | mjw.Data) -> Poses:
     """Return the poses of layouts or of worlds, as views of their arrays."""
-    poses = Poses()
+    poses = Poses()  # pyrefly: ignore[missing-argument]
     poses.qpos, poses.mocap_pos, poses.mocap_quat = rows.qpos, rows.mocap_pos, rows.mocap_quat
     return poses
 

@@ -162,7 +162,7 @@ class Run:
         tell("first steps", len(self.judges), 1 + len(self.judges))
         runner = runner_of(self.env, self.settings, self.options.seed)
         # Imitation requires a loaded teacher. The untrained teacher is good enough here.
-        runner.alg.teacher_loaded = True  # type: ignore[attr-defined]
+        runner.alg.teacher_loaded = True  # pyrefly: ignore[missing-attribute]
         runner.learn(1, init_at_random_ep_len=True)
 
     def _teach(self) -> None:
@@ -195,10 +195,10 @@ class Run:
         steps = iterations * self.settings.steps * self.options.num_envs
         valid = float(self.env.log["Reset/valid_share"])
         std = float(self.runner.alg.get_policy().output_std.detach().mean())
-        told = {"steps_per_second": round(steps / seconds), "valid_share": valid, "action_std": std}
         causes = {key.removeprefix("Reset/reject_"): value for key, value in self.env.log.items() if "reject_" in key}
-        told["rejected"] = {cause: round(share, 4) for cause, value in causes.items() if (share := float(value)) > 0}
-        self._tell("train", self.env.unwrapped.statistics.read() | told)
+        rejected = {cause: round(share, 4) for cause, value in causes.items() if (share := float(value)) > 0}
+        rates = {"steps_per_second": round(steps / seconds), "valid_share": valid, "action_std": std}
+        self._tell("train", self.env.unwrapped.statistics.read() | rates | {"rejected": rejected})
 
     def _judge(self) -> None:
         """Evaluate the policy and log the result. `judged.json` has the result per layout of the last evaluation."""

@@ -64,8 +64,8 @@ class Images:
     @property
     def space(self) -> spaces.Dict:
         """The space of one world's images."""
-        bounds = {"rgb": (0, 255, np.uint8), "depth": (0.0, np.inf, np.float32)}
-        bounds["segmentation"] = (0, len(self.names) - 1, np.int32)
+        names = (0, len(self.names) - 1, np.int32)
+        bounds = {"rgb": (0, 255, np.uint8), "depth": (0.0, np.inf, np.float32), "segmentation": names}
 
         def box(kind: str, image: Tensor) -> spaces.Box:
             low, high, dtype = bounds[kind]

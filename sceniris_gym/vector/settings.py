@@ -118,6 +118,7 @@ def as_settings(default: _Settings, given: Any, where: str) -> _Settings:
     """
     given = {} if given is None else given
     config = as_config(type(default), given, where)
+    # pyrefly: ignore[bad-return]
     return config if config is given else replace(default, **{name: getattr(config, name) for name in given})
 
 

@@ -190,7 +190,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         self.compiled = arguments.as_compiled_scene(self.task.scene if scene is None else scene, overrides, device)
         own = self.task.sim_config
         if self.compiled.config.name != Path(self.task.scene).stem:  # room for contacts fits no other scene
-            own = replace(own, **dict.fromkeys(ROOM))
+            own = replace(own, **dict.fromkeys(ROOM))  # pyrefly: ignore[bad-argument-type]
         self.sim_config = sim = as_settings(own, sim_config, "sim_config")
         self.rank.tell(self.compiled.device)
         physics: dict[str, Any] = {name: getattr(sim, name) for name in (*ROOM, "graph")}
@@ -489,7 +489,7 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         info |= self._worlds.layout_info()
         observation |= observer.pictures()
         returned = (self._seen(observation), outcome.gained.sum(dim=0), outcome.terminated, outcome.truncated, info)
-        return tuple(self._returned(value) for value in returned)  # type: ignore[return-value]
+        return tuple(self._returned(value) for value in returned)
 
     def groups_of(self, observation: Any) -> dict[str, Any]:
         """Return an observation, or an observation space, as a dict of groups. Wrap a single group in a dict."""

@@ -121,7 +121,7 @@ class Panel:
         if not (text.isascii() and text.isdecimal()) or int(text) >= 2**bits:
             self.say(f"{what} '{text}': should be an integer from 0 to 2^{bits} - 1.", bad=True)
         else:
-            self._do.go(self._where._replace(**{"episode": 0, what: int(text)}))
+            self._do.go(self._where._replace(**{"episode": 0, what: int(text)}))  # pyrefly: ignore[bad-argument-type]
 
     def _add_layers(self) -> None:
         gui = self._gui

@@ -151,11 +151,11 @@ def _refusing(host: str, origins: Sequence[str]) -> Iterator[None]:
 
         return serve(*args, process_request=answer, **kwargs)
 
-    server.serve = guarded  # type: ignore[assignment, misc]
+    server.serve = guarded  # pyrefly: ignore[bad-assignment]
     try:
         yield
     finally:
-        server.serve = serve  # type: ignore[misc]
+        server.serve = serve
 
 
 def light(server: viser.ViserServer) -> None:

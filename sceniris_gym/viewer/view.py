@@ -295,10 +295,11 @@ class SceneView:
         if REACH not in self._layers:
             return
         self.server.scene.add_frame(f"/{_SLICE}", show_axes=False, position=self._worlds.origins[0])
+        flat = {"cast_shadow": False, "receive_shadow": False}
         for i, piece in enumerate(self._slices):
             (at, rotation), size = piece.pose(world.data, self._height), 2.0 * piece.span
-            kwargs = {"position": at, "wxyz": rotation, "cast_shadow": False, "receive_shadow": False, "format": "png"}
-            self.server.scene.add_image(f"/{_SLICE}/{i}", piece.picture(world.data, self._height), size, size, **kwargs)
+            name, image = f"/{_SLICE}/{i}", piece.picture(world.data, self._height)
+            self.server.scene.add_image(name, image, size, size, format="png", position=at, wxyz=rotation, **flat)
 
     def _show_player(self) -> None:
         if self._player is None:

@@ -206,8 +206,8 @@ SIZES = f'"num_envs": {WORLDS}, "num_eval_envs": {WORLDS}, "batch_size": {WORLDS
 def page(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """Return the names of the page's program, which has not trained yet."""
     pytest.importorskip("mujoco_playground")
-    from etils import epath  # pyright: ignore[reportMissingImports]
-    from mujoco_playground._src import mjx_env  # pyright: ignore[reportMissingImports]
+    from etils import epath
+    from mujoco_playground._src import mjx_env
 
     mjx_env.MENAGERIE_PATH = epath.Path(write_menagerie(tmp_path_factory.mktemp("menagerie")))
     names: dict[str, Any] = {}
@@ -384,7 +384,7 @@ class Carts:
     """A batch of worlds without a task, on MJX's own engine, in which nothing is at rest."""
 
     def __init__(self, mj_model: mujoco.MjModel) -> None:
-        from mujoco import mjx  # pyright: ignore[reportMissingImports]
+        from mujoco import mjx
 
         self.mj_model = mj_model
         self.mjx_model = mjx.put_model(self.mj_model, impl="jax")
@@ -396,7 +396,7 @@ class Carts:
 
     def reset(self, keys: Any) -> Any:
         """Return a state with other numbers than zero everywhere."""
-        from mujoco_playground import State  # pyright: ignore[reportMissingImports]
+        from mujoco_playground import State
 
         def one(key: Any) -> Any:
             data = self.make_data(self.mj_model, impl="jax")
@@ -482,7 +482,7 @@ def test_other_models_and_observations_are_refused(
     ):
         LayoutAutoResetWrapper(None, mid)
     with pytest.raises(ArgumentTypeError, match="wrap_for_brax_training: compiled should be a CompiledScene"):
-        wrap_for_brax_training("mid")  # pyright: ignore[reportArgumentType]
+        wrap_for_brax_training("mid")  # pyrefly: ignore[bad-argument-type]
     with pytest.raises(SceneMismatchError, match=r"LayoutAutoResetWrapper: model\.nq is 37, .* model: env\.mj_model"):
         LayoutAutoResetWrapper(fresh.env, mid)
     with pytest.raises(ArgumentError, match=r"observe should return .*float32\(\d+, \d+\).*got float32\(\d+, 3\)"):
@@ -494,7 +494,7 @@ def test_other_models_and_observations_are_refused(
             jax.random.split(jax.random.PRNGKey(3), WORLDS)
         )
 
-    class Other(page["PickFromClutter"]):
+    class Other(page["PickFromClutter"]):  # pyrefly: ignore[invalid-inheritance, unknown-name]
         def _get_obs(self, data: Any) -> Any:
             return data.qpos
 
@@ -505,7 +505,8 @@ def test_other_models_and_observations_are_refused(
     with pytest.raises(ArgumentError, match=wrong):
         env(other, episode_length=LENGTH, action_repeat=1)
     with pytest.raises(ArgumentError, match=r"observe should be a function of \(data, info\)"):
-        LayoutAutoResetWrapper(fresh.env, page["compiled"], observe=lambda data: data)  # pyright: ignore[reportArgumentType]
+        # pyrefly: ignore[bad-argument-type]
+        LayoutAutoResetWrapper(fresh.env, page["compiled"], observe=lambda data: data)
 
 
 def test_the_program_of_the_page_trains_ten_iterations(page: dict[str, Any]):

@@ -228,7 +228,7 @@ def played(parts: tuple[Any, Any, CompiledScene], captured: bool) -> np.ndarray:
     for values in MASKS:
         mask.assign(values)
         before = states[0].body_q.numpy().copy()
-        wp.capture_launch(capture.graph) if captured else turn()
+        wp.capture_launch(capture.graph) if captured else turn()  # pyrefly: ignore[unbound-name]
         rows.append([before, start.numpy().copy(), states[0].body_q.numpy().copy()])
     assert randomizer.layouts.episode.cpu().numpy().tolist() == [1, 0, 2, 1, 0]
     return np.reshape(rows, (len(MASKS), 3, WORLDS, -1))

@@ -41,7 +41,7 @@ class PolicyGroup(gymnasium.ObservationWrapper):
 
     def __init__(self, env: gymnasium.Env) -> None:
         super().__init__(env)
-        self.observation_space = env.observation_space["policy"]  # type: ignore[index]
+        self.observation_space = env.observation_space["policy"]  # pyrefly: ignore[bad-index]
 
     def observation(self, observation: Any) -> np.ndarray:
         """Return the policy's group."""
@@ -62,7 +62,7 @@ def test_it_steps_as_stable_baselines_own_vector_environment(make, reach_scene: 
     """Observations, rewards, dones and the infos of finished worlds are those of DummyVecEnv around single worlds."""
     ours = make()
     one = [lambda: Monitor(PolicyGroup(SceneEnv(Reach, scene=reach_scene, max_episode_steps=MAX_STEPS)))] * 3
-    own = DummyVecEnv(one)  # type: ignore[arg-type]
+    own = DummyVecEnv(one)  # pyrefly: ignore[bad-argument-type]
     assert ours.observation_space == own.observation_space
     assert ours.action_space == own.action_space
     for envs in (ours, own):
@@ -106,6 +106,7 @@ def test_an_environment_with_a_plain_observation_is_taken_too(make):
     for _ in range(MAX_STEPS):
         (seen, _, _, infos), (wanted, _, _, others) = (envs.step(np.ones((3, 5))) for envs in (plain, other))
         np.testing.assert_array_equal(seen, wanted)
+    # pyrefly: ignore[unbound-name]
     np.testing.assert_array_equal(*(each[0]["terminal_observation"] for each in (infos, others)))
 
 
@@ -201,7 +202,7 @@ def test_attributes_and_methods_are_those_of_the_environment_and_its_task(make):
 def test_indices_are_those_of_a_list_as_in_stable_baselines_own(make, reach_scene: CompiledScene, indices: Any):
     """Negative ones count from the end, and those beyond either end are refused before anything is done."""
     ours = make()
-    own = DummyVecEnv([lambda: PolicyGroup(SceneEnv(Reach, scene=reach_scene))] * 3)  # type: ignore[arg-type]
+    own = DummyVecEnv([lambda: PolicyGroup(SceneEnv(Reach, scene=reach_scene))] * 3)
     for envs in (ours, own):
         assert len(envs.get_attr("num_envs" if envs is ours else "spec", indices=[-1, -3, 2])) == 3
         for call in (
@@ -232,7 +233,7 @@ def test_a_param_is_set_in_single_worlds(make):
     envs.set_attr(name, [0.05, 0.06], indices=[0, 2])
     for _ in range(MAX_STEPS):
         *_, dones, _ = envs.step(np.zeros((3, 5)))
-    assert dones.all()
+    assert dones.all()  # pyrefly: ignore[unbound-name]
     assert envs.reset_infos[2]["layout"]["params"][name] == pytest.approx([0.05, 0.06])
     low, high = envs.env.randomizer.layouts.param.cpu().numpy().T
     assert high.tolist() == pytest.approx([0.06, 0.16, 0.06])
@@ -245,7 +246,7 @@ def test_pictures_are_tiled_and_recorded(make, tmp_path: Path):
     envs = make(4, render_mode="rgb_array", render_config={"size": (32, 24)})
     envs.reset()
     images = envs.get_images()
-    assert [image.shape for image in images] == [(24, 32, 3)] * 4  # type: ignore[union-attr]
+    assert [image.shape for image in images] == [(24, 32, 3)] * 4
     picture = envs.render()
     assert picture is not None
     assert picture.shape == (48, 64, 3)
@@ -268,7 +269,7 @@ def test_wrong_environments_are_refused(make_env, reach_scene: CompiledScene):
     with pytest.raises(UnknownNameError, match=r"unknown observation group 'actor'.*critic, policy"):
         Sb3VecEnvWrapper(make_env(1), group="actor")
     with pytest.raises(TypeError, match="of make_vec"):
-        Sb3VecEnvWrapper(SceneEnv(Reach, scene=reach_scene))  # pyright: ignore[reportArgumentType]
+        Sb3VecEnvWrapper(SceneEnv(Reach, scene=reach_scene))  # pyrefly: ignore[bad-argument-type]
 
 
 def test_the_library_that_is_missing_is_named_with_its_extra(monkeypatch: pytest.MonkeyPatch):
@@ -411,9 +412,9 @@ def test_worlds_on_a_gpu_are_seen_in_numpy():
     assert isinstance(envs.reset(), np.ndarray)
     for _ in range(MAX_STEPS):
         observation, reward, done, infos = envs.step(np.zeros((4, 5)))
-    assert all(isinstance(array, np.ndarray) for array in (observation, reward, done))
+    assert all(isinstance(array, np.ndarray) for array in (observation, reward, done))  # pyrefly: ignore[unbound-name]
     assert done.tolist() == [True] * 4
-    assert all(np.isfinite(info["terminal_observation"]).all() for info in infos)
+    assert all(np.isfinite(info["terminal_observation"]).all() for info in infos)  # pyrefly: ignore[unbound-name]
     assert [info["layout"]["episode"] for info in envs.reset_infos] == [2, 1, 2, 1]
     PPO("MlpPolicy", envs, n_steps=8, batch_size=32, device="cpu").learn(64)
 

@@ -87,7 +87,7 @@ def test_counts_are_kept_for_the_same_options_only(tmp_path: Path, monkeypatch: 
     honest_resets.main(replace(options, njmax=128))
     for other in ({"layouts": 64}, {"num_envs": 8}, {"seed": 3}):
         with pytest.raises(SystemExit, match="other options"):
-            honest_resets.main(replace(options, **other))
+            honest_resets.main(replace(options, **other))  # pyrefly: ignore[bad-argument-type]
     assert (len(seeds), options.out.read_text()) == (4, told)
     options.out.write_text(told[:-20])  # stopped while it wrote the last line
     honest_resets.main(options)

@@ -100,4 +100,4 @@ def test_the_cost_of_resets_is_measured_on_equal_terms(tmp_path: Path, monkeypat
     reset_cost.main(options)
     assert len(states) == 16, "a file with the answer is left alone"
     with pytest.raises(SystemExit, match="other options"):
-        reset_cost.main(reset_cost.Options(**{**sizes, "num_envs": 8}, out=tmp_path / "cost.json", device="cpu"))
+        reset_cost.main(reset_cost.Options(**(sizes | {"num_envs": 8}), out=tmp_path / "cost.json", device="cpu"))

@@ -87,7 +87,7 @@ def _near_parts_separated(
     out: wp.array[bool],
 ):
     i = wp.tid()
-    rel = Pose()
+    rel = Pose()  # pyrefly: ignore[missing-argument]
     rel.pos = pos[i]
     rel.rot = rot[i]
     wall = piece_shape(program, 0)
@@ -125,7 +125,7 @@ def _apart_from_wall(wall: np.ndarray, half: np.ndarray, at: np.ndarray, rot: np
     """For boxes of these half extents, posed around a box at the origin: True for each that is separated from it."""
     count, sizes = len(half), np.vstack([wall, half])
     boxes = np.full(len(sizes), PieceType.BOX)
-    program = Program()
+    program = Program()  # pyrefly: ignore[missing-argument]
     arrays = {"piece_type": boxes, "piece_size": sizes, "piece_vertnum": 0 * boxes, "piece_vertadr": 0 * boxes}
     fill_struct(Program, program, arrays | {"vert": np.zeros((1, 3))}, "cpu")
     radius = wp.array(np.linalg.norm(sizes, axis=1), dtype=float, device="cpu")
@@ -149,7 +149,7 @@ def _within(
     out: wp.array[bool],
 ):
     i = wp.tid()
-    rel = Pose()
+    rel = Pose()  # pyrefly: ignore[missing-argument]
     rel.pos = pos[i]
     rel.rot = rot[i]
     out[i] = boxes_within(ca[i], ha[i], cb[i], hb[i], rel, margin)
@@ -166,7 +166,7 @@ def _inner_boxes_within(
     out: wp.array[bool],
 ):
     i = wp.tid()
-    rel = Pose()
+    rel = Pose()  # pyrefly: ignore[missing-argument]
     rel.pos = pos[i]
     rel.rot = rot[i]
     out[i] = inner_boxes_within(program, a, b, rel, margin)
@@ -226,7 +226,7 @@ def test_cores_of_posed_pieces_are_where_the_pieces_are(margin: float):
     xml = f'<asset><mesh name="wedge" vertex="{WEDGE}"/></asset><worldbody>{bodies}</worldbody>'
     mjm = mujoco.MjModel.from_xml_string(f"<mujoco>{xml}</mujoco>")
     data, pieces = mujoco.MjData(mjm), extract_pieces(mjm, "physics")
-    program, count, rng = Program(), 150, np.random.default_rng(1)
+    program, count, rng = Program(), 150, np.random.default_rng(1)  # pyrefly: ignore[missing-argument]
     fill_struct(Program, program, pack_pieces(pieces, visual=False), "cpu")
     rot = Rotation.random(count, rng=rng)
     pos = rng.uniform(-0.2, 0.2, (count, 3)).astype(np.float32)

@@ -31,7 +31,7 @@ def _separated(
     out: wp.array[bool],
 ):
     i = wp.tid()
-    rel = Pose()
+    rel = Pose()  # pyrefly: ignore[missing-argument]
     rel.pos = pos[i]
     rel.rot = rot[i]
     out[i] = boxes_separated(ca[i], ha[i], cb[i], hb[i], rel, margin[i])
@@ -95,6 +95,7 @@ def test_trees_of_boxes_touch_exactly_where_any_two_of_their_boxes_do(geometry: 
         for size, pos, quat in zip(sizes[k], places[k], turns[k].as_quat(scalar_first=True), strict=True):
             body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=size, pos=pos, quat=quat)
     pieces = extract_pieces(spec.compile(), geometry)
+    # pyrefly: ignore[missing-argument]
     colliders, program = collect_colliders(pieces, geometry == "visual", "cpu"), Program()
     program.visual = geometry == "visual"
     roots = [c.root for c in colliders]

@@ -59,8 +59,8 @@ def scene() -> tuple[Program, tuple[trimesh.Trimesh, trimesh.Trimesh], list]:
     spec = mujoco.MjSpec()
     spec.add_mesh(
         name="shell",
-        uservert=np.ravel(shell.vertices),  # type: ignore[attr-defined]
-        userface=np.ravel(shell.faces),  # type: ignore[attr-defined]
+        uservert=np.ravel(shell.vertices),  # pyrefly: ignore[missing-attribute]
+        userface=np.ravel(shell.faces),  # pyrefly: ignore[missing-attribute]
         inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
     )
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1, 1, 0.1])
@@ -70,7 +70,7 @@ def scene() -> tuple[Program, tuple[trimesh.Trimesh, trimesh.Trimesh], list]:
     pieces = sorted(extract_pieces(mjm, "visual"), key=lambda p: p.body)
     colliders = collect_colliders(pieces, True, "cpu")
     assert [c.body for c in colliders] == [0, 1, 2]
-    program = Program()
+    program = Program()  # pyrefly: ignore[missing-argument]
     program.visual = True
     pairs = [(SHELL, BALL), (SHELL, GROUND), (BALL, GROUND)]
     arrays = {

@@ -26,7 +26,7 @@ def _separated(
     out: wp.array[bool],
 ):
     i = wp.tid()
-    rel = Pose()
+    rel = Pose()  # pyrefly: ignore[missing-argument]
     rel.pos = pos[i]
     rel.rot = rot[i]
     out[i] = separated(
@@ -49,7 +49,7 @@ def _program(hulls: list[np.ndarray]) -> Program:
     sizes = [[0, 0, 0]] * len(hulls) + [[0.2, 0.1, 0.01], [0.04, 0, 0], [0.03, 0.08, 0], [0.05, 0.03, 0]]
     sizes.append([0.06, 0.03, 0.02])
     counts = [len(h) for h in hulls] + [0] * 5
-    program = Program()
+    program = Program()  # pyrefly: ignore[missing-argument]
     arrays = {
         "piece_type": np.array(types),
         "piece_size": np.array(sizes),

@@ -275,7 +275,7 @@ def test_a_picture_is_a_png(arm: Path, tmp_path: Path):
     for draw in (
         lambda out: reach.show(str(arm), None, out, 0.1, "cpu"),
         lambda out: reach.narrowed("panda", SceneConfig.load("tabletop_reach"), out, "cpu"),
-        lambda out: cli.check.__wrapped__("mid", picture=out),
+        lambda out: cli.check.__wrapped__("mid", picture=out),  # pyrefly: ignore[missing-attribute]
     ):
         with pytest.raises(NotSupportedError, match=r"a\.jpg: a picture should be a PNG"):
             draw(tmp_path / "a.jpg")

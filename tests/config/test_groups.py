@@ -27,7 +27,7 @@ STACKS_SCENE: dict[str, Any] = {
     "objects": {"a": {"asset": "brick"}, "b": {"asset": "block"}, "c": {"asset": "can"}, "d": {"asset": "mug"}},
     "stacks": {"tower": {"of": ["a", "b", "c"], "on": "floor", "offset": [0, 0.01]}},
 }
-LOOSE = {**STACKS_SCENE, "objects": {**STACKS_SCENE["objects"], "d": {"asset": "mug", "on": "floor"}}}
+LOOSE: dict[str, Any] = {**STACKS_SCENE, "objects": {**STACKS_SCENE["objects"], "d": {"asset": "mug", "on": "floor"}}}
 
 
 @pytest.mark.parametrize(("count", "ends"), [(2, (2, 2)), (0, (0, 0)), ([1, 3], (1, 3)), ((0, 1), (0, 1))])
@@ -172,9 +172,9 @@ def test_a_stack_is_read_again_as_it_was():
 
 def test_a_stack_made_in_python_means_the_same():
     """With arrays of NumPy."""
-    stack = StackConfig(of=("a", "b", "c"), on="floor", offset=np.array([0, 0.01]))  # type: ignore[arg-type]
+    stack = StackConfig(of=("a", "b", "c"), on="floor", offset=np.array([0, 0.01]))
     objects = {name: ObjectConfig(**words) for name, words in LOOSE["objects"].items()}
-    config = SceneConfig(**{**LOOSE, "objects": objects, "stacks": {"tower": stack}})
+    config = SceneConfig(**(LOOSE | {"objects": objects, "stacks": {"tower": stack}}))
     assert places(config) == places(SceneConfig.load(LOOSE))
 
 

@@ -188,8 +188,8 @@ def test_the_words_for_where_a_base_is_drawn_replace_each_other_as_those_of_obje
     """The forms of a region and of an orientation: a scene may have points where its base has a box."""
     base: dict = {"region": {"box": 1}, "orientation": {"yaw": 2}}
     child: dict = {"region": {"points": 3}, "orientation": {"face_to": 4}}
-    for key in reversed(path):
-        base, child = {key: base}, {key: child}
+    for key in reversed(path):  # pyrefly: ignore[non-convergent-recursion]
+        base, child = {key: base}, {key: child}  # pyrefly: ignore[non-convergent-recursion]
     assert merge(base, child) == child
 
 

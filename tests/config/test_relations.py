@@ -117,7 +117,7 @@ def test_relations_made_in_python_are_judged_by_themselves():
     with pytest.raises(
         SceneKeyError, match=r"Direction: near: 'cup' should be given only with 'near', not with 'front_of'"
     ):
-        Direction(front_of="mug", near="cup")  # type: ignore[call-arg]
+        Direction(front_of="mug", near="cup")  # pyrefly: ignore[unexpected-keyword]
 
 
 WRONG: dict[str, tuple] = {

@@ -43,7 +43,7 @@ def test_overrides_replace_parts_by_dotted_keys():
 def test_a_scene_made_in_python_equals_one_read_from_a_dict():
     """Parts, arrays and plain values give the same scene, and the same canonical form."""
     made = SceneConfig(
-        floor=Floor(size=np.array([1.0, 2.0])),  # type: ignore[arg-type]
+        floor=Floor(size=np.array([1.0, 2.0])),
         objects={
             "shelf": ObjectConfig(asset="cabinet", kind="fixture", on="floor"),
             "apple": ObjectConfig(asset="apple", on="shelf"),

@@ -35,7 +35,7 @@ def test_a_key_that_a_part_has_not_is_refused(
 def test_a_config_is_frozen():
     """A scene cannot change after it was validated."""
     with pytest.raises(ValueError, match="frozen"):
-        SceneConfig.load("mid").attempts = 3
+        SceneConfig.load("mid").attempts = 3  # pyrefly: ignore[read-only]
 
 
 def test_python_construction_is_judged_like_a_file():
@@ -43,11 +43,11 @@ def test_python_construction_is_judged_like_a_file():
     with pytest.raises(SceneKeyError, match=r"ObjectConfig: clearance: -1 should be at least 0"):
         ObjectConfig(asset="apple", clearance=-1)
     with pytest.raises(SceneKeyError, match=r"ObjectConfig: onn: unknown key\. Did you mean 'on'"):
-        ObjectConfig(asset="apple", onn="floor")  # type: ignore[call-arg]
+        ObjectConfig(asset="apple", onn="floor")  # pyrefly: ignore[unexpected-keyword]
     with pytest.raises(SceneKeyError, match=r"JointConfig: scene: .*exactly one of .*, but has value and noise"):
         JointConfig(value=1.0, noise=1.0)
     with pytest.raises(SceneKeyError, match=r"SceneConfig: objects\.a\.gap: 'x' should be a number"):
-        SceneConfig(objects={"a": {"asset": "apple", "gap": "x"}})  # type: ignore[dict-item]
+        SceneConfig(objects={"a": {"asset": "apple", "gap": "x"}})
     with pytest.raises(UnknownNameError, match="unknown support 'floor'"):
         SceneConfig(objects={"a": ObjectConfig(asset="apple", on="floor")})
 

@@ -223,7 +223,7 @@ def test_a_chain_may_be_longer_than_python_can_call_itself():
         f"o{i}": {"asset": "apple", "on": "floor", "relations": [{"near": f"o{i + 1}", "distance": {"max": 1}}]}
         for i in range(1200)
     }
-    scene = {"floor": {"size": [50, 50]}, "objects": {**objects, "o1200": {"asset": "apple", "on": "floor"}}}
+    scene: dict = {"floor": {"size": [50, 50]}, "objects": {**objects, "o1200": {"asset": "apple", "on": "floor"}}}
     assert len(SceneConfig.load(scene).objects) == 1201
     scene["objects"]["o1200"]["relations"] = [{"near": "o1199", "distance": {"max": 1}}]
     with pytest.raises(SceneKeyError, match="o1199 -> o1200 -> o1199"):

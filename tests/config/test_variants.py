@@ -84,7 +84,7 @@ def test_overrides_reach_a_single_variant():
 def test_overrides_keep_the_words_of_parts_made_in_python():
     """Also beside variants, whose words are kept as they were given."""
     objects = {"target": {"asset": ["can", "mug"], "on": "floor"}, "apple": ObjectConfig(asset="apple", on="floor")}
-    config = SceneConfig(floor=Floor(size=(1.0, 1.0)), objects=objects)  # type: ignore[arg-type]
+    config = SceneConfig(floor=Floor(size=(1.0, 1.0)), objects=objects)
     assert SceneConfig.load(config, {"objects.apple.gap": 0.002}).objects["apple"].asset == "apple"
 
 

@@ -68,7 +68,7 @@ def test_a_row_is_a_layout(written: Path, table: LayoutTable):
         with pytest.raises(IndexError, match="from 0 to 39"):
             dataset[wrong]
     with pytest.raises(ArgumentTypeError, match=r"integer, got 1\.5"):
-        dataset[1.5]  # type: ignore[index]
+        dataset[1.5]  # pyrefly: ignore[bad-index]
 
 
 @pytest.mark.parametrize("workers", [0, 2])
@@ -174,11 +174,11 @@ def test_rows_that_no_data_set_has_are_no_rows(written: Path):
 @pytest.mark.parametrize(
     "wrong",
     [
-        lambda folder: LayoutDataset(folder).table(0.5, 2),  # type: ignore[arg-type]
-        lambda folder: LayoutDataset(folder).table("a"),  # type: ignore[arg-type]
-        lambda _: LayoutDataset(None),  # type: ignore[arg-type]
-        lambda folder: LayoutDataset(folder, 5),  # type: ignore[arg-type]
-        lambda _: verify(None),  # type: ignore[arg-type]
+        lambda folder: LayoutDataset(folder).table(0.5, 2),  # pyrefly: ignore[bad-argument-type]
+        lambda folder: LayoutDataset(folder).table("a"),  # pyrefly: ignore[bad-argument-type]
+        lambda _: LayoutDataset(None),  # pyrefly: ignore[bad-argument-type]
+        lambda folder: LayoutDataset(folder, 5),  # pyrefly: ignore[bad-argument-type]
+        lambda _: verify(None),  # pyrefly: ignore[bad-argument-type]
     ],
 )
 def test_what_is_of_another_kind_is_refused(written: Path, wrong: Callable[[Path], object]):

@@ -96,7 +96,7 @@ def test_shares_of_any_order_are_the_bytes_of_one_process(tmp_path: Path, order:
     for number in order:
         assert not (tmp_path / "shared" / "dataset.json").exists()
         made = write(tmp_path / "shared", shard=Shard(number, 3))
-    assert made.complete
+    assert made.complete  # pyrefly: ignore[unbound-name]
     assert contents(tmp_path / "shared") == contents(tmp_path / "alone")
     assert write(tmp_path / "shared", shard=Shard(1, 3)).complete  # a rank that is started again
 

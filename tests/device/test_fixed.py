@@ -46,7 +46,7 @@ def test_attributes_are_set_once():
 def test_arguments_that_are_no_attributes_cannot_become_some():
     """They would have no meaning."""
     with pytest.raises(FixedError, match=r"Kept\.seed"):
-        Kept("a", 3).seed = 5  # type: ignore[attr-defined]
+        Kept("a", 3).seed = 5
 
 
 @pytest.mark.parametrize("name", ["compiled", "split", "size", "layouts", "seed", "nworld"])
@@ -82,7 +82,7 @@ def test_what_holds_memory_of_a_device_says_what_to_send(tmp_path: Path, send: o
     crate = box_mjcf(tmp_path, "crate", 0.1, 0.1, 0.05)
     compiled = compile_on_cpu({"floor": FLOOR, "objects": {"crate": {"asset": crate, "on": "floor"}}}, bank=1)
     with pytest.raises(NotSupportedError, match=r"LayoutGenerator holds device memory .* Send its CompiledScene"):
-        send(LayoutGenerator(compiled, 1))  # type: ignore[operator]
+        send(LayoutGenerator(compiled, 1))  # pyrefly: ignore[not-callable]
 
 
 @pytest.mark.parametrize("send", [pickle.dumps, copy.deepcopy])
@@ -99,4 +99,4 @@ def test_layouts_and_all_their_sources_say_what_to_send(tmp_path: Path, send: ob
         (Ahead(generator), r"Ahead holds device memory .* Send its CompiledScene"),
     ):
         with pytest.raises(NotSupportedError, match=advice):
-            send(kept)  # type: ignore[operator]
+            send(kept)  # pyrefly: ignore[not-callable]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 
 from sceniris_gym.vector.task import Task
 from sceniris_gym.vector.vector_env import SceneVectorEnv
@@ -10,14 +11,14 @@ from sceniris_gym.vector.vector_env import SceneVectorEnv
 ROW = re.compile(r"^\s+\| (\w+) \| (\d+(?:, \d+)*) \|", flags=re.MULTILINE)
 
 
-def check_stated(task: type[Task], envs: SceneVectorEnv, privileged: list[tuple[str, tuple[int, ...]]]) -> None:
+def check_stated(task: type[Task], envs: SceneVectorEnv, privileged: Sequence[tuple[str, tuple[int, ...]]]) -> None:
     """Hold names, shapes and sizes of the class docstring against an environment."""
     assert task.__doc__ is not None
     table = [(name, tuple(map(int, shape.split(", ")))) for name, shape in ROW.findall(task.__doc__)]
     assert table == envs.observation_names["policy"]
     assert envs.observation_names["critic"] == [*table, *privileged]
     for group in envs.observation_names:
-        size = envs.single_observation_space[group].shape[0]  # type: ignore[index]
+        size = envs.single_observation_space[group].shape[0]  # pyrefly: ignore[bad-index]
         assert re.search(rf"[Gg]roups? `{group}`[^.:]*, {size} numbers", task.__doc__) or (
             not privileged and re.search(rf"groups `policy` and `critic`, {size} numbers each", task.__doc__)
         )

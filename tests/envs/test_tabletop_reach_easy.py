@@ -38,6 +38,6 @@ def test_the_policy_is_told_what_only_the_critic_of_the_other_task_knows(compile
     ]
     seen = [each.reset(seed=7)[0] for each in envs]
     for name in ("tcp_to_target",):
-        assert name not in dict(envs[0].unwrapped.observation_names["policy"])  # type: ignore[attr-defined]
-        hint = values(envs[0], seen[0], name, "critic")  # type: ignore[arg-type]
-        assert torch.equal(values(envs[1], seen[1], name), hint)  # type: ignore[arg-type]
+        assert name not in dict(envs[0].unwrapped.observation_names["policy"])  # pyrefly: ignore[missing-attribute]
+        hint = values(envs[0], seen[0], name, "critic")  # pyrefly: ignore[bad-argument-type]
+        assert torch.equal(values(envs[1], seen[1], name), hint)  # pyrefly: ignore[bad-argument-type]

@@ -47,7 +47,7 @@ class HostileModel:
         """Write the files to a folder and return the scene with their paths."""
         for name, content in self.files.items():
             (folder / name).write_text(content)
-        scene = {**self.scene, "model": str(folder / "model.xml")}
+        scene: dict[str, Any] = {**self.scene, "model": str(folder / "model.xml")}
         if "robot" in scene:
             scene["robot"] = {**scene["robot"], "asset": str(folder / scene["robot"]["asset"])}
         return scene

@@ -103,4 +103,4 @@ def draw_joints(making: Making, followers: list[str]) -> None:
                 {"value": low},
             ][int(rng.integers(5))]
         making.objects[thing.name] = {**making.objects[thing.name], "joints": words}
-        making.things[i] = Thing(**{**vars(thing), "drawn": tuple(words)})
+        making.things[i] = Thing(**(vars(thing) | {"drawn": tuple(words)}))

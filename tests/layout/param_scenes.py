@@ -24,7 +24,8 @@ def scene_with_params(folder: Path, **words: Any) -> dict[str, Any]:
         "high": {"asset": box, "region": {"box": [[-0.5, -0.5, 0.6], [0.5, 0.5, 0.9]]}},
     }
     groups = {"some": {"of": ["a", "b", "c", "d"], "count": [0, 4], "weights": {"a": 2.0}}}
-    scene = {"floor": {"size": [1.2, 1.2]}, "objects": objects, "groups": groups, "attempts": 8, "bank": 4}
+    scene: dict[str, Any] = {"floor": {"size": [1.2, 1.2]}, "objects": objects, "groups": groups}
+    scene |= {"attempts": 8, "bank": 4}
     scene["start"] = [{}, {"weight": 3.0, "joints": {"cabinet/door": {"range": [0.9, 0.95]}}}]
     for key, value in words.items():
         place: Any = scene

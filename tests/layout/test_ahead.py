@@ -269,11 +269,11 @@ def test_a_generator_that_nobody_can_stand_in_for_is_refused():
     with pytest.raises(ArgumentTypeError, match="Own: cannot prefetch, as prefetching takes a second source"):
         Ahead(Own(compiled, 4))
     with pytest.raises(ArgumentTypeError, match="maker should be a LayoutSource, got"):
-        Ahead(compiled)  # type: ignore[arg-type]
+        Ahead(compiled)  # pyrefly: ignore[bad-argument-type]
     with pytest.raises(ArgumentError, match="while it records rejected candidates"):
         Ahead(LayoutGenerator._recording(compiled, 4, rejected=8))
     with pytest.raises(ArgumentTypeError, match="stream should be a Stream, got"):
-        Ahead(LayoutGenerator(compiled, 4), 0)  # type: ignore[arg-type]
+        Ahead(LayoutGenerator(compiled, 4), 0)
     elsewhere = Mock(spec=wp.Stream, device="cuda:1")
     with pytest.raises(ArgumentError, match="stream should be on cpu, got a stream on cuda:1"):
         Ahead(LayoutGenerator(compiled, 4), elsewhere)

@@ -29,7 +29,8 @@ STATE = {*columns("pose")} - {"present", "start"}
 def line(name: str, column: Column) -> str:
     """Return the line of a struct that declares a column: vectors and quaternions are elements, and so are flags."""
     kinds = {"uint64": "wp.uint64", "int32": "int", "bool": "int", "float32": "float"}
-    wide = {3: "wp.vec3", 4: "wp.quat"}.get(column.shape[-1]) if column.shape else None  # type: ignore[arg-type]
+    # pyrefly: ignore[bad-argument-type]
+    wide = {3: "wp.vec3", 4: "wp.quat"}.get(column.shape[-1]) if column.shape else None
     ndim = 1 + len(column.shape) - (wide is not None)
     return f"{name}: wp.array{f'{ndim}d' if ndim > 1 else ''}[{wide or kinds[column.dtype]}]"
 
@@ -87,23 +88,24 @@ def test_a_layout_that_is_served_has_all_columns():
 def test_public_layouts_have_all_columns_and_the_bank_no_others():
     """`Layouts` has an attribute for each."""
     assert {*columns()} - vars(Layouts).keys() == set()
-    assert {*BANKED, "ntrain"} ^ Bank.vars.keys() == set()
+    assert {*BANKED, "ntrain"} ^ Bank.vars.keys() == set()  # pyrefly: ignore[missing-attribute]
 
 
 def test_all_that_names_a_layout_has_its_key():
     """The next layout of a world, levels, episodes that are over, and the layouts that a reset asks for."""
     key = {*columns("key")}
-    assert {*NEXT} == {f"next_{name}" for name in key} <= LayoutsView.vars.keys()
-    assert key | {*NEXT} <= Buffer.vars.keys()
+    assert {*NEXT} == {f"next_{name}" for name in key} <= LayoutsView.vars.keys()  # pyrefly: ignore[missing-attribute]
+    assert key | {*NEXT} <= Buffer.vars.keys()  # pyrefly: ignore[missing-attribute]
     assert key <= {*Episodes._fields}
     assert key == {*ChosenLayouts._fields} - {"given"}
 
 
 def test_all_that_has_a_state_has_all_of_it():
     """Kernels that write resets, the record of rejected candidates, and arrays for JAX, which get the status, too."""
-    assert Poses.vars.keys() == STATE
+    assert Poses.vars.keys() == STATE  # pyrefly: ignore[missing-attribute]
+    names: list[str] = [*LayoutsView.vars]  # pyrefly: ignore[missing-attribute]
     assert STATE | {"count", "cause", "object"} == {
-        name.removeprefix("rejected_") for name in LayoutsView.vars if name.startswith("rejected_")
+        name.removeprefix("rejected_") for name in names if name.startswith("rejected_")
     }
     assert STATE | {"status"} == {*PARTS}
 

@@ -101,7 +101,7 @@ def test_a_world_is_frozen():
     compiled = compile_on_cpu("mid", bank=3)
     assert (bank_rows(compiled, "train"), bank_rows(compiled, "eval")) == (slice(0, 3), slice(3, 6))
     with pytest.raises(FrozenInstanceError):
-        compiled.device = "cuda:0"  # type: ignore[misc]
+        compiled.device = "cuda:0"  # pyrefly: ignore[read-only]
 
 
 @pytest.mark.parametrize("scene", ["mid", {"objects": {}}], ids=["mid", "nothing"])
@@ -109,7 +109,7 @@ def test_a_world_is_frozen():
 def test_every_field_of_the_device_program_is_set(scene: str | dict, geometry: str):
     """Arrays that nobody filled would be null pointers in a kernel; float arrays hold numbers only."""
     compiled = compile_on_cpu(scene, {"geometry": geometry})
-    for name, field in Program.vars.items():
+    for name, field in Program.vars.items():  # pyrefly: ignore[missing-attribute]
         if wp.types.is_array(field.type):
             values = getattr(compiled.program, name)
             assert values is not None, name
@@ -463,7 +463,7 @@ def test_a_robot_that_stands_on_a_plane_of_its_own_keeps_others_off_it(tmp_path:
     body = """<geom type="plane" size="1 1 .1"/><body name="arm" pos="0 0 .5">
       <joint name="turn" axis="0 0 1" range="-90 90"/><geom type="box" size=".02 .02 .02"/></body>"""
     robot = {"asset": write_mjcf(tmp_path, "bot", body, '<keyframe><key name="home" qpos="0"/></keyframe>')}
-    robot["joints"] = {"turn": {"fraction": [0, 1]}}  # type: ignore[assignment]
+    robot["joints"] = {"turn": {"fraction": [0, 1]}}  # pyrefly: ignore[bad-assignment]
     stone = {"asset": crate["asset"], "region": {"box": [[0.3, 0.3, -0.3], [0.5, 0.5, 0.3]]}}
     compiled = compile_on_cpu({"robot": robot, "objects": {"stone": stone}})
     rows = valid(make(compiled, 300))

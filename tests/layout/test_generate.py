@@ -340,7 +340,7 @@ def test_a_mask_on_another_device_is_copied():
 )
 def test_what_is_no_argument_is_refused_in_our_words(mid: CompiledScene, words: dict[str, Any], says: str):
     """Whatever its type; each is a ValueError, too."""
-    given = {"compiled": mid, "nworld": 4, **words}
+    given: dict[str, Any] = {"compiled": mid, "nworld": 4, **words}
     make = LayoutGenerator._recording if "rejected" in words else LayoutGenerator
     with pytest.raises(ScenirisError, match=says) as found:
         make(given.pop("compiled"), given.pop("nworld"), **given)
@@ -350,7 +350,7 @@ def test_what_is_no_argument_is_refused_in_our_words(mid: CompiledScene, words: 
 def test_a_size_of_another_type_is_refused(mid: CompiledScene):
     """The message names the argument and its type."""
     with pytest.raises(ArgumentTypeError, match="LayoutGenerator: size should be a SearchSize, got <class 'int'>"):
-        LayoutGenerator(mid, 2, size=3)  # type: ignore[arg-type]
+        LayoutGenerator(mid, 2, size=3)  # pyrefly: ignore[bad-argument-type]
 
 
 def test_a_batch_has_a_world_at_least(mid: CompiledScene):

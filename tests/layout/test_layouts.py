@@ -130,10 +130,11 @@ def test_a_kernel_may_read_what_a_view_was_not_given():
     layouts = Layouts.create(compiled, 2)
     given = {"qpos": np.tile(np.arange(compiled.mjm.nq, dtype=np.float32), (3, 1)), "draw_seed": np.array([7, 8, 9])}
     stored = view_of(3, "cpu", given)
+    # pyrefly: ignore[missing-attribute]
     arrays = {name: getattr(stored, name) for name, field in LayoutsView.vars.items() if wp.types.is_array(field.type)}
     assert {name for name, array in arrays.items() if array.shape[0] != 3} == {
         name
-        for name in LayoutsView.vars
+        for name in LayoutsView.vars  # pyrefly: ignore[missing-attribute]
         if name.startswith("rejected")  # there is no record
     }
     launch_open(layouts.view, None)

@@ -288,4 +288,4 @@ def test_an_integer_is_a_shape_of_one_axis():
     assert as_shape((), "s") == ()
     for wrong in (2.5, (3, -1), "3"):
         with pytest.raises(ArgumentError, match="s should be"):
-            as_shape(wrong, "s")  # type: ignore[arg-type]
+            as_shape(wrong, "s")  # pyrefly: ignore[bad-argument-type]

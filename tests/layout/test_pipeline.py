@@ -113,7 +113,7 @@ def test_parts_that_do_not_fit_are_refused(mid: CompiledScene, words: Callable[.
     """Another type, another maker's, or another split than the maker's own."""
     maker, other = LayoutGenerator(mid, NWORLD), LayoutGenerator(mid, NWORLD + 1)
     with pytest.raises(ScenirisError, match=f"LayoutPipeline: .*{message}"):
-        LayoutPipeline(**{"maker": maker, **words(maker, other)})
+        LayoutPipeline(**{"maker": maker, **words(maker, other)})  # pyrefly: ignore[bad-argument-type]
 
 
 @pytest.mark.parametrize("twin", ["self", "none", "worlds", "split", "params"])

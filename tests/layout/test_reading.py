@@ -25,7 +25,7 @@ def test_a_table_has_the_first_layouts(crane: CompiledScene):
     np.testing.assert_array_equal(table.qpos, kept)
     for wrong in (-1, 1.5):
         with pytest.raises(ArgumentError, match=r"LayoutGenerator\.table: nrow"):
-            generator.table(wrong)  # type: ignore[arg-type]
+            generator.table(wrong)  # pyrefly: ignore[bad-argument-type]
 
 
 def test_a_tcp_is_where_the_grasp_is_on_the_object(crane: CompiledScene):

@@ -265,7 +265,7 @@ def test_every_field_of_the_device_comes_back(name: str):
     """By the declarations of the structs, which this test reads by itself."""
     compiled = _uploaded(name)
     again = from_arrays(compiled.scene, "cpu", to_arrays(compiled))
-    structs = [(Program, compiled.program, again.program)]
+    structs: list[tuple[Any, Any, Any]] = [(Program, compiled.program, again.program)]
     if compiled.reaching is not None and again.reaching is not None:
         structs.append((Reach, compiled.reaching.arms[0].view, again.reaching.arms[0].view))
     assert len(structs) == (2 if name == "tabletop_lift" else 1)

@@ -95,7 +95,7 @@ def test_the_first_wrong_seed_of_many_is_named(wrong, place: int):
     objects[:] = seeds
     for given in (seeds, tuple(seeds), objects):
         with pytest.raises(ArgumentError, match=rf"seed\[{place}\]=.* should be an integer from 0 to 2\^64 - 1"):
-            as_seeds(given, 4)
+            as_seeds(given, 4)  # pyrefly: ignore[bad-argument-type]
 
 
 @pytest.mark.parametrize(

@@ -176,7 +176,7 @@ def test_what_is_no_source_is_refused(mid: CompiledScene):
         ArgumentTypeError,
         match="should be a LayoutSource, LayoutTable, LayoutDataset or",
     ):
-        ResetRandomizer(mid, batch.model, batch.data, layout_source=object())  # type: ignore[arg-type]
+        ResetRandomizer(mid, batch.model, batch.data, layout_source=object())  # pyrefly: ignore[bad-argument-type]
     with pytest.raises(ArgumentTypeError, match=r"LayoutSource: should implement the method `launch_make\(mask\)`"):
         LayoutSource().launch_make(None)
 

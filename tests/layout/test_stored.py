@@ -115,7 +115,7 @@ def test_columns_of_another_width_are_refused(crane: CompiledScene, table: Layou
     )
     for other in (wider, values[1:]):
         with pytest.raises(SceneMismatchError, match=r"table\.\w+ should have shape .* got"):
-            StoredLayouts(crane, replace(table, **{name: other}), 2)
+            StoredLayouts(crane, replace(table, **{name: other}), 2)  # pyrefly: ignore[bad-argument-type]
 
 
 @pytest.mark.parametrize(
@@ -189,7 +189,7 @@ def test_wrong_seeds_are_refused(crane: CompiledScene, table: LayoutTable):
     """As those of a generator are."""
     for seed in (-1, 2**64, 1.5, [1, 2]):
         with pytest.raises(ArgumentError, match=r"^seeds?(=| should)"):
-            StoredLayouts(crane, table, 3, seed=seed)  # type: ignore[arg-type]
+            StoredLayouts(crane, table, 3, seed=seed)  # pyrefly: ignore[bad-argument-type]
 
 
 def test_a_table_of_a_generator_gives_the_generators_layouts(crane: CompiledScene):
@@ -271,12 +271,12 @@ def test_a_table_of_another_scene_is_refused(crane: CompiledScene, table: Layout
     wanted = str(tuple(values.shape[1:]))[1:-1].rstrip(",")
     for other in (values[:, :-1], np.concatenate([values, values[:, :1]], axis=1)):
         with pytest.raises(SceneMismatchError, match=rf"table\.{name} should have shape \(nrow, {wanted}"):
-            StoredLayouts(crane, replace(table, **{name: other}), 2)
+            StoredLayouts(crane, replace(table, **{name: other}), 2)  # pyrefly: ignore[bad-argument-type]
 
 
 def test_a_table_without_rows_is_refused(crane: CompiledScene, table: LayoutTable):
     """There would be nothing to serve."""
-    for nothing in (table[slice(0, 0)], replace(table, qpos=np.float32(1.0))):
+    for nothing in (table[slice(0, 0)], replace(table, qpos=np.float32(1.0))):  # pyrefly: ignore[bad-argument-type]
         with pytest.raises(SceneMismatchError, match="nrow >= 1"):
             StoredLayouts(crane, nothing, 2)
 
@@ -329,7 +329,7 @@ def test_rows_that_are_no_layouts_are_refused(crane: CompiledScene):
         wrong.append(({name: np.full(3, -5, np.int32)}, rf"\.{name} should be from .* got -5 in row 0"))
     for columns, match in wrong:
         with pytest.raises(SceneMismatchError, match=match):
-            StoredLayouts(crane, replace(made, **columns), 2)
+            StoredLayouts(crane, replace(made, **columns), 2)  # pyrefly: ignore[bad-argument-type]
 
 
 def test_arguments_of_another_type_are_told_by_their_names(crane: CompiledScene, table: LayoutTable):

@@ -119,7 +119,7 @@ def test_a_redraw_takes_the_masses_that_the_worlds_have(tmp_path: Path):
     redraw = make_redraw(randomizer.compiled, ("load",), NWORLD, "train", masses=(model.body_mass, model.body_ipos))
     mask = wp.ones(NWORLD, dtype=bool, device="cpu")
     redraw.launch(randomizer.layouts.view, mask, RedrawCounts.zeros(NWORLD, "cpu"))
-    generator = redraw._make.__self__
+    generator = redraw._make.__self__  # pyrefly: ignore[missing-attribute]
     np.testing.assert_array_equal(generator._work.statics.body_weight.numpy(), model.body_mass.numpy())
 
 

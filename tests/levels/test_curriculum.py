@@ -39,14 +39,14 @@ def test_an_adr_without_a_param_is_refused():
     with pytest.raises(ArgumentError, match="init_range should name at least one param"):
         ADR({})
     with pytest.raises(ArgumentTypeError, match="init_range should be a Mapping"):
-        ADR(["groups.clutter.count"])  # type: ignore[arg-type]
+        ADR(["groups.clutter.count"])  # pyrefly: ignore[bad-argument-type]
 
 
 def test_numbers_of_an_adr_are_checked():
     """Shares are from 0 to 1, and the lower one is not above the upper one."""
     start = {"groups.clutter.count": [1, 2]}
     with pytest.raises(ArgumentError, match="delta should be from 0 to 1, got 'wide'"):
-        ADR(start, delta="wide")  # type: ignore[arg-type]
+        ADR(start, delta="wide")  # pyrefly: ignore[bad-argument-type]
     with pytest.raises(ArgumentError, match="threshold_low at most threshold_high"):
         ADR(start, threshold_low=0.8)
 

@@ -96,7 +96,7 @@ def test_ranges_widen_with_success_and_narrow_with_failure(reach_scene):  # noqa
     envs.reset(seed=1)
     widths = []
     for step in range(60):
-        envs.task.wins = step < 30  # type: ignore[attr-defined]
+        envs.task.wins = step < 30  # pyrefly: ignore[missing-attribute]
         envs.step(actions(16))
         low, high = levels.ranges[SLIDE]
         widths.append(round(float(high - low), 4))

@@ -83,7 +83,7 @@ def _extends(
     out: wp.array[bool],
 ):
     i = wp.tid()
-    rel = Pose()
+    rel = Pose()  # pyrefly: ignore[missing-argument]
     rel.pos = pos[i]
     rel.rot = rot[i]
     for edge in range(first[i], first[i] + number[i]):
@@ -107,7 +107,7 @@ def test_what_extends_beyond_a_convex_outline_is_what_shapely_says():
     count = np.array([len(e) for e in edges])
     sides = np.concatenate(edges)
     lengths = np.array([len(h) for h in hulls] + [0])
-    program = Program()
+    program = Program()  # pyrefly: ignore[missing-argument]
     arrays = {
         "piece_type": np.array([PieceType.HULL] * 3 + [PieceType.BOX]),
         "piece_size": np.array([[0.0] * 3] * 3 + [size.tolist()]),
@@ -151,7 +151,7 @@ def _outline(
     i = wp.tid()
     inside[i] = footprint.inside_outline(program, 0, points[i])
     distance[i] = footprint.outline_distance(program, 0, points[i])
-    rel = Pose()
+    rel = Pose()  # pyrefly: ignore[missing-argument]
     rel.pos = pos[i]
     rel.rot = rot[i]
     for edge in range(program.surface_edgenum[0]):
@@ -166,7 +166,7 @@ def test_points_and_shadows_lie_in_an_outline_as_shapely_says():
     rings = [shapely.get_coordinates(ring) for ring in shapely.get_rings(shape)]
     sides = np.concatenate([np.stack([ring[:-1], ring[1:]], axis=1) for ring in rings])
     hull = rng.normal(size=(12, 3)) * [0.04, 0.03, 0.02]
-    program = Program()
+    program = Program()  # pyrefly: ignore[missing-argument]
     arrays = {
         "piece_type": np.array([PieceType.HULL]),
         "piece_size": np.zeros((1, 3)),
@@ -282,7 +282,7 @@ def _crosses(
     out: wp.array[bool],
 ):
     i = wp.tid()
-    frame = Pose()
+    frame = Pose()  # pyrefly: ignore[missing-argument]
     frame.pos = pos[i]
     frame.rot = rot[i]
     out[i] = footprint._crosses_box(half[i], relative(footprint._upward(point[i]), frame))

@@ -54,7 +54,7 @@ def test_grasps_pass_by_the_map_and_by_their_approach(mapped: bool, stands: bool
     """The TCP is where SciPy has it. At most 10 degrees upwards to what stands; the map decides nearly as its shape."""
     rng = np.random.default_rng(3)
     reach_map = map_of(ball, monkeypatch, gantry()[1], 0.05, np.radians(7.5))
-    reach = Reach()
+    reach = Reach()  # pyrefly: ignore[missing-argument]
     reach.base_body, reach.mapped = BASE, mapped
     reach.map = reach_map.view("cpu")
     body, grasp_pos = rng.integers(1, BODIES, GRASPS), rng.uniform(-0.2, 0.2, (GRASPS, 3))

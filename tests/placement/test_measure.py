@@ -46,7 +46,7 @@ def _measure(
 ):
     """Measure object 0 in an orientation of heading 0, and its bounds around another pivot in another heading."""
     i = wp.tid()
-    drawn = StableDraw()
+    drawn = StableDraw()  # pyrefly: ignore[missing-argument]
     drawn.quat = quat[i]
     drawn.pivot = program.stable_pivot[0]
     drawn.bounds = program.stable_bounds[0]

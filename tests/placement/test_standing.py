@@ -64,7 +64,7 @@ def _load(
     """A load of 1 kg on a square patch of 10 cm, 5 cm high, which falls by 1 mm."""
     i = wp.tid()
     levels = wp.zeros(shape=(1,), dtype=Level)
-    level = Level()
+    level = Level()  # pyrefly: ignore[missing-argument]
     level.own = wp.vec4(1.0, off[i], 0.0, 0.05)
     level.load = level.own
     level.margin = 0.05 - off[i]

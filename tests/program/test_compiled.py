@@ -51,7 +51,7 @@ def test_only_the_upload_knows_the_checks(path: Path):
 def test_every_list_of_the_program_is_in_the_array_that_it_addresses(geometry: str):
     """No address or index that a kernel follows leads out of an array."""
     compiled = _uploaded(geometry=geometry)
-    held = {name: getattr(compiled.program, name) for name in Program.vars}
+    held = {name: getattr(compiled.program, name) for name in Program.vars}  # pyrefly: ignore[missing-attribute]
     a = {name: value.numpy() for name, value in held.items() if isinstance(value, wp.array)}
     pieces, bodies = len(a["piece_type"]), compiled.mjm.nbody
     lists = {
@@ -174,4 +174,4 @@ def test_nothing_of_it_can_be_set_again():
     """It is frozen."""
     compiled = _uploaded()
     with pytest.raises(FrozenInstanceError):
-        compiled.device = "cpu"  # type: ignore[misc]
+        compiled.device = "cpu"  # pyrefly: ignore[read-only]

@@ -65,11 +65,11 @@ def _arrays() -> dict[str, np.ndarray]:
 
 def test_arrays_come_in_the_declared_types_with_the_values_that_were_given():
     """From bool, int64, float64, and views that are not contiguous; what is no array is left alone."""
-    held, arrays = Held(), _arrays()
+    held, arrays = Held(), _arrays()  # pyrefly: ignore[missing-argument]
     held.count = 7
     fill_struct(Held, held, arrays, "cpu")
     for name, values in arrays.items():
-        field, found = Held.vars[name].type, getattr(held, name)
+        field, found = Held.vars[name].type, getattr(held, name)  # pyrefly: ignore[missing-attribute]
         assert (found.dtype, found.ndim) == (field.dtype, field.ndim), name
         assert str(found.device) == "cpu"
         np.testing.assert_allclose(found.numpy().astype(float), values.astype(float), rtol=1e-6, err_msg=name)
@@ -79,7 +79,7 @@ def test_arrays_come_in_the_declared_types_with_the_values_that_were_given():
 
 def test_a_kernel_sees_what_was_filled_in():
     """Strides and all."""
-    held, arrays, out = Held(), _arrays(), wp.zeros(1, dtype=float, device="cpu")
+    held, arrays, out = Held(), _arrays(), wp.zeros(1, dtype=float, device="cpu")  # pyrefly: ignore[missing-argument]
     fill_struct(Held, held, arrays, "cpu")
     wp.launch(_total, dim=1, inputs=[held, out], device="cpu")
     expected = sum(float(arrays[name].sum()) for name in ("numbers", "turns", "triples", "blocks"))
@@ -88,7 +88,7 @@ def test_a_kernel_sees_what_was_filled_in():
 
 def test_a_filled_field_does_not_change_with_the_array_it_was_filled_from():
     """The scene is frozen, whatever the host does with its own."""
-    held, values = Held(), np.arange(4, dtype=np.int32)
+    held, values = Held(), np.arange(4, dtype=np.int32)  # pyrefly: ignore[missing-argument]
     fill_struct(Held, held, {"numbers": values}, "cpu")
     values[:] = -1
     assert held.numbers.numpy().tolist() == [0, 1, 2, 3]
@@ -97,7 +97,7 @@ def test_a_filled_field_does_not_change_with_the_array_it_was_filled_from():
 def test_a_field_that_is_not_declared_is_an_error():
     """A name that is misspelled is seen at once."""
     with pytest.raises(KeyError):
-        fill_struct(Held, Held(), {"numbres": np.zeros(3)}, "cpu")
+        fill_struct(Held, Held(), {"numbres": np.zeros(3)}, "cpu")  # pyrefly: ignore[missing-argument]
 
 
 @pytest.mark.parametrize("declared", [Program, Reach], ids=["Program", "Reach"])

@@ -198,7 +198,7 @@ def test_a_map_in_which_nothing_is_within_reach_is_refused(shell: ReachMap, arm:
 @pytest.mark.parametrize(("name", "value"), [("step", 1e9), ("z_low", -1e9), ("nz", 10**12)])
 def test_a_map_of_no_arm_is_refused(shell: ReachMap, arm: SerialArm, tmp_path: Path, name: str, value: float):
     """Steps and places that are out of all bounds."""
-    replace(shell, **{name: value}).save(tmp_path / "a.reach")
+    replace(shell, **{name: value}).save(tmp_path / "a.reach")  # pyrefly: ignore[bad-argument-type]
     with pytest.raises(MapError, match=f"the reachability map is damaged: {name} is"):
         ReachMap.load(tmp_path / "a.reach", arm)
 

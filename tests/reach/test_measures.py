@@ -133,7 +133,7 @@ def test_a_map_that_accepts_next_to_nothing_has_no_share(fine: ReachMap):
 def test_progress_is_told(fine: ReachMap):
     """Set by set."""
     told: list[tuple[str, int, int]] = []
-    with listening(lambda *step: told.append(step)):
+    with listening(lambda *step: told.append(step)):  # pyrefly: ignore[bad-argument-type]
         measure_false_accepts(fine, "cpu")
     assert told == [("false accepts", n, 3) for n in (1, 2, 3)]
 

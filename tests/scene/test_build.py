@@ -114,7 +114,7 @@ def test_a_scene_is_given_in_any_form(tmp_path: Path):
     with pytest.raises(ArgumentError, match="overrides should be None for a SceneModel"):
         build_model(model, {"objects.apple.clearance": 0.01})
     with pytest.raises(ArgumentTypeError):
-        build_model(None)  # type: ignore[arg-type]
+        build_model(None)  # pyrefly: ignore[bad-argument-type]
 
 
 def model_with(cameras: dict[str, Any], **more: Any) -> Any:

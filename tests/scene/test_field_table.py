@@ -79,7 +79,7 @@ def test_unknown_names_are_told_with_the_nearest(small_arm, field: str, name: st
 def test_a_name_that_is_no_string_is_unknown(small_arm):
     """MuJoCo would read memory that is not there."""
     with pytest.raises(UnknownNameError, match="unknown body 'None'"):
-        field_rows(small_arm, {}, "body_mass", None, "test")  # pyright: ignore[reportArgumentType]
+        field_rows(small_arm, {}, "body_mass", None, "test")  # pyrefly: ignore[bad-argument-type]
 
 
 @pytest.mark.parametrize("field", ["body_pos", "geom_size", "body_subtreemass", "body_mas", "jnt_range", "ngeom"])

@@ -107,12 +107,12 @@ def test_tables_that_cannot_be_joined_or_cut_are_refused():
     ]
     for wrong in ([], None, [3]):
         with pytest.raises(ArgumentError, match="tables should be a list of one LayoutTable or more"):
-            LayoutTable.concatenate(wrong)  # type: ignore[arg-type]
+            LayoutTable.concatenate(wrong)  # pyrefly: ignore[bad-argument-type]
     with pytest.raises(SceneMismatchError, match="should have the same scene, split, params"):
         LayoutTable.concatenate(states)
     for size in (0, -1, None, "x"):
         with pytest.raises(ArgumentError, match="size should be an integer of at least 1"):
-            next(states[0].chunks(size))  # type: ignore[arg-type]
+            next(states[0].chunks(size))  # pyrefly: ignore[bad-argument-type]
 
 
 @pytest.mark.parametrize("name", ["qpos", "mocap_pos", "mocap_quat", "present"])
@@ -136,4 +136,4 @@ def test_rows_that_do_not_exist_are_refused():
             table[index]
     for data, row in ((None, 0), (mujoco.MjData(mujoco.MjModel.from_xml_string("<mujoco/>")), None)):
         with pytest.raises(ArgumentTypeError, match=r"LayoutTable\.put: (data|i) should be"):
-            table.put(data, row)  # type: ignore[arg-type]
+            table.put(data, row)  # pyrefly: ignore[bad-argument-type]

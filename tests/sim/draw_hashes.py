@@ -91,10 +91,9 @@ def masses(device: str, folder: Path) -> dict[str, np.ndarray]:
     """Draw masses that layouts have to stand with, of which most fall back; scale one, and place its object anew."""
     objects = {
         "block": {"asset": box_mjcf(folder, "block", 0.08, 0.08, 0.05), "kind": "fixture", "on": "floor"},
-        "plank": {"asset": box_mjcf(folder, "plank", 0.3, 0.06, 0.02), "on": "block", "randomize": {**MASSES}},
+        "plank": {"asset": box_mjcf(folder, "plank", 0.3, 0.06, 0.02), "on": "block", "randomize": MASSES | CENTRES},
         "load": {"asset": box_mjcf(folder, "load", 0.04, 0.04, 0.04), "on": "plank", "randomize": {**MASSES}},
     }
-    objects["plank"]["randomize"] |= CENTRES
     scene = {"floor": {"size": [1, 1]}, "attempts": 3, "restarts": 1, "objects": objects, "bank": 8}
     compiled = compile_scene(SceneConfig.load(scene), device)
     found = {}

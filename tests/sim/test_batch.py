@@ -40,7 +40,7 @@ def test_all_kernels_of_a_step_are_compiled_together_and_none_is_launched_for_th
     batch.step()
     arrays = {name: value.numpy() for name, value in vars(batch.data).items() if isinstance(value, wp.array)}
     before = {name: values.copy() for name, values in arrays.items()}
-    together = found(batch.update.__self__.ahead)
+    together = found(batch.update.__self__.ahead)  # pyrefly: ignore[missing-attribute]
     for name, values in arrays.items():
         np.testing.assert_array_equal(values, before[name], err_msg=name)
     assert together == loaded(batch._launch_step) > loaded(batch._update)

@@ -233,4 +233,4 @@ def test_unknown_fields_are_told_before_a_model_is_made(small_scene):
     with pytest.raises(UnknownNameError, match="Did you mean 'geom_friction'"):
         make_worlds(small_scene, 3, fields="geom_frictions")
     with pytest.raises(ArgumentTypeError, match="make_worlds: fields"):
-        make_worlds(small_scene, 3, fields=(("body_mass",),))  # type: ignore[arg-type]
+        make_worlds(small_scene, 3, fields=(("body_mass",),))  # pyrefly: ignore[bad-argument-type]

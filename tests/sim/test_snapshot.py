@@ -51,6 +51,7 @@ def compiled() -> CompiledScene:
 
 def _made(compiled: CompiledScene, nworld: int = NWORLD, **words: Any) -> ResetRandomizer:
     model, data = make_worlds(compiled, nworld)
+    # pyrefly: ignore[bad-argument-type]
     return ResetRandomizer(compiled, model, data, **{"params": REGION, "prefetch": False, **words})
 
 

@@ -49,7 +49,7 @@ def test_it_makes_its_own_layouts_of_a_scene(prefetch: bool):
         with pytest.raises(ValueError, match="Leave out the layout_source, or leave out"):
             ResetRandomizer(compiled, model, data, layout_source=twin, prefetch=True)
         with pytest.raises(TypeError, match=r"prefetch should be a boolean, a wp\.Stream or None, got <class 'str'>"):
-            ResetRandomizer(compiled, model, data, prefetch="no")  # type: ignore[arg-type]
+            ResetRandomizer(compiled, model, data, prefetch="no")
 
 
 class Own(LayoutSource):
@@ -67,7 +67,8 @@ def test_a_pipeline_takes_the_split_of_its_randomizer(make_randomizer, small_sce
     randomizer = ResetRandomizer(small_scene, model, data, layout_source=pipeline, split="eval")
     assert (randomizer.split, randomizer.pipeline.split) == ("eval", "eval")
     with pytest.raises(ArgumentTypeError, match="layout_source should be a LayoutSource"):
-        ResetRandomizer(small_scene, model, data, layout_source=3, curriculum=LevelReplay())  # type: ignore[arg-type]
+        # pyrefly: ignore[bad-argument-type]
+        ResetRandomizer(small_scene, model, data, layout_source=3, curriculum=LevelReplay())
     pipeline = LayoutPipeline(Own(small_scene), chooser=Chooser())
     with pytest.raises(ArgumentError, match="both curriculum and layout_source choose layouts"):
         ResetRandomizer(small_scene, model, data, layout_source=pipeline, curriculum=LevelReplay())

@@ -212,7 +212,7 @@ def test_a_model_with_one_row_for_all_worlds_is_refused(compiled: CompiledScene)
             ResetRandomizer(compiled, mjw.put_model(compiled.mjm), mjw.make_data(compiled.mjm, nworld=2))
     for nworld in (-1, 2.0):
         with pytest.raises(ArgumentError, match=r"make_worlds: nworld should be an integer of at least 1, got"):
-            make_worlds(compiled, nworld)  # type: ignore[arg-type]
+            make_worlds(compiled, nworld)  # pyrefly: ignore[bad-argument-type]
     variant = ResetRandomizer(compiled, *make_worlds(compiled, 2)).variants
     assert variant.shape == (2, len(compiled.config.variants))
 

@@ -54,4 +54,4 @@ def test_the_default_room_is_that_of_the_scene(small_scene):
 def test_wrong_arguments_are_refused(small_scene, words, error, message):
     """By the name of the argument."""
     with pytest.raises(error, match=message):
-        make_worlds(**{"compiled": small_scene, "nworld": 2, **words})
+        make_worlds(**{"compiled": small_scene, "nworld": 2, **words})  # pyrefly: ignore[bad-argument-type]

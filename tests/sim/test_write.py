@@ -64,7 +64,7 @@ def written(
         d = mjw.make_data(model, nrow if rows is None else len(rows))
         for array in (d.qpos, d.ctrl, d.act):
             array.fill_(-7.0)
-        poses = Poses()
+        poses = Poses()  # pyrefly: ignore[missing-argument]
         poses.qpos = wp.array(qpos, dtype=float)
         poses.mocap_pos = wp.full((nrow, 1), wp.vec3(1.0, 2.0, 3.0), dtype=wp.vec3)
         poses.mocap_quat = wp.full((nrow, 1), wp.quat(0.5, -0.5, 0.5, -0.5), dtype=wp.quat)

@@ -58,7 +58,7 @@ def first_images(envs: SceneVectorEnv, resets: int) -> dict[str, int]:
     """Let all worlds end their episodes again and again, and compare the first image of each new one."""
     rays = Rays(envs.compiled.mjm)
     envs.reset(seed=0)
-    action = torch.zeros(envs.action_space.shape, device=envs.device)  # type: ignore[arg-type]
+    action = torch.zeros(envs.action_space.shape, device=envs.device)  # pyrefly: ignore[no-matching-overload]
     found = {"first images": 0, "show their layout": 0, "show the layout before": 0}
     before = envs.batch.data.qpos.numpy()
     while found["first images"] < resets:
@@ -86,6 +86,7 @@ def other_batches(envs: SceneVectorEnv, other: SceneVectorEnv) -> dict[str, floa
         mask = np.isin(seeds, part)
         second = other.reset(seed=[int(order[i]) for i in seeds], options={"reset_mask": mask})[0]["images"][CAMERA]
     rows = torch.from_numpy(order).to(envs.device)
+    # pyrefly: ignore[unbound-name]
     return {kind: float((first[kind][rows] != second[kind]).any(dim=3).float().mean()) for kind in first}
 
 

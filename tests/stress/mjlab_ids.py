@@ -16,11 +16,11 @@ from typing import Any
 
 import numpy as np
 import torch
-from mjlab.entity import EntityCfg  # pyright: ignore[reportMissingImports]
-from mjlab.envs import ManagerBasedRlEnv, ManagerBasedRlEnvCfg  # pyright: ignore[reportMissingImports]
-from mjlab.scene import SceneCfg  # pyright: ignore[reportMissingImports]
-from mjlab.tasks.manipulation.config.yam.env_cfgs import get_cube_spec  # pyright: ignore[reportMissingImports]
-from mjlab.terrains import TerrainEntityCfg  # pyright: ignore[reportMissingImports]
+from mjlab.entity import EntityCfg
+from mjlab.envs import ManagerBasedRlEnv, ManagerBasedRlEnvCfg
+from mjlab.scene import SceneCfg
+from mjlab.tasks.manipulation.config.yam.env_cfgs import get_cube_spec
+from mjlab.terrains import TerrainEntityCfg
 
 from sceniris_gym.adapters.mjlab import PlaceLayoutsCfg
 from tests.stress.mixed import STATUS
@@ -40,7 +40,7 @@ def environment(seed: int) -> ManagerBasedRlEnv:
         num_envs=_NUM_ENVS, env_spacing=3.0, terrain=TerrainEntityCfg(terrain_type="plane"), entities=cubes
     )
     cfg = ManagerBasedRlEnvCfg(decimation=1, scene=scene, seed=seed)
-    cfg.events["layouts"] = PlaceLayoutsCfg(scene=_SCENE, seed=seed, params=[_PARAM])
+    cfg.events["layouts"] = PlaceLayoutsCfg(scene=_SCENE, seed=seed, scene_params=[_PARAM])
     return ManagerBasedRlEnv(cfg, "cpu")
 
 

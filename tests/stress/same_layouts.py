@@ -110,8 +110,8 @@ def rows_of(compiled: CompiledScene, nworld: int) -> dict[str, np.ndarray]:
         model, data = make_worlds(compiled, nworld, nconmax=8, njmax=8)
         randomizer = ResetRandomizer(compiled, model, data, graph=False)
         randomizer.reset()
-    names = {"layouts": _LAYOUTS if compiled.reaching is None else _LAYOUTS + _GRASPS, "data": _STATE}
-    names["model"] = tuple(drawn_fields(compiled.scene.sim.draws))
+    drawn = tuple(drawn_fields(compiled.scene.sim.draws))
+    names = {"layouts": _LAYOUTS if compiled.reaching is None else _LAYOUTS + _GRASPS, "data": _STATE, "model": drawn}
     sources = {"layouts": randomizer.layouts, "data": data, "model": model}
     return {f"{key}_{name}": getattr(sources[key], name).numpy() for key in names for name in names[key]}
 

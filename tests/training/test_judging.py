@@ -57,7 +57,7 @@ def test_a_scene_without_free_objects_has_no_things():
     envs = task_scenes.make_env("TabletopReach-v0", 3, reach_scene())
     parts = {name: part for name, part in envs.state.scene.config.objects.items() if part.kind != "free"}
     bare = SimpleNamespace(num_envs=3, device=envs.device, scene=SimpleNamespace(config=SimpleNamespace(objects=parts)))
-    things, nearest = judging.density("module:Own-v0", bare, torch.ones(3, 1))  # type: ignore[arg-type]
+    things, nearest = judging.density("module:Own-v0", bare, torch.ones(3, 1))  # pyrefly: ignore[bad-argument-type]
     assert (things.tolist(), nearest.tolist()) == ([0] * 3, [np.inf] * 3)
 
 
@@ -69,7 +69,7 @@ def test_a_task_that_asks_for_grasps_is_judged_where_objects_have_some(monkeypat
         def observe(self, s: Any) -> dict[str, dict[str, torch.Tensor]]:
             return {"policy": {"grasp": s.grasp("can")}}
 
-    gymnasium.register("Grasp-v0", **ENTRY_POINTS, max_episode_steps=2, kwargs={"task": Grasp})  # type: ignore[arg-type]
+    gymnasium.register("Grasp-v0", **ENTRY_POINTS, max_episode_steps=2, kwargs={"task": Grasp})
     monkeypatch.setattr(
         judging,
         "compile_scene",

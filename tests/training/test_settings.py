@@ -41,4 +41,4 @@ def test_a_run_has_an_end_after_its_start(options: dict[str, float]):
     """Time and steps are above 0."""
     (name,) = options
     with pytest.raises(ArgumentError, match=rf"--{name.replace('_', '-')} .*: should be above 0"):
-        Options("TabletopReach-v0", **options).check()  # type: ignore[arg-type]
+        Options("TabletopReach-v0", **options).check()  # pyrefly: ignore[bad-argument-type]

@@ -88,4 +88,4 @@ def test_a_task_with_another_environment_is_refused(monkeypatch: pytest.MonkeyPa
     with pytest.raises(
         ArgumentError, match="vector_entry_point='sceniris_gym:SceneVectorEnv', but makes a CartPoleVectorEnv"
     ):
-        task_scenes.make_env("Other-v0", 2, None)  # type: ignore[arg-type]
+        task_scenes.make_env("Other-v0", 2, None)  # pyrefly: ignore[bad-argument-type]

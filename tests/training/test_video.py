@@ -32,6 +32,7 @@ def test_a_world_keeps_the_last_picture_of_its_episode(tmp_path: Path):
 def test_a_failure_leaves_no_file(tmp_path: Path):
     """Nor half a video."""
     pytest.importorskip("imageio_ffmpeg", reason="imageio-ffmpeg is not installed (extra 'video')")
-    with pytest.raises(RuntimeError), filming(tmp_path / "a.mp4", SimpleNamespace(metadata={"render_fps": 20})):  # type: ignore[arg-type]
+    # pyrefly: ignore[bad-argument-type]
+    with pytest.raises(RuntimeError), filming(tmp_path / "a.mp4", SimpleNamespace(metadata={"render_fps": 20})):
         raise RuntimeError
     assert list(tmp_path.iterdir()) == []

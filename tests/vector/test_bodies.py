@@ -97,7 +97,7 @@ def test_a_single_string_is_one_name(compiled):
     assert torch.equal(Bounds(s, "can").lowest(s.poses(["can"])), Bounds(s, ["can"]).lowest(s.poses(["can"])))
     assert ContactSensor(s, "banana", "block")(s).shape == (2, 1, 1)
     with pytest.raises(ArgumentTypeError, match="Bounds: names should be one name or several names"):
-        Bounds(s, 3)  # type: ignore[arg-type]
+        Bounds(s, 3)  # pyrefly: ignore[bad-argument-type]
 
 
 def test_contacts_of_the_last_step_are_told_by_world_and_body():

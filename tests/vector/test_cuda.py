@@ -159,7 +159,7 @@ def test_no_shipped_task_waits_in_a_step(task: str, prefetch: bool):
     """With layouts made ahead and in place, through ends of episodes: nothing waits for the device."""
     envs = gymnasium.make_vec(task, num_envs=8, device="cuda:0", max_episode_steps=3, sim_config={"prefetch": prefetch})
     envs.reset(seed=0)
-    action = torch.zeros(8, *envs.single_action_space.shape, device="cuda")  # type: ignore[misc]
+    action = torch.zeros(8, *envs.single_action_space.shape, device="cuda")  # pyrefly: ignore[not-iterable]
     for _ in range(4):  # with the first reset of an episode that has ended
         envs.step(action)
     torch.cuda.set_sync_debug_mode("error")

@@ -111,7 +111,7 @@ def test_one_id_and_numbers_of_any_library_are_taken(make: Callable[..., SceneVe
     """A single id is no sequence of letters; a negative number is refused."""
     envs = make(2)
     expected = evaluate(turning, envs, 3)
-    assert evaluate(turning, envs, np.int64(3)) == expected  # pyright: ignore[reportArgumentType]
+    assert evaluate(turning, envs, np.int64(3)) == expected  # pyrefly: ignore[bad-argument-type]
     assert evaluate(turning, envs, expected[1].id) == expected[1:2]
     with pytest.raises(ArgumentError, match="evaluate: layouts should be an integer of at least 0, got -1"):
         evaluate(turning, envs, -1)
@@ -163,7 +163,7 @@ def test_other_environments_are_refused(make: Callable[..., SceneVectorEnv]):
 
     for other in (gym.make_vec("CartPole-v1", num_envs=2), Wrapped()):
         with pytest.raises(ArgumentError, match=rf"should be a SceneVectorEnv.*got {type(other).__name__}\."):
-            evaluate(turning, other, 2)  # pyright: ignore[reportArgumentType]
+            evaluate(turning, other, 2)  # pyrefly: ignore[bad-argument-type]
 
 
 def test_wrappers_may_be_around(make: Callable[..., SceneVectorEnv]):

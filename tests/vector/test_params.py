@@ -19,7 +19,7 @@ from tests.vector.conftest import SCENE, Reach, make_env, reach_scene  # noqa: F
 from tests.vector.stepping import actions, assert_equal
 
 SLIDE = "objects.cabinet.joints.slide"
-RANDOM = {**SCENE, "bank": 2, "objects": {**SCENE["objects"]}}
+RANDOM: dict[str, Any] = {**SCENE, "bank": 2, "objects": {**SCENE["objects"]}}
 RANDOM["objects"]["block"] = {**SCENE["objects"]["block"], "randomize": {"mass": {"scale": [0.5, 2.0]}}}
 MASS = "objects.block.randomize.mass"
 
@@ -48,7 +48,7 @@ def test_a_param_is_set_in_some_worlds_by_every_door(make_env):  # noqa: F811
         assert all(0.05 <= slides[i] <= 0.06 for i in (0, 2)), name
         assert [slides[i] for i in (1, 3)] == [others[i] for i in (1, 3)]
     with pytest.raises(UnknownNameError, match=r"`params` should name it\): unknown param 'objects\.block\.region'"):
-        envs.set_param("objects.block.region", [[0, 0], [0.1, 0.1]])
+        envs.set_param("objects.block.region", [[0, 0], [0.1, 0.1]])  # pyrefly: ignore[unbound-name]
     with pytest.raises(UnknownNameError, match=r"Did you mean 'objects\.cabinet\.joints\.slide'"):
         envs.set_attr("objects.cabinet.joints.slid", [0.05, 0.06])
     with pytest.raises(ArgumentError, match=r"from \[0\.04\] to \[0\.16\], as in the scene file, got \[0\.0, 0\.1\]"):
@@ -158,9 +158,10 @@ def test_gymnasium_makes_environments_with_params():
         gymnasium.make_vec(
             "sceniris_gym/TabletopReach-v0",
             num_envs=2,
-            scene=envs.unwrapped.compiled,  # type: ignore[attr-defined]
+            scene=envs.unwrapped.compiled,  # pyrefly: ignore[missing-attribute]
             params="*",
-            layout_source=lambda compiled, num_envs: envs.unwrapped.randomizer.pipeline,  # type: ignore[attr-defined]
+            # pyrefly: ignore[missing-attribute]
+            layout_source=lambda compiled, num_envs: envs.unwrapped.randomizer.pipeline,
         )
 
 

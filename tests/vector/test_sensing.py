@@ -179,7 +179,7 @@ def test_actions_arrive_late():
     arrived = []
     for step in range(8):
         envs.step(torch.full((16, 1), 0.1 * step))
-        arrived.append(envs.task.arrived.clone())  # type: ignore[attr-defined]
+        arrived.append(envs.task.arrived.clone())  # pyrefly: ignore[missing-attribute]
     found = torch.stack(arrived)[:, :, 0]
     delay = ((0.7 - found[7]) / 0.1).round().long()
     assert set(delay.tolist()) == {1, 2, 3}
@@ -188,5 +188,5 @@ def test_actions_arrive_late():
         assert torch.allclose(found[step], expected)
     envs.reset(options={"reset_mask": torch.arange(16) == 0})
     envs.step(torch.full((16, 1), 0.8))
-    assert envs.task.arrived[0] == pytest.approx(0.8)  # type: ignore[attr-defined]
-    assert torch.allclose(envs.task.arrived[1:, 0], 0.8 - 0.1 * delay[1:])  # type: ignore[attr-defined]
+    assert envs.task.arrived[0] == pytest.approx(0.8)  # pyrefly: ignore[missing-attribute]
+    assert torch.allclose(envs.task.arrived[1:, 0], 0.8 - 0.1 * delay[1:])  # pyrefly: ignore[missing-attribute]

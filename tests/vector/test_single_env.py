@@ -46,7 +46,7 @@ def test_it_is_the_first_world_of_a_batch(make_one, make_env):
             assert_first(info, expected[4])
             assert (reward, terminated, truncated) == (expected[1][0], expected[2][0], expected[3][0])
             assert (type(reward), type(terminated), type(truncated)) == (float, bool, bool)
-    assert one.observation_space.contains(observation)
+    assert one.observation_space.contains(observation)  # pyrefly: ignore[unbound-name]
 
 
 def test_a_finished_episode_goes_on_until_it_is_reset(make_one):

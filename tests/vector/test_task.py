@@ -25,7 +25,7 @@ def test_actions_go_over_the_ranges_of_the_controls():
     """From end to end; of the worlds only what lies on their device is read, so that nothing is copied there."""
     limits = torch.tensor([[-2.0, 2.0], [0.0, 0.04]])
     state = SimpleNamespace(ctrl=torch.zeros(3, 2), control_range=limits)
-    Task().apply(state, torch.tensor([[-1.0, -1.0], [0.0, 0.0], [1.0, 0.5]]))  # type: ignore[arg-type]
+    Task().apply(state, torch.tensor([[-1.0, -1.0], [0.0, 0.0], [1.0, 0.5]]))  # pyrefly: ignore[bad-argument-type]
     torch.testing.assert_close(state.ctrl, torch.tensor([[-2.0, 0.0], [0.0, 0.02], [2.0, 0.03]]))
 
 

@@ -53,7 +53,7 @@ def test_stepping_one_environment_from_four_threads_is_an_error(make_env: MakeEn
 
     with ThreadPoolExecutor(4) as pool:
         counts = list(pool.map(run, range(4)))
-    stepped, busy = map(sum, zip(*counts, strict=True))
+    stepped, busy = (sum(each) for each in zip(*counts, strict=True))
     assert stepped + busy == 80
     assert busy > 0
     assert stepped > 0

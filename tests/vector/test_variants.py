@@ -100,7 +100,7 @@ def test_boxes_are_those_of_the_variant(envs: SceneVectorEnv):
     height = torch.tensor(list(HEIGHTS.values()))[s.variant("thing")]
     assert torch.allclose(s.extent("thing"), torch.stack([torch.full_like(height, 0.04)] * 2 + [height], dim=1))
     assert torch.allclose(s.extent("other"), torch.full((NWORLD, 3), 0.04))
-    lowest = envs.task.bounds.lowest(s.poses(("thing",)))  # type: ignore[attr-defined]
+    lowest = envs.task.bounds.lowest(s.poses(("thing",)))  # pyrefly: ignore[missing-attribute]
     base = s.pose("robot")[:, 2:3] if "robot" in s.scene.bodies else torch.zeros(1)
     assert (lowest - lowest.mean() + base.mean() - base).abs().max() < 0.002
 

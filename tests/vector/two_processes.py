@@ -63,7 +63,7 @@ def train(folder: Path) -> None:
     def learn(self: OnPolicyRunner, num_learning_iterations: int, init_at_random_ep_len: bool = False) -> None:
         learned(self, num_learning_iterations, init_at_random_ep_len)
         weights = torch.cat([p.flatten() for p in self.alg.actor.parameters()]).double().sum().item()
-        seeds = self.env.unwrapped.state.seed.tolist()  # pyright: ignore[reportAttributeAccessIssue]
+        seeds = self.env.unwrapped.state.seed.tolist()  # pyrefly: ignore[missing-attribute]
         write(folder / "example.json", gathered((weights, seeds, self.logger.writer is not None)))
 
     OnPolicyRunner.learn = learn
@@ -75,6 +75,7 @@ if __name__ == "__main__":
     OUT = Path(sys.argv[1])
     dist.init_process_group("gloo")
     end = dist.destroy_process_group
+    # pyrefly: ignore[bad-assignment]
     dist.init_process_group = dist.destroy_process_group = lambda *_: None  # one group for all three
     share(OUT)
     OnPolicyRunner._configure_multi_gpu = configure

@@ -15,7 +15,12 @@ from sceniris_gym.errors import SceneKeyError, ScenirisError, ScenirisWarning, U
 CONFIGURATION = "original configuration"
 """The name of the configuration as a whole in errors."""
 _PLACE = re.compile(r"^scene: (?P<path>[^:\s]+)", re.MULTILINE)
-_SHAPES = {(): "a number", (2,): "[x, y]", (3,): "[x, y, z]", (2, 2): "[[min x, min y], [max x, max y]]"}
+_SHAPES: dict[tuple[int, ...], str] = {
+    (): "a number",
+    (2,): "[x, y]",
+    (3,): "[x, y, z]",
+    (2, 2): "[[min x, min y], [max x, max y]]",
+}
 
 
 class KeysLeftOutWarning(ScenirisWarning):

@@ -86,7 +86,8 @@ class PlaceLayouts(ManagerTermBase, RefusesOldNames):
         self._roots, self._joints = _roots(self.compiled, env), _joints(self.compiled, env)
         self._addresses = _addresses(env, self._roots, self._joints)
         self.split: str = cfg.split
-        self._is_checked, self._placed = False, None
+        self._is_checked = False
+        self._placed: tuple[Tensor, list[Tensor]] | None = None
         self._chosen: dict[int, ChosenLayouts] = {}
 
     def __call__(self, env: Any, env_ids: Tensor | None) -> None:
@@ -246,7 +247,7 @@ class KeepLayouts:
     def _resample_command(self, env_ids: Tensor) -> None:
         term = layouts_term(self._env)
         state = None if term is None else term.state(env_ids)
-        super()._resample_command(env_ids)  # pyright: ignore[reportAttributeAccessIssue]
+        super()._resample_command(env_ids)  # pyrefly: ignore[missing-attribute]
         if term is not None and state is not None:
             term.restore(env_ids, state)
 

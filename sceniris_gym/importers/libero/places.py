@@ -122,8 +122,8 @@ def kinds_of(problem: Problem) -> dict[str, Kind]:
         word, table = ("object", OBJECTS) if name in problem.objects else ("fixture", {**FIXTURES, **WORKSPACES})
         if kind not in table:
             raise UnknownNameError(f"class of {word}", kind, problem.places[name], table)
-        if kind not in WORKSPACES:
-            found[name] = table[kind]
+        if isinstance(known := table[kind], Kind):
+            found[name] = known
     return found
 
 

@@ -166,4 +166,4 @@ def create_reach_search(compiled: CompiledScene, nrow: int, size: SearchSize, ea
         "hand_qpos": (early, mjm.nq),
         "hand_pos hand_quat": (early, mjm.nbody),
     }
-    return allocate(ReachSearch, ReachSearch(), shapes, compiled.device)
+    return allocate(ReachSearch, ReachSearch(), shapes, compiled.device)  # pyrefly: ignore[missing-argument]

@@ -104,7 +104,7 @@ def _queue_narrow_pairs(
             wp.tile_stack_push(nodes, program.broad_pair[wp.min(base + lane, last - 1)], base + lane < last)
             while wp.tile_stack_count(nodes) > 0:
                 entry, slot = wp.tile_stack_pop(nodes)
-                step = Step()
+                step = Step()  # pyrefly: ignore[missing-argument]
                 if slot >= 0:
                     poses = candidate_poses(program, layouts, search, c, row, entry[0])
                     step = next_step(program, entry, poses, margin_of(program, worldid, entry[0], support))

@@ -303,7 +303,7 @@ class Workspace:
     @property
     def kinds(self) -> Starts:
         """The kinds of starts, empty if the scene has no `start`."""
-        return Starts() if self.compiled.starts is None else self.compiled.starts
+        return Starts() if self.compiled.starts is None else self.compiled.starts  # pyrefly: ignore[missing-argument]
 
     @property
     def nworld(self) -> int:
@@ -358,6 +358,6 @@ def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Sea
         "hand": ncand * early,
         "narrow_pair": 0 if compiled.config.geometry == "visual" else size.narrow_pairs,
     }
-    s = allocate(Search, Search(), shapes, compiled.device)
+    s = allocate(Search, Search(), shapes, compiled.device)  # pyrefly: ignore[missing-argument]
     repeat(Search, s, ncand, compiled.home_state, compiled.device)
     return s

@@ -49,7 +49,7 @@ def create_regions(compiled: CompiledScene, ncand: int) -> "Regions | None":
         "piece piece_area": (ncand, compiled.pieces),
         "pieces cut region holder": ncand,
     }
-    return allocate(Regions, Regions(), shapes, compiled.device)
+    return allocate(Regions, Regions(), shapes, compiled.device)  # pyrefly: ignore[missing-argument]
 
 
 @wp.func

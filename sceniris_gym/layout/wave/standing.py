@@ -65,7 +65,7 @@ def _stands(program: Program, statics: Statics, layouts: LayoutsView, search: Se
             if layouts.present[row, program.obj_slot[other]] != 0:
                 own += weigh(program, statics, other, worldid, layouts.body_pos[row], layouts.body_quat[row], origin)
         total += own
-        level = Level()
+        level = Level()  # pyrefly: ignore[missing-argument]
         level.own = _centered(own)
         level.load = _centered(total)
         level.sink = statics.level_sink[number] + statics.obj_give[obj] * level.load[0]

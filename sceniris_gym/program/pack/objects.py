@@ -237,7 +237,7 @@ def fill_views(plan: Plan, arm_lists: Mapping[str, np.ndarray], device: str) -> 
 
 def set_map_and_arm(one: ReachingArm, device: str) -> None:
     """Set the map and the joints in `one.view`, the struct of an arm for device code."""
-    one.view.map = MapView() if one.map is None else one.map.view(device)
+    one.view.map = MapView() if one.map is None else one.map.view(device)  # pyrefly: ignore[missing-argument]
     one.view.arm = arm_view(one.arm, device)
 
 

@@ -138,7 +138,7 @@ def pack_starts(plan: Plan, bounds: np.ndarray, device: str) -> Starts | None:
         bounds[one.arm.qposadr] = np.maximum(bounds[one.arm.qposadr], most)
         adr, qpos = one.gripper.poses(np.linspace(0.0, 1.0, 17))
         bounds[adr] = np.maximum(bounds[adr], np.abs(qpos).max(axis=0, initial=0.0))
-    return fill_struct(Starts, Starts(), fields, device)
+    return fill_struct(Starts, Starts(), fields, device)  # pyrefly: ignore[missing-argument]
 
 
 def pack_groups(groups: Collection[GroupConfig], slots: Sequence[str]) -> dict[str, np.ndarray]:
@@ -261,7 +261,7 @@ def pack_statics(plan: Plan, device: str) -> Statics | None:
         "body_weight": weights(mjm)[None],
         "body_center": mjm.body_ipos[None],
     }
-    return fill_struct(Statics, Statics(), arrays, device)
+    return fill_struct(Statics, Statics(), arrays, device)  # pyrefly: ignore[missing-argument]
 
 
 def _loads(chain: list[int], carriers: list[int | None], number: int) -> list[list[int]]:

@@ -9,7 +9,7 @@ import torch
 from sceniris_gym.errors import ArgumentError
 
 pytest.importorskip("mjlab", reason="needs mjlab: make test-mjlab")
-from mjlab.envs import ManagerBasedRlEnv  # pyright: ignore[reportMissingImports]
+from mjlab.envs import ManagerBasedRlEnv
 
 from sceniris_gym.adapters.mjlab import RedrawObjectsCfg
 from tests.adapters.mjlab.test_terms import NUM_ENVS, cubes_on, deepest, local, plain_cfg
@@ -19,6 +19,7 @@ def make() -> ManagerBasedRlEnv:
     """Return an environment with two cubes, one of which is redrawn every three steps."""
     cfg = plain_cfg(cubes_on())
     cfg.decimation, period = 1, 3 * cfg.sim.mujoco.timestep
+    # pyrefly: ignore[unexpected-keyword]
     cfg.commands["redraw"] = RedrawObjectsCfg(objects=("cube_1",), resampling_time_range=(period, period))
     return ManagerBasedRlEnv(cfg, "cpu")
 
@@ -36,7 +37,7 @@ def test_a_cube_is_elsewhere_whenever_the_timer_runs_out():
         assert moved.all() if step % 3 == 0 else not moved.any()
         assert command.command.flatten().tolist() == [step // 3] * NUM_ENVS
         assert deepest(env) < 1e-3  # cubes sink into the ground as they land
-    assert extras["layout"]["redraws"].tolist() == [2] * NUM_ENVS
+    assert extras["layout"]["redraws"].tolist() == [2] * NUM_ENVS  # pyrefly: ignore[unbound-name]
     assert not extras["layout"]["redraw_failed"].any()
     assert ((places[6][:, :2] >= [0.25, -0.15]) & (places[6][:, :2] <= [0.40, 0.15])).all()
     np.testing.assert_allclose(env.scene["cube_1"].data.root_link_pos_w[:, 2], env.sim.data.qpos[:, 9], atol=1e-3)
@@ -48,6 +49,7 @@ def test_the_command_needs_the_event_that_places_the_objects():
     """Its scene says where they may be."""
     cfg = plain_cfg(cubes_on())
     del cfg.events["layouts"]
+    # pyrefly: ignore[unexpected-keyword]
     cfg.commands["redraw"] = RedrawObjectsCfg(objects=("cube_1",), resampling_time_range=(1.0, 1.0))
     with pytest.raises(ArgumentError, match="PlaceLayoutsCfg"):
         ManagerBasedRlEnv(cfg, "cpu")

@@ -18,22 +18,22 @@ import torch
 from sceniris_gym.errors import ArgumentError, NotSupportedError, SceneKeyError, SceneMismatchError, UnknownNameError
 
 pytest.importorskip("mjlab", reason="needs mjlab: make test-mjlab")
-from mjlab.entity import EntityCfg  # pyright: ignore[reportMissingImports]
-from mjlab.envs import ManagerBasedRlEnv, ManagerBasedRlEnvCfg, mdp  # pyright: ignore[reportMissingImports]
-from mjlab.envs.mdp import dr  # pyright: ignore[reportMissingImports]
-from mjlab.managers.curriculum_manager import CurriculumTermCfg  # pyright: ignore[reportMissingImports]
-from mjlab.managers.event_manager import EventTermCfg  # pyright: ignore[reportMissingImports]
-from mjlab.managers.scene_entity_config import SceneEntityCfg  # pyright: ignore[reportMissingImports]
-from mjlab.rl import MjlabOnPolicyRunner, RslRlVecEnvWrapper  # pyright: ignore[reportMissingImports]
-from mjlab.scene import SceneCfg  # pyright: ignore[reportMissingImports]
-from mjlab.tasks.manipulation.config.yam.env_cfgs import (  # pyright: ignore[reportMissingImports]
+from mjlab.entity import EntityCfg
+from mjlab.envs import ManagerBasedRlEnv, ManagerBasedRlEnvCfg, mdp
+from mjlab.envs.mdp import dr
+from mjlab.managers.curriculum_manager import CurriculumTermCfg
+from mjlab.managers.event_manager import EventTermCfg
+from mjlab.managers.scene_entity_config import SceneEntityCfg
+from mjlab.rl import MjlabOnPolicyRunner, RslRlVecEnvWrapper
+from mjlab.scene import SceneCfg
+from mjlab.tasks.manipulation.config.yam.env_cfgs import (
     get_cube_spec,
     yam_multi_cube_seg_env_cfg,
 )
-from mjlab.tasks.manipulation.config.yam.rl_cfg import (  # pyright: ignore[reportMissingImports]
+from mjlab.tasks.manipulation.config.yam.rl_cfg import (
     yam_multi_cube_seg_ppo_runner_cfg,
 )
-from mjlab.terrains import TerrainEntityCfg  # pyright: ignore[reportMissingImports]
+from mjlab.terrains import TerrainEntityCfg
 
 from sceniris_gym.adapters.mjlab import PlaceLayoutsCfg, keep_layouts, scene_param_stages
 

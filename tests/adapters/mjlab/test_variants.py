@@ -20,14 +20,14 @@ import warp as wp
 from sceniris_gym.errors import ArgumentError, NotSupportedError, SceneMismatchError, UnknownNameError
 
 pytest.importorskip("mjlab", reason="needs mjlab: make test-mjlab")
-from mjlab.entity import EntityCfg, VariantEntityCfg  # pyright: ignore[reportMissingImports]
-from mjlab.envs import ManagerBasedRlEnv, ManagerBasedRlEnvCfg  # pyright: ignore[reportMissingImports]
-from mjlab.envs.mdp import dr  # pyright: ignore[reportMissingImports]
-from mjlab.managers.event_manager import EventTermCfg  # pyright: ignore[reportMissingImports]
-from mjlab.managers.scene_entity_config import SceneEntityCfg  # pyright: ignore[reportMissingImports]
-from mjlab.scene import Scene, SceneCfg  # pyright: ignore[reportMissingImports]
-from mjlab.terrains import TerrainEntityCfg  # pyright: ignore[reportMissingImports]
-from mjlab.utils.spec_config import CollisionCfg  # pyright: ignore[reportMissingImports]
+from mjlab.entity import EntityCfg, VariantEntityCfg
+from mjlab.envs import ManagerBasedRlEnv, ManagerBasedRlEnvCfg
+from mjlab.envs.mdp import dr
+from mjlab.managers.event_manager import EventTermCfg
+from mjlab.managers.scene_entity_config import SceneEntityCfg
+from mjlab.scene import Scene, SceneCfg
+from mjlab.terrains import TerrainEntityCfg
+from mjlab.utils.spec_config import CollisionCfg
 
 from sceniris_gym.adapters.mjlab import PlaceLayoutsCfg, RedrawObjectsCfg
 
@@ -229,6 +229,7 @@ def test_what_cannot_be_redrawn_is_refused_by_name():
     with pytest.raises(NotSupportedError, match=r"objects\.thing/lamp: has several bodies"):
         ManagerBasedRlEnv(cfg_of(scene, thing=VariantEntityCfg(variants={"lamp": lamp})), "cpu")
     cfg = cfg_of(scene, thing=entity)
+    # pyrefly: ignore[unexpected-keyword]
     cfg.commands["moved"] = RedrawObjectsCfg(objects=("thing",), resampling_time_range=(1.0, 2.0))
     with pytest.raises(ArgumentError, match=r"RedrawObjects: .*whose scene has no variants"):
         ManagerBasedRlEnv(cfg, "cpu")

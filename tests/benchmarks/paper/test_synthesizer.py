@@ -45,9 +45,10 @@ def test_a_cabinet_is_written_as_it_is(mid: CompiledScene, tmp_path: Path):
     for joint in robot.iter("joint"):
         assert joint.get("type") == "prismatic"
         name = str(joint.get("name"))
-        xyz, axis = (np.array(joint.find(tag).get("xyz").split(), float) for tag in ("origin", "axis"))  # type: ignore[union-attr]
-        shift[joint.find("child").get("link")] = xyz + opened[name] * axis  # type: ignore[union-attr, index]
-        assert float(joint.find("limit").get("upper")) == 0.25  # type: ignore[union-attr, arg-type]
+        # pyrefly: ignore[missing-attribute]
+        xyz, axis = (np.array(joint.find(tag).get("xyz").split(), float) for tag in ("origin", "axis"))
+        shift[joint.find("child").get("link")] = xyz + opened[name] * axis  # pyrefly: ignore[missing-attribute]
+        assert float(joint.find("limit").get("upper")) == 0.25  # pyrefly: ignore[missing-attribute]
         data.qpos[mjm.jnt_qposadr[mjm.joint(name.replace("_", "/", 1)).id]] = opened[name]
     mujoco.mj_kinematics(mjm, data)
     faces = 0
@@ -56,14 +57,14 @@ def test_a_cabinet_is_written_as_it_is(mid: CompiledScene, tmp_path: Path):
             path = Path(str(mesh.get("filename")))
             geom = int(path.stem.rsplit("_", 1)[1])
             found = trimesh.load(path, process=False)
-            lies = found.vertices + shift[str(link.get("name"))]  # type: ignore[union-attr]
+            lies = found.vertices + shift[str(link.get("name"))]  # pyrefly: ignore[missing-attribute]
             which = mjm.geom_dataid[geom]
             first = mjm.mesh_vertadr[which]
             vertices = mjm.mesh_vert[first : first + mjm.mesh_vertnum[which]]
             root = data.xpos[mjm.body("cabinet").id]
             has = vertices @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom] - root
             np.testing.assert_allclose(np.sort(lies, axis=0), np.sort(has, axis=0), atol=1e-6)
-            faces += len(found.faces)  # type: ignore[union-attr]
+            faces += len(found.faces)  # pyrefly: ignore[missing-attribute]
     assert faces == 7028
 
 

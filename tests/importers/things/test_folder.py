@@ -78,6 +78,7 @@ def test_errors_come_back_as_they_are(tmp_path: Path, monkeypatch: pytest.Monkey
         raise MeshError("scan.stl: too many", "large")
 
     monkeypatch.setattr(module, "import_thing", refuse)
-    module._work(Far(), tmp_path / "scan.stl", tmp_path / "scan.xml", module.Options())  # type: ignore[arg-type]
+    # pyrefly: ignore[bad-argument-type]
+    module._work(Far(), tmp_path / "scan.stl", tmp_path / "scan.xml", module.Options())
     assert isinstance(sent[0], MeshError)
     assert sent[0].reason == "large"

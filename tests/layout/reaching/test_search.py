@@ -43,7 +43,7 @@ def _take(reach_search: ReachSearch, step: int, taken_out: wp.array[bool], first
 
 def _search(failed: list[int], start: list[int], row: list[int], first: list[int]) -> ReachSearch:
     """Return a search with these candidates; the target of every row is the first."""
-    search = ReachSearch()
+    search = ReachSearch()  # pyrefly: ignore[missing-argument]
     columns = {"failed": failed, "ik_start": start, "row": row, "first": first, "column": [0] * len(first)}
     for name, values in columns.items():
         setattr(search, name, wp.array(values, dtype=int, device="cpu"))

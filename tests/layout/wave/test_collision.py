@@ -166,7 +166,9 @@ def _two_boxes(tmp_path: Path, first: str, second: str, rest: str = "", kinds: t
       </worldbody>{rest}</mujoco>"""
     (tmp_path / "own.xml").write_text(text)
     wide = {"box": [[0, 0, 0], [0.5, 0, 0]]}
-    parts = {n: {"kind": k} if k == "static" else {"kind": k, "region": wide} for n, k in zip("ba", kinds, strict=True)}
+    parts: dict[str, dict] = {
+        n: {"kind": k} if k == "static" else {"kind": k, "region": wide} for n, k in zip("ba", kinds, strict=True)
+    }
     parts["a"]["orientation"] = "fixed"
     if kinds[0] != "static":
         parts["b"] |= {"region": {"box": [[0, 0, 0], [0, 0, 0]]}, "orientation": "fixed"}
@@ -274,7 +276,7 @@ def test_the_floor_is_met_by_no_part_of_a_robot_or_an_open_drawer(tmp_path: Path
     body = """<geom type="box" size=".05 .05 .05" pos="0 0 .05"/><body name="flap" pos=".06 0 .05">
       <joint name="flap" type="slide" axis="0 0 1" range="-.3 0"/><geom type="box" size=".005 .05 .05"/></body>"""
     words = {"asset": write_mjcf(tmp_path, "box", body), "on": "floor", "joints": {"flap": {"fraction": [0, 1]}}}
-    words["stands"] = False  # on a corner of the flap
+    words |= {"stands": False}  # on a corner of the flap
     compiled = compile_on_cpu({"floor": FLOOR, "geometry": geometry, "objects": {"box": words}})
     rows = make(compiled, 100)
     assert (rows.attempts == 1).all()

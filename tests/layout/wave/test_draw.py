@@ -111,8 +111,9 @@ def test_joints_take_values_and_choices(tmp_path: Path):
 
 def test_joints_are_drawn_independently_of_each_other_and_of_the_pose():
     """Seven joints of the arm and two drawers: no two are correlated, nor with where the cabinet stands."""
-    cabinet = {"asset": "cabinet", "kind": "fixture", "on": "floor", "joints": {"*": {"fraction": [0, 1]}}}
-    cabinet["region"] = {"box": [[0.0, 1.0], [0.3, 1.3]]}
+    region = {"box": [[0.0, 1.0], [0.3, 1.3]]}
+    joints = {"*": {"fraction": [0, 1]}}
+    cabinet = {"asset": "cabinet", "kind": "fixture", "on": "floor", "region": region, "joints": joints}
     robot = {"asset": "panda", "joints": {"joint*": {"noise": 0.05}}}
     compiled, rows = _one({"floor": {"size": [4, 4]}, "robot": robot, "objects": {"cabinet": cabinet}}, 2000)
     joints = [i for i in range(compiled.mjm.nq) if np.ptp(rows.qpos[:, i]) > 0]

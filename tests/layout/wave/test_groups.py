@@ -258,7 +258,7 @@ def test_a_plane_over_the_waiting_place_is_refused(tmp_path: Path):
 def test_what_is_too_large_to_wait_is_refused(tmp_path: Path):
     """Two slabs of 3 m would lie in each other where they wait; one that is always there never does."""
     slab = {"asset": box_mjcf(tmp_path, "slab", 3.0, 0.5, 0.1), "on": "floor"}
-    groups = {"some": {"of": ["one", "two"], "count": [0, 2]}}
+    groups: dict[str, dict] = {"some": {"of": ["one", "two"], "count": [0, 2]}}
     with pytest.raises(SceneKeyError, match="is 3 m wide and may be absent"):
         scene({"one": slab, "two": slab}, groups=groups, floor={"size": [20.0, 20.0]})
     groups["some"]["count"] = 2

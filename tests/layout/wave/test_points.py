@@ -234,7 +234,7 @@ def _finish(numbers: PointCounter, size: wp.array[float], key: wp.array[wp.uint6
 
 def test_the_least_key_is_that_of_the_first_to_finish():
     """The upper word has the time and the lower the number; every piece precedes the sentinel."""
-    numbers = PointCounter()
+    numbers = PointCounter()  # pyrefly: ignore[missing-argument]
     numbers.seed, numbers.episode, numbers.stream, numbers.trial = wp.uint64(3), 1, wp.uint32(4), 5
     size = np.tile(np.array([1e-9, 1e-3, 0.5, 2.0], np.float32), 5000)
     inputs = [numbers, wp.array(size, dtype=float, device="cpu")]

@@ -110,9 +110,10 @@ def test_every_field_of_the_program_is_packed_and_by_one_packer(folder: Path, ge
         "box": {"asset": str(folder / "box.xml"), "on": "floor", "relations": [{"left_of": "gadget"}]},
     }
     packed = pack(scene_of(objects, geometry=geometry))
+    # pyrefly: ignore[missing-attribute]
     declared = {name for name, var in Program.vars.items() if wp.types.is_array(var.type)}
     assert set(packed.arrays) | set(collider_arrays(packed.colliders)) == declared.union(ARM_LISTS)
-    assert set(ARM_LISTS) <= set(Reach.vars) - declared
+    assert set(ARM_LISTS) <= set(Reach.vars) - declared  # pyrefly: ignore[missing-attribute]
     assert not set(packed.arrays) & set(collider_arrays(packed.colliders))
     rules = PairRules(packed.scene, packed.colliders)
     parts = [
