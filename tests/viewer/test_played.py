@@ -23,6 +23,7 @@ from sceniris_gym.scene.build import build_model
 from sceniris_gym.training.settings import read_checkpoint
 from sceniris_gym.training.task_scenes import make_env, scene_of
 from sceniris_gym.viewer import command
+from sceniris_gym.viewer.env_view import policy_of
 from sceniris_gym.viewer.played import PlayedWorld
 from tests.viewer.pages import control, page, press, text
 
@@ -134,13 +135,20 @@ def test_a_file_without_a_policy_is_refused(tmp_path: Path):
 
 
 def test_shipped_policies_belong_to_the_shipped_scenes():
-    """To the hash of the scene, which has the law of its layouts; in less than a megabyte of weights."""
+    """To the hash of the scene, which has the law of its layouts, in less than a megabyte; each solves a layout."""
     for name, path in shipped("envs", ".pt").items():
         stored = read_checkpoint(path, "cpu")
         assert path.stat().st_size < 1_000_000
         assert scene_of(stored["task"], reachable=True).name == name
         assert stored["layouts"]["scene"] == build_model(name).hash, name
         assert stored["layouts"]["valid"].all()
+        world, policy = PlayedWorld(path), policy_of(str(path))
+        observation = world.reset(options={"layouts": [LayoutId.parse(world.ids[0])]})[0]
+        succeeded = False
+        for _ in range(100):
+            observation, _, _, _, info = world.step(policy(observation))
+            succeeded = succeeded or bool(info["success"])
+        assert succeeded, name
 
 
 def test_a_port_of_a_page_has_bounds(capsys: pytest.CaptureFixture):
