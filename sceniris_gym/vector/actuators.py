@@ -89,8 +89,7 @@ class PositionActuators:
             speed: The full speed to use for joints without damping [rad/s or m/s], shape (njoint,).
         """
         mjm, i, joints = self._mjm, self._actuators, self._joints
-        stiffness, speed_gain = -mjm.actuator_biasprm[i, 1], -mjm.actuator_biasprm[i, 2]
-        gear = np.abs(self._scale * mjm.actuator_gainprm[i, 0] / stiffness)
+        (stiffness, gear), speed_gain = self._stiffness(), -mjm.actuator_biasprm[i, 2]
         force = np.where(mjm.actuator_forcelimited[i], mjm.actuator_forcerange[i, 1], np.inf)
         own = np.where(mjm.jnt_actfrclimited[joints], mjm.jnt_actfrcrange[joints, 1], np.inf)
         torque = np.minimum(force * gear, own)
@@ -99,6 +98,26 @@ class PositionActuators:
             speed = np.where(damping > 0.0, torque / damping, speed)
             lag = np.where(speed_gain > 0.0, speed_gain * speed / stiffness, 0.0)
         return torque / (stiffness * gear**2) + lag
+
+    def compliances(self) -> np.ndarray:
+        """Return how far a unit load moves joints from their targets [rad/(N m) or m/N], shape (njoint,)."""
+        stiffness, gear = self._stiffness()
+        return 1.0 / (stiffness * gear**2)
+
+    def gains(self, rate: float, dt: float) -> np.ndarray:
+        """Return how far targets have to lead, per distance to go, to approach it at a rate [1/s], shape (njoint,).
+
+        In a control step of `dt` [s], a joint without inertia covers the part 1 - exp(-dt / lag) of the way to its
+        target, with the lag (kv g^2 + d) / (kp g^2) of its damping d and its actuator of gear g.
+        """
+        (stiffness, _), damping = self._stiffness(), self._mjm.dof_damping[self._mjm.jnt_dofadr[self._joints]]
+        lag = damping * self.compliances() - self._mjm.actuator_biasprm[self._actuators, 2] / stiffness
+        return np.expm1(-rate * dt) / np.expm1(-dt / np.maximum(lag, 1e-9))
+
+    def _stiffness(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the position gains of the actuators, and the gears from joint to actuator, both of shape (njoint,)."""
+        stiffness = -self._mjm.actuator_biasprm[self._actuators, 1]
+        return stiffness, np.abs(self._scale * self._mjm.actuator_gainprm[self._actuators, 0] / stiffness)
 
 
 def _check_number(mjm: mujoco.MjModel, joint: int, found: Sequence[int], where: str) -> None:

@@ -1,18 +1,18 @@
 """`ArmController`: moves the joints or the tool of a robot's arm, and the robot's gripper."""
 
-import mujoco
 import numpy as np
 import torch
 from torch import Tensor
 
-from sceniris_gym.errors import ArgumentError, ArmError, UnknownNameError, refuses_old_names
-from sceniris_gym.scene.model import SceneModel
-from sceniris_gym.scene.support import chain_up
+from sceniris_gym.errors import ArmError, refuses_old_names
 from sceniris_gym.vector import rotations
 from sceniris_gym.vector.actuators import Fingers, PositionActuators
-from sceniris_gym.vector.names import FREE, SCALAR, SLIDE
+from sceniris_gym.vector.names import SLIDE
 from sceniris_gym.vector.readings import as_columns
+from sceniris_gym.vector.robots import arm_joints, find_robot
 from sceniris_gym.vector.state import State
+from sceniris_gym.vector.tool_pose import Frame, Lead, changed, check_action, limited
+from sceniris_gym.vector.weight import ArmWeight
 
 JOINT_STEP = 0.04
 """Largest change of a hinge's target in a control step [rad]: 2 rad/s at 50 Hz."""
@@ -34,6 +34,21 @@ YAW_LIMIT = 1.7
 
 DAMPING = 1e-3
 """Damping of the inverse kinematics [m^2]. The root, 3 cm/rad, is about a tenth of a joint's lever on the tool."""
+
+TOOL_RATE = 15.0
+"""Least rate at which joints approach the target of six numbers [1/s]. Slow actuators get targets further ahead."""
+
+OSC_STEP = (0.05, 0.05, 0.05, 0.5, 0.5, 0.5)
+"""Change of the tool's pose by an action of ones, in robosuite's OSC_POSE [m, rad]."""
+
+OSC_LEAD = (0.05, 1.0)
+"""Leads that no action of OSC_POSE exceeds: 0.05 m along an axis, and 0.5 rad times the root of 3."""
+
+OSC_RATE = 6.1
+"""Rate at which OSC_POSE approaches a target [1/s]: stiffness 150 over damping 2 sqrt(150)."""
+
+OSC_GRIP_SPEED = 5.0
+"""Speed of the gripper's command in robosuite's OSC_POSE [1/s], from -1 to 1."""
 
 POSTURE_GAIN = 0.1
 """Fraction of the way to the home pose that the joints move in each step, within the null space of the tool."""
@@ -64,6 +79,8 @@ class ArmController:
         tool_target: Target of the tool for `move_tool`: x, y, z [m] and yaw [rad] in the base frame, shape
             (num_envs, 4). In a scene with several robots, x, y and z are in the world frame, and the yaw is relative to
             the yaw of the robot's base.
+        pose_target: Target of the tool for actions of six numbers: position [m] and orientation (wxyz), in the frame of
+            `tool`, shape (num_envs, 7).
 
     Raises:
         UnknownNameError: The scene has no such robot.
@@ -77,9 +94,9 @@ class ArmController:
             return torch.tensor(np.asarray(values), dtype=torch.float32, device=s.device)
 
         mjm, robots, where = s.mjm, s.scene.config.all_robots, f"scene '{s.scene.config.name}': ArmController"
-        robot = _find_robot(s.scene, name, where)
+        robot = find_robot(s.scene, name, where)
         where = f"{where}: {robots[robot].section}"
-        arm = _arm_joints(s.scene, robot, where)
+        arm = arm_joints(s.scene, robot, where)
         self.name = robot if s.scene.config.robots else robots[robot].name
         self.joints, self.joint_ids, self._tcp = len(arm), arm, s.scene.tcps[robot]
         self._base = robot if len(robots) > 1 else None
@@ -91,6 +108,11 @@ class ArmController:
         self._lead = tensor([TOOL_LEAD] * 3 + [YAW_LEAD])
         self._damping = DAMPING * torch.eye(6, device=s.device)
         self.tool_target = torch.zeros(s.num_envs, 4, device=s.device)
+        self._weight = ArmWeight(s, arm, self._actuators.compliances())
+        self.pose_target = torch.zeros(s.num_envs, 7, device=s.device)
+        self._pose_step, self._osc_step = tensor([TOOL_STEP] * 3 + [YAW_STEP] * 3), tensor(OSC_STEP)
+        self._gain = tensor(np.maximum(self._actuators.gains(TOOL_RATE, s.dt), 1.0))
+        self._osc_gain = tensor(self._actuators.gains(OSC_RATE, s.dt))
         self._where, self._fingers = where, Fingers.find(s.scene, mjm.site(self._tcp).id, arm)
         self.has_gripper = self._fingers is not None
         if self._fingers is not None:
@@ -149,26 +171,44 @@ class ArmController:
         self.set_targets(s, moved.clamp(qpos - self.lead, qpos + self.lead))
 
     def start(self, s: State, mask: Tensor) -> None:
-        """Set the tool's target to the tool's pose in the masked worlds. Call this method after their reset."""
+        """Set the tool's targets to the tool's pose in the masked worlds. Call this method after their reset."""
         self.tool_target.copy_(torch.where(mask[:, None], self._tool_now(s), self.tool_target))
+        self.pose_target.copy_(torch.where(mask[:, None], self.tool(s), self.pose_target))
 
     @refuses_old_names
     def move_tool(
-        self, s: State, action: Tensor, lowest: float = 0.0, yaw_range: tuple[float, float] = (-YAW_LIMIT, YAW_LIMIT)
+        self,
+        s: State,
+        action: Tensor,
+        lowest: float = 0.0,
+        yaw_range: tuple[float, float] = (-YAW_LIMIT, YAW_LIMIT),
+        frame: Frame = "base",
     ) -> None:
-        """Move the tool along the axes of the base frame, and rotate it about the vertical. The tool points down.
+        """Move the tool by x, y, z and yaw, or by x, y, z and a rotation vector.
+
+        Four numbers change `tool_target`. They move the tool along the axes of the base frame, and rotate it about the
+        vertical. The tool points down. Six numbers change `pose_target`, for any orientation of the tool. The rotation
+        vector, their last three, has the direction of the rotation's axis and the length of its angle.
 
         The target changes by `action` times TOOL_STEP and YAW_STEP, and is ahead of the tool by at most TOOL_LEAD and
         YAW_LEAD. Joint targets follow by damped least squares, dq = J^T (J J^T + lambda I)^-1 e (Wampler 1986), plus a
-        step towards the home pose. Only the null-space part of this step is used, so it does not move the tool. In a
-        scene with several robots, the tool moves along the world's axes.
+        step towards the home pose. Only the null-space part of this step is used, so it does not move the tool. Six
+        numbers also hold the weight of the arm. In a scene with several robots, the tool moves along the world's axes.
 
         Args:
             s: The worlds.
-            action: Changes of x, y, z and yaw in [-1, 1], shape (num_envs, 4).
+            action: Changes in [-1, 1], shape (num_envs, 4) or (num_envs, 6).
             lowest: Lower limit of the target's z [m].
-            yaw_range: Limits of the target's yaw [rad], within [-pi, pi].
+            yaw_range: Limits of the target's yaw [rad], within [-pi, pi]. Only for four numbers.
+            frame: The axes of six numbers: "base", or "tool" for the axes of the target before the change.
+
+        Raises:
+            ArgumentError: `action` has another shape, `frame` is another word, or `frame` is "tool" for four numbers.
         """
+        check_action(action, (4, 6), frame, f"{self._where}: move_tool")
+        if action.shape[1] == 6:
+            target = changed(self.pose_target, self._pose_step * action, frame)
+            return self._move_pose(s, target, (TOOL_LEAD, YAW_LEAD), lowest, self._gain)
         now = self._tool_now(s)
         target = (self.tool_target + self._step * action).clamp(now - self._lead, now + self._lead)
         target[:, 2].clamp_(min=lowest)
@@ -181,16 +221,49 @@ class ArmController:
         quat = rotations.multiply(wanted, rotations.conjugate(self.tool(s)[:, 3:]))
         rotation = 2.0 * quat[:, 1:] * torch.where(quat[:, :1] < 0.0, -1.0, 1.0)
         error = torch.cat([target[:, :3] - now[:, :3], rotation], dim=1)
+        self.set_targets(s, self._joint_targets(s, error))
 
+    def move_osc_pose(self, s: State, action: Tensor) -> None:
+        """Move the tool and the gripper by an action of robosuite's controller OSC_POSE, which LIBERO uses.
+
+        The action has x, y, z in units of 0.05 m, a rotation vector in units of 0.5 rad, and the gripper. Axes are the
+        base frame's. The target is the tool's present pose plus this change, and the arm approaches it at OSC_POSE's
+        rate. The gripper closes if its number is positive, opens if it is negative, and stops at 0. In 0.4 s, it moves
+        from open to closed.
+
+        Args:
+            s: The worlds.
+            action: Changes in [-1, 1], shape (num_envs, 7), or (num_envs, 6) without the gripper.
+
+        Raises:
+            ArgumentError: `action` has another shape.
+            ArmError: The robot has no gripper, but `action` has seven numbers.
+        """
+        check_action(action, (6, 7), "base", f"{self._where}: move_osc_pose")
+        target = changed(self.tool(s), self._osc_step * action[:, :6], "base")
+        self._move_pose(s, target, OSC_LEAD, -torch.inf, self._osc_gain)
+        if action.shape[1] == 7:
+            self._gripper()
+            grip = (s.ctrl[:, self._grip] - self._closed) / self._half - 1.0
+            self.grip(s, (grip[:, 0] - OSC_GRIP_SPEED * s.dt * action[:, 6].sign()).clamp(-1.0, 1.0))
+
+    def _move_pose(self, s: State, target: Tensor, lead: Lead, lowest: float, gain: Tensor) -> None:
+        """Set `pose_target` to `target` within the lead, and the joint targets `gain` times the way to it."""
+        target, error = limited(target, self.tool(s), lead, lowest)
+        self.pose_target.copy_(target)
+        targets = self._joint_targets(s, error, gain)
+        self.set_targets(s, targets - self._weight.sag() if self._weight.acts else targets)
+
+    def _joint_targets(self, s: State, error: Tensor, gain: Tensor | float = 1.0) -> Tensor:
+        """Return the joint targets `gain` times the way to a tool's pose that differs by `error` (num_envs, 6)."""
         jacobian = s.jacobian(self._tcp, self.joint_ids)
         transposed = jacobian.transpose(1, 2)
         inverse = transposed @ torch.linalg.inv_ex(jacobian @ transposed + self._damping)[0]
         qpos = self.qpos(s)
         posture = POSTURE_GAIN * (self._home - qpos)
-        moved = posture + (inverse @ (error[:, :, None] - jacobian @ posture[:, :, None]))[:, :, 0]
+        moved = gain * (posture + (inverse @ (error[:, :, None] - jacobian @ posture[:, :, None]))[:, :, 0])
         # a common factor for all joints keeps the direction of the tool's motion
-        moved = moved / (moved / self.lead).abs().amax(dim=1, keepdim=True).clamp(min=1.0)
-        self.set_targets(s, qpos + moved)
+        return qpos + moved / (moved / self.lead).abs().amax(dim=1, keepdim=True).clamp(min=1.0)
 
     def tool_lead(self, s: State) -> Tensor:
         """Return the tool's target minus the tool's present pose: x, y, z [m] and yaw [rad], shape (num_envs, 4)."""
@@ -227,49 +300,3 @@ class ArmController:
         """Return the yaw of the robot's base [rad], shape (num_envs,). Only for scenes with several robots."""
         assert self._base is not None
         return rotations.yaw(s.pose(self._base)[:, 3:])
-
-
-def _find_robot(scene: SceneModel, name: str | None, where: str) -> str:
-    """Return the key in `SceneConfig.all_robots` of the robot called `name`, or of the only robot if `name` is None."""
-    robots = scene.config.all_robots
-    if not robots:
-        raise ArmError(
-            f"{where}: the scene has no robot. Name a robot in the scene: 'robot: {{asset: panda}}', or "
-            "'robot: {in_model: BODY, tcp: SITE}' for an arm of the scene's 'model'."
-        )
-    if name is None and len(robots) > 1:
-        raise ArgumentError(f"{where}: name should be one of the scene's robots: {', '.join(robots)}.")
-    found = {robot.name: key for key, robot in robots.items()} | {key: key for key in robots}
-    key = next(iter(robots)) if name is None else found.get(name)
-    if key is None:
-        written = robots if scene.config.robots else [robot.name for robot in robots.values()]
-        raise UnknownNameError("robot", str(name), where, written)
-    if key in scene.apart:
-        raise ArmError(
-            f"{where}: {robots[key].section} has 'in_scene: false', so it has no joints to drive. Remove 'in_scene'."
-        )
-    return key
-
-
-def _arm_joints(scene: SceneModel, robot: str, where: str) -> tuple[int, ...]:
-    """Return the ids of the joints from a robot's root body to its tool centre point, in this order."""
-    mjm, root, tcp = scene.mjm, scene.bodies[robot], scene.tcps[robot]
-    section = scene.config.all_robots[robot].section
-    site = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_SITE, tcp)
-    if site < 0 or int(mjm.site_bodyid[site]) not in scene.subtree(robot):
-        raise ArmError(
-            f"{where}: the robot has no tool centre point: no site '{tcp}' is on its body '{mjm.body(root).name}' or "
-            f"below it. Name a site or a body of the robot: '{section}.tcp: NAME' in the scene."
-        )
-    path = chain_up(mjm, int(mjm.site_bodyid[site]), root)
-    joints = [j for j in range(mjm.njnt) if int(mjm.jnt_bodyid[j]) in path and mjm.jnt_type[j] != FREE]
-    ball = [mjm.joint(j).name for j in joints if mjm.jnt_type[j] not in SCALAR]
-    if ball or not joints:
-        lacks = "no joint is between them. Put the site on a body that the arm's joints move"
-        if ball:
-            lacks = f"'{ball[0]}' between them is a ball joint. Replace it by hinges"
-        raise ArmError(
-            f"{where}: the arm from body '{mjm.body(root).name}' to site '{tcp}' should consist of hinges and slides, "
-            f"but {lacks}."
-        )
-    return tuple(joints)

@@ -21,6 +21,12 @@ def multiply(left: Tensor, right: Tensor) -> Tensor:
     return transform(sign * right[..., partner], left)
 
 
+def of_vector(vector: Tensor) -> Tensor:
+    """Return the unit quaternions wxyz of rotation vectors [rad], shape (..., 3): about the vector, by its length."""
+    half = 0.5 * vector.norm(dim=-1, keepdim=True)
+    return torch.cat([half.cos(), 0.5 * torch.sinc(half / torch.pi) * vector], dim=-1)
+
+
 def rotate(quat: Tensor, vector: Tensor) -> Tensor:
     """Rotate vectors, shape (..., 3), by unit quaternions wxyz, shape (..., 4).
 

@@ -101,6 +101,17 @@ def test_without_a_limit_of_force_or_damping_leads_are_infinite_or_for_the_given
     assert lead == pytest.approx(20.0 / 200.0 + 10.0 * 2.0 / 200.0)
 
 
+@pytest.mark.parametrize(("gear", "kv", "rate"), [(1, 10, 3.0), (2, 10, 20.0), (-3, 5, 6.1), (1, 0, 15.0)])
+def test_a_joint_approaches_a_goal_at_the_rate_that_was_asked_for(gear, kv, rate):
+    """In MuJoCo C: with the gain in each control step of 0.02 s, the way left falls as exp(-rate t)."""
+    mjm = mujoco.MjModel.from_xml_string(PULLED.format(gear=gear, kv=kv, own="", force="", damping=5))
+    gain, data = PositionActuators(mjm, [0], CPU, "here").gains(rate, 0.02)[0], mujoco.MjData(mjm)
+    for _ in range(10):
+        data.ctrl[0] = gear * (data.qpos[0] + gain * (0.5 - data.qpos[0]))
+        mujoco.mj_step(mjm, data, 20)
+    assert -np.log((0.5 - data.qpos[0]) / 0.5) / 0.2 == pytest.approx(rate, rel=0.04)
+
+
 @pytest.mark.parametrize(
     ("name", "actuators", "message"),
     [

@@ -48,6 +48,14 @@ def test_products_of_any_shapes_agree_with_scipy():
             np.testing.assert_allclose(turned, (of_left[i] * of_right[j]).as_matrix(), atol=1e-12)
 
 
+def test_rotation_vectors_of_any_length_are_those_of_scipy():
+    """0 and beyond a full turn included."""
+    vectors = np.random.default_rng(3).normal(size=(9, 3)) * np.linspace(0.0, 9.0, 9)[:, None]
+    found = rotations.of_vector(torch.as_tensor(vectors).reshape(3, 3, 3)).reshape(9, 4).numpy()
+    turned = Rotation.from_quat(np.roll(found, -1, axis=1)).as_matrix()
+    np.testing.assert_allclose(turned, Rotation.from_rotvec(vectors).as_matrix(), atol=1e-12)
+
+
 def test_matrices_and_vectors_of_any_shapes_are_multiplied():
     """One matrix for many vectors, and one each; not square either."""
     rng = np.random.default_rng(2)
