@@ -22,6 +22,7 @@ from torch import Tensor
 from sceniris_gym.errors import ArgumentError, ScenirisError, import_extra
 from sceniris_gym.files import no_file
 from sceniris_gym.layout.layout_id import LayoutId
+from sceniris_gym.layout.reading import read_layouts
 from sceniris_gym.training.settings import PICKLE, of_a_run, read_checkpoint
 from sceniris_gym.training.task_scenes import import_here
 from sceniris_gym.vector.arguments import LAYOUTS
@@ -194,6 +195,8 @@ class EnvView:
         self._plots.clear()
         name = chosen[0]
         self._id.value = envs.compiled.layout_id(name.seed, name.episode, name.split, name.params)
+        table = read_layouts(envs.randomizer.layouts, envs.split, self._window.num)
+        self._window.worlds.paint(envs.compiled, table)
         self._window.show(envs.batch, envs.randomizer.layouts, 0.0)
         self._tell()
 

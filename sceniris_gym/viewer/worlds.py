@@ -167,6 +167,9 @@ class Window:
         num: Number of worlds in the environment's batch.
         server: The viser server of the page. If None, a page is opened, and its address is printed to stderr.
 
+    Attributes:
+        worlds: The worlds on the page.
+
     Raises:
         MissingExtraError: viser or mjviser is not installed.
     """
@@ -176,8 +179,8 @@ class Window:
         self.server = open_server() if server is None else server
         if server is None:
             print(f"sceniris_gym: the environment is shown at {address(self.server)}", file=sys.stderr, flush=True)
-        self._worlds = Worlds(self.server, scene, self.num)
-        self._worlds.aim()
+        self.worlds = Worlds(self.server, scene, self.num)
+        self.worlds.aim()
         self._simulated = scene.sim_bodies
         self._bodies = [scene.subtree(name) for name in slot_names(scene.config)]
         self._due = time.monotonic()
@@ -195,8 +198,8 @@ class Window:
         present = layouts.view.present.numpy()
         for i in range(self.num):
             absent = [body for slot in np.flatnonzero(present[i] == 0) for body in self._bodies[slot]]
-            self._worlds.put(i, SimpleNamespace(xpos=xpos[i], xmat=xmat[i]), absent)
-        self._worlds.send()
+            self.worlds.put(i, SimpleNamespace(xpos=xpos[i], xmat=xmat[i]), absent)
+        self.worlds.send()
         now = time.monotonic()
         self._due = max(self._due + seconds, now - seconds)  # a slow machine does not hurry to catch up
         time.sleep(max(self._due - now, 0.0))

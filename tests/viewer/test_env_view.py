@@ -50,6 +50,22 @@ def test_layouts_are_played_one_after_another(envs: SceneVectorEnv, monkeypatch:
     assert "Layout 3 of the 3 chosen" in seen[5][2]
 
 
+def test_each_episode_has_the_drawn_colours_of_its_layout():
+    """As the environment's model has them."""
+    colours = {"rgba": {"abs": [[0, 0, 0, 1], [1, 1, 1, 1]]}}
+    scene = SceneConfig.load(SCENE, {"bank": 8, "objects.block.randomize": colours})
+    envs = SceneVectorEnv(Reach, 2, scene=scene, device="cpu", autoreset_mode="Disabled")
+    with page() as server:
+        view = EnvView(server, envs, None)
+        for first in (0, 2):
+            view.start(first)
+            shown = envs.batch.model.geom_rgba.numpy()
+            assert (painted := view._window.worlds._painted)
+            for geom, handle in painted.items():
+                np.testing.assert_allclose(handle.batched_colors / 255.0, shown[:, geom, :3], atol=0.01)
+    envs.close()
+
+
 def test_the_policy_is_asked_and_what_it_gets_is_plotted(envs: SceneVectorEnv):
     """Its actions are taken; each step adds one to the plots."""
     asked: list[torch.Tensor] = []
