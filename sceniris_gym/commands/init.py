@@ -8,12 +8,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from sceniris_gym.commands.approach import reach_notes
 from sceniris_gym.config.fields import ROBOT
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import InfeasibleSceneError, ScenirisError
+from sceniris_gym.errors import InfeasibleSceneError, ModelWarning, ScenirisError
 from sceniris_gym.files import write_text
 from sceniris_gym.importers.libero.reader import LiberoTask
-from sceniris_gym.importers.models.first_scene import FirstScene, first_scene, flow, reach_note
+from sceniris_gym.importers.models.first_scene import FirstScene, first_scene, flow
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.scene.model_files import write_zip
@@ -36,11 +37,13 @@ def init(model: Path, device: str | None = None) -> FirstScene:
         ScenirisError: The model cannot be read, or no choice of objects gives a scene.
     """
     scene = first_scene(model)
-    _try(scene, build_model)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        warnings.simplefilter("once", ModelWarning)
+        _try(scene, build_model)
+        compiled = _try(scene, lambda config: compile_scene(config, device))
     if scene.robot is not None and not scene.robot.why:
-        built = build_model(scene.words())
-        scene.robot.notes += (reach_note(built.mjm, scene.robot.words["in_model"], built.tcps[ROBOT]),)
-    _try(scene, lambda config: compile_scene(config, device))
+        scene.robot.notes += reach_notes(compiled, [entry.name for entry in scene.objects if not entry.why])
     return scene
 
 
@@ -89,8 +92,8 @@ def write_task(task: LiberoTask, out: Path, device: str | None = None) -> dict[s
     return {"scene": str(out), "model": str(folder), "placed": list(words["objects"]), "goal": goal}
 
 
-def _try(scene: FirstScene, make: Callable[[SceneConfig], object]) -> None:
-    """Call `make` with the scene until it succeeds.
+def _try(scene: FirstScene, make: Callable[[SceneConfig], Any]) -> Any:
+    """Call `make` with the scene until it succeeds, and return its result.
 
     If an error names an object, let the object hang over the edge of its support. If the object may do so
     already, comment it out.
@@ -98,10 +101,7 @@ def _try(scene: FirstScene, make: Callable[[SceneConfig], object]) -> None:
     while True:
         config = SceneConfig.load(scene.words(), {"bank": _BANK, "name": scene.model.stem})
         try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
-                make(config)
-            return
+            return make(config)
         except ScenirisError as error:
             blamed = _OBJECT.search(str(error))
             name = error.name if isinstance(error, InfeasibleSceneError) else blamed and (blamed.group(1) or ROBOT)

@@ -65,9 +65,10 @@ class RobotConfig(Section):
     starts from `qpos0`. A robot that is `in_model` keeps its pose from the model. With `on`, `inside`, `in` or a
     `region`, each reset draws the pose of the base, as for an object of the kind 'fixture' with the same keys.
 
-    `tcp` is the tool centre point, by default the site 'tcp'. `map` is the file of the reachability map, by default the
-    map of a shipped asset. Placed objects keep `clearance` [m] from the robot. With `in_scene: false`, the scene has an
-    empty body at the base instead of the robot, and reach is judged relative to this body.
+    `tcp` is the tool centre point, by default the site 'tcp', or a site of another usual name, such as 'pinch'. `map`
+    is the file of the reachability map, by default the map of a shipped asset. Placed objects keep `clearance` [m] from
+    the robot. With `in_scene: false`, the scene has an empty body at the base instead of the robot, and reach is judged
+    relative to this body.
     """
 
     one_of = ROBOT_FORMS

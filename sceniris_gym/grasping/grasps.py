@@ -118,7 +118,7 @@ class Graspable:
         kept = [[g for g in group if g.opening <= gripper.opening] for group in groups]
         if not any(kept):
             needed = min((g.opening for group in groups for g in group), default=None)
-            why = "no grasp has a part of the object between the fingers"
+            why = "no grasp has a part of the object between the fingers along +z of the robot's `tcp`"
             if needed is not None:
                 opens = f"but the gripper opens to {gripper.opening:.3g} m"
                 why = f"its narrowest grasp needs an opening of {needed:.3g} m, {opens}"

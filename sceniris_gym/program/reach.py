@@ -147,8 +147,9 @@ def robot_arm(scene: SceneModel, name: str = ROBOT) -> SerialArm:
     home, name = scene.home_of(name)
     try:
         return SerialArm.from_model(home.mjm, home.config.all_robots[name].name, home.tcps[name])
-    except ArmError as error:
-        raise ArmError(f"{where}: {error}") from None
+    except ArmError as error:  # in a model of its own, the robot's names have no prefix
+        text = str(error) if robot.asset is None else str(error).replace(f"in_model: {robot.name}/", "in_model: ")
+        raise ArmError(f"{where}: {text}") from None
     except UnknownNameError as error:
         if robot.tcp is not None:
             raise UnknownNameError(error.kind, error.name, f"{where}: {error.where}", error.valid) from None

@@ -186,7 +186,7 @@ def _chain(mjm: mujoco.MjModel, base: int, tcp: int) -> tuple[list[int], np.ndar
 
 def _check_joints(mjm: mujoco.MjModel, base_body: int, tcp: str, ids: list[int]) -> None:
     """Raise ArmError if joints are missing, too many, unsupported, coupled, or move the base."""
-    base = mjm.body(base_body).name
+    base, advice = mjm.body(base_body).name, _instead(mjm, base_body, tcp)
     if not ids:
         raise ArmError(
             f"arm '{base}': no joint is between this body and the site '{tcp}'. Put the site on a body that the arm's "
@@ -194,7 +194,7 @@ def _check_joints(mjm: mujoco.MjModel, base_body: int, tcp: str, ids: list[int])
         )
     if len(ids) > MAX_JOINTS:
         raise ArmError(
-            f"arm '{base}' has {len(ids)} joints up to the site '{tcp}': it should have at most {MAX_JOINTS}."
+            f"arm '{base}' has {len(ids)} joints up to the site '{tcp}': it should have at most {MAX_JOINTS}. {advice}"
         )
     for i in ids:
         kind = mujoco.mjtJoint(mjm.jnt_type[i])
@@ -202,12 +202,12 @@ def _check_joints(mjm: mujoco.MjModel, base_body: int, tcp: str, ids: list[int])
             word = kind.name.removeprefix("mjJNT_").lower()
             raise ArmError(f"arm '{base}': {joint_label(mjm, i)} is a {word} joint. Use hinges and slides.")
         if kind == mujoco.mjtJoint.mjJNT_SLIDE and not mjm.jnt_limited[i]:
-            raise ArmError(f"arm '{base}': {joint_label(mjm, i)} is a slide without limits. Give it a range.")
+            raise ArmError(f"arm '{base}': {joint_label(mjm, i)} is a slide without limits. Give it a range. {advice}")
     for i in _joints_of(mjm, base_body):
         if mujoco.mjtJoint(mjm.jnt_type[i]) != mujoco.mjtJoint.mjJNT_FREE:
             raise ArmError(
                 f"arm '{base}': {joint_label(mjm, i)} moves the base itself. Move the joint to a body below "
-                f"'{base}', or wrap the whole arm in a body without joints."
+                f"'{base}', or wrap the whole arm in a body without joints. {advice}"
             )
     for i in range(mjm.neq):
         if mjm.eq_active0[i] and _couples(mjm, i, base_body, ids):
@@ -216,6 +216,23 @@ def _check_joints(mjm: mujoco.MjModel, base_body: int, tcp: str, ids: list[int])
                 f"arm '{base}' is not serial: the equality constraint {repr(name) if name else i} couples its joints. "
                 "Remove the constraint, or let it couple only joints that do not move the TCP."
             )
+
+
+def _instead(mjm: mujoco.MjModel, base: int, tcp: str) -> str:
+    """Return the advice to name a body further up the arm, so that a mobile base or a torso keeps its start pose.
+
+    The body is without joints, and at most MAX_JOINTS joints between it and the TCP suit an arm. Of several such
+    bodies, the advice names the one farthest from the TCP, and if there is none, 'BODY'.
+    """
+    site, found = mjm.site(tcp).id, "BODY"
+    body = int(mjm.site_bodyid[site])
+    while (body := int(mjm.body_parentid[body])) not in (0, base):
+        ids = _chain(mjm, body, site)[0]
+        is_open = (mjm.jnt_type[ids] == mujoco.mjtJoint.mjJNT_SLIDE) & (mjm.jnt_limited[ids] == 0)
+        if 0 < len(ids) <= MAX_JOINTS and not is_open.any() and not _joints_of(mjm, body) and mjm.body(body).name:
+            found = mjm.body(body).name
+    robot = f"`robot: {{in_model: {found}}}`, a body without joints that carries the arm"
+    return f"For an arm on a base that keeps its start pose, make its file the scene's `model`, and write {robot}."
 
 
 def _couples(mjm: mujoco.MjModel, eq: int, base: int, ids: list[int]) -> bool:

@@ -221,8 +221,9 @@ def edit_spec(spec: mujoco.MjSpec, scene: str | Path | Mapping | SceneConfig) ->
     for robot in config.all_robots.values():
         if robot.placing is not None:
             adopt_body(spec, robot.name, robot.placing, f"{config.where}: {robot.section}")
-        mjm = compile_spec(spec, "edit_spec: spec")
-        tcp_site(spec, mjm, mjm.qpos0, robot, config.where)
+        if robot.tcp is not None:
+            mjm = compile_spec(spec, "edit_spec: spec")
+            tcp_site(spec, mjm, mjm.qpos0, robot, config.where)
     nslot = len(config.objects)
     if config.groups and not has_parking_ground(compile_spec(spec, "edit_spec: spec"), nslot, config.where):
         add_parking_ground(spec, nslot)

@@ -183,7 +183,8 @@ def _tcps(spec: mujoco.MjSpec | None, mjm: mujoco.MjModel, qpos: np.ndarray, con
         if robot.name not in bodies:
             where = f"{config.where}: {robot.key}"
             raise UnknownNameError("body of the model", robot.name, where, filter(None, bodies))
-        found[name] = tcp.tcp_site(spec, mjm, qpos, robot, config.where)
+        editable = None if robot.tcp is None and config.has_model_in_memory else spec
+        found[name] = tcp.tcp_site(editable, mjm, qpos, robot, config.where)
     return found
 
 

@@ -12,6 +12,8 @@ from sceniris_gym.scene.support import chain_up, subtree
 
 SITE = "tcp"
 """Default name of the tool centre point's site."""
+USUAL = (SITE, "grip_site", "gripperframe", "pinch", "grasp_site", "attachment_site", "ee_site")
+"""Names that models usually give to the site of the tool centre point, best first."""
 _ADDED = "robot_tcp"
 _MOVING = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE))
 # Fingers that close within this angle of the y axis, or move by less than this [m], do not rotate the frame.
@@ -23,7 +25,8 @@ _ONE_AXIS = 1.5
 def tcp_site(spec: mujoco.MjSpec | None, mjm: mujoco.MjModel, qpos: np.ndarray, config: RobotConfig, where: str) -> str:
     """Return the name of the tool centre point's site, and add the site if the model does not have it yet.
 
-    Without `tcp` in the scene, the name of the robot's site 'tcp' is returned. That site need not exist.
+    Without `tcp` in the scene, the first of the robot's sites with a name in `USUAL` is taken. If there is no such
+    site, or if it needs a turn about z and the model cannot be edited, the result is 'tcp', which need not exist.
 
     Args:
         spec: The specification that may get a new site, or None if the model cannot be edited.
@@ -37,9 +40,12 @@ def tcp_site(spec: mujoco.MjSpec | None, mjm: mujoco.MjModel, qpos: np.ndarray, 
         SceneKeyError: The model needs a new site, but cannot be edited.
     """
     words, prefix, where = config.tcp, config.prefix, f"{where}: {config.section}.tcp"
-    if words is None:
-        return f"{prefix}{SITE}"
     root = mjm.body(config.name).id
+    if words is None:
+        usual = _usual_site(mjm, root, prefix)
+        if usual == f"{prefix}{SITE}":
+            return usual
+        words = TcpConfig(site=usual)
     body, site = _found(mjm, root, words, prefix, where)
     pos, quat = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
     if site is not None:
@@ -51,6 +57,8 @@ def tcp_site(spec: mujoco.MjSpec | None, mjm: mujoco.MjModel, qpos: np.ndarray, 
         quat = product(quat, np.array([math.cos(half), 0.0, 0.0, math.sin(half)]))
     if site is not None and np.allclose(pos, mjm.site_pos[site]) and np.allclose(quat, mjm.site_quat[site]):
         return mjm.site(site).name
+    if spec is None and config.tcp is None:
+        return f"{prefix}{SITE}"
     if spec is None:
         raise SceneKeyError(
             f"{where}: would add a site to the model, but MuJoCo cannot turn a MjModel back into an editable "
@@ -61,6 +69,13 @@ def tcp_site(spec: mujoco.MjSpec | None, mjm: mujoco.MjModel, qpos: np.ndarray, 
     name = f"{prefix}{_ADDED if is_taken else SITE}"
     spec.body(mjm.body(body).name).add_site(name=name, pos=pos, quat=quat, group=5)
     return name
+
+
+def _usual_site(mjm: mujoco.MjModel, root: int, prefix: str) -> str:
+    """Return the name of a robot's site that is best in `USUAL`, also below a further prefix, as in 'hand/pinch'."""
+    names = [mjm.site(i).name for i in range(mjm.nsite) if int(mjm.site_bodyid[i]) in subtree(mjm, root)]
+    usual = [name for name in sorted(names, key=len) if name.rpartition("/")[2] in USUAL]
+    return min(usual, key=lambda name: USUAL.index(name.rpartition("/")[2]), default=f"{prefix}{SITE}")
 
 
 def _found(mjm: mujoco.MjModel, root: int, words: TcpConfig, prefix: str, where: str) -> tuple[int, int | None]:

@@ -12,8 +12,11 @@ from sceniris_gym.commands.init import init
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import NotSupportedError, SceneFileError
 from sceniris_gym.importers.libero.reader import read_bddl
+from sceniris_gym.importers.models.first_scene import first_scene
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.tables import make_table
+from sceniris_gym.program.reach import robot_arm
+from sceniris_gym.scene.build import build_model
 from tests.importers.libero.problems import write
 from tests.importers.models.models import FINGERS, TABLE, arm
 
@@ -75,6 +78,22 @@ def test_a_model_that_cannot_be_read_is_an_error(tmp_path: Path):
     (tmp_path / "bad.xml").write_text("<mujoco><worldbody><geom/></worldbody></mujoco>")
     with pytest.raises(SceneFileError, match=r"bad\.xml"):
         init(tmp_path / "bad.xml", "cpu")
+
+
+def test_a_robot_on_a_cart_is_told_which_body_is_the_arm(tmp_path: Path):
+    """The comment names the body that a scene can use, and a robot whose base is free is named whole."""
+    model, joints = tmp_path / "cart.xml", '<joint type="slide"/><joint type="slide" axis="0 1 0"/><joint/>'
+    cart = f'<worldbody><body name="cart">{joints}<geom size="0.1"/>'
+    model.write_text(arm(FINGERS).replace("<worldbody>", cart).replace("</worldbody>", "</body></worldbody>"))
+    scene = init(model, "cpu")
+    assert scene.robot is not None
+    assert "write `robot: {in_model: base}`, a body without joints" in scene.robot.notes[-1]
+    scene.robot.words["in_model"] = "base"
+    assert robot_arm(build_model(scene.words())).name == "base"
+    free = arm(FINGERS).replace('<body name="base">', '<body name="base" pos="0 0 1"><freejoint/>')
+    model.write_text(free.replace("</mujoco>", '<actuator><position joint="j1"/></actuator></mujoco>'))
+    (robot,) = first_scene(model).objects
+    assert "`robot: {in_model: base, tcp: SITE}`" in robot.why
 
 
 @pytest.mark.filterwarnings("ignore::sceniris_gym.errors.ModelWarning")

@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from sceniris_gym.config.loader import shipped
+from sceniris_gym.errors import ArmError
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import LayoutStatus
+from sceniris_gym.layout.tables import make_table
 from sceniris_gym.program.compiled import CompiledScene
 from tests.layout.scenes import compile_on_cpu
 from tests.oracle.exact_ik import ExactIk
@@ -70,3 +72,32 @@ def test_a_mug_is_accepted_where_any_of_its_grasps_is_reached(robot: str, tier: 
     if tier == "map":
         same = generators[0].layouts.qpos.numpy()[there][accepted], generators[1].layouts.qpos.numpy()[there][accepted]
         assert (same[0] == same[1]).all()
+
+
+def test_an_arm_on_a_cart_reaches_from_wherever_the_cart_is_drawn():
+    """The cart is an object with drawn joints, the robot a body on it; MuJoCo C puts the TCP at the mug's grasps."""
+    spec = mujoco.MjSpec()
+    cart = spec.worldbody.add_body(name="cart")
+    slide, hinge = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE
+    for name, kind, axis in (("x", slide, [1, 0, 0]), ("y", slide, [0, 1, 0]), ("turn", hinge, [0, 0, 1])):
+        cart.add_joint(name=name, type=kind, axis=axis)
+    cart.add_geom(type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=[0.05, 0.02, 0], pos=[0, 0, 0.05])
+    frame = cart.add_frame(pos=[0, 0, 0.1])
+    spec.attach(mujoco.MjSpec.from_file(str(shipped("assets", ".xml")["heron"])), prefix="arm/", frame=frame)
+    drive = {"x": {"range": [-0.5, 0.5]}, "y": {"range": [-0.5, 0.5]}, "turn": {"range": [-3, 3]}}
+    objects = {"cart": {"kind": "static", "joints": drive}, "mug": {"asset": "mug", "on": "floor", "reachable": "ik"}}
+    words = {"model": spec, "floor": {"size": [2.2, 2.2]}, "robot": {"in_model": "arm/heron"}, "objects": objects}
+    with pytest.raises(ArmError, match=r"'x' moves the base itself.* `robot: \{in_model: arm/heron\}`"):
+        compile_on_cpu({**words, "robot": {"in_model": "cart", "tcp": "arm/tcp"}, "objects": {"mug": objects["mug"]}})
+    compiled = compile_on_cpu(words, bank=4)
+    assert compiled.reaching is not None
+    table, (arm,) = make_table(compiled, 30, 0), (one.arm for one in compiled.reaching.arms)
+    assert np.ptp(table.qpos[:, compiled.mjm.joint("x").qposadr[0]]) > 0.5
+    data = mujoco.MjData(compiled.mjm)
+    for qpos, joints, grasp in zip(table.qpos, table.grasp_qpos[:, 0], table.grasp[:, 0], strict=True):
+        data.qpos[:] = qpos
+        data.qpos[arm.qposadr] = joints
+        mujoco.mj_kinematics(compiled.mjm, data)
+        mug, wanted = data.body(compiled.scene.bodies["mug"]), compiled.reaching.targets[0].grasp_set.grasps[grasp]
+        at = mug.xpos + mug.xmat.reshape(3, 3) @ wanted.pos
+        assert np.linalg.norm(data.site("arm/tcp").xpos - at) < 0.001

@@ -9,8 +9,9 @@ import pytest
 
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.config.tier import Tier
-from sceniris_gym.errors import MapError, UnknownNameError
+from sceniris_gym.errors import ArmError, MapError, UnknownNameError
 from sceniris_gym.program.plan import build_plan
+from sceniris_gym.program.reach import robot_arm
 from sceniris_gym.scene.build import build_model
 from tests.layout.crane import crane_map, crane_mjcf, crane_scene
 from tests.layout.scenes import write_mjcf
@@ -32,6 +33,15 @@ def test_a_map_that_is_built_later_decides_nothing_until_the_scene_names_it(fold
     scene["robot"]["map"] = str(path)
     assert reaching(scene).targets[0].tier == Tier.MAP
     assert build_model(SceneConfig.load(scene)).hash != before
+
+
+def test_the_body_of_an_arm_on_a_drive_is_named_as_in_its_file(folder: Path):
+    """An asset's bodies have its name as a prefix in the scene, which they lack in a scene's `model`."""
+    pole = '<body name="pole"><geom size=".1"/><body><joint/><geom size=".1"/><site name="tcp"/></body></body>'
+    drive = f'<body name="stage"><joint name="x" type="slide"/><geom size=".1"/>{pole}</body>'
+    scene = build_model(SceneConfig.load({"robot": {"asset": write_mjcf(folder, "drive", drive)}, "objects": {}}))
+    with pytest.raises(ArmError, match=r"joint 'drive/x' is a slide without limits.* `robot: \{in_model: pole\}`"):
+        robot_arm(scene)
 
 
 def test_a_map_that_is_not_there_is_refused(folder: Path, cube: str):

@@ -155,6 +155,37 @@ def test_what_is_no_arm_is_refused(mjm, why: str):
         SerialArm.from_model(mjm(), "base")
 
 
+def driving(*joints: str) -> mujoco.MjModel:
+    """Compile a cart with three joints, a pillar on it with the others, and an arm of two joints on that."""
+    stand = link(TWO, name="stand", pos="0 0 0.1", euler="0.2 0 0.3")
+    cart = link("".join(joints[:3]) + link("".join(joints[3:]) + stand, name="pillar"))
+    return model(chain=cart, base='pos="0.3 0 0.1"')
+
+
+@pytest.mark.parametrize(
+    "joints",
+    [
+        (slide("1 0 0", None, name="x"), slide("0 1 0", None, name="y"), hinge(range=None, name="th")),
+        [hinge("0 1 0", name=f"torso{i}") for i in range(7)],
+    ],
+)
+def test_a_mobile_base_or_a_torso_is_refused_with_the_body_that_is_an_arm(joints: list[str]):
+    """The body named there carries the arm, as MuJoCo moves it."""
+    mjm = driving(*joints)
+    why, carrier = ("slide without limits", "pillar") if len(joints) == 3 else ("9 joints", "stand")
+    with pytest.raises(ArmError, match=rf"{why}.* write `robot: \{{in_model: {carrier}\}}`, a body without joints"):
+        SerialArm.from_model(mjm, "base")
+    arm = SerialArm.from_model(mjm, carrier)
+    q = drawn(arm, 20)
+    assert np.abs(np.array([forward(arm, one) for one in q]) - tcp_poses(mjm, arm, q)).max() < 1e-12
+
+
+def test_a_base_without_such_a_body_is_told_that_it_needs_one():
+    """All bodies of the chain have joints."""
+    with pytest.raises(ArmError, match=r"in_model: BODY\}`, a body without joints that carries the arm"):
+        SerialArm.from_model(model(chain=link(hinge() * 5 + link(hinge() * 4 + site()))), "base")
+
+
 def test_a_site_elsewhere_is_refused():
     """The TCP is below the base."""
     other = link(hinge(name="a") + link(hinge() + site()))

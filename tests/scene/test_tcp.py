@@ -62,6 +62,31 @@ def test_a_site_a_body_or_an_offset_is_the_same_place(tmp_path: Path, tcp: Any):
     np.testing.assert_allclose(np.abs(axes[:, 1]), [1, 0, 0], atol=1e-6)
 
 
+@pytest.mark.parametrize(
+    "site", ["gripperframe", "attachment_site", "hand/pinch", "grasp_site", "ee_site", "grip_site"]
+)
+def test_a_site_of_a_usual_name_is_the_tcp_of_a_robot_without_tcp(tmp_path: Path, monkeypatch: Any, site: str):
+    """As if the scene named it, so that the fingers close along y; a site `tcp` comes first, and stays as it is."""
+    monkeypatch.setattr(f"{__name__}.ARM", ARM.replace('name="grip"', f'name="{site}"'))
+    named, found = arm(tmp_path, [0, 180], tcp=site), arm(tmp_path, [0, 180])
+    assert found.tcps == named.tcps == {"robot": "arm/tcp"}
+    np.testing.assert_array_equal(pose(found)[0], pose(named)[0])
+    np.testing.assert_allclose(np.abs(pose(found)[1][:, 1]), [1, 0, 0], atol=1e-6)
+    monkeypatch.setattr(f"{__name__}.ARM", ARM.replace("<site", '<site name="tcp"/><site'))
+    np.testing.assert_array_equal(pose(arm(tmp_path, [0, 180]))[1], np.eye(3))
+
+
+def test_a_model_in_memory_gets_no_site_that_the_scene_does_not_ask_for(tmp_path: Path, monkeypatch: Any):
+    """Its sites are part of the scene's hash; a site that needs no turn is the TCP there too."""
+    monkeypatch.setattr(f"{__name__}.ARM", ARM.replace('name="grip"', 'name="pinch"'))
+    for axes, tcp in (([0, 180], "tcp"), ([90, -90], "pinch")):
+        arm(tmp_path, axes)
+        spec = mujoco.MjSpec.from_file(str(tmp_path / "arm.xml"))
+        for model in (spec, spec.compile()):
+            scene = build_model(SceneConfig.load({"model": model, "robot": {"in_model": "pedestal"}, "objects": {}}))
+            assert (scene.tcps["robot"], scene.mjm.nsite) == (tcp, 1)
+
+
 def test_a_site_that_suits_is_taken_as_it_is(tmp_path: Path):
     """Nothing is added to the model: two fingers that close along y, or none."""
     for axes in ([90, -90], []):

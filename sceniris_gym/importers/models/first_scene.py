@@ -13,9 +13,9 @@ import mujoco
 import numpy as np
 
 from sceniris_gym.config.fields import FLOOR, ROBOT
-from sceniris_gym.errors import ArmError, NotSupportedError
 from sceniris_gym.geometry.pieces import ROUGH, Piece, extract_pieces
 from sceniris_gym.geometry.rotations import matrix
+from sceniris_gym.importers.models.fixtures import joint_draws
 from sceniris_gym.importers.models.found import (
     FoundArm,
     FoundSupport,
@@ -25,7 +25,6 @@ from sceniris_gym.importers.models.found import (
     support_of,
     supports_of,
 )
-from sceniris_gym.reach.arm import SerialArm
 from sceniris_gym.scene.adopt import HOME, free_from_slides, named_by_place
 from sceniris_gym.scene.assemble import compile_spec
 from sceniris_gym.scene.model_files import load_model
@@ -76,6 +75,7 @@ class FirstScene:
         home: Keyframe of the start pose. None for the default: the keyframe 'home', or `qpos0`.
         robot: Entry of the robot, or None if the model has no arm.
         objects: Entries of the objects. A support comes before the objects on it.
+        fixtures: The static bodies with joints that can be drawn. A comment has an entry for each of them.
         supports: Static bodies and geoms with level surfaces, largest first. A comment lists them.
     """
 
@@ -84,6 +84,7 @@ class FirstScene:
     home: str | None
     robot: Entry | None
     objects: list[Entry]
+    fixtures: list[Entry]
     supports: list[FoundSupport]
 
     def words(self) -> dict[str, Any]:
@@ -128,6 +129,9 @@ class FirstScene:
         lines += ["", "objects:" if alive else "objects: {}", *shown]
         if not self.objects:
             lines += ["  # The model has no body with a freejoint. Add objects: `mug: {asset: mug, on: SUPPORT}`."]
+        if self.fixtures:
+            lines += ["", "  # Joints that layouts can draw, if you remove the # (and the {} of empty `objects`):"]
+            lines += [f"  # {entry.name}: {flow(entry.words)}" for entry in self.fixtures]
         lines += ["", "# Supports, as in `on: NAME`, with the size and area of their level surfaces:"]
         lines += [f"#   {_support_line(s)}" for s in self.supports]
         if not self.supports:
@@ -165,8 +169,14 @@ def first_scene(path: Path) -> FirstScene:
     supports = supports_of(mjm, free, roots, pieces)
     entries = _Bodies(mjm, data, pieces, free, supports).entries()
     entries += [_not_free(mjm, b) for b in tops if _slides(mjm, b)]
+    fixtures = [
+        Entry(name, ({} if own == name else {"body": own}) | {"kind": "static", "joints": joint_draws(mjm, b)})
+        for name, b in _names(mjm, tops).items()
+        for own in [mjm.body(b).name]
+        if joint_draws(mjm, b) and mujoco.mjtJoint.mjJNT_FREE not in joints[b] and not _slides(mjm, b)
+    ]
     named, robot = None if home == HOME else home, _robot(mjm, data, arms)
-    return FirstScene(path, f"The start pose is {start}.", named, robot, entries, supports)
+    return FirstScene(path, f"The start pose is {start}.", named, robot, entries, fixtures, supports)
 
 
 @dataclass(frozen=True)
@@ -197,7 +207,8 @@ class _Bodies:
         own_name = self.mjm.body(body).name
         words: dict[str, Any] = {} if own_name == name else {"body": own_name}
         if self._is_driven(subtree(self.mjm, body)):
-            return _commented_out(name, words, f"'{name}' has actuators: it is a robot with a free base.")
+            use = f"it is a robot with a free base, as in `robot: {{in_model: {own_name}, tcp: SITE}}`."
+            return _commented_out(name, words, f"'{name}' has actuators: {use}")
         geom = geom_beneath(self.mjm, self.data, body)
         named = None if geom is None else named_support(self.mjm, geom, self.free)
         support = None if named is None else support_of(*named, self.pieces)
@@ -265,21 +276,6 @@ def _robot(mjm: mujoco.MjModel, data: mujoco.MjData, arms: list[FoundArm]) -> En
     return Entry(ROBOT, {"in_model": name, "tcp": next(iter(tcp.values())) if len(tcp) == 1 else tcp}, tuple(notes))
 
 
-def reach_note(mjm: mujoco.MjModel, base: str, tcp: str) -> str:
-    """Return a comment for the scene file: how to use `reachable` with a robot, or why the robot does not allow it.
-
-    Args:
-        mjm: The model of the scene.
-        base: Root body of the robot.
-        tcp: Site of the robot's tool centre point.
-    """
-    try:
-        SerialArm.from_model(mjm, base, tcp)
-    except (ArmError, NotSupportedError) as error:
-        return f"`reachable` does not work with it: {error}"
-    return "Check that +z of the `tcp` is the approach axis. To keep an object within reach: `reachable: ik`."
-
-
 def _names(mjm: mujoco.MjModel, bodies: Iterable[int]) -> dict[str, int]:
     """Return a mapping: object name -> body. An object is named after its body, or after the body's id."""
     found: dict[str, int] = {}
@@ -324,7 +320,8 @@ def _support_line(support: FoundSupport) -> str:
 def flow(value: Any) -> str:
     """Format a value as YAML on one line."""
     if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{k}: {flow(v)}" for k, v in value.items()) + "}"
+        keys = {k: k if _PLAIN.fullmatch(k) else json.dumps(k) for k in value}
+        return "{" + ", ".join(f"{keys[k]}: {flow(v)}" for k, v in value.items()) + "}"
     is_plain = isinstance(value, str) and _PLAIN.fullmatch(value) and value.lower() not in _NOT_STRINGS
     return value if is_plain else json.dumps(value)
 

@@ -15,6 +15,7 @@ from sceniris_gym.geometry.pieces import Piece
 from sceniris_gym.geometry.supports import SupportSurface, level_surfaces
 from sceniris_gym.scene.overview import geom_corners, upright_box
 from sceniris_gym.scene.support import Support, is_static, static_supports, subtree
+from sceniris_gym.scene.tcp import USUAL
 
 # An arm has at least this number of joints.
 _LEAST_JOINTS = 4
@@ -24,10 +25,7 @@ _LEAST_BRANCH = 3
 # A finger has at most this number of joints in a row. A longer branch may be an arm of a torso.
 _MOST_FINGER = 5
 # A site is a tool centre point if its name contains one of these words, best first.
-_TCP_WORDS = (
-    *("tcp", "grip_site", "gripsite", "gripperframe", "pinch", "grasp"),
-    *("attachment", "ee_site", "eef", "end_effector", "tool"),
-)
+_TCP_WORDS = (*USUAL, "gripsite", "grasp", "attachment", "eef", "end_effector", "tool")
 # A hinge at the end of an arm moves a finger if the name of its body contains one of these words.
 _FINGER_WORDS = ("jaw", "finger", "claw")
 # Distance of the tool centre point behind the fingertips [m].

@@ -18,6 +18,8 @@ from sceniris_gym.scene.model import SceneModel
 _FILLED = 1.3
 # Usual extents of an object [m]. Outside of this range, the file probably has other units.
 _SMALLEST, _LARGEST = 1.0e-3, 50.0
+# A body's inertia is probably a placeholder if it is this many times as large as with all mass at its farthest corner.
+_PLACEHOLDER = 10.0
 # Greatest overlap [m] without a warning, for two geoms that layouts do not place: numbers in files are rounded.
 _SUNK = 1.0e-3
 # Flags that switch contact forces off.
@@ -29,7 +31,7 @@ _FINE = 128.0
 def warn_of_oddities(plan: Plan) -> None:
     """Warn about parts of a scene that are probably unintended. All findings of a kind share one `ModelWarning`."""
     is_physics = plan.scene.config.geometry == "physics"
-    for kind in (_filled, _sizes, _sunk, _coarse) if is_physics else (_flat, _sizes, _coarse):
+    for kind in (_filled, _sizes, _turning, _sunk, _coarse) if is_physics else (_flat, _sizes, _turning, _coarse):
         for text in kind(plan):
             warn(ModelWarning(f"{plan.scene.config.where}: {text}"))
 
@@ -77,6 +79,23 @@ def _sizes(plan: Plan) -> Iterator[str]:
         yield (
             f"implausible sizes, as {_SMALLEST:g} to {_LARGEST:g} m are usual: {_some(found)}. Lengths are in metres: "
             "give a mesh in other units a `scale`, e.g. 0.001 for millimetres."
+        )
+
+
+def _turning(plan: Plan) -> Iterator[str]:
+    """Warn about free objects that are harder to turn than any distribution of their mass in their geoms."""
+    mjm, found = plan.scene.mjm, []
+    for body in sorted(body for o in plan.objects if o.kind == ObjectKind.FREE for body in o.bodies):
+        ends = np.array([(low, high) for p, low, high in plan.solids if p.body == body])
+        if len(ends):
+            far = float(np.linalg.norm(np.abs(ends - plan.scene.home.xipos[body]).max((0, 1))))
+            mass, inertia = float(mjm.body_mass[body]), float(mjm.body_inertia[body].max())
+            if inertia > _PLACEHOLDER * mass * far**2:
+                found.append(f"'{mjm.body(body).name}' ({inertia:.2g} kg m2, but {mass:.2g} kg within {far:.2g} m)")
+    if found:
+        yield (
+            f"implausible inertias, probably placeholders, with which contacts hardly turn an object: {_some(found)}. "
+            "Leave out <inertial>, so that MuJoCo computes it from the geoms, or correct `diaginertia`."
         )
 
 

@@ -100,6 +100,16 @@ def test_an_implausible_size_is_named(size: float, said: str | None, tmp_path: P
     assert [f"'rock' ({said} m)" in text for text in found] == [True] * (said is not None)
 
 
+@pytest.mark.parametrize(("inertia", "number"), [(1.0, 1), (5e-3, 1), (1e-4, 0), (None, 0)])
+def test_an_inertia_that_no_mass_of_this_size_has_is_named(inertia: float | None, number: int, tmp_path: Path):
+    """At most 0.1 kg times the square of the half diagonal of 6 cm, if all of it were at the corners."""
+    values = f'<inertial pos="0 0 0" mass="0.1" diaginertia="{inertia} {inertia} {inertia}"/>'
+    box = '<freejoint/><geom type="box" size="0.04 0.04 0.02" mass="0.1"/>'
+    asset = write_mjcf(tmp_path, "brick", (values if inertia else "") + box)
+    found = warned({"brick": {"asset": asset, "on": "floor"}}, floor={"size": [1, 1]})
+    assert [f"'brick' ({inertia:.2g} kg m2, but 0.1 kg within 0.06 m)" in text for text in found] == [True] * number
+
+
 @pytest.mark.parametrize(("depth", "number"), [(0.015, 1), (0.0005, 0)])
 def test_what_stands_inside_of_something_else_is_named_with_the_depth(depth: float, number: int, tmp_path: Path):
     """A static box sunk into a static desk, which MuJoCo does not report."""
