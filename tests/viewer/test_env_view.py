@@ -60,7 +60,8 @@ def test_each_episode_has_the_drawn_colours_of_its_layout():
         for first in (0, 2):
             view.start(first)
             shown = envs.batch.model.geom_rgba.numpy()
-            assert (painted := view._window.worlds._painted)
+            painted = view._window.worlds._painted
+            assert painted
             for geom, handle in painted.items():
                 np.testing.assert_allclose(handle.batched_colors / 255.0, shown[:, geom, :3], atol=0.01)
     envs.close()
