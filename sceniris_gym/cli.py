@@ -415,6 +415,8 @@ def init(
     assets: Path | None = None,
     widen: float = 1.0,
     clutter: int = 0,
+    robot: str | None = None,
+    arena: Flag = False,
     device: Device = None,
     json: Json = False,
 ) -> Answer:
@@ -422,27 +424,34 @@ def init(
 
     All supports are listed as comments. Before writing, the command makes layouts of the scene. Objects that cannot be
     placed are commented out in the file, with the reason.
-    A problem file of LIBERO (.bddl) becomes a scene file and a folder with its model.
+    A problem file of LIBERO (.bddl) becomes a scene file and a folder with its model. A folder of problem files becomes
+    a folder of scenes. The exit status is 1 if a problem file is refused.
 
     Args:
-        model: an MJCF or URDF file, or a problem file
-        out: scene file to write, by default stdout
+        model: an MJCF or URDF file, a problem file, or a folder of problem files
+        out: scene file to write, by default stdout, or the output folder if MODEL is a folder
         assets: folder of LIBERO's models, for a problem file
         widen: factor for the size of the regions of a problem file
         clutter: number of additional objects in each layout of a problem file
+        robot: arm for a problem file, at the place of LIBERO's arm: panda, ur5e or heron
+        arena: also add LIBERO's cameras and what they see to a problem file: floor, walls, furniture, mount of the arm
     """
     from sceniris_gym.commands import init as tool
 
     target = None if out is None else checked_target(out)
-    if model.suffix.lower() == ".bddl":
+    if model.is_dir() or model.suffix.lower() == ".bddl":
         if target is None:
-            raise NotSupportedError(f"init: {model} becomes two files, a scene and its model. Give -o FILE.yaml.")
+            give = "Give -o FILE.yaml, or -o FOLDER for a folder of problem files."
+            raise NotSupportedError(f"init: a problem file becomes two files, a scene and its model. {give}")
         from sceniris_gym.importers.libero.reader import read_bddl
 
-        task = read_bddl(model, assets=assets, widen=widen, clutter=clutter)
-        return answer(tool.write_task(task, target, device), json)
-    if (assets, widen, clutter) != (None, 1.0, 0):
-        raise NotSupportedError("init: --assets, --widen and --clutter need a problem file of LIBERO (.bddl) as MODEL.")
+        read = partial(read_bddl, assets=assets, widen=widen, clutter=clutter, robot=robot, arena=arena)
+        if model.is_dir():
+            return answer(tool.write_suite(model, target, read, device), json, tool.report_of_suite)
+        return answer(tool.write_task(read(model), target, device), json)
+    if (assets, widen, clutter, robot, arena) != (None, 1.0, 0, None, False):
+        needed = "need a problem file of LIBERO (.bddl) as MODEL."
+        raise NotSupportedError(f"init: --assets, --widen, --clutter, --robot and --arena {needed}")
     scene = tool.init(model, device)
     if target is not None:
         write_text(target, scene.text(target))

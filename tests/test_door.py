@@ -26,7 +26,8 @@ SECOND_WORDS = {"mask", "env_ids", "indices", "seeds", "episodes", "ids", "rows"
 BOOLEANS = "takes only booleans"
 PROTOCOL = "the word of the library that calls it"
 ALLOWED = {
-    **dict.fromkeys(("ArmController.start(mask)", "EpisodeStatistics.start(mask)", "Task.on_reset(mask)"), BOOLEANS),
+    **dict.fromkeys(("ArmController.start(mask)", "EpisodeStatistics.start(mask)"), BOOLEANS),
+    **dict.fromkeys(("Task.on_reset(mask)", "LiberoGoalTask.on_reset(mask)"), BOOLEANS),
     **{f"State.{name}(mask)": BOOLEANS for name in ("put_joints", "put_pose", "scale_field", "sleep")},
     **{f"Sb3VecEnvWrapper.{n}(indices)": PROTOCOL for n in ("env_is_wrapped", "env_method", "get_attr", "set_attr")},
     **{

@@ -1,17 +1,20 @@
 """The `init` command: writes a first scene file for a model or a LIBERO problem file, once layouts are found."""
 
+import gc
 import io
 import re
+import sys
 import warnings
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from sceniris_gym.commands.answer import OK, verdict
 from sceniris_gym.commands.approach import reach_notes
 from sceniris_gym.config.fields import ROBOT
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import InfeasibleSceneError, ModelWarning, ScenirisError
+from sceniris_gym.errors import InfeasibleSceneError, ModelWarning, NotSupportedError, SceneFileError, ScenirisError
 from sceniris_gym.files import write_text
 from sceniris_gym.importers.libero.reader import LiberoTask
 from sceniris_gym.importers.models.first_scene import FirstScene, first_scene, flow
@@ -90,6 +93,52 @@ def write_task(task: LiberoTask, out: Path, device: str | None = None) -> dict[s
     ]
     write_text(out, "\n".join(lines) + "\n")
     return {"scene": str(out), "model": str(folder), "placed": list(words["objects"]), "goal": goal}
+
+
+def write_suite(
+    folder: Path, out: Path, read: Callable[[Path], LiberoTask], device: str | None = None
+) -> dict[str, Any]:
+    """Write the scenes of all problem files below a folder, and print each file's result to stderr.
+
+    Args:
+        folder: The folder. Its subfolders become subfolders of `out`.
+        out: The output folder.
+        read: Reads a problem file.
+        device: The device for trial layouts.
+
+    Returns:
+        The scene and the goal of each written problem file, the refused files with reasons, and the verdict.
+
+    Raises:
+        NotSupportedError: `out` is a scene file.
+        SceneFileError: No problem file is below the folder.
+        OSError: A file cannot be written.
+    """
+    if out.suffix in (".yaml", ".yml"):
+        raise NotSupportedError(f"--out {out}: a folder of problem files becomes a folder of scenes. Give a folder.")
+    files = sorted(file for file in folder.rglob("*") if file.suffix.lower() == ".bddl")
+    if not files:
+        raise SceneFileError(f"{folder}: contains no problem files. Give a folder that contains .bddl files.")
+    written, refused = {}, {}
+    for file in files:
+        name, target = str(file.relative_to(folder)), (out / file.relative_to(folder)).with_suffix(".yaml")
+        try:
+            task = write_task(read(file), target, device)
+            written[name] = {"scene": task["scene"], "goal": task["goal"]}
+        except ScenirisError as error:
+            refused[name] = f"{type(error).__name__}: {error}"
+        print(f"{name}: {refused.get(name, 'written')}", file=sys.stderr, flush=True)
+        gc.collect()  # models are in cycles of few objects, which are rarely collected but hold 100 MB each
+    return {OK: not refused, "written": written, "refused": refused}
+
+
+def report_of_suite(found: dict[str, Any]) -> str:
+    """Return the result of a folder of problem files as text: the verdict, then a table with a row for each file."""
+    rows = {name: f"{task['scene']}  {' '.join(task['goal'])}" for name, task in found["written"].items()}
+    rows |= {name: f"refused: {why}" for name, why in found["refused"].items()}
+    width = max(map(len, rows))
+    head = verdict(found, f"{len(found['written'])} of {len(rows)} problem files written")
+    return "\n".join([head, *(f"{name:<{width}}  {rows[name]}" for name in sorted(rows))])
 
 
 def _try(scene: FirstScene, make: Callable[[SceneConfig], Any]) -> Any:

@@ -20,16 +20,16 @@ def is_pattern(asset: Any) -> TypeGuard[str]:
 
 
 def files_of(pattern: str) -> list[Path]:
-    """Return the MJCF files that a pattern matches, in the order of their names.
+    """Return the MJCF files that a pattern matches, in the order of their paths. Names of folders may have '*', too.
 
     Files with unprintable names are left out, with a warning.
 
     Raises:
-        PydanticCustomError: The pattern matches no file, or has '*' in the name of a folder.
+        PydanticCustomError: The pattern matches no file.
     """
-    if is_pattern(str(Path(pattern).parent)):
-        raise wrong("should have '*' only in the file name, not in a folder")
-    found = sorted(path for path in Path(pattern).parent.glob(Path(pattern).name) if path.suffix == ".xml")
+    parts = Path(pattern).parts
+    first = next(i for i, part in enumerate(parts) if is_pattern(part))
+    found = sorted(path for path in Path(*parts[:first]).glob("/".join(parts[first:])) if path.suffix == ".xml")
     named = [path for path in found if path.name.isprintable()]
     if not named:
         raise wrong("should match at least one MJCF file (.xml), such as the files that `sceniris-gym import` writes")

@@ -166,14 +166,17 @@ def _listed(at: tuple[str, ...], part: Mapping, shared: dict) -> Mapping[str, Ma
         )
         _refuse((*at, "asset"), advice, assets)
     del shared["asset"]
-    if is_pattern(assets):
+    is_folder = is_pattern(assets)
+    if is_folder:
         with _at((*at, "asset"), assets):
             files = files_of(assets)
         with _at((*at, TAGS), part.get(TAGS)):
             assets = [str(path) for path in (with_tags(files, part[TAGS]) if TAGS in part else files)]
+    names = [_stem(asset) for asset in assets]
+    if is_folder:  # files of the same name have the names of their folders
+        names = [n if names.count(n) == 1 else _stem(Path(a).parent) for n, a in zip(names, assets, strict=True)]
     variants: dict[str, Mapping] = {}
-    for asset in assets:
-        stem = _stem(asset)
+    for stem, asset in zip(names, assets, strict=True):
         if stem in variants:
             _refuse((*at, "asset"), f"should name each asset once, but has two of the name '{stem}'", assets)
         variants[stem] = {"asset": asset}

@@ -41,6 +41,7 @@ class Task:
 
     Attributes:
         scene: The name of a shipped scene, or the path of a scene file.
+        language: The instruction to the robot. If it is not empty, `info["language"]` has it once for each world.
         needs: Derived quantities that the task reads, in addition to the poses, which are always up to date:
             "velocity", "contacts", "sensors" (values of sensors) or "dynamics" (all results of a forward pass).
         substeps: Physics steps in a control step.
@@ -55,6 +56,7 @@ class Task:
     """
 
     scene: str = ""
+    language: str = ""
     needs: tuple[str, ...] = ()
     substeps: int = 4
     action_size: int | None = None

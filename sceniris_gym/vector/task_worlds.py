@@ -127,8 +127,11 @@ class TaskWorlds:
         self.statistics.start(due)
         return due
 
-    def layout_info(self) -> dict[str, dict[str, Any]]:
-        """Return `info["layout"]`: the present layouts, in the form of the reset option `layouts`."""
+    def layout_info(self) -> dict[str, Any]:
+        """Return `info["layout"]`: the present layouts, in the form of the reset option `layouts`.
+
+        If the task has an instruction, also return `info["language"]`: the instruction of each world.
+        """
         s, sampler = self.state, self.randomizer.levels
         layout: dict[str, Any] = {
             "seed": s.seed.clone(),
@@ -146,4 +149,5 @@ class TaskWorlds:
             layout["redraw_failed"] = self.randomizer.redraw_status == LayoutStatus.KEPT
         if sampler is not None:
             layout["level"] = torch.where(layout["fallback"], FROM_BANK, sampler.level)
-        return {"layout": layout}
+        language = self._task.language
+        return {"layout": layout} | ({"language": [language] * s.num_envs} if language else {})

@@ -66,7 +66,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
 
     `info["layout"]` has the `seed` and the `episode` of each world's layout, and `fallback`, which is true if the
     layout came from the fallback bank. If objects have variants, `info["layout"]` also has `variants`: for each object,
-    the number of its present variant. After a step, `info` also has the `success`, `reward_terms` and `broken` (below)
+    the number of its present variant. If the task has a `language`, `info["language"]` is a list with this instruction
+    for each world. After a step, `info` also has the `success`, `reward_terms` and `broken` (below)
     of this step. With the autoreset mode SAME_STEP, `info` has `final_obs` and `final_info` for all worlds, but only
     the worlds in `_final_obs` have valid entries. Seeds are int64, because torch lacks uint64 arithmetic. A seed from
     2^63 on appears as its two's complement, and `int(seed) % 2**64` recovers the seed.
@@ -499,8 +500,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         return groups if self._plain is None else groups[self._plain]
 
     def _returned(self, value: Any) -> Any:
-        """Return a tensor or a dict of tensors, converted to NumPy if the environment's `output` is "numpy"."""
-        if self.output == "torch":
+        """Return a tensor, a list or a dict of these. Convert tensors to NumPy if the `output` is "numpy"."""
+        if self.output == "torch" or isinstance(value, list):
             return value
         if isinstance(value, dict):
             return {key: self._returned(item) for key, item in value.items()}

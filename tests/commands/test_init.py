@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+import gc
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from sceniris_gym import cli
-from sceniris_gym.commands.init import init
+from sceniris_gym.commands.init import init, write_suite
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import NotSupportedError, SceneFileError
-from sceniris_gym.importers.libero.reader import read_bddl
+from sceniris_gym.geometry.contacts import ContactRules
+from sceniris_gym.importers.libero.reader import LiberoTask, read_bddl
 from sceniris_gym.importers.models.first_scene import first_scene
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.tables import make_table
 from sceniris_gym.program.reach import robot_arm
 from sceniris_gym.scene.build import build_model
-from tests.importers.libero.problems import write
+from tests.importers.libero.problems import STACK, write
 from tests.importers.models.models import FINGERS, TABLE, arm
 
 
@@ -100,24 +102,87 @@ def test_a_robot_on_a_cart_is_told_which_body_is_the_arm(tmp_path: Path):
 def test_a_problem_file_of_libero_becomes_a_scene_file_with_its_model(tmp_path: Path, capfd: pytest.CaptureFixture):
     """The same layouts come of the scene file as of the problem file; the goal is a comment."""
     problem, out = write(tmp_path), tmp_path / "kitchen.yaml"
-    cli.main(["init", str(problem), "-o", str(out), "--widen", "2", "--clutter", "1", "--device", "cpu"])
+    cli.main(
+        [
+            "init",
+            str(problem),
+            "-o",
+            str(out),
+            "--widen",
+            "2",
+            "--clutter",
+            "1",
+            "--robot",
+            "panda",
+            "--arena",
+            "--device",
+            "cpu",
+        ]
+    )
     assert "(On akita_black_bowl_1 plate_1)" in capfd.readouterr().out
     text = out.read_text()
     assert "# Goal: (On akita_black_bowl_1 plate_1) (Close wooden_cabinet_1_top_region)" in text
     assert "model: kitchen_model/scene.xml" in text
     written = compile_scene(out, "cpu")
-    direct = compile_scene(read_bddl(problem, widen=2.0, clutter=1).scene, "cpu")
+    direct = compile_scene(read_bddl(problem, widen=2.0, clutter=1, robot="panda", arena=True).scene, "cpu")
     assert written.placed == direct.placed
+    assert set(written.config.cameras) == {"agentview", "robot0_eye_in_hand"}
     ours, theirs = make_table(written, 32, 0), make_table(direct, 32, 0)
     np.testing.assert_allclose(ours.qpos, theirs.qpos, atol=1e-6)
     np.testing.assert_allclose(ours.mocap_pos, theirs.mocap_pos, atol=1e-6)
+
+
+@pytest.mark.filterwarnings("ignore::sceniris_gym.errors.ModelWarning")
+def test_a_folder_of_problem_files_becomes_a_folder_of_scenes(tmp_path: Path, capfd: pytest.CaptureFixture):
+    """A refused file does not stop the others. It is named with its reason, and the exit status is 1."""
+    files, out = tmp_path / "files", tmp_path / "suite"
+    (files / "goal").mkdir(parents=True)
+    write(files / "goal", STACK)
+    with pytest.raises(SystemExit, match="2"):
+        cli.main(["init", str(files), "-o", str(out) + ".yaml"])
+    assert "Give a folder." in capfd.readouterr().err
+    write(files, STACK.replace("- cookies", "- kookies"))
+    with pytest.raises(SystemExit, match="1"):
+        cli.main(["init", str(files), "-o", str(out), "--device", "cpu"])
+    head, done, refused = capfd.readouterr().out.splitlines()
+    assert head == "FAIL: 1 of 2 problem files written"
+    assert done == f"goal/problem.bddl  {out}/goal/problem.yaml  (In akita_black_bowl_1 basket_1_contain_region)"
+    assert refused.startswith("problem.bddl") and "refused: UnknownNameError: " in refused and "'kookies'" in refused
+    assert set(SceneConfig.load(out / "goal/problem.yaml").objects) == {"akita_black_bowl_1", "cookies_1", "basket_1"}
+
+
+@pytest.mark.filterwarnings("ignore::sceniris_gym.errors.ModelWarning")
+def test_a_folder_of_problem_files_needs_the_memory_of_one(tmp_path: Path):
+    """Each file's models are gone when the next file is read, although they are in reference cycles."""
+    alive = []
+
+    def read(file: Path) -> LiberoTask:
+        alive.append(sum(isinstance(thing, ContactRules) for thing in gc.get_objects()))
+        return read_bddl(file)
+
+    for name in ("a", "b", "c"):
+        (tmp_path / name).mkdir()
+        write(tmp_path / name, STACK)
+    gc.collect()
+    write_suite(tmp_path, tmp_path / "suite", read, "cpu")
+    assert alive == [alive[0]] * 3
+
+
+def test_a_folder_without_problem_files_is_refused(tmp_path: Path):
+    """A folder of models, for example."""
+    with pytest.raises(SceneFileError, match=r"contains no problem files\. Give a folder that contains \.bddl files"):
+        cli.init(tmp_path, tmp_path / "suite")
+    with pytest.raises(NotSupportedError, match=r"-o FOLDER for a folder of problem files"):
+        cli.init(tmp_path)
 
 
 def test_options_of_problem_files_belong_to_them_alone(tmp_path: Path):
     """A model takes none of them, and a problem file needs a place for its model."""
     model = tmp_path / "table.xml"
     model.write_text(TABLE)
-    with pytest.raises(NotSupportedError, match=r"--assets, --widen and --clutter need a problem file"):
+    with pytest.raises(
+        NotSupportedError, match=r"--assets, --widen, --clutter, --robot and --arena need a problem file"
+    ):
         cli.init(model, widen=2.0)
     with pytest.raises(NotSupportedError, match=r"becomes two files, a scene and its model. Give -o FILE.yaml"):
         cli.init(write(tmp_path))

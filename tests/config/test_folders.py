@@ -50,6 +50,23 @@ def test_files_of_any_name_are_variants(tmp_path: Path):
     )
 
 
+def test_a_pattern_may_name_folders(tmp_path: Path):
+    """Variants have the names of their files. Files of the same name, as in RoboCasa, have their folders' names."""
+    for name in ("apple_0", "apple_1", "pear/green"):
+        (tmp_path / name).mkdir(parents=True)
+        (tmp_path / name / "model.xml").write_text("<mujoco/>")
+    assert loaded({"asset": str(tmp_path / "*/*"), "on": "table"}).variants["target"] == (
+        "target/apple_0",
+        "target/apple_1",
+    )
+    (tmp_path / "pear" / "pear.xml").write_text("<mujoco/>")
+    assert loaded({"asset": str(tmp_path / "p*/*"), "on": "table"}).variants["target"] == ("target/pear",)
+    found = loaded({"asset": str(tmp_path / "**/*"), "on": "table"}).variants["target"]
+    assert found == ("target/apple_0", "target/apple_1", "target/green", "target/pear")
+    with pytest.raises(ScenirisError, match="should match at least one MJCF file"):
+        loaded({"asset": str(tmp_path / "z*/*"), "on": "table"})
+
+
 def test_tags_that_choose_nothing_are_refused(tmp_path: Path):
     """With the tags that there are; and a manifest that is none with its file."""
     pattern = folder_of(tmp_path, a=["red"], b=["graspable"])

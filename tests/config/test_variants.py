@@ -175,7 +175,6 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
         {"objects.target.variants.can.variants": {"tin": {"asset": "tin"}}},
         r"objects\.target\.variants\.can\.variants: .*given for the object 'target'",
     ),
-    "a pattern of folders": ({"objects.other": {"asset": "/*/can.xml", "on": "table"}}, "not in a folder"),
     "two kinds": (
         {"objects.target.variants.mug.kind": "fixture"},
         r"objects\.target\.variants\.mug\.kind: .*should be the same for all variants",

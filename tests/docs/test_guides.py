@@ -140,7 +140,8 @@ def test_the_program_of_the_page_on_libero_runs(tmp_path: Path, monkeypatch: pyt
     ((_, _, program),) = BLOCK.findall(page)
     names: dict = {}
     exec(compile(program, "libero.md", "exec"), names)
-    assert names["observations"]["policy"].shape == (16, 9 + 7 + 7)
+    assert names["observations"]["policy"].shape == (16, 9 + 7 + 7 + 7)
+    assert names["info"]["language"] == ["put the red mug on the plate and close the drawer"] * 16
     assert not names["env"].unwrapped.step(names["env"].action_space.sample())[4]["success"].any()
 
 

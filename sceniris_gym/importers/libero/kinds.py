@@ -1,4 +1,4 @@
-"""LIBERO's classes of objects and fixtures: sizes, headings and joints, and the boxes that stand in for missing models.
+"""LIBERO's classes of objects and fixtures: sizes, headings, and the positions of joints that are open or on.
 
 Headings match the poses that LIBERO's samplers produce. For some classes, LIBERO's samplers write a quaternion in
 another component order than MuJoCo reads. If such a sampler draws an angle a about an object's x axis, the object
@@ -16,30 +16,6 @@ Vec3 = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
-class Box:
-    """One box of the model that stands in for a missing model of LIBERO.
-
-    Attributes:
-        pos: Centre of the box [m].
-        size: Full edges of the box [m].
-        open: For a hollow box, the side without a wall, such as '-y' or '+z'. '' for a solid box.
-        inside, top: Names of the sites in the box and on top of the box, or '' for no site.
-        joint: Name of the box's joint, or '' if the box is fixed. Without `anchor`, the box slides along y.
-        range: Range of the joint [m or rad].
-        anchor: If given, the box rotates about the vertical axis through this point [m].
-    """
-
-    pos: Vec3
-    size: Vec3
-    open: str = ""
-    inside: str = ""
-    top: str = ""
-    joint: str = ""
-    range: tuple[float, float] = (0.0, 0.0)
-    anchor: Vec3 | None = None
-
-
-@dataclass(frozen=True)
 class Kind:
     """A class of objects or fixtures.
 
@@ -47,17 +23,12 @@ class Kind:
         size: Edges of the bounding box of the upright object [m]: length along its x axis, width, and height.
         yaw: Least and greatest heading [degrees] of an object. A fixture takes its heading from its region.
         up: The axis of LIBERO's model that points up.
-        inside: Name of the site in the stand-in box, which is open at the top. '' for a solid box without a site. Not
-            used if there are `boxes`.
-        boxes: Boxes of the stand-in model. If empty, the stand-in is one box of `size`.
         states: Start predicate, such as 'Open' -> range of joint positions [m or rad].
     """
 
     size: Vec3
     yaw: tuple[float, float] = (180.0, 180.0)
     up: str = "z"
-    inside: str = ""
-    boxes: tuple[Box, ...] = ()
     states: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
@@ -91,56 +62,15 @@ WORKSPACES = {
 _BACK, _ACROSS, _MUG, _BOOK = (180.0, 180.0), (90.0, 90.0), (-90.0, -90.0), (-135.0, -90.0)
 
 
-_CABINET = Kind(
-    (0.254, 0.221, 0.218),
-    boxes=(
-        Box((0.003, 0.0, 0.114), (0.254, 0.221, 0.218), "-y", top="top_side"),
-        *(
-            Box((0.003, -0.01, z), (0.214, 0.19, 0.06), "+z", f"{level}_region", "", f"{level}_level", (-0.16, 0.01))
-            for level, z in (("top", 0.18), ("middle", 0.11), ("bottom", 0.04))
-        ),
-    ),
-    states={"Open": (-0.16, -0.14), "Close": (0.0, 0.005)},
-)
-_DOOR = {"joint": "microjoint", "range": (-2.094, 0.0), "anchor": (-0.172, -0.1, 0.094)}
-_KNOB = {"joint": "button", "range": (-0.005, 2.1), "anchor": (0.0, 0.0, 0.0)}
-
+_CABINET = Kind((0.254, 0.221, 0.218), states={"Open": (-0.16, -0.14), "Close": (0.0, 0.005)})
 FIXTURES = {
     "wooden_cabinet": _CABINET,
     "white_cabinet": _CABINET,
-    "microwave": Kind(
-        (0.345, 0.225, 0.187),
-        boxes=(
-            Box((0.0, 0.01, 0.094), (0.345, 0.2, 0.187), "-y", "heating_region", "top_side"),
-            Box((-0.043, -0.105, 0.094), (0.255, 0.02, 0.18), **_DOOR),
-        ),
-        states={"Open": (-2.094, -1.3), "Close": (-0.005, 0.0)},
-    ),
-    "flat_stove": Kind(
-        (0.285, 0.19, 0.045),
-        boxes=(
-            Box((0.15, 0.0, 0.002), (0.19, 0.19, 0.045), top="cook_region"),
-            Box((0.0, 0.0, 0.0), (0.08, 0.09, 0.04), **_KNOB),
-        ),
-        states={"Turnon": (0.5, 2.1), "Turnoff": (-0.005, 0.0)},
-    ),
-    "wine_rack": Kind((0.268, 0.253, 0.217), boxes=(Box((0.0, 0.0, 0.109), (0.268, 0.253, 0.217), top="top_region"),)),
-    "desk_caddy": Kind(
-        (0.137, 0.423, 0.167),
-        boxes=(
-            Box((0.006, -0.143, 0.065), (0.134, 0.134, 0.13), "+z", "right_contain_region"),
-            Box((0.006, 0.146, 0.065), (0.134, 0.134, 0.13), "+z", "left_contain_region"),
-            Box((0.034, -0.001, 0.0835), (0.066, 0.134, 0.167), "+z", "back_contain_region"),
-            Box((-0.031, -0.001, 0.0405), (0.066, 0.134, 0.08), "+z", "front_contain_region"),
-        ),
-    ),
-    "wooden_two_layer_shelf": Kind(
-        (0.352, 0.191, 0.21),
-        boxes=(
-            Box((0.005, 0.016, 0.05), (0.352, 0.191, 0.1), "-y", "bottom_region"),
-            Box((0.005, 0.016, 0.155), (0.352, 0.191, 0.11), "-y", "top_region", "top_side"),
-        ),
-    ),
+    "microwave": Kind((0.345, 0.225, 0.187), states={"Open": (-2.094, -1.3), "Close": (-0.005, 0.0)}),
+    "flat_stove": Kind((0.285, 0.19, 0.045), states={"Turnon": (0.5, 2.1), "Turnoff": (-0.005, 0.0)}),
+    "wine_rack": Kind((0.268, 0.253, 0.217)),
+    "desk_caddy": Kind((0.137, 0.423, 0.167)),
+    "wooden_two_layer_shelf": Kind((0.352, 0.191, 0.21)),
 }
 """Fixtures that stand on a work surface, by class."""
 
@@ -158,14 +88,14 @@ OBJECTS = {
     "salad_dressing": Kind((0.052, 0.036, 0.146), _ACROSS, "y"),
     "new_salad_dressing": Kind((0.052, 0.036, 0.146), _ACROSS, "y"),
     "akita_black_bowl": Kind((0.107, 0.107, 0.05), _ACROSS),
-    "basket": Kind((0.169, 0.158, 0.142), _ACROSS, inside="contain_region"),
+    "basket": Kind((0.169, 0.158, 0.142), _ACROSS),
     "chefmate_8_frypan": Kind((0.356, 0.204, 0.058), _ACROSS),
     "glazed_rim_porcelain_ramekin": Kind((0.09, 0.089, 0.042), _ACROSS),
     "plate": Kind((0.138, 0.137, 0.019), _ACROSS),
     "white_bowl": Kind((0.081, 0.081, 0.034), _ACROSS),
     "moka_pot": Kind((0.082, 0.147, 0.152), _BACK),
     "wine_bottle": Kind((0.043, 0.044, 0.157), _BACK),
-    "wooden_tray": Kind((0.298, 0.167, 0.082), _BACK, inside="contain_region"),
+    "wooden_tray": Kind((0.298, 0.167, 0.082), _BACK),
     "black_book": Kind((0.029, 0.11, 0.135), _BOOK),
     "yellow_book": Kind((0.023, 0.098, 0.122), _BOOK),
     "porcelain_mug": Kind((0.125, 0.096, 0.106), _MUG),

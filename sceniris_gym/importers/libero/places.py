@@ -15,7 +15,7 @@ from sceniris_gym.geometry.pieces import extract_pieces
 from sceniris_gym.geometry.resting_poses import HomeShape
 from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.geometry.supports import level_surfaces
-from sceniris_gym.importers.libero.kinds import FIXTURES, OBJECTS, ROTATION, WORKSPACES, Box, Kind, Workspace, moving
+from sceniris_gym.importers.libero.kinds import FIXTURES, OBJECTS, ROTATION, WORKSPACES, Kind, Workspace, moving
 from sceniris_gym.importers.libero.problem import Predicate, Problem, Region
 from sceniris_gym.scene.assemble import compile_spec
 from sceniris_gym.scene.model_files import load_model
@@ -23,17 +23,18 @@ from sceniris_gym.scene.support import subtree
 
 INNER = "object"
 """Name of the body below a model's root that LIBERO places."""
+HIDDEN = 3
+"""Group of collision geoms, which are not drawn. LIBERO's models have them in group 0."""
 _FILES = (
     "articulated_objects/{0}.xml",
     "stable_hope_objects/{0}/{0}.xml",
     "stable_scanned_objects/{0}/{0}.xml",
     "turbosquid_objects/{0}/{0}.xml",
 )
-_HIDDEN = 3  # group of collision geoms, which are not drawn (group 0 in LIBERO's models)
-_WALL = 0.004  # thickness of walls [m]
+_BOX = mujoco.mjtGeom.mjGEOM_BOX
 _DENSITY = 300.0  # kg/m^3
 _COLOUR = [0.7, 0.6, 0.5, 1.0]
-_SIDES = ("-x", "+x", "-y", "+y", "-z", "+z")
+_STAND_INS = Path(__file__).with_name("stand_ins")
 
 
 def load_thing(name: str, kind: Kind, assets: Path, where: str) -> mujoco.MjSpec | None:
@@ -48,52 +49,24 @@ def load_thing(name: str, kind: Kind, assets: Path, where: str) -> mujoco.MjSpec
     spec = load_model(file, where, _with_unique_names)
     spec.njmax = spec.nconmax = -1  # the scene sets these sizes
     for geom in spec.geoms:
-        geom.group = geom.group or _HIDDEN
-    spec.compiler.inertiagrouprange = [_HIDDEN, _HIDDEN]  # as in robosuite, collision geoms carry the mass
+        geom.group = geom.group or HIDDEN
+    spec.compiler.inertiagrouprange = [HIDDEN, HIDDEN]  # as in robosuite, collision geoms carry the mass
     inner = spec.body(INNER)
     inner.pos, inner.quat = np.zeros(3), ROTATION[kind.up]
     return spec
 
 
-def stand_in(kind: Kind) -> mujoco.MjSpec:
-    """Return a model of boxes that stands in for LIBERO's model of a class. It has the same size as LIBERO's model."""
-    spec = mujoco.MjSpec()
-    spec.compiler.degree = False
-    inner = spec.worldbody.add_body().add_body(name=INNER)
-    whole = Box((0.0, 0.0, 0.5 * kind.size[2]), kind.size, "+z" if kind.inside else "", kind.inside)
-    for box in kind.boxes or (whole,):
-        body, at = inner, np.array(box.pos)
-        if box.joint:
-            body = inner.add_body(name=box.joint)
-            joint = body.add_joint(name=box.joint, range=box.range, limited=True, damping=1.0)
-            if box.anchor is None:
-                joint.type, joint.axis = mujoco.mjtJoint.mjJNT_SLIDE, [0.0, 1.0, 0.0]
-            else:
-                joint.pos = box.anchor
-        _add_walls(body, at, 0.5 * np.array(box.size), box.open)
-        half = 0.5 * np.array(box.size) - _WALL
-        for site, pos, size in ((box.inside, at, half), (box.top, at + [0.0, 0.0, half[2]], [*half[:2], 0.001])):
-            if site:
-                body.add_site(name=site, type=mujoco.mjtGeom.mjGEOM_BOX, pos=pos, size=size, rgba=np.zeros(4))
-    return spec
+def stand_in(name: str, kind: Kind) -> mujoco.MjSpec:
+    """Return a model of boxes that stands in for LIBERO's model of a class. It has the same size as LIBERO's model.
 
-
-def _add_walls(body: mujoco.MjsBody, at: np.ndarray, half: np.ndarray, opening: str) -> None:
-    """Add a box to a body: a solid box, or a hollow box of five walls with the same bounds.
-
-    Args:
-        body: The body.
-        at: Centre of the box [m].
-        half: Half of the box's edges [m].
-        opening: The side of a hollow box that has no wall, such as "+z". Empty for a solid box.
+    A class with hollow or moving parts has a file in the folder `stand_ins`. The others are one box.
     """
-    for i, side in enumerate(_SIDES if opening else ("",)):
-        pos, size = at.copy(), half.copy()
-        if side:
-            size[i // 2] = 0.5 * _WALL
-            pos[i // 2] += (2 * (i % 2) - 1) * (half[i // 2] - 0.5 * _WALL)
-        if side != opening or not side:
-            body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, pos=pos, size=size, density=_DENSITY, rgba=_COLOUR)
+    if (file := _STAND_INS / f"{name}.xml").is_file():
+        return load_model(file, name)
+    spec, half = mujoco.MjSpec(), 0.5 * np.array(kind.size)
+    body = spec.worldbody.add_body().add_body(name=INNER)
+    body.add_geom(type=_BOX, pos=[0.0, 0.0, half[2]], size=half, density=_DENSITY, rgba=_COLOUR)
+    return spec
 
 
 def _with_unique_names(text: str) -> str:

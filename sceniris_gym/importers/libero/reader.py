@@ -14,6 +14,7 @@ from sceniris_gym.config.fields import FLOOR
 from sceniris_gym.config.loader import user_path
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ArgumentError, ModelWarning, SceneFileError, SceneKeyError
+from sceniris_gym.importers.libero.arena import add_arena, cameras
 from sceniris_gym.importers.libero.kinds import OBJECTS, WORKSPACES, Workspace
 from sceniris_gym.importers.libero.places import Places, kinds_of, load_thing, stand_in
 from sceniris_gym.importers.libero.problem import Problem, read_problem
@@ -23,6 +24,8 @@ _CLUTTER = "clutter"
 _ZONE = 0.007  # half height [m] of the zone over a rectangle: a goal counts an object in it as on the rectangle
 _LEAST = 1e-6  # half edge [m] of the zone over a point
 _THICK = 0.05  # thickness of a work surface [m]
+_PANDA = {"joint2": {"value": -0.161037}, "joint4": {"value": -2.444597}, "joint6": {"value": 2.226752}}
+"""Joints of the arm `panda` at which LIBERO's start pose differs from `home` [rad]."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +49,7 @@ def read_bddl(
     widen: float = 1.0,
     clutter: int = 0,
     robot: str | Mapping[str, Any] | None = None,
+    arena: bool = False,
 ) -> LiberoTask:
     """Read a problem file of LIBERO (BDDL).
 
@@ -61,7 +65,9 @@ def read_bddl(
         clutter: Number of extra objects in each layout. Each layout draws them from 2 * `clutter` objects, whose
             classes the file does not use. They stand within 10 cm of the rectangle around all rectangles of the file.
         robot: An arm: the name of an asset, or a mapping as under `robot` in a scene file. Unless the mapping has a
-            `base`, the arm stands where LIBERO puts its arm for this work surface.
+            `base`, the arm stands where LIBERO puts its arm for this work surface. A `panda` starts in LIBERO's pose.
+        arena: Also add LIBERO's cameras, floor, walls and furniture, and the mount of the arm. These
+            parts come from `assets` if possible, and do not collide.
 
     Returns:
         The scene, and the problem with the goal.
@@ -86,7 +92,11 @@ def read_bddl(
     added = {f"{_CLUTTER}_{name}": name for name in more[: 2 * clutter]}
     problem = replace(problem, objects={**problem.objects, **added})
     surface, space = _workspace(problem)
-    spec = _model(problem, surface, space, None if assets is None else user_path(assets, Path(), "read_bddl: assets"))
+    arm = robot if isinstance(robot, str) else None if robot is None else robot.get("asset")
+    folder = None if assets is None else user_path(assets, Path(), "read_bddl: assets")
+    spec = _model(problem, surface, space, folder)
+    if arena:
+        add_arena(spec, surface, problem.fixtures[surface], folder, arm=robot is not None)
     words: dict[str, Any] = {"objects": Places(problem, surface, space, spec, widen).words(list(added))}
     if surface == FLOOR:
         words["floor"] = {"size": np.subtract(space.high, space.low).tolist()}
@@ -94,7 +104,10 @@ def read_bddl(
         words["groups"] = {_CLUTTER: {"of": list(added), "count": clutter}}
     adopt.edit_spec(spec, words)
     if robot is not None:
-        words["robot"] = {"base": space.base, **(robot if isinstance(robot, Mapping) else {"asset": robot})}
+        home = {"joints": _PANDA} if arm == "panda" else {}
+        words["robot"] = {"base": space.base, **home, **(robot if isinstance(robot, Mapping) else {"asset": robot})}
+    if arena:
+        words["cameras"] = cameras(problem.fixtures[surface], arm)
     return LiberoTask(SceneConfig.load({"name": problem.path.stem, "model": spec, **words}), problem)
 
 
@@ -129,7 +142,7 @@ def _model(problem: Problem, surface: str, space: Workspace, assets: Path | None
         where = f"{problem.places.get(name, 'read_bddl')}: {name}"
         child = None if assets is None else load_thing(word, kind, assets, where)
         if child is None:
-            child, boxes[word] = stand_in(kind), kind
+            child, boxes[word] = stand_in(word, kind), kind
         root = assemble.attach(spec, child, name, spec.worldbody.add_frame(), where)
         assemble.make_kind(spec, root, name, "fixture" if name in problem.fixtures else "free", where)
     if boxes:

@@ -55,16 +55,16 @@ def models(folder: Path, text: str = BOTTLE) -> Path:
 @pytest.mark.parametrize(("name", "kind"), {**OBJECTS, **FIXTURES}.items(), ids=lambda each: str(each)[:20])
 def test_stand_ins_have_the_stated_sizes(name: str, kind: Kind):
     """With all their parts, doors and drawers closed."""
-    low, high = bounds(stand_in(kind))
+    low, high = bounds(stand_in(name, kind))
     np.testing.assert_allclose(high - low, kind.size, atol=1e-9, err_msg=name)
 
 
 def test_stand_ins_move_and_have_the_sites_of_the_models():
     """Drawers, a door and a knob; regions inside of walls lie in free space."""
-    joints = {name: [joint.name for joint in stand_in(kind).joints] for name, kind in FIXTURES.items()}
+    joints = {name: [joint.name for joint in stand_in(name, kind).joints] for name, kind in FIXTURES.items()}
     assert joints["white_cabinet"] == ["top_level", "middle_level", "bottom_level"]
     assert (joints["microwave"], joints["flat_stove"]) == (["microjoint"], ["button"])
-    sites = {name: [site.name for site in stand_in(kind).sites] for name, kind in {**OBJECTS, **FIXTURES}.items()}
+    sites = {name: [site.name for site in stand_in(name, kind).sites] for name, kind in {**OBJECTS, **FIXTURES}.items()}
     assert sites["wooden_two_layer_shelf"] == ["bottom_region", "top_region", "top_side"]
     assert sites["basket"] == sites["wooden_tray"] == ["contain_region"]
     assert sites["plate"] == []
