@@ -45,12 +45,12 @@ def judges_of(task: str, layouts: int, device: str | None, **options: Any) -> di
     worlds = layouts + max(1, layouts // SPARE)
     compiled = compile_scene(scene_of(task, reachable=True), device)
     anywhere = compile_scene(scene_of(task, reachable=False), device)
-    uniform = {"split": "eval", "layout_source": layout_sources.uniform("eval")}
+    uniform = {"split": "eval", **layout_sources.words_of(layout_sources.uniform("eval"))}
     try:
         unfiltered = make_env(task, worlds, anywhere, **uniform)
     except UnknownNameError:  # the task uses the grasp of an object
         unfiltered = make_env(task, worlds, compiled, **uniform)
-    valid = make_env(task, worlds, compiled, split="eval", **options)
+    valid = make_env(task, worlds, compiled, split="eval", curriculum=None, **options)
     return {"valid": RslRlVecEnvWrapper(valid), "unfiltered": RslRlVecEnvWrapper(unfiltered)}
 
 

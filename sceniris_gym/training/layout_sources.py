@@ -6,6 +6,7 @@ layout, all objects are therefore chosen over time.
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import warp as wp
 
@@ -26,6 +27,11 @@ def valid_rows(compiled: CompiledScene, count: int, seed: int) -> LayoutTable:
         parts.append(table[table.valid])
         seed += room
     return LayoutTable.concatenate(parts)[:count]
+
+
+def words_of(source: Callable[[CompiledScene, int], Any]) -> dict[str, Any]:
+    """Return arguments of SceneVectorEnv for a `layout_source`. A source excludes registered params and curricula."""
+    return {"layout_source": source, "params": (), "curriculum": None}
 
 
 def bank(table: LayoutTable) -> Callable[[CompiledScene, int], StoredLayouts]:

@@ -87,8 +87,10 @@ class Run:
             source = layout_sources.bank(layout_sources.valid_rows(compiled, options.bank, seed))
         elif options.uniform:
             source = layout_sources.uniform()
-        replay = LevelReplay(options.curriculum) if options.curriculum else None
-        envs = make_env(options.task, options.num_envs, compiled, layout_source=source, curriculum=replay)
+        words = {} if source is None else layout_sources.words_of(source)
+        if options.curriculum:
+            words = {"curriculum": LevelReplay(options.curriculum)}
+        envs = make_env(options.task, options.num_envs, compiled, **words)
         self.env = RslRlVecEnvWrapper(envs, seed)
         self._judged = (options.judged or options.task).removeprefix(NAMESPACE)
         self.judges = judges_of(self._judged, options.layouts, options.device)

@@ -10,13 +10,15 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
+from gymnasium.envs.registration import EnvSpec
 
 pytest.importorskip("rsl_rl")
 
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.levels.curriculum import ADR
 from sceniris_gym.registration import ENTRY_POINTS
-from sceniris_gym.training import judging, task_scenes
+from sceniris_gym.training import judging, layout_sources, task_scenes
 from tests.training.scenes import reach_scene
 
 
@@ -79,3 +81,19 @@ def test_a_task_that_asks_for_grasps_is_judged_where_objects_have_some(monkeypat
         made = {name: env.unwrapped.compiled for name, env in judging.judges_of(task, 2, "cpu").items()}
         assert [bool(scene.config.objects["can"].reachable) for scene in made.values()] == [True, reachable]
     del gymnasium.registry["Grasp-v0"]
+
+
+def test_a_task_with_params_and_a_curriculum_is_judged_on_fresh_layouts(monkeypatch: pytest.MonkeyPatch):
+    """As it is registered, with default params; unchecked layouts have neither, like stored ones in training."""
+    region = "objects.can.region"
+    words = {"task": "sceniris_gym.envs.tabletop_reach:TabletopReach", "params": (region,)}
+    curriculum = ADR({region: [[0.0, -0.1], [0.2, 0.1]]})
+    spec = EnvSpec("Param-v0", **ENTRY_POINTS, max_episode_steps=2, kwargs={**words, "curriculum": curriculum})
+    monkeypatch.setitem(gymnasium.registry, "Param-v0", spec)
+    monkeypatch.setattr(judging, "compile_scene", lambda scene, device: reach_scene())
+    judges = {name: env.unwrapped for name, env in judging.judges_of("Param-v0", 2, "cpu").items()}
+    assert [judges[name].randomizer.levels for name in ("valid", "unfiltered")] == [None, None]
+    assert judges["valid"].reset(seed=0)[1]["layout"]["params"]
+    stored = layout_sources.bank(layout_sources.valid_rows(reach_scene(), 2, 0))
+    envs = task_scenes.make_env("Param-v0", 2, reach_scene(), **layout_sources.words_of(stored))
+    assert "params" not in envs.reset(seed=0)[1]["layout"]
