@@ -323,7 +323,7 @@ def view(
         split: training or evaluation layouts, by default the split of the --layout ids, or train if there are none
         env: environment instead of a scene, e.g. sceniris_gym/TabletopLift-v0, or your own as MODULE:ID
         policy: an rsl-rl checkpoint (.pt), an SB3 model (.zip), or module:function, by default random actions
-        layout: id of a layout to play, or a file with one id per line (repeatable)
+        layout: id of a layout to play, or a file with one id per line
         host: address to listen on, 0.0.0.0 for all addresses of this machine
         port: port to listen on. If it is in use, the next free port is taken
         allow_origin: address under which a browser on another machine opens the page, e.g. https://hub.example.org

@@ -2,6 +2,7 @@
 
 from keyword import iskeyword
 from pathlib import Path
+from shlex import quote
 
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.files import write_text
@@ -29,5 +30,6 @@ def new_task(name: str, folder: Path) -> dict[str, str]:
     for file in files:
         text = _TEMPLATE.with_suffix(f"{file.suffix}.txt").read_text()
         write_text(file, text.replace("first_task", name).replace("FirstTask", title))
-    shown, tried = (f"sceniris-gym view {files[0]}", f"sceniris-gym train {name}:{title}-v0")
+    there = "" if folder == Path() else f"cd {quote(str(folder))} && "
+    shown, tried = (f"sceniris-gym view {quote(str(files[0]))}", f"{there}sceniris-gym train {name}:{title}-v0")
     return {"scene": str(files[0]), "task": str(files[1]), "show layouts": shown, "train": tried}

@@ -128,9 +128,11 @@ def _corners(mjm: mujoco.MjModel, poses: dict[str, np.ndarray]) -> np.ndarray:
     """Return the corners [m] of the bounding boxes of the visible geoms in all layouts, world frame, shape (n, 3).
 
     Geoms of absent objects are left out. They are parked far away and would make everything else a few pixels wide.
+    Planes are left out if there are other geoms, as grounds may be large.
     """
-    corners = []
-    for geom in np.flatnonzero(np.isin(mjm.geom_group, _VISIBLE_GROUPS)).tolist():
+    visible, corners = np.isin(mjm.geom_group, _VISIBLE_GROUPS), []
+    solid = visible & (mjm.geom_type != mujoco.mjtGeom.mjGEOM_PLANE)
+    for geom in np.flatnonzero(solid if solid.any() else visible).tolist():
         corners.append(local_corners(mjm, geom) @ poses["geom_xmat"][:, geom].reshape(-1, 3, 3).transpose(0, 2, 1))
         corners[-1] += poses["geom_xpos"][:, None, geom]
         corners[-1] = corners[-1][~is_parked(poses["geom_xpos"][:, geom])]

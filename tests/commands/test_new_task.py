@@ -16,7 +16,9 @@ def test_what_it_writes_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ca
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     cli.main(["new-task", "pick_fruit"])
-    assert "sceniris-gym train pick_fruit:PickFruit-v0" in capsys.readouterr().out
+    assert " sceniris-gym train pick_fruit:PickFruit-v0\n" in capsys.readouterr().out
+    cli.main(["new-task", "pick_tin", "-o", "my tasks"])
+    assert " cd 'my tasks' && sceniris-gym train pick_tin:PickTin-v0\n" in capsys.readouterr().out
     for file, most in (("pick_fruit.yaml", 15), ("pick_fruit.py", 25)):
         lines = [line for line in (tmp_path / file).read_text().splitlines() if line]
         assert len(lines) <= most, file

@@ -110,6 +110,9 @@ def test_poses_are_told_in_words_and_numbers():
     (apple,) = [line for line in lines if line.split()[0] == "apple"]
     x = data.body("apple").xmat.reshape(3, 3)[:, 0]
     assert f"yaw {np.degrees(np.arctan2(x[1], x[0])):+7.1f} deg" in apple
+    assert "tilt" not in apple
+    found["objects"]["apple"]["quat"] = [np.cos(0.3), np.sin(0.3), 0.0, 0.0]
+    assert f"tilt {np.degrees(0.6):.1f} deg" in report({"layouts": [{"id": "x", **found}], "picture": "y"})
 
 
 def test_absent_objects_are_named():

@@ -43,6 +43,17 @@ def test_absent_objects_do_not_move_the_camera_away():
     assert np.ptp(corners, axis=0).max() < 5.0
 
 
+def test_a_large_ground_does_not_move_the_camera_away():
+    """A plane of 40 m under a scene of 1 m; a plane that is all there is stays in the picture."""
+    text = "<mujoco><worldbody><geom name='ground' type='plane' size='20 20 1'/>BOX</worldbody></mujoco>"
+    for box, most in (("<geom type='box' size='.5 .5 .5'/>", 1.1), ("", 41.0)):
+        mjm = mujoco.MjModel.from_xml_string(text.replace("BOX", box))
+        data = mujoco.MjData(mjm)
+        mujoco.mj_kinematics(mjm, data)
+        corners = _corners(mjm, {"geom_xpos": data.geom_xpos[None], "geom_xmat": data.geom_xmat[None]})
+        assert 0.9 * most < np.ptp(corners, axis=0).max() < most
+
+
 def test_a_model_without_the_camera_is_refused():
     """The error names the camera that is missing."""
     with pytest.raises(UnknownNameError, match="overview"):

@@ -147,7 +147,9 @@ def _model(problem: Problem, surface: str, space: Workspace, assets: Path | None
         assemble.make_kind(spec, root, name, "fixture" if name in problem.fixtures else "free", where)
     if boxes:
         sizes = ", ".join(f"{word} ({' x '.join(f'{s:g}' for s in kind.size)} m)" for word, kind in boxes.items())
-        remedy = "Give assets=, the folder of LIBERO's models." if assets is None else f"'{assets}' lacks these models."
+        remedy = (
+            "Give `assets`, the folder of LIBERO's models." if assets is None else f"'{assets}' lacks these models."
+        )
         warnings.warn(ModelWarning(f"{problem.path}: boxes stand in for {sizes}. {remedy}"), stacklevel=3)
     return spec
 

@@ -154,7 +154,7 @@ def first_scene(path: Path) -> FirstScene:
     data = mujoco.MjData(mjm)
     names = [mjm.key(i).name for i in range(mjm.nkey)]
     attached = [name for name in names if name.rpartition("/")[2] == HOME]  # attached models prefix the name
-    home, *others = [HOME] if HOME in names else attached or (names if names == ["key_0"] else [None])
+    home, *others = [HOME] if HOME in names else attached or (names if len(names) == 1 else [None])
     data.qpos[:] = mjm.qpos0 if home is None else mjm.key(home).qpos
     mujoco.mj_kinematics(mjm, data)
     start = f"qpos0, as it has no keyframe '{HOME}'" if home is None else f"its keyframe '{home}'"
