@@ -148,7 +148,7 @@ def _model(problem: Problem, surface: str, space: Workspace, assets: Path | None
     if boxes:
         sizes = ", ".join(f"{word} ({' x '.join(f'{s:g}' for s in kind.size)} m)" for word, kind in boxes.items())
         remedy = (
-            "Give `assets`, the folder of LIBERO's models." if assets is None else f"'{assets}' lacks these models."
+            "Give `assets`, LIBERO's folder of models." if assets is None else f"'{assets}' lacks these models."
         )
         warnings.warn(ModelWarning(f"{problem.path}: boxes stand in for {sizes}. {remedy}"), stacklevel=3)
     return spec
