@@ -147,9 +147,7 @@ def _model(problem: Problem, surface: str, space: Workspace, assets: Path | None
         assemble.make_kind(spec, root, name, "fixture" if name in problem.fixtures else "free", where)
     if boxes:
         sizes = ", ".join(f"{word} ({' x '.join(f'{s:g}' for s in kind.size)} m)" for word, kind in boxes.items())
-        remedy = (
-            "Give `assets`, LIBERO's folder of models." if assets is None else f"'{assets}' lacks these models."
-        )
+        remedy = "Give `assets`, LIBERO's folder of models." if assets is None else f"'{assets}' lacks these."
         warnings.warn(ModelWarning(f"{problem.path}: boxes stand in for {sizes}. {remedy}"), stacklevel=3)
     return spec
 

@@ -42,7 +42,7 @@ def test_the_notice_names_the_classes_and_their_sizes(tmp_path: Path):
     (text,) = (str(warning.message) for warning in told)
     assert "plate (0.138 x 0.137 x 0.019 m)" in text
     assert "akita_black_bowl" in text
-    assert text.endswith("Give assets=, the folder of LIBERO's models.")
+    assert text.endswith("Give `assets`, LIBERO's folder of models.")
 
 
 @pytest.mark.filterwarnings("ignore::sceniris_gym.errors.ModelWarning")
