@@ -77,7 +77,7 @@ def test_a_folder_of_models_has_to_exist(tmp_path: Path):
     """A class that it lacks is a notice, a folder that is not there an error."""
     with pytest.raises(SceneFileError, match=r"there is no folder .*Give the folder that has 'stable_hope_objects'"):
         read_bddl(write(tmp_path), assets=tmp_path / "models")
-    with pytest.warns(ModelWarning, match="lacks these models"):
+    with pytest.warns(ModelWarning, match="lacks these"):
         read_bddl(write(tmp_path), assets=tmp_path)
 
 
