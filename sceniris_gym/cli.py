@@ -56,9 +56,13 @@ def _command(work: Callable[P, Answer]) -> Callable[P, Answer]:
     @wraps(work)
     def quiet(*args: P.args, **kwargs: P.kwargs) -> Answer:
         check_numbers(work, kwargs)
+        import mujoco
+
         from sceniris_gym.device.kernel_log import start_warp
 
         start_warp()
+        # MuJoCo prints conflicts of attached models, and Python's warning about each of them says more
+        mujoco.set_mju_user_warning(lambda text: text.startswith("Attach") or warnings.warn(text, stacklevel=1))
         with redirected(1, 2), shown(quiet=bool(kwargs.get("json"))):
             return work(*args, **kwargs)
 

@@ -35,13 +35,14 @@ def verdict(found: Mapping[str, Any], text: str) -> str:
 
 
 def each_once() -> Callable[..., None]:
-    """Return a `warnings.showwarning` that prints each text once."""
+    """Return a `warnings.showwarning` that prints each text once, on one line."""
     printed: set[str] = set()
 
     def show(message: Warning | str, *_: object) -> None:
-        if str(message) not in printed:
-            printed.add(str(message))
-            print(f"warning: {message}", file=sys.stderr, flush=True)
+        text = "; ".join(str(message).splitlines())
+        if text not in printed:
+            printed.add(text)
+            print(f"warning: {text}", file=sys.stderr, flush=True)
 
     return show
 

@@ -186,3 +186,20 @@ def test_options_of_problem_files_belong_to_them_alone(tmp_path: Path):
         cli.init(model, widen=2.0)
     with pytest.raises(NotSupportedError, match=r"becomes two files, a scene and its model. Give -o FILE.yaml"):
         cli.init(write(tmp_path))
+
+
+def test_a_conflict_of_attached_models_is_told_once(tmp_path: Path, capfd: pytest.CaptureFixture):
+    """On a line, although MuJoCo prints three at each of the four times that the model is read."""
+    ball = "<body name='BALL'><freejoint/><geom size='.03' pos='0 0 .03'/></body>"
+    arm = f"<mujoco model='arm'><size njmax='300'/><worldbody>{ball}</worldbody></mujoco>".replace("BALL", "theirs")
+    (tmp_path / "arm.xml").write_text(arm)
+    (tmp_path / "cell.xml").write_text(
+        "<mujoco model='cell'><size njmax='500'/><asset><model name='arm' file='arm.xml'/></asset><worldbody>"
+        f"<geom name='ground' type='plane' size='1 1 .1'/>{ball.replace('BALL', 'ball')}"
+        "<frame pos='.5 0 0'><attach model='arm' prefix='a_'/></frame></worldbody></mujoco>"
+    )
+    cli.main(["init", str(tmp_path / "cell.xml"), "-o", str(tmp_path / "cell.yaml"), "--device", "cpu"])
+    told = [line for line in capfd.readouterr().err.splitlines() if "conflict" in line or "parent has" in line]
+    assert len(told) == 1
+    assert told[0].startswith("warning: Attach conflict when attaching 'arm' to 'cell'")
+    assert told[0].endswith("njmax: parent has 500, child has 300, keeping parent value")
