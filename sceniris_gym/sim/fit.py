@@ -10,7 +10,7 @@ import warp as wp
 from sceniris_gym.errors import SceneMismatchError, as_names, check_type
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.masks import as_count
-from sceniris_gym.program.checks.simulation import put_simulated
+from sceniris_gym.program.checks.simulation import array_bytes, check_worlds, put_simulated
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.adopt import instead_of_variants
 from sceniris_gym.scene.draws import drawn_fields
@@ -203,6 +203,7 @@ def make_worlds(
         ArgumentError: `nworld`, `nconmax` or `njmax` is not a positive integer, or steps do not read one of the fields.
         UnknownNameError: A field does not exist, or layouts depend on it.
         NotSupportedError: MuJoCo-Warp cannot simulate the model.
+        MemoryLimitError: The worlds do not fit into free memory.
     """
     check_type(compiled, CompiledScene, "make_worlds: compiled")
     nworld, fields = as_count(nworld, "make_worlds: nworld"), as_names(fields, "make_worlds: fields")
@@ -214,6 +215,8 @@ def make_worlds(
     drawn, shared = drawn_fields(compiled.scene.sim.draws), fields_of_variants() if compiled.config.variants else ()
     with wp.ScopedDevice(compiled.device):
         model = put_simulated(compiled.sim_mjm, compiled.config.where)
+        one = mjw.make_data(compiled.sim_mjm, 1, nconmax=nconmax, njmax=njmax)
+        check_worlds("make_worlds", nworld, str(compiled.device), (0, array_bytes(one, one.efc)))
         for name in (*shared, *(each for source in (*drawn, *fields) for each in with_followers(source))):
             widen(model, name, nworld)
         data = mjw.make_data(compiled.sim_mjm, nworld, nconmax=nconmax, njmax=njmax)

@@ -17,6 +17,7 @@ from sceniris_gym.layout.wave.search import CPU_SIZE
 from sceniris_gym.program.checks import simulation
 from sceniris_gym.program.compiled import upload_scene
 from sceniris_gym.scene.build import build_model
+from sceniris_gym.sim.fit import make_worlds
 from tests.layout.scenes import compile_on_cpu
 
 MODEL = """<mujoco><option solver="{}"/><worldbody><body name="floor"><geom type="box" size="1 1 .1"/></body>
@@ -74,6 +75,8 @@ def test_more_worlds_than_memory_are_refused(tmp_path: Path, monkeypatch: pytest
     system(monkeypatch, tmp_path, GIB, "max")
     with pytest.raises(MemoryLimitError, match=r"mid\.yaml: 16,777,216 worlds: .*Use fewer worlds \(at most"):
         LayoutGenerator(compile_on_cpu("mid"), 1 << 24)
+    with pytest.raises(MemoryLimitError, match=r"^make_worlds: 16,777,216 worlds: .*Use fewer worlds \(at most"):
+        make_worlds(compile_on_cpu("mid"), 1 << 24)
 
 
 def test_as_many_worlds_fit_as_the_error_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
