@@ -28,8 +28,6 @@ from sceniris_gym.scene.field_table import OPTIONS
 from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.scene.model import SceneModel
 
-_UPRIGHT = 0.5  # tilts below this angle [deg] are not printed
-
 
 def find_scene(scenehash: str, config: SceneConfig | None = None) -> SceneModel:
     """Return the scene with the hash `scenehash`: the scene of `config` or, without `config`, a shipped scene.
@@ -158,7 +156,7 @@ def _text(found: Mapping) -> str:
         (x, y, z), rotation = part["pos"], matrix(part["quat"])
         yaw = np.degrees(np.arctan2(rotation[1, 0], rotation[0, 0]))
         tilt = np.degrees(np.arccos(np.clip(rotation[2, 2], -1.0, 1.0)))
-        tilted = f"  tilt {tilt:.1f} deg" if tilt > _UPRIGHT else ""
+        tilted = f"  tilt {tilt:.1f} deg" if tilt > 0.1 else ""
         joints = "".join(f"  {joint} {value:.4f}" for joint, value in part["joints"].items())
         grasp = f"  grasp '{part['grasp']['name']}'" if "grasp" in part else ""
         lines.append(f"  {name:<12} x {x:+.4f}  y {y:+.4f}  z {z:+.4f} m  yaw {yaw:+7.1f} deg{tilted}{joints}{grasp}")

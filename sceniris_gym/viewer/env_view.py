@@ -165,7 +165,8 @@ class EnvView:
         self.ids = [self._own_id(text) for text in ids]
         self._wrong = ""  # the error of the pasted id, until the next action of a user
         self.running, self.speed = True, 1.0
-        self._plotted = 0.0
+        self._plotted, self._before = 0.0, np.zeros(2, int)  # earlier episodes: how many ended, and with success
+        self._ended = self._success = np.zeros(0, bool)
         self._stepped = not isinstance(envs, SceneVectorEnv)  # True once the kernels of physics are compiled
         self._window = Window(envs.compiled.scene, envs.num_envs, server)
         self._add_controls(server.gui)
@@ -182,7 +183,7 @@ class EnvView:
                 the seed of the layout.
             pasted: If given, the first world takes this layout, whose id the user pasted into the page.
         """
-        self.first, envs = max(first, 0), self.envs
+        self._before, self.first, envs = self._counts(), max(first, 0), self.envs
         numbers = range(self.first, self.first + envs.num_envs)
         chosen = [LayoutId(envs.compiled.hash, envs.split, i, 0) for i in numbers]
         if self.ids:
@@ -252,15 +253,19 @@ class EnvView:
         self._tell()
 
     def _tell(self) -> None:
-        done, num = int(self._ended.sum()), self.envs.num_envs
+        ended, won = self._counts()
         state = "running" if not self._ended[0] else "ended, success" if self._success[0] else "ended, no success"
         wrong = f"\n\n**{self._wrong}**" if self._wrong else ""
         self._status.content = (
             f"**{type(self.envs.task).__name__}**, step {self._step}: first world {state}. "
-            f"{done} of {num} episodes ended, {int((self._success & self._ended).sum())} with success."
+            f"{ended} episodes ended so far, {won} with success."
             f"{f' Layout {self.first % len(self.ids) + 1} of the {len(self.ids)} chosen.' if self.ids else ''}"
             f"{'' if self._stepped else _FIRST}{wrong}"
         )
+
+    def _counts(self) -> np.ndarray:
+        """Return how many episodes have ended since the start of the page, and how many with success, shape (2,)."""
+        return self._before + [self._ended.sum(), (self._success & self._ended).sum()]
 
     def _add_controls(self, gui: viser.GuiApi) -> None:
         num = self.envs.num_envs
