@@ -153,9 +153,8 @@ def _text(found: Mapping) -> str:
     lines = [f"{found['id']} of scene '{found['scene']}': {found['status']}, {found['attempts']} candidates"]
     lines += [f"  {'start':<12} {found['start']}"] if "start" in found else []
     for name, part in found["objects"].items():
-        (x, y, z), rotation = part["pos"], matrix(part["quat"])
-        yaw = np.degrees(np.arctan2(rotation[1, 0], rotation[0, 0]))
-        tilt = np.degrees(np.arccos(np.clip(rotation[2, 2], -1.0, 1.0)))
+        (x, y, z), turn = part["pos"], matrix(part["quat"])
+        yaw, tilt = np.degrees([np.arctan2(turn[1, 0], turn[0, 0]), np.arccos(np.clip(turn[2, 2], -1.0, 1.0))])
         tilted = f"  tilt {tilt:.1f} deg" if tilt > 0.1 else ""
         joints = "".join(f"  {joint} {value:.4f}" for joint, value in part["joints"].items())
         grasp = f"  grasp '{part['grasp']['name']}'" if "grasp" in part else ""
