@@ -274,6 +274,7 @@ ROOT = Path(__file__).parents[2] / "sceniris_gym"
 # Expressions that may name a model of their own: one at such ends, or what gets a row for each world.
 ENDLESS = {"ipos", "rgba", "bias", "delay", "wind"}
 LISTED = {
+    "program/checks/oddities.py": {"mjm.body_mass", "mjm.body_inertia"},  # only a warning about what the file has
     "program/checks/standing.py": {"model.opt.gravity"},
     "program/dropping.py": {"model.dof_armature"},
     "grasping/linkage.py": {"mjm.jnt_stiffness"},  # only chooses among positions that close a loop
