@@ -82,12 +82,12 @@ def test_what_has_no_name_is_named_by_its_place(tmp_path: Path):
     ball = next(name for name in scene.words()["objects"] if name.startswith("body_"))
     assert scene.words()["objects"][ball]["on"] == "geom_0"
     assert scene.words()["home"] == "key_0"
-    named = first_scene(model(tmp_path, xml.replace("</mujoco>", key.replace("<key ", '<key name="u_ready" '))))
-    assert named.words()["home"] == "u_ready"
     built = build_model(SceneConfig.load(scene.words()))
     assert built.home_qpos.tolist() == qpos.tolist()
     assert mjm.geom_type[mjm.body_geomadr[built.bodies[ball]]] == mujoco.mjtGeom.mjGEOM_SPHERE
     assert built.support("geom_0", "").geom == 0
+    named = first_scene(model(tmp_path, xml.replace("</mujoco>", key.replace("<key ", '<key name="u_ready" '))))
+    assert named.words()["home"] == "u_ready"
 
 
 def test_the_start_pose_is_a_home_of_an_attached_model(tmp_path: Path):
