@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Sequence
 
@@ -9,7 +10,13 @@ import manifold3d
 import numpy as np
 
 Point = tuple[float, float, float]
-Field = Callable[[float, float, float], float]
+# The distances [m] of points with coordinates x, y and z [m], three arrays of one shape.
+Field = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+
+
+def length_of(*components: np.ndarray) -> np.ndarray:
+    """Return the lengths of vectors. NumPy's have other last bits, which alter the meshes that ship."""
+    return np.array(list(map(math.hypot, *(part.tolist() for part in components))))
 
 
 def rod(start: Point, end: Point, radius: float, tip: float | None = None, edge: float = 0.012) -> Field:
@@ -19,13 +26,14 @@ def rod(start: Point, end: Point, radius: float, tip: float | None = None, edge:
     ux, uy, uz = ((b - a) / length for a, b in zip(start, end, strict=True))
     slope = ((radius if tip is None else tip) - radius) / length
 
-    def distance(x: float, y: float, z: float) -> float:
+    def distance(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
         x, y, z = x - ax, y - ay, z - az
         along = x * ux + y * uy + z * uz
-        across = math.sqrt(max(x * x + y * y + z * z - along * along, 0.0))
-        side = across - (radius + slope * min(max(along, 0.0), length)) + edge
-        ends = abs(along - 0.5 * length) - 0.5 * length + edge
-        return math.hypot(max(side, 0.0), max(ends, 0.0)) + min(max(side, ends), 0.0) - edge
+        across = np.sqrt(np.maximum(x * x + y * y + z * z - along * along, 0.0))
+        side = across - (radius + slope * np.clip(along, 0.0, length)) + edge
+        ends = np.abs(along - 0.5 * length) - 0.5 * length + edge
+        outside = length_of(np.maximum(side, 0.0), np.maximum(ends, 0.0))
+        return outside + np.minimum(np.maximum(side, ends), 0.0) - edge
 
     return distance
 
@@ -35,9 +43,10 @@ def block(low: Point, high: Point, edge: float) -> Field:
     cx, cy, cz = (0.5 * (a + b) for a, b in zip(low, high, strict=True))
     hx, hy, hz = (0.5 * (b - a) - edge for a, b in zip(low, high, strict=True))
 
-    def distance(x: float, y: float, z: float) -> float:
-        x, y, z = abs(x - cx) - hx, abs(y - cy) - hy, abs(z - cz) - hz
-        return math.hypot(max(x, 0.0), max(y, 0.0), max(z, 0.0)) + min(max(x, y, z), 0.0) - edge
+    def distance(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
+        x, y, z = np.abs(x - cx) - hx, np.abs(y - cy) - hy, np.abs(z - cz) - hz
+        outside = length_of(*np.maximum([x, y, z], 0.0))
+        return outside + np.minimum(np.maximum(np.maximum(x, y), z), 0.0) - edge
 
     return distance
 
@@ -45,25 +54,35 @@ def block(low: Point, high: Point, edge: float) -> Field:
 def flow(fields: Sequence[Field], fillet: float) -> Field:
     """Union of all fields, with fillets of about ``fillet`` [m] (a polynomial smooth minimum)."""
 
-    def distance(x: float, y: float, z: float) -> float:
+    def distance(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
         value = fields[0](x, y, z)
         for field in fields[1:]:
             other = field(x, y, z)
-            overlap = max(fillet - abs(value - other), 0.0)
-            value = min(value, other) - 0.25 * overlap * overlap / fillet
+            overlap = np.maximum(fillet - np.abs(value - other), 0.0)
+            value = np.minimum(value, other) - 0.25 * overlap * overlap / fillet
         return value
 
     return distance
 
 
-def carve(
-    field: Field, low: Sequence[float], high: Sequence[float], edge: float, tolerance: float
-) -> manifold3d.Manifold:
+@functools.lru_cache(maxsize=1)  # a link's housing and pieces have the same points
+def grid(bounds: tuple[float, ...], edge: float) -> np.ndarray:
+    """Return the points (3, n) [m] at which Manifold samples any field, in its order."""
+    asked: list[Point] = []
+
+    def ask(x: float, y: float, z: float) -> float:
+        asked.append((x, y, z))
+        return -1.0
+
+    manifold3d.Manifold.level_set(ask, bounds, edge)
+    return np.array(asked).T
+
+
+def carve(field: Field, low: Point, high: Point, edge: float, tolerance: float) -> manifold3d.Manifold:
     """The solid where ``field`` is negative, within the corners ``low`` and ``high`` [m].
 
     Triangles have sides of about ``edge`` [m]. Flat areas are then simplified within ``tolerance`` [m].
     """
-    body = manifold3d.Manifold.level_set(
-        lambda x, y, z: -field(x, y, z), [*np.asarray(low, float), *np.asarray(high, float)], edge
-    )
-    return body.simplify(tolerance)
+    bounds = (*low, *high)
+    depths = iter((-field(*grid(bounds, edge))).tolist())
+    return manifold3d.Manifold.level_set(lambda *_: next(depths), bounds, edge).simplify(tolerance)

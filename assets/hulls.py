@@ -14,6 +14,9 @@ TOLERANCE = 5e-6
 # Sample points on a face (barycentric): corners, sides and interior.
 SAMPLES = np.array([[i, j, 15 - i - j] for i in range(16) for j in range(16 - i)]) / 15.0
 
+# Samples whose depths fit into a processor's cache.
+CHUNK = 2048
+
 
 def press_in(points: np.ndarray, meshes: Sequence[Mesh], ground: float = -np.inf) -> Mesh:
     """Return the convex hull of ``points`` (n, 3) [m], pressed in where it sticks out of one of the ``meshes``.
@@ -22,10 +25,12 @@ def press_in(points: np.ndarray, meshes: Sequence[Mesh], ground: float = -np.inf
     through one of the hull's sides, and this side is moved inward to the face. The deepest face comes first. An
     underside at the height ``ground`` [m] stays at this height.
     """
-    samples, normals = (np.concatenate(part) for part in zip(*map(face_samples, meshes), strict=True))
-    low, high = points.min(axis=0), points.max(axis=0)
+    low, high = points.min(axis=0) - TOLERANCE, points.max(axis=0) + TOLERANCE
+    samples, normals = (
+        np.concatenate(part) for part in zip(*(face_samples(m, low, high) for m in meshes), strict=True)
+    )
     grounded = (normals[:, 2] < -0.999) & (samples[:, 2] < ground + TOLERANCE)
-    within = ((samples > low - TOLERANCE) & (samples < high + TOLERANCE)).all(axis=1) & ~grounded
+    within = ((samples > low) & (samples < high)).all(axis=1) & ~grounded
     samples, normals = samples[within], normals[within]
     vertices = np.asarray(points, dtype=float)
     while True:
@@ -33,24 +38,27 @@ def press_in(points: np.ndarray, meshes: Sequence[Mesh], ground: float = -np.inf
         sides = ConvexHull(vertices)
         movable = (sides.equations[:, 2] > -0.999) | (vertices[sides.simplices, 2].min(axis=1) > ground + TOLERANCE)
         planes, corners = sides.equations[movable], sides.simplices[movable]
-        depths = -samples @ planes[:, :3].T - planes[:, 3]
-        depth = depths.min(axis=1, initial=1.0)
+        depth = np.ones(len(samples))
+        for i in range(0, len(samples), CHUNK):
+            depths = planes[:, :3] @ -samples[i : i + CHUNK].T - planes[:, 3:]
+            depth[i : i + CHUNK] = depths.min(axis=0, initial=1.0)
         if len(depth) == 0 or depth.max() < TOLERANCE:
             return surface(hull(vertices.round(DECIMALS)))
         # The piece only shrinks, so faces that are outside now stay outside.
         inside = depth > 0.0
-        samples, normals, depths, depth = samples[inside], normals[inside], depths[inside], depth[inside]
+        samples, normals, depth = samples[inside], normals[inside], depth[inside]
         deepest = depth.argmax()
-        slope = planes[:, :3] @ normals[deepest]
-        side = np.where(slope > 0.01, depths[deepest] / np.maximum(slope, 0.01), np.inf).argmin()
+        depths, slope = -planes[:, :3] @ samples[deepest] - planes[:, 3], planes[:, :3] @ normals[deepest]
+        side = np.where(slope > 0.01, depths / np.maximum(slope, 0.01), np.inf).argmin()
         on_ground = vertices[corners[side], 2] < ground + TOLERANCE
         inward = planes[side, :3] * np.stack([np.ones(3), np.ones(3), ~on_ground], axis=1)
-        vertices[corners[side]] -= depths[deepest, side] * inward / (inward**2).sum(axis=1, keepdims=True)
+        vertices[corners[side]] -= depths[side] * inward / (inward**2).sum(axis=1, keepdims=True)
 
 
-def face_samples(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
-    """Points on the faces of a mesh [m] and their normals, both (n, 3)."""
+def face_samples(mesh: Mesh, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points on the faces of a mesh that reach into a box [m], and the normals of the faces, both (n, 3)."""
     corners = mesh.vertices[mesh.faces]
+    corners = corners[((corners.max(axis=1) > low) & (corners.min(axis=1) < high)).all(axis=1)]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = np.linalg.norm(normals, axis=1)
     corners, normals = corners[area > 1e-12], normals[area > 1e-12] / area[area > 1e-12, None]

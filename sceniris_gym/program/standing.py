@@ -260,9 +260,11 @@ def _stance(scene: SceneModel, o: PlacedObject, pieces: list[Piece], loads: dict
     assert support is not None
     drawn = [adr for adr, (low, high) in o.spans.items() if low < high]
     moved = {b for j in np.flatnonzero(np.isin(mjm.jnt_qposadr, drawn)) for b in subtree(mjm, int(mjm.jnt_bodyid[j]))}
+    bodies = {*o.bodies, support.body}
+    pieces = [p for p in pieces if p.body in bodies]
     fixed, moving = ([p for p in pieces if p.body in of and p.mesh is not None] for of in ({*o.bodies} - moved, moved))
     if scene.config.geometry != "physics":  # visible pieces do not collide, so they carry no load
-        pieces = extract_pieces(mjm, "physics", {*o.bodies, support.body})
+        pieces = extract_pieces(mjm, "physics", bodies)
     found = [p for p in pieces if p.body in o.bodies]
     touch = touch_distances(scene, found, support.body)
     own = [p for p, distance in zip(found, touch, strict=True) if distance is not None and p.mesh is not None]

@@ -24,7 +24,7 @@ _LEAST = 200  # smallest number of points on a part
 # link were a seventh smaller.
 _FINER, _AROUND, _DOUBTFUL = 3, 4, 100
 _BALL = 0.8  # diameter as a fraction of the tolerance: also finds small places that the full ball barely enters
-_NEAR = 60_000  # points on the surface for upper bounds of distances
+_NEAR = 10_000  # points on the surface for upper bounds of distances
 _BESIDE = 1e-5  # fraction of the size: parts closer than this leave no gap
 _NEEDLE = 1e-6  # sine of the smallest angle in a face: FCL's distances from sharper faces are wrong
 
@@ -64,18 +64,17 @@ class Measure:
     """
 
     def __init__(self, mesh: trimesh.Trimesh, tolerance: float, samples: int = _SAMPLES) -> None:
-        self._size, self._area, self._radius = float(mesh.extents.max()), float(mesh.area), 0.5 * _BALL * tolerance
+        self._area, self._radius, self._beside = mesh.area, 0.5 * _BALL * tolerance, _BESIDE * mesh.extents.max()
         self.samples, self._surface = samples, Distances(mesh.vertices, mesh.faces)
         self._points = np.concatenate(
-            [points_with_normals(mesh.triangles, samples)[0], mesh.vertices[:: max(len(mesh.vertices) // samples, 1)]]
+            [points_on(mesh.triangles, samples)[0], mesh.vertices[:: max(len(mesh.vertices) // samples, 1)]]
         )
 
     def fit(self, parts: list[trimesh.Trimesh]) -> Fit:
         """Return the distances between the mesh and convex parts of it, which are closed meshes."""
-        beside = _BESIDE * self._size
         out = np.min([height_over(part, self._points) for part in parts], axis=0)
         bare = 0.0
-        if len(far := self._points[out > beside]):
+        if len(far := self._points[out > self._beside]):
             union = trimesh.util.append_faces([part.vertices for part in parts], [part.faces for part in parts])
             bare = Distances(*union).farthest(far)[1]
         beyond = max(self.beyond(part, [*parts[:i], *parts[i + 1 :]]) for i, part in enumerate(parts))
@@ -85,9 +84,9 @@ class Measure:
         """Return the largest distance [m] from the outside of a part to the mesh, without areas inside `others`."""
         share = max(int(self.samples * min(float(part.area) / self._area, 1.0)), _LEAST)
         apart = np.sqrt(float(part.area) / share)
-        points, normals = points_with_normals(part.triangles, share)
+        points, which = points_on(part.triangles, share)
         points = np.concatenate([points, part.triangles.reshape(-1, 3)])
-        normals = np.concatenate([normals, np.repeat(part.face_normals, 3, axis=0)])
+        normals = np.concatenate([part.face_normals[which], np.repeat(part.face_normals, 3, axis=0)])
         near = [other for other in others if are_near(part, other, 2.0 * self._radius)]
         most, rng = 0.0, np.random.default_rng(1)
         for finer in range(_FINER + 1):
@@ -100,7 +99,7 @@ class Measure:
             shift = apart * rng.uniform(-1.0, 1.0, (len(doubtful), 3))
             shift -= (shift * normals[doubtful]).sum(axis=1, keepdims=True) * normals[doubtful]
             points, normals = points[doubtful] + shift, normals[doubtful]
-            on = height_over(part, points) <= _BESIDE * self._size
+            on = height_over(part, points) <= self._beside
             points, normals, apart = points[on], normals[on], 0.5 * apart
         return most
 
@@ -120,11 +119,10 @@ class Measure:
             For each of the m points outside all other parts, an upper bound of its distance to the mesh [m], shape
             (m,). The largest distance of a point that counts [m]. The indices of the m points in `points`, shape (m,).
         """
-        beside = _BESIDE * self._size
         middles, bare = points + self._radius * normals, np.ones(len(points), bool)
         for other in near:
-            bare[bare] = height_over(other, middles[bare]) > -beside
-        middles, least = middles[bare], self._radius - beside
+            bare[bare] = height_over(other, middles[bare]) > -self._beside
+        middles, least = middles[bare], self._radius - self._beside
 
         def fits(i: int) -> bool:
             return all(_distance_over(other, middles[i], least) >= least for other in near)
@@ -145,7 +143,7 @@ def height_over(part: trimesh.Trimesh, points: np.ndarray) -> np.ndarray:
     The height is negative inside the convex part. `points` has shape (n, 3) [m].
     """
     normals = part.face_normals
-    return (points @ normals.T - (normals * part.triangles[:, 0]).sum(axis=1)).max(axis=1)
+    return (normals @ points.T - (normals * part.triangles[:, 0]).sum(axis=1)[:, None]).max(axis=0)
 
 
 def _distance_over(part: trimesh.Trimesh, point: np.ndarray, enough: float) -> float:
@@ -183,7 +181,10 @@ class Distances:
         self._object = fcl.CollisionObject(model)
         # A ball of negligible size, relative to the mesh, stands for a point.
         self._ball = fcl.Sphere(1e-6 * float(np.ptp(vertices, axis=0).max()))
-        self._samples = KDTree(np.concatenate([vertices, points_with_normals(vertices[faces], _NEAR)[0]]))
+        triangles = vertices[faces]
+        points, which = points_on(triangles, _NEAR)
+        self._samples = KDTree(np.concatenate([triangles.mean(axis=1), points]))
+        self._near = np.concatenate([triangles, triangles[which]])  # the triangle of each sample
 
     def farthest(
         self, points: np.ndarray, counts: Callable[[int], bool] = lambda i: True
@@ -198,7 +199,9 @@ class Distances:
             An upper bound of each point's distance [m], shape (n,). The largest distance of a point that counts [m], 0
             if no point counts. The index of that point.
         """
-        at_most, most, which = self._samples.query(points)[0], 0.0, 0
+        most, which = 0.0, 0
+        near = self._near[self._samples.query(points)[1]]
+        at_most = np.linalg.norm(trimesh.triangles.closest_point(near, points) - points, axis=1)
         for i in np.argsort(-at_most):
             if at_most[i] <= most:
                 break
@@ -209,12 +212,15 @@ class Distances:
         return at_most, most, which
 
 
-def points_with_normals(triangles: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Draw points on triangles (n, 3, 3), uniformly by area. Return the points and their normals, shapes (count, 3)."""
+def points_on(triangles: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Draw points on triangles (n, 3, 3), uniformly by area.
+
+    Returns:
+        The points, shape (count, 3), and the number of the triangle of each point, shape (count,).
+    """
     rng = np.random.default_rng(0)
-    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    area = np.linalg.norm(normals, axis=1)
+    area = np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1)
     which = rng.choice(len(area), count, p=area / area.sum())
     u, v = np.sqrt(rng.random(count)), rng.random(count)
     weights = np.stack([1.0 - u, u * (1.0 - v), u * v], axis=1)
-    return (triangles[which] * weights[:, :, None]).sum(axis=1), normals[which] / area[which, None]
+    return (triangles[which] * weights[:, :, None]).sum(axis=1), which

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sceniris_gym.geometry.rotations import matrix, quaternion
-from sceniris_gym.importers.things.fit import points_with_normals
+from sceniris_gym.importers.things.fit import points_on
 
 OPENING = 0.08
 """Opening of the gripper [m], the narrowest among the shipped arms."""
@@ -45,12 +45,12 @@ def antipodal_grasps(triangles: np.ndarray, points: np.ndarray) -> list[GraspSit
     keep = area > 1e-12 * max(float(area.max(initial=0.0)), 1e-30)
     triangles, normals = triangles[keep], normals[keep] / area[keep][:, None]
     found = []
-    for start, normal in zip(*points_with_normals(triangles, _TRIALS), strict=True):
-        hit = _through(triangles, start, -normal)
-        if hit is None or not 1e-3 < hit[0] < OPENING - _ROOM or normals[hit[1]] @ -normal < _ALIGNED:
+    for start, face in zip(*points_on(triangles, _TRIALS), strict=True):
+        hit = _through(triangles, start, -normals[face])
+        if hit is None or not 1e-3 < hit[0] < OPENING - _ROOM or normals[hit[1]] @ -normals[face] < _ALIGNED:
             continue
-        middle = start - 0.5 * hit[0] * normal
-        found += _around(middle, normal, hit[0], points)
+        middle = start - 0.5 * hit[0] * normals[face]
+        found += _around(middle, normals[face], hit[0], points)
     return _spread(found, float(np.ptp(points, axis=0).max()))
 
 

@@ -15,7 +15,7 @@ import trimesh
 
 from sceniris_gym.errors import import_extra
 from sceniris_gym.geometry.pieces import convex_hull
-from sceniris_gym.importers.things.fit import Distances, height_over, points_with_normals
+from sceniris_gym.importers.things.fit import Distances, height_over, points_on
 from sceniris_gym.progress import tell
 
 if TYPE_CHECKING:
@@ -51,14 +51,12 @@ class Excess:
     def of(self, part: trimesh.Trimesh) -> tuple[float, np.ndarray]:
         """Return how far a part sticks out of the solid [m], and the point that sticks out farthest, shape (3,)."""
         out = mesh_of(hull_of(part.vertices) - self.solid)
-        if not len(out.faces):
-            return 0.0, part.vertices[0]
         skin = out.triangles[height_over(part, out.triangles_center) > -_BESIDE * self._size]
         area = float(np.linalg.norm(np.cross(skin[:, 1] - skin[:, 0], skin[:, 2] - skin[:, 0]), axis=1).sum())
         if not area > 0.0:
             return 0.0, part.vertices[0]
         count = int(np.clip(area / (_APART * self.allowed) ** 2, _FEWEST, _MOST))
-        points = np.concatenate([points_with_normals(skin, count)[0], skin.mean(axis=1)])
+        points = np.concatenate([points_on(skin, count)[0], skin.mean(axis=1)])
         _, most, which = self._distances.farthest(points)
         return most, points[which]
 

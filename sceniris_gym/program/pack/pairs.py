@@ -120,9 +120,9 @@ class PairRules:
         first, second = self.colliders[a], self.colliders[b]
         if min(first.plane, second.plane) >= 0 or (self._fixed[first.body] and self._fixed[second.body]):
             return False
-        if self._is_explicit(a, b):
-            return True
-        return not self.contacts.excludes(first.body, second.body) and self.contacts.meet(*self._classes(a, b))
+        classes = first.contact_class, second.contact_class
+        excluded = self.contacts.excludes(first.body, second.body) and not self.contacts.is_explicit(*classes)
+        return self.contacts.meet(*classes) and not excluded
 
     def meet_within(self, a: int, b: int) -> bool:
         """Return whether two colliders of one object can touch. MuJoCo ignores contacts of a body with its parent."""
@@ -130,7 +130,7 @@ class PairRules:
         wa, wb = weld[[self.colliders[a].body, self.colliders[b].body]]
         if wa == wb or not self.meet(a, b):
             return False
-        if self._is_explicit(a, b) or not self._filters_parents:
+        if self.contacts.is_explicit(*self._classes(a, b)) or not self._filters_parents:
             return True
         return not ((wa != 0 and wa == weld[parent[wb]]) or (wb != 0 and wb == weld[parent[wa]]))
 
@@ -141,10 +141,6 @@ class PairRules:
         if self._simulated is not self.contacts:
             return [geom for geom in of_body if self._simulated.collides(geom)]
         return [geom for geom in of_body if self.contacts.classes[geom] == one.contact_class]
-
-    def _is_explicit(self, a: int, b: int) -> bool:
-        """Return whether the model has an explicit contact <pair> for two colliders."""
-        return self.contacts.is_explicit(*self._classes(a, b))
 
     def _classes(self, a: int, b: int) -> tuple[int, int]:
         """Return the contact class of each of two colliders, as in `ContactRules`."""
