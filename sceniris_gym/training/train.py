@@ -89,7 +89,7 @@ class Run:
             source = layout_sources.uniform()
         words = {} if source is None else layout_sources.words_of(source)
         if options.curriculum:
-            words = {"curriculum": LevelReplay(options.curriculum)}
+            words["curriculum"] = LevelReplay(options.curriculum)
         envs = make_env(options.task, options.num_envs, compiled, **words)
         self.env = RslRlVecEnvWrapper(envs, seed)
         self._judged = (options.judged or options.task).removeprefix(NAMESPACE)

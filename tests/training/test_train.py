@@ -18,6 +18,7 @@ pytest.importorskip("rsl_rl")
 from benchmarks import curves
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.files import as_json
+from sceniris_gym.levels.curriculum import LevelReplay
 from sceniris_gym.progress import listening
 from sceniris_gym.training import task_scenes, train
 from sceniris_gym.training.settings import SETTINGS, Options, source_hash
@@ -196,3 +197,18 @@ def test_a_run_does_not_go_on_from_one_of_other_sources(tmp_path: Path):
     (options.out / "model.pt").touch()
     with pytest.raises(ArgumentError, match=r"sources\.hash = 'b', not"):
         train.Run(replace(options, resume=True))
+
+
+def test_a_curriculum_also_chooses_from_a_bank(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Neither option is silently left out."""
+    given: dict[str, Any] = {}
+    monkeypatch.setattr(train, "compile_scene", lambda *_: reach_scene())
+    monkeypatch.setattr(train, "judges_of", lambda *_: {})
+    monkeypatch.setattr(
+        train, "make_env", lambda *at, **words: given.update(words) or task_scenes.make_env(*at, **words)
+    )
+    options = Options("TabletopReach-v0", out=tmp_path, num_envs=2, device="cpu", curriculum="failure", bank=4)
+    run = train.Run(options)
+    assert given["layout_source"] is not None
+    assert given["curriculum"] == LevelReplay("failure")
+    assert run.env.unwrapped.randomizer.levels is not None
