@@ -11,7 +11,7 @@ from typing import Annotated, Literal, ParamSpec
 import tyro
 
 import sceniris_gym
-from sceniris_gym.commands.answer import Answer, answer, each_once, in_words
+from sceniris_gym.commands.answer import Answer, answer, each_once, in_words, join_warnings, listing
 from sceniris_gym.commands.options import (
     COUNT,
     LAYOUTS,
@@ -56,13 +56,10 @@ def _command(work: Callable[P, Answer]) -> Callable[P, Answer]:
     @wraps(work)
     def quiet(*args: P.args, **kwargs: P.kwargs) -> Answer:
         check_numbers(work, kwargs)
-        import mujoco
-
         from sceniris_gym.device.kernel_log import start_warp
 
         start_warp()
-        # MuJoCo prints conflicts of attached models, and Python's warning about each of them says more
-        mujoco.set_mju_user_warning(lambda text: text.startswith("Attach") or warnings.warn(text, stacklevel=1))
+        join_warnings()
         with redirected(1, 2), shown(quiet=bool(kwargs.get("json"))):
             return work(*args, **kwargs)
 
@@ -443,17 +440,11 @@ def init(
     from sceniris_gym.commands import init as tool
 
     target = None if out is None else checked_target(out)
+    options = {"assets": assets, "widen": widen, "clutter": clutter, "robot": robot, "arena": arena}
     if model.is_dir() or model.suffix.lower() == ".bddl":
-        if target is None:
-            give = "Give -o FILE.yaml, or -o FOLDER for a folder of problem files."
-            raise NotSupportedError(f"init: a problem file becomes two files, a scene and its model. {give}")
-        from sceniris_gym.importers.libero.reader import read_bddl
-
-        read = partial(read_bddl, assets=assets, widen=widen, clutter=clutter, robot=robot, arena=arena)
-        if model.is_dir():
-            return answer(tool.write_suite(model, target, read, device), json, tool.report_of_suite)
-        return answer(tool.write_task(read(model), target, device), json)
-    if (assets, widen, clutter, robot, arena) != (None, 1.0, 0, None, False):
+        found = tool.write_problems(model, target, options, device)
+        return answer(found, json, tool.report_of_suite if model.is_dir() else listing)
+    if tuple(options.values()) != (None, 1.0, 0, None, False):
         needed = "need a problem file of LIBERO (.bddl) as MODEL."
         raise NotSupportedError(f"init: --assets, --widen, --clutter, --robot and --arena {needed}")
     scene = tool.init(model, device)

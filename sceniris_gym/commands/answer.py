@@ -2,6 +2,7 @@
 
 import os
 import sys
+import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -45,6 +46,16 @@ def each_once() -> Callable[..., None]:
             print(f"warning: {text}", file=sys.stderr, flush=True)
 
     return show
+
+
+def join_warnings() -> None:
+    """Let MuJoCo warn as Python does, so that `each_once` prints its warnings.
+
+    Conflicts of attached models are left out: Python also warns about each of them, with more details.
+    """
+    import mujoco
+
+    mujoco.set_mju_user_warning(lambda text: text.startswith("Attach") or warnings.warn(text, stacklevel=1))
 
 
 def in_words(error: OSError) -> str:

@@ -6,7 +6,8 @@ import re
 import sys
 import warnings
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from sceniris_gym.config.fields import ROBOT
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import InfeasibleSceneError, ModelWarning, NotSupportedError, SceneFileError, ScenirisError
 from sceniris_gym.files import write_text
-from sceniris_gym.importers.libero.reader import LiberoTask
+from sceniris_gym.importers.libero.reader import LiberoTask, read_bddl
 from sceniris_gym.importers.models.first_scene import FirstScene, first_scene, flow
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.scene.build import build_model
@@ -93,6 +94,22 @@ def write_task(task: LiberoTask, out: Path, device: str | None = None) -> dict[s
     ]
     write_text(out, "\n".join(lines) + "\n")
     return {"scene": str(out), "model": str(folder), "placed": list(words["objects"]), "goal": goal}
+
+
+def write_problems(model: Path, out: Path | None, options: Mapping[str, Any], device: str | None) -> dict[str, Any]:
+    """Write the scene of a problem file, by `write_task`, or the scenes of a folder of problem files, by `write_suite`.
+
+    `options` are arguments of `read_bddl`.
+
+    Raises:
+        NotSupportedError: `out` is missing, or it is a scene file and `model` a folder.
+        ScenirisError: As `write_task` or `write_suite`.
+    """
+    if out is None:
+        give = "Give -o FILE.yaml, or -o FOLDER for a folder of problem files."
+        raise NotSupportedError(f"init: a problem file becomes two files, a scene and its model. {give}")
+    read = partial(read_bddl, **options)
+    return write_suite(model, out, read, device) if model.is_dir() else write_task(read(model), out, device)
 
 
 def write_suite(
