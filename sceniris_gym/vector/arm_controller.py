@@ -219,8 +219,7 @@ class ArmController:
         # a rotation by pi about x, then the yaw: the tool's z axis points down
         wanted = torch.stack([zero, half.cos(), half.sin(), zero], dim=1)
         quat = rotations.multiply(wanted, rotations.conjugate(self.tool(s)[:, 3:]))
-        rotation = 2.0 * quat[:, 1:] * torch.where(quat[:, :1] < 0.0, -1.0, 1.0)
-        error = torch.cat([target[:, :3] - now[:, :3], rotation], dim=1)
+        error = torch.cat([target[:, :3] - now[:, :3], 2.0 * rotations.shorter(quat)], dim=1)
         self.set_targets(s, self._joint_targets(s, error))
 
     def move_osc_pose(self, s: State, action: Tensor) -> None:

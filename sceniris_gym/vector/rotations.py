@@ -27,6 +27,14 @@ def of_vector(vector: Tensor) -> Tensor:
     return torch.cat([half.cos(), 0.5 * torch.sinc(half / torch.pi) * vector], dim=-1)
 
 
+def shorter(quat: Tensor) -> Tensor:
+    """Return the axes of rotations times sin(angle / 2), for the shorter way, shape (..., 3).
+
+    The quaternions q and -q are the same rotation, and a positive scalar part means the shorter way.
+    """
+    return quat[..., 1:] * torch.where(quat[..., :1] < 0.0, -1.0, 1.0)
+
+
 def rotate(quat: Tensor, vector: Tensor) -> Tensor:
     """Rotate vectors, shape (..., 3), by unit quaternions wxyz, shape (..., 4).
 

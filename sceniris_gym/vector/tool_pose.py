@@ -59,9 +59,7 @@ def limited(target: Tensor, now: Tensor, lead: Lead, lowest: float) -> tuple[Ten
     """
     place = target[:, :3].clamp(now[:, :3] - lead[0], now[:, :3] + lead[0])
     place[:, 2].clamp_(min=lowest)
-    ahead = rotations.multiply(target[:, 3:], rotations.conjugate(now[:, 3:]))
-    # the quaternions q and -q are the same rotation, and a positive scalar part means the shorter way
-    axis = ahead[:, 1:] * torch.where(ahead[:, :1] < 0.0, -1.0, 1.0)
+    axis = rotations.shorter(rotations.multiply(target[:, 3:], rotations.conjugate(now[:, 3:])))
     axis = axis / (axis.norm(dim=1, keepdim=True) / math.sin(0.5 * lead[1])).clamp(min=1.0)
     scalar = (1.0 - axis.square().sum(dim=1, keepdim=True)).sqrt()
     quat = rotations.multiply(torch.cat([scalar, axis], dim=1), now[:, 3:])

@@ -169,12 +169,11 @@ def first_scene(path: Path) -> FirstScene:
     supports = supports_of(mjm, free, roots, pieces)
     entries = _Bodies(mjm, data, pieces, free, supports).entries()
     entries += [_not_free(mjm, b) for b in tops if _slides(mjm, b)]
-    fixtures = [
-        Entry(name, ({} if own == name else {"body": own}) | {"kind": "static", "joints": joint_draws(mjm, b)})
-        for name, b in _names(mjm, tops).items()
-        for own in [mjm.body(b).name]
-        if joint_draws(mjm, b) and mujoco.mjtJoint.mjJNT_FREE not in joints[b] and not _slides(mjm, b)
-    ]
+    fixtures = []
+    for name, b in _names(mjm, tops).items():
+        if mujoco.mjtJoint.mjJNT_FREE not in joints[b] and not _slides(mjm, b) and (draws := joint_draws(mjm, b)):
+            own = mjm.body(b).name
+            fixtures.append(Entry(name, ({} if own == name else {"body": own}) | {"kind": "static", "joints": draws}))
     named, robot = None if home == HOME else home, _robot(mjm, data, arms)
     return FirstScene(path, f"The start pose is {start}.", named, robot, entries, fixtures, supports)
 
