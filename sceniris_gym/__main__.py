@@ -5,7 +5,7 @@ from sceniris_gym.stopping import end_at_signals
 
 def main() -> None:
     """Run the command line, see `cli.main`. As in a shell, Ctrl-C exits with status 130 and SIGTERM with 143."""
-    end_at_signals("sceniris-gym")
+    end_at_signals()
     from sceniris_gym import cli
 
     cli.main()

@@ -11,7 +11,7 @@ import sys
 import zipfile
 import zlib
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from tokenize import TokenError
 from typing import IO, Annotated, Any, BinaryIO
@@ -21,7 +21,6 @@ from numpy.lib import format as npy
 from pydantic import PlainSerializer, PlainValidator
 
 from sceniris_gym.errors import NotSupportedError, OutputError
-from sceniris_gym.stopping import temporary
 
 UNWRITABLE = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG, errno.EIO})
 """Errors of the operating system that mean that the file system rejects writes."""
@@ -153,18 +152,20 @@ def as_json(value: Any, *, digits: int | None = None, indent: int | None = None)
     return json.dumps(plain(value), allow_nan=False, indent=indent)
 
 
-def _file_beside(path: Path) -> AbstractContextManager[Path]:
-    """Make an empty file next to `path`, and remove it at the end of the block."""
-
-    def make() -> Path:
-        with _in_words(path):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            _remove_orphans(path)
-            file = path.with_name(f".{path.name}.{_container()}-{os.getpid()}.{secrets.token_hex(4)}.tmp")
-            file.touch(exist_ok=False)
-        return file
-
-    return temporary(make, lambda file: file.unlink(missing_ok=True))
+@contextmanager
+def _file_beside(path: Path) -> Iterator[Path]:
+    """Make an empty file next to `path`, and remove it at the end of the block. Until then it stays open."""
+    with _in_words(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        _remove_orphans(path)
+        file = path.with_name(f".{path.name}.{_container()}-{os.getpid()}.{secrets.token_hex(4)}.tmp")
+        # a signal's thread finds it among the open files, see `stopping`
+        made = file.open("x")
+    try:
+        yield file
+    finally:
+        file.unlink(missing_ok=True)
+        made.close()
 
 
 def _remove_orphans(path: Path) -> None:

@@ -24,7 +24,7 @@ def handles(process: subprocess.Popen, number: int) -> bool:
     ("number", "seconds"), [(signal.SIGINT, 0.0), (signal.SIGTERM, 0.1), (signal.SIGINT, 0.4), (signal.SIGTERM, 1.2)]
 )
 def test_a_signal_at_start_up_ends_the_program(tmp_path: Path, number: int, seconds: float):
-    """While libraries are imported and a scene is compiled: a line, the status of shells, no traceback, no files."""
+    """While libraries are imported and a scene is compiled: the status of shells, no traceback, no files."""
     out = tmp_path / "data"
     command = [sys.executable, "-m", "sceniris_gym", "generate", "mid", "-n", "30000000", "--device", "cpu"]
     command += ["-o", str(out)]
@@ -36,7 +36,5 @@ def test_a_signal_at_start_up_ends_the_program(tmp_path: Path, number: int, seco
         said = process.communicate(timeout=60)
     assert process.returncode == 128 + number, said
     assert said[0] == ""
-    word = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}[signal.Signals(number)]
-    assert said[1].endswith(f"\nsceniris-gym: {word}\n")
     assert "Traceback" not in said[1]
     assert not [path for path in out.rglob("*") if path.name.endswith(".tmp")]

@@ -185,8 +185,8 @@ def test_a_stopped_run_leaves_no_half_written_file(tmp_path: Path, monkeypatch: 
 
 
 @pytest.mark.parametrize(("stop", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_a_stopped_command_says_so_and_leaves_no_temporary_file(tmp_path: Path, stop: int, status: int):
-    """Ctrl-C and SIGTERM in the middle of writing: one line on stderr, the status of shells, an empty folder."""
+def test_a_stopped_command_leaves_no_temporary_file(tmp_path: Path, stop: int, status: int):
+    """Ctrl-C and SIGTERM in the middle of writing: the status of shells, an empty folder."""
     program = f"""
 import os, signal, sys, time
 from sceniris_gym.__main__ import main
@@ -198,7 +198,6 @@ main()
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == status
     assert done.stdout == ""
-    assert done.stderr.splitlines()[-1] in ("sceniris-gym: interrupted", "sceniris-gym: terminated")
     assert "Traceback" not in done.stderr
     assert [path.name for path in tmp_path.iterdir()] == [".progress"]
 

@@ -21,8 +21,6 @@ STATE = {  # names of modules that hold state, each with its reason beside it
     "layout/ahead.py: _kept_longer",
     "program/notices.py: _noted",
     "progress.py: _listener",
-    "stopping.py: _making",
-    "stopping.py: _temporary",
 }
 EMPTY = {"[]", "{}", "dict()", "list()", "set()"}
 HOLDERS = {"ContextVar", "Lock", "RLock", "Event", "Condition", "local", "count", "deque", "defaultdict", "Counter"}

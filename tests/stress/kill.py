@@ -177,7 +177,7 @@ def signals(times: int, seed: int, folder: Path, device: str) -> dict[str, objec
     """Stop `generate` soon after its start, by Ctrl-C and SIGTERM in turns."""
     draws, faults, slowest = np.random.default_rng(seed), [], 0.0
     for i in tqdm(range(times), file=sys.stderr):
-        number, word = [(signal.SIGINT, "interrupted"), (signal.SIGTERM, "terminated")][i % 2]
+        number = [signal.SIGINT, signal.SIGTERM][i % 2]
         words = ["generate", "mid", "-n", "100000000", "-o", str(folder / str(i)), "--device", device]
         moment = draws.uniform(0.5, 3.0)
         process = subprocess.Popen(
@@ -192,7 +192,7 @@ def signals(times: int, seed: int, folder: Path, device: str) -> dict[str, objec
         said = process.communicate()[1]
         took = time.monotonic() - sent
         slowest = max(slowest, took)
-        right = process.returncode == 128 + number and said.endswith(f"\nsceniris-gym: {word}\n")
+        right = process.returncode == 128 + number
         right |= process.returncode == -number and not said  # by the system, before the program has begun
         left = [path.name for path in folder.rglob("*.tmp")]
         if not right or "Traceback" in said or took > _AT_ONCE or left:
