@@ -96,6 +96,25 @@ def test_layouts_made_ahead_on_a_gpu_are_those_made_in_place(tmp_path: Path, gra
 
 
 @pytest.mark.cuda
+def test_prefetches_are_launched_where_the_device_decides_on_them(monkeypatch: pytest.MonkeyPatch):
+    """Seldom where a few worlds are reset, and for every reset of all worlds, also after resets of a few."""
+    compiled, replay, launched = compile_scene("hard_plus", "cuda:0"), LaunchSequence.replay, []
+    monkeypatch.setattr(LaunchSequence, "replay", lambda self: (launched.append(self.priority), replay(self)))
+    source = prefetched(LayoutGenerator(compiled, NWORLD, seed=5))
+    masks = torch.eye(NWORLD, dtype=torch.bool, device="cuda:0")
+    in_place = []
+    for number in range(130):
+        mask = masks[number % NWORLD] if number < 120 else torch.ones_like(masks[0])
+        _reset(source, lambda mask=mask: source.launch_generate(wp.from_torch(mask)))
+        torch.cuda.synchronize()
+        in_place.append(int(wp.to_torch(source.ahead.missing).sum()))
+        if number == 119:
+            assert 0 < launched.count(-1) < 60
+    assert not any(in_place[NWORLD:120])
+    assert not any(in_place[124:]), in_place
+
+
+@pytest.mark.cuda
 def test_layouts_are_made_ahead_on_another_gpu():
     """Not the one that Warp and torch take where they are not told."""
     if wp.get_cuda_device_count() < 2:
