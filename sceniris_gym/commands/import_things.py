@@ -93,8 +93,6 @@ def report(found: dict[str, Any]) -> str:
 
 
 def _tell(outcome: Outcome) -> None:
-    if outcome.manifest is not None:
-        told = f"{outcome.manifest['parts']} parts, {outcome.manifest['error_mm']:.2g} mm off"
-    else:
-        told = f"refused: {outcome.error}"
+    made = outcome.manifest
+    told = f"refused: {outcome.error}" if made is None else f"{made['parts']} parts, {made['error_mm']:.2g} mm off"
     print(f"{outcome.source}: {told}", file=sys.stderr, flush=True)

@@ -19,6 +19,7 @@ from sceniris_gym.geometry.rotations import matrix, pose_matrix
 from sceniris_gym.grasping.grasps import MOST_RISING
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.tables import make_table
 from sceniris_gym.pictures.layout_picture import save
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import LayoutTable
@@ -89,7 +90,9 @@ def narrow(
 
 def narrowing(compiled: CompiledScene, layouts: int, seed: int, made: LayoutGenerator | None = None) -> Narrowing:
     """Compare layouts of a scene with the same number of layouts without `reachable`. See `narrow` for arguments."""
-    generator = made or _made(compiled, layouts, seed)
+    generator = made or LayoutGenerator(compiled, layouts, seed=seed)
+    if made is None:
+        generator.generate()
     table, counts = generator.table(), generator.rejection_counts()
     before, kept = {}, {}
     names = [name for name in compiled.object_names if name in compiled.placed]
@@ -97,7 +100,7 @@ def narrowing(compiled: CompiledScene, layouts: int, seed: int, made: LayoutGene
         names = compiled.reaching.names
         changes = {"start": [], **{f"objects.{name}.reachable": False for name in names}}
         plain = compile_scene(compiled.config, compiled.device, overrides=changes)
-        free, passed = _made(plain, layouts, seed).table(), _staged(compiled, table, counts)
+        free, passed = make_table(plain, layouts, seed), _staged(compiled, table, counts)
         before = {name: _positions(compiled, free, name) for name in names}
         kept = {name: passed[name] * _on_map(compiled, plain, free, name) for name in names}
     after = {name: _positions(compiled, table, name) for name in names}
@@ -105,13 +108,6 @@ def narrowing(compiled: CompiledScene, layouts: int, seed: int, made: LayoutGene
     bases, floor = compiled.plan.pivot_pose[still][:, [0, 1, 3]], compiled.config.floor
     corners = _corners([*before.values(), *after.values(), bases[:, :2]], None if floor is None else floor.size)
     return Narrowing(before, after, kept, counts, bases, *corners)
-
-
-def _made(compiled: CompiledScene, layouts: int, seed: int) -> LayoutGenerator:
-    """Make a generator, let it generate one layout for each world, and return the generator."""
-    generator = LayoutGenerator(compiled, layouts, seed=seed)
-    generator.generate()
-    return generator
 
 
 def picture(found: Narrowing, title: str) -> Image.Image:

@@ -1,5 +1,6 @@
 """Types of values in a scene file (numbers, intervals, points, names), with errors that name the keys of the file."""
 
+import operator
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager, suppress
@@ -13,7 +14,7 @@ from pydantic_core import ErrorDetails, PydanticCustomError
 
 from sceniris_gym.config.bounds import BOUNDS, LEAST_GAP, MAX_POINTS
 from sceniris_gym.config.tier import TIERS
-from sceniris_gym.errors import SceneKeyError, did_you_mean
+from sceniris_gym.errors import ArgumentTypeError, SceneKeyError, did_you_mean
 
 FLOOR = "floor"
 ROBOT = "robot"
@@ -245,3 +246,15 @@ def short(value: Any) -> str:
     except (ValueError, RecursionError):  # an integer with too many digits for Python, or lists nested too deeply
         text = f"a {type(value).__name__}"
     return text if len(text) <= 80 else text[:77] + "..."
+
+
+def as_integer(value: Any, name: str) -> int:
+    """Return an integer of any library as an int. The message starts with `name`: the function and the argument.
+
+    Raises:
+        ArgumentTypeError: The value is not an integer.
+    """
+    try:
+        return operator.index(value)
+    except TypeError:
+        raise ArgumentTypeError(f"{name} should be an integer, got {short(value)}.") from None

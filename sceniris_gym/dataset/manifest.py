@@ -28,16 +28,13 @@ _FIELDS = {
     **{"columns": dict, "object_names": list, "reachable_names": list, "formats": list, "versions": dict},
     **{"scene_sha256": str, "files": dict, "parts": list},
 }
-_SUM, _COUNT, _POSITIVE = ("[0-9a-f]{64}", "64 hexadecimal digits"), (r"\d+", "0 or more"), (r"[1-9]\d*", "positive")
 _RIGHT = {
-    **{"format": (f"[1-{FORMAT}]", f"1 to {FORMAT}"), "hash": ("[0-9a-f]{16}", "16 hexadecimal digits")},
-    **{
-        "split": ("|".join(USER_SPLITS), " or ".join(USER_SPLITS)),
-        "seed": _COUNT,
-        "layouts": _POSITIVE,
-        "rows_of_a_part": _POSITIVE,
-    },
-    **{"sha256": _SUM, "scene_sha256": _SUM, "rows": _POSITIVE, "valid": _COUNT, "first_pass_valid": _COUNT},
+    "format": (f"[1-{FORMAT}]", f"1 to {FORMAT}"),
+    "hash": ("[0-9a-f]{16}", "16 hexadecimal digits"),
+    "split": ("|".join(USER_SPLITS), " or ".join(USER_SPLITS)),
+    **dict.fromkeys(("sha256", "scene_sha256"), ("[0-9a-f]{64}", "64 hexadecimal digits")),
+    **dict.fromkeys(("seed", "valid", "first_pass_valid"), (r"\d+", "0 or more")),
+    **dict.fromkeys(("layouts", "rows_of_a_part", "rows"), (r"[1-9]\d*", "positive")),
 }
 """Field -> pattern of its values, and a description of the pattern for error messages."""
 _AGAIN = "Generate the data set again."

@@ -1,6 +1,5 @@
 """`LayoutDataset`: a data set of layouts for torch's data loaders, and its verification."""
 
-import operator
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import lru_cache
@@ -10,7 +9,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from sceniris_gym.config.fields import short
+from sceniris_gym.config.fields import as_integer, short
 from sceniris_gym.dataset.manifest import MANIFEST, SCENE, checksum, part_name, read_manifest, row_of
 from sceniris_gym.device.random import named_stream
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, DatasetError, check_names
@@ -61,24 +60,19 @@ class LayoutDataset(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
         try:
             row = row_of(self.manifest["columns"])
         except (TypeError, ValueError, KeyError, AttributeError, SyntaxError, OverflowError) as error:
-            raise DatasetError(
-                f"{self.folder / MANIFEST}: 'columns' cannot be read ({error}). Generate the data set again."
-            ) from error
+            raise self._damaged(f"'columns' cannot be read ({error})") from error
         if row.hasobject or not row.names:
-            raise DatasetError(
-                f"{self.folder / MANIFEST}: 'columns' is damaged: each column should have a name and a numeric dtype. "
-                "Generate the data set again."
-            )
+            raise self._damaged("'columns' is damaged: each column should have a name and a numeric dtype")
         return row
+
+    def _damaged(self, what: str) -> DatasetError:
+        return DatasetError(f"{self.folder / MANIFEST}: {what}. Generate the data set again.")
 
     def _check_parts(self) -> None:
         """Compare the number and the sizes of the files with the manifest, before memory is allocated."""
         rows = [part["rows"] for part in self.manifest["parts"]]
         if min(rows, default=0) < 1 or sum(rows) != self.manifest["layouts"]:
-            raise DatasetError(
-                f"{self.folder / MANIFEST}: the rows of all parts should add up to {short(self.manifest['layouts'])}. "
-                "Generate the data set again."
-            )
+            raise self._damaged(f"the rows of all parts should add up to {short(self.manifest['layouts'])}")
         paths = [self.folder / part_name(part) for part in range(len(rows))]
         sizes = [path.stat().st_size if path.is_file() else -1 for path in paths]
         missing = [path.name for path, size, n in zip(paths, sizes, rows, strict=True) if size < n * self._row.itemsize]
@@ -98,11 +92,7 @@ class LayoutDataset(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
             IndexError: The row is out of range.
             ArgumentTypeError: `index` is not an integer.
         """
-        try:
-            row = operator.index(index)
-        except TypeError:
-            raise ArgumentTypeError(f"LayoutDataset: a row should be an integer, got {short(index)}.") from None
-        return {name: torch.from_numpy(values)[0] for name, values in self.rows([row]).items()}
+        return self.__getitems__([as_integer(index, "LayoutDataset: a row")])[0]
 
     def __getitems__(self, indices: Sequence[int]) -> list[dict[str, torch.Tensor]]:
         """Return several layouts, faster than separate calls."""
@@ -153,13 +143,8 @@ class LayoutDataset(torch.utils.data.Dataset[dict[str, torch.Tensor]]):
             ArgumentError: The rows are out of range, or the data set was opened with only some of its `columns`.
             ArgumentTypeError: `first` or `count` is not an integer.
         """
-        try:
-            first, count = operator.index(first), None if count is None else operator.index(count)
-        except TypeError:
-            raise ArgumentTypeError(
-                f"LayoutDataset.table: first and count should be integers, got {short(first)} and {short(count)}."
-            ) from None
-        count = len(self) - first if count is None else count
+        first = as_integer(first, "LayoutDataset.table: first")
+        count = len(self) - first if count is None else as_integer(count, "LayoutDataset.table: count")
         if first < 0 or count < 0 or first + count > len(self):
             raise ArgumentError(f"LayoutDataset.table: rows should be from 0 to {len(self) - 1}.")
         if set(self.columns) != set(self._row.names or ()):

@@ -15,12 +15,13 @@ from pxr import Gf, Sdf, Tf, Usd, UsdGeom
 
 from sceniris_gym.dataset.manifest import SCENE_USD
 from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.scene.draws import mean_colours
+from sceniris_gym.scene.parking import SLAB
 from sceniris_gym.scene.poses import body_poses, product, rotated
 
 WORLD = "/World"
 _SEEN_GROUPS = 3  # MuJoCo shows lower groups. This and higher groups are colliders, which USD calls guides
 _ENDLESS = 10.0  # m, half the edge of a plane without end
-_UNSET = (0.5, 0.5, 0.5, 1.0)  # MuJoCo's colour of geoms without rgba, which take the material's colour
 _SCALAR = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 _PRIMITIVES = {mujoco.mjtGeom.mjGEOM_SPHERE: "Sphere", mujoco.mjtGeom.mjGEOM_ELLIPSOID: "Sphere"}
 _PRIMITIVES |= {mujoco.mjtGeom.mjGEOM_CAPSULE: "Capsule", mujoco.mjtGeom.mjGEOM_CYLINDER: "Cylinder"}
@@ -39,12 +40,12 @@ def scene_bytes(compiled: CompiledScene) -> bytes:
         xform = UsdGeom.Xform.Define(stage, paths[body])
         _place(xform, pos[body], quat[body])
         xform.GetPrim().SetCustomDataByKey("mujoco:body", mjm.body(body).name)
-    taken: set[str] = set(paths)
-    for geom in range(mjm.ngeom):
+    taken, colours = set(paths), mean_colours(mjm)
+    for geom in (geom for geom in range(mjm.ngeom) if mjm.geom(geom).name != SLAB):
         kind = mujoco.mjtGeom(int(mjm.geom_type[geom])).name.removeprefix("mjGEOM_").lower()
         body = int(mjm.geom_bodyid[geom])
         name = _local(mjm, body, mjm.geom(geom).name) or f"{kind}_{geom}"
-        _define_geom(stage, mjm, geom, _free_path(f"{paths[body]}/", name, taken))
+        _define_geom(stage, mjm, geom, _free_path(f"{paths[body]}/", name, taken), colours[geom])
     return _exported(layer)
 
 
@@ -144,8 +145,8 @@ def _place(xform: Any, pos: np.ndarray, quat: np.ndarray, scale: np.ndarray | No
         xform.AddScaleOp().Set(Gf.Vec3f(*scale.tolist()))
 
 
-def _define_geom(stage: Any, mjm: mujoco.MjModel, geom: int, path: str) -> None:
-    """Add a geom of the model to the stage, at the USD path `path`."""
+def _define_geom(stage: Any, mjm: mujoco.MjModel, geom: int, path: str, rgba: np.ndarray) -> None:
+    """Add a geom of the model to the stage, at the USD path `path` and with the colour `rgba`, shape (4,)."""
     kind, size = mujoco.mjtGeom(int(mjm.geom_type[geom])), mjm.geom_size[geom]
     scale = size if kind in (mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_ELLIPSOID) else None
     if kind in _PRIMITIVES:
@@ -167,7 +168,6 @@ def _define_geom(stage: Any, mjm: mujoco.MjModel, geom: int, path: str) -> None:
         shape.CreateDoubleSidedAttr(True)
     shape.CreateExtentAttr(UsdGeom.Boundable.ComputeExtentFromPlugins(shape, 0.0))
     _place(shape, mjm.geom_pos[geom], mjm.geom_quat[geom], scale)
-    rgba = _colour(mjm, geom)
     shape.CreateDisplayColorAttr([tuple(rgba[:3].tolist())])
     shape.CreateDisplayOpacityAttr([float(rgba[3])])
     if mjm.geom_group[geom] >= _SEEN_GROUPS:
@@ -191,20 +191,6 @@ def _triangles(mjm: mujoco.MjModel, geom: int, kind: mujoco.mjtGeom) -> tuple[np
     lower = np.column_stack([corner, corner + 1, corner + ncol + 1])
     upper = np.column_stack([corner, corner + ncol + 1, corner + ncol])
     return np.column_stack([x.ravel(), y.ravel(), z]), np.concatenate([lower, upper])
-
-
-def _colour(mjm: mujoco.MjModel, geom: int) -> np.ndarray:
-    """Return the colour of a geom, shape (4,). If the geom has a texture, its mean colour is included."""
-    rgba, material = mjm.geom_rgba[geom], int(mjm.geom_matid[geom])
-    if material < 0 or not np.allclose(rgba, _UNSET):
-        return rgba
-    found = mjm.mat_rgba[material].copy()
-    texture = int(mjm.mat_texid[material].max())
-    if texture >= 0:
-        adr, channels = int(mjm.tex_adr[texture]), int(mjm.tex_nchannel[texture])
-        pixels = mjm.tex_data[adr : adr + int(mjm.tex_width[texture]) * int(mjm.tex_height[texture]) * channels]
-        found[:3] *= pixels.reshape(-1, channels)[:, :3].mean(axis=0) / 255.0
-    return found
 
 
 def _exported(layer: Any) -> bytes:

@@ -18,9 +18,9 @@ from sceniris_gym.config.fields import short
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, SceneMismatchError
 from sceniris_gym.layout.layouts import LayoutKeys, Layouts
 from sceniris_gym.layout.masks import as_numbers, as_world_ids, is_mask
-from sceniris_gym.layout.params import PARTS, params_in
+from sceniris_gym.layout.params import params_in
 from sceniris_gym.layout.seeds import as_seeds
-from sceniris_gym.program.compiled import MOST_EPISODES, USER_SPLITS
+from sceniris_gym.program.compiled import MOST_EPISODES, PARTS, USER_SPLITS
 from sceniris_gym.scene.model import SceneModel
 
 _FORM = re.compile(rf"([^:]*):({'|'.join(USER_SPLITS)}):([0-9]{{1,20}}):([0-9]{{1,20}})(?::({PARTS}))?")

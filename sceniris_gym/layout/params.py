@@ -20,10 +20,6 @@ from sceniris_gym.program.compiled import CompiledScene
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-_PARAM = r"[^=,:]+=(?:[0-9a-f]{8})+"
-PARTS = rf"{_PARAM}(?:,{_PARAM})*"
-"""Regular expression of the fifth part of a layout id."""
-
 
 class ParamTable:
     """The params of a batch of worlds. The values of one world form a row, in which each param has its columns.

@@ -169,7 +169,7 @@ class LayoutSource(StaysHere):
             ArgumentError, ArgumentTypeError: As in `generate`.
         """
         if (seed is None) == (layouts is None):
-            raise ArgumentError(f"reseed should have `seed` or `layouts`, got {'neither' if seed is None else 'both'}.")
+            raise ArgumentError(f"worlds should have `seed` or `layouts`, got {'neither' if seed is None else 'both'}.")
         nworld, device, mask = self.layouts.nworld, self.layouts.view.seed.device, self._mask_of(worlds)
         if layouts is None:
             self.launch_reseed(seeds_on_device(seed, nworld, device, worlds), mask)

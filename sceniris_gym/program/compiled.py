@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import operator
+import re
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -12,11 +12,11 @@ import mujoco
 import numpy as np
 import warp as wp
 
-from sceniris_gym.config.fields import short
+from sceniris_gym.config.fields import as_integer, short
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.config.scene_words import AUTO
 from sceniris_gym.device.fixed import RefusesOldNames
-from sceniris_gym.errors import ArgumentError, ArgumentTypeError, NotSupportedError
+from sceniris_gym.errors import ArgumentError, NotSupportedError
 from sceniris_gym.geometry.colliders import collect_colliders, collider_arrays
 from sceniris_gym.geometry.pieces import ROUND
 from sceniris_gym.program.checks import constraints, objects, oddities, places, simulation, standing
@@ -55,6 +55,9 @@ USER_SPLITS = ("train", "eval")
 MOST_EPISODES = (1 << 31) - 1
 """Number of episodes of a seed, counted in 32 bits. A world has the episode -1 before its first layout, and 0 after the
 last one."""
+_PARAM = r"[^=,:]+=(?:[0-9a-f]{8})+"
+PARTS = rf"{_PARAM}(?:,{_PARAM})*"
+"""Regular expression of the fifth part of a layout id."""
 # Number of lanes of a warp. On a GPU, they test one candidate together.
 _WARP = 32
 
@@ -139,15 +142,10 @@ class CompiledScene(RefusesOldNames):
 
         Raises:
             ArgumentTypeError: The seed or the episode is not an integer.
-            ArgumentError: The seed has more than 64 bits, the split is unknown, or the episode is out of range. A world
-                without a layout has episode -1, which has no id.
+            ArgumentError: The seed has more than 64 bits, the split is unknown, the episode is out of range, or the
+                params do not have this form. A world without a layout has episode -1, which has no id.
         """
-        try:
-            number, count = operator.index(seed), operator.index(episode)
-        except TypeError:
-            raise ArgumentTypeError(
-                f"layout_id: seed and episode should be integers, got {short(seed)} and {short(episode)}."
-            ) from None
+        number, count = as_integer(seed, "layout_id: seed"), as_integer(episode, "layout_id: episode")
         if not -(2**63) <= number < 2**64:
             raise ArgumentError(f"layout_id: seed={short(number)} should be an integer of 64 bits.")
         if not 0 <= count < MOST_EPISODES:
@@ -156,6 +154,8 @@ class CompiledScene(RefusesOldNames):
                 "A world has no layout before its first reset."
             )
         check_split(split, "layout_id")
+        if params != "" and not re.fullmatch(PARTS, str(params)):
+            raise ArgumentError(f"layout_id: params should be text such as 'name=3f800000', got {short(params)}.")
         return f"{self.hash}:{split}:{number % 2**64}:{count}{f':{params}' if params else ''}"
 
     @property

@@ -15,6 +15,8 @@ from sceniris_gym.errors import SceneKeyError, UnknownNameError
 from sceniris_gym.scene.field_table import OPTIONS, check_field, elements, rows_inside
 from sceniris_gym.scene.support import subtree
 
+COLOUR_ROLES = [int(mujoco.mjtTextureRole.mjTEXROLE_RGB), int(mujoco.mjtTextureRole.mjTEXROLE_RGBA)]
+"""Roles of the textures that colour a geom."""
 _PHYSICS = [word for kind in ("object", "scene") for word in WORDS[kind].values() if word.field != "geom_rgba"]
 LEAST: dict[str, Ends] = {word.field: "least" for word in _PHYSICS}
 MOST: dict[str, Ends] = {word.field: "most" for word in _PHYSICS}
@@ -76,6 +78,18 @@ def nominal_values(mjm: mujoco.MjModel, field: str) -> np.ndarray:
         of_material = (values == (0.5, 0.5, 0.5, 1.0)).all(axis=1) & (mjm.geom_matid >= 0)
         values[of_material] = mjm.mat_rgba[mjm.geom_matid[of_material]]
     return values.reshape(1 if field in OPTIONS else len(values), -1)
+
+
+def mean_colours(mjm: mujoco.MjModel) -> np.ndarray:
+    """Return the mean colour of each geom, with the mean colour of its texture, shape (ngeom, 4)."""
+    found = nominal_values(mjm, "geom_rgba")
+    for geom in np.flatnonzero(mjm.geom_matid >= 0):
+        texture = int(mjm.mat_texid[mjm.geom_matid[geom], COLOUR_ROLES].max())
+        if texture >= 0:
+            texels, channels = int(mjm.tex_height[texture] * mjm.tex_width[texture]), int(mjm.tex_nchannel[texture])
+            data = mjm.tex_data[mjm.tex_adr[texture] :][: texels * channels].reshape(texels, channels)
+            found[geom, :3] *= data[:, :3].mean(axis=0) / 255.0
+    return found
 
 
 def field_draws(config: SceneConfig, mjm: mujoco.MjModel, bodies: Mapping[str, int]) -> tuple[FieldDraw, ...]:

@@ -19,7 +19,8 @@ PARKING_SPACING = 2.0
 PARKING_COLUMNS = 8
 """Number of places in a row of the lattice."""
 
-_SLAB = "parking_ground"
+SLAB = "parking_ground"
+"""Name of the geom that `add_parking_ground` adds."""
 GROUND_RISE = 1.0e-3
 """Geoms that rise less than this [m] above the ground count as part of it."""
 
@@ -29,7 +30,7 @@ def add_parking_ground(spec: mujoco.MjSpec, nslot: int) -> None:
     low, high = _corners(nslot)
     middle, half = 0.5 * (low + high), 0.5 * (high - low) + 1.0
     spec.worldbody.add_geom(
-        name=_SLAB, type=mujoco.mjtGeom.mjGEOM_BOX, pos=[*middle, -0.05], size=[*half, 0.05], group=3
+        name=SLAB, type=mujoco.mjtGeom.mjGEOM_BOX, pos=[*middle, -0.05], size=[*half, 0.05], group=3
     )
 
 
@@ -54,7 +55,7 @@ def has_parking_ground(mjm: mujoco.MjModel, nslot: int, where: str) -> bool:
                 f"({PARKING_FROM:g}, {PARKING_FROM:g}) m, where absent objects are parked. Lower it, or make it a box."
             )
         found = found or over.max() < GROUND_RISE
-    slab = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_GEOM, _SLAB)
+    slab = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_GEOM, SLAB)
     if found or slab < 0:
         return found
     middle, half = data.geom_xpos[slab, :2], mjm.geom_size[slab, :2]

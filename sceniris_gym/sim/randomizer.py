@@ -128,7 +128,12 @@ class ResetRandomizer(Fixed, StaysHere):
 
     @classmethod
     def of_batch(cls, batch: Batch, compiled: CompiledScene, **arguments: Any) -> ResetRandomizer:
-        """Return a randomizer for a Batch. Until the first reset, fields can still be expanded to a row per world."""
+        """Return a randomizer for a Batch. Until the first reset, fields can still be expanded to a row per world.
+
+        Raises:
+            ArgumentTypeError: `batch` is not a Batch.
+        """
+        check_type(batch, Batch, "ResetRandomizer.of_batch: batch")
         made = cls.__new__(cls)
         made._shared = batch.fields
         made.__init__(compiled, batch.model, batch.data, **arguments)

@@ -16,6 +16,8 @@ from sceniris_gym.layout.tables import make_table
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import Program, copied
 from sceniris_gym.scene.layout_table import LayoutTable
+from sceniris_gym.training.task_scenes import spec_of
+from sceniris_gym.vector.arguments import as_task
 
 
 def valid_rows(compiled: CompiledScene, count: int, seed: int) -> LayoutTable:
@@ -46,6 +48,16 @@ def bank(table: LayoutTable) -> Callable[[CompiledScene, int], StoredLayouts]:
 def uniform(split: str = "train") -> Callable[[CompiledScene, int], LayoutGenerator]:
     """Return a `layout_source` for SceneVectorEnv that places objects without checks for collisions."""
     return lambda compiled, num_envs: LayoutGenerator(unchecked(compiled), num_envs, split=split)
+
+
+def words_of_uniform(task: str, split: str = "train") -> dict[str, Any]:
+    """Return arguments of SceneVectorEnv for a task with the `layout_source` `uniform`.
+
+    Objects overlap in these layouts, so a world has room for twice the task's constraint rows. Of 1,024 such layouts of
+    TabletopLift-v0, some need more than its 192 rows, and valid ones at most 105.
+    """
+    rows = as_task(spec_of(task).kwargs["task"]).sim_config.njmax
+    return words_of(uniform(split)) | {"sim_config": {"njmax": None if rows is None else 2 * rows}}
 
 
 def unchecked(compiled: CompiledScene) -> CompiledScene:

@@ -82,12 +82,12 @@ class Run:
         checked = options.reachable and not options.uniform
         self._compiled = compiled = compile_scene(scene_of(options.task, reachable=checked), options.device)
         seed = (1 + options.seed) * 16 * SEED_SPACING
-        source = None
+        words = {}
         if options.bank:
-            source = layout_sources.bank(layout_sources.valid_rows(compiled, options.bank, seed))
+            rows = layout_sources.valid_rows(compiled, options.bank, seed)
+            words = layout_sources.words_of(layout_sources.bank(rows))
         elif options.uniform:
-            source = layout_sources.uniform()
-        words = {} if source is None else layout_sources.words_of(source)
+            words = layout_sources.words_of_uniform(options.task)
         if options.curriculum:
             words["curriculum"] = LevelReplay(options.curriculum)
         envs = make_env(options.task, options.num_envs, compiled, **words)

@@ -9,6 +9,7 @@ import torch
 from gymnasium.vector import VectorEnv
 from torch import Tensor
 
+from sceniris_gym.config.fields import short
 from sceniris_gym.device.fixed import RefusesOldNames
 from sceniris_gym.errors import ArgumentError, refuses_old_names
 from sceniris_gym.layout.layout_id import LayoutId, layouts_of_mapping
@@ -62,10 +63,12 @@ def evaluate(
         A result for each layout, in the same order.
 
     Raises:
-        ArgumentError: `envs` is not a SceneVectorEnv, or lacks max_episode_steps. The number of layouts is negative.
-            An id is malformed.
+        ArgumentError: `policy` is not a function. `envs` is not a SceneVectorEnv, or lacks max_episode_steps. The
+            number of layouts is negative. An id is malformed.
         SceneMismatchError: An id is from another scene or split.
     """
+    if not callable(policy):
+        raise ArgumentError(f"evaluate: policy should be a function of the observations, got {short(policy)}.")
     inner = envs.unwrapped if isinstance(envs, VectorEnv) else None
     if not isinstance(inner, SceneVectorEnv):
         raise ArgumentError(

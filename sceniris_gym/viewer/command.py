@@ -88,8 +88,7 @@ def view_env(
         envs: Any = gymnasium.make_vec(spec, autoreset_mode="Disabled", **options).unwrapped
     plays = None if policy is None else policy_of(policy, envs.device, trust=trust)
     said.remove()
-    view = EnvView(server, envs, plays, ids)
-    return view
+    return EnvView(server, envs, plays, ids)
 
 
 def play(server: viser.ViserServer, name: str) -> EnvView:
@@ -112,6 +111,5 @@ def play(server: viser.ViserServer, name: str) -> EnvView:
     start_warp()
     check_names("policy", [name], "play", files := shipped("envs", ".pt"))
     world: Any = PlayedWorld(files[name])
-    view = EnvView(server, world, policy_of(str(files[name])), world.ids)
     said.remove()
-    return view
+    return EnvView(server, world, policy_of(str(files[name])), world.ids)

@@ -129,7 +129,6 @@ def table_in_html(counts: Mapping[str, Mapping[str, int]], layouts: int, valid: 
 
 def _add_body(sketch: Sketch, world: ShownWorld, body: int, colour: Colour, opacity: float) -> None:
     mjm = world.compiled.mjm
-    mesh = body_mesh(mjm, np.flatnonzero(mjm.geom_bodyid == body))
-    if mesh is not None:
+    if (mesh := body_mesh(mjm, np.flatnonzero(mjm.geom_bodyid == body))) is not None:
         vertices, faces = mesh
         sketch.surfaces.append((world.from_body(body, vertices), faces, colour, opacity))

@@ -17,7 +17,7 @@ from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.program.plan import slot_names
 from sceniris_gym.scene.assemble import MARK_GROUP
 from sceniris_gym.scene.backdrop import OVERVIEW
-from sceniris_gym.scene.draws import nominal_values
+from sceniris_gym.scene.draws import COLOUR_ROLES, mean_colours, nominal_values
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.overview import FOVY, VISIBLE_GROUPS, Overview, camera_axes, frame
 from sceniris_gym.viewer.server import MOST_SHOWN, address, close_server, light, open_server
@@ -36,15 +36,16 @@ _ENDLESS = 4.0  # m, width of a drawn plane without sizes
 _ASPECT = 1.2
 _ALIKE = 0.25  # users' cameras stay if the scene's bounds move by less than this fraction of its size
 _FEW = 8
-"""If there are at most so many worlds, all are drawn with all triangles."""
+"""If there are at most so many worlds, all are drawn with all triangles, and with drawn textures."""
 _FAR, _COARSE = 2.0, 0.2
 """Worlds that are more than `_FAR` scene sizes away are drawn with the fraction `_COARSE` of their triangles."""
 _MANY = 1000
 """A body with fewer triangles, such as a board or a box, is always drawn with all of them."""
 # The place of hidden bodies [m], out of view of all cameras.
 _AWAY = np.array([0.0, 0.0, -1.0e5])
-_COLOUR_ROLES = [int(mujoco.mjtTextureRole.mjTEXROLE_RGB), int(mujoco.mjtTextureRole.mjTEXROLE_RGBA)]
-_TEXTURED = (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_HFIELD)  # geoms whose textures mjviser draws
+_GAMMA = 2.2  # mjviser takes linear colours only for meshes with textures
+# Geoms whose textures mjviser draws. An enum is not equal to a number of NumPy.
+_TEXTURED = (int(mujoco.mjtGeom.mjGEOM_MESH), int(mujoco.mjtGeom.mjGEOM_HFIELD))
 
 
 class Worlds:
@@ -59,9 +60,8 @@ class Worlds:
     def __init__(self, server: viser.ViserServer, scene: SceneModel, num: int) -> None:
         from mjviser import ViserMujocoScene
 
+        self.mjm, self.num, self._server = scene.mjm, num, server
         mjm = scene.mjm
-        self.mjm, self.num = mjm, num
-        self._server = server
         self._seen = Overview(scene.config, mjm, scene.home_qpos).seen()
         self.low, self.high = self._seen.min(axis=0), self._seen.max(axis=0)
         self.size = float((self.high - self.low).max())
@@ -72,11 +72,15 @@ class Worlds:
         drawn = drawn_model(mjm)
         painted = painted_geoms(scene, drawn)
         drawn.geom_rgba[painted, 3] = 0.0  # mjviser leaves them out, because its meshes have one colour in all worlds
-        self._painted: dict[int, Any] = {}
+        self._painted: dict[int, Any] = {}  # of each geom, the handle of the meshes of all worlds
+        self._textured: dict[tuple[int, int], Any] = {}  # of each geom and world, a handle
         with server.atomic():
             self._scene = ViserMujocoScene(server, drawn, num_envs=num)
             for geom in painted:
-                self._add_painted(geom)
+                if num <= _FEW and drawn.geom_matid[geom] >= 0:
+                    self._textured |= {(geom, i): self._add(geom, only) for i, only in enumerate(np.eye(num))}
+                else:
+                    self._painted[geom] = self._add(geom)
             if num > _FEW:
                 for group in self._scene._mesh_groups:
                     many = _triangles(mjm, int(group.body_ids[0])) >= _MANY
@@ -103,30 +107,41 @@ class Worlds:
         for body, offset in (moved or {}).items():
             self._xpos[i, body] += offset
 
-    def _add_painted(self, geom: int) -> None:
-        """Add a geom whose colour differs between worlds. mjviser moves and hides it like its own meshes."""
+    def _add(self, geom: int, scales: np.ndarray | None = None) -> Any:
+        """Add a geom whose colour differs between worlds, and return its handle. mjviser moves and hides it.
+
+        `scales` are the scales of the geom in all worlds, for a mesh with a texture. A geom with scale 0 is invisible.
+        """
         from mjviser.conversions import merge_geoms
         from mjviser.scene import _MeshGroup
 
-        mesh, body, group = merge_geoms(self.mjm, [geom]), self.mjm.geom_bodyid[geom], int(self.mjm.geom_group[geom])
-        wxyzs, positions = np.tile([1.0, 0.0, 0.0, 0.0], (self.num, 1)), np.zeros((self.num, 3))
-        handle: Any = self._server.scene.add_batched_meshes_simple(
-            f"/bodies/painted{geom}", mesh.vertices, mesh.faces, wxyzs, positions, visible=group in VISIBLE_GROUPS
-        )
-        self._scene._mesh_groups.append(_MeshGroup(handle, np.array([body]), group, None))
-        self._painted[geom] = handle
+        scene, groups, mesh = self._server.scene, self._scene._mesh_groups, merge_geoms(self.mjm, [geom])
+        body, group, name = self.mjm.geom_bodyid[geom], int(self.mjm.geom_group[geom]), f"/bodies/painted{len(groups)}"
+        poses = np.tile([1.0, 0.0, 0.0, 0.0], (self.num, 1)), np.zeros((self.num, 3))
+        if scales is None:
+            handle: Any = scene.add_batched_meshes_simple(name, mesh.vertices, mesh.faces, *poses)
+        else:
+            handle = scene.add_batched_meshes_trimesh(name, mesh, *poses, batched_scales=scales)
+        handle.visible = group in VISIBLE_GROUPS
+        groups.append(_MeshGroup(handle, np.array([body]), group, None))
+        return handle
 
     def paint(self, compiled: CompiledScene, table: LayoutTable) -> None:
-        """Give geoms the colours that the layouts of all worlds draw. `table` has a row for each world."""
-        if not self._painted:
+        """Give geoms the colours and textures that the layouts of all worlds draw. `table` has a row for each world."""
+        if not self._painted and not self._textured:
             return
+        from mjviser.conversions import merge_geoms
+
         from sceniris_gym.commands.replay import drawn  # only some scenes need mujoco_warp here
 
-        models = (drawn(compiled, table[i : i + 1])[0] for i in range(self.num))
-        colours = np.stack([drawn_model(mjm).geom_rgba[list(self._painted)] for mjm in models])
-        for i, handle in enumerate(self._painted.values()):
-            handle.batched_colors = (255.0 * colours[:, i, :3]).round().astype(np.uint8)
-            handle.batched_opacities = colours[:, i, 3].astype(np.float32)
+        rows = [table[i : i + 1] for i in range(self.num)]
+        models = [drawn_model(drawn(compiled, row)[0], textures=bool(self._textured)) for row in rows]
+        colours = np.stack([mjm.geom_rgba for mjm in models])
+        for geom, handle in self._painted.items():
+            handle.batched_colors = (255.0 * colours[:, geom, :3]).round().astype(np.uint8)
+            handle.batched_opacities = colours[:, geom, 3].astype(np.float32)
+        for (geom, i), handle in self._textured.items():
+            handle.glb_data = merge_geoms(models[i], [geom]).export(file_type="glb")
 
     def is_like(self, other: Worlds) -> bool:
         """Return True if `other` has the same number of worlds, and a scene with nearly the same bounds."""
@@ -230,25 +245,26 @@ def grid_origins(num: int, size: np.ndarray) -> np.ndarray:
     return np.stack([x, y, np.zeros(num)], axis=1)
 
 
-def drawn_model(mjm: mujoco.MjModel) -> mujoco.MjModel:
+def drawn_model(mjm: mujoco.MjModel, textures: bool = True) -> mujoco.MjModel:
     """Return a copy of a model that mjviser draws completely for every world.
 
     From the model itself, mjviser would draw static bodies in one world only, planes as one endless grid, and geoms in
     the colour of their material, even if a geom has a separate colour. mjviser would also leave out the textures of
-    primitives: in the copy, these primitives have the mean colour of their texture. It would also ask for the poses of
-    mocap bodies separately. Another reason for the copy is that mjviser changes the model's `vis`.
+    primitives: in the copy, these primitives have the mean colour of their texture, and without `textures` meshes, too.
+    mjviser would also ask for the poses of mocap bodies separately. Another reason for the copy is that mjviser changes
+    the model's `vis`.
     """
     drawn = copy.copy(mjm)
-    drawn.geom_rgba[:] = nominal_values(mjm, "geom_rgba")
+    drawn.geom_rgba[:], means = nominal_values(mjm, "geom_rgba"), mean_colours(mjm)
     for geom in np.flatnonzero(mjm.geom_matid >= 0):
-        texture = int(mjm.mat_texid[mjm.geom_matid[geom], _COLOUR_ROLES].max())
-        if texture < 0 or mjm.geom_type[geom] not in _TEXTURED:
-            drawn.geom_matid[geom] = -1
-            drawn.geom_rgba[geom, :3] *= 1.0 if texture < 0 else _mean_colour(mjm, texture)
+        material = mjm.geom_matid[geom]
+        drawn.mat_rgba[material, :3] = drawn.geom_rgba[geom, :3] ** _GAMMA
+        plain = not textures or (mjm.mat_texid[material, COLOUR_ROLES] < 0).all()
+        if plain or mjm.geom_type[geom] not in _TEXTURED:
+            drawn.geom_matid[geom], drawn.geom_rgba[geom] = -1, means[geom]
     drawn.body_weldid[drawn.body_weldid == 0] = drawn.body_mocapid[:] = -1
     drawn.geom_group[drawn.geom_group == MARK_GROUP] = 2
     planes = drawn.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
-    drawn.geom_matid[planes] = -1
     drawn.geom_rgba[planes] = _FLOOR
     endless = planes & (drawn.geom_size[:, 0] <= 0.0)
     drawn.geom_size[endless, :2] = _ENDLESS / 2.0
@@ -256,25 +272,15 @@ def drawn_model(mjm: mujoco.MjModel) -> mujoco.MjModel:
 
 
 def painted_geoms(scene: SceneModel, drawn: mujoco.MjModel) -> list[int]:
-    """Return the visible geoms of a `drawn_model` whose colours differ between layouts of the scene.
-
-    Planes and meshes with textures are left out. They look the same in all worlds.
-    """
+    """Return the visible geoms of a `drawn_model`, except planes, whose colours differ between layouts of the scene."""
     changed = np.zeros(drawn.ngeom, bool)
     for draw in scene.draws:
         if draw.word.field == "geom_rgba":
             changed[draw.rows] = True
         elif draw.word.field in ("mat_rgba", "mat_texid"):
             changed |= np.isin(scene.mjm.geom_matid, draw.rows)
-    kept = (drawn.geom_matid < 0) & (drawn.geom_rgba[:, 3] > 0.0) & (drawn.geom_type != mujoco.mjtGeom.mjGEOM_PLANE)
-    return np.flatnonzero(changed & kept).tolist()
-
-
-def _mean_colour(mjm: mujoco.MjModel, texture: int) -> np.ndarray:
-    """Return the mean colour of a texture, from 0 to 1, shape (3,). For a grey texture, the shape is (1,)."""
-    channels, begin = int(mjm.tex_nchannel[texture]), int(mjm.tex_adr[texture])
-    end = begin + int(mjm.tex_height[texture] * mjm.tex_width[texture]) * channels
-    return mjm.tex_data[begin:end].reshape(-1, channels)[:, :3].mean(axis=0) / 255.0
+    changed &= (drawn.geom_rgba[:, 3] > 0.0) & (drawn.geom_type != mujoco.mjtGeom.mjGEOM_PLANE)
+    return np.flatnonzero(changed).tolist()
 
 
 def _triangles(mjm: mujoco.MjModel, body: int) -> int:

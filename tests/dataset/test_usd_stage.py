@@ -133,6 +133,17 @@ def test_absent_members_are_invisible(tmp_path: Path):
         np.testing.assert_array_equal(seen, rows["present"][:, slot])
 
 
+def test_the_bounds_of_a_frame_are_those_of_the_scene(tmp_path: Path):
+    """Without the far ground of absent objects, which a scene without a floor has, and without these objects."""
+    fruit = {name: {"asset": name, "on": "table"} for name in ("apple", "lemon")}
+    words = {"objects": {"table": {"asset": "table", "kind": "static"}, **fruit}}
+    compiled = compile_on_cpu({**words, "groups": {"fruit": {"of": ["apple", "lemon"], "count": [0, 1]}}})
+    assert compiled.mjm.geom("parking_ground").pos[0] > 20.0
+    stage, rows = opened(compiled, tmp_path)
+    for i in range(len(rows)):
+        assert np.abs(corners(stage, "/World", i)).max() < 2.0
+
+
 def test_every_kind_of_geom_is_written(tmp_path: Path):
     """With the sizes that MuJoCo gives it; names with blanks become identifiers."""
     (tmp_path / "shapes.xml").write_text(SHAPES)

@@ -74,8 +74,12 @@ def test_seeds_in_a_tensor_are_in_twos_complement(empty: CompiledScene):
 @pytest.mark.parametrize(
     ("words", "error", "match"),
     [
-        ({}, ArgumentError, "should have `seed` or `layouts`, got neither"),
-        ({"seed": 1, "layouts": {"seed": 1, "episode": 0}}, ArgumentError, "should have `seed` or `layouts`, got both"),
+        ({}, ArgumentError, "^worlds should have `seed` or `layouts`, got neither"),
+        (
+            {"seed": 1, "layouts": {"seed": 1, "episode": 0}},
+            ArgumentError,
+            "^worlds should have `seed` or `layouts`, got both",
+        ),
         ({"layouts": {"seed": -1, "episode": 0}}, ArgumentError, r"layouts\['seed'\] should be from 0 to 2\^64 - 1"),
         ({"layouts": {"seed": [0, -1], "episode": 0}}, ArgumentError, r"layouts\['seed'\] should be from 0"),
         (

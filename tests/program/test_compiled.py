@@ -163,6 +163,14 @@ def test_an_episode_that_there_is_not_names_no_layout(episode: int):
         _uploaded().layout_id(0, episode)
 
 
+@pytest.mark.parametrize("params", ["foo", "a=1", "a=3f80000", "a=3F800000", {"a": 1.0}, 3, None])
+def test_params_that_no_id_has_name_no_layout(params: Any):
+    """They have the form of `LayoutId`."""
+    with pytest.raises(ArgumentError, match="layout_id: params should be text such as 'name=3f800000', got"):
+        _uploaded().layout_id(0, 0, params=params)
+    assert _uploaded().layout_id(0, 0, params="a.b=3f800000,c=0000000040000000").count(":") == 4
+
+
 @pytest.mark.parametrize("split", ["foo", "train_bank", "", None, ["train"]])
 def test_another_split_names_no_layout(split: Any):
     """Those that there are are named."""

@@ -14,7 +14,7 @@ from sceniris_gym.config.randomize import WORDS
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import SceneKeyError, UnknownNameError
 from sceniris_gym.scene.build import build_model
-from sceniris_gym.scene.draws import LEAST, FieldDraw, at_ends, corners
+from sceniris_gym.scene.draws import LEAST, FieldDraw, at_ends, corners, mean_colours
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.sim.derived import FOLLOWS
 from tests.versions import since_4
@@ -274,7 +274,11 @@ ROOT = Path(__file__).parents[2] / "sceniris_gym"
 # Expressions that may name a model of their own: one at such ends, or what gets a row for each world.
 ENDLESS = {"ipos", "rgba", "bias", "delay", "wind"}
 LISTED = {
-    "program/checks/oddities.py": {"mjm.body_mass", "mjm.body_inertia"},  # only a warning about what the file has
+    "program/checks/oddities.py": {
+        "mjm.body_mass",
+        "mjm.body_inertia",
+        "scene.mjm.body_subtreemass",
+    },  # only a warning about what the file has
     "program/checks/standing.py": {"model.opt.gravity"},
     "program/dropping.py": {"model.dof_armature"},
     "grasping/linkage.py": {"mjm.jnt_stiffness"},  # only chooses among positions that close a loop
@@ -342,3 +346,18 @@ def test_each_word_of_physics_says_at_which_end_proofs_read_it():
     """But for those of which no end is the worst: proofs take all corners of these, or do not depend on them."""
     words = {**WORDS["object"], **WORDS["scene"]}
     assert {name for name, word in words.items() if not word.weak and not word.loose} == ENDLESS
+
+
+def test_the_mean_colour_of_a_geom_has_its_texture():
+    """Times the colour of the geom, or of its material where the geom has none."""
+    mjm = mujoco.MjModel.from_xml_string(
+        "<mujoco><asset>"
+        "<texture name='t' type='2d' builtin='checker' width='4' height='4' rgb1='1 0 0' rgb2='0 0 1'/>"
+        "<material name='tiles' texture='t' rgba='.5 1 1 .8'/><material name='plain' rgba='0 1 0 1'/>"
+        "</asset><worldbody>"
+        "<geom size='.1' material='tiles'/><geom size='.1' material='tiles' rgba='1 1 .2 1'/>"
+        "<geom size='.1' material='plain'/><geom size='.1' rgba='.1 .2 .3 1'/>"
+        "</worldbody></mujoco>"
+    )
+    colours = [[0.25, 0.0, 0.5, 0.8], [0.5, 0.0, 0.1, 1.0], [0.0, 1.0, 0.0, 1.0], [0.1, 0.2, 0.3, 1.0]]
+    np.testing.assert_allclose(mean_colours(mjm), colours, atol=1e-6)

@@ -12,6 +12,7 @@ import warp as wp
 
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, ContactBudgetError, SceneMismatchError
 from sceniris_gym.layout.stored import StoredLayouts
+from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.randomizer import ResetRandomizer
 from tests.sim.stepping import DERIVED, STATE, snapshot, step
 from tests.versions import since_4
@@ -50,6 +51,12 @@ def test_an_own_loop_learns_when_contacts_do_not_fit(make_randomizer):
         np.testing.assert_array_equal(values, before[name], err_msg=name)
     with pytest.raises(ContactBudgetError, match="nconmax=1 is too small"):
         small.check_budget()
+
+
+def test_a_randomizer_of_a_batch_needs_a_batch(small_scene: CompiledScene):
+    """Instead of an AttributeError."""
+    with pytest.raises(ArgumentTypeError, match="of_batch: batch should be a Batch, got"):
+        ResetRandomizer.of_batch(None, small_scene)  # pyrefly: ignore[bad-argument-type]
 
 
 def test_an_all_false_mask_changes_nothing(make_randomizer):

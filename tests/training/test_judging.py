@@ -83,6 +83,15 @@ def test_a_task_that_asks_for_grasps_is_judged_where_objects_have_some(monkeypat
     del gymnasium.registry["Grasp-v0"]
 
 
+def test_overlapping_objects_have_room_for_their_constraints(monkeypatch: pytest.MonkeyPatch):
+    """Twice the rows that the task has for valid layouts; with too few, MuJoCo-Warp drops some and prints a warning."""
+    monkeypatch.setattr(judging, "compile_scene", lambda scene, device: reach_scene())
+    judges = judging.judges_of("TabletopReach-v0", 2, "cpu")
+    rows = {name: env.unwrapped.batch.data.njmax for name, env in judges.items()}
+    assert rows == {"valid": 160, "unfiltered": 320}
+    assert layout_sources.words_of_uniform("DrawerPick-v0")["sim_config"] == {"njmax": None}  # the default
+
+
 def test_a_task_with_params_and_a_curriculum_is_judged_on_fresh_layouts(monkeypatch: pytest.MonkeyPatch):
     """As it is registered, with default params; unchecked layouts have neither, like stored ones in training."""
     region = "objects.can.region"

@@ -166,6 +166,12 @@ def test_other_environments_are_refused(make: Callable[..., SceneVectorEnv]):
             evaluate(turning, other, 2)  # pyrefly: ignore[bad-argument-type]
 
 
+def test_a_policy_is_a_function(make: Callable[..., SceneVectorEnv]):
+    """A mistake ends before the first reset."""
+    with pytest.raises(ArgumentError, match="policy should be a function of the observations, got 3"):
+        evaluate(3, make(2), 2)  # pyrefly: ignore[bad-argument-type]
+
+
 def test_wrappers_may_be_around(make: Callable[..., SceneVectorEnv]):
     """They only pass on what they are given."""
     from gymnasium.wrappers.vector import TransformAction

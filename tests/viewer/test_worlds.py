@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import time
 from pathlib import Path
 from types import SimpleNamespace
@@ -10,7 +11,9 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+import trimesh
 import warp as wp
+from PIL import Image
 
 from sceniris_gym.commands.replay import drawn
 from sceniris_gym.config.scene import SceneConfig
@@ -194,6 +197,57 @@ def test_each_world_has_its_drawn_colours(tmp_path: Path):
                 places = [ShownWorld(compiled, table[i : i + 1]).data.body("cube").xpos for i in range(3)]
                 np.testing.assert_allclose(handle.batched_positions, places + worlds.origins, atol=1e-4)
         assert any(handle.visible for handle in worlds._painted.values())
+
+
+_QUAD = "".join(f"v {x} {y} {z}\n" for x, y, z in ((0, 0, 0), (0.1, 0, 0), (0, 0.1, 0), (0, 0, 0.1)))
+_QUAD += "vt 0 0\nvt 1 0\nvt 0 1\nf 1/1 3/3 2/2\nf 1/1 2/2 4/3\nf 1/1 4/3 3/2\nf 2/1 3/2 4/3\n"
+
+
+@pytest.mark.parametrize("num", [2, 9])
+def test_meshes_with_textures_are_tinted_in_each_world(num: int, tmp_path: Path):
+    """A few worlds keep the texture, and many have its mean. Without draws, all have the texture."""
+    texels = np.full((2, 2, 3), 200, np.uint8)
+    texels[0] = 100
+    Image.fromarray(texels).save(tmp_path / "tiles.png")
+    (tmp_path / "quad.obj").write_text(_QUAD)
+    (tmp_path / "toy.xml").write_text(
+        "<mujoco><asset><texture name='tiles' type='2d' file='tiles.png'/><material name='tiles' texture='tiles'/>"
+        "<mesh name='quad' file='quad.obj'/></asset><worldbody><body name='toy'><freejoint/>"
+        "<geom type='mesh' mesh='quad' material='tiles'/></body></worldbody></mujoco>"
+    )
+    toy = {"asset": str(tmp_path / "toy.xml"), "on": "floor"}
+    tint = {"randomize": {"rgba": {"abs": [[0.2, 0.2, 0.2, 1], [1, 1, 1, 1]]}}}
+    words = {"floor": {"size": [1.0, 1.0]}, "objects": {"toy": {**toy, **tint}, "plain": toy}, "bank": 2}
+    compiled = compile_scene(SceneConfig.load(words), "cpu")
+    table = LayoutDeck(compiled, num).make(Where(seed=5))
+    models = [drawn(compiled, table[i : i + 1])[0] for i in range(num)]
+    tints = np.stack([m.geom_rgba[m.geom_bodyid == compiled.scene.bodies["toy"]][0, :3] for m in models])
+    assert len(np.unique(tints, axis=0)) == num
+    with page() as server:
+        worlds = Worlds(server, compiled.scene, num)
+        worlds.paint(compiled, table)
+        handles = {name: [] for name in ("toy", "plain")}
+        for group in groups_of(worlds):
+            if group.body_ids[0] > 0:
+                handles[compiled.mjm.body(int(group.body_ids[0])).name].append(group.handle)
+        (plain,) = handles["plain"]
+        assert _looks(plain)[0] == {100, 200}
+        if num == 9:
+            (toy_of_all,) = handles["toy"]
+            np.testing.assert_allclose(toy_of_all.batched_colors, 150.0 * tints, atol=1.0)
+            return
+        for i, handle in enumerate(handles["toy"]):
+            assert handle.batched_scales.tolist() == np.eye(num)[i].tolist()
+            values, factor = _looks(handle)
+            assert values == {100, 200}
+            np.testing.assert_allclose(factor, tints[i] ** 2.2, atol=0.01)
+
+
+def _looks(handle: Any) -> tuple[set[int], np.ndarray]:
+    """Return the values in the texture of a mesh on the page, and its linear colour factor, shape (3,)."""
+    (mesh,) = trimesh.load_scene(io.BytesIO(handle.glb_data), file_type="glb").geometry.values()
+    material = mesh.visual.material
+    return set(np.unique(material.baseColorTexture).tolist()), material.baseColorFactor[:3] / 255.0
 
 
 def test_geoms_have_the_colours_of_mujoco():

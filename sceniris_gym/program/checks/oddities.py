@@ -18,6 +18,8 @@ from sceniris_gym.scene.model import SceneModel
 _FILLED = 1.3
 # Usual extents of an object [m]. Outside of this range, the file probably has other units.
 _SMALLEST, _LARGEST = 1.0e-3, 50.0
+# Greatest usual extent [m] and mass [kg] of a free object. Furniture and buildings are fixed.
+_LONGEST, _HEAVIEST = 2.0, 100.0
 # A body's inertia is probably a placeholder if it is this many times as large as with all mass at its farthest corner.
 _PLACEHOLDER = 10.0
 # Greatest overlap [m] without a warning, for two geoms that layouts do not place: numbers in files are rounded.
@@ -66,19 +68,24 @@ def _filled(plan: Plan) -> Iterator[str]:
 
 
 def _sizes(plan: Plan) -> Iterator[str]:
-    """Warn about objects that are so large or small that their lengths are probably not in metres."""
-    found = []
+    """Warn about objects that are so large, small or heavy that their lengths are probably not in metres."""
+    scene, found = plan.scene, []
+    free = [name for name, o in scene.config.objects.items() if o.kind == "free"]
     for name in plan.slots:
-        bodies = set(plan.scene.subtree(name))
+        bodies = set(scene.subtree(name))
         ends = [(low, high) for p, low, high in plan.solids if p.body in bodies]
         if ends:
             size = float((np.max(ends, (0, 1)) - np.min(ends, (0, 1))).max())
-            if not _SMALLEST <= size <= _LARGEST:
+            mass = float(scene.mjm.body_subtreemass[scene.bodies[name]])
+            if name in free and (size > _LONGEST or mass > _HEAVIEST):
+                found.append(f"'{name}' ({size:.3g} m, {mass:.3g} kg)")
+            elif not _SMALLEST <= size <= _LARGEST:
                 found.append(f"'{name}' ({size:.3g} m)")
     if found:
         yield (
-            f"implausible sizes, as {_SMALLEST:g} to {_LARGEST:g} m are usual: {_some(found)}. Lengths are in metres: "
-            "give a mesh in other units a `scale`, e.g. 0.001 for millimetres."
+            f"implausible sizes, as {_SMALLEST:g} to {_LARGEST:g} m are usual, and at most {_LONGEST:g} m and "
+            f"{_HEAVIEST:g} kg for free objects: {_some(found)}. Lengths are in metres: correct the asset's `scale`, "
+            "e.g. 0.001 for a mesh in millimetres."
         )
 
 

@@ -100,6 +100,20 @@ def test_an_implausible_size_is_named(size: float, said: str | None, tmp_path: P
     assert [f"'rock' ({said} m)" in text for text in found] == [True] * (said is not None)
 
 
+@pytest.mark.parametrize(
+    ("scale", "said"),
+    [(40, "'cup' (4 m, 3.2e+04 kg)"), (8, "'cup' (0.8 m, 256 kg)"), (21, "'cup' (2.1 m,"), (5, None)],
+)
+def test_a_free_object_of_metres_or_hundreds_of_kilograms_is_named(scale: float, said: str | None, tmp_path: Path):
+    """Of half a kilogram and 10 cm before scaling. A fixed one may be as large."""
+    box = box_mjcf(tmp_path, "cup", 0.1, 0.1, 0.05)
+    free, fixed = ({"asset": box, "scale": scale, **words} for words in ({"on": "floor"}, {"kind": "static"}))
+    found = warned({"cup": free, "fixed": fixed}, floor={"size": [20, 20]})
+    assert len(found) == (said is not None)
+    for text in found:
+        assert str(said) in text and "'fixed'" not in text and "correct the asset's `scale`" in text
+
+
 @pytest.mark.parametrize(("inertia", "number"), [(1.0, 1), (5e-3, 1), (1e-4, 0), (None, 0)])
 def test_an_inertia_that_no_mass_of_this_size_has_is_named(inertia: float | None, number: int, tmp_path: Path):
     """At most 0.1 kg times the square of the half diagonal of 6 cm, if all of it were at the corners."""
