@@ -19,9 +19,15 @@ from sceniris_gym.scene.support import subtree
 from sceniris_gym.sim.rest import CTRL_HOLDS, affine_law, rest_map
 from sceniris_gym.sim.versions import actuator_controls, actuator_outputs
 from sceniris_gym.vector.readings import as_columns
+from sceniris_gym.vector.state import State
 
 # Smallest motion of a finger across the approach axis [m] that counts as opening or closing.
 _STILL = 1e-4
+# Largest part of a force limit that a target of `within_force` may need. A force at the limit would begin to swing.
+_FORCE_PART = 0.9
+# A joint is light if a time step at full force changes its speed by this many times F / kv, with the force limit F and
+# the speed gain kv. The limit of its targets allows changes of F / kv in a control step, which should be quick [rad/s].
+_JUMPS, _QUICK = 3.0, 0.2
 # A change of an actuator's length that is smaller than this [m or rad] is rounding.
 _SAME = 1e-9
 
@@ -65,8 +71,16 @@ class PositionActuators:
         limited = mjm.jnt_limited[self._joints].astype(bool)[:, None]
         own = np.where(limited, mjm.jnt_range[self._joints], [-np.inf, np.inf]).T
         self.lower, self.upper = tensor(np.maximum(ends[0], own[0])), tensor(np.minimum(ends[1], own[1]))
-        self._columns = as_columns(controls, device)
+        self._columns, self._ids = as_columns(controls, device), as_columns(self._actuators.tolist(), device)
         self._law = tensor(bias), tensor(self._scale)
+        kp, self._speed_gain = -mjm.actuator_biasprm[self._actuators, 1:3].T
+        self._stiffness, self._gear = kp, np.abs(self._scale * mjm.actuator_gainprm[self._actuators, 0] / kp)
+        i, dofs, loss = self._actuators, mjm.jnt_dofadr[self._joints], self._speed_gain * self._gear
+        self._force = np.where(mjm.actuator_forcelimited[i], mjm.actuator_forcerange[i, 1], np.inf)
+        light = (loss * self._gear * mjm.opt.timestep > _JUMPS * mjm.dof_M0[dofs]) & (_QUICK * loss < self._force)
+        self._damping, unlimited = mjm.dof_damping[dofs], np.where(light & np.isfinite(self._force), 0.0, np.inf)
+        servo = -(self._gear**2), self._speed_gain / kp, _FORCE_PART * self._gear, unlimited
+        self._servo = [tensor(values) for values in servo]
 
     def targets(self, ctrl: Tensor) -> Tensor:
         """Return the joint targets [rad or m] that `ctrl` (num_envs, nu) sets, shape (num_envs, njoint)."""
@@ -88,21 +102,12 @@ class PositionActuators:
         Args:
             speed: The full speed to use for joints without damping [rad/s or m/s], shape (njoint,).
         """
-        mjm, i, joints = self._mjm, self._actuators, self._joints
-        (stiffness, gear), speed_gain = self._stiffness(), -mjm.actuator_biasprm[i, 2]
-        force = np.where(mjm.actuator_forcelimited[i], mjm.actuator_forcerange[i, 1], np.inf)
-        own = np.where(mjm.jnt_actfrclimited[joints], mjm.jnt_actfrcrange[joints, 1], np.inf)
-        torque = np.minimum(force * gear, own)
-        damping = mjm.dof_damping[mjm.jnt_dofadr[joints]]
+        limited, limits = self._mjm.jnt_actfrclimited[self._joints], self._mjm.jnt_actfrcrange[self._joints, 1]
+        torque = np.minimum(self._force * self._gear, np.where(limited, limits, np.inf))
         with np.errstate(divide="ignore", invalid="ignore"):
-            speed = np.where(damping > 0.0, torque / damping, speed)
-            lag = np.where(speed_gain > 0.0, speed_gain * speed / stiffness, 0.0)
-        return torque / (stiffness * gear**2) + lag
-
-    def compliances(self) -> np.ndarray:
-        """Return how far a unit load moves joints from their targets [rad/(N m) or m/N], shape (njoint,)."""
-        stiffness, gear = self._stiffness()
-        return 1.0 / (stiffness * gear**2)
+            speed = np.where(self._damping > 0.0, torque / self._damping, speed)
+            lag = np.where(self._speed_gain > 0.0, self._speed_gain * speed / self._stiffness, 0.0)
+        return torque / (self._stiffness * self._gear**2) + lag
 
     def gains(self, rate: float, dt: float) -> np.ndarray:
         """Return how far targets have to lead, per distance to go, to approach it at a rate [1/s], shape (njoint,).
@@ -110,14 +115,28 @@ class PositionActuators:
         In a control step of `dt` [s], a joint without inertia covers the part 1 - exp(-dt / lag) of the way to its
         target, with the lag (kv g^2 + d) / (kp g^2) of its damping d and its actuator of gear g.
         """
-        (stiffness, _), damping = self._stiffness(), self._mjm.dof_damping[self._mjm.jnt_dofadr[self._joints]]
-        lag = damping * self.compliances() - self._mjm.actuator_biasprm[self._actuators, 2] / stiffness
+        lag = (self._damping / self._gear**2 + self._speed_gain) / self._stiffness
         return np.expm1(-rate * dt) / np.expm1(-dt / np.maximum(lag, 1e-9))
 
-    def _stiffness(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the position gains of the actuators, and the gears from joint to actuator, both of shape (njoint,)."""
-        stiffness = -self._mjm.actuator_biasprm[self._actuators, 1]
-        return stiffness, np.abs(self._scale * self._mjm.actuator_gainprm[self._actuators, 0] / stiffness)
+    def within_force(self, s: State, targets: Tensor, qpos: Tensor, qvel: Tensor, loads: Tensor | None) -> Tensor:
+        """Return targets that bear loads, and that need less than the actuators' force limits.
+
+        The second holds for light joints. MuJoCo's implicit integrators leave out the derivative of a force at its
+        limit F. If a time step at full force changes the speed by more than 2 F / kv, the range of speeds at which the
+        force is below its limit, the joint may jump across this range, and the force then changes sign in each step.
+
+        Args:
+            s: The worlds, whose gains and force limits count.
+            targets: Targets without loads [rad or m], shape (num_envs, njoint).
+            qpos: Positions of the joints [rad or m], of the same shape.
+            qvel: Velocities of the joints [rad/s or m/s], of the same shape.
+            loads: Loads on the joints [N m or N], of the same shape, or None.
+        """
+        square, lag, part, unlimited = self._servo
+        stiffness = square * s._field("actuator_biasprm")[:, self._ids, 1]
+        reach = torch.addcmul(unlimited, part, s._field("actuator_forcerange")[:, self._ids, 1]) / stiffness
+        free, bearing = torch.addcmul(qpos, lag, qvel), targets if loads is None else targets - loads / stiffness
+        return bearing.clamp(free - reach, free + reach)
 
 
 def _check_number(mjm: mujoco.MjModel, joint: int, found: Sequence[int], where: str) -> None:

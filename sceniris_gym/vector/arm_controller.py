@@ -104,13 +104,11 @@ class ArmController:
         steps = np.where(mjm.jnt_type[list(arm)] == SLIDE, TOOL_STEP, JOINT_STEP)
         self.lead = tensor(np.maximum(self._actuators.full_leads(steps / s.dt), steps))
         self._joint_step, self._home = tensor(steps), tensor(s.scene.home_qpos[mjm.jnt_qposadr[list(arm)]])
-        self._step = tensor([TOOL_STEP] * 3 + [YAW_STEP])
         self._lead = tensor([TOOL_LEAD] * 3 + [YAW_LEAD])
         self._damping = DAMPING * torch.eye(6, device=s.device)
-        self.tool_target = torch.zeros(s.num_envs, 4, device=s.device)
-        self._weight = ArmWeight(s, arm, self._actuators.compliances())
-        self.pose_target = torch.zeros(s.num_envs, 7, device=s.device)
-        self._pose_step, self._osc_step = tensor([TOOL_STEP] * 3 + [YAW_STEP] * 3), tensor(OSC_STEP)
+        self._weight = ArmWeight(s, arm)
+        self.tool_target, self.pose_target = (torch.zeros(s.num_envs, n, device=s.device) for n in (4, 7))
+        self._step, self._osc_step = tensor([TOOL_STEP] * 3 + [YAW_STEP] * 3), tensor(OSC_STEP)
         self._gain = tensor(np.maximum(self._actuators.gains(TOOL_RATE, s.dt), 1.0))
         self._osc_gain = tensor(self._actuators.gains(OSC_RATE, s.dt))
         self._where, self._fingers = where, Fingers.find(s.scene, mjm.site(self._tcp).id, arm)
@@ -207,10 +205,10 @@ class ArmController:
         """
         check_action(action, (4, 6), frame, f"{self._where}: move_tool")
         if action.shape[1] == 6:
-            target = changed(self.pose_target, self._pose_step * action, frame)
+            target = changed(self.pose_target, self._step * action, frame)
             return self._move_pose(s, target, (TOOL_LEAD, YAW_LEAD), lowest, self._gain)
         now = self._tool_now(s)
-        target = (self.tool_target + self._step * action).clamp(now - self._lead, now + self._lead)
+        target = (self.tool_target + self._step[:4] * action).clamp(now - self._lead, now + self._lead)
         target[:, 2].clamp_(min=lowest)
         target[:, 3].clamp_(*yaw_range)
         self.tool_target.copy_(target)
@@ -250,8 +248,8 @@ class ArmController:
         """Set `pose_target` to `target` within the lead, and the joint targets `gain` times the way to it."""
         target, error = limited(target, self.tool(s), lead, lowest)
         self.pose_target.copy_(target)
-        targets = self._joint_targets(s, error, gain)
-        self.set_targets(s, targets - self._weight.sag() if self._weight.acts else targets)
+        targets, loads = self._joint_targets(s, error, gain), self._weight.loads() if self._weight.acts else None
+        self.set_targets(s, self._actuators.within_force(s, targets, self.qpos(s), self.qvel(s), loads))
 
     def _joint_targets(self, s: State, error: Tensor, gain: Tensor | float = 1.0) -> Tensor:
         """Return the joint targets `gain` times the way to a tool's pose that differs by `error` (num_envs, 6)."""

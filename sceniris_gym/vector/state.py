@@ -9,6 +9,7 @@ from torch import Tensor
 
 from sceniris_gym.errors import ArgumentTypeError
 from sceniris_gym.layout.masks import as_count, as_shape
+from sceniris_gym.sim.model_fields import owner
 from sceniris_gym.sim.named_random import draw_named, draw_uniform, task_stream
 from sceniris_gym.sim.versions import sleeps
 from sceniris_gym.vector.names import Joints, find_body, find_free_dof, find_joints
@@ -154,6 +155,10 @@ class State(Readings):
         return self._once(
             lambda: wp.to_torch(self._batch.fields.ask(name, of, where="State.model_field")), "f", name, of
         )
+
+    def _field(self, name: str) -> Tensor:
+        """Return a whole field of the Model, with a row for each world or one for all. Call this only after `bind`."""
+        return self._once(lambda: wp.to_torch(getattr(owner(self._batch.model, name), name)), "whole", name)
 
     def scale_field(self, name: str, of: str, factor: Tensor, mask: Tensor) -> None:
         """Set some elements of a model field to the model's values times a factor. Call this in a task's `on_reset`.

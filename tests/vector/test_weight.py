@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+
 import mujoco
 import numpy as np
 import pytest
@@ -23,32 +25,44 @@ def state(tmp_path_factory):
     return s
 
 
-def test_the_sag_of_hinges_and_slides_is_mujocos(state):
-    """The force of gravity less `qfrc_gravcomp`, times the compliance of each joint."""
+def loads_of(s, arm, data) -> np.ndarray:
+    """Return MuJoCo's loads of gravity, less what `gravcomp` bears, on the joints of an arm at rest."""
+    return (data.qfrc_gravcomp - data.qfrc_bias)[s.mjm.jnt_dofadr[list(arm.joint_ids)]]
+
+
+def test_the_loads_of_hinges_and_slides_are_mujocos(state):
+    """The force of gravity less `qfrc_gravcomp`."""
     arm = ArmController(state)
-    compliance = np.array([0.5, 2.0, 3.0, 1.0])
-    found = ArmWeight(state, arm.joint_ids, compliance).sag().numpy()
-    dofs = state.mjm.jnt_dofadr[list(arm.joint_ids)]
+    found = ArmWeight(state, arm.joint_ids).loads().numpy()
     for world in range(2):
-        data = mujocos(state, world)
-        load = (data.qfrc_gravcomp - data.qfrc_bias)[dofs]
+        load = loads_of(state, arm, mujocos(state, world))
         assert (np.abs(load[:3]) > 0.05).all()
-        np.testing.assert_allclose(found[world], compliance * load, atol=1e-5)
+        np.testing.assert_allclose(found[world], load, atol=1e-5)
 
 
-def test_joints_sag_from_their_targets_by_the_weight(state):
-    """In MuJoCo C, at rest, by the compliances of actuators with gears and tendons; fingers move a little."""
+def test_joints_are_where_their_targets_without_loads_are(state):
+    """In MuJoCo C, at rest, by the stiffness of actuators with gears and tendons; fingers move a little."""
     arm, data = ArmController(state), mujocos(state)
-    qpos = arm.qpos(state).clone()
-    arm.set_targets(state, qpos - arm._weight.sag())
+    qpos, still = arm.qpos(state).clone(), arm.qvel(state)
+    loads = arm._weight.loads()
+    arm.set_targets(state, arm._actuators.within_force(state, qpos, qpos, still, loads))
     data.ctrl[:] = state.ctrl[0].numpy()
     mujoco.mj_step(state.mjm, data, 2000)
     np.testing.assert_allclose(data.qpos[state.mjm.jnt_qposadr[list(arm.joint_ids)]], qpos[0], atol=5e-4)
 
 
 def test_an_arm_whose_weight_is_borne_has_none():
-    """`gravcomp` of 1 in the shipped Panda."""
+    """`gravcomp` of 1 in the shipped Panda, unless a task writes it."""
     s = state_of({"robot": {"asset": "panda"}})
     arm = ArmController(s)
     assert not arm._weight.acts
-    assert not arm._weight.sag().any()
+    assert not arm._weight.loads().any()
+    s = state_of({"robot": {"asset": "panda"}})
+    s.model_field("body_gravcomp")[1] = 0.5
+    arm = ArmController(s)
+    assert arm._weight.acts
+    mjm = copy.copy(s.mjm)
+    mjm.body_gravcomp[:] = 0.5
+    found = arm._weight.loads().numpy()
+    assert not found[0].any()
+    np.testing.assert_allclose(found[1], loads_of(s, arm, mujocos(s, 1, mjm)), atol=1e-4)

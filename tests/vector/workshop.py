@@ -176,12 +176,13 @@ def state_of(scene: dict[str, Any] | SceneModel, num_envs: int = 2) -> State:
     return State(batch, layouts)
 
 
-def mujocos(s: State, world: int = 0) -> mujoco.MjData:
-    """Return plain MuJoCo's data for the state of one world, after mj_forward."""
-    data, d = mujoco.MjData(s.mjm), s.data
+def mujocos(s: State, world: int = 0, mjm: mujoco.MjModel | None = None) -> mujoco.MjData:
+    """Return plain MuJoCo's data for the state of one world or another model, after mj_forward."""
+    mjm = s.mjm if mjm is None else mjm
+    data, d = mujoco.MjData(mjm), s.data
     for name in ("qpos", "qvel", "ctrl", "act", "mocap_pos", "mocap_quat"):
         getattr(data, name)[:] = getattr(d, name).numpy()[world]
-    mujoco.mj_forward(s.mjm, data)
+    mujoco.mj_forward(mjm, data)
     return data
 
 
@@ -189,7 +190,7 @@ def step(s: State, datas: Sequence[mujoco.MjData]) -> None:
     """Take a control step of all worlds in plain MuJoCo by the controls of the State, which is brought up to date."""
     for data, ctrl in zip(datas, s.ctrl.numpy(), strict=True):
         data.ctrl[:] = ctrl
-        mujoco.mj_step(s.mjm, data, 4)
+        mujoco.mj_step(data.model, data, 4)
     s.data.qpos.assign(np.array([data.qpos for data in datas]))
     s.data.qvel.assign(np.array([data.qvel for data in datas]))
     s._batch.update()

@@ -78,6 +78,11 @@ def add_arena(spec: mujoco.MjSpec, surface: str, kind: str, assets: Path | None,
             shapes.delete(body)
     if len(shapes.bodies) > 1:
         assemble.attach(spec, shapes, _PARTS, frame, _ARENA, around=True)
+    # robosuite's renderer cuts the sum of lights at white before it applies a texture, ours after. The headlight adds
+    # 0.7 to them
+    fraction = np.minimum(0.5 / sum(light.diffuse for light in spec.lights), 1.0)
+    for light in spec.lights:
+        light.diffuse = light.diffuse * fraction
     for geom in spec.geoms if theirs else ():
         geom.material = geom.material.replace(f"{_PARTS}/", f"{_ARENA}/")
     if kind != FLOOR:

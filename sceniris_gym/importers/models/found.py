@@ -27,11 +27,13 @@ _MOST_FINGER = 5
 # A site is a tool centre point if its name contains one of these words, best first.
 _TCP_WORDS = (*USUAL, "gripsite", "grasp", "attachment", "eef", "end_effector", "tool")
 # A hinge at the end of an arm moves a finger if the name of its body contains one of these words.
-_FINGER_WORDS = ("jaw", "finger", "claw")
+_FINGER_WORDS = ("jaw", "finger", "claw", "grippermover")
 # Distance of the tool centre point behind the fingertips [m].
 _TIP = 0.01
 # Fingers centred within this distance of the hand's origin do not indicate an approach direction [m].
 _AT_ORIGIN = 0.03
+# A site is a tool centre point if it is in the box around the fingers, or up to this distance outside [m].
+_BESIDE = 0.03
 # The approach axis snaps to an axis of the frame within this angle [deg].
 _CLOSE = 15.0
 _GEOM = mujoco.mjtObj.mjOBJ_GEOM
@@ -64,44 +66,43 @@ class FoundArm:
     def tcp(self, data: mujoco.MjData) -> TcpConfig:
         """Return a tool centre point (TCP) for the arm, as the value of `tcp` in a scene file.
 
-        If the hand has a site with a name such as 'tcp', the TCP is at that site. Otherwise, the TCP is between the
-        fingertips, or, for an arm without fingers, at the origin of the last body. The +z axis of the TCP points from
-        the hand to the fingers. If there are no fingers, or if they are at the hand's origin, +z is along the axis of
-        the last joint.
+        If the hand has a site with a name such as 'tcp' near its fingers, the TCP is at that site. Otherwise, the TCP
+        is between the fingertips, or, for an arm without fingers, at the origin of the last body. The +z axis of the
+        TCP points from the hand to the fingers. If there are no fingers, or if they are at the hand's origin, +z is
+        along the axis of the last joint.
 
         Args:
             data: The model in its start pose, after `mj_kinematics`.
         """
         own = [s for s in range(self.mjm.nsite) if self.mjm.site_bodyid[s] in self.palm]
+        body, offset, toward = self.hand if self.fingers else self.palm[-1], [0.0, 0.0, 0.0], np.zeros(3)
+        mat, pos = data.xmat[body].reshape(3, 3), data.xpos[body]
+        points = (_points(self.mjm, data, self.fingers or (body,)) - pos) @ mat
+        middle, half = (points.max(axis=0) + points.min(axis=0)) / 2.0, np.ptp(points, axis=0) / 2.0 + _BESIDE
+        if self.fingers:
+            near = [s for s in own if (np.abs((data.site_xpos[s] - pos) @ mat - middle) < half).all()]
+            own, toward = own if len(self.fingers) == 1 else near, mat @ middle
         site = next((s for word in _TCP_WORDS for s in own if word in self.mjm.site(s).name.lower()), None)
         if site is not None:
-            along = self._along(data, data.site_xmat[site].reshape(3, 3), data.site_xpos[site])
+            toward = data.site_xpos[site] - pos if len(self.fingers) == 1 else toward
+            along = self._along(data, data.site_xmat[site].reshape(3, 3), toward)
             return TcpConfig.model_validate({"site": self.mjm.site(site).name, **_rotation_to(along)})
-        body = self.hand if self.fingers else self.palm[-1]
-        mat, pos = data.xmat[body].reshape(3, 3), data.xpos[body]
-        along, offset = self._along(data, mat), [0.0, 0.0, 0.0]
+        along = self._along(data, mat, toward)
         if self.fingers:
-            points = (_points(self.mjm, data, self.fingers) - pos) @ mat
-            middle = (points.max(axis=0) + points.min(axis=0)) / 2.0
             tip = middle + along * (((points - middle) @ along).max() - _TIP)
             offset = [round(float(v), 4) + 0.0 for v in tip]
         name = self.mjm.body(body).name
         return TcpConfig.model_validate({"body": name, "offset": offset, **_rotation_to(along)})
 
-    def _along(self, data: mujoco.MjData, mat: np.ndarray, tip: np.ndarray | None = None) -> np.ndarray:
+    def _along(self, data: mujoco.MjData, mat: np.ndarray, along: np.ndarray) -> np.ndarray:
         """Return the approach axis in a frame of the hand. If it is near an axis of this frame, return that axis.
 
         Args:
             data: The model in its start pose.
             mat: Orientation of the frame in the world, shape (3, 3).
-            tip: Position of the site at the tool centre point, if there is one. A hand with one finger points to it.
+            along: From the hand's origin to the middle of its fingers, or to the tool centre point [m], world frame. It
+                is zero without fingers. If it is short, the last joint's axis gives the direction.
         """
-        along, hand = np.zeros(3), data.xpos[self.hand]
-        if self.fingers:
-            points = _points(self.mjm, data, self.fingers)
-            along = (points.max(axis=0) + points.min(axis=0)) / 2.0 - hand
-        if tip is not None and len(self.fingers) == 1:
-            along = tip - hand
         if np.linalg.norm(along) < _AT_ORIGIN:
             last = self.joints[-1]
             before = data.xpos[self.mjm.jnt_bodyid[self.joints[-3]]]
@@ -159,8 +160,12 @@ def _ends_in_finger(mjm: mujoco.MjModel, body: int) -> bool:
 
 
 def _points(mjm: mujoco.MjModel, data: mujoco.MjData, bodies: tuple[int, ...]) -> np.ndarray:
-    """Return the origins of bodies and the corners of their geoms' boxes, in the world frame [m], shape (n, 3)."""
-    corners = geom_corners(mjm, data, np.flatnonzero(np.isin(mjm.geom_bodyid, bodies)))
+    """Return the origins of bodies and the corners of their geoms' boxes, in the world frame [m], shape (n, 3).
+
+    If a geom collides, those that only look do not count: they may be of other sizes on both sides.
+    """
+    own, solid = np.isin(mjm.geom_bodyid, bodies), (mjm.geom_contype != 0) | (mjm.geom_conaffinity != 0)
+    corners = geom_corners(mjm, data, np.flatnonzero(own & solid if (own & solid).any() else own))
     return np.concatenate([data.xpos[list(bodies)], corners])
 
 

@@ -89,6 +89,20 @@ def test_a_file_of_libero_gives_the_arena(tmp_path: Path):
     assert mjm.nlight == 1 and mjm.ncam == 0
 
 
+def test_lights_do_not_bleach_the_table(tmp_path: Path):
+    """LIBERO's lights, of 0.8 each, and the headlight of 0.7 give at most white before the texture."""
+    for name in ("gray_ceramic_tile", "yellow_linen_wall_texture"):
+        grey(tmp_path / f"textures/{name}.png")
+    (tmp_path / "scenes").mkdir()
+    light = '<light name="light{}" pos="1 1 4" diffuse=".8 .8 .8" dir="0 -.15 -1"/>'
+    lights = "".join(light.format(i) for i in range(2, 4))
+    file = FILE.replace('<light name="light1"', f'{lights}<light name="light1" diffuse=".8 .8 .8"')
+    (tmp_path / "scenes/libero_kitchen_tabletop_base_style.xml").write_text(file)
+    mjm = read_bddl(write(tmp_path), assets=tmp_path, arena=True).scene.model.copy().compile()
+    assert mjm.nlight == 3
+    np.testing.assert_allclose(mjm.light_diffuse, 0.5 / 3.0, atol=1e-6)
+
+
 def test_every_work_surface_has_an_arena():
     """So that no class of a problem is without cameras."""
     assert set(ARENAS) == set(WORKSPACES)

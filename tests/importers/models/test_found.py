@@ -31,6 +31,21 @@ def test_a_site_that_is_named_for_it_is_the_tool_centre_point():
     assert (tcp.site, tcp.pitch) == ("grip_site", 90.0)
 
 
+def test_a_site_far_from_the_fingers_is_no_tool_centre_point():
+    """A flange has one, and so do wrists: no object would fit between fingers that begin 8 cm further out."""
+    sites = '<site name="tcp_site" pos="0 0 -0.06"/><site name="grasp_site" pos="0 0 0.06"/>'
+    mjm = mujoco.MjModel.from_xml_string(arm(sites + FINGERS))
+    assert find_arms(mjm)[0].tcp(posed(mjm)).site == "grasp_site"
+
+
+def test_a_look_of_one_finger_does_not_move_the_tool_centre_point():
+    """A gripper whose TCP was 2 mm off its middle had both fingers on one side when closed."""
+    look = '<geom type="box" size="0.01 0.01 0.01" pos="0 0.02 0" contype="0" conaffinity="0" mass="0"/>'
+    at = FINGERS.index("<geom")
+    mjm = mujoco.MjModel.from_xml_string(arm(FINGERS[:at] + look + FINGERS[at:]))
+    assert find_arms(mjm)[0].tcp(posed(mjm)).offset == pytest.approx((0.0, 0.0, 0.07), abs=1e-4)
+
+
 def test_a_hinge_named_as_a_jaw_is_a_finger_and_no_joint_of_the_arm():
     """The hand is the other finger, and its site is the tool centre point, whose x axis points out of the hand."""
     jaw = '<body name="moving_jaw" pos="0.02 0 0.02"><joint axis="0 1 0" range="0 90"/><geom size="0.01"/></body>'
