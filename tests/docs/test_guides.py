@@ -192,6 +192,15 @@ def test_prose_is_wrapped(page: str):
     assert [line for line in text.splitlines() if len(line) > 120 and not line.startswith(("|", "!["))] == []
 
 
+@pytest.mark.parametrize("page", PAGES)
+def test_rows_of_a_table_have_as_many_cells_as_its_rule(page: str):
+    """Python-Markdown prints a table with another rule as text."""
+    text = re.sub(r"^```.*?^```$", "", read(page), flags=re.MULTILINE | re.DOTALL)
+    for table in re.findall(r"(?:^\|.*\n)+", text, flags=re.MULTILINE):
+        rows = [len(re.findall(r"(?<!\\)\|", row)) for row in table.splitlines()]
+        assert len(set(rows)) == 1, table
+
+
 @pytest.mark.parametrize("name", DRAWINGS)
 def test_a_drawing_is_as_its_script_draws_it(name: str):
     """`python -m docs.make_drawings` draws it anew."""
