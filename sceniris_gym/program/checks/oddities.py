@@ -140,13 +140,15 @@ def _overlaps(mjm: mujoco.MjModel, home: mujoco.MjData, pieces: list[Piece]) -> 
     """Yield the deepest overlap of each pair of kinematic trees in the start pose: the depth [m] and the two geoms.
 
     A pair of trees may have two results: one for pairs with a movable geom, and one for pairs of geoms that cannot
-    move.
+    move. A tree may overlap itself, such as a robot whose links MuJoCo pushes apart.
     """
     rules = ContactRules(mjm, "physics")
+    mujoco.mj_collision(mjm, home)
+    contacts = {frozenset(pair) for pair in home.contact.geom.tolist()}
     deepest: dict[tuple[int, int, bool], tuple[float, tuple[int, int]]] = {}
     for a, b in _near(mjm, home, pieces):
         roots = [int(mjm.body_rootid[p.body]) for p in (a, b)]
-        excluded = roots[0] == roots[1] or rules.excludes(a.body, b.body)
+        excluded = rules.excludes(a.body, b.body) or (roots[0] == roots[1] and {a.geom, b.geom} not in contacts)
         if excluded or not rules.meet(a.contact_class, b.contact_class):
             continue
         depth = -mujoco.mj_geomDistance(mjm, home, a.geom, b.geom, 0.0, None)

@@ -214,6 +214,18 @@ def test_a_link_of_the_robot_is_told_apart_from_its_base(reach: float, number: i
         assert PUSHED in text
 
 
+@pytest.mark.parametrize(("low", "number"), [(0.0, 1), (0.03, 0)])
+def test_a_link_of_the_robot_that_is_in_its_own_base_is_named(low: float, number: int, tmp_path: Path):
+    """MuJoCo pushes a link out of a base that is fixed to the world, though the base is its parent."""
+    arm = ARM.replace('pos="0 0 .3"', f'pos="0 0 {0.1 + low}"').format(reach=0.3)
+    (tmp_path / "arm.xml").write_text(arm)
+    robot = {"asset": str(tmp_path / "arm.xml"), "base": [0, 0, 1]}
+    found = warned({}, robot=robot, floor={"size": [1, 1]})
+    assert ["geom 'arm/finger' of 'robot' is 20 mm inside geom '1 of body arm'" in text for text in found] == [
+        True
+    ] * number
+
+
 def test_a_robot_of_the_model_is_moved_in_the_model(tmp_path: Path):
     """It has neither a base nor a keyframe of its own in the scene."""
     arm = '<body name="arm"><geom name="trunk" type="box" size=".1 .1 .1" pos="0 0 .1"/>{}</body>'
