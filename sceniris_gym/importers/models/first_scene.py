@@ -269,6 +269,7 @@ def _robot(mjm: mujoco.MjModel, data: mujoco.MjData, arms: list[FoundArm]) -> En
     arm, *others = arms
     name = mjm.body(arm.base).name
     notes = [f"An arm of {len(arm.joints)} joints, {'with' if arm.fingers else 'without'} fingers."]
+    notes.append("To put it on a table, write `robot: {asset: FILE, base: [x, y, z]}`, without `in_model` and `model`.")
     if others:
         notes.append(f"More arms end at {', '.join(repr(mjm.body(other.hand).name) for other in others)}.")
     tcp = arm.tcp(data).model_dump(mode="json", exclude_defaults=True)
