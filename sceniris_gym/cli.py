@@ -11,7 +11,7 @@ from typing import Annotated, Literal, ParamSpec
 import tyro
 
 import sceniris_gym
-from sceniris_gym.commands.answer import Answer, answer, each_once, in_words, join_warnings, listing
+from sceniris_gym.commands.answer import Answer, answer, each_once, in_words, join_warnings, listing, print_text
 from sceniris_gym.commands.options import (
     COUNT,
     LAYOUTS,
@@ -39,8 +39,8 @@ from sceniris_gym.commands.options import (
 from sceniris_gym.config.bounds import MOST_WORLDS
 from sceniris_gym.config.settings import read_changes
 from sceniris_gym.config.tier import Tier, TierWord
-from sceniris_gym.errors import ArgumentError, NotSupportedError, ScenirisError, old_names
-from sceniris_gym.files import check_picture, redirected, write_text
+from sceniris_gym.errors import ArgumentError, NotSupportedError, ScenirisError, check_names, old_names
+from sceniris_gym.files import check_new, check_picture, redirected, write_text
 from sceniris_gym.progress import shown
 from sceniris_gym.training.settings import CONFIG, Options
 from sceniris_gym.viewer.server import HOST, MOST_SHOWN, PORT, show_page
@@ -311,7 +311,7 @@ def view(
     port: Port = PORT,
     allow_origin: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="ORIGIN")] = (),
     trust: Flag = False,
-    device: Annotated[str | None, tyro.conf.arg(help="with --env: cpu, cuda:0, ...")] = None,
+    device: Annotated[str | None, tyro.conf.arg(help="cpu, cuda:0, ..., by default cpu for a SCENE")] = None,
     changes: Changes = (),
 ) -> Answer:
     """Show a scene or a running policy in the browser: layouts, rejected candidates with the reasons, physics.
@@ -332,8 +332,8 @@ def view(
     """
     if (scene is None) == (env is None):
         raise NotSupportedError("view: give either a SCENE or --env, as in 'sceniris-gym view mid'.")
-    if env is None and (policy or layout or device):
-        raise NotSupportedError("view: --policy, --layout and --device need --env. Leave them out, or give --env.")
+    if env is None and (policy or layout):
+        raise NotSupportedError("view: --policy and --layout need --env. Leave them out, or give --env.")
     if env is not None and (seed or episode):
         raise NotSupportedError("view: --seed and --episode need a SCENE. With --env, choose layouts by --layout.")
     check_numbers(view, {"num_envs": num_envs, "seed": seed, "episode": episode, "port": port})
@@ -345,7 +345,7 @@ def view(
         make = partial(command.view_env, env=str(env), policy=policy, ids=ids, **options)
     else:
         where = {"split": split or "train", "seed": seed, "episode": episode, "num": num_envs}
-        make = partial(command.view_scene, scene=scene, changes=overrides, **where)
+        make = partial(command.view_scene, scene=scene, changes=overrides, device=device or "cpu", **where)
     return show_page(make, scene or str(env), host, port, allow_origin)
 
 
@@ -447,6 +447,7 @@ def init(
     if tuple(options.values()) != (None, 1.0, 0, None, False):
         needed = "need a problem file of LIBERO (.bddl) as MODEL."
         raise NotSupportedError(f"init: --assets, --widen, --clutter, --robot and --arena {needed}")
+    check_new(target, "init")
     scene = tool.init(model, device)
     if target is not None:
         write_text(target, scene.text(target))
@@ -579,7 +580,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         with warnings.catch_warnings():
             warnings.showwarning = each_once()
-            if arguments[:1] and arguments[0] in COMMANDS:  # so that usage errors name this command's --help
+            if arguments and not arguments[0].startswith("-"):  # so that usage errors name this command's --help
+                check_names("command", arguments[:1], "sceniris-gym", COMMANDS)
                 command, prog = arguments[0], f"sceniris-gym {arguments[0]}"
                 for option in (argument.partition("=")[0] for argument in arguments[1:]):
                     if option.startswith("-") and (new := old_names().get(f"{command} {option}")):
@@ -593,6 +595,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
         message = str(error) if isinstance(error, ScenirisError) else in_words(error)
         print(f"error: {message}", file=sys.stderr)
         sys.exit(2)
-    print(said.text)
+    print_text(said.text)
     if not said.ok:
         sys.exit(1)

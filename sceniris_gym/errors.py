@@ -319,7 +319,7 @@ class MissingExtraError(ScenirisError, ImportError):
 
     def __init__(self, package: str, extra: str) -> None:
         self.package, self.extra = package, extra
-        super().__init__(f"{package} is not installed. Install the extra: pip install 'sceniris-gym[{extra}]'.")
+        super().__init__(f"{package} is not installed. Install the extra: in the clone, pip install -e '.[{extra}]'.")
 
 
 def import_extra(module: str, extra: str, package: str = "") -> Any:

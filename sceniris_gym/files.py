@@ -20,7 +20,7 @@ import numpy as np
 from numpy.lib import format as npy
 from pydantic import PlainSerializer, PlainValidator
 
-from sceniris_gym.errors import NotSupportedError, OutputError
+from sceniris_gym.errors import ArgumentError, NotSupportedError, OutputError
 
 UNWRITABLE = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG, errno.EIO})
 """Errors of the operating system that mean that the file system rejects writes."""
@@ -112,6 +112,18 @@ def check_writable(path: Path) -> None:
     folder = next(folder for folder in path.parents if folder.exists())
     with _file_beside(folder / path.name):
         pass
+
+
+def check_new(path: Path | None, command: str, remedy: str = "Give another --out, or remove this file.") -> None:
+    """Check that a file does not exist, so that `command` does not overwrite a file that the user may have edited.
+
+    None means no file.
+
+    Raises:
+        ArgumentError: The file exists. The message ends with `remedy`.
+    """
+    if path is not None and path.exists():
+        raise ArgumentError(f"{command}: {path} exists. {remedy}")
 
 
 def check_picture(path: Path | None, suffix: str = ".png") -> None:

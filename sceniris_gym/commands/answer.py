@@ -21,13 +21,25 @@ class Answer(NamedTuple):
 
 
 def listing(found: Mapping[str, Any]) -> str:
-    """Return findings as text, one per line."""
-    return "\n".join(f"{name:<24}{value}" for name, value in found.items())
+    """Return findings as text, one per line. The parts of a list or mapping are separated by commas."""
+    lines = []
+    for name, value in found.items():
+        parts = [f"{key} {part}" for key, part in value.items()] if isinstance(value, Mapping) else value
+        lines.append(f"{name:<24}{', '.join(parts) if isinstance(parts, list) else parts}")
+    return "\n".join(lines)
 
 
 def answer(found: Mapping[str, Any], json: bool, report: Callable[[Any], str] = listing) -> Answer:
     """Return findings as one line of JSON, or as text from `report`."""
     return Answer(as_json(found) if json else report(found), found.get(OK, True))
+
+
+def print_text(text: str) -> None:
+    """Print a text to stdout. If the reader has ended, as `head` does, the text is dropped."""
+    try:
+        print(text, flush=True)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # so that Python can flush stdout at its end
 
 
 def verdict(found: Mapping[str, Any], text: str) -> str:

@@ -114,10 +114,8 @@ class Rows(NamedTuple):
 def make_rows(compiled: CompiledScene, layouts: int, rejected: int, seed: int, split: str = "train") -> Rows:
     """Make layouts and rejected candidates of a scene, on the device of `compiled`."""
     table = make_table(compiled, layouts, seed, split=split)
-    candidates, names = table[slice(0, 0)], []
-    if rejected:
-        candidates, names = rejected_candidates(compiled, rejected, seed, split)
-    return Rows(table, candidates, names, seed, split)
+    candidates = rejected_candidates(compiled, rejected, seed, split) if rejected else (table[slice(0, 0)], [])
+    return Rows(table, *candidates, seed, split)
 
 
 def save_rows(compiled: CompiledScene, rows: Rows, path: Path) -> dict[str, Any]:
@@ -284,12 +282,8 @@ def report(found: Mapping[str, Any]) -> str:
 
 def _filled(found: Mapping[str, Any]) -> dict[str, Any]:
     """Return the findings that are not empty or zero, without the verdict."""
-    filled = {}
-    for name, value in found.items():
-        if isinstance(value, Mapping):
-            value = ", ".join(f"{key} {number}" for key, number in value.items() if number)
-        elif isinstance(value, list):
-            value = ", ".join(value)
-        if value and name != OK:
-            filled[name] = value
-    return filled
+    filled = {
+        name: {key: number for key, number in value.items() if number} if isinstance(value, Mapping) else value
+        for name, value in found.items()
+    }
+    return {name: value for name, value in filled.items() if value and name != OK}

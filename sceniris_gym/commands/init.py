@@ -16,7 +16,7 @@ from sceniris_gym.commands.approach import reach_notes
 from sceniris_gym.config.fields import ROBOT
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import InfeasibleSceneError, ModelWarning, NotSupportedError, SceneFileError, ScenirisError
-from sceniris_gym.files import write_text
+from sceniris_gym.files import check_new, write_text
 from sceniris_gym.importers.libero.reader import LiberoTask, read_bddl
 from sceniris_gym.importers.models.first_scene import FirstScene, first_scene, flow
 from sceniris_gym.layout.compile import compile_scene
@@ -74,8 +74,9 @@ def write_task(task: LiberoTask, out: Path, device: str | None = None) -> dict[s
         The scene file, the folder, the names of placed objects, and the goal.
 
     Raises:
-        ScenirisError: The scene cannot be made, or a file cannot be written.
+        ScenirisError: The scene cannot be made, the scene file exists, or a file cannot be written.
     """
+    check_new(out, "init")
     compile_scene(task.scene, device, overrides={"bank": _BANK})
     folder, problem = out.with_name(f"{out.stem}_model"), task.problem
     goal = [str(predicate) for predicate in problem.goal]

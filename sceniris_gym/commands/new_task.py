@@ -5,7 +5,7 @@ from pathlib import Path
 from shlex import quote
 
 from sceniris_gym.errors import ArgumentError
-from sceniris_gym.files import write_text
+from sceniris_gym.files import check_new, write_text
 
 _TEMPLATE = Path(__file__).with_name("first_task")
 
@@ -25,8 +25,7 @@ def new_task(name: str, folder: Path) -> dict[str, str]:
         raise ArgumentError(f"new-task: NAME should be a module name in lower case, such as pick_can, got {name}.")
     title, files = name.title().replace("_", ""), [folder / f"{name}.yaml", folder / f"{name}.py"]
     for file in files:
-        if file.exists():
-            raise ArgumentError(f"new-task: {file} exists. Give another NAME, or another folder by --out.")
+        check_new(file, "new-task", "Give another NAME, or another folder by --out.")
     for file in files:
         text = _TEMPLATE.with_suffix(f"{file.suffix}.txt").read_text()
         write_text(file, text.replace("first_task", name).replace("FirstTask", title))

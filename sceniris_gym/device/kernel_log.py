@@ -31,8 +31,8 @@ def tell_of_compiling(device: str) -> None:
     _told.add(device)
     time = "about a minute" if device == "cpu" else "some minutes"
     print(
-        f"sceniris_gym: compiling kernels for '{device}'. This takes {time}, once. Compiled kernels are kept in "
-        f"{wp.config.kernel_cache_dir}",
+        f"sceniris_gym: compiling kernels for '{device}'. This takes {time}. Scenes of the same kind share compiled "
+        f"kernels, which are kept in {wp.config.kernel_cache_dir}",
         file=sys.stderr,
         flush=True,
     )

@@ -28,6 +28,8 @@ _UNDECIDED = 1.0e-6  # [m] beyond margin and skin: geoms at this distance may st
 _CROWD = 5
 # Causes that only occur after all objects are placed.
 _LATE = (Cause.NO_IK.name.lower(), Cause.BLOCKED.name.lower())
+AT_ONCE = (Cause.EMPTY, Cause.REGION, Cause.NO_IK, Cause.BLOCKED, Cause.UNSOUND)
+"""Causes that end a layout without further attempts."""
 _PLAIN = "Give the object a larger region or support, a smaller clearance, or fewer neighbours."
 _MOST_NAMED = 3  # objects of a message
 _CLOSER = "Place the object closer to the robot, turn it towards the robot, or use a less strict tier of 'reachable'."
@@ -160,8 +162,7 @@ def _sizes(one: PlacedObject) -> str:
 def infeasible(compiled: CompiledScene, probe: LayoutGenerator, key: str = "") -> InfeasibleSceneError:
     """Return the error for a scene without a valid layout. The error names the object that could not be placed.
 
-    The named object is the last object in placement order that has rejected candidates, because all objects before it
-    could be placed. However, an object that failed in a stage after placing takes precedence.
+    The named object is the least likely to be placed, see `_least_likely`.
 
     Args:
         compiled: The scene.
@@ -169,13 +170,9 @@ def infeasible(compiled: CompiledScene, probe: LayoutGenerator, key: str = "") -
         key: Text after the scene's name in the message, such as ": start.1". It names the variant, group member or kind
             of start that all tried layouts had.
     """
-    counts = probe.rejection_counts()
-    late = {name: {c: n for c, n in causes.items() if c in _LATE} for name, causes in counts.items()}
-    tried = [(name, causes) for found in (counts, late) for name, causes in found.items() if any(causes.values())]
-    name, causes = tried[-1]
-    cause, part = max(causes, key=causes.__getitem__), compiled.config.parts.get(name)
-    ways = obstructions(probe)
-    way = ways.get(name)
+    counts, ways = probe.rejection_counts(), obstructions(probe)
+    name, cause = _least_likely(counts, compiled.attempts)
+    part, way = compiled.config.parts.get(name), ways.get(name)
     if cause == Cause.EMPTY.name.lower() and (leaning := _leaning_support(compiled, probe, name)) is not None:
         orientation = compiled.config.objects[leaning.split("/")[0]].drawn_orientation.kind
         remedy = _of_leaning(leaning, orientation)
@@ -193,6 +190,28 @@ def infeasible(compiled: CompiledScene, probe: LayoutGenerator, key: str = "") -
         counts,
         ways,
     )
+
+
+def _least_likely(counts: dict[str, dict[str, int]], attempts: int) -> tuple[str, str]:
+    """Return the object that is least likely to be placed, and the cause of most of its failures.
+
+    A restart that failed at one object had a place for each object before it. From these failures and successes follows
+    an object's probability of success, by Laplace's rule of succession. So an object is not blamed if only a few
+    restarts came as far as this object. The stages after placing come last.
+
+    Args:
+        counts: Rejected candidates by object, in placement order, and cause, when no layout was found.
+        attempts: Number of rejections that end a restart, unless their cause ends it at once.
+    """
+    placed, found = 0.0, []
+    for late in (True, False):
+        for name, causes in reversed(counts.items()):
+            own = [cause for cause in causes if (cause in _LATE) is late]
+            failed = {cause: causes[cause] / (1 if Cause[cause.upper()] in AT_ONCE else attempts) for cause in own}
+            if failures := sum(failed.values()):
+                found.append(((placed + 1.0) / (placed + failures + 2.0), name, max(failed, key=failed.__getitem__)))
+                placed += failures
+    return min(found)[1:]
 
 
 def _rejections(counts: Mapping[str, Mapping[str, int]]) -> str:

@@ -17,7 +17,7 @@ from sceniris_gym.device.random import SPLITS
 from sceniris_gym.device.sequence import launching
 from sceniris_gym.errors import FallbackWarning, UnknownNameError
 from sceniris_gym.layout.attempts import find_attempts
-from sceniris_gym.layout.blame import infeasible, recording
+from sceniris_gym.layout.blame import AT_ONCE, infeasible, recording
 from sceniris_gym.layout.columns import BANKED
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import LayoutStatus, column_of
@@ -47,8 +47,6 @@ _FEWEST_FAILED = 3
 # layouts with it fail, in `_ROUNDS` rounds of at least `_ALONE` worlds. Its weight in these rounds is `_FAVOUR` times
 # its group's total, small enough that the other weights keep their bits.
 _ALONE, _FAVOUR = 64, 2.0**20
-# Causes that end a layout without further attempts.
-_AT_ONCE = (Cause.EMPTY, Cause.REGION, Cause.NO_IK, Cause.BLOCKED, Cause.UNSOUND)
 # Entries of a cache file in addition to the arrays of the scene.
 _KEY, _WARNINGS = "key", "warnings"
 
@@ -104,7 +102,9 @@ def device_name(device: Any, where: str = "compile_scene") -> str:
     try:
         return str(wp.get_device(str(device)))
     except (ValueError, RuntimeError):
-        raise UnknownNameError("device", short(device).strip("'"), where, [d.alias for d in wp.get_devices()]) from None
+        none = "" if wp.is_cuda_available() else " (no GPU was found)"
+        valid = [f"{found.alias}{none}" for found in wp.get_devices()]
+        raise UnknownNameError("device", short(device).strip("'"), where, valid) from None
 
 
 def _compiled(model: SceneModel, device: str) -> CompiledScene:
@@ -263,7 +263,7 @@ def _warn_of_fallbacks(compiled: CompiledScene, *probes: _Probe) -> None:
         return
     # A restart takes `attempts` rejections, or a single rejection for a cause that ends a layout at once.
     weights = {
-        (name, cause): n if Cause[cause.upper()] in _AT_ONCE else n / compiled.attempts
+        (name, cause): n if Cause[cause.upper()] in AT_ONCE else n / compiled.attempts
         for probe in probes
         for name, causes in probe.generator.rejection_counts().items()
         for cause, n in causes.items()
@@ -271,7 +271,7 @@ def _warn_of_fallbacks(compiled: CompiledScene, *probes: _Probe) -> None:
     name, cause = max(weights, key=weights.__getitem__)
     config = compiled.config
     cures = [f"'restarts' above {config.restarts}"]
-    if config.attempts != AUTO and Cause[cause.upper()] not in _AT_ONCE:
+    if config.attempts != AUTO and Cause[cause.upper()] not in AT_ONCE:
         cures.append(f"'attempts: {AUTO}'")
     cures.append(f"a larger region for '{name}'")
     found = min(len(probe.found) for probe in probes)

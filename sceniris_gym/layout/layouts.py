@@ -277,6 +277,9 @@ class Layouts(StaysHere):
     status, attempts, first_pass_valid = (TensorView(column_of) for _ in range(3))
     rejections = TensorView(lambda layouts, name: layouts.view.rejections)
 
+    def __repr__(self) -> str:
+        return f"<Layouts of {self.nworld} worlds of {self.compiled!r}>"
+
     def pose(self, name: str) -> Any:
         """Return the poses of an object as a torch tensor that shares memory with the layouts.
 

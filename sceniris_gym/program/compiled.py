@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Collection
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import SupportsIndex
 
@@ -103,7 +103,10 @@ class CompiledScene(RefusesOldNames):
     home_xquat: np.ndarray
     sides: int
     pieces: int
-    meshes: tuple[wp.Mesh, ...] = field(repr=False)
+    meshes: tuple[wp.Mesh, ...]
+
+    def __repr__(self) -> str:
+        return f"<CompiledScene '{self.config.name}' on {self.device}>"
 
     @cached_property
     def plan(self) -> Plan:

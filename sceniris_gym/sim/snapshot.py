@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -42,8 +42,8 @@ class Snapshot:
     """
 
     source: tuple[str, ...]
-    worlds: Tensor
-    rows: Mapping[str, Tensor]
+    worlds: Tensor = field(repr=False)
+    rows: Mapping[str, Tensor] = field(repr=False)
 
     def __len__(self) -> int:
         return self.worlds.numel() if isinstance(self.worlds, Tensor) else 0

@@ -20,7 +20,7 @@ _KERNELS = "The first start compiles kernels, which takes a minute or two."
 
 
 def view_scene(
-    server: viser.ViserServer, scene: str, changes: Mapping[str, Any], *, split: str, seed: int, episode: int, num: int
+    server: viser.ViserServer, scene: str, changes: Mapping[str, Any], device: str, num: int, **where: Any
 ) -> SceneView:
     """Show the layouts of a scene on a page, and return the view. Its `tick` handles the user's requests.
 
@@ -28,10 +28,9 @@ def view_scene(
         server: The viser server of the page.
         scene: Name of a shipped scene, or the path of a scene file.
         changes: Dotted keys and values that replace values in the scene file.
-        split: Split of the first layouts, "train" or "eval".
-        seed: Seed of the first world.
-        episode: Episode of all worlds.
+        device: Device on which layouts are made.
         num: Number of worlds.
+        where: Split ("train" or "eval") of the first layouts, seed of the first world, and episode of all worlds.
     """
     with uncollected():
         drawing = import_ahead()
@@ -43,7 +42,7 @@ def view_scene(
 
         start_warp()
         drawing.join()
-    view = SceneView(server, SceneFile(scene, changes), Where(split, seed, episode), num)
+    view = SceneView(server, SceneFile(scene, changes, device), Where(**where), num)
     if scene not in shipped("envs", ".yaml") and not Path(scene).expanduser().is_file():
         read_scene(scene)  # raises an error with the reason
     view.load()

@@ -255,10 +255,11 @@ class EnvView:
     def _tell(self) -> None:
         ended, won = self._counts()
         state = "running" if not self._ended[0] else "ended, success" if self._success[0] else "ended, no success"
+        world = "" if self.envs.num_envs == 1 else "first world "
         wrong = f"\n\n**{self._wrong}**" if self._wrong else ""
         self._status.content = (
-            f"**{type(self.envs.task).__name__}**, step {self._step}: first world {state}. "
-            f"{ended} episodes ended so far, {won} with success."
+            f"**{type(self.envs.task).__name__}**, step {self._step}: {world}{state}. "
+            f"{ended} {'episode' if ended == 1 else 'episodes'} ended so far, {won} with success."
             f"{f' Layout {self.first % len(self.ids) + 1} of the {len(self.ids)} chosen.' if self.ids else ''}"
             f"{'' if self._stepped else _FIRST}{wrong}"
         )
@@ -270,7 +271,7 @@ class EnvView:
     def _add_controls(self, gui: viser.GuiApi) -> None:
         num = self.envs.num_envs
         self._status = gui.add_markdown("")
-        self._id = gui.add_text("layout", "", hint="The layout of the first world.")
+        self._id = gui.add_text("layout", "", hint="The layout of the world, or of the first one.")
         self.requests.put_changes(self._id, "id", self._play_id)
         self.requests.put_moves(gui, "layout", lambda step: self.start(self.first + step * num))
         buttons = gui.add_button_group("  ", ("Pause", "Step", "Play"))

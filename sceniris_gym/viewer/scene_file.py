@@ -36,15 +36,16 @@ class LoadedScene(NamedTuple):
 
 
 class SceneFile:
-    """Compiles a scene for the CPU, and notices when its files change.
+    """Compiles a scene, and notices when its files change.
 
     Args:
         scene: Name of a shipped scene, or path of a scene file.
         changes: Dotted keys and values that replace values in the file, as `SceneConfig.load` takes them.
+        device: Device for which the scene is compiled.
     """
 
-    def __init__(self, scene: str, changes: Mapping[str, Any]) -> None:
-        self.scene, self.changes = scene, changes
+    def __init__(self, scene: str, changes: Mapping[str, Any], device: str = "cpu") -> None:
+        self.scene, self.changes, self.device = scene, changes, device
         self._stamps: dict[Path, tuple[int, int]] = {}
         self._files: list[Path] = []
 
@@ -64,9 +65,9 @@ class SceneFile:
             self._stamps = self._read_stamps()
             model = build_model(config)
             try:
-                return LoadedScene(compile_scene(model, "cpu"))
+                return LoadedScene(compile_scene(model, self.device))
             except InfeasibleSceneError as error:
-                return LoadedScene(upload_scene(model, "cpu"), error)
+                return LoadedScene(upload_scene(model, self.device), error)
         except ScenirisError as error:
             return LoadedScene(None, error)
 

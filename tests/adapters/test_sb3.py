@@ -277,7 +277,7 @@ def test_the_library_that_is_missing_is_named_with_its_extra(monkeypatch: pytest
     for name in [name for name in sys.modules if name.split(".")[0] == "stable_baselines3"]:
         monkeypatch.setitem(sys.modules, name, None)
     monkeypatch.delitem(sys.modules, "sceniris_gym.adapters.sb3")
-    with pytest.raises(MissingExtraError, match=r"pip install 'sceniris-gym\[sb3\]'") as caught:
+    with pytest.raises(MissingExtraError, match=r"in the clone, pip install -e '\.\[sb3\]'") as caught:
         importlib.import_module("sceniris_gym.adapters.sb3")
     assert isinstance(caught.value, ImportError)
 

@@ -34,6 +34,26 @@ def test_what_is_written_compiles_beside_its_model(tmp_path: Path, capfd: pytest
     assert compile_scene(out, "cpu").placed == ("can", "a", "top", "ball")
 
 
+@pytest.mark.filterwarnings("ignore::sceniris_gym.errors.ModelWarning")
+def test_a_scene_file_that_exists_is_kept(tmp_path: Path, capfd: pytest.CaptureFixture):
+    """Of a model, and of a problem file; a folder of problem files needs a folder that does not exist."""
+    (tmp_path / "table.xml").write_text(TABLE)
+    for folder in ("files", "own"):
+        (tmp_path / folder).mkdir()
+    file, own = write(tmp_path / "files", STACK), tmp_path / "own/scene.yaml"
+    own.write_text("mine")
+    kept = f"init: {own} exists. Give another --out, or remove this file."
+    for model, out, refused in (
+        (tmp_path / "table.xml", own, kept),
+        (file, own, kept),
+        (file.parent, own.parent, "it is a folder"),
+    ):
+        with pytest.raises(SystemExit, match="2"):
+            cli.main(["init", str(model), "-o", str(out), "--device", "cpu"])
+        assert refused in capfd.readouterr().err
+    assert ([path.name for path in own.parent.iterdir()], own.read_text()) == (["scene.yaml"], "mine")
+
+
 def test_it_is_written_to_stdout_by_default(tmp_path: Path, capfd: pytest.CaptureFixture):
     """The file is valid as it is, with a robot that can reach."""
     model = tmp_path / "arm.xml"

@@ -10,7 +10,7 @@ import pytest
 import tyro
 
 from sceniris_gym import cli
-from sceniris_gym.commands.options import check_counts, check_seed, scene_config
+from sceniris_gym.commands.options import check_counts, check_numbers, scene_config
 from sceniris_gym.config.settings import read_changes
 from sceniris_gym.errors import ArgumentError, SceneKeyError
 
@@ -31,13 +31,14 @@ def test_what_is_no_change_is_quoted(change: str):
 def test_counts_and_seeds_have_bounds():
     """Named as the option is."""
     check_counts(1, num_envs=1)
-    check_seed(2**64 - 1)
+    check_numbers(cli.check, {"seed": 2**64 - 1})
     with pytest.raises(ArgumentError, match=r"--num-envs 0: should be at least 1"):
         check_counts(1, num_envs=0)
     with pytest.raises(ArgumentError, match=r"--n 5: should be at most 4"):
         check_counts(1, most=4, n=5)
-    with pytest.raises(ArgumentError, match=r"--seed -1"):
-        check_seed(-1)
+    for seed in (-1, 2**64):
+        with pytest.raises(ArgumentError, match=f"--seed {seed}: should be at "):
+            check_numbers(cli.check, {"seed": seed})
 
 
 @pytest.mark.parametrize(
@@ -51,7 +52,7 @@ def test_counts_and_seeds_have_bounds():
         ("view mid --num-envs 65", "--num-envs 65: should be at most 64."),
         ("view mid --port 0", "--port 0: should be at least 1."),
         ("view mid --episode 2147483648", "--episode 2147483648: should be at most 2147483647."),
-        ("view mid -s -1", "--seed -1: should be an integer from 0 to 2^64 - 1."),
+        ("view mid -s -1", "--seed -1: should be at least 0."),
         ("import box.obj -o box.xml --jobs 0", "--jobs 0: should be at least 1."),
         ("settle mid --rows 1000001", "--rows 1000001: should be at most 1000000."),
         ("reach panda -s 18446744073709551616", "--seed 18446744073709551616: should be"),
@@ -107,6 +108,13 @@ def test_an_unknown_option_names_the_nearest_one(command: str, capsys: pytest.Ca
         said = capsys.readouterr().err
         assert "Perhaps you meant" in said, wrong
         assert option in said.partition("Perhaps you meant")[2], wrong
+
+
+def test_an_unknown_command_names_the_nearest_one(capsys: pytest.CaptureFixture):
+    """A missing letter."""
+    with pytest.raises(SystemExit, match="2"):
+        cli.main(["chek", "mid"])
+    assert capsys.readouterr().err.startswith("error: sceniris-gym: unknown command 'chek'. Did you mean 'check'?")
 
 
 def test_a_heap_has_rows_not_layouts(capsys: pytest.CaptureFixture):

@@ -94,7 +94,7 @@ def test_a_missing_library_is_said_with_its_extra(
     monkeypatch.setitem(sys.modules, "rsl_rl", None)
     with pytest.raises(SystemExit) as stop:
         cli.main(["train", "DrawerPick-v0", "--out", str(tmp_path), "--device", "cpu"])
-    expected = "error: rsl_rl is not installed. Install the extra: pip install 'sceniris-gym[rsl-rl]'.\n"
+    expected = "error: rsl_rl is not installed. Install the extra: in the clone, pip install -e '.[rsl-rl]'.\n"
     assert (stop.value.code, *capfd.readouterr()) == (2, "", expected)
 
 

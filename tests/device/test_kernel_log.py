@@ -43,3 +43,4 @@ def test_each_device_is_told_of_once(capsys: pytest.CaptureFixture, monkeypatch:
     said = capsys.readouterr().err.splitlines()
     assert ["kernels for 'cpu'" in line for line in said] == [True, False]
     assert ["kernels for 'cuda:0'" in line for line in said] == [False, True]
+    assert all("Scenes of the same kind share compiled kernels" in line and "once" not in line for line in said)

@@ -24,7 +24,7 @@ from sceniris_gym.errors import (
     ScenirisError,
     UnknownNameError,
 )
-from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.layout.compile import compile_scene, device_name
 from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.program.device import Program
 from sceniris_gym.scene.build import build_model
@@ -44,6 +44,13 @@ def test_what_is_no_device_is_refused(crate: dict[str, Any], device: Any):
     """With those that there are."""
     with pytest.raises(UnknownNameError, match=r"compile_scene: unknown device .* Valid: .*cpu"):
         compile_scene({"floor": FLOOR, "objects": {"crate": crate}}, device)
+
+
+def test_a_computer_without_a_gpu_is_named_as_the_reason(monkeypatch: pytest.MonkeyPatch):
+    """If a GPU is asked for."""
+    monkeypatch.setattr("warp.is_cuda_available", lambda: False)
+    with pytest.raises(UnknownNameError, match=r"unknown device 'cuda:99'\. Valid: .*cpu \(no GPU was found\)"):
+        device_name("cuda:99")
 
 
 @pytest.fixture
@@ -262,6 +269,20 @@ def test_the_object_that_cannot_be_placed_is_blamed_and_not_the_one_that_is_hard
     error = _refused({"floor": FLOOR, "objects": objects, "attempts": 5}, InfeasibleSceneError, "'never'")
     assert isinstance(error, InfeasibleSceneError)
     assert error.counts["hard"]["collision"] > error.counts["never"]["collision"]
+
+
+def test_an_object_that_was_hardly_ever_tried_is_not_blamed():
+    """The mug and its variant are tried in the few worlds in which the bottle fits, and fail there, too."""
+    tight = {"on": "floor", "clearance": 0.01}
+    thing = {"on": "floor", "variants": {"mug": {"asset": "mug"}, "can": {"asset": "can"}}}
+    assets = {"can": "can", "bar": "brick", "bottle": "bottle"}
+    objects = {name: {"asset": asset, **tight} for name, asset in assets.items()} | {"thing": thing}
+    says = ("'bottle' could not be placed", "Most often in its way: geom 'bottle/body' of body 'bottle' and geom")
+    error = _refused({"floor": {"size": [0.08, 0.08]}, "objects": objects}, InfeasibleSceneError, *says)
+    assert isinstance(error, InfeasibleSceneError)
+    tried = {name: error.counts[name]["collision"] for name in ("bottle", "thing/mug", "thing/can")}
+    assert tried["bottle"] > 100 * max(tried["thing/mug"], tried["thing/can"]) > 0
+    assert error.name in error.in_the_way
 
 
 def test_a_footprint_that_never_fits_is_the_cause_that_is_named(tmp_path: Path):

@@ -115,6 +115,14 @@ def test_a_new_batch_holds_no_layout():
     np.testing.assert_allclose(layouts.view.body_pos.numpy(), np.tile(data.xpos, (3, 1, 1)), atol=1e-6)
 
 
+def test_a_printed_scene_and_its_layouts_are_one_short_line():
+    """And so is a method of either."""
+    compiled = compiled_from(spec_of(), cubes_on("ground", 2, region=NEAR))
+    layouts = Layouts.create(compiled, 3)
+    assert repr(layouts) == f"<Layouts of 3 worlds of <CompiledScene '{compiled.config.name}' on cpu>>"
+    assert len(repr(layouts.pose)) < 200
+
+
 def test_unknown_names_are_refused_with_those_that_are_known():
     """Of objects and of joints."""
     layouts = Layouts.create(compiled_from(spec_of(), cubes_on("ground", 2, region=NEAR)), 1)

@@ -124,7 +124,7 @@ def test_a_missing_mesh_is_named(tmp_path: Path):
 def test_a_collada_mesh_says_what_reads_it(tmp_path: Path):
     """MuJoCo does not; an extra does."""
     path = urdf(tmp_path, "package://my_arm/meshes/part.dae", "part.dae")
-    with pytest.raises(MissingExtraError, match=r"pycollada is not installed.*sceniris-gym\[import\]"):
+    with pytest.raises(MissingExtraError, match=r"pycollada is not installed.*\.\[import\]"):
         load_model(path, "here")
 
 

@@ -122,6 +122,7 @@ def test_another_randomizer_continues_from_a_snapshot(compiled: CompiledScene, p
     first.reset()
     _step(first)
     kept = first.snapshot()
+    assert "tensor" not in repr(kept)
     wanted = _loop(first)
     second.restore(kept)
     for one, other in zip(wanted, _loop(second), strict=True):

@@ -63,7 +63,7 @@ def test_a_port_in_use_is_said():
     [
         ([], "give either a SCENE or --env"),
         (["mid", "--env", "sceniris_gym/TabletopLift-v0"], "give either a SCENE or --env"),
-        (["mid", "--policy", "a.pt"], "need --env"),
+        (["mid", "--policy", "a.pt"], "--policy and --layout need --env"),
         (["mid", "--num-envs", "65"], "--num-envs 65"),
         (["mid", "--port", "0"], "--port 0"),
         (["mid", "--seed", "-1"], "--seed -1"),

@@ -45,6 +45,7 @@ def test_layouts_are_played_one_after_another(envs: SceneVectorEnv, monkeypatch:
     assert seen[0][:2] == ([5, 8], [1, 0])
     assert "Layout 1 of the 3 chosen" in seen[0][2]
     assert seen[4][:2] == seen[0][:2], "how it ended is on show for a while"
+    assert "first world ended" in seen[4][2]
     assert "2 episodes ended so far" in seen[4][2]
     assert seen[5][:2] == ([9, 5], [1, 1])
     assert "Layout 3 of the 3 chosen" in seen[5][2]

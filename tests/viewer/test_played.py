@@ -113,7 +113,10 @@ def test_a_page_shows_the_stored_layouts(file: Path, monkeypatch: pytest.MonkeyP
         (view,) = shown
         view.step()
         assert control(server, "layout").value == view.envs.ids[0]
-        assert "step 1" in text(server)
+        assert "step 1: running. 0 episodes ended" in text(server)
+        view._ended[:] = True
+        view._draw()
+        assert "step 1: ended, no success. 1 episode ended so far" in text(server)
         assert "kernels" not in text(server)
         assert "is being loaded" not in text(server)
         press(server, "layout", view.envs.compiled.layout_id(7, 0, "eval"))

@@ -78,6 +78,8 @@ def test_changes_and_missing_files(path: Path, tmp_path: Path):
     assert loaded is not None
     assert loaded.config.floor is not None
     assert loaded.config.floor.size == (3.0, 3.0)
+    device = SceneFile(str(path), {}, "abacus").load().error
+    assert "unknown device 'abacus'" in str(device)
     missing = SceneFile(str(tmp_path / "none.yaml"), {})
     assert isinstance(missing.load().error, SceneFileError)
     assert not missing.changed()

@@ -120,7 +120,7 @@ def test_an_address_of_another_machine_is_refused():
 def test_what_is_missing_is_said_with_its_extra(monkeypatch: pytest.MonkeyPatch):
     """And how to install it."""
     monkeypatch.setattr(module.importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(MissingExtraError, match=r"viser is not installed.*sceniris-gym\[viewer\]"):
+    with pytest.raises(MissingExtraError, match=r"viser is not installed.*\.\[viewer\]"):
         open_server()
 
 
