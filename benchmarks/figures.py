@@ -6,22 +6,33 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-SCENES = ("mid", "mid_16k", "hard", "hard_plus", "table_top", "kitchen", "clutter", "drawer_pick")
+SCENES = ("mid", "mid_16k", "hard", "hard_plus", "table_top", "kitchen", "clutter", "dinner", "drawer_pick")
 TASKS = ("TabletopReach-v0", "DrawerPick-v0", "ClutterPush-v0", "KitchenReset-v0")
 ARMS = ("panda", "ur5e", "heron")
 GPU_RATES = (
-    *("mid:4096", "kitchen:4096", "clutter:4096", "drawer_pick:4096", "tabletop_lift:4096"),
+    *("mid:4096", "kitchen:4096", "clutter:4096", "dinner:4096", "drawer_pick:4096", "tabletop_lift:4096"),
     *("mid:16384", "mid_16k:16384", "hard:16384", "hard_plus:16384", "table_top:16384"),
     *("mid:65536", "mid_16k:65536", "mid:524288"),
 )
-_WATCHED = "clutter clutter_extract clutter_push drawer_open_pick drawer_pick hard hard_plus kitchen kitchen_reset mid"
+_WATCHED = (
+    "clutter clutter_extract clutter_push dinner drawer_open_pick drawer_pick hard hard_plus kitchen kitchen_reset mid"
+)
 _WATCHED += " mid_16k table_top tabletop_lift tabletop_lift_any tabletop_reach"
 WATCHED = (
     *(f"{scene}:{worlds}" for scene in _WATCHED.split() for worlds in (1024, 4096, 16384, 65536)),
     *("mid:131072", "mid:524288"),
 )
 """What `benchmarks.rates` compares with the best rates so far."""
-CPU_RATES = ("mid:4096", "mid_16k:1024", "hard:1024", "hard_plus:1024", "table_top:1024", "kitchen:256", "clutter:256")
+CPU_RATES = (
+    "mid:4096",
+    "mid_16k:1024",
+    "hard:1024",
+    "hard_plus:1024",
+    "table_top:1024",
+    "kitchen:256",
+    "clutter:256",
+    "dinner:256",
+)
 """Scenes and numbers of worlds; `run.sh` reads these lists, too."""
 
 

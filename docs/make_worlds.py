@@ -1,4 +1,4 @@
-"""Pictures of worlds from their cameras: of two scenes for the README, and with randomised appearance.
+"""Pictures of worlds from their cameras: of three scenes for the README, and with randomised appearance.
 
 python -m docs.make_worlds   # about a minute
 """
@@ -19,7 +19,7 @@ from sceniris_gym.pictures.context import Looks, Shot
 PICTURE = Path(__file__).parent / "worlds.jpg"
 RANDOMISED = PICTURE.with_name("randomised.jpg")
 """The picture of docs/randomisation.md: worlds with randomised physics and appearance."""
-SCENES = ("clutter", "kitchen")
+SCENES = ("clutter", "kitchen", "dinner")
 SIZE = (200, 150)
 """Pixels of a world in a small picture."""
 LARGE = (480, 360)

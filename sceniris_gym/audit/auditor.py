@@ -18,16 +18,16 @@ from sceniris_gym.audit.collisions import CollisionAudit, Conflict, FalseAlarm, 
 from sceniris_gym.audit.contacts import ROUNDING, Allowed, Contact, ContactAudit, ContactTally
 from sceniris_gym.audit.geometry import Poses, poses_of, solids_of, subtree
 from sceniris_gym.audit.physics import FAST, STILL, limp_joints, settle
+from sceniris_gym.audit.presence import excess_of_presence
 from sceniris_gym.audit.reach import StartAudit
 from sceniris_gym.audit.relations import Excess, Kept, count
-from sceniris_gym.audit.scene import JudgedScene, Outlines, Seen
+from sceniris_gym.audit.scene import JudgedScene, Outlines
 from sceniris_gym.audit.standing import HeapAudit, Misplaced, StandingAudit
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.progress import tell
 from sceniris_gym.scene.layout_table import LayoutTable
 
 CHUNK = 500  # rows judged at once, which bounds the memory for their poses
-FAR = 38.0  # m, parked objects have x and y above this value, present objects do not
 
 
 @dataclass(frozen=True)
@@ -227,7 +227,7 @@ class Auditor:
         """
         seen = self.outlines.see(poses, presence(self.scene.config, table))
         found = relations.excess(self.scene, seen) | self.orientations.excess(seen)
-        return found | excess_of_groups(self.scene.config, seen)
+        return found | excess_of_presence(self.scene.config, seen)
 
     def judge_rejected(self, table: LayoutTable, candidate: Sequence[str], order: Sequence[str]) -> list[FalseAlarm]:
         """Check candidates that were rejected for collision.
@@ -270,22 +270,3 @@ def presence(config: SceneConfig, table: LayoutTable) -> dict[str, np.ndarray]:
     names = [*config.objects, *config.all_robots]
     found = {name: table.present[:, i].astype(bool) for i, name in enumerate(names)}
     return found | {name: np.any([found[m] for m in members], axis=0) for name, members in config.variants.items()}
-
-
-def excess_of_groups(config: SceneConfig, seen: Seen) -> Excess:
-    """Count the violations of groups.
-
-    Returns:
-        (name, requirement, "objects") -> violation in each row, shape (nrow,). For a group, the requirement is "count",
-        and the violation is the number of surplus or missing members. For a member, the requirement is "present", and
-        the violation is 1 if the pose contradicts the table: a present member is parked, or an absent member is not.
-    """
-    found = {}
-    for name, group in config.groups.items():
-        count = np.sum([seen.present[member] for member in group.of], axis=0)
-        low, high = group.count
-        found[name, "count", "objects"] = np.maximum(np.maximum(low - count, count - high), 0).astype(float)
-        for member in group.of:
-            away = seen.outlines[member].pivot[:, :2].min(1) > FAR
-            found[member, "present", "objects"] = (away == seen.present[member]).astype(float)
-    return found

@@ -6,13 +6,14 @@ from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NoReturn
 
 import shapely
 from pydantic import AfterValidator, AllowInfNan, BeforeValidator, Field, Strict, ValidationError, WrapValidator
-from pydantic_core import ErrorDetails, PydanticCustomError
+from pydantic_core import ErrorDetails, InitErrorDetails, PydanticCustomError
 
 from sceniris_gym.config.bounds import BOUNDS, LEAST_GAP, MAX_POINTS
+from sceniris_gym.config.member_names import MemberName
 from sceniris_gym.config.tier import TIERS
 from sceniris_gym.errors import ArgumentTypeError, SceneKeyError, did_you_mean
 
@@ -30,6 +31,22 @@ def wrong(advice: str, word: str = "", valid: Iterable[str] = ()) -> PydanticCus
     """
     context = {"advice": advice, "hint": did_you_mean(word, valid)}
     return PydanticCustomError(ADVICE, "{advice}", context)
+
+
+def refuse(loc: tuple[str, ...], advice: str, value: Any) -> NoReturn:
+    """Raise an error for a value of a scene that is not validated yet.
+
+    Args:
+        loc: The keys of the value.
+        advice: A phrase that describes the right value and begins with "should".
+        value: The wrong value.
+    """
+    raise located(loc, wrong(advice), value)
+
+
+def located(loc: tuple[str, ...], error: PydanticCustomError, value: Any) -> ValidationError:
+    """Return an error with the keys of its value."""
+    return ValidationError.from_exception_data("SceneConfig", [InitErrorDetails(type=error, loc=loc, input=value)])
 
 
 def check_words(words: Iterable[Any], valid: Collection[str], advice: str) -> None:
@@ -103,12 +120,6 @@ def _model(model: Any) -> Any:
     return model
 
 
-class MemberName(str):
-    """The full name of a variant, 'object/variant'. Only `config.variants` makes such names."""
-
-    __slots__ = ()
-
-
 def object_name(name: str) -> str:
     """Check the name of an object, a group or a variant, and return it."""
     if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_-]*", name):
@@ -148,6 +159,7 @@ Polygon = Annotated[tuple[Point2, ...], BeforeValidator(listed), _SIMPLE]
 Points = Annotated[tuple[Corner, ...], BeforeValidator(listed), _ALIKE]
 Reachable = Annotated[bool | str, BeforeValidator(_tier)]
 Names = Annotated[tuple[str, ...], _EACH_ONCE]
+NameOrNames = Annotated[Names, BeforeValidator(lambda names: (names,) if isinstance(names, str) else listed(names))]
 ObjectName = Annotated[str, AfterValidator(object_name)]
 PartName = Annotated[
     ObjectName, WrapValidator(lambda name, check: str(name) if isinstance(name, MemberName) else check(name))

@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BeforeValidator, Field, Strict, model_validator
+from pydantic import BeforeValidator, ConfigDict, Field, Strict, model_validator
 
-from sceniris_gym.config.fields import Length, Names, Number, check_words, listed, must, within, wrong
+from sceniris_gym.config.fields import Length, NameOrNames, Names, Number, check_words, listed, must, within, wrong
 from sceniris_gym.config.loader import SUPPORT_WORDS
 from sceniris_gym.config.section import Section
 
@@ -34,20 +34,28 @@ class GroupConfig(Section):
     """A group: each layout draws `count` members to be present in the world. The others are parked far away.
 
     Attributes:
-        of: Names of the members.
-        count: Minimum and maximum number of present members. The number is drawn uniformly. Then members are drawn.
+        of: Names of the members: objects, or other groups.
+        count: Minimum and maximum number of present members. The number is drawn uniformly, and then cut to the members
+            whose conditions hold. Then members are drawn.
         missing: Treatment of references to a member that may be absent: reject the scene ('refuse'), or drop the
             reference in worlds without the member ('drop').
         weights: Weights of members, by default 1. Members are drawn one by one without replacement, with probabilities
             proportional to the weights of the remaining members.
         splits: Member -> the only split, 'train' or 'eval', that draws this member. Other members are drawn in both.
+        if_, unless: Conditions of the whole group, as for an object.
+        by_area: Whether the weights are multiplied by the areas of the members' supports. It is set for objects on one
+            of several supports, and is not a key of scene files.
     """
 
+    model_config = ConfigDict(populate_by_name=True)
     of: Annotated[Names, Field(min_length=1)]
     count: Annotated[tuple[_Count, _Count], BeforeValidator(_both_ends)]
     missing: Literal["refuse", "drop"] = "refuse"
     weights: dict[str, _Weight] = Field(default_factory=dict)
     splits: dict[str, Literal["train", "eval"]] = Field(default_factory=dict)
+    if_: NameOrNames = Field(default=(), alias="if")
+    unless: NameOrNames = ()
+    by_area: bool = False
 
     def weights_in(self, split: str) -> list[float]:
         """Return the weight of each member in a split, 'train' or 'eval': 0 if the split never draws it."""
@@ -56,7 +64,7 @@ class GroupConfig(Section):
     @property
     def is_uniform(self) -> bool:
         """True if all sets of members of the same size are equally likely, in both splits."""
-        return not self.splits and len(set(self.weights_in("train"))) == 1
+        return not self.splits and not self.by_area and len(set(self.weights_in("train"))) == 1
 
     @property
     def always_whole(self) -> bool:

@@ -13,6 +13,7 @@ from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.nodes import MappingNode, Node, SequenceNode
 
 from sceniris_gym.config.fields import short
+from sceniris_gym.config.member_names import object_of
 from sceniris_gym.errors import (
     ArgumentTypeError,
     SceneFileError,
@@ -126,7 +127,7 @@ def _check_there(parts: Any, keys: list[str], where: str) -> None:
     name, where = keys[1], f"{where}: overrides: {'.'.join(keys)}"
     if not isinstance(parts, Mapping):
         return
-    if name not in parts and name.partition("/")[0] not in parts:  # a variant is named 'object/variant'
+    if name not in parts and object_of(name) not in parts:  # a variant is named 'object/variant'
         raise UnknownNameError(keys[0].removesuffix("s"), name, where, parts)
     known = parts[name].get(VARIANTS) if isinstance(parts.get(name), Mapping) else None
     if keys[2] == VARIANTS and len(keys) > 4 and isinstance(known, Mapping) and keys[3] not in known:

@@ -15,6 +15,7 @@ from sceniris_gym.config import fields
 from sceniris_gym.config.bounds import STANDING_GAP
 from sceniris_gym.config.fields import DRAWN, FLOOR, ROBOT, check_words, wrong
 from sceniris_gym.config.loader import JOINT_FORMS, OF_VARIANTS, REGION_FORMS, SUPPORT_WORDS
+from sceniris_gym.config.member_names import object_of
 from sceniris_gym.config.orientation import DrawnOrientation, Orientation
 from sceniris_gym.config.randomize import DrawConfig, ObjectWord
 from sceniris_gym.config.relations import RELATION_WORDS, Joined, Relations
@@ -103,6 +104,8 @@ class ObjectConfig(Section):
     by: str = ROBOT
     grasp: str | None = None
     randomize: dict[ObjectWord, DrawConfig] = Field(default_factory=dict)
+    if_: fields.NameOrNames = Field(default=(), alias="if")
+    unless: fields.NameOrNames = ()
 
     @property
     def support(self) -> SupportConfig | None:
@@ -151,7 +154,7 @@ class ObjectConfig(Section):
     @property
     def needs(self) -> tuple[str, ...]:
         """Names that have to be placed before this object: its support, then the objects and robots it refers to."""
-        owner = [] if self.support is None else [self.support.parent.split("/")[0]]
+        owner = [] if self.support is None else [object_of(self.support.parent)]
         names = [*owner, *(name for _, name in self.references)]
         return tuple(dict.fromkeys(name for name in names if name != FLOOR))
 

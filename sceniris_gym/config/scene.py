@@ -13,7 +13,10 @@ from sceniris_gym.config.fields import in_memory, reading, where_now, wrong
 from sceniris_gym.config.folders import is_pattern
 from sceniris_gym.config.groups import with_chains, with_places
 from sceniris_gym.config.loader import override, read_scene
+from sceniris_gym.config.member_names import split_support
+from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.scene_words import SceneWords
+from sceniris_gym.config.several_supports import any_supports, with_bodies, with_supports
 from sceniris_gym.config.validation import check_names
 from sceniris_gym.config.variants import check_shared, with_members, with_variants
 
@@ -110,17 +113,41 @@ class SceneConfig(SceneWords):
         return by if by in self.all_robots else next(iter(self.all_robots))
 
     def with_shared_objects(self) -> SceneConfig:
-        """Return the scene in which each object with variants is one object with the settings of the first variant."""
-        objects = {self.owners.get(name, name): part for name, part in reversed(self.objects.items())}
-        groups = {name: group for name, group in self.groups.items() if name not in self.variants}
+        """Return the scene in which each object with variants is one object with the settings of the first variant.
+
+        If there are such objects, groups and conditions are left out, because they may name single variants.
+        """
+        if not self.variants:
+            return self
+        objects = {
+            self.owners.get(name, name): self._without_members(part) for name, part in [*self.objects.items()][::-1]
+        }
         fields = {name: getattr(self, name) for name in self.model_fields_set}
-        return self._made(fields | {"objects": dict(reversed(objects.items())), "groups": groups}, self.where)
+        return self._made(fields | {"objects": dict(reversed(objects.items())), "groups": {}}, self.where)
+
+    def _without_members(self, part: ObjectConfig) -> ObjectConfig:
+        """Return an object without conditions, whose support names an object instead of one of its members."""
+        words: dict[str, Any] = {"if_": (), "unless": ()}
+        if part.support is not None:
+            owner, body = split_support(part.support.parent, self.objects)
+            word = "in_" if part.support.word == "in" else part.support.word
+            words[word] = "/".join([self.owners.get(owner, owner), *filter(None, [body])])
+        return part.model_copy(update=words)
 
     @property
     def folders(self) -> dict[str, tuple[str, ...]]:
         """Object whose variants are the files of a folder -> names of these variants."""
         written = (self._written or {}).get("objects", {})
         return {name: of for name, of in self.variants.items() if is_pattern(written.get(name, {}).get("asset"))}
+
+    @property
+    def any_supports(self) -> set[tuple[str, str]]:
+        """For each support `{any: NAME}`, the name and the word, such as ('cabinet', 'on')."""
+        return any_supports(self._written or {})
+
+    def with_bodies(self, bodies: Mapping[tuple[str, str], list[str]]) -> SceneConfig:
+        """Return the scene with the names of bodies for each of `any_supports`."""
+        return self._made({"name": self.name, **with_bodies(self._written or {}, bodies)}, self.where)
 
     def without(self, members: Collection[str]) -> SceneConfig:
         """Return the scene without some variants of its objects."""
@@ -174,7 +201,7 @@ class SceneConfig(SceneWords):
     def _is_written_out(
         cls, data: Any, handler: ModelWrapValidatorHandler[SceneConfig], info: ValidationInfo
     ) -> SceneConfig:
-        config = handler(with_chains(with_places(with_members(data, info.context or ()))))
+        config = handler(with_supports(with_members(with_chains(with_places(data)), info.context or ())))
         check_shared(config.variants, config.objects)
         if config.variants or config.stacks:
             config._written = data

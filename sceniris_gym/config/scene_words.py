@@ -9,7 +9,9 @@ from pydantic import BeforeValidator, Field, Strict, field_validator, model_vali
 from sceniris_gym.config.bounds import MOST_ATTEMPTS
 from sceniris_gym.config.fields import ROBOT, Extents2, Model, Number, ObjectName, PartName, Point3, within, wrong
 from sceniris_gym.config.groups import GroupConfig, HeapConfig, StackConfig
+from sceniris_gym.config.member_names import without_support
 from sceniris_gym.config.objects import ObjectConfig
+from sceniris_gym.config.presence import Presence
 from sceniris_gym.config.randomize import SceneDraws
 from sceniris_gym.config.robot import RobotConfig, StartConfig
 from sceniris_gym.config.section import Section
@@ -116,14 +118,22 @@ class SceneWords(Section):
         return owners_of(self.variants)
 
     @cached_property
+    def presence(self) -> Presence:
+        """The draws of the objects that are present."""
+        return Presence(self.objects, self.groups)
+
+    @property
     def absent(self) -> dict[str, str]:
-        """Object that may be absent from a world -> the group with this object."""
-        return {name: label for label, group in self.groups.items() if not group.always_whole for name in group.of}
+        """Object that may be absent from a world -> the key of the group that draws it, or the object itself."""
+        return self.presence.absent
 
     def key(self, name: str) -> str:
-        """Return the key of an object or a robot, for messages: 'objects.can', 'robot' or 'robots.left'."""
+        """Return the key of an object or a robot, for messages: 'objects.can', 'robot' or 'robots.left'.
+
+        All members of an object on its several supports have one key.
+        """
         robot = self.all_robots.get(name)
-        return f"objects.{name}" if robot is None else robot.section
+        return f"objects.{without_support(name)}" if robot is None else robot.section
 
     @field_validator("robots")
     @classmethod

@@ -3,8 +3,10 @@
 import graphlib
 from collections.abc import Container, Iterable
 
+from sceniris_gym.config.absence import check_presence
 from sceniris_gym.config.fields import FLOOR, in_memory
-from sceniris_gym.config.groups import PLACING
+from sceniris_gym.config.groups import PLACING, HeapConfig
+from sceniris_gym.config.member_names import SUPPORT, object_of, split_support, variant_of
 from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.relations import FRAMES
 from sceniris_gym.config.robot import StartConfig
@@ -33,7 +35,7 @@ def check_names(scene: SceneWords, where: str) -> None:
             _check_parent(scene, f"{where}: {key}.{part.support.word}", name, part.support.parent)
         for path, other in part.references:
             _check_reference(scene, f"{where}: {key}.{path}", name, other)
-    _check_groups(scene, where)
+    check_presence(scene, where)
     _check_heaps(scene, where)
     _check_stacks(scene, where)
     _check_cycles(scene, where)
@@ -104,25 +106,44 @@ def check_variant_has_asset(scene: SceneWords, name: str, where: str) -> None:
         SceneKeyError: The variant has no asset.
     """
     if scene.objects[name].asset is None and (owner := scene.owners.get(name)) is not None:
+        if not variant_of(name):
+            raise SceneKeyError(
+                f"{where}: objects.{owner}: has several supports but has no asset. Give it an 'asset', since each "
+                "support needs a separate body, or name one support."
+            )
         raise SceneKeyError(
-            f"{where}: objects.{owner}.variants: '{name.partition('/')[2]}' has no asset. Give this variant "
+            f"{where}: objects.{owner}.variants: '{variant_of(name)}' has no asset. Give this variant "
             f"an 'asset', or give 'objects.{owner}' an 'asset' for all variants."
         )
 
 
 def _check_parent(scene: SceneWords, where: str, name: str, parent: str) -> None:
-    owner = parent.split("/")[0]
+    owner = split_support(parent, scene.objects)[0]
     if owner in scene.variants:
-        raise SceneKeyError(f"{where}: '{owner}' has variants, so it cannot support objects. Name another support.")
+        raise SceneKeyError(
+            f"{where}: '{parent}' is not a member of '{owner}'. Name '{owner}', or one of its variants."
+        )
     floor = [] if scene.floor is None else [FLOOR]
     if owner in scene.objects and scene.objects[owner].kind == "marker":
         raise SceneKeyError(f"{where}: '{parent}' is a marker and has no surface. Name a support of another kind.")
+    lies = owner in scene.objects and scene.objects[owner].drawn_orientation.kind in ("any", "stable")
+    if lies and SUPPORT in name and _number_of_supports(scene, name) > 1:
+        raise SceneKeyError(
+            f"{where}: '{owner}' may lie on its side, so it cannot be one of several supports. Write 'fixed' or a yaw "
+            "as its orientation, or name another support."
+        )
     # Another name may be a geom or a body of the model, which is not loaded yet.
     if owner not in scene.objects and parent not in floor and scene.model is None:
         if parent == FLOOR:
             where += ": the scene has no floor (add 'floor: {size: [x, y]}')"
         others = [n for n in _alone(scene) if n != name and scene.objects[n].kind != "marker"]
         raise UnknownNameError("support", parent, where, [*floor, *others])
+
+
+def _number_of_supports(scene: SceneWords, member: str) -> int:
+    """Return the number of different objects that support the members of an object."""
+    supports = [scene.objects[other].support for other in scene.variants[scene.owners[member]]]
+    return len({object_of(support.parent) for support in supports if support is not None})
 
 
 def _alone(scene: SceneWords) -> list[str]:
@@ -136,67 +157,39 @@ def _check_reference(scene: SceneWords, where: str, name: str, other: str) -> No
         is_frame = where.endswith(".frame")
         valid = (*_alone(scene), *scene.all_robots, *scene.variants, *(FRAMES if is_frame else ()))
         raise UnknownNameError("frame" if is_frame else "object", other, where, [n for n in valid if n != name])
-    if other in (name, name.partition("/")[0]):
+    if other in (name, object_of(name)):
         raise SceneKeyError(f"{where}: '{other}' should be a different object, not the placed object itself.")
 
 
 def _check_members(scene: SceneWords, where: str) -> None:
-    """Check that the members of groups, heaps and stacks are objects, and that no object is in two of them."""
+    """Check the members of groups, heaps and stacks: they exist, and each is in one of these, not in itself."""
     owners: dict[str, str] = {}
     for kind, parts in (("group", scene.groups), ("heap", scene.heaps), ("stack", scene.stacks)):
         for label, part in parts.items():
             path = f"{where}: {kind}s.{label}.of"
+            if isinstance(part, HeapConfig):
+                _check_container(scene, part, f"{where}: {kind}s.{label}.fill")
             for name in part.of:
+                if name in scene.variants and kind == "heap":
+                    raise SceneKeyError(f"{path}: '{name}' has variants, so it cannot be in a heap. Leave it out.")
                 owner = scene.owners.get(name, name)
-                if owner in scene.variants and label != owner:
-                    raise SceneKeyError(f"{path}: '{owner}' has variants, so it cannot be in a {kind}. Leave it out.")
-                if name not in scene.objects:
-                    raise UnknownNameError("object", name, path, _alone(scene))
-                if name in owners:
+                if owner != name and owner != label:
+                    raise SceneKeyError(f"{path}: '{name}' is a single variant. Name its object '{owner}'.")
+                known = [*_alone(scene), *scene.variants, *(scene.groups if kind == "group" else ())]
+                if name not in known and name not in scene.objects:
+                    raise UnknownNameError("object", name, path, [n for n in known if n != label])
+                is_lowest = kind == "stack" and name == part.of[0] and owners.get(name, "").startswith("group")
+                if name in owners and not is_lowest:
                     raise SceneKeyError(
                         f"{path}: '{name}' is also in the {owners[name]}. Leave it out in one of the two places."
                     )
                 owners[name] = f"{kind} '{label}'"
-
-
-def _check_groups(scene: SceneWords, where: str) -> None:
-    """Check that members can be absent, and that the other objects can be placed without them."""
-    group_of = {name: group for group, part in scene.groups.items() for name in part.of}
-    for name, group in group_of.items():
-        if not scene.objects[name].is_placed:
-            path, cure = f"groups.{group}.of", "Give it a support or a 3D region, or remove it from the group."
-            if group in scene.variants:
-                path, cure = f"objects.{group}", "Give all variants a support or a 3D region."
-            raise SceneKeyError(f"{where}: {path}: '{name}' keeps its pose from the model and cannot be absent. {cure}")
-    for name, part in scene.parts.items():
-        _check_absent(scene, scene.key(name), part, where)
-
-
-def _check_absent(scene: SceneWords, key: str, part: ObjectConfig, where: str) -> None:
-    """Check that an object can be placed in worlds without some members of groups."""
-    support, absent = part.support, scene.absent
-    owner = support.parent.split("/")[0] if support is not None else FLOOR
-    if support is not None and owner in absent:
-        raise SceneKeyError(
-            f"{where}: {key}.{support.word}: '{owner}' may be absent, because it is in the group "
-            f"'{absent[owner]}'. An object that may be absent cannot support others. Name another support."
-        )
-    if part.joined_to in scene.variants:
-        raise SceneKeyError(
-            f"{where}: {key}.relations: '{part.joined_to}' has variants with different sites. Join this "
-            "object to an object without variants."
-        )
-    for path, other in part.references:
-        if other in absent and absent[other] in scene.variants:
-            raise SceneKeyError(
-                f"{where}: {key}.{path}: '{other}' is a single variant. Name its object '{absent[other]}'."
-            )
-        if other in absent and scene.groups[absent[other]].missing == "refuse":
-            raise SceneKeyError(
-                f"{where}: {key}.{path}: '{other}' may be absent, because it is in the group '{absent[other]}'. "
-                "Name another object, or write 'missing: drop' in the group to leave the reference out in worlds "
-                "without the object."
-            )
+    for label in scene.groups:
+        above = [label]
+        while (found := scene.presence.outer.get(f"groups.{above[-1]}")) is not None:
+            above.append(found.partition(".")[2])
+            if above[-1] == label:
+                raise in_a_cycle(where, above[:0:-1], "groups contain each other")
 
 
 def _check_heaps(scene: SceneWords, where: str) -> None:
@@ -205,13 +198,13 @@ def _check_heaps(scene: SceneWords, where: str) -> None:
     for heap, part in scene.heaps.items():
         for name in part.of:
             thing = scene.objects[name]
-            given = thing.model_fields_set.intersection(PLACING)
+            given = thing.model_fields_set.intersection((*PLACING, "if_", "unless"))
             if thing.in_ != part.fill or thing.drawn_orientation.kind != "any" or given:
                 raise SceneKeyError(
                     f"{where}: objects.{name}: the heap '{heap}' puts this object into '{part.fill}'. Leave out on, "
-                    "inside, in, region, relations, ratio_on_support, orientation, joints and gap."
+                    "inside, in, region, relations, ratio_on_support, orientation, joints, gap, if and unless."
                 )
-        owner = part.fill.split("/")[0]
+        owner = split_support(part.fill, scene.objects)[0]
         if owner in things:
             raise SceneKeyError(
                 f"{where}: heaps.{heap}.fill: '{owner}' is itself an object of a heap. Name another container."
@@ -223,14 +216,32 @@ def _check_heaps(scene: SceneWords, where: str) -> None:
             )
 
 
+def _check_container(scene: SceneWords, heap: HeapConfig, where: str) -> None:
+    """Check that the container of a heap is in every layout."""
+    owner = split_support(heap.fill, scene.objects)[0]
+    if owner in scene.absent or owner in scene.variants:
+        raise SceneKeyError(
+            f"{where}: '{owner}' has variants or may be absent, but a heap needs its container in every layout. Name "
+            "another container, or leave out the container's variants, conditions and groups."
+        )
+
+
 def _check_stacks(scene: SceneWords, where: str) -> None:
-    """Check that the objects of stacks have no other support."""
+    """Check that the objects of stacks have no other support, and that only the lowest and the highest are optional."""
+    presence = scene.presence
     for stack, part in scene.stacks.items():
         for name, below in zip(part.of, (part.on, *part.of), strict=False):
-            if scene.objects[name].on != below:
+            found = {scene.objects[member].on or "" for member in scene.variants.get(name, (name,))}
+            if found != {below} and {object_of(on) for on in found} != {below}:
                 raise SceneKeyError(
                     f"{where}: objects.{name}: should not name a support (on, inside, in), because the stack "
                     f"'{stack}' puts it on '{below}'."
+                )
+        for name in part.of[1:-1]:
+            if presence.key(name) in presence.outer or presence.has_words(presence.key(name)):
+                raise SceneKeyError(
+                    f"{where}: stacks.{stack}.of: '{name}' may be absent, but the objects on it may not. Leave out its "
+                    "'if' and 'unless', take it out of its group, or write 'on' for each object instead of a stack."
                 )
 
 
@@ -248,7 +259,7 @@ def _check_starts(scene: SceneWords, where: str) -> None:
     """Check the section `start`: its names exist, and its objects can be held or placed as the kind of start needs."""
     for i, start in enumerate(scene.start):
         at = f"{where}: start.{i}"
-        if start.of is not None and start.of not in scene.variants:
+        if start.of is not None and not (start.of in scene.variants and scene.presence.is_sure(start.of)):
             _check_present(scene, start.of, [*scene.objects, *scene.variants], scene.absent, f"{at}.of")
         for name in start.targets(scene.groups):
             _check_target(scene, start, name, at)
@@ -264,7 +275,8 @@ def _check_starts(scene: SceneWords, where: str) -> None:
 def _check_present(scene: SceneWords, name: str, objects: Iterable[str], absent: Container[str], where: str) -> None:
     """Check that an object exists in all worlds, and has no variants."""
     if name in scene.variants:
-        raise SceneKeyError(f"{where}: '{name}' has variants, so only 'of' may name it. Name another object.")
+        cure = "only 'of' may name it" if scene.presence.is_sure(name) else "it may be absent"
+        raise SceneKeyError(f"{where}: '{name}' has variants, and {cure}. Name another object.")
     if name not in objects:
         raise UnknownNameError("object", name, where, [other for other in objects if other not in absent])
     if name in absent:
@@ -281,7 +293,11 @@ def _check_target(scene: SceneWords, start: StartConfig, name: str, where: str) 
             "out 'lift' and 'robot_joints'."
         )
     for other, words in scene.objects.items():
-        if start.is_held and words.support is not None and words.support.parent.split("/")[0] == name:
+        if (
+            start.is_held
+            and words.support is not None
+            and split_support(words.support.parent, scene.objects)[0] == name
+        ):
             raise SceneKeyError(
                 f"{where}: '{other}' stands on '{name}', and a held object cannot support others. Put '{other}' on "
                 "another support, or leave out 'lift' and 'robot_joints'."

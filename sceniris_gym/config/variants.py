@@ -9,21 +9,23 @@ import hashlib
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
-from pydantic import ValidationError
-from pydantic_core import InitErrorDetails, PydanticCustomError
+from pydantic_core import PydanticCustomError
 
 from sceniris_gym.config.bounds import BOUNDS
-from sceniris_gym.config.fields import DRAWN, MemberName, listed, object_name, where_now, wrong
+from sceniris_gym.config.fields import DRAWN, listed, located, object_name, refuse, where_now
 from sceniris_gym.config.folders import files_of, is_pattern, with_tags
 from sceniris_gym.config.groups import SPLITS, GroupConfig
 from sceniris_gym.config.loader import HOLDOUT, OF_VARIANTS, TAGS, VARIANTS, merge
+from sceniris_gym.config.member_names import MemberName, object_of, variant_of
 from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.errors import check_names
 
 # Words that make variants if their value is a list.
 _LISTS = ("asset", "scale")
+# Words of the object that are conditions of the group of its variants.
+_CONDITIONS = ("if", "unless")
 # Words that all variants have to share, and the advice for errors.
 _SHARED = {
     "kind": "should be the same for all variants, because they share one body",
@@ -34,7 +36,7 @@ _SHARED = {
 
 def variants_of(groups: Mapping[str, GroupConfig]) -> dict[str, tuple[str, ...]]:
     """Return the variants of each object: object with variants -> names of its variants."""
-    return {name: group.of for name, group in groups.items() if all(m.startswith(f"{name}/") for m in group.of)}
+    return {name: g.of for name, g in groups.items() if all(m != name and object_of(m) == name for m in g.of)}
 
 
 def owners_of(variants: Mapping[str, tuple[str, ...]]) -> dict[str, str]:
@@ -62,14 +64,14 @@ def with_members(scene: Any, left_out: Collection[str] = ()) -> Any:
     slots = [name for name, part in objects.items() if has_variants(part)] if isinstance(objects, Mapping) else []
     if objects is None or not slots:
         return scene
-    owners = {name: str(name).partition("/")[0] for name in objects if "/" in str(name)}
+    owners = {name: owner for name in objects if (owner := object_of(str(name))) != name}
     single = {name: objects[name] for name, owner in owners.items() if owner in slots}
     groups, written = dict(scene.get("groups") or {}), {}
     for name, part in objects.items():
         if name in slots and name not in single:
             if name in groups:
                 advice = "should have another name: an object with variants already has this name"
-                _refuse(("groups", name), advice, groups[name])
+                refuse(("groups", name), advice, groups[name])
             members, groups[name] = _members(str(name), part, single, left_out)
             written |= members
         elif name not in single:
@@ -92,7 +94,7 @@ def check_shared(variants: Mapping[str, tuple[str, ...]], objects: Mapping[str, 
             for word, advice in _SHARED.items():
                 if getattr(objects[member], word) != getattr(objects[first], word):
                     value = objects[member].model_dump(include={word}, exclude_none=True)[word]
-                    _refuse(("objects", name, VARIANTS, member.partition("/")[2], word), advice, value)
+                    refuse(("objects", name, VARIANTS, variant_of(member), word), advice, value)
 
 
 def has_variants(part: Any) -> bool:
@@ -116,11 +118,11 @@ def _members(
         left_out: Full names of variants to leave out.
     """
     at = ("objects", name)
-    shared = {word: value for word, value in part.items() if word not in OF_VARIANTS}
+    shared = {word: value for word, value in part.items() if word not in (*OF_VARIANTS, *_CONDITIONS)}
     variants = _scaled(at, _listed(at, part, shared), shared)
     if not variants:
         word = VARIANTS if VARIANTS in part else "asset"
-        _refuse((*at, word), "should have at least one variant", part[word])
+        refuse((*at, word), "should have at least one variant", part[word])
     members: dict[str, dict] = {}
     drawn: dict[str, dict[str, Any]] = {word: {} for word in DRAWN}
     for variant, words in variants.items():
@@ -128,21 +130,23 @@ def _members(
         if member in left_out:
             continue
         if not isinstance(single.get(member, {}), Mapping):
-            _refuse(("objects", member), "should be a mapping of keys to values", single[member])
+            refuse(("objects", member), "should be a mapping of keys to values", single[member])
         own = merge(words, single.get(member, {}), at)
         for word in (word for word in OF_VARIANTS if word in own):
-            _refuse((*at, VARIANTS, variant, word), f"should be given for the object '{name}'", own[word])
+            refuse((*at, VARIANTS, variant, word), f"should be given for the object '{name}'", own[word])
         for word in own.keys() & drawn.keys():
             drawn[word][member] = own.pop(word)
         members[member] = merge(shared, own, at)
     splits = _held_out(at, part[HOLDOUT], members) if HOLDOUT in part else {}
-    group = {"of": tuple(members), "count": 1, "weights": drawn["weight"], "splits": splits | drawn["split"]}
+    splits |= drawn["split"]
+    group: dict[str, Any] = {"of": tuple(members), "count": 1, "weights": drawn["weight"], "splits": splits}
+    group |= {word: part[word] for word in _CONDITIONS if word in part}
     for split in SPLITS:
         drawable = [name for name in members if group["splits"].get(name, split) == split]
         if not drawable:
-            _refuse((*at, VARIANTS), f"should include a variant that the split '{split}' may draw", list(variants))
+            refuse((*at, VARIANTS), f"should include a variant that the split '{split}' may draw", list(variants))
         if all(drawn["weight"].get(name) == 0 for name in drawable):
-            _refuse((*at, VARIANTS), f"should have one with a 'weight' above 0 in the split '{split}'", list(variants))
+            refuse((*at, VARIANTS), f"should have one with a 'weight' above 0 in the split '{split}'", list(variants))
     return members, {word: value for word, value in group.items() if value}
 
 
@@ -153,18 +157,18 @@ def _listed(at: tuple[str, ...], part: Mapping, shared: dict) -> Mapping[str, Ma
     """
     assets = listed(part.get("asset"))
     if TAGS in part and not is_pattern(assets):
-        _refuse((*at, TAGS), "should be given only with an 'asset' of several files, written with a '*'", part[TAGS])
+        refuse((*at, TAGS), "should be given only with an 'asset' of several files, written with a '*'", part[TAGS])
     if not is_pattern(assets) and not isinstance(assets, list | tuple):
         if VARIANTS not in part and not isinstance(assets, str):
             word = next(word for word in ("asset", "scale", HOLDOUT) if word in part)
             advice = "should be an asset, a list of assets, or a pattern of files"
-            _refuse((*at, word), advice if word == "asset" else "should be given only with an 'asset'", part[word])
+            refuse((*at, word), advice if word == "asset" else "should be given only with an 'asset'", part[word])
         return _named(at, part[VARIANTS]) if VARIANTS in part else {_stem(assets): {}}
     if VARIANTS in part:
         advice = (
             f"should be given without 'variants'. Write keys of a single variant under an object '{at[1]}/<variant>'"
         )
-        _refuse((*at, "asset"), advice, assets)
+        refuse((*at, "asset"), advice, assets)
     del shared["asset"]
     is_folder = is_pattern(assets)
     if is_folder:
@@ -178,7 +182,7 @@ def _listed(at: tuple[str, ...], part: Mapping, shared: dict) -> Mapping[str, Ma
     variants: dict[str, Mapping] = {}
     for stem, asset in zip(names, assets, strict=True):
         if stem in variants:
-            _refuse((*at, "asset"), f"should name each asset once, but has two of the name '{stem}'", assets)
+            refuse((*at, "asset"), f"should name each asset once, but has two of the name '{stem}'", assets)
         variants[stem] = {"asset": asset}
     return variants
 
@@ -186,11 +190,11 @@ def _listed(at: tuple[str, ...], part: Mapping, shared: dict) -> Mapping[str, Ma
 def _named(at: tuple[str, ...], variants: Any) -> Mapping[str, Mapping]:
     """Return the value of the key `variants`, after a check of its names and values."""
     if not isinstance(variants, Mapping):
-        _refuse((*at, VARIANTS), "should be a mapping of names to settings", variants)
+        refuse((*at, VARIANTS), "should be a mapping of names to settings", variants)
     for name, words in variants.items():
         loc = (*at, VARIANTS, str(name))
         if not isinstance(words, Mapping):
-            _refuse(loc, "should be a mapping of keys to values", words)
+            refuse(loc, "should be a mapping of keys to values", words)
         with _at(loc, name):
             object_name(str(name))
     return variants
@@ -216,14 +220,14 @@ def _scaled(at: tuple[str, ...], variants: Mapping[str, Mapping], shared: dict) 
         named, scales = {name: words}, listed(words.get("scale", common))
         if isinstance(scales, list | tuple):
             if not scales or any(isinstance(scale, bool) or not isinstance(scale, int | float) for scale in scales):
-                _refuse(loc, "should be a number or a list of numbers", scales)
+                refuse(loc, "should be a number or a list of numbers", scales)
             if not all(BOUNDS["scale"].holds(scale) for scale in scales):
-                _refuse(loc, BOUNDS["scale"].advice, scales)
+                refuse(loc, BOUNDS["scale"].advice, scales)
             named = {f"{name}-{100 * scale:g}".replace(".", "_"): {**words, "scale": scale} for scale in scales}
             if len(named) < len(scales):
-                _refuse(loc, "should have each scale once: it is a list of variants, not of axes", scales)
+                refuse(loc, "should have each scale once: it is a list of variants, not of axes", scales)
         if twice := [new for new in named if new in found]:
-            _refuse((*at, VARIANTS), "should be the name of one variant only. Rename the others", twice[0])
+            refuse((*at, VARIANTS), "should be the name of one variant only. Rename the others", twice[0])
         found |= named
     return found
 
@@ -231,10 +235,10 @@ def _scaled(at: tuple[str, ...], variants: Mapping[str, Mapping], shared: dict) 
 def _held_out(at: tuple[str, ...], share: Any, members: Collection[str]) -> dict[str, str]:
     """Return the split of each variant. The fraction `share` is for `eval`, chosen by a hash of the names."""
     if isinstance(share, bool) or not isinstance(share, int | float) or not 0.0 < share < 1.0:
-        _refuse((*at, HOLDOUT), "should be above 0 and below 1", share)
+        refuse((*at, HOLDOUT), "should be above 0 and below 1", share)
     if len(members) < 2:
-        _refuse((*at, HOLDOUT), "should be left out, because it needs at least two variants", share)
-    ranked = sorted(members, key=lambda name: hashlib.sha256(name.partition("/")[2].encode()).digest())
+        refuse((*at, HOLDOUT), "should be left out, because it needs at least two variants", share)
+    ranked = sorted(members, key=lambda name: hashlib.sha256(variant_of(name).encode()).digest())
     count = min(max(round(share * len(members)), 1), len(members) - 1)
     return {name: "eval" if name in ranked[:count] else "train" for name in members}
 
@@ -245,12 +249,4 @@ def _at(loc: tuple[str, ...], value: Any) -> Iterator[None]:
     try:
         yield
     except PydanticCustomError as error:
-        raise _located(loc, error, value) from None
-
-
-def _refuse(loc: tuple[str, ...], advice: str, value: Any) -> NoReturn:
-    raise _located(loc, wrong(advice), value)
-
-
-def _located(loc: tuple[str, ...], error: PydanticCustomError, value: Any) -> ValidationError:
-    return ValidationError.from_exception_data("SceneConfig", [InitErrorDetails(type=error, loc=loc, input=value)])
+        raise located(loc, error, value) from None

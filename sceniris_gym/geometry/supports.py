@@ -21,6 +21,9 @@ from sceniris_gym.geometry.rotations import matrix
 if TYPE_CHECKING:
     import trimesh
 
+COS_MAX_TILT = float(np.cos(np.radians(0.1)))
+"""Cosine of the greatest tilt of a support, 0.1 degrees. Under an object of 8 cm, one side is then 0.1 mm higher than
+the other, a fifth of the default gap."""
 # Cosine of the greatest slope of a supporting face, 1 degree.
 _COS_MAX_SLOPE = np.cos(np.radians(1.0))
 # If level faces are sorted by height, neighbours with at most this difference [m] belong to one surface.

@@ -9,8 +9,10 @@ import mujoco
 import numpy as np
 
 from sceniris_gym.collide.leaves import SKIN
+from sceniris_gym.config.member_names import split_support
 from sceniris_gym.errors import InfeasibleSceneError
 from sceniris_gym.geometry.colliders import collect_colliders
+from sceniris_gym.geometry.supports import COS_MAX_TILT
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import allocate_record
 from sceniris_gym.layout.tables import read_rejected
@@ -18,7 +20,7 @@ from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import Cause
 from sceniris_gym.program.pack.home_touch import HomeTouch
 from sceniris_gym.program.pack.pairs import Pair, PairRules, collider_pairs
-from sceniris_gym.program.placed_object import COS_MAX_TILT, PlacedObject
+from sceniris_gym.program.placed_object import PlacedObject
 
 # Recorded candidates per world, enough for most objects to appear in the record.
 _RECORDED = 8
@@ -170,11 +172,13 @@ def infeasible(compiled: CompiledScene, probe: LayoutGenerator, key: str = "") -
         key: Text after the scene's name in the message, such as ": start.1". It names the variant, group member or kind
             of start that all tried layouts had.
     """
-    counts, ways = probe.rejection_counts(), obstructions(probe)
-    name, cause = _least_likely(counts, compiled.attempts)
+    counts = probe.rejection_counts()
+    if not any(any(causes.values()) for causes in counts.values()):
+        return _never_drawn(compiled, probe, key)
+    (name, cause), ways = _least_likely(counts, compiled.attempts), obstructions(probe)
     part, way = compiled.config.parts.get(name), ways.get(name)
     if cause == Cause.EMPTY.name.lower() and (leaning := _leaning_support(compiled, probe, name)) is not None:
-        orientation = compiled.config.objects[leaning.split("/")[0]].drawn_orientation.kind
+        orientation = compiled.config.objects[split_support(leaning, compiled.config.objects)[0]].drawn_orientation.kind
         remedy = _of_leaning(leaning, orientation)
     elif cause == Cause.COLLISION.name.lower():
         remedy = _of_collision(_room(compiled, name), None if part is None else part.joined_to)
@@ -212,6 +216,16 @@ def _least_likely(counts: dict[str, dict[str, int]], attempts: int) -> tuple[str
                 found.append(((placed + 1.0) / (placed + failures + 2.0), name, max(failed, key=failed.__getitem__)))
                 placed += failures
     return min(found)[1:]
+
+
+def _never_drawn(compiled: CompiledScene, probe: LayoutGenerator, key: str) -> InfeasibleSceneError:
+    """Return the error for an object that no drawn layout had, although all of them are valid."""
+    where = compiled.config.where + key
+    text = (
+        f"{where}: no valid layout has it, because its conditions exclude each other, or almost. Change its 'if', "
+        "its 'unless', its support or its groups."
+    )
+    return InfeasibleSceneError(text, where, key.rpartition(".")[2], "absent", probe.rejection_counts(), {})
 
 
 def _rejections(counts: Mapping[str, Mapping[str, int]]) -> str:

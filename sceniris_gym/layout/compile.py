@@ -231,7 +231,24 @@ def _lacking_choices(compiled: CompiledScene, split: str, rows: list[tuple[np.nd
     present, start = (np.stack([row[BANKED.index(name)] for row in rows]) for name in ("present", "start"))
     group, weight = program.group.numpy()[0], program.group_weight.numpy()[0, :, SPLITS[split] % 2]
     never = weight * np.repeat(group[:, 3], group[:, 1]) == 0.0
+    if compiled.conditions is not None:
+        never = _with_those_that_need(compiled, never)
     return np.flatnonzero(~np.append(never | present[:, program.group_slot.numpy()].any(axis=0), np.isin(kinds, start)))
+
+
+def _with_those_that_need(compiled: CompiledScene, members: np.ndarray) -> np.ndarray:
+    """Return a mask (nmember,) of all group members whose presence implies that a member of the mask is present."""
+    presence = compiled.config.presence
+    chosen = {key for key, is_chosen in zip(presence.member_keys, members, strict=True) if is_chosen}
+    return np.array([not chosen.isdisjoint(presence.must(key)) for key in presence.member_keys])
+
+
+def _with_needs(compiled: CompiledScene, choices: np.ndarray) -> np.ndarray:
+    """Return choices, followed by the group members whose presence they imply."""
+    presence = compiled.config.presence
+    keys = presence.member_keys
+    needed = set().union(*(presence.must(keys[i]) for i in choices if i < len(keys)))
+    return np.array([*choices, *(i for i, key in enumerate(keys) if key in needed and i not in choices)], int)
 
 
 def _favouring(compiled: CompiledScene, choices: np.ndarray) -> CompiledScene:
@@ -241,6 +258,8 @@ def _favouring(compiled: CompiledScene, choices: np.ndarray) -> CompiledScene:
     favoured kinds of start.
     """
     made, starts = copied(Program, compiled.program), compiled.starts
+    if compiled.conditions is not None:
+        choices = _with_needs(compiled, choices)
     group, weight = made.group.numpy()[0].copy(), made.group_weight.numpy()[0].copy()
     members, kinds = choices[choices < len(weight)], choices[choices >= len(weight)] - len(weight)
     owner = np.repeat(np.arange(len(group)), group[:, 1])[members]

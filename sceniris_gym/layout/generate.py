@@ -26,6 +26,7 @@ from sceniris_gym.layout.wave.accept import launch_accept
 from sceniris_gym.layout.wave.ahead import count_ahead, launch_draw_ahead
 from sceniris_gym.layout.wave.boxes import launch_draw_in_boxes
 from sceniris_gym.layout.wave.collision import launch_test_collisions, launch_test_containment
+from sceniris_gym.layout.wave.conditions import launch_draw_presence
 from sceniris_gym.layout.wave.draw import launch_draw
 from sceniris_gym.layout.wave.points import launch_draw_points
 from sceniris_gym.layout.wave.prefilter import launch_prefilter
@@ -180,6 +181,8 @@ class LayoutGenerator(Fixed, LayoutSource):
         if prepare is None:
             self._columns.launch(mask, self._work.layouts, opens=True)
         launch_begin_episodes(self._work, mask)
+        if self._work.compiled.conditions is not None:
+            launch_draw_presence(self._work, mask)
         if prepare is not None:
             prepare()
             self._columns.launch(mask, self._work.layouts)

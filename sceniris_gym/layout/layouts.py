@@ -297,7 +297,10 @@ class Layouts(StaysHere):
         variants = self.compiled.config.variants.get(name)
         if variants is not None:
             there = self.present[:, [self.compiled.slots.index(member) for member in variants]]
-            return sum(self.pose(member) * there[:, [i]] for i, member in enumerate(variants))
+            first = there[:, :1] + (there.sum(1, keepdim=True) == 0)  # an absent object is parked as its first variant
+            return self.pose(variants[0]) * first + sum(
+                self.pose(member) * there[:, [i]] for i, member in enumerate(variants[1:], 1)
+            )
         kind, number = pose_address(self.compiled.scene, name, "Layouts.pose")
         if kind == "qpos":
             return self.qpos[:, number : number + 7]

@@ -240,7 +240,7 @@ class Redraw(StaysHere):
         layouts: Layouts of the part of the scene that places only these objects. See `part_of`.
         work: Arrays of the search.
         make: `make(mask, prepare)` launches the search for layouts. It first calls `prepare`, which fills the rows.
-        adds: Whether absent objects become present if they are in `objects`.
+        adds: Whether absent objects become present if they are in `objects` and have no variants.
 
     Attributes:
         bodies: Ids of the bodies of the objects.
@@ -272,7 +272,8 @@ class Redraw(StaysHere):
         part, needed = layouts.compiled, {n for name in objects for n in config.parts[name].needs}
         needed = with_variants([*needed, *part.placed[: part.program.ngiven]], config.variants)
         anchors = [i for i, name in enumerate(compiled.placed) if name in needed and name not in objects]
-        slots = [compiled.slots.index(name) for name in objects] if adds else []
+        # the presence of variants does not change, so that an object never has two of them
+        slots = [compiled.slots.index(name) for name in objects if adds and name not in config.owners]
         with wp.ScopedDevice(self._device):
             self._given = [wp.array(adr, dtype=wp.vec3i), wp.array(np.isin(owner, self.bodies), dtype=bool)]
             self._given += [wp.array(anchors, dtype=int, ndim=1), wp.array(slots, dtype=int, ndim=1)]

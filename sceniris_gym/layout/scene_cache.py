@@ -33,6 +33,7 @@ from sceniris_gym.grasping.gripper import Gripper
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import WORLD_FIELDS, Program, fill_struct
 from sceniris_gym.program.device_bank import Bank
+from sceniris_gym.program.device_conditions import Conditions
 from sceniris_gym.program.device_reach import Reach, Starts
 from sceniris_gym.program.device_statics import Statics
 from sceniris_gym.program.pack.objects import set_map_and_arm
@@ -41,7 +42,13 @@ from sceniris_gym.scene.model import SceneModel
 
 _HOME = ("home_qpos", "home_xpos", "home_xquat")
 _COUNTS = ("sides", "pieces")
-_STRUCTS: dict[str, Any] = {"program": Program, "statics": Statics, "starts": Starts, "bank": Bank}
+_STRUCTS: dict[str, Any] = {
+    "program": Program,
+    "statics": Statics,
+    "conditions": Conditions,
+    "starts": Starts,
+    "bank": Bank,
+}
 _GRIPPERS, _TARGETS = TypeAdapter(dict[str, Gripper]), TypeAdapter(tuple[ReachTarget, ...])
 # The field with ids of device meshes. Ids are not stored: meshes are built again from their triangles.
 _MESHES = "collider_mesh"

@@ -95,7 +95,20 @@ class Param(NamedTuple):
 def scene_params(compiled: CompiledScene) -> dict[str, Param | str]:
     """Return all params of a scene by name. If a value cannot be a param, its name maps to a text with the reason."""
     finders = (_joints, _groups, _starts, _distances, _regions, _randomize, _clearances)
-    return {name: found for find in finders for name, found in find(compiled)}
+    params: dict[str, Param | str] = {}
+    for name, found in itertools.chain(*(find(compiled) for find in finders)):
+        params[name] = _joined(params[name], found) if name in params else found
+    return params
+
+
+def _joined(one: Param | str, other: Param | str) -> Param | str:
+    """Return the param of an object from the params of its members on different supports."""
+    if isinstance(one, str) or isinstance(other, str):
+        return one if isinstance(one, str) else other
+    same = np.array_equal(one.default, other.default) and one.written == other.written
+    if not same:
+        return "it differs between the supports of the object. Leave out this param."
+    return one._replace(copies=one.copies + other.copies)
 
 
 def _joints(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:
@@ -130,7 +143,9 @@ def _groups(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:
         copies = tuple(("group_weight", 2 * adr + i, i // 2) for i in both)
         if words.is_uniform:
             copies += (("group_uniform", g, 0),)
-        if words.splits:
+        if words.by_area:
+            yield f"{key}.weights", "areas determine the weights of its supports. Write weights in the scene file."
+        elif words.splits:
             yield (
                 f"{key}.weights",
                 "its members have 'splits', so each split has separate weights. Remove 'splits' from the members.",

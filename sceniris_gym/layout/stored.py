@@ -192,17 +192,20 @@ def check_numbers(compiled: CompiledScene, numbers: Mapping[str, np.ndarray], wh
     kinds |= dict.fromkeys(("episode", "draw_episode", "next_episode"), (-1, MOST_EPISODES - 1))
     kinds |= dict.fromkeys(("elapsed", "draw_stream", "attempts"), (0, _MOST)) | {"status": (0, max(LayoutStatus))}
     kinds |= {"tree_asleep": (-_MOST - 1, compiled.sim_mjm.ntree - 1)}
-    kinds |= {"variant": (0, np.array([len(members) - 1 for members in compiled.config.variants.values()], int))}
+    variants, sure = compiled.config.variants, compiled.config.presence.is_sure
+    least = np.array([0 if sure(name) else -1 for name in variants], int)
+    kinds |= {"variant": (least, np.array([len(members) - 1 for members in variants.values()], int))}
     for name, (least, most) in kinds.items():
         values = numbers.get(name, np.zeros(0))
         wrong = np.argwhere(~((values >= least) & (values <= most)) if values.size else [])
         if len(wrong):
             got = f"got {values[tuple(wrong[0])]} in row {wrong[0][0]}"
             raise SceneMismatchError(f"{where}.{name} should be from {least} to {most}, {got}.")
-    for name, members in compiled.config.variants.items():
+    for name, members in variants.items():
         there = numbers["present"][:, [compiled.slots.index(member) for member in members]].sum(axis=1)
-        if (there != 1).any():
-            raise SceneMismatchError(f"{where}.present: each row should have exactly one variant of '{name}'.")
+        if (there > 1).any() or (sure(name) and not there.all()):
+            number = "exactly" if sure(name) else "at most"
+            raise SceneMismatchError(f"{where}.present: each row should have {number} one variant of '{name}'.")
 
 
 def _on_device(table: LayoutTable, device: str) -> LayoutsView:

@@ -135,6 +135,7 @@ def drawn_once(mjm: mujoco.MjModel) -> mujoco.MjModel:
     """Return a copy of the model in which a body's collision geoms are hidden if the body also has visual geoms."""
     drawn = copy.copy(mjm)
     drawn.geom_group[:] = picture_groups(mjm)
+    drawn.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT  # objects overlap in qpos0, which exhausts memory
     return drawn
 
 

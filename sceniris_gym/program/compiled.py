@@ -22,10 +22,11 @@ from sceniris_gym.geometry.pieces import ROUND
 from sceniris_gym.program.checks import constraints, objects, oddities, places, simulation, standing
 from sceniris_gym.program.device import Program, fill_struct
 from sceniris_gym.program.device_bank import Bank, empty_bank
+from sceniris_gym.program.device_conditions import Conditions
 from sceniris_gym.program.device_reach import Starts
 from sceniris_gym.program.device_statics import Statics
 from sceniris_gym.program.pack.objects import fill_views
-from sceniris_gym.program.pack.program import ARM_LISTS, pack_program, pack_starts, pack_statics
+from sceniris_gym.program.pack.program import ARM_LISTS, pack_conditions, pack_program, pack_starts, pack_statics
 from sceniris_gym.program.pack.relations import cut_pieces, most_sides
 from sceniris_gym.program.plan import Plan, build_plan, placement_order, slot_names
 from sceniris_gym.program.reach import Reaching
@@ -82,6 +83,7 @@ class CompiledScene(RefusesOldNames):
         program: The placement program on the device.
         reaching: The arms that have to reach objects, and these objects. None if no object has `reachable`.
         statics: Feet, contacts and loads on the device, None if no object can fall.
+        conditions: Conditions of group members on the device, None if no group or object depends on another.
         starts: The kinds of starts (entries of `start` in the scene file) on the device. None without `start`.
         bank: The fallback bank of valid layouts, empty until `compile_scene` fills it.
         home_qpos: Start pose, shape (nq,).
@@ -96,6 +98,7 @@ class CompiledScene(RefusesOldNames):
     program: Program
     reaching: Reaching | None
     statics: Statics | None
+    conditions: Conditions | None
     starts: Starts | None
     bank: Bank
     home_qpos: np.ndarray
@@ -259,7 +262,7 @@ def upload_plan(plan: Plan, device: str, *, starts: bool = True) -> CompiledScen
         arrays["vert"] = np.concatenate([arrays["vert"], corners.reshape(-1, 3)])
     found = pack_starts(plan, arrays["bound_qpos"], device) if starts else None
     program.nobject, program.ngiven = len(plan.objects), 0
-    program.ngroup = len(scene.config.groups)
+    program.ngroup = len(scene.config.presence.draws)
     program.attempts = FEWEST_ATTEMPTS if scene.config.attempts == AUTO else scene.config.attempts
     program.restarts = scene.config.restarts
     program.restart_rate = 0.5
@@ -270,6 +273,7 @@ def upload_plan(plan: Plan, device: str, *, starts: bool = True) -> CompiledScen
         program=program,
         reaching=plan.reaching if plan.reaching.arms else None,
         statics=pack_statics(plan, device),
+        conditions=pack_conditions(scene.config.presence, plan.slots, device),
         starts=found,
         bank=empty_bank(device),
         home_qpos=scene.home_qpos.astype(np.float32),

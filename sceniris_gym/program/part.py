@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import warp as wp
 
+from sceniris_gym.config.member_names import object_of
 from sceniris_gym.config.variants import with_variants
 from sceniris_gym.errors import ArgumentError, as_names, check_names
 from sceniris_gym.program.compiled import CompiledScene, upload_plan
@@ -51,7 +52,7 @@ def chosen_objects(
         support = config.objects[name].support
         if support is None or name in names or not (present is None or name in present):
             continue
-        if any(other in names for other in with_variants([support.parent.split("/")[0]], config.variants)):
+        if any(other in names for other in with_variants([object_of(support.parent)], config.variants)):
             load = config.owners.get(name, name)
             raise ArgumentError(f"{where}: '{support.parent}' carries '{load}', which moves along. Also name '{load}'.")
     for heap in config.heaps.values():
@@ -111,4 +112,4 @@ def part_of(compiled: CompiledScene, names: Sequence[str]) -> CompiledScene:
     for bounds in (program.bound_qpos, program.bound_mocap):  # other bodies may have any finite pose
         bounds.fill_(_FAR)
     program.quat_qposadr = wp.zeros(0, dtype=int, device=compiled.device)
-    return made
+    return replace(made, conditions=None)

@@ -9,12 +9,13 @@ import mujoco
 import numpy as np
 
 from sceniris_gym.config.fields import FLOOR
+from sceniris_gym.config.member_names import without_support
 from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.geometry import supports
 from sceniris_gym.geometry.pieces import Piece, PieceType, extract_pieces
 from sceniris_gym.geometry.resting_poses import StablePose
-from sceniris_gym.geometry.supports import SupportSurface
+from sceniris_gym.geometry.supports import COS_MAX_TILT, SupportSurface
 from sceniris_gym.program.device import Cover, ObjectKind
 from sceniris_gym.scene.couplings import Coupling
 from sceniris_gym.scene.heaps import HeapPoses
@@ -120,11 +121,8 @@ class PlacedObject:
         return Cover.EITHER if cover == Cover.OPEN and self.support.owner is None else cover
 
 
-COS_MAX_TILT = float(np.cos(np.radians(0.1)))
-"""Cosine of the greatest tilt of a support, 0.1 degrees. Under an object of 8 cm, one side is then 0.1 mm higher than
-the other, a fifth of the default gap."""
 COS_MAX_TILT_32 = 0.9999985
-"""The same in single precision, for the poses of supports in a world."""
+"""`COS_MAX_TILT` in single precision, for the poses of supports in a world."""
 
 
 def keys_of_bodies(scene: SceneModel) -> dict[int, str]:
@@ -227,4 +225,5 @@ def _others(scene: SceneModel, own: str, pieces: list[Piece], word: str) -> str:
             geoms = frozenset(p.geom for p in pieces if p.body == s.body and s.geom in (None, p.geom))
             found.setdefault(geoms, name)
     floor = [] if scene.config.floor is None or word == "inside" else [FLOOR]
-    return ", ".join([*floor, *sorted(found.values())]) or "none, as no other part of this scene has one"
+    names = sorted({*map(without_support, found.values())})
+    return ", ".join([*floor, *names]) or "none, as no other part of this scene has one"

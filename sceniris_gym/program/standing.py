@@ -220,7 +220,7 @@ def _loads(scene: SceneModel, objects: list[PlacedObject], below: list[int | Non
     for number, o in enumerate(objects):
         for level in chain_below(number, below):
             on[level].setdefault(scene.config.absent.get(o.name) if level != number else None, []).append(number)
-    count = {label: group.count[1] for label, group in scene.config.groups.items()}
+    count = {key: group.count[1] for key, group in scene.config.presence.groups.items()}
 
     def heaviest(stacked: dict[str | None, list[int]], there: int | None) -> float:
         ranked = {label: sorted(of, key=lambda n: (n != there, -own[n])) for label, of in stacked.items()}

@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 
 from sceniris_gym.config.fields import FLOOR
+from sceniris_gym.config.member_names import variant_of
 from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import SceneKeyError, UnknownNameError
@@ -31,7 +32,7 @@ EDIT_SPEC = "Call edit_spec(spec, scene) on the MjSpec before you compile it, an
 
 def instead_of_variants(name: str, members: Sequence[str]) -> str:
     """Return the advice for a user who builds the worlds: the model should have a body for each variant of `name`."""
-    first, more = [member.partition("/")[2] for member in members[:4]], ["..."] if len(members) > 4 else []
+    first, more = [variant_of(member) for member in members[:4]], ["..."] if len(members) > 4 else []
     group = f"groups: {{{name}: {{of: [{', '.join(first + more)}], count: 1}}}}"
     return f"Or make each variant a body of the model, and let a group draw one of them: {group}. {EDIT_SPEC}"
 
@@ -152,7 +153,7 @@ def check_bodies(mjm: mujoco.MjModel, config: SceneConfig) -> None:
                 f"{where}: body '{name}' should be {wanted} to be placed as a '{part.kind}'. A model in memory is "
                 f"never changed automatically. {EDIT_SPEC}"
             )
-    if config.groups and not has_parking_ground(mjm, len(config.objects), config.where):
+    if config.presence.draws and not has_parking_ground(mjm, len(config.objects), config.where):
         # edit_spec refuses scenes with assets, such as scenes with variants
         attached = any(part.asset is not None for part in config.objects.values())
         cure = "Give the scene a 'floor', or the MjSpec an endless plane at z = 0." if attached else EDIT_SPEC
@@ -225,7 +226,7 @@ def edit_spec(spec: mujoco.MjSpec, scene: str | Path | Mapping | SceneConfig) ->
             mjm = compile_spec(spec, "edit_spec: spec")
             tcp_site(spec, mjm, mjm.qpos0, robot, config.where)
     nslot = len(config.objects)
-    if config.groups and not has_parking_ground(compile_spec(spec, "edit_spec: spec"), nslot, config.where):
+    if config.presence.draws and not has_parking_ground(compile_spec(spec, "edit_spec: spec"), nslot, config.where):
         add_parking_ground(spec, nslot)
 
 

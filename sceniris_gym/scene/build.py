@@ -21,6 +21,7 @@ from sceniris_gym.scene.adopt import HOME, adopt_body, check_additions, check_bo
 from sceniris_gym.scene.couplings import follow, joint_couplings, reversed_for
 from sceniris_gym.scene.draws import field_draws, simple_bodies
 from sceniris_gym.scene.identity import scene_hash
+from sceniris_gym.scene.level_bodies import level_bodies
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.model_files import load_model
 from sceniris_gym.scene.overview import FOVY, Overview, camera_axes
@@ -61,7 +62,11 @@ def build_model(scene: SceneLike, overrides: Mapping[str, Any] | None = None) ->
     config = SceneConfig.load(scene, overrides)
     for name in config.owners:
         check_variant_has_asset(config, name, config.where)
-    if isinstance(config.model, mujoco.MjModel):
+    is_taken = isinstance(config.model, mujoco.MjModel)
+    if config.any_supports:
+        scene = _taken(config) if is_taken else _built(config)
+        config = config.with_bodies({each: level_bodies(scene, *each) for each in config.any_supports})
+    if is_taken:
         return _taken(config)
     try:
         return _with_shared_bodies(config)
@@ -116,9 +121,11 @@ def _built(config: SceneConfig, full: SceneModel | None = None) -> SceneModel:
     if spec.camera(backdrop.OVERVIEW) is None:
         seen = Overview(config, mjm, qpos) if full is None else Overview(full.config, full.mjm, full.home_qpos)
         backdrop.add_camera(spec, *seen.camera(), FOVY)
-    if config.groups and not parking.has_parking_ground(mjm, len(config.objects), config.where):
+    nslot = len(config.objects if full is None else full.config.objects)
+    parks = config.presence.draws if full is None else full.config.presence.parks
+    if parks and not parking.has_parking_ground(mjm, nslot, config.where):
         spec.stat.center, spec.stat.extent = mjm.stat.center, mjm.stat.extent  # the values without the parking ground
-        parking.add_parking_ground(spec, len(config.objects))
+        parking.add_parking_ground(spec, nslot)
     for name in simple_bodies(config, mjm):
         spec.body(name).simple = False
     keyframe = config.home or HOME

@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 
 from sceniris_gym.config.fields import FLOOR, ROBOT
+from sceniris_gym.config.member_names import split_support
 from sceniris_gym.config.objects import JointConfig
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.device.fixed import RefusesOldNames
@@ -121,7 +122,7 @@ class SceneModel(RefusesOldNames):
         """
         if parent == FLOOR and self.config.floor is not None:
             return Support(0, is_floor=True)
-        name, _, part = parent.partition("/")
+        name, part = split_support(parent, self.bodies)
         if name in self.bodies and not part:
             return Support(self.bodies[name], name)
         parts = self.parts(name) if name in self.bodies else {}

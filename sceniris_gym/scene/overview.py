@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 
 from sceniris_gym.config.fields import FLOOR
+from sceniris_gym.config.member_names import split_support
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.scene.assemble import MARK_GROUP
 from sceniris_gym.scene.support import subtree
@@ -202,7 +203,7 @@ class Overview:
             half = np.array(self.config.floor.size) / 2.0
             low, high = (-half, half) if region is None else region
             return np.array([*low, 0.0]), np.array([*high, 0.0])
-        owner = parent.partition("/")[0]
+        owner = split_support(parent, self.config.parts)[0]
         body = self._body(parent)
         if body < 0:
             return None

@@ -11,6 +11,7 @@ import mujoco_warp as mjw
 import numpy as np
 import warp as wp
 
+from sceniris_gym.config.member_names import split_support
 from sceniris_gym.device.fixed import Fixed
 from sceniris_gym.device.sequence import LaunchSequence
 from sceniris_gym.errors import ContactBudgetError, as_names, check_names
@@ -74,7 +75,7 @@ def _geoms_across(scene: SceneModel, stood_on: np.ndarray) -> int:
     collides = (mjm.geom_contype != 0) | (mjm.geom_conaffinity != 0)
     pieces = np.bincount(mjm.body_rootid[mjm.geom_bodyid[collides]], minlength=mjm.nbody)
     for name, o in objects.items():
-        owner = o.support.parent.partition("/")[0] if o.support is not None else ""
+        owner = split_support(o.support.parent, objects)[0] if o.support is not None else ""
         if owner in objects and objects[owner].kind == "free":
             found += min(stood_on[scene.bodies[name]], pieces[scene.bodies[owner]])
     return int(found)

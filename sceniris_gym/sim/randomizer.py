@@ -101,8 +101,9 @@ class ResetRandomizer(Fixed, StaysHere):
         redraw_status: `LayoutStatus` of each world's latest redraw, VALID or KEPT, or NONE before the first redraw,
             shape (nworld,), int32.
         redrawer: The launches of `redraw`, a `Redrawer`.
-        variants: For each object with variants, the index of its present variant in the scene file's list, shape
-            (nworld, number of objects with variants), int32. Columns follow `SceneConfig.variants`.
+        variants: For each object with variants, the index of its present variant in the scene file's list, or -1 if
+            the object is absent, shape (nworld, number of objects with variants), int32. Columns follow
+            `SceneConfig.variants`.
 
     Raises:
         ArgumentTypeError: `compiled`, `model`, `data`, `layout_source` or `prefetch` has another type.

@@ -74,6 +74,14 @@ def _is_absent(kind: wp.vec2i, variant: wp.array[int]) -> bool:
     return variant[kind[0]] != kind[1]
 
 
+@wp.func
+def _is_written(kind: wp.vec2i, variant: wp.array[int]) -> bool:
+    """Return whether the simulated world takes the pose of a body of `kind`: an absent object takes its first one."""
+    if kind[0] < 0:
+        return True
+    return wp.max(variant[kind[0]], 0) == kind[1]
+
+
 @wp.kernel
 def _write_variants(
     places: Places,
@@ -101,6 +109,9 @@ def _write_variants(
         return
     row = row_of(worldid, rows)
     if present:
+        for i in range(lane, variant.shape[1], wp.block_dim()):
+            variant[worldid, i] = -1
+        block_sync()
         for i in range(lane, places.slot_kind.shape[0], wp.block_dim()):
             kind = places.slot_kind[i]
             if kind[0] >= 0 and present[row, i] != 0:
@@ -109,7 +120,7 @@ def _write_variants(
         for i in range(lane, words.shape[0], wp.block_dim()):
             word = words[i]
             memory = wp.array(ptr=row_address(arrays[word.array], worldid), shape=(word.offset + 1,), dtype=int)
-            memory[word.offset] = table[variant[worldid, word.owner], i]
+            memory[word.offset] = table[wp.max(variant[worldid, word.owner], 0), i]
         block_sync()
         if lane == 0:
             total = mass
@@ -117,10 +128,10 @@ def _write_variants(
                 total += subtreemass_out[worldid, bodies[i]]
             subtreemass_out[worldid, 0] = total
     for i in range(lane, places.qpos_adr.shape[0], wp.block_dim()):
-        if not _is_absent(places.qpos_kind[i], variant[worldid]):
+        if _is_written(places.qpos_kind[i], variant[worldid]):
             poses_out.qpos[worldid, places.qpos_adr[i]] = poses_in.qpos[row, i]
     for i in range(lane, places.mocap_adr.shape[0], wp.block_dim()):
-        if not _is_absent(places.mocap_kind[i], variant[worldid]):
+        if _is_written(places.mocap_kind[i], variant[worldid]):
             poses_out.mocap_pos[worldid, places.mocap_adr[i]] = poses_in.mocap_pos[row, i]
             poses_out.mocap_quat[worldid, places.mocap_adr[i]] = poses_in.mocap_quat[row, i]
 
@@ -137,8 +148,8 @@ class VariantWriter:
 
     Attributes:
         places: The variants of slots, joint positions and mocap bodies, see Places.
-        variant: For each object with variants, the index of its present variant in the scene file's list, shape
-            (nworld, number of such objects), int32. Columns follow `SceneConfig.variants`.
+        variant: For each object with variants, the index of its present variant in the scene file's list, or -1 if
+            the object is absent, shape (nworld, number of such objects), int32. Columns follow `SceneConfig.variants`.
 
     Raises:
         SceneMismatchError: A field that differs between variants has one row for all worlds.

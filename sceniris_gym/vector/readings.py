@@ -57,27 +57,27 @@ class Readings(RefusesOldNames):
         return self._base.pose(self._xpos[:, body], self._xquat[:, body])
 
     def present(self, names: Sequence[str]) -> Tensor:
-        """Return which objects are present, shape (num_envs, len(names)), bool. Only group members can be absent."""
+        """Return which objects are present, shape (num_envs, len(names)), bool."""
 
         def find() -> Tensor:
             objects = list(self.scene.config.objects)
             check_names("object", names, f"scene '{self.scene.config.name}': State.present", objects)
-            slots, always = slot_names(self.variants.scene.config), present.shape[1]
-            return self._index([always if name in self.variants.names else slots.index(name) for name in names])
+            columns = (*slot_names(self.variants.scene.config), *self.variants.names)
+            return self._index([columns.index(name) for name in names])
 
         present = self._layouts.present
         columns = self._once(find, "present", *names)
-        if self.variants.names:  # an extra column of ones: objects with variants are always present
-            present = torch.cat([present, torch.ones_like(present[:, :1])], dim=1)
+        if self.variants.names:
+            present = torch.cat([present, self.variants.present], dim=1)
         return present[:, columns] > 0
 
     def variant(self, name: str, *, one_hot: bool = False) -> Tensor:
-        """Return the present variant of an object, numbered as in the scene file.
+        """Return the present variant of an object, numbered as in the scene file, or -1 if the object is absent.
 
         Args:
             name: An object with variants.
             one_hot: Instead of the variant's number, return a row for each world, with 1 in the column of this variant
-                and 0 elsewhere.
+                and 0 elsewhere. A world without the object has only zeros.
 
         Returns:
             Shape (num_envs,), int64, or with `one_hot` shape (num_envs, number of variants), float32.
@@ -87,10 +87,11 @@ class Readings(RefusesOldNames):
         """
         if name not in self.variants.names:
             raise unknown(self.scene, "object with variants", name, "State.variant", self.variants.names)
-        index = self.variants.index(name)
+        number = self.variants.number(name)
         if not one_hot:
-            return index
-        return torch.nn.functional.one_hot(index, len(self.variants.scene.config.variants[name])).float()
+            return number
+        columns = torch.arange(len(self.variants.scene.config.variants[name]), device=self.device)
+        return (number[:, None] == columns).float()
 
     def extent(self, name: str) -> Tensor:
         """Return the edge lengths [m] of the smallest box around a body, along the body's axes, shape (num_envs, 3).

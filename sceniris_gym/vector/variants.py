@@ -33,10 +33,22 @@ class VariantView:
         self._variant = torch.zeros(1, 0, dtype=torch.int32, device=device) if variant is None else variant
 
     def index(self, name: str | None) -> Tensor:
-        """Return the number of an object's present variant, shape (num_envs,), int64. All zeros if `name` is None."""
+        """Return the number of an object's present variant, shape (num_envs,), int64.
+
+        It is 0 in worlds without the object, and in all worlds if `name` is None.
+        """
         if name is None:
             return torch.zeros(len(self._variant), dtype=torch.int64, device=self.device)
+        return self.number(name).clamp(min=0)
+
+    def number(self, name: str) -> Tensor:
+        """Return the number of an object's present variant, -1 in worlds without it, shape (num_envs,), int64."""
         return self._variant[:, self.names.index(name)].long()
+
+    @property
+    def present(self) -> Tensor:
+        """The presence of the objects `names` in each world, shape (num_envs, len(names)), bool."""
+        return self._variant >= 0
 
 
 class Boxes:

@@ -21,7 +21,8 @@ READING = {
     "bounds",  # of numbers in a scene file
     "randomize",  # of masses and the like, which move nothing
     "tier",  # the names of tiers
-    "variants",  # which objects others mean by one name
+    *("variants", "member_names", "several_supports"),  # which objects others mean by one name
+    *("presence", "absence"),  # which objects may be absent
 }
 
 

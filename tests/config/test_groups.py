@@ -121,6 +121,7 @@ HEAPS_WRONG: dict[str, tuple[dict[str, Any], type[ScenirisError], str]] = {
         {"groups": {"some": {"of": ["a"], "count": 1}}}, SceneKeyError, "'a' is also in the group 'some'",
     ),
     "a place of its own": ({"objects.a.on": "floor"}, SceneKeyError, r"objects\.a: the heap .* Leave out on,"),
+    "a condition": ({"objects.a.if": "bin"}, SceneKeyError, "joints, gap, if and unless"),
     "a turn of its own": ({"objects.a.orientation": "fixed"}, SceneKeyError, "Leave out on,"),
     "a heap in a heap": (
         {"heaps.other": {"fill": "a", "of": ["c"]}, "objects.c": {"asset": "lemon"}}, SceneKeyError, "object of a heap",
@@ -199,8 +200,9 @@ STACKS_WRONG: dict[str, tuple[dict[str, Any], type[ScenirisError], str]] = {
         {"stacks.other": {"of": ["c", "d"], "on": "floor"}}, SceneKeyError, "'c' is also in the stack 'tower'",
     ),
     "a thing of a group": (
-        {"groups": {"some": {"of": ["a"], "count": 1}}}, SceneKeyError, "'a' is also in the group 'some'",
+        {"groups": {"some": {"of": ["b"], "count": 1}}}, SceneKeyError, "'b' is also in the group 'some'",
     ),
+    "an optional middle": ({"objects.b.if": "a"}, SceneKeyError, r"stacks\.tower\.of: 'b' may be absent"),
     "a place of its own": ({"objects.b.on": "floor"}, SceneKeyError, r"objects\.b: should not name a support"),
     "a cover of its own": ({"objects.b.inside": "a"}, SceneKeyError, r"objects\.b: should not name a support"),
     "on one of its things": ({"stacks.tower.on": "c"}, SceneKeyError, "a -> c -> b -> a"),

@@ -153,7 +153,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "a word": ({"objects.target.variants.can.gapp": 1}, r"objects\.target/can\.gapp: unknown key.*'gap'"),
     "two of a name": ({"objects.other": {"asset": ["can", "can"], "on": "table"}}, "two of the name 'can'"),
     "both": ({"objects.target.asset": ["can"]}, r"objects\.target\.asset: .*without 'variants'. .*'target/"),
-    "a support": ({"objects.apple.on": "target"}, r"objects\.apple\.on: 'target' has variants"),
+    "a support": ({"objects.apple.on": "target/lid"}, r"objects\.apple\.on: 'target/lid' is not a member of 'target'"),
     "a variant": (
         {"objects.apple.relations": [NEAR]},
         r"objects\.apple\.relations\.0\.near: .*Name its object 'target'",
@@ -193,7 +193,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "one in a group": (
         {"groups.some": {"of": ["target/can"], "count": 1}},
-        r"some\.of: 'target' has variants, so it can",
+        r"some\.of: 'target/can' is a single variant\. Name its object 'target'",
     ),
     "a share of nothing": (
         {"objects.other": {"holdout": 0.5, "on": "table"}},
@@ -218,7 +218,6 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
         {"objects.target/x": {"asset": "can", "on": "table"}},
         r"unknown variant 'target/x'.*target/mug",
     ),
-    "in a group": ({"groups.some": {"of": ["target"], "count": 1}}, r"groups\.some\.of: .*'target'"),
     "no asset": ({"objects.target.variants.x": {"body": "can"}}, r"objects\.target/x.*'model'"),
     "no scales": ({"objects.other": {"asset": "can", "scale": [], "on": "table"}}, r"other\.scale: .*list of numbers"),
     "scales of nothing": (

@@ -43,6 +43,7 @@ MODELS: dict[str, type[BaseModel]] = {
 }
 """The models, by their names in the table."""
 FIELDS = {(place, field.alias or name): field for place, m in MODELS.items() for name, field in m.model_fields.items()}
+del FIELDS["group", "by_area"]  # only objects on several supports have it
 READ_BEFORE = {
     ("scene", "base"),
     *(("object", word) for word in (loader.VARIANTS, loader.HOLDOUT, loader.TAGS)),

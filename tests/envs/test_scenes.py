@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 import mujoco
 import numpy as np
 import pytest
 import shapely
+from ruamel.yaml import YAML
+from scipy import stats
 
+from sceniris_gym.config.loader import shipped
 from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.layout.tables import make_table
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.scene.model import SceneModel
+from tests.layout.scenes import compile_on_cpu
+from tests.oracle.presence import outcomes
 
 
 def free_objects(config: SceneConfig) -> list[str]:
@@ -76,6 +84,34 @@ def test_the_clutter_covers_three_tenths_of_its_table():
     assert {config.objects[name].on for name in names} == {"table"}
     covered = sum(shapely.area(footprint(scene, data, name)) for name in names)
     assert covered / shapely.area(footprint(scene, data, "table")) > 0.30
+
+
+def test_the_dinner_is_laid_for_one_to_four():
+    """As often as the enumerator has it; each guest has cutlery and a glass, and a bowl if there is soup."""
+    written = YAML(typ="safe", pure=True).load(shipped("envs", ".yaml")["dinner"].read_text())
+    objects, stack = written["objects"], written["stacks"]["served"]
+    for name, below in zip(stack["of"], [stack["on"], *stack["of"]], strict=False):
+        objects[name] = {**objects[name], "on": below}
+    expected: dict[frozenset[str], float] = {}
+    for items, chance in outcomes(written).items():
+        key = frozenset(name for name, _, _ in items)
+        expected[key] = expected.get(key, 0.0) + float(chance)
+    compiled = compile_on_cpu("dinner")
+    names, table = np.array(compiled.object_names), make_table(compiled, 2000, 5000)
+    found = Counter(frozenset(name.partition("/")[0] for name in names[row]) for row in table.present)
+    assert table.valid.all()
+    assert not found.keys() - expected.keys()
+    likely = sorted((key for key in expected if 2000 * expected[key] >= 5), key=sorted)
+    numbers = [2000 * expected[key] for key in likely]
+    counts = [found[key] for key in likely]
+    chosen = np.append(numbers, 2000 - sum(numbers))[: len(numbers) + (sum(numbers) < 1999)]
+    assert stats.chisquare([*counts, 2000 - sum(counts)][: len(chosen)], chosen).pvalue > 0.001
+    for laid in found:
+        guests = {name[-1] for name in laid if name.startswith("plate")}
+        assert 1 <= len(guests) <= 4
+        spoons, glasses, bowls = ({n[-1] for n in laid if n.startswith(kind)} for kind in ("spoon", "glass", "bowl"))
+        assert guests == spoons == glasses
+        assert bowls in (set(), guests)
 
 
 @pytest.mark.parametrize(

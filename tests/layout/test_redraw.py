@@ -290,3 +290,19 @@ def test_a_carrier_moves_although_what_is_absent_might_stand_on_it(tmp_path: Pat
         assert after.present.numpy()[:, [compiled.slots.index(name) for name in loads]].tolist() == [[1, 0]] * 8
         far = [judge.moves(qpos, np.zeros((0, 3)), np.zeros((0, 4)), away).max() for qpos in after.qpos.numpy()]
         assert max(far) < STILL
+
+
+def test_an_object_with_variants_keeps_its_variant():
+    """It moves, and none of its other variants joins it; one on several supports stays on its support."""
+    things = {
+        "thing": {"asset": ["can", "mug"], "on": "floor"},
+        "table": {"asset": "tin", "kind": "fixture", "on": "floor"},
+    }
+    objects = {**things, "block": {"asset": "block", "on": {"floor": 1, "table": 1}}}
+    generator = LayoutGenerator(compile_on_cpu({"floor": {"size": [2, 2]}, "objects": objects}, bank=4), 32)
+    generator.generate()
+    present, before = generator.layouts.present.numpy().copy(), generator.layouts.pose("thing").numpy().copy()
+    moved = generator.redraw(generator.layouts, ["thing", "block"])
+    assert (moved.status.numpy() == LayoutStatus.VALID).all()
+    np.testing.assert_array_equal(moved.present.numpy(), present)
+    assert (np.abs(moved.pose("thing").numpy() - before)[:, :2].max(axis=1) > 0.0).all()

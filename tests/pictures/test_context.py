@@ -24,6 +24,19 @@ def test_a_model_keeps_its_groups():
     assert mjm.geom_group.tolist() == [0, 1]
 
 
+def test_a_model_whose_objects_overlap_is_drawn_without_contacts():
+    """Their contacts would exhaust the memory of the model."""
+    body = '<body><freejoint/><geom size=".1"/></body>'
+    mjm = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{9 * body}</worldbody></mujoco>")
+    found = []
+    for each in (mjm, drawn_once(mjm)):
+        data = mujoco.MjData(each)
+        mujoco.mj_forward(each, data)
+        found.append(data.ncon)
+    assert found[0] > 9
+    assert found[1] == 0
+
+
 def test_cameras_inside_of_what_carries_them_are_known():
     """Those in the box or ball of their own hand or of a link before it are; those beside it, or in hidden geoms not.
 

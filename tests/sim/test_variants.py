@@ -427,3 +427,65 @@ def test_worlds_are_read_as_the_layouts_that_were_written(mixed: CompiledScene, 
                 assert (read > 1e3).all()
             else:
                 np.testing.assert_array_equal(read, layout)
+
+
+@pytest.fixture(scope="module")
+def optional() -> CompiledScene:
+    """A thing and a fixture with variants that are absent from some layouts, and a load of the fixture."""
+    objects = {
+        "lamp": {"asset": "tin", "on": "floor"},
+        "target": {"asset": ["can", "mug", "book"], "on": "floor", "if": "lamp"},
+        "stand": {"asset": ["tin", "bowl"], "kind": "fixture", "on": "floor", "unless": "target/mug"},
+        "apple": {"asset": "apple", "on": "stand"},
+    }
+    groups = {"some": {"of": ["lamp"], "count": [0, 1]}}
+    return compile_scene({"floor": {"size": [1.5, 1.5]}, "objects": objects, "groups": groups, "bank": 4}, "cpu")
+
+
+def test_an_absent_object_with_variants_is_parked(optional: CompiledScene):
+    """It has the number -1 and lies at rest where layouts park its first variant, and it comes back with a reset."""
+    batch = Batch(optional.scene, NWORLD, "cpu")
+    randomizer = ResetRandomizer(optional, batch.model, batch.data, prefetch=False)
+    there = {}
+    for _ in range(3):
+        randomizer.reset()
+        present = randomizer.layouts.present.numpy()
+        for column, (name, members) in enumerate(optional.config.variants.items()):
+            slots = present[:, [optional.slots.index(member) for member in members]]
+            expected = np.where(slots.any(axis=1), slots.argmax(axis=1), -1)
+            np.testing.assert_array_equal(randomizer.variants.numpy()[:, column], expected)
+            if name != "stand":
+                adr = optional.sim_mjm.joint(f"{name}/free").qposadr[0]
+                poses = batch.data.qpos.numpy()[:, adr : adr + 3]
+            else:
+                poses = batch.data.mocap_pos.numpy()[:, optional.sim_mjm.body(name).mocapid[0]]
+            np.testing.assert_array_equal(poses, randomizer.layouts.pose(name).numpy()[:, :3])
+            assert ((poses[:, :2].min(axis=1) > 38.0) == (expected < 0)).all()
+            there.setdefault(name, set()).update(expected.tolist())
+    assert there == {"target": {-1, 0, 1, 2}, "stand": {-1, 0, 1}, "apple": {-1, 0, 1}}
+    before = batch.data.qpos.numpy().copy()
+    stepped(batch, 50)
+    absent = randomizer.variants.numpy()[:, [*optional.config.variants].index("target")] < 0
+    adr = optional.sim_mjm.joint("target/free").qposadr[0]
+    assert np.abs(batch.data.qpos.numpy() - before)[absent, adr : adr + 3].max() < 0.002
+
+
+def test_worlds_without_an_object_with_variants_are_read_as_their_layouts(optional: CompiledScene):
+    """Its variants are all absent, and stored layouts with and without it are written."""
+    batch = Batch(optional.scene, NREAD, "cpu")
+    randomizer = ResetRandomizer(optional, batch.model, batch.data)
+    table = make_table(optional, NREAD, seed=9)
+    assert (table.present.sum(axis=1) < 3).any()
+    randomizer.reset()
+    variants = randomizer._writer.variants
+    assert variants is not None
+    reader = VariantReader(batch.data, variants, randomizer.layouts.view)
+    reader.launch(wp.ones(NREAD, dtype=bool, device="cpu"))
+    np.testing.assert_array_equal(reader.state.present.numpy(), randomizer.layouts.present.numpy())
+    randomizer.write(table, np.arange(NREAD))
+    for column, members in enumerate(optional.config.variants.values()):
+        slots = table.present[:, [optional.slots.index(member) for member in members]]
+        assert (randomizer.variants.numpy()[:, column] == np.where(slots.any(axis=1), slots.argmax(axis=1), -1)).all()
+    table.present[0] = True
+    with pytest.raises(SceneMismatchError, match="each row should have at most one variant of 'target'"):
+        randomizer.write(table, np.arange(NREAD))

@@ -94,6 +94,23 @@ def test_a_task_sees_the_variant_that_is_there(envs: SceneVectorEnv, compiled: C
     assert s.present(("thing", "other")).all()
 
 
+def test_a_task_sees_that_an_object_with_variants_is_absent(tmp_path: Path):
+    """By -1, by a row of zeros, and by `present`; its box is that of its first variant."""
+    boxes = {name: {"asset": box_mjcf(tmp_path, name, 0.04, 0.04, height)} for name, height in HEIGHTS.items()}
+    lamp = {"asset": boxes["low"]["asset"], "on": "floor"}
+    objects = {"lamp": lamp, "thing": {"variants": boxes, "on": "floor", "unless": "lamp"}}
+    groups = {"some": {"of": ["lamp"], "count": [0, 1]}}
+    scene = {"floor": {"size": [1, 1]}, "bank": 4, "objects": objects, "groups": groups}
+    envs = SceneVectorEnv(Look, NWORLD, scene=compile_on_cpu(scene), device="cpu")
+    envs.reset(seed=1)
+    s = envs.state
+    number, there = s.variant("thing"), s.present(("lamp", "thing"))
+    assert set(number.tolist()) == {-1, 0, 1}
+    assert torch.equal(there, torch.stack([number < 0, number >= 0], dim=1))
+    assert torch.equal(s.variant("thing", one_hot=True), torch.eye(2)[number] * (number >= 0)[:, None])
+    assert torch.allclose(s.extent("thing")[number < 0, 2], torch.tensor(HEIGHTS["low"]))
+
+
 def test_boxes_are_those_of_the_variant(envs: SceneVectorEnv):
     """Its extents, and the height of its lowest corner, which lies on the floor."""
     s = envs.state

@@ -15,66 +15,83 @@ from sceniris_gym.program.device import Program
 from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.scene.parking import PARKING_COLUMNS, PARKING_FROM, PARKING_SPACING
 
+OPEN = wp.constant(2)
+"""Value of `present` for a member of a group that may be drawn, until its group is drawn."""
+
 
 @wp.func
-def _draw_weighted(
+def draw_members(
     program: Program,
     worldid: int,
     seed: wp.uint64,
     episode: int,
     split: wp.uint32,
     g: int,
-    count: int,
     present: wp.array[int],
 ):
-    """Draw `count` members of a group without replacement, each with the weights of the members that remain."""
+    """Draw the present members of a group among its members that are `OPEN`.
+
+    The number of members is drawn uniformly from the group's interval, and cut to the members that are `OPEN`. Then
+    members are drawn without replacement: all sets are equally likely, or each member is drawn with the weights of the
+    members that remain.
+    """
+    stream = numbered_stream(split, GROUP_STREAM)
     column = int(split % wp.uint32(2))  # the splits 'eval' and 'eval_bank' have odd numbers
-    adr = program.group[worldid, g][0]
-    num = program.group[worldid, g][1]
+    group = program.group[worldid, g]
+    able = int(0)
     total = float(0.0)
-    for i in range(num):
-        present[program.group_slot[adr + i]] = 0
-        total += program.group_weight[worldid, adr + i][column]
-    for k in range(count):
-        u = uniforms(seed, episode, numbered_stream(split, GROUP_STREAM), g, 1 + k // 4)[k % 4]
+    for i in range(group[0], group[0] + group[1]):
+        if present[program.group_slot[i]] == OPEN:
+            able += 1
+            total += program.group_weight[worldid, i][column]
+    left = group[2] + int(uniforms(seed, episode, stream, g, 0)[0] * float(group[3] - group[2] + 1))
+    left = wp.min(wp.min(left, group[3]), able)
+    if program.group_uniform[worldid, g]:
+        # selection sampling: D. Knuth, "The Art of Computer Programming", vol. 2, algorithm 3.4.2 S
+        for i in range(group[1]):
+            slot = program.group_slot[group[0] + i]
+            if present[slot] == OPEN:
+                u = uniforms(seed, episode, stream, g, 1 + i // 4)[i % 4]
+                present[slot] = int(u * float(able) < float(left))
+                left -= present[slot]
+                able -= 1
+    for k in range(left):
+        u = uniforms(seed, episode, stream, g, 1 + k // 4)[k % 4]
         at = u * total
         chosen = int(0)
         below = float(0.0)  # sum of the weights before, not a difference, so that all devices round in the same way
-        for i in range(num):
-            weight = program.group_weight[worldid, adr + i][column]
-            if weight > 0.0 and present[program.group_slot[adr + i]] == 0:
+        for i in range(group[0], group[0] + group[1]):
+            if present[program.group_slot[i]] == OPEN:
                 if below <= at:
                     chosen = i
-                below += weight
-        present[program.group_slot[adr + chosen]] = 1
-        total = below - program.group_weight[worldid, adr + chosen][column]
+                below += program.group_weight[worldid, i][column]
+        present[program.group_slot[chosen]] = 1
+        total = below - program.group_weight[worldid, chosen][column]
+    for i in range(group[0], group[0] + group[1]):
+        if present[program.group_slot[i]] == OPEN:
+            present[program.group_slot[i]] = 0
+
+
+@wp.func
+def is_drawn(program: Program, worldid: int, split: wp.uint32, member: int) -> bool:
+    """Return whether a split may draw a member of a group, given by its index in `group_slot`."""
+    return program.group_weight[worldid, member][int(split % wp.uint32(2))] > 0.0
 
 
 @wp.func
 def draw_groups(
     program: Program, worldid: int, seed: wp.uint64, episode: int, split: wp.uint32, present: wp.array[int]
 ):
-    """Draw the present objects of each group: draw k uniformly from the group's interval, then k members.
+    """Draw the present objects of each group.
 
-    Members are drawn without replacement. The draw belongs to the episode, not to a restart. Otherwise restarts would
-    favour few objects, which are easier to place.
+    The draw belongs to the episode, not to a restart. Otherwise restarts would favour few objects, which are easier to
+    place.
     """
-    stream = numbered_stream(split, GROUP_STREAM)
     for g in range(program.ngroup):
-        adr = program.group[worldid, g][0]
-        num = program.group[worldid, g][1]
-        low = program.group[worldid, g][2]
-        high = program.group[worldid, g][3]
-        left = wp.min(low + int(uniforms(seed, episode, stream, g, 0)[0] * float(high - low + 1)), high)
-        if not program.group_uniform[worldid, g]:
-            _draw_weighted(program, worldid, seed, episode, split, g, left, present)
-            continue
-        # selection sampling: D. Knuth, "The Art of Computer Programming", vol. 2, algorithm 3.4.2 S
-        for i in range(num):
-            u = uniforms(seed, episode, stream, g, 1 + i // 4)[i % 4]
-            chosen = int(u * float(num - i) < float(left))
-            present[program.group_slot[adr + i]] = chosen
-            left -= chosen
+        group = program.group[worldid, g]
+        for i in range(group[0], group[0] + group[1]):
+            present[program.group_slot[i]] = wp.where(is_drawn(program, worldid, split, i), OPEN, 0)
+        draw_members(program, worldid, seed, episode, split, g, present)
 
 
 @wp.func

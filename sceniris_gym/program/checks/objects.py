@@ -6,9 +6,9 @@ from sceniris_gym.config.bounds import MAX_CORNERS, MAX_PIECES
 from sceniris_gym.config.relations import Beside
 from sceniris_gym.config.tier import Tier
 from sceniris_gym.errors import MapError, NotSupportedError, ReachWarning, SceneKeyError
+from sceniris_gym.geometry.supports import COS_MAX_TILT
 from sceniris_gym.program.notices import warn
 from sceniris_gym.program.pack.relations import MOST_SLICES, cut_pieces
-from sceniris_gym.program.placed_object import COS_MAX_TILT
 from sceniris_gym.program.plan import Plan
 from sceniris_gym.program.reach import asset_and_words
 from sceniris_gym.reach.map import build_command, why_not_map

@@ -7,10 +7,11 @@ import numpy as np
 
 from sceniris_gym.config.bounds import MAX_LEVELS
 from sceniris_gym.errors import SceneKeyError
+from sceniris_gym.geometry.supports import COS_MAX_TILT
 from sceniris_gym.program.device import ObjectKind
 from sceniris_gym.program.dropping import DROP_SECONDS, STILL, drop, held, moved, only, point
 from sceniris_gym.program.loads import least_upright, wind_push
-from sceniris_gym.program.placed_object import COS_MAX_TILT, PlacedObject
+from sceniris_gym.program.placed_object import PlacedObject
 from sceniris_gym.program.plan import Plan
 from sceniris_gym.program.resting import check_weight, drawn_joints
 from sceniris_gym.program.standing import Stance

@@ -161,13 +161,15 @@ def collider_pairs(plan: Plan, rules: PairRules) -> list[list[Pair]]:
     left_out = _marker_bodies(scene).union(*(o.bodies for o in plan.objects))
     # clearances of the bodies already in place, at first all bodies that are not placed. Markers take no space.
     standing = {body: clearance for body, clearance in clearances.items() if body not in left_out}
+    never_with = config.presence.excluded if config.presence.has_conditions else {}
     result = []
     for i, o in enumerate(plan.objects):
         tell("pairs", i + 1, len(plan.objects))
         clearance, is_static = o.config.clearance, o.kind == ObjectKind.STATIC
         pairs = []
         if o.config.kind != "marker":
-            never = config.variants.get(config.owners.get(o.name, ""), ())  # variants of one object are never together
+            # objects that are never together, such as variants of one object, cannot collide
+            never = never_with.get(o.name, ()) if never_with else config.variants.get(config.owners.get(o.name, ""), ())
             others = {body for name in never for body in plan.scene.subtree(name)}
             pairs = [
                 rules.apart(a, b, max(rules.touch(a, b), 0.0 if is_static else max(clearance, standing[bodies[b]])))

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any
 
 import mujoco
 import numpy as np
 import shapely
 
 from sceniris_gym.config.bounds import MAX_FOOT, MOST_WIDE
-from sceniris_gym.config.groups import SPLITS, GroupConfig
+from sceniris_gym.config.groups import SPLITS
+from sceniris_gym.config.member_names import object_of
+from sceniris_gym.config.presence import Draw, Presence
 from sceniris_gym.geometry.colliders import NO_INNER_BOX, Collider, inner_box
 from sceniris_gym.geometry.feet import around
 from sceniris_gym.geometry.pieces import Piece
@@ -17,11 +20,13 @@ from sceniris_gym.geometry.ragged import addressed, columns
 from sceniris_gym.geometry.resting_poses import weights
 from sceniris_gym.geometry.supports import SupportSurface, triangulate
 from sceniris_gym.program.device import fill_struct
+from sceniris_gym.program.device_conditions import Conditions
 from sceniris_gym.program.device_reach import Starts
 from sceniris_gym.program.device_statics import DIRECTIONS, Statics
 from sceniris_gym.program.pack.objects import footprint_hulls, pack_objects
 from sceniris_gym.program.pack.pairs import PairRules, arm_pairs, collider_pairs
 from sceniris_gym.program.pack.relations import joints_of, pack_regions, pack_relations, surfaces_of_regions
+from sceniris_gym.program.placed_object import PlacedObject
 from sceniris_gym.program.plan import Plan
 from sceniris_gym.program.standing import CURVED, Foot, Roll, carriers_of, chain_below
 from sceniris_gym.program.starts import plan_grips, plan_starts
@@ -104,7 +109,7 @@ def pack_program(plan: Plan, colliders: list[Collider], lanes: int) -> dict[str,
         pack_objects(plan, rules, joints)
         | pack_pairs(plan, rules, lanes)
         | pack_relations(plan, joints)
-        | pack_groups(scene.config.groups.values(), plan.slots)
+        | pack_groups(scene.config.presence.draws.values(), plan.slots, areas_of_supports(plan.objects))
         | pack_regions(plan.objects)
         | pack_pieces([*plan.pieces, *footprint_hulls(plan.objects)], scene.config.geometry == "visual")
         | pack_bodies(scene.mjm, scene.home_qpos)
@@ -141,16 +146,54 @@ def pack_starts(plan: Plan, bounds: np.ndarray, device: str) -> Starts | None:
     return fill_struct(Starts, Starts(), fields, device)  # pyrefly: ignore[missing-argument]
 
 
-def pack_groups(groups: Collection[GroupConfig], slots: Sequence[str]) -> dict[str, np.ndarray]:
-    """Return the fields `group` and `group_*`: the slots of each group's members, and how many members are present."""
-    members, found = addressed("slot", ([slots.index(name) for name in g.of] for g in groups))
+def pack_groups(draws: Collection[Draw], slots: Sequence[str], areas: Mapping[str, float]) -> dict[str, np.ndarray]:
+    """Return the fields `group` and `group_*`: the slots of each group's members, and how many members are present.
+
+    A member that is a group has the slot of its first object. `areas` are the results of `areas_of_supports`.
+    """
+    number, groups = {name: i for i, name in enumerate(slots)}, [draw.group for draw in draws]
+    members, found = addressed("slot", ([number[m.objects[0]] for m in draw.members] for draw in draws))
     counts = np.reshape([g.count for g in groups], (-1, 2)).T
     return {
         "group": np.column_stack([found["slotadr"], found["slotnum"], *counts]).astype(int),
         "group_slot": np.array(members, int),
         "group_uniform": np.array([g.is_uniform for g in groups], bool),
-        "group_weight": np.reshape([w for g in groups for w in zip(*map(g.weights_in, SPLITS), strict=True)], (-1, 2)),
+        "group_weight": np.reshape([w for g in groups for w in zip(*map(g.weights_in, SPLITS), strict=True)], (-1, 2))
+        * np.reshape([areas.get(m.key, 1.0) if d.group.by_area else 1.0 for d in draws for m in d.members], (-1, 1)),
     }
+
+
+def areas_of_supports(objects: Sequence[PlacedObject]) -> dict[str, float]:
+    """Return for each member of an object the area [m2], or the number of points, in which its pivot may be.
+
+    All members on one support have the same value, the greatest over variants and stable poses: the smallest footprint
+    leaves most of a support.
+    """
+    found: dict[tuple[str, Any], float] = {}
+    for o in objects:
+        of_poses = (sum(s.region.area or len(shapely.get_parts(s.region)) for s in some) for some in o.surfaces)
+        key = object_of(o.name), o.config.support
+        found[key] = max(found.get(key, 0.0), *of_poses, 0.0)
+    return {o.name: found[object_of(o.name), o.config.support] for o in objects}
+
+
+def pack_conditions(presence: Presence, slots: Sequence[str], device: str) -> Conditions | None:
+    """Return the conditions of a scene on a device, or None if no draw depends on another one."""
+    if not presence.has_conditions:
+        return None
+    number = {name: i for i, name in enumerate(slots)}
+    members = [member for draw in presence.draws.values() for member in draw.members]
+    leaf, of_leaves = addressed("member_leaf", ([number[name] for name in m.objects] for m in members))
+    terms, of_terms = addressed("member_term", (m.terms for m in members))
+    slot, of_slots = addressed("term_slot", ([number[name] for name in term.of] for term in terms))
+    arrays = {
+        **{**of_leaves, **of_terms, **of_slots},
+        "order": np.array(presence.order, int),
+        "leaf": np.array(leaf, int),
+        "term_holds": np.array([term.holds for term in terms], int),
+        "term_slot": np.array(slot, int),
+    }
+    return fill_struct(Conditions, Conditions(), arrays, device)  # pyrefly: ignore[missing-argument]
 
 
 def pack_pieces(pieces: list[Piece], visual: bool) -> dict[str, np.ndarray]:

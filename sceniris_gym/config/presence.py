@@ -1,0 +1,260 @@
+"""The present objects of a layout: groups and conditions as draws, and the order of their dependence.
+
+A *draw* chooses among members, which are objects or other groups. A condition of an object or a group in no group makes
+one more draw, with this single member. What is on an object that may be absent has the condition that the object is
+present.
+"""
+
+from __future__ import annotations
+
+import graphlib
+from collections.abc import Iterable, Mapping
+from functools import cache, cached_property
+from itertools import chain
+from typing import NamedTuple
+
+from sceniris_gym.config.groups import SPLITS, GroupConfig
+from sceniris_gym.config.member_names import SUPPORT, object_of, split_support
+from sceniris_gym.config.objects import ObjectConfig
+
+_NOTHING: frozenset[str] = frozenset()
+_GROUP = "groups."
+"""The beginning of the keys of groups. It keeps a group apart from an object of the same name."""
+
+
+class Term(NamedTuple):
+    """A condition: one of the objects `of` is present or, if `holds` is false, all are absent."""
+
+    holds: bool
+    of: tuple[str, ...]
+
+
+class Member(NamedTuple):
+    """A member of a draw: its key, its objects (several for a group), and the terms that all have to hold."""
+
+    key: str
+    objects: tuple[str, ...]
+    terms: tuple[Term, ...]
+
+
+class Draw(NamedTuple):
+    """A group, and its members in the order of `GroupConfig.of`."""
+
+    group: GroupConfig
+    members: tuple[Member, ...]
+
+
+class Presence:
+    """The draws of a scene, and conclusions from its conditions that hold in every layout.
+
+    Objects have their names as keys, and groups 'groups.NAME'.
+
+    Args:
+        objects: The objects of the scene.
+        groups: Its groups.
+    """
+
+    def __init__(self, objects: Mapping[str, ObjectConfig], groups: Mapping[str, GroupConfig]) -> None:
+        self._objects, self._groups = objects, groups
+        self.groups = {_GROUP + name: group for name, group in groups.items()}
+        self.outer = {self.key(name): key for key, group in self.groups.items() for name in group.of}
+        for recursive in (
+            "leaves",
+            "must",
+            "never",
+            "_inside",
+            "_own",
+        ):  # per scene, since conditions name the same objects often
+            setattr(self, recursive, cache(getattr(self, recursive)))
+
+    def __reduce__(self) -> tuple[type[Presence], tuple]:
+        """Pickle the words, because caches cannot be pickled."""
+        return Presence, (self._objects, self._groups)
+
+    def key(self, name: str) -> str:
+        """Return the key of an object or a group. An object goes before a group of the same name."""
+        return name if name in self._objects or _GROUP + name not in self.groups else _GROUP + name
+
+    def leaves(self, key: str) -> tuple[str, ...]:
+        """Return the objects of a group, also inside its groups, or the object itself."""
+        if key in self._objects:
+            return (key,)
+        if key not in self.groups:  # a variant with a member on each of several supports
+            return tuple(name for name in self._objects if name.startswith(key + SUPPORT))
+        return tuple(dict.fromkeys(chain(*(self.leaves(self.key(name)) for name in self.groups[key].of))))
+
+    @cached_property
+    def absent(self) -> dict[str, str]:
+        """Object that may be absent -> the key of the group that may leave it out, or the object if it has a condition.
+
+        An object with a carrier that may be absent has the condition that its carrier is present.
+        """
+        found = [name for name in self._objects if self._is_optional(name)]
+        more = found
+        while more:
+            below = {*found}
+            more = [name for name in self._objects if name not in below and self.carrier(name) in below]
+            found = [*found, *more]
+        return {name: self.outer.get(name, name) for name in found}
+
+    def _is_optional(self, name: str) -> bool:
+        """Return whether a condition or a group may leave out an object."""
+        above = [*self._above(name)]
+        return any(not self.groups[key].always_whole for key in above) or any(map(self.has_words, [name, *above]))
+
+    def carrier(self, name: str) -> str:
+        """Return the supporting object of an object, '' for another support."""
+        support = self._objects[name].support
+        owner = "" if support is None else split_support(support.parent, self._objects)[0]
+        return owner if owner in self._objects else ""
+
+    @cached_property
+    def draws(self) -> dict[str, Draw]:
+        """The draws, by key: all groups in the order of the file, then one for each other condition."""
+        found = {key: (group, [self.key(name) for name in group.of]) for key, group in self.groups.items()}
+        for key in (*self._objects, *self.groups):
+            if key not in self.outer and self.terms(key):
+                found["if " + key] = GroupConfig(of=(key,), count=(1, 1)), [key]
+        return {
+            key: Draw(group, tuple(Member(m, self.leaves(m), self.terms(m)) for m in of))
+            for key, (group, of) in found.items()
+        }
+
+    @cached_property
+    def member_keys(self) -> list[str]:
+        """The keys of the members of all draws, in the order of `draws`."""
+        return [member.key for draw in self.draws.values() for member in draw.members]
+
+    @cached_property
+    def order(self) -> list[int]:
+        """The indices of the draws in the order of dependence.
+
+        Raises:
+            CycleError: Conditions depend on each other in a circle, or a group contains itself.
+        """
+        number = {key: i for i, key in enumerate(self.draws)}
+        return [number[key] for key in graphlib.TopologicalSorter(self.dependence()).static_order()]
+
+    @property
+    def has_conditions(self) -> bool:
+        """True if a draw depends on another one."""
+        return any(self.dependence().values()) or any(m.terms for draw in self.draws.values() for m in draw.members)
+
+    @property
+    def parks(self) -> bool:
+        """True if resets may park a body of the simulation, where all variants of an object share one body."""
+        return any(key not in self.groups or not (self.is_object(key) and self._is_sure(key)) for key in self.draws)
+
+    def dependence(self) -> dict[str, list[str]]:
+        """Return each draw with the draws that come before it."""
+        decides = {key: "if " + key for key in (*self._objects, *self.groups) if "if " + key in self.draws} | self.outer
+        needed = {}
+        for key, draw in self.draws.items():
+            named = chain(*(term.of for member in draw.members for term in member.terms), [key])
+            needed[key] = list(dict.fromkeys(decides[name] for name in named if name in decides))
+        return needed
+
+    def terms(self, key: str) -> tuple[Term, ...]:
+        """Return the conditions of an object or a group, without the groups that contain it."""
+        part = self.groups.get(key) or self._objects[key]
+        found = [Term(True, self.leaves(self.key(name))) for name in part.if_]
+        if part.unless:
+            found.append(Term(False, tuple(chain(*(self.leaves(self.key(name)) for name in part.unless)))))
+        if key not in self.groups and (below := self.carrier(key)) in self.absent:
+            found.append(Term(True, (below,)))
+        if key in self.groups and key in self.outer and self.is_object(key):
+            below = [self.carrier(name) for name in self.groups[key].of]
+            found += [Term(True, tuple(dict.fromkeys(below)))] if all(name in self.absent for name in below) else []
+        return tuple(found)
+
+    def is_object(self, key: str) -> bool:
+        """Return whether a key stands for an object of the scene file, which may be a group of members."""
+        return key not in self.groups or all(_GROUP + object_of(name) == key for name in self.groups[key].of)
+
+    def implies(self, name: str, other: str) -> bool:
+        """Return whether every layout with an object or a robot has another object or group, too."""
+        return self.is_sure(other) or (name in self._objects and self.key(other) in self.must(name))
+
+    def is_sure(self, name: str) -> bool:
+        """Return whether an object or a group is present in every layout."""
+        return self._is_sure(self.key(name))
+
+    def _is_sure(self, key: str) -> bool:
+        if key not in self.groups:
+            return key not in self.absent
+        group = self.groups[key]
+        drawn = zip(group.of, *map(group.weights_in, SPLITS), strict=True)
+        members = [self.key(name) for name, *weights in drawn if all(weights)]
+        if key in self.outer or self.has_words(key) or group.count[0] == 0:
+            return False
+        if any(m not in self.groups and not self.terms(m) for m in members):
+            return True
+        below = {self.carrier(m) for m in members if m not in self.groups and not self.has_words(m)}
+        return any(
+            self._is_sure(over) for name in below if (over := self.outer.get(name)) and below >= {*self.leaves(over)}
+        )
+
+    def conflict(self, *keys: str) -> str | None:
+        """Return an object or group that cannot be present if all `keys` are, None if their conditions agree."""
+        never = _NOTHING.union(*map(self.never, keys))
+        sure = [*sorted(never - self.absent.keys()), *(key for key in self.groups if self._is_sure(key))]
+        needed = dict.fromkeys(chain(*(sorted(self.must(key)) for key in keys), sure))
+        return next((key for key in needed if never.issuperset(self.leaves(key))), None)
+
+    @cached_property
+    def excluded(self) -> dict[str, set[str]]:
+        """Object -> objects that are in no layout with it, as far as groups of one member and conditions tell."""
+        found: dict[str, set[str]] = {name: set() for name in self._objects}
+        needing: dict[str, list[str]] = {}
+        for name in self.absent:
+            for key in self.must(name):
+                needing.setdefault(key, []).append(name)
+        for name in self.absent:
+            for other in chain(*(needing.get(key, ()) for key in self.never(name))):
+                found[name].add(other)
+                found[other].add(name)
+        return found
+
+    def must(self, key: str) -> frozenset[str]:
+        """Return the keys of all objects and groups that are in every layout with an object or a group."""
+        return self._inside(key).union(*map(self._own, self._above(key)))
+
+    def never(self, key: str) -> frozenset[str]:
+        """Return the objects that no layout with an object or group has."""
+        return _NOTHING.union(*map(self._bars, self.must(key)))
+
+    def _bars(self, key: str) -> Iterable[str]:
+        """Return the objects that an object or a group excludes by its `unless`, or by its place in a group of one."""
+        part, outer = self.groups.get(key) or self._objects.get(key), self.groups.get(self.outer.get(key, ""))
+        names = [] if part is None else list(part.unless)
+        if outer is not None and outer.count[1] == 1:
+            names += [name for name in outer.of if self.key(name) != key]
+        return chain(*(self.leaves(self.key(name)) for name in names))
+
+    def _inside(self, key: str) -> frozenset[str]:
+        """Return `must` of an object or a group, without the groups that contain it."""
+        if key not in self.groups:
+            return self._own(key)
+        return self._own(key) | frozenset.intersection(*(self._inside(self.key(name)) for name in self.groups[key].of))
+
+    def _own(self, key: str) -> frozenset[str]:
+        """Return what the words of an object or a group need, without its members and the groups that contain it."""
+        part = self.groups.get(key) or self._objects.get(key)
+        if part is None:  # a variant that is no object itself
+            needed = [self.outer[name] for name in self.leaves(key)[:1]]
+        else:
+            needed = [self.key(name) for name in part.if_]
+        if key in self._objects and (below := self.carrier(key)) in self.absent:
+            needed.append(below)
+        return frozenset([key]).union(*map(self.must, needed))
+
+    def has_words(self, key: str) -> bool:
+        """Return whether an object or a group has an `if` or an `unless` itself."""
+        part = self.groups.get(key) or self._objects[key]
+        return bool(part.if_ or part.unless)
+
+    def _above(self, key: str) -> Iterable[str]:
+        """Yield the groups that contain an object or a group, from the innermost outwards."""
+        while key in self.outer:
+            key = self.outer[key]
+            yield key

@@ -1,0 +1,26 @@
+"""The bodies of an object that can support others, for supports such as `{any: cabinet}`."""
+
+from sceniris_gym.geometry.pieces import extract_pieces
+from sceniris_gym.geometry.supports import COS_MAX_TILT, level_surfaces
+from sceniris_gym.scene.model import SceneModel
+
+
+def level_bodies(scene: SceneModel, name: str, word: str) -> list[str]:
+    """Return the names of the bodies of an object that have a level surface in the start pose, or the object's name.
+
+    Args:
+        scene: The scene.
+        name: The object.
+        word: The support's key: 'on', 'inside' or 'in'.
+    """
+    if name not in scene.bodies:
+        return [name]
+    bodies = {name: scene.bodies[name], **{f"{name}/{part}": body for part, body in scene.parts(name).items()}}
+    pieces = extract_pieces(scene.mjm, scene.config.geometry, set(bodies.values()))
+    found = []
+    for support, body in bodies.items():
+        own = [piece for piece in pieces if piece.body == body]
+        is_level = scene.home.xmat[body][8] >= COS_MAX_TILT
+        if is_level and level_surfaces(body, own, open_above=word == "on"):
+            found.append(support)
+    return found or [name]

@@ -1,0 +1,47 @@
+"""Bodies that can support others, of a cabinet with drawers, and scenes that name them all at once."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sceniris_gym.audit.auditor import Auditor
+from sceniris_gym.layout.tables import make_table
+from sceniris_gym.scene.build import build_model
+from sceniris_gym.scene.level_bodies import level_bodies
+from tests.audit.judging import judge_language
+from tests.layout.scenes import compile_on_cpu
+
+CABINET = {"asset": "cabinet", "kind": "fixture", "on": "floor", "joints": {"*": {"fraction": [0.5, 1]}}}
+SCENE = {
+    "floor": {"size": [3, 3]},
+    "objects": {"cabinet": CABINET, "apple": {"asset": "apple", "on": {"any": "cabinet"}}},
+}
+
+
+def test_drawers_are_level_and_handles_are_not():
+    """By the names of bodies inside the object; a ball has no level body, so its own name remains."""
+    scene = build_model({**SCENE, "objects": {**SCENE["objects"], "ball": {"asset": "orange", "on": "floor"}}})
+    found = level_bodies(scene, "cabinet", "in")
+    assert {"cabinet", "cabinet/upper_drawer", "cabinet/lower_drawer"} <= set(found)
+    assert set(found) <= {"cabinet", *(f"cabinet/{name}" for name in scene.parts("cabinet"))}
+    assert level_bodies(scene, "ball", "on") == ["ball"]
+    assert level_bodies(scene, "nobody", "on") == ["nobody"]
+
+
+def test_an_object_is_on_each_level_body():
+    """By area, as in a list of them; and the audit agrees."""
+    compiled = compile_on_cpu(SCENE, bank=4)
+    members = compiled.config.variants["apple"]
+    assert len(members) >= 3
+    listed = [part.on for name, part in compiled.config.objects.items() if name in members]
+    table = make_table(compiled, 400, 0)
+    same = make_table(
+        compile_on_cpu({**SCENE, "objects": {**SCENE["objects"], "apple": {"asset": "apple", "on": listed}}}), 400, 0
+    )
+    np.testing.assert_array_equal(table.present, same.present)
+    there = table.present[:, [compiled.slots.index(name) for name in members]]
+    assert (there.sum(axis=1) == 1).all()
+    assert there.any(axis=0).all()
+    auditor = Auditor(compiled.mjm, compiled.config, compiled.scene.bodies)
+    assert auditor.judge(table[:100]).misplaced == []
+    assert not [k for k in judge_language(auditor, table) if k.broken]
