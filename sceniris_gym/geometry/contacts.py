@@ -55,6 +55,13 @@ class ContactRules:
         """Return whether the model excludes the contacts of two bodies."""
         return bool(self._excluded) and (min(body, other) << 16) + max(body, other) in self._excluded
 
+    def is_parent(self, body: int, other: int) -> bool:
+        """Return whether MuJoCo ignores contacts of two bodies because one moves the other. The world moves nothing."""
+        weld, parent = self._mjm.body_weldid, self._mjm.body_parentid
+        first, second = weld[[body, other]]
+        moves = (first != 0 and first == weld[parent[second]]) or (second != 0 and second == weld[parent[first]])
+        return bool(moves) and not self._mjm.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_FILTERPARENT
+
     def _work_out_meet(self, a: int, b: int) -> bool:
         if self._visual or self.is_explicit(a, b):
             return True

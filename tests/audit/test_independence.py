@@ -31,8 +31,6 @@ def test_the_audit_imports_nothing_that_makes_layouts():
     program = "import sys; from sceniris_gym.audit import auditor, reach; print(*sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.split()
     own = [name.removeprefix("sceniris_gym.").split(".") for name in loaded if name.startswith("sceniris_gym.")]
-    assert {path[0] for path in own} == {
-        *["errors", "files", "stopping", "registration", "progress", "config", "scene", "audit"]
-    }
+    assert {path[0] for path in own} == {*["errors", "files", "registration", "progress", "config", "scene", "audit"]}
     assert {path[1] for path in own if path[0] == "config" and len(path) > 1} == READING
     assert {path[1] for path in own if path[0] == "scene" and len(path) > 1} == {"layout_table"}

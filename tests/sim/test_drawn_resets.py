@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -100,7 +100,7 @@ def test_two_randomizers_of_the_same_worlds_draw_what_one_would(device: str, sha
     one, alone = make(scene, prefetch=True), make(scene, prefetch=False)
     one.reset()
     alone.pipeline.reseed(seed=70)
-    worlds: Any = SimpleNamespace(model=one.model, data=one.data, fields=one.fields)
+    worlds: Any = Mock(spec=Batch, model=one.model, data=one.data, fields=one.fields)
     words: dict[str, Any] = {"seed": 70, "prefetch": True}
     if shared:
         other = ResetRandomizer.of_batch(worlds, scene, **words)

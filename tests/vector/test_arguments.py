@@ -311,9 +311,9 @@ WRONG_CALLS = {
         lambda envs: envs.set_param(SLIDE, np.ma.array([0.05, 0.06], mask=np.array([True, False]))),
     ),
     "nested": (ArgumentError, "dense", lambda envs: envs.step(torch.nested.nested_tensor([torch.zeros(5)] * 2))),
-    "id of a number": (ArgumentTypeError, "integers", lambda envs: envs.compiled.layout_id("x", 0)),
-    "id of a half": (ArgumentTypeError, "integers", lambda envs: envs.compiled.layout_id(1.5, 0)),
-    "id of nothing": (ArgumentTypeError, "integers", lambda envs: envs.compiled.layout_id(3, None)),
+    "id of a number": (ArgumentTypeError, "an integer", lambda envs: envs.compiled.layout_id("x", 0)),
+    "id of a half": (ArgumentTypeError, "an integer", lambda envs: envs.compiled.layout_id(1.5, 0)),
+    "id of nothing": (ArgumentTypeError, "an integer", lambda envs: envs.compiled.layout_id(3, None)),
     "id of a param": (
         ArgumentError,
         rf"options\['layouts'\].*:train:0:0:{SLIDE}=.*{SLIDE} should be",

@@ -143,12 +143,11 @@ def _overlaps(mjm: mujoco.MjModel, home: mujoco.MjData, pieces: list[Piece]) -> 
     move. A tree may overlap itself, such as a robot whose links MuJoCo pushes apart.
     """
     rules = ContactRules(mjm, "physics")
-    mujoco.mj_collision(mjm, home)
-    contacts = {frozenset(pair) for pair in home.contact.geom.tolist()}
     deepest: dict[tuple[int, int, bool], tuple[float, tuple[int, int]]] = {}
     for a, b in _near(mjm, home, pieces):
         roots = [int(mjm.body_rootid[p.body]) for p in (a, b)]
-        excluded = rules.excludes(a.body, b.body) or (roots[0] == roots[1] and {a.geom, b.geom} not in contacts)
+        is_rigid = roots[0] == roots[1] and mjm.body_weldid[a.body] == mjm.body_weldid[b.body]
+        excluded = is_rigid or rules.is_parent(a.body, b.body) or rules.excludes(a.body, b.body)
         if excluded or not rules.meet(a.contact_class, b.contact_class):
             continue
         depth = -mujoco.mj_geomDistance(mjm, home, a.geom, b.geom, 0.0, None)

@@ -96,7 +96,6 @@ class PairRules:
         self.is_physics = scene.config.geometry == "physics"
         self._simulated = self.contacts if self.is_physics else scene.contact_rules
         self._fixed = is_static(scene.mjm).tolist()
-        self._filters_parents = not scene.mjm.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_FILTERPARENT
 
     def of(self, bodies: Container[int]) -> list[int]:
         """Return the numbers of the colliders that belong to `bodies`."""
@@ -126,13 +125,10 @@ class PairRules:
 
     def meet_within(self, a: int, b: int) -> bool:
         """Return whether two colliders of one object can touch. MuJoCo ignores contacts of a body with its parent."""
-        weld, parent = self.mjm.body_weldid, self.mjm.body_parentid
-        wa, wb = weld[[self.colliders[a].body, self.colliders[b].body]]
-        if wa == wb or not self.meet(a, b):
+        bodies = self.colliders[a].body, self.colliders[b].body
+        if np.ptp(self.mjm.body_weldid[[*bodies]]) == 0 or not self.meet(a, b):
             return False
-        if self.contacts.is_explicit(*self._classes(a, b)) or not self._filters_parents:
-            return True
-        return not ((wa != 0 and wa == weld[parent[wb]]) or (wb != 0 and wb == weld[parent[wa]]))
+        return self.contacts.is_explicit(*self._classes(a, b)) or not self.contacts.is_parent(*bodies)
 
     def geoms(self, collider: int) -> list[int]:
         """Return the geoms of a collider. With `geometry: visual`, return all colliding geoms of the body."""

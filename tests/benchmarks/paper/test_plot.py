@@ -32,5 +32,5 @@ def test_rows_are_drawn_with_what_others_report(tmp_path: Path):
 def test_without_matplotlib_its_extra_is_named(monkeypatch: pytest.MonkeyPatch):
     """Before anything is measured."""
     monkeypatch.setattr(plot.importlib.util, "find_spec", lambda _: None)
-    with pytest.raises(MissingExtraError, match=r"sceniris-gym\[plots\]"):
+    with pytest.raises(MissingExtraError, match=r"\[plots\]"):
         plot.check_installed()
