@@ -220,6 +220,7 @@ def test_a_second_start_imports_what_it_uses(tmp_path: Path, monkeypatch: pytest
 def test_the_garbage_collector_is_left_as_it_was(collecting: bool, frozen: bool):
     """It is paused while MuJoCo-Warp is imported."""
     before = gc.isenabled()
+    gc.unfreeze()  # of what `conftest` froze
     try:
         if frozen:
             gc.freeze()
