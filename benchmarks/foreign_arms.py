@@ -39,7 +39,7 @@ from sceniris_gym.program.reach import robot_arm
 from sceniris_gym.reach.arm import SerialArm
 from sceniris_gym.sim.fit import make_worlds
 from sceniris_gym.sim.randomizer import ResetRandomizer
-from tests.layout.starting import Held, reset_worlds, stepped
+from tests.layout.starting import held_starts
 
 ARMS = {
     "panda": "franka_emika_panda/panda.xml",
@@ -73,7 +73,7 @@ THINGS = {"cube40": 0.04, "cube30": 0.03, "cube20": 0.02, "cube12": 0.012}
 KINDS = ({"robot": "grasp", "of": "thing"}, {"robot": "grasp", "of": "thing", "lift": [0.02, 0.1]})
 STILL = 2e-3
 """Movement in the hand of a thing that is held [m]."""
-_WORLDS, _EVERY, _SECONDS = 100, 5, 3.0
+_SECONDS = 3.0
 
 
 @dataclass(frozen=True)
@@ -243,10 +243,7 @@ def sag(compiled: CompiledScene, arm: SerialArm) -> float:
 
 def held(compiled: CompiledScene, starts: int) -> dict[str, Any]:
     """Return the figures of starts with the thing in the hand."""
-    rows: list[Held] = []
-    for seed in range(0, starts, _WORLDS):
-        data, layouts = reset_worlds(compiled, min(_WORLDS, starts - seed), seed)
-        rows += stepped(compiled, data, layouts, every=_EVERY)
+    rows = held_starts(compiled, starts)
     drift = np.array([row.drift for row in rows])
     return {
         "starts": np.bincount([row.kind for row in rows]).tolist(),

@@ -5,6 +5,7 @@ import numpy as np
 from sceniris_gym.audit.relations import Excess
 from sceniris_gym.audit.scene import Seen
 from sceniris_gym.config.groups import SPLITS, GroupConfig
+from sceniris_gym.config.member_names import split_support
 from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.scene import SceneConfig
 
@@ -51,8 +52,7 @@ class _Presence:
         """Return whether the conditions of an object or a group hold in each row, None without a condition."""
         found = [self.there(name) for name in part.if_] + [~self.there(name) for name in part.unless]
         if isinstance(part, ObjectConfig) and part.support is not None:
-            parent = part.support.parent
-            below = parent if parent in self.config.objects else parent.split("/")[0]
+            below, _ = split_support(part.support.parent, self.config.objects)
             found += [self.seen.present[below]] if below in self.config.absent else []
         return np.all(found, axis=0) if found else None
 

@@ -196,6 +196,11 @@ def infeasible(compiled: CompiledScene, probe: LayoutGenerator, key: str = "") -
     )
 
 
+def ended_restarts(cause: str, rejections: int, attempts: int) -> float:
+    """Return the number of restarts that rejections end: one for each, or for `attempts` of them, by their cause."""
+    return rejections if Cause[cause.upper()] in AT_ONCE else rejections / attempts
+
+
 def _least_likely(counts: dict[str, dict[str, int]], attempts: int) -> tuple[str, str]:
     """Return the object that is least likely to be placed, and the cause of most of its failures.
 
@@ -211,7 +216,7 @@ def _least_likely(counts: dict[str, dict[str, int]], attempts: int) -> tuple[str
     for late in (True, False):
         for name, causes in reversed(counts.items()):
             own = [cause for cause in causes if (cause in _LATE) is late]
-            failed = {cause: causes[cause] / (1 if Cause[cause.upper()] in AT_ONCE else attempts) for cause in own}
+            failed = {cause: ended_restarts(cause, causes[cause], attempts) for cause in own}
             if failures := sum(failed.values()):
                 found.append(((placed + 1.0) / (placed + failures + 2.0), name, max(failed, key=failed.__getitem__)))
                 placed += failures

@@ -17,7 +17,7 @@ from sceniris_gym.device.random import SPLITS
 from sceniris_gym.device.sequence import launching
 from sceniris_gym.errors import FallbackWarning, UnknownNameError
 from sceniris_gym.layout.attempts import find_attempts
-from sceniris_gym.layout.blame import AT_ONCE, infeasible, recording
+from sceniris_gym.layout.blame import AT_ONCE, ended_restarts, infeasible, recording
 from sceniris_gym.layout.columns import BANKED
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import LayoutStatus, column_of
@@ -280,9 +280,8 @@ def _warn_of_fallbacks(compiled: CompiledScene, *probes: _Probe) -> None:
     share = failed / sum(probe.made for probe in probes)
     if share <= _MOST_FALLBACKS or failed < _FEWEST_FAILED:
         return
-    # A restart takes `attempts` rejections, or a single rejection for a cause that ends a layout at once.
     weights = {
-        (name, cause): n if Cause[cause.upper()] in AT_ONCE else n / compiled.attempts
+        (name, cause): ended_restarts(cause, n, compiled.attempts)
         for probe in probes
         for name, causes in probe.generator.rejection_counts().items()
         for cause, n in causes.items()

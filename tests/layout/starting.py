@@ -92,6 +92,15 @@ def reset_worlds(compiled: CompiledScene, nworld: int, seed: int = 0) -> tuple[m
     return data, randomizer.layouts
 
 
+def held_starts(compiled: CompiledScene, starts: int, worlds: int = 100, every: int = 5) -> list[Held]:
+    """Return what `stepped` finds in a number of starts, which are reset in batches of so many worlds."""
+    found: list[Held] = []
+    for seed in range(0, starts, worlds):
+        data, layouts = reset_worlds(compiled, min(worlds, starts - seed), seed)
+        found += stepped(compiled, data, layouts, every=every)
+    return found
+
+
 def stepped(compiled: CompiledScene, data: mjw.Data, layouts: Layouts, every: int = 1) -> list[Held]:
     """Step the worlds in whose start something is held by MuJoCo C for half a second, with the controls of the reset.
 

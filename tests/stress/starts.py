@@ -25,7 +25,7 @@ import numpy as np
 
 from sceniris_gym.errors import ScenirisError
 from sceniris_gym.layout.compile import compile_scene
-from tests.layout.starting import Held, reset_worlds, stepped
+from tests.layout.starting import held_starts
 
 THINGS = (
     *("apple", "banana", "block", "book", "bottle", "bowl", "brick", "can", "cereal_box", "glass", "lemon", "mug"),
@@ -37,7 +37,6 @@ KINDS: list[dict[str, Any]] = [
     {"robot": "grasp", "of": "thing", "robot_joints": {"*": {"noise": 0.6}}},
 ]
 STILL = 2e-3  # m
-_WORLDS, _EVERY = 100, 5  # worlds at once, and steps between looks at contacts
 
 
 def _shipped(name: str) -> Callable[[Path], dict[str, Any]]:
@@ -120,10 +119,7 @@ def judge(arm: str, thing: str, packages: Path, layouts: int, device: str = "cpu
                 return {"arm": arm, "thing": thing, "refused": str(error).split(". ")[0][-160:], **refused}
             refused |= {str(KINDS.index(kinds.pop(int(told[1])))): told[2]}
     numbers = [KINDS.index(kind) for kind in kinds]
-    found: list[Held] = []
-    for seed in range(0, layouts, _WORLDS):
-        data, served = reset_worlds(compiled, min(_WORLDS, layouts - seed), seed)
-        found += stepped(compiled, data, served, every=_EVERY)
+    found = held_starts(compiled, layouts)
     drift = np.array([held.drift for held in found])
     return {
         "arm": arm,
