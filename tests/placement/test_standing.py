@@ -33,11 +33,11 @@ def _find(
     found: wp.array[bool],
 ):
     i = wp.tid()
-    patch = wp.zeros(shape=(wp.static(DIRECTIONS),), dtype=wp.vec2)
     frame = pose_of(ground[i], wp.vec4(1.0, 0.0, 0.0, 0.0))
-    found[i] = find_patch(statics, 1, wp.vec2(0.0), heading[i], 1, frame, patch)
+    patch, is_on = find_patch(statics, 1, wp.vec2(0.0), heading[i], 1, frame)
+    found[i] = is_on
     for k in range(DIRECTIONS):
-        corners[i, k] = patch[k]
+        corners[i, k] = wp.vec2(patch.x[k], patch.y[k])
 
 
 @wp.kernel(enable_backward=False, module="unique")

@@ -1,10 +1,15 @@
-"""Test the robot, posed for a candidate, for collision: one list of pairs per step, and one block per candidate."""
+"""Test the robot, posed for a candidate, for collision: one list of pairs per step, and one block per pose.
+
+A candidate has one pose, or two: in the grasp and in the pre-grasp. Their blocks run side by side, and the first step
+that fails counts.
+"""
 
 import warp as wp
 
 from sceniris_gym.collide.boxes import NARROW_STACK, SHARED_STACK, UNPROVEN, collides, collides_without_stack, encloses
+from sceniris_gym.device.blocks import block_any
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.layout.reaching.search import IN_HAND, ReachSearch, ReachStep, candidate_num, takes_step
+from sceniris_gym.layout.reaching.search import IN_HAND, ReachSearch, ReachStep, candidate_num, pose_index, takes_step
 from sceniris_gym.layout.wave.search import Workspace
 from sceniris_gym.program.device import Cause, Program
 from sceniris_gym.program.device_reach import Reach
@@ -33,6 +38,7 @@ def _test(
     program: Program,
     reach: Reach,
     first: int,
+    second: int,
     last: int,
     # Layouts in: bodies*
     layouts: LayoutsView,
@@ -42,16 +48,20 @@ def _test(
     block, lane = wp.tid()
     nodes = wp.tile_stack(capacity=wp.static(SHARED_STACK), dtype=wp.vec3i)
     leaves = wp.tile_stack(capacity=wp.static(NARROW_STACK), dtype=wp.vec3i)
-    for c in range(block, candidate_num(reach_search), blocks):
+    poses = 1 + int(second <= last)
+    for i in range(block, poses * candidate_num(reach_search), blocks):
+        c = i // poses
         row = reach_search.row[c]
-        own_pos = reach_search.body_pos[c]
-        own_quat = reach_search.body_quat[c]
+        own_pos = reach_search.body_pos[pose_index(reach_search, c, i % poses)]
+        own_quat = reach_search.body_quat[pose_index(reach_search, c, i % poses)]
         pos = layouts.body_pos[row]
         quat = layouts.body_quat[row]
-        step = int(first)
+        step = wp.where(i % poses == 0, first, second)
+        end = wp.where(i % poses == 0, second, last + 1)
         hit = bool(False)
-        while step <= last and not hit:
-            if takes_step(reach_search, c, step):
+        while step < end and not hit:
+            # the block of the other pose may write `failed` meanwhile, so all lanes agree first
+            if block_any(int(takes_step(reach_search, c, step))) != 0:
                 pairs = _pairs_of(reach, reach_search, step, row)
                 adr = reach.arm_broadadr[pairs]
                 num = reach.arm_broadnum[pairs]
@@ -60,8 +70,8 @@ def _test(
                 if found == UNPROVEN:
                     hit = collides_without_stack(program, adr, num, lane, own_pos, own_quat, pos, quat)
             step += 1
-        if lane == 0 and hit:  # every lane has read `failed` by now
-            reach_search.failed[c] = step - 1
+        if lane == 0 and hit:
+            wp.atomic_min(reach_search.failed, c, step - 1)
 
 
 @wp.kernel(grid_stride=False)
@@ -70,6 +80,7 @@ def _test_containment(
     program: Program,
     reach: Reach,
     first: int,
+    second: int,
     last: int,
     # Layouts in: bodies*
     layouts: LayoutsView,
@@ -77,27 +88,39 @@ def _test_containment(
     reach_search: ReachSearch,
 ):
     block, lane = wp.tid()
-    for c in range(block, candidate_num(reach_search), blocks):
+    poses = 1 + int(second <= last)
+    for i in range(block, poses * candidate_num(reach_search), blocks):
+        c = i // poses
         row = reach_search.row[c]
-        own_pos = reach_search.body_pos[c]
-        own_quat = reach_search.body_quat[c]
+        own_pos = reach_search.body_pos[pose_index(reach_search, c, i % poses)]
+        own_quat = reach_search.body_quat[pose_index(reach_search, c, i % poses)]
         pos = layouts.body_pos[row]
         quat = layouts.body_quat[row]
-        step = int(first)
+        step = wp.where(i % poses == 0, first, second)
+        end = wp.where(i % poses == 0, second, last + 1)
         inside = bool(False)
-        while step <= last and not inside:
-            if takes_step(reach_search, c, step):
+        while step < end and not inside:
+            if block_any(int(takes_step(reach_search, c, step))) != 0:
                 pairs = _pairs_of(reach, reach_search, step, row)
                 adr = reach.arm_pairadr[pairs]
                 inside = encloses(program, adr, reach.arm_pairnum[pairs], lane, own_pos, own_quat, pos, quat)
             step += 1
-        if lane == 0 and inside:  # every lane has read `failed` by now
-            reach_search.failed[c] = step - 1
+        if lane == 0 and inside:
+            wp.atomic_min(reach_search.failed, c, step - 1)
 
 
 def launch_test_arm(
-    work: Workspace, reach: Reach, first: ReachStep, last: ReachStep, reach_search: ReachSearch
+    work: Workspace,
+    reach: Reach,
+    first: ReachStep,
+    second: ReachStep | None,
+    last: ReachStep,
+    reach_search: ReachSearch,
 ) -> None:
-    """Test candidates in their current pose: run the steps of `ReachStep` from `first` to `last`."""
+    """Test candidates in their poses: run the steps of `ReachStep` from `first` to `last`.
+
+    The steps from `second` on test the pre-grasp. With None, candidates have a single pose.
+    """
+    steps = [int(first), int(last) + 1 if second is None else int(second), int(last)]
     for test in (_test, _test_containment) if work.program.visual else (_test,):
-        work.launch_blocks(test, work.program, reach, int(first), int(last), work.layouts, reach_search)
+        work.launch_blocks(test, work.program, reach, *steps, work.layouts, reach_search)

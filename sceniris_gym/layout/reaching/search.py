@@ -21,7 +21,7 @@ PREGRASP_DISTANCE = 0.08
 """Distance [m] of a pre-grasp from its grasp, back along the approach axis."""
 STARTS = 8
 """Starts of the inverse kinematics per grasp: the arm's present pose, joints from its map, then random joints."""
-MOST_AT_ONCE = 8 * STARTS
+MOST_AT_ONCE = 64 * STARTS
 """Maximum number of a row's candidates in a wave. At the end of the wave, a single lane goes through them."""
 IN_HAND = Tier.CLEAR + 1
 """The tier of a target whose start is tested with the target in the robot's hand, away from its place."""
@@ -82,7 +82,8 @@ class ReachSearch:
     failed: wp.array[int]  # the failed step, PASSED if all steps passed, or DEFERRED if the candidate is tried again
     grasp_qpos: wp.array[vec8]  # the arm's joints: first the start, then the solution for the grasp
     pregrasp_qpos: wp.array[vec8]
-    # The state of the robot, posed for a test. Entries of other bodies are not used.
+    # The state of the robot, posed for a test: first of all candidates in the grasp, then in the pre-grasp, see
+    # `pose_index`. Entries of other bodies are not used. Both poses of a candidate share `qpos`.
     qpos: wp.array2d[float]
     body_pos: wp.array2d[wp.vec3]
     body_quat: wp.array2d[wp.vec4]
@@ -124,6 +125,12 @@ def queue_target(reach_search: ReachSearch, row: int, column: int, total: int):
 
 
 @wp.func
+def pose_index(reach_search: ReachSearch, c: int, pose: int) -> int:
+    """Return the row of `body_pos` and `body_quat` with a pose of a candidate: 0 in the grasp, 1 in the pre-grasp."""
+    return c + pose * reach_search.failed.shape[0]
+
+
+@wp.func
 def first_start(reach_search: ReachSearch, c: int) -> int:
     """Return the first candidate that has the same grasp as `c`, or -1 if an earlier wave had that candidate."""
     found = c - reach_search.ik_start[c]
@@ -162,7 +169,7 @@ def create_reach_search(compiled: CompiledScene, nrow: int, size: SearchSize, ea
         "rows_left source rows candidates": 1,
         "row grasp ik_start failed grasp_qpos pregrasp_qpos": ncand,
         "qpos": (ncand, mjm.nq),
-        "body_pos body_quat": (ncand, mjm.nbody),
+        "body_pos body_quat": (2 * ncand, mjm.nbody),
         "hand_qpos": (early, mjm.nq),
         "hand_pos hand_quat": (early, mjm.nbody),
     }

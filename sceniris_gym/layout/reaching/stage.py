@@ -72,23 +72,23 @@ class ReachStage:
         launch_open_wave(work, reach, search)
         launch_look_up(work, reach, search)
         if clear:
-            self._test(reach, ReachStep.HAND_AT_GRASP, ReachStep.HAND_AT_GRASP)
-            self._test(reach, ReachStep.HAND_AT_PREGRASP, ReachStep.HAND_AND_TARGET)
+            self._test(reach, ReachStep.HAND_AT_GRASP, ReachStep.HAND_AT_PREGRASP, ReachStep.HAND_AND_TARGET)
         launch_ik(work, reach, clear, search)
-        self._test(reach, ReachStep.SELF_AT_GRASP, ReachStep.SCENE_AT_GRASP if clear else ReachStep.SELF_AT_GRASP)
         if clear:
-            self._test(reach, ReachStep.SELF_AT_PREGRASP, ReachStep.TARGET_AT_PREGRASP)
+            self._test(reach, ReachStep.SELF_AT_GRASP, ReachStep.SELF_AT_PREGRASP, ReachStep.TARGET_AT_PREGRASP)
+        else:
+            self._test(reach, ReachStep.SELF_AT_GRASP, None, ReachStep.SELF_AT_GRASP)
         launch_accept_grasps(work, reach, search)
 
-    def _test(self, reach: Reach, first: ReachStep, last: ReachStep) -> None:
-        """Pose the robot of each candidate, and run the steps from `first` to `last`, which share this pose."""
-        launch_pose(self._work, reach, first, self.search)
-        launch_test_arm(self._work, reach, first, last, self.search)
+    def _test(self, reach: Reach, first: ReachStep, second: ReachStep | None, last: ReachStep) -> None:
+        """Pose the robot of each candidate, and run the steps from `first` to `last`. `second` begins the pre-grasp."""
+        launch_pose(self._work, reach, first, second, self.search)
+        launch_test_arm(self._work, reach, first, second, last, self.search)
 
     def _start_wave(self, reach: Reach) -> None:
         """Pose the candidates for start poses, test them, and keep the first valid candidate of each row."""
         work, search = self._work, self.search
         launch_open_wave(work, reach, search)
         launch_pose_start(work, reach, search)
-        launch_test_arm(work, reach, ReachStep.SELF_AT_GRASP, ReachStep.SCENE_AT_GRASP, search)
+        launch_test_arm(work, reach, ReachStep.SELF_AT_GRASP, None, ReachStep.SCENE_AT_GRASP, search)
         launch_accept_starts(work, reach, search)

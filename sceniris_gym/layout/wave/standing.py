@@ -9,7 +9,7 @@ from sceniris_gym.layout.wave.search import Search, Workspace, candidate_num
 from sceniris_gym.placement.placed import rotated
 from sceniris_gym.placement.standing import Level, find_patch, lies_on_a_part, loads_stand, measure, weigh
 from sceniris_gym.program.device import Cause, Program
-from sceniris_gym.program.device_statics import DIRECTIONS, Statics
+from sceniris_gym.program.device_statics import Statics
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -38,7 +38,6 @@ def _stands_alone(program: Program, statics: Statics, layouts: LayoutsView, sear
 def _stands(program: Program, statics: Statics, layouts: LayoutsView, search: Search, c: int, row: int) -> bool:
     """Return True if a candidate stands, and all objects of the stack below it still stand when they carry it."""
     levels = wp.zeros(shape=(wp.static(MAX_LEVELS),), dtype=Level)
-    patch = wp.zeros(shape=(wp.static(DIRECTIONS),), dtype=wp.vec2)
     adr = statics.obj_leveladr[search.obj[c]]
     num = statics.obj_levelnum[search.obj[c]]
     worldid = search.row_world[row]
@@ -79,7 +78,8 @@ def _stands(program: Program, statics: Statics, layouts: LayoutsView, search: Se
         if level.reach[0] > 0.0:
             level.axis = rotated(statics.stable_axis[stable], pivot_pose[3])
             level.center = at + rotated(statics.stable_center[stable], pivot_pose[3])
-        if not find_patch(statics, stable, at, pivot_pose[3], surface, ground, patch):
+        patch, is_on = find_patch(statics, stable, at, pivot_pose[3], surface, ground)
+        if not is_on:
             return False
         level = measure(level, patch)
         level.margin -= statics.obj_tilt[obj] * (level.load[3] - level.foot)

@@ -46,7 +46,7 @@ def _passed(generator: LayoutGenerator, stage: ReachStage) -> Iterator[tuple[int
 
 
 def test_the_whole_robot_stands_as_mujoco_poses_it(compiled: CompiledScene):
-    """Joints of the last pose, in the grasp for `ik` and in the pre-grasp for `clear`; the gripper is opened."""
+    """Joints in the grasp, for `clear` in the pre-grasp too, each with poses of its own; the gripper is opened."""
     generator, stage = waiting(compiled, N, busy=24 * N, grasps=24 * N)
     assert compiled.reaching is not None
     own, mjm = compiled.reaching.arms[0], compiled.mjm
@@ -60,23 +60,26 @@ def test_the_whole_robot_stands_as_mujoco_poses_it(compiled: CompiledScene):
         left, right = (qpos[mjm.joint(f"picker/{side}").qposadr[0]] for side in ("left", "right"))
         assert left + right == pytest.approx(min(grasp.opening + OPENING_MARGIN, 0.08), abs=1e-6)
         data.qpos[own_qpos] = qpos[own_qpos]
-        mujoco.mj_kinematics(mjm, data)
-        np.testing.assert_allclose(search.body_pos.numpy()[c, robot], data.xpos[robot], atol=2e-6)
-        turned = np.abs((search.body_quat.numpy()[c, robot] * data.xquat[robot]).sum(axis=1))
-        np.testing.assert_allclose(turned, 1.0, atol=1e-6)
+        for pose, solved in enumerate((search.grasp_qpos, search.pregrasp_qpos)[: 1 + is_clear(compiled)]):
+            data.qpos[own.arm.qposadr] = solved.numpy()[c, : len(own.arm.joints)]
+            mujoco.mj_kinematics(mjm, data)
+            at = c + pose * len(search.failed)
+            np.testing.assert_allclose(search.body_pos.numpy()[at, robot], data.xpos[robot], atol=2e-6)
+            turned = np.abs((search.body_quat.numpy()[at, robot] * data.xquat[robot]).sum(axis=1))
+            np.testing.assert_allclose(turned, 1.0, atol=1e-6)
         checked += 1
     assert checked > N // 3
 
 
-@pytest.mark.parametrize("step", [ReachStep.HAND_AT_GRASP, ReachStep.HAND_AT_PREGRASP])
-def test_the_hand_alone_stands_where_solved_joints_bring_it(compiled: CompiledScene, step: ReachStep):
+@pytest.mark.parametrize("pose", [0, 1])
+def test_the_hand_alone_stands_where_solved_joints_bring_it(compiled: CompiledScene, pose: int):
     """Without any joints of the arm: its fingers are where the whole robot has them, 8 cm back in the pre-grasp."""
     if not is_clear(compiled):
         return
     generator, stage = waiting(compiled, N, busy=24 * N, grasps=24 * N)
     candidates = [(c, data.qpos.copy()) for c, data, _ in _passed(generator, stage)]
     search, reach, mjm = stage.search, stage._arms[0][0], compiled.mjm
-    launch_pose(generator._work, reach, step, search)
+    launch_pose(generator._work, reach, ReachStep.HAND_AT_GRASP, ReachStep.HAND_AT_PREGRASP, search)
     starts, solved, checked = search.ik_start.numpy(), search.grasp_qpos.numpy(), 0
     fingers = [mjm.body(f"picker/{side}").id for side in ("left", "right")]
     site, arm, data = mjm.site("picker/tcp").id, reach.arm_qposadr.numpy(), mujoco.MjData(mjm)
@@ -87,9 +90,8 @@ def test_the_hand_alone_stands_where_solved_joints_bring_it(compiled: CompiledSc
             gripper = reach.grip_qposadr.numpy()
             data.qpos[gripper] = search.qpos.numpy()[c, gripper]
             mujoco.mj_kinematics(mjm, data)
-            back = PREGRASP_DISTANCE if step == ReachStep.HAND_AT_PREGRASP else 0.0
-            expected = data.xpos[fingers] - back * data.site_xmat[site].reshape(3, 3)[:, 2]
-            off = np.linalg.norm(search.body_pos.numpy()[c, fingers] - expected, axis=1)
+            expected = data.xpos[fingers] - pose * PREGRASP_DISTANCE * data.site_xmat[site].reshape(3, 3)[:, 2]
+            off = np.linalg.norm(search.body_pos.numpy()[c + pose * len(search.failed), fingers] - expected, axis=1)
             assert off.max() < 3 * POS_TOL  # of position and of 0.5 degrees over 10 cm
             checked += 1
     assert checked > 3

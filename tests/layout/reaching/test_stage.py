@@ -151,9 +151,9 @@ def test_objects_out_of_reach_are_refused(tmp_path: Path):
     assert info.value.name == "far"
 
 
-_OF_IK = ["_look_up", "_choose_starts", "_solve", "_pose", "_test 6-6", "_accept"]
-_OF_CLEAR = ["_look_up", "_pose", "_test 1-1", "_pose", "_test 2-3"]
-_OF_CLEAR += ["_choose_starts", "_solve", "_solve", "_pose", "_test 6-7", "_pose", "_test 8-10", "_accept"]
+_OF_IK = ["_look_up", "_choose_starts", "_solve", "_pose", "_test 6-7-6", "_accept"]
+_OF_CLEAR = ["_look_up", "_pose", "_test 1-2-3", "_choose_starts", "_solve", "_solve", "_pose", "_test 6-8-10"]
+_OF_CLEAR += ["_accept"]
 
 
 @pytest.mark.parametrize(("tier", "steps"), [("ik", _OF_IK), ("clear", _OF_CLEAR), (None, [])])
@@ -172,7 +172,7 @@ def test_a_scene_launches_the_steps_of_its_tiers_alone(
 
         def recorded(kernel: wp.Kernel, *args: Any, **words: Any) -> None:
             if "layout.reaching" in kernel.module.name:
-                steps = "-".join(map(str, words["inputs"][3:5]))
+                steps = "-".join(map(str, words["inputs"][3:6]))
                 launched.append(f"_test {steps}" if kernel.key == "_test" else kernel.key)
             launch(kernel, *args, **words)
 

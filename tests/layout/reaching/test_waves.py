@@ -29,7 +29,8 @@ def test_candidates_are_the_next_starts_as_far_as_there_is_room(compiled: Compil
     search.number.assign(number)
     search.tried.assign(4 * number)
     reach_waves.launch_open_wave(generator._work, reach, search)
-    at_once = min(max(1, min(busy, grasps) // N), MOST_AT_ONCE)
+    room = np.minimum(np.where(number > 0, 2, 1) * busy, grasps)
+    at_once = np.clip(room // N, 1, MOST_AT_ONCE)
     first, trials = search.first.numpy(), search.trials.numpy()
     begin = reach.reach_graspadr.numpy()[0] + layouts.grasp.numpy()[:, 0]
     stable = layouts.view.stable.numpy()[:N, 0]
