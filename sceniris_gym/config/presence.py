@@ -8,8 +8,8 @@ present.
 from __future__ import annotations
 
 import graphlib
-from collections.abc import Iterable, Mapping
-from functools import cache, cached_property
+from collections.abc import Collection, Iterable, Mapping
+from functools import cached_property
 from itertools import chain
 from typing import NamedTuple
 
@@ -17,7 +17,6 @@ from sceniris_gym.config.groups import SPLITS, GroupConfig
 from sceniris_gym.config.member_names import SUPPORT, object_of, split_support
 from sceniris_gym.config.objects import ObjectConfig
 
-_NOTHING: frozenset[str] = frozenset()
 _GROUP = "groups."
 """The beginning of the keys of groups. It keeps a group apart from an object of the same name."""
 
@@ -58,18 +57,6 @@ class Presence:
         self._objects, self._groups = objects, groups
         self.groups = {_GROUP + name: group for name, group in groups.items()}
         self.outer = {self.key(name): key for key, group in self.groups.items() for name in group.of}
-        for recursive in (
-            "leaves",
-            "must",
-            "never",
-            "_inside",
-            "_own",
-        ):  # per scene, since conditions name the same objects often
-            setattr(self, recursive, cache(getattr(self, recursive)))
-
-    def __reduce__(self) -> tuple[type[Presence], tuple]:
-        """Pickle the words, because caches cannot be pickled."""
-        return Presence, (self._objects, self._groups)
 
     def key(self, name: str) -> str:
         """Return the key of an object or a group. An object goes before a group of the same name."""
@@ -196,57 +183,53 @@ class Presence:
 
     def conflict(self, *keys: str) -> str | None:
         """Return an object or group that cannot be present if all `keys` are, None if their conditions agree."""
-        never = _NOTHING.union(*map(self.never, keys))
+        must, never = self._follow(keys)
         sure = [*sorted(never - self.absent.keys()), *(key for key in self.groups if self._is_sure(key))]
-        needed = dict.fromkeys(chain(*(sorted(self.must(key)) for key in keys), sure))
-        return next((key for key in needed if never.issuperset(self.leaves(key))), None)
+        return next((key for key in (*sorted(must), *sure) if never.issuperset(self.leaves(key))), None)
 
     @cached_property
     def excluded(self) -> dict[str, set[str]]:
-        """Object -> objects that are in no layout with it, as far as groups of one member and conditions tell."""
-        found: dict[str, set[str]] = {name: set() for name in self._objects}
-        needing: dict[str, list[str]] = {}
-        for name in self.absent:
-            for key in self.must(name):
-                needing.setdefault(key, []).append(name)
-        for name in self.absent:
-            for other in chain(*(needing.get(key, ()) for key in self.never(name))):
-                found[name].add(other)
-                found[other].add(name)
-        return found
+        """Object that may be absent -> objects that are in no layout with it, as far as `_follow` tells."""
+        found = {name: self._follow([name]) for name in self.absent}
+        return {
+            name: {
+                other
+                for other, (also_must, also_never) in found.items()
+                if not (never.isdisjoint(also_must) and must.isdisjoint(also_never))
+            }
+            for name, (must, never) in found.items()
+        }
 
-    def must(self, key: str) -> frozenset[str]:
+    def must(self, key: str) -> set[str]:
         """Return the keys of all objects and groups that are in every layout with an object or a group."""
-        return self._inside(key).union(*map(self._own, self._above(key)))
+        return self._follow([key])[0]
 
-    def never(self, key: str) -> frozenset[str]:
-        """Return the objects that no layout with an object or group has."""
-        return _NOTHING.union(*map(self._bars, self.must(key)))
+    def _follow(self, keys: Iterable[str], known: Collection[str] = ()) -> tuple[set[str], set[str]]:
+        """Return the keys that are in every layout with all of `keys`, and the objects that are in none of them.
 
-    def _bars(self, key: str) -> Iterable[str]:
-        """Return the objects that an object or a group excludes by its `unless`, or by its place in a group of one."""
-        part, outer = self.groups.get(key) or self._objects.get(key), self.groups.get(self.outer.get(key, ""))
-        names = [] if part is None else list(part.unless)
-        if outer is not None and outer.count[1] == 1:
-            names += [name for name in outer.of if self.key(name) != key]
-        return chain(*(self.leaves(self.key(name)) for name in names))
-
-    def _inside(self, key: str) -> frozenset[str]:
-        """Return `must` of an object or a group, without the groups that contain it."""
-        if key not in self.groups:
-            return self._own(key)
-        return self._own(key) | frozenset.intersection(*(self._inside(self.key(name)) for name in self.groups[key].of))
-
-    def _own(self, key: str) -> frozenset[str]:
-        """Return what the words of an object or a group need, without its members and the groups that contain it."""
-        part = self.groups.get(key) or self._objects.get(key)
-        if part is None:  # a variant that is no object itself
-            needed = [self.outer[name] for name in self.leaves(key)[:1]]
-        else:
-            needed = [self.key(name) for name in part.if_]
-        if key in self._objects and (below := self.carrier(key)) in self.absent:
-            needed.append(below)
-        return frozenset([key]).union(*map(self.must, needed))
+        What `known` keys need and exclude is left out. The other members of a group of one are excluded.
+        """
+        must, never, todo = set(known), set(), [*keys]
+        while todo:
+            if (key := todo.pop()) in must:
+                continue
+            must.add(key)
+            part = self.groups.get(key) or self._objects.get(key)
+            if part is None:  # a variant that is no object itself
+                todo += [self.outer[name] for name in self.leaves(key)[:1]]
+                continue
+            todo += [self.key(name) for name in part.if_]
+            excluded = [self.key(name) for name in part.unless]
+            if isinstance(part, ObjectConfig):
+                todo += [name for name in [self.carrier(key)] if name in self.absent]
+            elif must.isdisjoint(members := [self.key(name) for name in part.of]):
+                todo += set.intersection(*(self._follow([member], must)[0] for member in members))
+            if (outer := self.outer.get(key)) is not None:
+                todo.append(outer)
+                if self.groups[outer].count[1] == 1:
+                    excluded += [other for name in self.groups[outer].of if (other := self.key(name)) != key]
+            never.update(*map(self.leaves, excluded))
+        return must, never
 
     def has_words(self, key: str) -> bool:
         """Return whether an object or a group has an `if` or an `unless` itself."""
