@@ -33,13 +33,14 @@ from sceniris_gym.commands.options import (
     check_numbers,
     checked_target,
     compiled_scene,
+    parsed,
     read_ids,
     scene_config,
 )
 from sceniris_gym.config.bounds import MOST_WORLDS
 from sceniris_gym.config.settings import read_changes
 from sceniris_gym.config.tier import Tier, TierWord
-from sceniris_gym.errors import ArgumentError, NotSupportedError, ScenirisError, check_names, old_names
+from sceniris_gym.errors import ArgumentError, NotSupportedError, ScenirisError, check_names
 from sceniris_gym.files import check_new, check_picture, redirected, write_text
 from sceniris_gym.progress import shown
 from sceniris_gym.training.settings import CONFIG, Options
@@ -47,15 +48,13 @@ from sceniris_gym.viewer.server import HOST, MOST_SHOWN, PORT, show_page
 
 P = ParamSpec("P")
 Port = Annotated[int, range(1, 1 << 16)]
-_DATASET = range(1, 1_000_000_001)  # layouts, some hundred gigabytes
 
 
 def _command(work: Callable[P, Answer]) -> Callable[P, Answer]:
-    """Wrap a command: check its numbers, start Warp, show a progress bar, and send output of libraries to stderr."""
+    """Wrap a command: start Warp, show a progress bar, and send output of libraries to stderr."""
 
     @wraps(work)
     def quiet(*args: P.args, **kwargs: P.kwargs) -> Answer:
-        check_numbers(work, kwargs)
         from sceniris_gym.device.kernel_log import start_warp
 
         start_warp()
@@ -81,7 +80,7 @@ def demo(out: Annotated[Path, OUT] = Path("demo/layouts.png"), device: Device = 
 @_command
 def generate(
     scene: OptionalScene = None,
-    layouts: Annotated[int | None, LAYOUTS, _DATASET] = None,
+    layouts: Annotated[int | None, LAYOUTS, range(1, 1_000_000_001)] = None,  # some hundred gigabytes
     out: Out = None,
     seed: Seed = 0,
     split: Split = "train",
@@ -253,7 +252,6 @@ def reach(
     out: Out = None,
     tier: TierWord | None = None,
     map_: Annotated[Path | None, tyro.conf.arg(name="map")] = None,
-    scene: str | None = None,
     height: float = 0.1,
     step: float | None = None,
     tilt_step: float = 2.5,
@@ -271,17 +269,15 @@ def reach(
         out: file to write: the map, the verdicts or the picture
         tier: reachability test to judge with, by default the arm's default test
         map_: map file, by default the arm's own file
-        scene: scene whose object places are drawn, once with 'reachable' and once without
         height: height of the picture's top view, base frame [m]
         step: step of the map's grid [m], by default 0.025, or more for long arms
         tilt_step: tilt step of the map's grid [degrees]
-        seed: seed of the map, or of the first layout
+        seed: seed of the map
     """
     from sceniris_gym.commands import reach as tool
 
-    asked = [f"--{word}" for word, value in (("build", build), ("poses", poses), ("scene", scene)) if value]
-    if len(asked) > 1:
-        raise NotSupportedError(f"reach: {' and '.join(asked)} cannot be combined. Give one of them.")
+    if build and poses is not None:
+        raise NotSupportedError("reach: --build and --poses cannot be combined. Give one of them.")
     overrides = read_changes(changes)
     if poses is not None:
         target, judged_by = checked_target(out, "reached.npy"), None if tier is None else Tier.of(tier)
@@ -289,9 +285,6 @@ def reach(
     elif build:
         target, steps = checked_target(out, tool.default_map(arm)), {"step": step, "tilt_step": radians(tilt_step)}
         found = tool.build(arm, target, device, overrides, seed=seed, **steps)
-    elif scene is not None:
-        target = checked_target(out, f"demo/reach_{Path(scene).stem}.png")
-        found = tool.narrowed(arm, scene_config(scene, changes), target, device, seed=seed)
     else:
         target = checked_target(out, f"demo/reach_{Path(arm).stem}.png")
         found = tool.show(arm, map_, target, height, device, overrides)
@@ -336,7 +329,6 @@ def view(
         raise NotSupportedError("view: --policy and --layout need --env. Leave them out, or give --env.")
     if env is not None and (seed or episode):
         raise NotSupportedError("view: --seed and --episode need a SCENE. With --env, choose layouts by --layout.")
-    check_numbers(view, {"num_envs": num_envs, "seed": seed, "episode": episode, "port": port})
     from sceniris_gym.viewer import command
 
     overrides, ids = read_changes(changes), read_ids(layout)
@@ -361,7 +353,6 @@ def play(
         host: address to listen on, 0.0.0.0 for all addresses of this machine
         port: port to listen on. If it is in use, the next free port is taken
     """
-    check_numbers(play, {"port": port})
     from sceniris_gym.viewer import command
 
     return show_page(partial(command.play, name=name), name, host, port)
@@ -497,8 +488,7 @@ def settle(
 @_command
 def train(options: Annotated[Options, tyro.conf.arg(name="")], json: Json = False) -> Answer:
     """Train a policy for a task with rsl-rl's PPO (extra `rsl-rl`), and evaluate the policy on unseen layouts."""
-    check_counts(1, num_envs=options.num_envs, layouts=options.layouts, every=options.every)
-    check_counts(0, most=2**31 - 1, seed=options.seed)
+    check_numbers(Options, vars(options))
     checked_target(options.out / CONFIG)
     from sceniris_gym.commands import train as tool
 
@@ -582,11 +572,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             warnings.showwarning = each_once()
             if arguments and not arguments[0].startswith("-"):  # so that usage errors name this command's --help
                 check_names("command", arguments[:1], "sceniris-gym", COMMANDS)
-                command, prog = arguments[0], f"sceniris-gym {arguments[0]}"
-                for option in (argument.partition("=")[0] for argument in arguments[1:]):
-                    if option.startswith("-") and (new := old_names().get(f"{command} {option}")):
-                        raise ArgumentError(f"{command}: '{option}' is now {new}. See {prog} --help.")
-                said = tyro.cli(COMMANDS[command], prog=prog, args=arguments[1:])
+                said = parsed(arguments[0], COMMANDS[arguments[0]], arguments[1:])()
             else:
                 said = tyro.extras.subcommand_cli_from_dict(
                     COMMANDS, prog="sceniris-gym", description=about, args=arguments

@@ -224,14 +224,17 @@ def check_names(kind: str, names: Iterable[object], where: str, valid: Collectio
 
 
 def refuses_old_names(function: Callable[_P, _T]) -> Callable[_P, _T]:
-    """Wrap a function: a call with a renamed keyword raises an UnknownNameError, which gives the new keyword."""
+    """Wrap a function: a call with a renamed keyword raises an UnknownNameError, which gives the new keyword.
+
+    Another unknown keyword raises an ArgumentTypeError. The function should not take `**kwargs`.
+    """
     valid = [name for name in inspect.signature(function).parameters if name not in ("self", "cls")]
 
     @functools.wraps(function)
     def checked(*args: _P.args, **kwargs: _P.kwargs) -> _T:
-        for name in kwargs:
-            if name not in valid and name in old_names():
-                raise UnknownNameError("argument", name, function.__qualname__, valid)
+        for name in (name for name in kwargs if name not in valid):
+            unknown = UnknownNameError("argument", name, function.__qualname__, valid)
+            raise unknown if name in old_names() else ArgumentTypeError(str(unknown))
         return function(*args, **kwargs)
 
     return checked

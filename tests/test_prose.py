@@ -37,6 +37,10 @@ def over_budget() -> dict[str, int]:
     return prose.over_budget()
 
 
+MOST_WORDS = 49_000
+"""Words of all pages below docs/, tables and code included."""
+
+
 def found(text: str, *, markdown: bool = False) -> list[list[str]]:
     """Return the markers of each sentence of a text that has some."""
     return [sentence.markers for sentence in prose.sentences(text, markdown=markdown) if sentence.markers]
@@ -67,6 +71,12 @@ def test_files_that_users_read_first_are_never_listed():
     first = {path.relative_to(prose.ROOT).as_posix() for pattern in FIRST_READ for path in prose.ROOT.glob(pattern)}
     assert len(first) > 50
     assert sorted(first & set(prose.listed())) == []
+
+
+def test_the_pages_have_a_budget_of_words():
+    """A page that grows takes its words from what stands twice."""
+    words = sum(len(page.read_text().split()) for page in (prose.ROOT / "docs").rglob("*.md"))
+    assert words <= MOST_WORDS
 
 
 @pytest.mark.parametrize("marker", prose.MARKERS)

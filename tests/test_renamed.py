@@ -51,7 +51,8 @@ from sceniris_gym.vector.state import State
 ROOT = Path(__file__).parents[1]
 BESIDE = {"of": "table", "site": "end", "of_site": "end"}
 ELSEWHERE = ("world", "scene", "pipeline", "libero", "errors", "narrow_pairs", "benchmarks", "python -m benchmarks")
-"""Values, attributes of objects that tests here do not make, modules, and programs."""
+ELSEWHERE += ("check --picture",)
+"""Values, attributes of objects that tests here do not make, modules, programs, and options of another command."""
 NOT_REFUSED = {
     "an entry of a dict, a value or a placeholder": """layout_knobs layout_seed layout_episode layout_fallback
         layout_level layout_start layout_variants layout_redraw layout_kept verified fallback_share roof panda N

@@ -12,7 +12,7 @@ from sceniris_gym.audit.chain import Chain
 from sceniris_gym.audit.physics import equalities, without_log
 from sceniris_gym.audit.reach import Claim, ReachAudit, Unreached
 from sceniris_gym.commands.answer import OK, listing, verdict
-from sceniris_gym.errors import SceneFileError, SceneMismatchError, check_names
+from sceniris_gym.errors import SceneFileError, check_names
 from sceniris_gym.files import UNREADABLE, read_arrays, replacing
 from sceniris_gym.layout.columns import columns, row_types
 from sceniris_gym.layout.generate import LayoutGenerator
@@ -153,9 +153,7 @@ def load_rows(compiled: CompiledScene, path: Path) -> Rows:
         raise SceneFileError(
             f"--load {path}: should be a file from 'sceniris-gym audit SCENE --save FILE': {error}"
         ) from error
-    if found != compiled.hash:
-        cure = "Give the scene of the rows, and the same changes by --set."
-        raise SceneMismatchError(f"--load {path}: {compiled.scene.mismatch(found, cure)}")
+    compiled.scene.check_hash(found, f"--load {path}:", "Give the scene of the rows, and the same changes by --set.")
     _check_columns(compiled, path, table, rejected, names)
     return Rows(table, rejected, names.tolist(), seed, split)
 

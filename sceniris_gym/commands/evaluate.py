@@ -1,5 +1,6 @@
 """The `evaluate` command: evaluates a trained policy on unseen layouts."""
 
+import warnings
 from collections.abc import Mapping
 from contextlib import nullcontext
 from pathlib import Path
@@ -7,13 +8,13 @@ from shlex import quote
 from typing import Any
 
 from sceniris_gym.commands.answer import OK, verdict
-from sceniris_gym.errors import ArgumentError, SceneMismatchError
+from sceniris_gym.errors import ArgumentError, SceneMismatchError, ScenirisWarning
 from sceniris_gym.files import as_json, check_picture, write_text
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.training.judging import judge, judges_of
 from sceniris_gym.training.runner import Policy
 from sceniris_gym.training.settings import CONFIG, MODEL, read_config, read_parts, share, without_layouts
-from sceniris_gym.training.task_scenes import scene_of, spec_of
+from sceniris_gym.training.task_scenes import hashes_of, scene_of, spec_of
 from sceniris_gym.training.video import PICTURES, filming
 
 
@@ -30,6 +31,8 @@ def evaluate(
     trust: bool = False,
 ) -> dict[str, Any]:
     """Evaluate the policy of a run on valid layouts and on unfiltered layouts, which are placed without checks.
+
+    A ScenirisWarning reports that the scene or the source code of the task changed since the training.
 
     Args:
         run: The folder that `train` made.
@@ -58,9 +61,14 @@ def evaluate(
         raise ArgumentError(f"{run / CONFIG}: its task is Python code. If you trust this code, give --task {named}.")
     task = task or named
     scene = build_model(scene_of(task, reachable=True))
-    trained = read_parts(run).get("scene", {}).get("hash")  # version 0.1.0 wrote no hash
-    if scene.former_hash is not None and trained in (None, scene.former_hash):
+    trained = {part: values.get("hash") for part, values in read_parts(run).items()}
+    if scene.former_hash is not None and trained.get("scene") in (None, scene.former_hash):  # 0.1.0 wrote no hash
         raise SceneMismatchError(f"{run}: this policy {scene.mismatch(scene.former_hash, '')}")
+    now = hashes_of(task, scene)
+    changed = [part for part in now if trained.get(part) not in (None, now[part])]
+    if changed:
+        hashes = " and ".join(f"the {part} (hash {trained[part]}, now {now[part]})" for part in changed)
+        warnings.warn(ScenirisWarning(f"{run}: {hashes} changed since the training. Train again."), stacklevel=2)
     shown = {} if video is None else {"render_mode": "rgb_array", "render_config": PICTURES}
     found = {}
     for name, env in judges_of(task, layouts, device, **shown).items():

@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import redirect_stdout, suppress
+from difflib import get_close_matches
+from functools import partial, wraps
+from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-from sceniris_gym.config.bounds import MOST_WORLDS
+from sceniris_gym.config.bounds import COUNT, MOST_WORLDS
 from sceniris_gym.config.settings import read_changes
-from sceniris_gym.errors import ArgumentError
+from sceniris_gym.errors import ArgumentError, old_names
 
 if TYPE_CHECKING:
     from sceniris_gym.config.scene import SceneConfig
     from sceniris_gym.program.compiled import CompiledScene
-
-COUNT = range(1, MOST_WORLDS + 1)
-"""A number of things. `check_numbers` rejects values outside a range that annotates their option."""
 
 _scene = tyro.conf.arg(metavar="SCENE", help="name of a shipped scene, or a path")
 Scene = Annotated[str, tyro.conf.Positional, _scene]
@@ -41,6 +43,30 @@ Changes = Annotated[
     tyro.conf.UseAppendAction[tuple[str, ...]],
     tyro.conf.arg(name="set", metavar="KEY=VALUE", help="change part of the scene, e.g. objects.apple.clearance=0.01"),
 ]
+
+
+def parsed(name: str, command: Callable[..., Any], words: Sequence[str]) -> Callable[[], Any]:
+    """Parse the words after the name of a command, and return the call of the command.
+
+    Raises:
+        ArgumentError: The command does not have an option. The message gives the option's new name, or a similar one.
+    """
+    prog = f"sceniris-gym {name}"
+    for given in (word.partition("=")[0] for word in words):
+        if new := old_names().get(f"{name} {given}"):
+            raise ArgumentError(f"{name}: '{given}' is now {new}. See {prog} --help.")
+    later = wraps(command)(lambda *args, **kwargs: partial(command, *args, **kwargs))
+    call, unknown = tyro.cli(later, prog=prog, args=words, return_unknown_args=True)
+    if unknown:
+        with redirect_stdout(StringIO()) as text, suppress(SystemExit):
+            tyro.cli(command, prog=prog, args=["--help"])
+        given = unknown[0].partition("=")[0]
+        # '--out' and '--layouts' are similar by 0.7
+        near = get_close_matches(given, re.findall(r"--[a-z-]+", text.getvalue()), n=1, cutoff=0.8)
+        hint = f"Did you mean '{near[0]}'?" if near else "It has no similar option."
+        raise ArgumentError(f"{name}: unknown argument '{unknown[0]}'. {hint} See {prog} --help.")
+    check_numbers(command, call.keywords)
+    return call
 
 
 def checked_target(out: Path | None, default: str | Path = "") -> Path:
@@ -80,8 +106,8 @@ def read_ids(given: Sequence[str]) -> list[str]:
     return ids
 
 
-def check_numbers(command: Callable[..., object], options: Mapping[str, Any]) -> None:
-    """Reject options outside the ranges in the command's annotations. Options may be None or left out."""
+def check_numbers(command: Callable[..., object] | type, options: Mapping[str, Any]) -> None:
+    """Reject options outside the ranges in the annotations of a command or a class. Options may be None or left out."""
     for name, hint in command.__annotations__.items():
         for bounds in getattr(hint, "__metadata__", ()):
             if isinstance(bounds, range) and options.get(name) is not None:

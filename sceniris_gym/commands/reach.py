@@ -10,14 +10,12 @@ import mujoco
 import numpy as np
 
 from sceniris_gym.audit.contacts import deepest_contacts
-from sceniris_gym.commands.narrowing import narrow
 from sceniris_gym.config.loader import SHIPPED_NAME, shipped
-from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.config.tier import Tier
-from sceniris_gym.errors import ArgumentError, MapError, NotSupportedError, ReachWarning, SceneKeyError, check_names
+from sceniris_gym.errors import ArgumentError, MapError, NotSupportedError, ReachWarning, check_names
 from sceniris_gym.files import UNREADABLE, check_picture, no_file, read_array, replacing
 from sceniris_gym.geometry.rotations import quaternion
-from sceniris_gym.layout.compile import compile_scene, device_name
+from sceniris_gym.layout.compile import device_name
 from sceniris_gym.pictures.layout_picture import save
 from sceniris_gym.pictures.reach_picture import draw
 from sceniris_gym.program.reach import robot_arm
@@ -134,33 +132,6 @@ def show(
         raise MapError(f"reach {name} --height {height:g}: should be from {low:.2f} to {high:.2f} m, inside the map.")
     save(draw(reach_map, height, device_name(device, "reach")), out)
     return describe(name, arm, reach_map) | {"picture": str(out)}
-
-
-def narrowed(
-    name: str, config: SceneConfig, out: Path, device: str | None = None, *, layouts: int = 1024, seed: int = 0
-) -> dict[str, Any]:
-    """Measure how many places `reachable` permits in a scene with the arm, and draw the places from above.
-
-    Raises:
-        SceneKeyError: The arm is not a robot of the scene, or the scene has no object with `reachable`.
-    """
-    robots = [robot.asset or robot.name for robot in config.all_robots.values()]
-    if not any(_same(name, robot) for robot in robots):
-        has = f"the robot {' and '.join(f'{robot!r}' for robot in robots)}" if robots else "no robot"
-        raise SceneKeyError(f"reach {name} --scene {config.where}: this scene has {has}. Name a scene with '{name}'.")
-    check_picture(out)
-    compiled = compile_scene(config, device)
-    if compiled.reaching is None:
-        raise SceneKeyError(
-            f"reach {name} --scene {config.where}: no object of this scene has 'reachable'. "
-            "Add it, e.g. with --set objects.apple.reachable=map."
-        )
-    return narrow(compiled, layouts, seed, out)
-
-
-def _same(name: str, asset: str) -> bool:
-    """Return True if `name` and `asset` are the same shipped arm or the same file."""
-    return name == asset or (not SHIPPED_NAME.fullmatch(name) and Path(name).resolve() == Path(asset).resolve())
 
 
 def _has_map(name: str, arm: SerialArm) -> bool:

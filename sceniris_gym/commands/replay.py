@@ -46,8 +46,8 @@ def find_scene(scenehash: str, config: SceneConfig | None = None) -> SceneModel:
             raise SceneMismatchError(f"replay: this layout of '{candidate.name}' {model.mismatch(scenehash, '')}")
         known[model.hash] = candidate.name
     valid = [f"{h} ({name})" for h, name in known.items()]
-    more = ["or the hash of a scene given by --scene"] if config is None else []  # sorted after hexadecimal digits
-    raise UnknownNameError("scene hash", scenehash, "replay", valid + more)
+    where = "replay: give --scene if the scene is your own" if config is None else "replay"
+    raise UnknownNameError("scene hash", scenehash, where, valid)
 
 
 def replay(compiled: CompiledScene, layout: LayoutId) -> LayoutTable:

@@ -85,3 +85,5 @@ piece."""
 
 MOST_WORLDS = 1 << 24
 """Maximum number of worlds in a batch: far more than fit on a GPU, even for scenes of a few objects."""
+COUNT = range(1, MOST_WORLDS + 1)
+"""A number of worlds or layouts. `check_numbers` rejects an option outside the range that annotates it."""

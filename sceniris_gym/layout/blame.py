@@ -184,6 +184,9 @@ def infeasible(compiled: CompiledScene, probe: LayoutGenerator, key: str = "") -
         remedy = _of_collision(_room(compiled, name), None if part is None else part.joined_to)
     else:
         remedy = _REMEDIES.get(cause, _PLAIN)
+    if remedy == _PLAIN and part is not None and part.relations:
+        named = " and ".join(f"'{relation.summary}'" for relation in part.relations)
+        remedy = f"It has to be {named}. Widen or remove a relation, or give the object a larger region or support."
     where = compiled.config.where + key
     return InfeasibleSceneError(
         f"{where}: no valid layout was found: '{name}' could not be placed, mostly because of {cause}. "

@@ -292,6 +292,7 @@ def _warn_of_fallbacks(compiled: CompiledScene, *probes: _Probe) -> None:
     if config.attempts != AUTO and Cause[cause.upper()] not in AT_ONCE:
         cures.append(f"'attempts: {AUTO}'")
     cures.append(f"a larger region for '{name}'")
+    cures += [f"a wider '{relation.summary}'" for relation in getattr(config.parts.get(name), "relations", ())]
     found = min(len(probe.found) for probe in probes)
     held = (found, config.bank) if found < config.bank else None
     if held is None:

@@ -65,8 +65,7 @@ class LayoutId:
                 this scene. The message ends with `cure`.
         """
         found = text if isinstance(text, cls) else cls.parse(str(text))
-        if found.scene != scene.hash:
-            raise SceneMismatchError(f"layout '{text}': {scene.mismatch(found.scene, cure)}")
+        scene.check_hash(found.scene, f"layout '{text}':", cure)
         if split not in (None, found.split):
             raise SceneMismatchError(f"layout '{text}' has the split '{found.split}', not '{split}'. {cure}")
         return found

@@ -10,7 +10,7 @@ from sceniris_gym.config.fields import short
 from sceniris_gym.device.fixed import StaysHere
 from sceniris_gym.device.random import SPLITS, STREAM_BITS
 from sceniris_gym.device.tensors import TensorView
-from sceniris_gym.errors import ArgumentError, SceneMismatchError, check_names, check_type
+from sceniris_gym.errors import ArgumentError, SceneMismatchError, check_names, check_type, refuses_old_names
 from sceniris_gym.layout.layout_id import layouts_of_ids
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.masks import as_count, as_numbers, as_worlds
@@ -99,6 +99,7 @@ class LevelSampler(Chooser, StaysHere):
         played = Episodes(buffer.level, layouts.seed, layouts.episode, success, layouts.param)
         launch_update(buffer, played._replace(mask=finished, status=layouts.status, boundary=buffer.boundary))
 
+    @refuses_old_names
     def insert(self, layouts: Any, scores: Any) -> None:
         """Insert levels, and refresh the weights. If the buffer is full, new levels replace levels with lower scores.
 
@@ -139,6 +140,7 @@ class LevelSampler(Chooser, StaysHere):
         named = self.layouts.params.named(row)
         return {} if self.replay.adr is None else {name: named[name][0] for name in self.replay.adr.init_range}
 
+    @refuses_old_names
     def update(self, layouts: Any, scores: Any, worlds: Any = None) -> None:
         """Set the scores of levels after playing them.
 
@@ -176,7 +178,8 @@ class LevelSampler(Chooser, StaysHere):
         found[0] = found[0] if "level" in given else np.full(np.shape(found[1]), FRESH)
         shapes = [tuple(np.shape(values)) for values in found]
         if len({*shapes}) != 1 or len(shapes[0]) != 1:
-            raise ArgumentError(f"{where}: layouts and scores should have the same shape (n,), got shapes {shapes}.")
+            got = ", ".join(map(short, columns))
+            raise ArgumentError(f"{where}: level, seed, episode, scores should have the same shape (n,), got {got}.")
         found[0] = found[0].clip(FROM_BANK, FRESH) if are_new else found[0]
         arrays = [*map(self._column, found, (wp.int32, wp.uint64, wp.int32, wp.float32))]
         rows = self.layouts.params.rows(given.get("params", {}), shapes[0][0])

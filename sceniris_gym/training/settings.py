@@ -16,6 +16,7 @@ from typing import Annotated, Any
 import tyro
 from pydantic import ConfigDict, Field, NonNegativeFloat, PositiveFloat, PositiveInt, TypeAdapter
 
+from sceniris_gym.config.bounds import COUNT
 from sceniris_gym.config.fields import reading
 from sceniris_gym.config.settings import read_changes
 from sceniris_gym.errors import ArgumentError, check_names, check_type
@@ -127,8 +128,8 @@ class Options:
     """
 
     task: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="TASK")]
-    seed: Annotated[int, tyro.conf.arg(aliases=["-s"])] = 0
-    num_envs: int = 4096
+    seed: Annotated[int, tyro.conf.arg(aliases=["-s"]), range(2**31)] = 0
+    num_envs: Annotated[int, COUNT] = 4096
     minutes: float = 5.0
     million_steps: float | None = None
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("results/train")
@@ -141,8 +142,8 @@ class Options:
     reachable: bool = True
     judged: str | None = None
     changes: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(name="set", metavar="KEY=VALUE")] = ()
-    layouts: Annotated[int, tyro.conf.arg(aliases=["-n"])] = 4096
-    every: int = 10
+    layouts: Annotated[int, tyro.conf.arg(aliases=["-n"]), COUNT] = 4096
+    every: Annotated[int, COUNT] = 10
     evaluate_every: float = 60.0
     save_every: float = 20.0
 
@@ -202,7 +203,7 @@ def read_config(folder: Path) -> tuple[str, Settings]:
 
 
 def read_parts(folder: Path) -> dict[str, dict[str, Any]]:
-    """Return the parts of the configuration of the run in `folder`: options, settings, sources and scene.
+    """Return the parts of the configuration of the run in `folder`: options, settings, and hashes.
 
     Raises:
         ArgumentError: The file `config.json` cannot be read.
@@ -265,11 +266,10 @@ def success_interval(successes: int, number: int) -> tuple[float, float]:
     return float(interval.low), float(interval.high)
 
 
-def source_hash(*more: Path, package: Path = PACKAGE) -> str:
+def source_hash(package: Path = PACKAGE) -> str:
     """Return the hash of the package's code, tasks and assets. A repository and its installed wheel have the same hash.
 
     Args:
-        more: Other files to hash, because they affect results.
         package: The folder of the package. It contains the tasks and assets or, in a repository, is next to them.
     """
     digest = hashlib.sha256()
@@ -281,8 +281,6 @@ def source_hash(*more: Path, package: Path = PACKAGE) -> str:
             if path.suffix in endings and not (folder == package and parts[0] in ENDINGS):
                 digest.update("/".join((name, *parts)).encode())
                 digest.update(path.read_bytes())
-    for path in more:
-        digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
 
 

@@ -1,17 +1,21 @@
 """Find tasks of this package and your tasks by name, and make their scenes and environments."""
 
+import hashlib
 import os
 import sys
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import gymnasium
 from gymnasium.envs.registration import EnvSpec
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import ArgumentError, UnknownNameError
+from sceniris_gym.errors import ArgumentError, check_names
 from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.vector.arguments import as_task
+from sceniris_gym.vector.task import Task
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 
 NAMESPACE = "sceniris_gym/"
@@ -57,8 +61,7 @@ def spec_of(task: str) -> EnvSpec:
     """
     name = registered_id(task)
     tasks = {key.removeprefix(NAMESPACE): spec for key, spec in gymnasium.registry.items() if "task" in spec.kwargs}
-    if name.removeprefix(NAMESPACE) not in tasks:
-        raise UnknownNameError("task", name, "environments registered with a task", tasks)
+    check_names("task", [name.removeprefix(NAMESPACE)], "environments registered with a task", tasks)
     return tasks[name.removeprefix(NAMESPACE)]
 
 
@@ -74,6 +77,14 @@ def scene_of(task: str, *, reachable: bool) -> SceneConfig:
         return scene
     changes = {f"objects.{name}.reachable": False for name, part in scene.objects.items() if part.reachable}
     return SceneConfig.load(scene, {"start": [kind for kind in scene.start if kind.of is None], **changes})
+
+
+def hashes_of(task: str, scene: SceneModel) -> dict[str, str]:
+    """Return the hash of a task's scene, and a hash of the source files of its class and base classes up to `Task`."""
+    kinds = [kind for kind in type(as_task(spec_of(task).kwargs["task"])).__mro__ if kind not in Task.__mro__]
+    files = [getattr(sys.modules[kind.__module__], "__file__", None) for kind in kinds]  # None in a notebook
+    code = b"".join(Path(file).read_bytes() for file in files if file is not None)
+    return {"scene": scene.hash, "task": hashlib.sha256(code).hexdigest()[:16]}
 
 
 def make_env(task: str, num_envs: int, compiled: CompiledScene, **kwargs: Any) -> SceneVectorEnv:

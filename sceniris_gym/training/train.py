@@ -10,13 +10,11 @@ Every world starts a new episode, but counts its steps from the step count of th
 from the same checkpoint see the same data, but not the data of an uninterrupted run.
 """
 
-import inspect
 import json
 import math
 import time
 from collections.abc import Callable
 from dataclasses import asdict, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -46,8 +44,7 @@ from sceniris_gym.training.settings import (
     source_hash,
     without_layouts,
 )
-from sceniris_gym.training.task_scenes import NAMESPACE, SEED_SPACING, make_env, scene_of, spec_of
-from sceniris_gym.vector.arguments import as_task
+from sceniris_gym.training.task_scenes import NAMESPACE, SEED_SPACING, hashes_of, make_env, scene_of
 
 FREE = ("out", "resume", "trust", "device", "minutes", "million_steps", "layouts")
 FREE += ("every", "evaluate_every", "save_every")
@@ -139,12 +136,12 @@ class Run:
         return evaluations(options.out)[-1]
 
     def _config(self) -> dict[str, Any]:
-        sources = {"hash": source_hash(*_own_sources(self.options.task))}
-        scene = {"hash": build_model(scene_of(self.options.task, reachable=True)).hash}
-        return {"options": asdict(self.options), "settings": asdict(self.settings), "sources": sources, "scene": scene}
+        task, parts = self.options.task, {"options": asdict(self.options), "settings": asdict(self.settings)}
+        hashes = {"sources": source_hash()} | hashes_of(task, build_model(scene_of(task, reachable=True)))
+        return parts | {part: {"hash": value} for part, value in hashes.items()}
 
     def _check_same(self) -> None:
-        """Check that the run to resume had the same options (except FREE), settings, sources and scene."""
+        """Check that the run to resume had the same options (except FREE), settings and hashes."""
         file = self.options.out / CONFIG
         told, wanted = read_parts(self.options.out), json.loads(as_json(self._config()))
         for part, values in wanted.items():
@@ -257,11 +254,3 @@ class Run:
         with self.log.open("a") as file:
             file.write(line + "\n")
         self.show(line)
-
-
-def _own_sources(task: str) -> list[Path]:
-    """Return a list with the source file of a task outside this package. The list is empty for this package's tasks."""
-    if ":" not in task:
-        return []
-    file = inspect.getsourcefile(type(as_task(spec_of(task).kwargs["task"])))
-    return [] if file is None else [Path(file)]

@@ -163,7 +163,11 @@ class ArmController:
         Args:
             s: The worlds.
             action: Changes in [-1, 1], shape (num_envs, joints).
+
+        Raises:
+            ArgumentError: `action` has another shape.
         """
+        check_action(action, (self.joints,), "base", f"{self._where}: move_joints")
         qpos = self.qpos(s)
         moved = self.targets(s) + self._joint_step * action
         self.set_targets(s, moved.clamp(qpos - self.lead, qpos + self.lead))

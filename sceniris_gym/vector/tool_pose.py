@@ -16,8 +16,8 @@ Lead = tuple[float, float]
 """Largest distance along an axis of the base frame [m], and largest angle [rad], below pi."""
 
 
-def check_action(action: Tensor, numbers: tuple[int, int], frame: str, where: str) -> None:
-    """Check an action that moves a tool: how many numbers it has for each world, and their frame.
+def check_action(action: Tensor, numbers: tuple[int, ...], frame: str, where: str) -> None:
+    """Check an action that moves an arm: how many numbers it has for each world, and their frame.
 
     Raises:
         ArgumentError: The action has another shape, `frame` is not a Frame, or `frame` is "tool" for four numbers.

@@ -94,6 +94,46 @@ def test_a_scene_without_a_layout_has_the_table_and_all_that_is_in_the_way_with_
         assert says in line
 
 
+RELATED = {
+    "near": (
+        {"can": [{"near": "post", "distance": {"max": 0.12}}]},
+        "It has to be 'near post, at most 0.12 m'.",
+    ),
+    "beside": (
+        {
+            "wall": [{"beside": "post", "side": "right", "gap": 0.05}],
+            "can": [{"beside": "post", "side": "right", "gap": 0.01}],
+        },
+        "It has to be 'beside post, right, gap 0.01 m'.",
+    ),
+    "both": (
+        {
+            "wall": [{"front_of": "post", "distance": {"min": 0.5}}],
+            "can": [{"near": "post", "distance": {"max": 0.2}}, {"near": "wall", "distance": {"max": 0.15}}],
+        },
+        "It has to be 'near post, at most 0.2 m' and 'near wall, at most 0.15 m'.",
+    ),
+}
+
+
+@pytest.mark.parametrize("tight", RELATED)
+def test_a_relation_that_leaves_no_place_is_named(tight: str, tmp_path: Path, capsys: pytest.CaptureFixture):
+    """Too near to another object, at a place that is taken, and in two rings that do not meet; the floor is large."""
+    asset = {name: box_mjcf(tmp_path, name, size, size, size) for name, size in (("can", 0.1), ("post", 0.2))}
+    relations, says = RELATED[tight]
+    objects: dict[str, Any] = {"post": {"asset": asset["post"], "on": "floor"}}
+    for name, words in relations.items():
+        objects[name] = {"asset": asset["can" if name == "can" else "post"], "on": "floor", "relations": words}
+    with (tmp_path / "tight.yaml").open("w") as stream:
+        YAML().dump({"floor": {"size": [2.0, 2.0]}, "objects": objects}, stream)
+    with pytest.raises(SystemExit) as ended:
+        main(["check", str(tmp_path / "tight.yaml"), "-n", "8", "--device", "cpu"])
+    verdict = capsys.readouterr().out.splitlines()[0]
+    assert ended.value.code == 1
+    assert "'can' could not be placed" in verdict
+    assert f"{says} Widen or remove a relation" in verdict
+
+
 def _counted(function: Callable, calls: list) -> Callable:
     """The same function, which notes what it was called on."""
 

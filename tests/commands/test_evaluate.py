@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
+import inspect
 import json
 import re
+import shutil
 from pathlib import Path
 
 import gymnasium
@@ -16,9 +19,12 @@ pytest.importorskip("rsl_rl")
 from sceniris_gym import cli
 from sceniris_gym.commands.evaluate import evaluate, report
 from sceniris_gym.commands.train import train
+from sceniris_gym.envs.tabletop_lift import TabletopLift
+from sceniris_gym.envs.tabletop_lift_easy import TabletopLiftEasy
 from sceniris_gym.errors import ArgumentError, SceneMismatchError
+from sceniris_gym.scene.build import build_model
 from sceniris_gym.training.settings import Options
-from sceniris_gym.training.task_scenes import registered_id
+from sceniris_gym.training.task_scenes import hashes_of, registered_id, scene_of
 from tests.training.scenes import write_task
 
 PAGE = Path(__file__).parents[2] / "docs" / "training.md"
@@ -55,6 +61,33 @@ def test_an_evaluation_is_that_of_the_training(run: Path, capfd: pytest.CaptureF
     verdicts, kept = (json.loads(path.read_text()) for path in (tmp_path / "each.json", run / "judged.json"))
     assert verdicts == {name: kept[name] for name in verdicts}
     assert [len(one["each"]["success"]) for one in verdicts.values()] == [3, 3]
+
+
+@pytest.mark.parametrize("changed", ["scene", "task", "scene and task", "nothing"])
+def test_a_scene_or_task_that_changed_since_the_training_is_told_in_a_line(
+    run: Path, capfd: pytest.CaptureFixture, tmp_path: Path, changed: str
+):
+    """With the hash of the training; a run of a version that wrote none is evaluated without a word."""
+    shutil.copytree(run, tmp_path / "run")
+    file = tmp_path / "run" / "config.json"
+    told = json.loads(file.read_text())
+    task, hashes = told["options"]["task"], {part: told.pop(part)["hash"] for part in ("scene", "task")}
+    told |= {part: {"hash": "0123456789abcdef"} for part in hashes if part in changed.split()}
+    file.write_text(json.dumps(told))
+    cli.main(["evaluate", str(tmp_path / "run"), "-n", "1", "--device", "cpu", "--task", task, "--json"])
+    there = {part: now for part, now in hashes.items() if part in changed.split()}
+    parts = [f"the {part} (hash 0123456789abcdef, now {now})" for part, now in there.items()]
+    line = f"warning: {tmp_path / 'run'}: {' and '.join(parts)} changed since the training. Train again.\n"
+    assert capfd.readouterr().err == (line if parts else "")
+
+
+def test_the_law_of_a_task_is_the_code_of_its_class_and_its_base_classes(tmp_path: Path):
+    """A reward in a base class's file counts, and a file that no class is from does not."""
+    scene = build_model(scene_of("TabletopReach-v0", reachable=True))
+    lift, easy = (hashes_of(f"TabletopLift{kind}-v0", scene)["task"] for kind in ("", "Easy"))
+    files = [Path(inspect.getsourcefile(kind) or "") for kind in (TabletopLiftEasy, TabletopLift)]
+    assert easy == hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:16]
+    assert lift == hashlib.sha256(files[1].read_bytes()).hexdigest()[:16]
 
 
 def test_failed_layouts_are_listed_and_shown(run: Path, capfd: pytest.CaptureFixture, tmp_path: Path):

@@ -32,6 +32,23 @@ def test_what_it_writes_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ca
     envs.close()
 
 
+def test_what_it_writes_fits_an_arm_with_other_joints(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """The scene gets an arm of six joints, and the task stays as it was written."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    cli.main(["new-task", "pick_by_six"])
+    scene = tmp_path / "pick_by_six.yaml"
+    scene.write_text(
+        scene.read_text().replace("asset: panda", "asset: ur5e").replace("reachable: map", "reachable: ik")
+    )
+    assert spec_of("pick_by_six:PickBySix-v0").max_episode_steps == 100
+    envs = gym.make_vec("PickBySix-v0", num_envs=2, device="cpu", overrides={"bank": 8})
+    envs.reset(seed=0)
+    assert envs.action_space.shape == (2, 6)
+    assert (envs.step(envs.action_space.sample())[1] < 0.0).all()
+    envs.close()
+
+
 @pytest.mark.parametrize("name", ["2x", "class", "Pick", "my-task"])
 def test_names_that_no_module_has_are_refused(name: str, tmp_path: Path, capsys: pytest.CaptureFixture):
     """Before anything is written."""

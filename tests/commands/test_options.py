@@ -105,9 +105,20 @@ def test_an_unknown_option_names_the_nearest_one(command: str, capsys: pytest.Ca
         with pytest.raises(SystemExit) as stop:
             cli.main([command, *given, wrong])
         assert stop.value.code == 2
-        said = capsys.readouterr().err
-        assert "Perhaps you meant" in said, wrong
-        assert option in said.partition("Perhaps you meant")[2], wrong
+        said = f"error: {command}: unknown argument '{wrong}'. Did you mean '{option}'?"
+        assert capsys.readouterr().err == f"{said} See sceniris-gym {command} --help.\n"
+
+
+@pytest.mark.parametrize(
+    "words", ["check mid --out x", "check mid -x", "check mid five", "train A-v0 --worlds=3", "view mid --json"]
+)
+def test_a_far_option_names_no_option(words: str, capsys: pytest.CaptureFixture):
+    """'--layouts' only contains the letters of '--out', so it is no help."""
+    with pytest.raises(SystemExit, match="2"):
+        cli.main(words.split())
+    command, _, wrong = words.split()[:3]
+    said = f"error: {command}: unknown argument '{wrong}'. It has no similar option. See sceniris-gym {command} --help."
+    assert capsys.readouterr().err == f"{said}\n"
 
 
 def test_an_unknown_command_names_the_nearest_one(capsys: pytest.CaptureFixture):

@@ -15,7 +15,6 @@ from PIL import Image
 from benchmarks.sampled_map import canonical
 from sceniris_gym import cli
 from sceniris_gym.commands import reach
-from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.config.tier import Tier
 from sceniris_gym.errors import (
     ArgumentError,
@@ -27,8 +26,6 @@ from sceniris_gym.errors import (
     UnknownNameError,
 )
 from sceniris_gym.reach.arm import SerialArm
-from tests.layout.crane import crane_map, crane_mjcf, crane_scene
-from tests.layout.scenes import box_mjcf
 from tests.reach.arms import hinge, link, model, site, tcp_poses
 from tests.reach.shapes import gantry, gantry_reaches, poses, random_axes
 
@@ -170,18 +167,6 @@ def test_a_file_that_holds_no_poses_is_refused(arm: Path, tmp_path: Path, made: 
         reach.read_poses(tmp_path / "text.npy")
 
 
-def test_a_scene_must_be_one_of_the_arm(tmp_path: Path):
-    """Its robot has to be the arm, and something in it has to be reachable."""
-    with pytest.raises(SceneKeyError, match=r"this scene has no robot\. Name a scene with 'panda'"):
-        reach.narrowed("panda", SceneConfig.load("mid"), tmp_path / "a.png", "cpu")
-    with pytest.raises(SceneKeyError, match=r"has the robot 'panda'\. Name a scene with 'ur5e'"):
-        reach.narrowed("ur5e", SceneConfig.load("drawer_pick"), tmp_path / "a.png", "cpu")
-    plain = {"cube": {"asset": "block", "on": "floor"}}
-    scene = {"floor": {"size": [1.0, 1.0]}, "robot": {"asset": "panda", "base": [-0.8, 0, 0]}, "objects": plain}
-    with pytest.raises(SceneKeyError, match="no object of this scene has 'reachable'"):
-        reach.narrowed("panda", SceneConfig.load(scene), tmp_path / "a.png", "cpu")
-
-
 def test_what_is_no_arm_is_refused():
     """A name that is not shipped, and an asset without a TCP."""
     with pytest.raises(UnknownNameError, match=r"unknown arm 'pandas'\. Did you mean 'panda'"):
@@ -258,9 +243,6 @@ def test_one_command_at_a_time(arm: Path, tmp_path: Path, capfd: pytest.CaptureF
     with pytest.raises(SystemExit):
         cli.main(["reach", str(arm), "--build", "--poses", str(asked(tmp_path, random_poses(2)))])
     assert "--build and --poses cannot be combined" in capfd.readouterr().err
-    with pytest.raises(SystemExit):
-        cli.main(["reach", str(arm), "--build", "--scene", "mid"])
-    assert "--build and --scene cannot be combined" in capfd.readouterr().err
 
 
 @pytest.mark.parametrize("height", [math.nan, math.inf, 50.0, -50.0])
@@ -274,24 +256,10 @@ def test_a_picture_is_a_png(arm: Path, tmp_path: Path):
     """Another suffix is refused before any work is done."""
     for draw in (
         lambda out: reach.show(str(arm), None, out, 0.1, "cpu"),
-        lambda out: reach.narrowed("panda", SceneConfig.load("tabletop_reach"), out, "cpu"),
         lambda out: cli.check.__wrapped__("mid", picture=out),  # pyrefly: ignore[missing-attribute]
     ):
         with pytest.raises(NotSupportedError, match=r"a\.jpg: a picture should be a PNG"):
             draw(tmp_path / "a.jpg")
-
-
-def test_an_own_arm_is_found_in_a_scene_by_its_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """However its path is written; another file is another arm."""
-    asset, cube = crane_mjcf(tmp_path), box_mjcf(tmp_path, "cube", 0.04, 0.04, 0.04)
-    crane_map(asset)
-    config = SceneConfig.load(crane_scene(asset, cube))
-    monkeypatch.chdir(tmp_path)
-    for name in (asset, Path(asset).name, f"../{tmp_path.name}/{Path(asset).name}"):
-        found = reach.narrowed(name, config, tmp_path / "a.png", "cpu", layouts=32)
-        assert found["narrowing"].keys() == {"thing"}
-    with pytest.raises(SceneKeyError, match="Name a scene with"):
-        reach.narrowed(cube, config, tmp_path / "a.png", "cpu", layouts=32)
 
 
 def test_a_map_that_depends_on_turns_is_used_with_a_warning(tmp_path: Path):

@@ -35,8 +35,9 @@ def test_a_task_of_ones_own_is_trained(tmp_path: Path, monkeypatch: pytest.Monke
     assert out.startswith(f"{task}: ")
     assert out.endswith(" million steps; the policy is in run/model.pt\n")
     assert out.count("\n") == 1
-    told, *lines = without_warp(err).splitlines()
+    told, hint, *lines = without_warp(err).splitlines()
     assert told.startswith(f"{task} has no tuned settings, so it trains with Settings(hidden=(8,)")
+    assert hint == "The log gets a line after 1 iterations (--every 1: after each) and at each evaluation."
     assert [json.loads(line) for line in lines] == [
         json.loads(line) for line in Path("run/log.jsonl").read_text().splitlines()
     ]
@@ -53,7 +54,7 @@ def test_a_task_of_ones_own_is_trained(tmp_path: Path, monkeypatch: pytest.Monke
     module.write_text(module.read_text() + "\n# another version\n")
     with pytest.raises(SystemExit):
         cli.main([*words, "--resume"])
-    assert "the run to resume has sources.hash" in capfd.readouterr().err
+    assert "the run to resume has task.hash" in capfd.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -145,6 +145,18 @@ def test_many_fallbacks_are_told_with_what_cures_them(crate: dict):
             compile_on_cpu(scene, words)
 
 
+def test_a_tight_relation_is_among_the_cures(tmp_path: Path):
+    """Two crates whose centres are hardly farther apart than they are wide; a wider ring brings silence."""
+    crate = {"asset": box_mjcf(tmp_path, "crate", 0.2, 0.2, 0.2), "on": "floor", "orientation": "fixed"}
+    near = {**crate, "relations": [{"near": "a", "distance": {"max": 0.22}}]}
+    scene = {"floor": {"size": [4, 4]}, "objects": {"a": crate, "b": near}, "attempts": 2, "restarts": 1}
+    with pytest.warns(FallbackWarning, match=r"a larger region for 'b', or a wider 'near a, at most 0\.22 m'"):
+        compile_on_cpu(scene)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        compile_on_cpu(scene, {"objects.b.relations": [{"near": "a", "distance": {"max": 1.5}}]})
+
+
 def test_a_bank_that_is_not_full_is_told_instead_of_a_larger_one(tmp_path: Path):
     """Three crates that fill their floor: of a thousand layouts few are found, and asking for more gives no more."""
     crate = {"asset": box_mjcf(tmp_path, "crate", 0.2, 0.2, 0.2), "on": "floor", "ratio_on_support": 1.0}

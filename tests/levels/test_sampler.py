@@ -132,6 +132,12 @@ def test_scores_can_be_given(make_env):  # noqa: F811
     for seed in ([1, [2, 3]], None, "1"):
         with pytest.raises(ArgumentError, match="the same shape"):
             envs.randomizer.levels.insert({"seed": seed, "episode": [0]}, [0.5])
+    with pytest.raises(ArgumentError, match=r"LevelSampler\.insert: .* got None, 'x', \[0\], \[0\.5\]\."):
+        envs.randomizer.levels.insert({"seed": "x", "episode": [0]}, [0.5])
+    with pytest.raises(ArgumentTypeError, match=r"^LevelSampler\.insert: unknown argument 'seed'\. Valid: layouts"):
+        envs.randomizer.levels.insert(seed="x")
+    with pytest.raises(ArgumentTypeError, match=r"^LevelSampler\.update: unknown argument 'score'\. Did you mean"):
+        envs.randomizer.levels.update(ONE, score=[0.5])
     with pytest.raises(ArgumentError, match="the same shape"):
         envs.randomizer.levels.update(ONE, [0.5, 0.5])
     with pytest.raises(ArgumentError, match=r"shape \(n,\)"):

@@ -142,9 +142,7 @@ def test_the_hash_of_the_sources_depends_on_what_results_depend_on(tmp_path: Pat
     (package / "envs").symlink_to(tmp_path / "envs")
     assert source_hash(package=package) == first
     (tmp_path / "envs/task.py").write_text("2")
-    second = source_hash(package=package)
-    assert second != first
-    assert source_hash(tmp_path / "docs/page.md", package=package) != second
+    assert source_hash(package=package) != first
 
 
 def test_an_installed_package_has_the_hash_of_its_repository(tmp_path: Path):

@@ -241,6 +241,8 @@ def test_arms_of_any_make_are_driven_by_their_joints(pair_file):
     torch.testing.assert_close(arm.targets(s), wanted, rtol=0, atol=1e-5)
     torch.testing.assert_close(arm.qpos(s), wanted, rtol=0, atol=1e-2)
     torch.testing.assert_close(other.qpos(s), before, rtol=0, atol=1e-4)
+    with pytest.raises(ArgumentError, match=r"move_joints: action should have shape \(num_envs, 4\), got \(2, 7\)"):
+        arm.move_joints(s, torch.zeros(2, 7))
 
 
 def test_tools_of_arms_that_face_each_other_go_along_the_axes_of_the_world(pair_file):
