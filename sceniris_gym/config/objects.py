@@ -85,6 +85,7 @@ class ObjectConfig(Section):
     misplaced = dict.fromkeys(
         RELATION_WORDS, "should be given in 'relations', as in relations: [{near: mug, ...}]"
     ) | dict.fromkeys(DRAWN, "should be given for a single variant, as in variants: {can: {weight: 2, ...}}")
+    misplaced |= {"needs": "should be the value of 'if', for an object that is present only with it"}
     asset: str | None = None
     scale: fields.Scale = 1.0
     body: str | None = None

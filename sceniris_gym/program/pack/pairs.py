@@ -157,7 +157,7 @@ def collider_pairs(plan: Plan, rules: PairRules) -> list[list[Pair]]:
     left_out = _marker_bodies(scene).union(*(o.bodies for o in plan.objects))
     # clearances of the bodies already in place, at first all bodies that are not placed. Markers take no space.
     standing = {body: clearance for body, clearance in clearances.items() if body not in left_out}
-    never_with = config.presence.excluded if config.presence.has_conditions else {}
+    never_with = config.presence.excluded
     result = []
     for i, o in enumerate(plan.objects):
         tell("pairs", i + 1, len(plan.objects))
@@ -165,8 +165,7 @@ def collider_pairs(plan: Plan, rules: PairRules) -> list[list[Pair]]:
         pairs = []
         if o.config.kind != "marker":
             # objects that are never together, such as variants of one object, cannot collide
-            never = never_with.get(o.name, ()) if never_with else config.variants.get(config.owners.get(o.name, ""), ())
-            others = {body for name in never for body in plan.scene.subtree(name)}
+            others = {body for name in never_with.get(o.name, ()) for body in scene.subtree(name)}
             pairs = [
                 rules.apart(a, b, max(rules.touch(a, b), 0.0 if is_static else max(clearance, standing[bodies[b]])))
                 for a, b in product(rules.of(o.bodies), rules.of(standing.keys() - others))
