@@ -128,7 +128,7 @@ class Auditor:
         tally = ContactTally(self.scene.mjm, self.scene.config.geometry, self.heaped)
         for start, some in table.chunks(CHUNK):
             poses, there = poses_of(self.scene.mjm, some), presence(self.scene.config, some)
-            grasped, moved, sides = self.starts.grasped(some), self.starts.moved(some), {}
+            grasped, moved, sides = self.starts.grasped(some), self.starts.moved(some, there), {}
             found, supporting = self.standing.check(poses)
             found = [m for m in found if m.name not in moved or not moved[m.name][m.row]]
             nearer = {

@@ -174,6 +174,7 @@ class CollisionAudit:
         self.tree, self.solids, self.pairs = tree, solids, pairs
         self._narrow = Narrow(solids)
         self._body = [int(tree.mjm.geom_bodyid[s.geom]) for s in solids]
+        self._reach = [float(np.linalg.norm(s.center) + np.linalg.norm(s.half)) for s in solids]
 
     def missed(self, poses: Poses, supporting: Rows) -> list[Conflict]:
         """Return all pairs of solids that are nearer than their clearance.
@@ -249,7 +250,7 @@ class CollisionAudit:
         return self.solids[pair.first].geom, self.solids[pair.second].geom
 
     def _lower_bound(self, pair: Judged, poses: Poses, rows: np.ndarray | slice = slice(None)) -> np.ndarray:
-        """Return a lower bound of the distance [m] in each row: exact for half-spaces, from boxes for other solids."""
+        """Return a lower bound of the distance [m] in each row: exact for half-spaces, else from spheres or boxes."""
         geoms = self._geoms(pair)
         pos = [poses.geom_xpos[rows, g] for g in geoms]
         mat = [poses.geom_xmat[rows, g] for g in geoms]
@@ -259,6 +260,10 @@ class CollisionAudit:
             normal = mat[plane][:, :, 2]
             height = np.einsum("ni,ni->n", pos[over] - pos[plane], normal)
             return height + self.solids[above].lowest(np.einsum("nij,ni->nj", mat[over], normal))
+        # spheres around the frames settle most pairs of a large scene, at a tenth of the boxes' time
+        apart = np.linalg.norm(pos[1] - pos[0], axis=1) - self._reach[pair.first] - self._reach[pair.second]
+        if apart.min(initial=1.0) > 0.0:
+            return apart
         return _box_gap(self.solids[pair.first], self.solids[pair.second], pos, mat)
 
     def _exact(self, pair: Judged, poses: Poses, row: int, lifted: int) -> float:

@@ -24,6 +24,7 @@ from sceniris_gym.audit.relations import Excess
 from sceniris_gym.audit.scene import JudgedScene, Outlines
 from sceniris_gym.audit.standing import Misplaced
 from sceniris_gym.config.tier import Tier
+from sceniris_gym.config.variants import with_variants
 from sceniris_gym.scene.layout_table import LayoutTable
 
 BACK = 0.08  # m, distance from the pre-grasp to the grasp along the approach
@@ -226,18 +227,23 @@ class StartAudit:
         self.scene, self._outlines, groups = scene, outlines, scene.config.groups
         kinds = [(i, kind, kind.targets(groups)) for i, kind in enumerate(scene.config.start)]
         self._grasped = [(i, name) for i, kind, names in kinds if kind.robot == "grasp" for name in names]
-        self._moved = [(i, n) for i, kind, names in kinds for n in (*(names if kind.is_held else ()), *kind.place)]
+        self._held = [(i, name) for i, kind, names in kinds if kind.is_held for name in names]
+        self._placed = [(i, *pair) for i, kind, _ in kinds for pair in scene.config.markers(kind).items()]
 
     def grasped(self, table: LayoutTable) -> dict[str, np.ndarray]:
         """Return object -> mask of the rows where an arm holds it, shape (nrow,)."""
         return _rows(table, self._grasped)
 
-    def moved(self, table: LayoutTable) -> dict[str, np.ndarray]:
+    def moved(self, table: LayoutTable, there: Rows) -> dict[str, np.ndarray]:
         """Return object -> mask of the rows where the start decides where the object is, shape (nrow,).
 
-        In these rows, the object's support, region, relations and orientation do not apply.
+        In these rows, the object's support, region, relations and orientation do not apply. `there` has masks of the
+        rows in which each object is present.
         """
-        return _rows(table, self._moved)
+        found = _rows(table, self._held)
+        for i, name, marker in self._placed:
+            found[name] = found.get(name, False) | (table.start == i) & there[marker]
+        return {name: rows & there[name] for name, rows in found.items()}
 
     def excuse(self, excess: Excess, moved: Rows) -> Excess:
         """Drop violations of objects that a start moves, and of objects whose relations refer to a moved object."""
@@ -245,7 +251,7 @@ class StartAudit:
         parts = self.scene.config.parts
         for key in excess:
             if key[0] in parts and key[1] != "present":
-                names = {key[0], *parts[key[0]].needs}
+                names = {key[0], *with_variants(parts[key[0]].needs, self.scene.config.variants)}
                 for rows in (moved[name] for name in names & moved.keys()):
                     found[key] = np.where(rows, np.nan, found[key])
         return found
@@ -265,7 +271,7 @@ class StartAudit:
         kind = config.start[number]
         targets = kind.targets(config.groups)
         free = {*map(config.robot_for, targets), *(targets if kind.is_held else ())}
-        supports = {name: config.parts[name].support for name in kind.place}
+        supports = {name: config.parts[name].support for name in config.markers(kind)}
         carriers = {name: self.scene.carrier(support.parent).body for name, support in supports.items() if support}
         stands = any(owners == {name, self.scene.tree.owner[body]} for name, body in carriers.items())
         return conflict.distance > 0.0 and (stands or bool(free & owners))
@@ -305,11 +311,10 @@ class StartAudit:
             for row in np.flatnonzero(rows & there[name])
             if len(sides.get((int(row), name), ())) < 2
         ]
-        for i, kind in enumerate(self.scene.config.start):
-            for name, marker in kind.place.items():
-                own, other = (self._outlines.outline(n, poses).pivot[:, :2] for n in (name, marker))
-                away = np.linalg.norm(own - other, axis=1) > _AT_MARKER
-                found += [Misplaced(int(row), name, "start") for row in np.flatnonzero((table.start == i) & away)]
+        for i, name, marker in self._placed:
+            own, other = (self._outlines.outline(n, poses).pivot[:, :2] for n in (name, marker))
+            away = there[marker] & (np.linalg.norm(own - other, axis=1) > _AT_MARKER)
+            found += [Misplaced(int(row), name, "start") for row in np.flatnonzero((table.start == i) & away)]
         return found
 
 

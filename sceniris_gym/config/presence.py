@@ -169,9 +169,12 @@ class Presence:
     def _is_sure(self, key: str) -> bool:
         if key not in self.groups:
             return key not in self.absent
+        return self.is_sure_with(key, map(min, *map(self.groups[key].weights_in, SPLITS)))
+
+    def is_sure_with(self, key: str, weights: Iterable[float]) -> bool:
+        """Return whether a group is present in every layout with these weights of its members."""
         group = self.groups[key]
-        drawn = zip(group.of, *map(group.weights_in, SPLITS), strict=True)
-        members = [self.key(name) for name, *weights in drawn if all(weights)]
+        members = [self.key(name) for name, weight in zip(group.of, weights, strict=True) if weight > 0.0]
         if key in self.outer or self.has_words(key) or group.count[0] == 0:
             return False
         if any(m not in self.groups and not self.terms(m) for m in members):

@@ -174,7 +174,7 @@ class StartConfig(Section):
         grasp: A glob for the names of grasp sites, written with or without 'grasp_'. None selects all grasps.
         lift: Minimum and maximum height [m] that the object is lifted straight up.
         robot_joints: Draws of the arm's joints, by name or pattern. The hand holds the object in the drawn pose.
-        place: Object -> the marker at which the object starts.
+        place: Object -> the marker at which the object starts. The object may have variants.
         joints: Draws of objects' joints, by 'object/joint'. They replace the draws in the section of the object.
     """
 

@@ -88,7 +88,7 @@ class SceneConfig(SceneWords):
         the object, directly or through others, the base is placed after the object.
         """
         parts = self.parts
-        markers = [kind.place[name] for kind in self.start if name in kind.place]
+        markers = [found[name] for found in map(self.markers, self.start) if name in found]
         needs = tuple(dict.fromkeys([*self._named(name), *markers]))
         if not parts[name].reachable or self.robot_for(name) not in parts:
             return needs
@@ -115,7 +115,7 @@ class SceneConfig(SceneWords):
     def with_shared_objects(self) -> SceneConfig:
         """Return the scene in which each object with variants is one object with the settings of the first variant.
 
-        If there are such objects, groups and conditions are left out, because they may name single variants.
+        If there are such objects, groups, conditions and starts are left out, because they may need single variants.
         """
         if not self.variants:
             return self
@@ -123,7 +123,7 @@ class SceneConfig(SceneWords):
             self.owners.get(name, name): self._without_members(part) for name, part in [*self.objects.items()][::-1]
         }
         fields = {name: getattr(self, name) for name in self.model_fields_set}
-        return self._made(fields | {"objects": dict(reversed(objects.items())), "groups": {}}, self.where)
+        return self._made(fields | {"objects": dict(reversed(objects.items())), "groups": {}, "start": ()}, self.where)
 
     def _without_members(self, part: ObjectConfig) -> ObjectConfig:
         """Return an object without conditions, whose support names an object instead of one of its members."""

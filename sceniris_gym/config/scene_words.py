@@ -127,6 +127,14 @@ class SceneWords(Section):
         """Object that may be absent from a world -> the key of the group that draws it, or the object itself."""
         return self.presence.absent
 
+    def markers(self, start: StartConfig) -> dict[str, str]:
+        """Return object -> its marker, for a kind of start. A variant has the marker of its object.
+
+        Members of the object on other supports than the marker's are left out.
+        """
+        pairs = [(one, marker) for name, marker in start.place.items() for one in self.variants.get(name, (name,))]
+        return {one: marker for one, marker in pairs if self.objects[one].support == self.objects[marker].support}
+
     def key(self, name: str) -> str:
         """Return the key of an object or a robot, for messages: 'objects.can', 'robot' or 'robots.left'.
 

@@ -1,7 +1,6 @@
 """Checks of names in a scene: each reference exists, is suitable, and can be placed before the object that names it."""
 
 import graphlib
-from collections.abc import Container, Iterable
 
 from sceniris_gym.config.absence import check_presence
 from sceniris_gym.config.fields import FLOOR, in_memory
@@ -9,8 +8,8 @@ from sceniris_gym.config.groups import PLACING, HeapConfig
 from sceniris_gym.config.member_names import SUPPORT, object_of, split_support, variant_of
 from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.relations import FRAMES
-from sceniris_gym.config.robot import StartConfig
 from sceniris_gym.config.scene_words import SceneWords
+from sceniris_gym.config.starts import check_starts
 from sceniris_gym.config.variants import with_variants
 from sceniris_gym.errors import SceneKeyError, UnknownNameError, in_a_cycle
 
@@ -39,7 +38,7 @@ def check_names(scene: SceneWords, where: str) -> None:
     _check_heaps(scene, where)
     _check_stacks(scene, where)
     _check_cycles(scene, where)
-    _check_starts(scene, where)
+    check_starts(scene, where)
 
 
 def _check_robot(scene: SceneWords, name: str, part: ObjectConfig, where: str) -> None:
@@ -253,64 +252,3 @@ def _check_cycles(scene: SceneWords, where: str) -> None:
         cycle = error.args[1][:0:-1]  # each name needs the next, without repeating the first
         start = cycle.index(next(name for name in needs if name in cycle))
         raise in_a_cycle(where, cycle[start:] + cycle[:start], "objects are placed relative to each other") from None
-
-
-def _check_starts(scene: SceneWords, where: str) -> None:
-    """Check the section `start`: its names exist, and its objects can be held or placed as the kind of start needs."""
-    for i, start in enumerate(scene.start):
-        at = f"{where}: start.{i}"
-        if start.of is not None and not (start.of in scene.variants and scene.presence.is_sure(start.of)):
-            _check_present(scene, start.of, [*scene.objects, *scene.variants], scene.absent, f"{at}.of")
-        for name in start.targets(scene.groups):
-            _check_target(scene, start, name, at)
-        for name, marker in start.place.items():
-            _check_place(scene, name, marker, f"{at}.place")
-        for key in start.joints:
-            name, _, joint = key.rpartition("/")
-            if not name or not joint:
-                raise SceneKeyError(f"{at}.joints: '{key}' should be 'object/joint', as in 'cabinet/upper'.")
-            _check_present(scene, name, scene.objects, scene.owners, f"{at}.joints")
-
-
-def _check_present(scene: SceneWords, name: str, objects: Iterable[str], absent: Container[str], where: str) -> None:
-    """Check that an object exists in all worlds, and has no variants."""
-    if name in scene.variants:
-        cure = "only 'of' may name it" if scene.presence.is_sure(name) else "it may be absent"
-        raise SceneKeyError(f"{where}: '{name}' has variants, and {cure}. Name another object.")
-    if name not in objects:
-        raise UnknownNameError("object", name, where, [other for other in objects if other not in absent])
-    if name in absent:
-        raise SceneKeyError(f"{where}: '{name}' is a variant or in a group and may be absent. Name another object.")
-
-
-def _check_target(scene: SceneWords, start: StartConfig, name: str, where: str) -> None:
-    """Check that an arm can start at the grasp or pre-grasp of an object."""
-    if not scene.objects[name].reachable:
-        raise SceneKeyError(f"{where}.of: object '{name}' needs the key 'reachable', because the arm starts at it.")
-    if start.is_held and scene.objects[name].kind != "free":
-        raise SceneKeyError(
-            f"{where}: '{name}' is not a free object, so it cannot be held in the air. Make its kind 'free', or leave "
-            "out 'lift' and 'robot_joints'."
-        )
-    for other, words in scene.objects.items():
-        if (
-            start.is_held
-            and words.support is not None
-            and split_support(words.support.parent, scene.objects)[0] == name
-        ):
-            raise SceneKeyError(
-                f"{where}: '{other}' stands on '{name}', and a held object cannot support others. Put '{other}' on "
-                "another support, or leave out 'lift' and 'robot_joints'."
-            )
-
-
-def _check_place(scene: SceneWords, name: str, marker: str, where: str) -> None:
-    """Check that a start can place an object at a marker."""
-    objects = scene.objects
-    _check_present(scene, name, objects, scene.absent, where)
-    markers = [other for other, part in objects.items() if part.kind == "marker"]
-    if marker not in markers:
-        raise UnknownNameError("marker", marker, where, markers)
-    _check_present(scene, marker, objects, scene.absent, where)
-    if not objects[name].is_placed or objects[name].support is None or objects[name].support != objects[marker].support:
-        raise SceneKeyError(f"{where}: '{name}' and its marker '{marker}' should have the same support.")

@@ -1,7 +1,8 @@
 """`Param`, and the params of a scene: the parts of its file that can be narrowed at run time."""
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -34,6 +35,7 @@ class Param(NamedTuple):
         copies: One entry for each copy of a number in an array: name of the array, index in a row of this array, and
             index of the number in `default`.
         written: The numbers of the scene file before clipping. Empty if nothing can be clipped.
+        keeps: For the weights of a group that is in every layout: whether it still is with the given weights.
     """
 
     name: str
@@ -42,6 +44,7 @@ class Param(NamedTuple):
     least: int = 0
     copies: tuple[tuple[str, int, int], ...] = ()
     written: tuple[float, ...] = ()
+    keeps: Callable[[Iterable[float]], bool] | None = None
 
     def _limits(self, numbers: np.ndarray) -> np.ndarray:
         """Return the least and greatest value of each number, shape (2, n). `numbers` has the scene file's values."""
@@ -89,6 +92,11 @@ class Param(NamedTuple):
             raise ArgumentError(f"{self.name} should be whole numbers, got {short(value)}.")
         if self.least and (np.count_nonzero(rows, axis=1) < self.least).any():
             raise ArgumentError(f"{self.name} should have at least {self.least} weights above 0, got {short(value)}.")
+        if self.keeps is not None and not all(map(self.keeps, np.unique(rows > 0.0, axis=0))):
+            raise ArgumentError(
+                f"{self.name} should be above 0 for members that are never absent together, because the scene needs "
+                f"one of them in every layout, got {short(value)}."
+            )
         return rows
 
 
@@ -131,6 +139,7 @@ def _joints(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:
 
 def _groups(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:
     """Yield the counts of groups, and the weights of group members and of variants."""
+    presence = compiled.config.presence
     for g, (group, words) in enumerate(compiled.config.groups.items()):
         key = f"objects.{group}" if group in compiled.config.variants else f"groups.{group}"
         if key.startswith("groups"):
@@ -151,7 +160,9 @@ def _groups(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:
                 "its members have 'splits', so each split has separate weights. Remove 'splits' from the members.",
             )
         else:
-            yield f"{key}.weights", Param(f"{key}.weights", weights, "weights", words.count[1], copies)
+            sure = partial(presence.is_sure_with, f"groups.{group}")
+            keeps = sure if sure(weights) else None
+            yield f"{key}.weights", Param(f"{key}.weights", weights, "weights", words.count[1], copies, keeps=keeps)
 
 
 def _starts(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:

@@ -91,7 +91,7 @@ def placement_order(scene: SceneModel) -> list[str]:
     config = scene.config
     names = (*config.all_robots, *config.objects)
     moving = [n for n in names if n in config.parts and config.parts[n].is_placed]
-    at_markers = {name for start in config.start for pair in start.place.items() for name in pair}
+    at_markers = {name for start in config.start for pair in config.markers(start).items() for name in pair}
     moving.sort(key=lambda name: name not in at_markers)
     order = [n for n in names if n not in moving and scene.joint_configs(n)]
     number = {name: i for i, name in enumerate(moving)}

@@ -125,7 +125,7 @@ def _kind(plan: Plan, grips: tuple[Grip, ...], number: int, config: StartConfig)
         if target.name in names:
             arm = target.arm
             arm_range = _arm_range(plan, plan.reaching.arms[arm], config, where)
-    order = {o.name: i for i, o in enumerate(plan.objects)}
+    order, markers = {o.name: i for i, o in enumerate(plan.objects)}, plan.scene.config.markers(config)
     return {
         "weight": config.weight,
         "pose": int(pose),
@@ -135,7 +135,7 @@ def _kind(plan: Plan, grips: tuple[Grip, ...], number: int, config: StartConfig)
         "lift": config.lift or (0.0, 0.0),
         "arm_range": arm_range,
         "draw_range": _draw_ranges(plan, config.joints, f"{where}.joints"),
-        "marker": [order[config.place[name]] if name in config.place else -1 for name in order],
+        "marker": [order[markers[name]] if name in markers else -1 for name in order],
     }
 
 

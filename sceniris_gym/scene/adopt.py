@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from sceniris_gym.config.fields import FLOOR
-from sceniris_gym.config.member_names import variant_of
+from sceniris_gym.config.member_names import SUPPORT, variant_of
 from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import SceneKeyError, UnknownNameError
@@ -31,7 +31,12 @@ EDIT_SPEC = "Call edit_spec(spec, scene) on the MjSpec before you compile it, an
 
 
 def instead_of_variants(name: str, members: Sequence[str]) -> str:
-    """Return the advice for a user who builds the worlds: the model should have a body for each variant of `name`."""
+    """Return the advice for a user who builds the worlds: the model should have a body for each variant of `name`.
+
+    The object `name` may also have several supports, or an object with variants as its support.
+    """
+    if SUPPORT in members[0]:
+        return f"Or name one support for '{name}', an object without variants."
     first, more = [variant_of(member) for member in members[:4]], ["..."] if len(members) > 4 else []
     group = f"groups: {{{name}: {{of: [{', '.join(first + more)}], count: 1}}}}"
     return f"Or make each variant a body of the model, and let a group draw one of them: {group}. {EDIT_SPEC}"

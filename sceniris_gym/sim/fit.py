@@ -73,8 +73,8 @@ def check_model(compiled: CompiledScene, mjm: mujoco.MjModel, where: str, cure: 
     """
     for name, members in compiled.config.variants.items():
         raise SceneMismatchError(
-            f"{where}: objects.{name} has variants, but all worlds share one model here. Use SceneVectorEnv or "
-            f"ResetRandomizer for the scene. {instead_of_variants(name, members)}"
+            f"{where}: objects.{name} has variants or several supports, but all worlds share one model here. Use "
+            f"SceneVectorEnv or ResetRandomizer for the scene. {instead_of_variants(name, members)}"
         )
     try:
         _check_model(compiled, mjm, mjm)

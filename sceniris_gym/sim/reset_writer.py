@@ -209,6 +209,6 @@ class ResetWriter:
             wp.copy(self._nacon, d.nacon)
             mjw.reset_data(m, d, reset=self._mask)
             wp.copy(d.nacon, self._nacon)
-        self._writer.launch(poses, pose_rows, layouts.start if self._has_starts else None, rows)
+        self._writer.launch(poses, pose_rows, layouts if self._has_starts else None, rows)
         self._fields.launch_wait()
         self._simulation.refresh()

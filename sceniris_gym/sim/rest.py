@@ -46,8 +46,8 @@ class RestMap:
         actuator: Id of the actuator that holds a pose through the element, or -1, shape (nu + na,).
         sampleadr: Addresses in `history` of the past controls of delayed actuators.
         sampled: Id of the control at each of these addresses.
-        closing: For each kind of start in the scene file, index of the robot arm that holds an object, or -1. Empty
-            in scenes without starts.
+        closing: For each kind of start in the scene file and each slot, index of the robot arm that holds the object
+            if it is present, or -1, shape (nkind, nslot). Empty in scenes without starts.
         closed: For each robot arm, qpos of its closed fingers, and nan for all other joints, shape (narm, nq).
     """
 
@@ -60,7 +60,7 @@ class RestMap:
     actuator: wp.array[int]
     sampleadr: wp.array[int]
     sampled: wp.array[int]
-    closing: wp.array[int]
+    closing: wp.array2d[int]
     closed: wp.array2d[float]
 
 
@@ -75,19 +75,22 @@ def rest_value(rest: RestMap, worldid: int, elemid: int, qpos: wp.array[float]) 
 
 
 @wp.func
-def control_at_start(rest: RestMap, worldid: int, elemid: int, kind: int, qpos: wp.array[float]) -> float:
+def control_at_start(
+    rest: RestMap, worldid: int, elemid: int, kind: int, present: wp.array[int], qpos: wp.array[float]
+) -> float:
     """Return the value of element `elemid` of a RestMap at the start of an episode, for joint positions `qpos`.
 
     If the world starts with an object in a gripper, the elements of this gripper close its fingers. `kind` is the
-    world's kind of start, or -1 in a scene without starts.
+    world's kind of start, or -1 in a scene without starts. `present` is nonzero for the slots of present objects.
     """
-    arm = int(-1)
-    if kind >= 0 and kind < rest.closing.shape[0]:
-        arm = rest.closing[kind]
     term = rest.rowadr[elemid]
-    if arm >= 0 and term < rest.rowadr[elemid + 1]:
-        if not wp.isnan(rest.closed[arm, rest.qposadr[term]]):  # the element drives only fingers
-            return rest_value(rest, worldid, elemid, rest.closed[arm])
+    if kind >= 0 and kind < rest.closing.shape[0] and term < rest.rowadr[elemid + 1]:
+        for slot in range(rest.closing.shape[1]):
+            arm = rest.closing[kind, slot]
+            if arm >= 0:
+                # a number only if the element drives fingers
+                if present[slot] != 0 and not wp.isnan(rest.closed[arm, rest.qposadr[term]]):
+                    return rest_value(rest, worldid, elemid, rest.closed[arm])
     return rest_value(rest, worldid, elemid, qpos)
 
 
@@ -204,7 +207,10 @@ def close_grippers(rest: RestMap, compiled: CompiledScene) -> None:
     full, sim, starts = compiled.mjm, compiled.sim_mjm, compiled.starts
     if compiled.reaching is None or starts is None:
         return
-    arm, arms = np.where(starts.pose.numpy() >= StartPose.STANDING, starts.arm.numpy(), -1), compiled.reaching.arms
+    arms, slots = compiled.reaching.arms, [compiled.slots.index(name) for name in compiled.reaching.names]
+    holds = starts.target.numpy() & (starts.pose.numpy() >= StartPose.STANDING)[:, None]
+    arm = np.full((len(holds), len(compiled.slots)), -1)
+    arm[:, slots] = np.where(holds, starts.arm.numpy()[:, None], -1)
     closed = np.full((len(arms), sim.nq), np.nan)
     names = {int(adr): full.joint(i).name for i, adr in enumerate(full.jnt_qposadr)}
     for i, one in enumerate(arms):
@@ -217,7 +223,7 @@ def close_grippers(rest: RestMap, compiled: CompiledScene) -> None:
                 "keep it closed. Give the gripper one, as in <position joint=...>, or start from 'home' or 'pregrasp'."
             )
     with wp.ScopedDevice(rest.law.device):
-        rest.closing, rest.closed = wp.array(arm, dtype=int), wp.array(closed, dtype=float, ndim=2)
+        rest.closing, rest.closed = wp.array(arm, dtype=int, ndim=2), wp.array(closed, dtype=float, ndim=2)
 
 
 @wp.func

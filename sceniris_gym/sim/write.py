@@ -93,6 +93,7 @@ def _write_state(
     origins: wp.array[wp.vec3],
     mask: wp.array[wp.bool],
     start: wp.array[int],
+    present: wp.array2d[int],
     start_rows: wp.array[int],
     rows: wp.array[int],
     # Poses in: qpos, mocap_pos, mocap_quat
@@ -117,7 +118,7 @@ def _write_state(
         if i == 0:
             count_out[worldid] = 0
     row = row_of(worldid, rows)
-    kind = int(-1)
+    kind, there = int(-1), present[row_of(worldid, start_rows)]
     if start:
         kind = start[row_of(worldid, start_rows)]
 
@@ -139,11 +140,11 @@ def _write_state(
     if i < elemid.shape[0]:
         element, nu = elemid[i], ctrl_out.shape[1]
         if element < nu:
-            ctrl_out[worldid, element] = control_at_start(rest, worldid, element, kind, poses.qpos[row])
+            ctrl_out[worldid, element] = control_at_start(rest, worldid, element, kind, there, poses.qpos[row])
         else:
-            act_out[worldid, element - nu] = control_at_start(rest, worldid, element, kind, poses.qpos[row])
+            act_out[worldid, element - nu] = control_at_start(rest, worldid, element, kind, there, poses.qpos[row])
     if i < sampleadr.shape[0]:
-        history_out[worldid, sampleadr[i]] = control_at_start(rest, worldid, sampled[i], kind, poses.qpos[row])
+        history_out[worldid, sampleadr[i]] = control_at_start(rest, worldid, sampled[i], kind, there, poses.qpos[row])
     if i < plastic.shape[0]:
         plastic_out[worldid, i] = plastic[i]
 
@@ -211,19 +212,20 @@ class StateWriter:
         self,
         poses: Poses,
         rows: wp.array | None = None,
-        start: wp.array | None = None,
-        start_rows: wp.array | None = None,
+        layouts: LayoutsView | None = None,
+        layout_rows: wp.array | None = None,
     ) -> None:
         """Write rows of `poses` into the masked worlds.
 
         Args:
             poses: The poses to write.
             rows: Row of `poses` for each masked world, shape (nworld,), int32. None gives world i row i.
-            start: Kind of start of each row of layouts, shape (nrow,), int32. If the kind holds an object, the
-                controls of its gripper close the fingers. With None, all controls hold the positions in `poses`.
-            start_rows: Row of `start` for each masked world, as `rows`.
+            layouts: Layouts of a scene with starts. If a gripper holds an object in a layout, its controls close the
+                fingers. With None, all controls hold the positions in `poses`.
+            layout_rows: Row of `layouts` for each masked world, as `rows`.
         """
-        inputs, device = [*self._inputs, start, start_rows, rows, poses], self._outputs[0].device
+        starts = (None, None) if layouts is None else (layouts.start, layouts.present)
+        inputs, device = [*self._inputs, *starts, layout_rows, rows, poses], self._outputs[0].device
         wp.launch(_write_state, self._dim, inputs=inputs, outputs=self._outputs, device=device)
 
 

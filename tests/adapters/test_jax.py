@@ -467,6 +467,39 @@ def test_a_group_of_bodies_is_another_thing_in_every_episode():
     assert (near[0] != near[1]).any()
 
 
+def test_conditions_park_bodies_in_every_episode():
+    """A brick on a cube that may be absent is absent with it, and a ball is there only without it."""
+    pytest.importorskip("mujoco_playground")
+    spec, wide = mujoco.MjSpec(), {"region": {"box": [[-0.3, -0.3], [0.3, 0.3]]}}
+    spec.worldbody.add_geom(name="table", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.5, 0.5, 0.1])
+    for name, half in (("cube", 0.04), ("brick", 0.02), ("ball", 0.03)):
+        body = spec.worldbody.add_body(name=name)
+        body.add_freejoint()
+        body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[half] * 3)
+    objects = {"cube": {"on": "table", **wide}, "brick": {"on": "cube"}, "ball": {"on": "table", "unless": "cube"}}
+    scene = {"objects": objects, "groups": {"some": {"of": ["cube"], "count": [0, 1]}}, "bank": 2}
+    edit_spec(spec, scene)
+    carts = Carts(spec.compile())
+    compiled = compile_scene({"model": carts.mj_model, **scene}, "cpu")
+    env = LayoutAutoResetWrapper(carts, compiled, update=carts.update)
+    states = [jax.jit(env.reset)(jax.random.split(jax.random.PRNGKey(1), 8))]
+    states.append(jax.jit(env.step)(states[0], jnp.ones(8)))
+    for state in states:
+        near = np.abs(np.asarray(state.data.qpos).reshape(8, 3, 7)[..., 0]) < 1.0
+        assert (near[:, 0] == near[:, 1]).all() and (near[:, 0] != near[:, 2]).all()
+        assert 0 < near[:, 0].sum() < 8
+
+
+def test_several_supports_are_refused():
+    """By the name of the object, with a remedy: all worlds share one model."""
+    pytest.importorskip("mujoco_playground")
+    objects = {"apple": {"asset": "apple", "on": ["floor", "shelf"]}, "shelf": {"asset": "table", "kind": "static"}}
+    other = compile_scene({"floor": {"size": [2, 2]}, "objects": objects, "bank": 2}, "cpu")
+    carts = Carts(mujoco.MjModel.from_xml_string(CART))
+    with pytest.raises(SceneMismatchError, match=r"objects\.apple has variants or several supports.*name one support"):
+        LayoutAutoResetWrapper(carts, other, update=carts.update)
+
+
 def placed_dofs(compiled: CompiledScene) -> np.ndarray:
     """Return the degrees of freedom of the cart and the cube."""
     names = ("cart", "lid", "cube")

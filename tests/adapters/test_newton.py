@@ -323,6 +323,39 @@ def test_params_of_a_generator_narrow_the_next_layouts(parts: tuple[Any, Any, Co
     assert np.array_equal(state.joint_q.numpy(), joint_q) and starts()[1] == ids
 
 
+def test_conditions_park_bodies_of_newton():
+    """The brick is absent with the chest, and the puck without the ball; all are where MuJoCo-Warp has them."""
+    model, solver = room()
+    objects = {**SCENE["objects"], "puck": {**SCENE["objects"]["puck"], "if": "worldbody_ball"}}
+    groups = {
+        "some": {"of": ["worldbody_chest", "pair"], "count": [0, 2]},
+        "pair": {"of": ["worldbody_ball"], "count": 1},
+    }
+    compiled = compile_scene({"model": solver.mj_model, **SCENE, "objects": objects, "groups": groups}, DEVICE)
+    state = model.state()
+    randomizer = NewtonRandomizer(compiled, model, solver, state, seed=3)
+    for episode in range(3):
+        randomizer.reset()
+        found = poses(model, solver, state)
+        assert_equal_poses(found, plain(compiled, solver.mj_model, [episode] * WORLDS, 3))
+        there = dict(zip(compiled.slots, randomizer.layouts.present.cpu().numpy().T == 1, strict=True))
+        for name in compiled.slots:
+            near = np.abs(found[:, compiled.scene.bodies[name] - 1, 0]) < 3.0
+            np.testing.assert_array_equal(near, there[name], err_msg=name)
+        np.testing.assert_array_equal(there["worldbody_brick"], there["worldbody_chest"])
+        np.testing.assert_array_equal(there["puck"], there["worldbody_ball"])
+    assert len(np.unique(randomizer.layouts.present.cpu().numpy(), axis=0)) > 1
+
+
+def test_several_supports_are_refused():
+    """By the name of the object, with a remedy: all worlds share one model."""
+    model, solver = room()
+    objects = {"apple": {"asset": "apple", "on": ["floor", "shelf"]}, "shelf": {"asset": "table", "kind": "static"}}
+    other = compile_scene({"floor": {"size": [2, 2]}, "objects": objects, "bank": 2}, DEVICE)
+    with pytest.raises(SceneMismatchError, match=r"objects\.apple has variants or several supports.*name one support"):
+        NewtonRandomizer(other, model, solver, model.state())
+
+
 def test_words_of_randomize_are_refused():
     """By the name of the first, as nothing draws them here."""
     model, solver = room()

@@ -16,7 +16,7 @@ READING = {
     "fields",
     "folders",  # whose files are variants
     "section",  # mistakes in a scene file, and files
-    "validation",
+    *("validation", "starts"),  # mistakes in names
     "loader",
     "bounds",  # of numbers in a scene file
     "randomize",  # of masses and the like, which move nothing

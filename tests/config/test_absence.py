@@ -115,7 +115,7 @@ WRONG: dict[str, tuple[dict[str, Any], type[ScenirisError], str]] = {
     "a start": (
         {"start": [{"robot": "grasp", "of": "unit"}], "objects.unit.if": "tray", "objects.unit.reachable": True},
         SceneKeyError,
-        r"start\.0\.of: 'unit' has variants, and it may be absent",
+        r"start\.0\.of: 'unit' may be absent",
     ),
     "no key of a file": ({"groups.meal.by_area": True}, SceneKeyError, r"groups\.meal\.by_area: is no key"),
 }

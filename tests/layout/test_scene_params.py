@@ -43,6 +43,35 @@ def test_what_cannot_be_a_param_says_so(param_scene: CompiledScene):
     assert generator.layouts.view.next_param.numpy()[:, 0].tolist() == [0.0, 2.0]
 
 
+def test_weights_keep_an_object_that_no_layout_lacks():
+    """The apple is near the block without `if`, because the block is also on the floor: this weight stays above 0."""
+    parts = {name: {"asset": name, "on": "floor"} for name in ("block", "apple", "mug")}
+    objects: dict[str, Any] = {
+        "tray": {"asset": "book", "scale": 1.2, "on": "floor"},
+        "unit": {"asset": "book", "scale": [0.9, 1.2], "on": "floor"},
+        "block": {**parts["block"], "on": {"floor": 1, "tray": 1}, "ratio_on_support": 1},
+        "apple": {**parts["apple"], "relations": [{"near": "block", "distance": {"max": 0.5}}]},
+        "cup": {**parts["mug"], "on": "unit", "ratio_on_support": 1},
+    }
+    groups = {"maybe": {"of": ["tray"], "count": [0, 1]}}
+    scene = {"floor": {"size": [2, 2]}, "objects": objects, "groups": groups, "bank": 2}
+    generator = LayoutGenerator(compile_scene(scene, "cpu"), 64, params="*.weights")
+    wrong = {"objects.block.weights": [0, 1], "objects.cup.weights": [1, 0]}
+    for name, weights in wrong.items():
+        with pytest.raises(
+            ArgumentError, match=rf"{name} should be above 0 for members that are never absent together"
+        ):
+            generator.set_params({name: weights})
+        with pytest.raises(ArgumentError, match=name):
+            generator.set_params({name: np.tile([[1, 1], weights], (32, 1))})
+    generator.set_params(
+        {"objects.block.weights": [1, 0], "objects.unit.weights": [0, 1], "objects.cup.weights": [3, 1]}
+    )
+    generator.generate()
+    there = dict(zip(generator.compiled.slots, generator.layouts.present.cpu().numpy().T, strict=True))
+    assert (there["block/@floor"] == 1).all() and (there["cup/@unit:book-120"] == 1).all()
+
+
 CLEARANCES = {
     "param_scene": {"objects.a.clearance": 0.02, "objects.cabinet.clearance": 0.15, "objects.high.clearance": 0.4},
     "crane": {"robot.clearance": 0.03, "objects.other.clearance": 0.05},

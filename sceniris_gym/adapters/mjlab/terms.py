@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 from sceniris_gym.adapters.mjlab.variants import VariantRows, model_of_variants
+from sceniris_gym.config.member_names import SUPPORT
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.device.fixed import RefusesOldNames
 from sceniris_gym.errors import ArgumentError, NotSupportedError, SceneKeyError, import_extra, refuses_old_names
@@ -308,6 +309,11 @@ def _as_model(scene: Any, env: Any) -> SceneModel:
     alone = config.with_shared_objects()
     several = {n: e.variant_metadata for n, e in entities.items() if n in alone.objects and e.variant_metadata}
     for name, members in config.variants.items():
+        if SUPPORT in members[0]:
+            raise NotSupportedError(
+                f"{config.where}: objects.{name}: has several supports, or stands on an object with variants, but "
+                "PlaceLayouts moves one body for each object. Name one support, an object without variants."
+            )
         if name not in several:
             raise NotSupportedError(
                 f"{config.where}: objects.{name}: has variants, so it should be an mjlab entity with variants of the "

@@ -57,7 +57,7 @@ def _stands(program: Program, statics: Statics, layouts: LayoutsView, search: Se
             if surface < 0:  # this object is held, so it carries all objects above
                 return loads_stand(levels, j)
             stable = search.row_stable[row, obj]
-            pivot_pose = layouts.pivot_pose[row, program.obj_slot[obj]]
+            pivot_pose = layouts.pivot_pose[row, program.obj_column[obj]]
             own = weigh(program, statics, obj, worldid, layouts.body_pos[row], layouts.body_quat[row], origin)
         for i in range(statics.level_loadnum[number]):
             other = statics.load[statics.level_loadadr[number] + i]

@@ -87,7 +87,7 @@ def _put_at_markers(
             continue
         row = search.row[c]
         marker = starts.marker[layouts.start[search.row_world[row]], obj]
-        if marker < 0:
+        if marker < 0 or layouts.present[row, program.obj_slot[wp.max(marker, 0)]] == 0:
             continue
         pivot_pose = layouts.pivot_pose[row, program.obj_column[marker]]
         point = wp.vec3(pivot_pose[0], pivot_pose[1], pivot_pose[2] - program.obj_gap[marker])

@@ -180,7 +180,7 @@ def _overhead(plan: Plan, colliders: list[Collider], o: PlacedObject) -> list[in
     if plan.scene.config.geometry == "visual":
         return [i for i, c in enumerate(colliders) if c.body in parent and c.plane < 0]
     found = [i for i, p in enumerate(plan.pieces) if p.body in parent and p.type != PieceType.PLANE]
-    if any(o.name in kind.place for kind in plan.scene.config.start):
+    if any(o.name in plan.scene.config.markers(kind) for kind in plan.scene.config.start):
         return found  # a marker may be on a lower surface
     lowest = min(s.height for surfaces in o.surfaces for s in surfaces) + _FLUSH
     return [i for i in found if plan.pieces[i].body != o.ground or plan.pieces[i].bounds[1][2] > lowest]

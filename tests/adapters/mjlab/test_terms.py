@@ -141,6 +141,34 @@ def test_a_group_of_entities_is_another_thing_at_every_reset():
     env.close()
 
 
+def test_entities_are_absent_with_their_conditions():
+    """One cube on another that may be absent is absent with it, and a third is there only with it: all parked apart."""
+    scene = cubes_on(count=3) | {"groups": {"some": {"of": ["cube_0"], "count": [0, 1]}}}
+    scene["objects"]["cube_1"] = {"on": "cube_0"}
+    scene["objects"]["cube_2"]["if"] = "cube_0"
+    env = ManagerBasedRlEnv(plain_cfg(scene, cube_2=EntityCfg(spec_fn=get_cube_spec)), "cpu")
+    seen = []
+    for _ in range(3):
+        env.reset()
+        poses = np.stack([local(env, name) for name in scene["objects"]])
+        near = np.abs(poses[..., 0]) < 1.0
+        assert (near == near[0]).all()
+        np.testing.assert_allclose(poses[1, near[0], 2] - poses[0, near[0], 2], 0.04, atol=2e-3)
+        seen += near[0].tolist()
+        assert deepest(env) == 0.0
+    assert 0 < sum(seen) < len(seen)
+    env.close()
+
+
+def test_several_supports_are_refused():
+    """An entity has one body, so the object should have one support; also on an object with variants."""
+    case = EntityCfg(spec_fn=lambda: mujoco.MjSpec.from_string(CABINET))
+    for words in ({"on": ["terrain", "case"]}, {"on": ["terrain", "case"], "asset": "block"}):
+        scene = {"objects": {"cube_0": words, "cube_1": {"on": "terrain"}}, "bank": 2}
+        with pytest.raises(NotSupportedError, match=r"objects\.cube_0: has several supports.*Name one support"):
+            ManagerBasedRlEnv(plain_cfg(scene, case=case), "cpu")
+
+
 def test_entities_start_apart_at_their_origins():
     """Two cubes on a small part of the plane, in environments three metres apart; at rest."""
     env = ManagerBasedRlEnv(plain_cfg(cubes_on()), "cpu")

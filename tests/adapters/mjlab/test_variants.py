@@ -153,6 +153,29 @@ def test_layouts_fit_the_variants_that_are_there():
     env.close()
 
 
+def test_an_entity_with_variants_may_be_absent():
+    """And another one with it; both are parked then, far from the origin of their environment."""
+    cfg = two_slots()
+    scene = cfg.events["layouts"].scene
+    scene["groups"] = {"some": {"of": ["thing"], "count": [0, 1]}}
+    scene["objects"]["thing"] = {**scene["objects"]["thing"], "variants": {key: {} for key in THINGS}}
+    scene["objects"]["small"] = {**scene["objects"]["small"], "if": "thing"}
+    env, seen = ManagerBasedRlEnv(cfg, "cpu"), []
+    for _ in range(4):
+        env.reset()
+        places = [env.scene[name].data.root_link_pos_w - env.scene.env_origins for name in ("thing", "small")]
+        near = torch.stack(places)[..., 0].abs() < 1.0
+        assert torch.equal(near[0], near[1])
+        layouts = env.event_manager.get_term_cfg("layouts").func.layouts
+        there = {name: layouts.present[:, i] for i, name in enumerate(layouts.compiled.slots)}
+        for row, name in enumerate(("thing", "small")):
+            members = [column for slot, column in there.items() if slot.startswith(f"{name}/")]
+            assert torch.equal(torch.stack(members).sum(dim=0) == 1, near[row])
+        seen += near[0].tolist()
+    assert 0 < sum(seen) < len(seen)
+    env.close()
+
+
 def test_environments_that_are_not_reset_keep_every_bit():
     """Of their state, their variants and their model."""
     env = ManagerBasedRlEnv(two_slots(), "cpu")

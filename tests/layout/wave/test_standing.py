@@ -53,6 +53,21 @@ def test_a_tower_stands(tmp_path: Path):
     assert min(counts[name]["falls"] for name in "bcd") > 0
 
 
+def test_what_is_on_a_variant_stands(tmp_path: Path):
+    """Half of the places on a cube of one of two sizes are too near its edge; where the cube is does not matter."""
+    sizes = {
+        f"side{side}": {"asset": box_mjcf(tmp_path, f"c{side}", side / 100, side / 100, side / 100)} for side in (5, 6)
+    }
+    objects = {"low": {"variants": sizes, "on": "floor"}, "top": {"asset": sizes["side5"]["asset"], "on": "low"}}
+    compiled = compile_on_cpu({"floor": {"size": [2, 2]}, "attempts": 10, "objects": objects}, bank=8)
+    generator = LayoutGenerator(compiled, _LAYOUTS)
+    generator.generate()
+    assert generator.layouts.first_pass_valid.numpy().mean() > 0.9
+    assert not moving(compiled, generator).any()
+    counts = generator.rejection_counts()
+    assert 0 < counts["top/@low:side6"]["falls"] < counts["top/@low:side5"]["falls"] < _LAYOUTS
+
+
 def test_a_tower_of_hulls_stands_and_is_not_hard_to_make():
     """The scene whose rate is measured: nothing moves, and most layouts come about in the first restart."""
     compiled = compile_on_cpu(str(ROOT / "benchmarks" / "five_blocks.yaml"), bank=8)

@@ -1,0 +1,79 @@
+"""Checks of the section `start`: its names exist, and its objects can be held or placed as the kind of start needs."""
+
+from sceniris_gym.config.member_names import object_of
+from sceniris_gym.config.robot import StartConfig
+from sceniris_gym.config.scene_words import SceneWords
+from sceniris_gym.errors import SceneKeyError, UnknownNameError
+
+
+def check_starts(scene: SceneWords, where: str) -> None:
+    """Check the section `start`. Errors begin with `where`.
+
+    Raises:
+        SceneKeyError: An object cannot be held, or placed at the marker. An object or a marker may be absent.
+        UnknownNameError: A name is not in the scene.
+    """
+    for i, start in enumerate(scene.start):
+        at = f"{where}: start.{i}"
+        if start.of is not None:
+            _check_present(scene, start.of, f"{at}.of")
+        for name in start.targets(scene.groups):
+            _check_target(scene, start, name, at)
+        for name, marker in start.place.items():
+            _check_place(scene, name, marker, f"{at}.place")
+        for key in start.joints:
+            name, _, joint = key.rpartition("/")
+            if not name or not joint:
+                raise SceneKeyError(f"{at}.joints: '{key}' should be 'object/joint', as in 'cabinet/upper'.")
+            _check_known(scene, name, f"{at}.joints")
+            if name in scene.variants:
+                raise SceneKeyError(f"{at}.joints: '{name}' has variants, which have no joints. Name another object.")
+
+
+def _check_known(scene: SceneWords, name: str, where: str) -> None:
+    """Check that an object exists, and is not a single variant of another object."""
+    known = [*(other for other in scene.objects if other not in scene.owners), *scene.variants]
+    if name not in known:
+        raise UnknownNameError("object", name, where, known)
+
+
+def _check_present(scene: SceneWords, name: str, where: str, by: str = "") -> None:
+    """Check that an object is in every layout, or in every layout with `by`, or that its group has `missing: drop`."""
+    _check_known(scene, name, where)
+    presence = scene.presence
+    group = scene.groups.get(presence.outer.get(presence.key(name), "").removeprefix("groups."))
+    if group is not None and group.missing == "drop":
+        return
+    if not all(presence.implies(member, name) for member in scene.variants.get(by, (by,))):
+        cure = f"Write 'if: {name}' to place '{by}' only together with it" if by else "Name another object"
+        drop = "" if group is None else ", or write 'missing: drop' in its group to ignore it in layouts without it"
+        raise SceneKeyError(f"{where}: '{name}' may be absent. {cure}{drop}.")
+
+
+def _check_target(scene: SceneWords, start: StartConfig, name: str, where: str) -> None:
+    """Check that an arm can start at the grasp or pre-grasp of an object."""
+    if not scene.objects[name].reachable:
+        raise SceneKeyError(f"{where}.of: object '{name}' needs the key 'reachable', because the arm starts at it.")
+    if start.is_held and scene.objects[name].kind != "free":
+        raise SceneKeyError(
+            f"{where}: '{name}' is not a free object, so it cannot be held in the air. Make its kind 'free', or leave "
+            "out 'lift' and 'robot_joints'."
+        )
+    for other in scene.objects if start.is_held else ():
+        if scene.presence.carrier(other) == name:
+            raise SceneKeyError(
+                f"{where}: '{object_of(other)}' stands on '{start.of}', and a held object cannot support others. Put "
+                f"'{object_of(other)}' on another support, or leave out 'lift' and 'robot_joints'."
+            )
+
+
+def _check_place(scene: SceneWords, name: str, marker: str, where: str) -> None:
+    """Check that a start can place an object at a marker."""
+    _check_present(scene, name, where)
+    markers = [other for other, part in scene.objects.items() if part.kind == "marker"]
+    if marker not in markers:
+        raise UnknownNameError("marker", marker, where, markers)
+    _check_present(scene, marker, where, by=name)
+    supports = [scene.objects[member].support for member in scene.variants.get(name, (name,))]
+    if scene.objects[marker].support is None or scene.objects[marker].support not in supports:
+        raise SceneKeyError(f"{where}: '{name}' and its marker '{marker}' should have the same support.")
