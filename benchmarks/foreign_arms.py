@@ -1,6 +1,6 @@
 """Arms and hands from the files of public collections, unedited: reach, openings, and things held at the start.
 
-    python -m benchmarks.foreign_arms FOLDER --arms so_arm100 xarm7 --starts 500 -o results/foreign_arms.jsonl
+    python -m benchmarks.foreign_arms FOLDER --arms so_arm100 xarm7 --starts 500 --out results/foreign_arms.jsonl
 
 FOLDER has MuJoCo Menagerie, or folders below it that have its folders, such as `ufactory_xarm7`. The robot is the one
 that `init` writes for the file, without a word added. A thing that fits into the hand stands on the floor within reach

@@ -8,6 +8,7 @@ All lengths are in the TCP frame, with +z along the approach axis and +y along t
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -88,7 +89,7 @@ class Gripper:
             NotSupportedError: The fingers are part of a closed loop, and opening the gripper would violate the equality
                 that closes the loop: no actuator drives the loop, or a joint reaches its limit.
         """
-        hand = carried(mjm, arm)
+        mjm, hand = commanded(mjm), carried(mjm, arm)
         own = [p for p in pieces if p.body in hand and p.type != PieceType.PLANE]
         couplings, home = joint_couplings(mjm, f"arm '{arm.name}'"), home_qpos.copy()
         follow(couplings, home)
@@ -114,7 +115,9 @@ class Gripper:
         if len(joints) == 1 and (jaw := measured.one_jaw(joints[0], float(wide[0]), float(narrow[0]))) is not None:
             opening, closed, middle = jaw
         at = _beside(low, high, fingers)
-        between = ~at & (high[:, 2] < 0.0) & (low[:, 1] < 0.5 * opening) & (high[:, 1] > -0.5 * opening)
+        first, across = (middle[0], 2.0 * middle[1] * opening) if middle[1] else (-0.5 * opening, opening)
+        right, left = sorted([first, first + across])  # a finger that is part of the hand is no palm
+        between = ~at & (high[:, 2] < 0.0) & (low[:, 1] < left) & (high[:, 1] > right)
         gripper = cls(
             opening=opening,
             closed=closed,
@@ -168,6 +171,20 @@ def carried(mjm: mujoco.MjModel, arm: SerialArm) -> set[int]:
     """Return the bodies that the arm's last joint moves: the body with this joint, the hand and the fingers."""
     last = int(np.flatnonzero(mjm.jnt_qposadr == arm.qposadr[-1])[0])
     return set(subtree(mjm, int(mjm.jnt_bodyid[last])))
+
+
+def commanded(mjm: mujoco.MjModel) -> mujoco.MjModel:
+    """Return a copy of a model whose joint ranges end where the control ranges of position actuators end."""
+    mjm, (gain, bias, slope) = copy.copy(mjm), (mjm.actuator_gainprm[:, 0], *mjm.actuator_biasprm[:, :2].T)
+    moves = (mjm.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT) & (gain * slope < 0.0)
+    if not len(moves) == mjm.nu == len(mjm.actuator_gear):  # some actuators have several controls or outputs
+        return mjm
+    for i in np.flatnonzero(moves & (mjm.actuator_ctrllimited != 0)).tolist():
+        joint, ends = mjm.actuator_trnid[i, 0], -(bias[i] + gain[i] * mjm.actuator_ctrlrange[i]) / slope[i]
+        narrow = np.clip(mjm.jnt_range[joint], *np.sort(ends / mjm.actuator_gear[i, 0]))
+        if np.abs(narrow - mjm.jnt_range[joint]).max() > _KEPT:  # less is rounding
+            mjm.jnt_range[joint] = narrow
+    return mjm
 
 
 def hand_joints(mjm: mujoco.MjModel, hand: Iterable[int], arm: np.ndarray) -> np.ndarray:

@@ -49,9 +49,10 @@ class ModelFields:
         self._nominal: dict[str, wp.array] = {}
         self._known: dict[str, wp.array] = {}
         self._derived: Derived | None = None
-        self._has_gains = self._closed = False
+        self._closed, self.rest = False, scene_rest(scene, m.qpos0.device, d.nworld)
+        masses = scene.mjm.body_mass * (1.0 - scene.mjm.body_gravcomp)
+        self._is_heavy = any(masses[first:end].any() for _, first, end, _ in self.rest.carried.numpy())
         self.asked: set[str] = set()
-        self.rest = scene_rest(scene, m.qpos0.device)
         self._beside = wp.Stream(m.qpos0.device) if scene.draws and m.qpos0.device.is_cuda else None
         arrays = {name: self.wide(name, "randomize") for name in drawn_fields(scene.draws)}
         self.columns = WorldColumns(d.nworld, arrays, self._nominal, scene.draws)
@@ -99,10 +100,6 @@ class ModelFields:
         with wp.ScopedDevice(self._model.qpos0.device):
             if self._derived is None and not self._nominal.keys().isdisjoint(FOLLOWS):
                 self._derived = derived_tables(self._scene.mjm, self._nworld)
-            if not self._has_gains and not self._nominal.keys().isdisjoint(GAINS):
-                self._has_gains = True
-                laws = np.repeat(self.rest.law.numpy(), self._nworld, axis=0)
-                self.rest.law = wp.array(laws, dtype=wp.vec2, ndim=2)
         return self._known[name]
 
     def _before(self, name: str, *, every: bool = False) -> wp.array:
@@ -177,7 +174,7 @@ class ModelFields:
         if not self._scene.draws:
             return
         self.columns.launch(mask, layouts, rows)
-        self._launch_holding(mask)
+        self.launch_holding(mask)
         if self._beside is not None:
             self._beside.wait_stream(mask.device.stream)
         with wp.ScopedStream(self._beside, sync_enter=False):
@@ -190,18 +187,37 @@ class ModelFields:
 
     @property
     def rows(self) -> dict[str, wp.array]:
-        """Arrays with a row for each world: fields, drawn numbers and, if gains differ by world, `RestMap.law`."""
+        """Arrays with a row for each world: fields, drawn numbers and, if it differs by world, `RestMap.law`."""
         found = {name: self._known[name] for name, made in self._nominal.items() if made.size}
         found |= {f"drawn.{name}": array for name, array in self.columns.numbers.items()}
-        return found | ({"rest": self.rest.law} if self._has_gains else {})
+        return found | ({"rest": self.rest.law} if self._has_laws else {})
+
+    @property
+    def bears(self) -> bool:
+        """True if controls at rest bear the weight of an arm: `gravcomp` leaves some, or may do so after a change."""
+        return self._is_heavy or "body_gravcomp" in self._nominal
+
+    @property
+    def _has_laws(self) -> bool:
+        return self.bears or not self._nominal.keys().isdisjoint(GAINS)
+
+    def launch_bear(self, mask: wp.array) -> None:
+        """Add the weight of arms to the controls at rest in the worlds of `mask`, after their positions were written.
+
+        If arms have weight, this updates world poses in all worlds.
+        """
+        if self.bears:
+            mjw.kinematics(self._model, self._data)
+            self.launch_holding(mask)
 
     def launch_follow(self, mask: wp.array) -> None:
         """Recompute derived fields and controls in the worlds of `mask`, shape (nworld,), bool."""
-        self._launch_holding(mask)
+        self.launch_holding(mask)
         self._launch_derived(mask)
 
-    def _launch_holding(self, mask: wp.array) -> None:
-        if self._has_gains:
+    def launch_holding(self, mask: wp.array) -> None:
+        """Recompute `rest.law` and the controls at rest, for the present gains and the weight in the present pose."""
+        if self._has_laws:
             launch_holding(self.rest, self._model, self._data, mask)
 
     def _launch_derived(self, mask: wp.array) -> None:

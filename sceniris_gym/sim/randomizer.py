@@ -43,9 +43,9 @@ class ResetRandomizer(Fixed, StaysHere):
 
     A reset clears the data of the selected worlds with `mjw.reset_data`, including velocities, warm starts, clocks and
     NaNs. It then writes the positions, mocap poses, activations and controls of their next layouts. Position actuators
-    hold the sampled pose. Other controls come from the home keyframe. The history of delayed actuators is filled with
-    the same controls. A reset with a mask on the device does not synchronise with the host, so it can be captured in a
-    graph.
+    hold the sampled pose, and bear the weight of an arm that `gravcomp` does not bear. Other controls come from the
+    home keyframe. The history of delayed actuators is filled with the same controls. A reset with a mask on the device
+    does not synchronise with the host, so it can be captured in a graph.
 
     If Ctrl-C interrupts a reset, reset the same worlds again, because their state is only partly written. The repeated
     reset serves the same layouts, or the next layouts if the interrupted reset had already made its layouts.

@@ -211,4 +211,5 @@ class ResetWriter:
             wp.copy(d.nacon, self._nacon)
         self._writer.launch(poses, pose_rows, layouts if self._has_starts else None, rows)
         self._fields.launch_wait()
+        self._fields.launch_bear(self._mask)
         self._simulation.refresh()

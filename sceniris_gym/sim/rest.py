@@ -13,6 +13,7 @@ from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device_reach import StartPose
 from sceniris_gym.scene.field_table import JOINT_TRANSMISSIONS
 from sceniris_gym.scene.model import SceneModel
+from sceniris_gym.scene.support import subtree
 from sceniris_gym.sim.versions import actuator_controls, actuator_outputs
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -44,6 +45,9 @@ class RestMap:
         lower: Lower limit of each element, shape (nu + na,).
         upper: Upper limit of each element, shape (nu + na,).
         actuator: Id of the actuator that holds a pose through the element, or -1, shape (nu + na,).
+        carried: For an actuator of one joint that carries a tool centre point: the joint, the first body that the joint
+            carries, the end of the range of these bodies, and 1 for a hinge or 0 for a slide. -1 for all other
+            elements. Shape (nu + na,).
         sampleadr: Addresses in `history` of the past controls of delayed actuators.
         sampled: Id of the control at each of these addresses.
         closing: For each kind of start in the scene file and each slot, index of the robot arm that holds the object
@@ -58,6 +62,7 @@ class RestMap:
     lower: wp.array[float]
     upper: wp.array[float]
     actuator: wp.array[int]
+    carried: wp.array[wp.vec4i]
     sampleadr: wp.array[int]
     sampled: wp.array[int]
     closing: wp.array2d[int]
@@ -102,10 +107,24 @@ def affine_law(rest: RestMap, nq: int) -> tuple[np.ndarray, np.ndarray]:
     return constants, factors
 
 
-def scene_rest(scene: SceneModel, device: wp.Device) -> RestMap:
-    """Return the RestMap of a scene. Controls and activations that cannot hold a pose have their home values."""
+def scene_rest(scene: SceneModel, device: wp.Device, nworld: int = 1) -> RestMap:
+    """Return the RestMap of a scene, with `nworld` rows of its law.
+
+    Controls and activations that cannot hold a pose have their home values.
+    """
     mjm, key = scene.mjm, scene.keyframe
-    return rest_map(mjm, scene.home_ctrl, mjm.key_act[key] if key >= 0 else np.zeros(mjm.na), device)
+    rest = rest_map(mjm, scene.home_ctrl, mjm.key_act[key] if key >= 0 else np.zeros(mjm.na), device)
+    first, held, carried = rest.rowadr.numpy(), np.append(rest.qposadr.numpy(), -1), rest.carried.numpy()
+    only = np.where(np.diff(first) == 1, held[first[:-1]], -1)  # address of the only joint of each element
+    tips = {int(mjm.site_bodyid[i]) for i in range(mjm.nsite) if mjm.site(i).name in scene.tcps.values()}
+    for joint, body in enumerate(mjm.jnt_bodyid.tolist()):
+        bodies = subtree(mjm, body)
+        if tips.intersection(bodies):
+            is_hinge = mjm.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE
+            carried[only == mjm.jnt_qposadr[joint]] = joint, body, bodies[-1] + 1, is_hinge
+    rest.carried = wp.array(carried, dtype=wp.vec4i, ndim=1, device=device)
+    rest.law = wp.array(np.repeat(rest.law.numpy(), nworld, axis=0), dtype=wp.vec2, ndim=2, device=device)
+    return rest
 
 
 def rest_map(
@@ -156,7 +175,7 @@ def rest_map(
         rest.arm = wp.array([arm for _, arm in flat], dtype=float)
         rest.law = wp.array(law[None], dtype=wp.vec2, ndim=2)
         rest.lower, rest.upper = (wp.array(values, dtype=float) for values in (lower, upper))
-        rest.actuator = wp.array(actuator, dtype=int)
+        rest.actuator, rest.carried = wp.array(actuator, dtype=int), wp.full(nu + na, wp.vec4i(-1), dtype=wp.vec4i)
         rest.sampleadr, rest.sampled = (wp.array(each, dtype=int) for each in history_samples(mjm))
     return rest
 
@@ -241,8 +260,16 @@ def _hold_anew(
     actuator_gainprm: wp.array3d[float],
     actuator_biasprm: wp.array3d[float],
     actuator_gear: wp.array2d[wp.spatial_vector],
+    actuator_forcelimited: wp.array[wp.bool],
+    actuator_forcerange: wp.array2d[wp.vec2],
+    body_mass: wp.array2d[float],
+    body_gravcomp: wp.array2d[float],
+    gravity: wp.array[wp.vec3],
     # Data in:
     qpos: wp.array2d[float],
+    xipos: wp.array2d[wp.vec3],
+    xanchor: wp.array2d[wp.vec3],
+    xaxis: wp.array2d[wp.vec3],
     # Data out:
     ctrl_out: wp.array2d[float],
     act_out: wp.array2d[float],
@@ -261,7 +288,21 @@ def _hold_anew(
     gear = actuator_gear[worldid % actuator_gear.shape[0], actuatorid][0]
     if gain * bias1 >= 0.0:
         return
-    law_out[worldid, element] = wp.vec2(-bias0 / gain, -bias1 / gain * gear)
+    start, load, carried = -bias0 / gain, float(0.0), rest.carried[element]
+    for body in range(carried[1], carried[2]):
+        mass = body_mass[worldid % body_mass.shape[0], body]
+        borne = mass * body_gravcomp[worldid % body_gravcomp.shape[0], body]
+        weight = (mass - borne) * gravity[worldid % gravity.shape[0]]
+        if carried[3] == 1:
+            weight = wp.cross(xipos[worldid, body] - xanchor[worldid, carried[0]], weight)
+        load += wp.dot(xaxis[worldid, carried[0]], weight)
+    if carried[0] >= 0:
+        force = -load / (gear * rest.arm[rest.rowadr[element]])
+        if actuator_forcelimited[actuatorid]:
+            limits = actuator_forcerange[worldid % actuator_forcerange.shape[0], actuatorid]
+            force = wp.clamp(force, limits[0], limits[1])
+        start += force / gain
+    law_out[worldid, element] = wp.vec2(start, -bias1 / gain * gear)
     now = rest_value(rest, worldid, element, qpos[worldid])
     # update controls that hold the present pose, and keep controls that a task has set
     nu = ctrl_out.shape[1]
@@ -277,7 +318,9 @@ def _hold_anew(
 def launch_holding(rest: RestMap, m: mjw.Model, d: mjw.Data, mask: wp.array) -> None:
     """Recompute `rest.law` from the Model's gains, then update the controls and activations that hold the current pose.
 
-    Controls that a task has set stay unchanged.
+    Actuators of arms also bear the weight of the arm and its hand at the world poses in Data, less the part that
+    `gravcomp` bears, up to their force limits. Without this force, the arm would sag by its weight over the stiffness
+    of its actuators. Controls that a task has set stay unchanged.
 
     Args:
         rest: The RestMap, whose `law` has a row for each world.
@@ -285,7 +328,8 @@ def launch_holding(rest: RestMap, m: mjw.Model, d: mjw.Data, mask: wp.array) -> 
         d: Data of the worlds.
         mask: Selected worlds, shape (nworld,), bool.
     """
-    gains = [m.actuator_gainprm.view(wp.float32), m.actuator_biasprm.view(wp.float32), m.actuator_gear]
+    inputs = [mask, rest, m.actuator_gainprm.view(wp.float32), m.actuator_biasprm.view(wp.float32), m.actuator_gear]
+    inputs += [m.actuator_forcelimited, m.actuator_forcerange, m.body_mass, m.body_gravcomp, m.opt.gravity]
+    inputs += [d.qpos, d.xipos, d.xanchor, d.xaxis]
     outputs = [d.ctrl, d.act, getattr(d, "history", None), rest.law]
-    dim = d.nworld, rest.actuator.shape[0]
-    wp.launch(_hold_anew, dim, inputs=[mask, rest, *gains, d.qpos], outputs=outputs, device=mask.device)
+    wp.launch(_hold_anew, (d.nworld, rest.actuator.shape[0]), inputs=inputs, outputs=outputs, device=mask.device)

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 import torch
+import warp as wp
 from torch import Tensor
 
 from sceniris_gym.errors import ArmError
@@ -118,25 +119,35 @@ class PositionActuators:
         lag = (self._damping / self._gear**2 + self._speed_gain) / self._stiffness
         return np.expm1(-rate * dt) / np.expm1(-dt / np.maximum(lag, 1e-9))
 
-    def within_force(self, s: State, targets: Tensor, qpos: Tensor, qvel: Tensor, loads: Tensor | None) -> Tensor:
-        """Return targets that bear loads, and that need less than the actuators' force limits.
+    def bearing(self, s: State) -> Tensor | float:
+        """Return how far targets are off the joints that bear an arm's weight [rad or m], shape (num_envs, njoint).
 
-        The second holds for light joints. MuJoCo's implicit integrators leave out the derivative of a force at its
-        limit F. If a time step at full force changes the speed by more than 2 F / kv, the range of speeds at which the
-        force is below its limit, the joint may jump across this range, and the force then changes sign in each step.
+        The weight is that of each world's masses and gravity in the present pose, less the part that `gravcomp` bears.
+        """
+        fields, (bias, scale) = s._batch.fields, self._law
+        if not fields.bears:
+            return 0.0
+        fields.launch_holding(wp.from_torch(torch.ones(s.num_envs, dtype=torch.bool, device=s.device), dtype=wp.bool))
+        return (wp.to_torch(fields.rest.law)[:, self._columns, 0] - bias) / scale
+
+    def within_force(self, s: State, targets: Tensor, qpos: Tensor, qvel: Tensor) -> Tensor:
+        """Return targets that need less than the actuators' force limits if joints are light.
+
+        MuJoCo's implicit integrators leave out the derivative of a force at its limit F. If a time step at full force
+        changes the speed by more than 2 F / kv, the range of speeds at which the force is below its limit, the joint
+        may jump across this range, and the force then changes sign in each step.
 
         Args:
             s: The worlds, whose gains and force limits count.
-            targets: Targets without loads [rad or m], shape (num_envs, njoint).
+            targets: Targets [rad or m], shape (num_envs, njoint).
             qpos: Positions of the joints [rad or m], of the same shape.
             qvel: Velocities of the joints [rad/s or m/s], of the same shape.
-            loads: Loads on the joints [N m or N], of the same shape, or None.
         """
         square, lag, part, unlimited = self._servo
         stiffness = square * s._field("actuator_biasprm")[:, self._ids, 1]
         reach = torch.addcmul(unlimited, part, s._field("actuator_forcerange")[:, self._ids, 1]) / stiffness
-        free, bearing = torch.addcmul(qpos, lag, qvel), targets if loads is None else targets - loads / stiffness
-        return bearing.clamp(free - reach, free + reach)
+        free = torch.addcmul(qpos, lag, qvel)
+        return targets.clamp(free - reach, free + reach)
 
 
 def _check_number(mjm: mujoco.MjModel, joint: int, found: Sequence[int], where: str) -> None:

@@ -12,7 +12,6 @@ from sceniris_gym.vector.readings import as_columns
 from sceniris_gym.vector.robots import arm_joints, find_robot
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.tool_pose import Frame, Lead, changed, check_action, limited
-from sceniris_gym.vector.weight import ArmWeight
 
 JOINT_STEP = 0.04
 """Largest change of a hinge's target in a control step [rad]: 2 rad/s at 50 Hz."""
@@ -106,7 +105,6 @@ class ArmController:
         self._joint_step, self._home = tensor(steps), tensor(s.scene.home_qpos[mjm.jnt_qposadr[list(arm)]])
         self._lead = tensor([TOOL_LEAD] * 3 + [YAW_LEAD])
         self._damping = DAMPING * torch.eye(6, device=s.device)
-        self._weight = ArmWeight(s, arm)
         self.tool_target, self.pose_target = (torch.zeros(s.num_envs, n, device=s.device) for n in (4, 7))
         self._step, self._osc_step = tensor([TOOL_STEP] * 3 + [YAW_STEP] * 3), tensor(OSC_STEP)
         self._gain = tensor(np.maximum(self._actuators.gains(TOOL_RATE, s.dt), 1.0))
@@ -252,8 +250,8 @@ class ArmController:
         """Set `pose_target` to `target` within the lead, and the joint targets `gain` times the way to it."""
         target, error = limited(target, self.tool(s), lead, lowest)
         self.pose_target.copy_(target)
-        targets, loads = self._joint_targets(s, error, gain), self._weight.loads() if self._weight.acts else None
-        self.set_targets(s, self._actuators.within_force(s, targets, self.qpos(s), self.qvel(s), loads))
+        targets = self._joint_targets(s, error, gain) + self._actuators.bearing(s)
+        self.set_targets(s, self._actuators.within_force(s, targets, self.qpos(s), self.qvel(s)))
 
     def _joint_targets(self, s: State, error: Tensor, gain: Tensor | float = 1.0) -> Tensor:
         """Return the joint targets `gain` times the way to a tool's pose that differs by `error` (num_envs, 6)."""

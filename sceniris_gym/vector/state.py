@@ -75,7 +75,9 @@ class State(Readings):
             )
 
         writer = self._once(make, "joints", name, width)
-        writer.write(qpos, mask & qpos.isfinite().all(dim=1))
+        given = mask & qpos.isfinite().all(dim=1)
+        writer.write(qpos, given)
+        self._batch.fields.launch_bear(wp.from_torch(given, dtype=wp.bool))
         self._batch.update()
 
     def put_pose(self, name: str, pose: Tensor, mask: Tensor) -> None:

@@ -15,7 +15,7 @@ from sceniris_gym.program.reach import robot_arm
 from sceniris_gym.reach.arm import SerialArm
 from tests.grasping.scenes import Scene
 from tests.layout.scenes import box_mjcf, write_mjcf
-from tests.versions import OLD
+from tests.versions import OLD, since_4
 
 PADS = {"panda": ("left_pad", "right_pad"), "ur5e": ("left_pad", "right_pad"), "heron": ("left_pad", "right_pad")}
 # An arm of two hinges, whose hand has a palm and two fingers of other lengths: 12 mm thick and 24 mm wide, and 10 mm
@@ -257,3 +257,44 @@ def test_a_jaw_that_closes_on_the_hand_opens_as_far_as_the_tips_are_apart():
         assert gap == pytest.approx(0.012 - 0.003 - max(end[1] for end in ends), abs=1e-9)
     assert gripper.open_qpos == pytest.approx(np.radians(60))
     assert gripper.middle == pytest.approx((0.009 - 0.005, -0.5))
+
+
+def test_a_finger_that_is_part_of_the_hand_is_no_palm():
+    """A heel of the fixed finger, which ends 1 cm behind the TCP, leaves as much room for an object."""
+    depths = []
+    for heel in ("", '<geom type="box" size=".005 .003 .02" pos="0 .012 .07"/>'):
+        mjm = mujoco.MjModel.from_xml_string(SWING.format(fingers=heel + ONE_JAW))
+        arm = SerialArm.from_model(mjm, "base")
+        depths.append(Gripper.from_model(mjm, arm, np.zeros(mjm.nq), extract_pieces(mjm, "physics")).depth)
+    assert depths[0] == depths[1] > 0.03
+
+
+@pytest.mark.parametrize(("joint", "least"), [("left", 0.004), ("right", 0.0)])
+@pytest.mark.parametrize("gear", [1.0, -2.0])
+def test_a_gripper_opens_and_closes_as_far_as_its_controls_reach(joint: str, least: float, gear: float):
+    """From MuJoCo C's steady states at both ends of the control range, with the other finger coupled to this one."""
+    low, high = sorted((gear * least, gear * 0.022))
+    drive = f'<position joint="{joint}" gear="{gear}" kp="500" kv="50" ctrlrange="{low} {high}"/>'
+    tie = f'<joint joint1="right" joint2="left"/></equality><actuator>{drive}</actuator><equality>'
+    mjm, _, gripper = _hand(tie=tie)
+    mjm.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    mjm.opt.gravity[:], mjm.opt.disableflags = 0.0, int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    ends = []
+    for control in (low, high):
+        data = mujoco.MjData(mjm)
+        data.ctrl[:] = control
+        mujoco.mj_step(mjm, data, 2000)
+        ends.append(data.qpos.copy())
+    ends.sort(key=lambda qpos: qpos[-1])
+    for end, share in zip(ends, (0.0, 1.0), strict=True):
+        adr, poses = gripper.poses(np.array([share]))
+        np.testing.assert_allclose(poses[0], end[adr], atol=1e-4)
+    _, _, free = _hand(tie='<joint joint1="right" joint2="left"/>')
+    assert gripper.opening == pytest.approx(free.opening - 2.0 * (0.03 - 0.022), abs=1e-4)
+
+
+@since_4("actuators have one control each")
+def test_actuators_with_several_controls_leave_an_opening_as_it_is():
+    """A `<pid>` of a finger, whose controls are a position and a speed."""
+    _, _, found = _hand(tie='</equality><actuator><pid joint="left" kp="10" ctrlrange="0 .01"/></actuator><equality>')
+    assert found.opening == _hand()[2].opening

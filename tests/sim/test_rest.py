@@ -19,6 +19,7 @@ from sceniris_gym.sim.fit import make_worlds
 from sceniris_gym.sim.randomizer import ResetRandomizer
 from sceniris_gym.sim.rest import GAINS, history_samples, launch_holding, rest_map
 from tests.layout.starting import HANDLE, HELD, LIFTED, SCENE, STANDING, reset_worlds, starting
+from tests.vector.workshop import mjcf
 from tests.versions import since_4
 
 NROW = 4
@@ -234,3 +235,71 @@ def test_a_gripper_without_a_position_actuator_is_refused():
             ResetRandomizer(compiled, make_worlds(compiled, 1)[0], data)
     finally:
         mjm.actuator_biasprm[7] = gain
+
+
+@pytest.fixture(scope="module")
+def weighed(tmp_path_factory) -> ResetRandomizer:
+    """Return worlds whose arm has weight: hinges, a slide, gears, a tendon, an activation, and limits of forces.
+
+    Masses, gravity and gains are drawn, and `gravcomp` bears part of the weight.
+    """
+    text = mjcf({"base": ("mimic", "0.1 0 0", 30.0)}).replace('gravity="0 0 0"', 'gravity="2 -3 -8"')
+    path = tmp_path_factory.mktemp("weight") / "arm.xml"
+    path.write_text(text.replace('<body name="base:quill"', '<body name="base:quill" gravcomp=".4"'))
+    draws = {"mass": {"scale": [0.5, 2.0]}, "gains": {"scale": [0.8, 1.2]}}
+    robot = {"in_model": "base", "tcp": "base:point", "joints": {"base:run": {"noise": 0.1}}, "randomize": draws}
+    gravity = {"gravity": {"add": [[-2.0, -2.0, -2.0], [2.0, 2.0, 2.0]]}}
+    compiled = compile_scene({"model": str(path), "robot": robot, "randomize": gravity, "bank": 1}, "cpu")
+    model, data = make_worlds(compiled, NWORLD, fields=("actuator_forcerange",))
+    return ResetRandomizer(compiled, model, data)
+
+
+def in_mujoco(randomizer: ResetRandomizer, world: int) -> mujoco.MjData:
+    """Return a world's state in MuJoCo C, in a model with the world's draws, after mj_forward."""
+    mjm, m, d = copy.copy(randomizer.compiled.mjm), randomizer.model, randomizer.data
+    for name in (*GAINS, "body_mass", "actuator_forcerange"):
+        rows = getattr(m, name).numpy()
+        getattr(mjm, name)[:] = rows[world % len(rows)].reshape(getattr(mjm, name).shape)
+    mjm.opt.gravity[:] = m.opt.gravity.numpy()[world]
+    data = mujoco.MjData(mjm)
+    for name in ("qpos", "qvel", "ctrl", "act"):
+        getattr(data, name)[:] = getattr(d, name).numpy()[world]
+    mujoco.mj_forward(mjm, data)
+    return data
+
+
+def test_controls_bear_the_weight_of_an_arm(weighed):
+    """In each world with its masses, gravity and gains, and again after a task has changed them."""
+    dofs = [weighed.compiled.mjm.joint(f"base:{name}").dofadr[0] for name in ("swing", "1", "run", "turn about")]
+    for change in ((), ("body_mass", "actuator_gainprm")):
+        weighed.reset(MASK)
+        weighed.reset(~MASK)
+        for name in change:
+            weighed.scale_field(name, "robot", np.linspace(0.7, 1.5, NWORLD, dtype=np.float32))
+        if change:
+            weighed.refresh()
+        for world in np.flatnonzero(~MASK) if change else range(NWORLD):
+            data = in_mujoco(weighed, int(world))
+            assert (np.abs(data.qfrc_bias[dofs][:3]) > 0.05).all()
+            np.testing.assert_allclose((data.qfrc_actuator + data.qfrc_passive - data.qfrc_bias)[dofs], 0.0, atol=1e-3)
+            before = data.site("base:point").xpos.copy()
+            mujoco.mj_step(data.model, data, 100)
+            assert np.linalg.norm(data.site("base:point").xpos - before) < 2e-4
+
+
+def test_controls_bear_no_more_than_actuators_can(weighed):
+    """With a lower limit of forces, the control asks for the limit, so that the arm can leave it at once."""
+    mjm = weighed.compiled.mjm
+    actuator, joint = mjm.actuator("base:gamma").id, mjm.joint("base:run")
+    forces = weighed.model_field("actuator_forcerange")
+    limits = forces.clone()
+    try:
+        forces[:, actuator] = forces.new_tensor([-0.5, 0.5])
+        weighed.reset()
+        for world in range(NWORLD):
+            data = in_mujoco(weighed, world)
+            assert abs(data.qfrc_bias[joint.dofadr[0]]) > 3.0 * 0.5
+            asked = data.ctrl[actuator] - data.actuator_length[actuator]
+            np.testing.assert_allclose(abs(asked) * data.model.actuator_gainprm[actuator, 0], 0.5, rtol=1e-3)
+    finally:
+        forces.copy_(limits)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+
 import mujoco
 import numpy as np
 import pytest
@@ -13,7 +15,8 @@ from sceniris_gym.scene.build import build_model
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.vector.actuators import Fingers, PositionActuators
 from sceniris_gym.vector.arm_controller import ArmController
-from tests.vector.workshop import CONTROLS, HANDS, JOINTS, joints_of, mjcf, state_of, tensor
+from sceniris_gym.vector.state import State
+from tests.vector.workshop import CONTROLS, HANDS, JOINTS, joints_of, mjcf, mujocos, state_of, tensor
 
 CPU = torch.device("cpu")
 DRIVEN = [name for name, hand in HANDS.items() if hand.actuators]
@@ -252,3 +255,48 @@ def test_actuators_without_a_range_and_joints_without_limits_are_no_gripper(tmp_
         scene = build_model(SceneConfig.load({"model": str(path), "robot": {"in_model": "base"}}))
         joints = [scene.mjm.joint(f"base:{name}").id for name in JOINTS]
         assert Fingers.find(scene, scene.mjm.site("base:point").id, joints) is None
+
+
+@pytest.fixture(scope="module")
+def heavy(tmp_path_factory) -> State:
+    """Return worlds with an arm of hinges and a slide, under gravity that is aslant, part of which `gravcomp` bears."""
+    path = tmp_path_factory.mktemp("weight") / "arm.xml"
+    text = mjcf({"base": ("two actuators", "0.1 0 0", 30.0)}).replace('gravity="0 0 0"', 'gravity="2 -3 -8"')
+    path.write_text(text.replace('<body name="base:quill"', '<body name="base:quill" gravcomp=".4"'))
+    s = state_of({"model": str(path), "robot": {"in_model": "base", "tcp": "base:point"}})
+    s.data.qpos.assign(np.random.default_rng(0).uniform(-0.2, 0.2, (2, s.mjm.nq)))
+    s._batch.update()
+    return s
+
+
+def test_targets_bear_the_weight_of_the_arm(heavy):
+    """In MuJoCo C, joints stay where they are, by the stiffness of actuators with gears and tendons."""
+    arm = ArmController(heavy)
+    qpos = arm.qpos(heavy).clone()
+    off = arm._actuators.bearing(heavy)
+    assert isinstance(off, torch.Tensor)
+    assert (off[:, :3].abs() > 1e-5).all()
+    arm.set_targets(heavy, arm._actuators.within_force(heavy, qpos + off, qpos, arm.qvel(heavy)))
+    for world in range(2):
+        data = mujocos(heavy, world)
+        mujoco.mj_step(heavy.mjm, data, 2000)
+        np.testing.assert_allclose(data.qpos[heavy.mjm.jnt_qposadr[list(arm.joint_ids)]], qpos[world], atol=5e-4)
+
+
+def test_an_arm_whose_weight_is_borne_has_none():
+    """`gravcomp` of 1 in the shipped Panda, unless a task writes it."""
+    s = state_of({"robot": {"asset": "panda"}})
+    assert ArmController(s)._actuators.bearing(s) == 0.0
+    s = state_of({"robot": {"asset": "panda"}})
+    s.model_field("body_gravcomp")[1] = 0.5
+    arm = ArmController(s)
+    off = arm._actuators.bearing(s)
+    assert isinstance(off, torch.Tensor)
+    assert not off[0].any()
+    mjm = copy.copy(s.mjm)
+    mjm.body_gravcomp[:] = 0.5
+    arm.set_targets(s, arm.qpos(s) + off)
+    data = mujocos(s, 1, mjm)
+    assert np.abs(data.qfrc_bias[:7]).max() > 10.0
+    dofs = s.mjm.jnt_dofadr[list(arm.joint_ids)]
+    np.testing.assert_allclose((data.qfrc_actuator + data.qfrc_gravcomp - data.qfrc_bias)[dofs], 0.0, atol=2e-3)

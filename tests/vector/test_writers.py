@@ -19,7 +19,7 @@ from sceniris_gym.vector.task import Task
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 from sceniris_gym.vector.writers import JointWriter
 from tests.vector.stepping import oracle
-from tests.vector.workshop import mujocos, state_of, tensor
+from tests.vector.workshop import mjcf, mujocos, state_of, tensor
 from tests.versions import since_4
 
 STATE = ("qpos", "qvel", "ctrl", "mocap_pos", "mocap_quat", "xpos")
@@ -44,6 +44,22 @@ def test_joints_that_are_put_somewhere_are_held_there(make_env):
     assert torch.equal(s.ctrl[1], ctrl[1])
     assert torch.allclose(s.ctrl[0, :2], wanted[0] * torch.tensor([1.0, 2.0]))
     np.testing.assert_allclose(s.site("arm/tcp")[0, :3].numpy(), oracle(envs, 0).site("arm/tcp").xpos, atol=1e-6)
+
+
+def test_the_weight_of_an_arm_is_borne_where_its_joints_are_put(tmp_path):
+    """By MuJoCo C's forces in the worlds of the mask; the other worlds keep their controls."""
+    path = tmp_path / "arm.xml"
+    path.write_text(mjcf({"base": ("mimic", "0 0 0", 30.0)}).replace('gravity="0 0 0"', 'gravity="2 -3 -8"'))
+    s = state_of({"model": str(path), "robot": {"in_model": "base", "tcp": "base:point"}}, 3)
+    names, ctrl = ("base:swing", "base:1", "base:run"), s.ctrl.clone()
+    joints, mask = [s.mjm.joint(name).id for name in names], torch.tensor([True, False, True])
+    s.put_joints(tuple(joints), tensor([[0.5, -0.7, 0.1], [0.0, 0.0, 0.0], [-0.8, 1.2, -0.1]]), mask)
+    assert torch.equal(s.ctrl[1], ctrl[1])
+    for world in (0, 2):
+        data = mujocos(s, world)
+        pulls = (data.qfrc_actuator - data.qfrc_bias)[s.mjm.jnt_dofadr[joints]]
+        assert (np.abs(data.qfrc_bias[s.mjm.jnt_dofadr[joints]]) > 0.1).all()
+        np.testing.assert_allclose(pulls, 0.0, atol=1e-3)
 
 
 ARM = """

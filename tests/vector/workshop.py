@@ -160,10 +160,10 @@ def mjcf(arms: dict[str, tuple[str, str, float]], things: str = "") -> str:
       <actuator>{actuators}</actuator></mujoco>"""
 
 
-def state_of(scene: dict[str, Any] | SceneModel, num_envs: int = 2) -> State:
+def state_of(scene: dict[str, Any] | SceneModel, num_envs: int = 2, substeps: int = 4) -> State:
     """Return the State of worlds in the start pose of a scene, which no layouts were made for."""
     model = scene if isinstance(scene, SceneModel) else build_model(SceneConfig.load(scene))
-    batch = Batch(model, num_envs, "cpu", substeps=4, graph=False)
+    batch = Batch(model, num_envs, "cpu", substeps=substeps, graph=False)
     batch.data.qpos.assign(np.tile(model.home_qpos, (num_envs, 1)))
     batch.data.ctrl.assign(np.tile(model.home_ctrl, (num_envs, 1)))
     batch.update()
@@ -186,11 +186,11 @@ def mujocos(s: State, world: int = 0, mjm: mujoco.MjModel | None = None) -> mujo
     return data
 
 
-def step(s: State, datas: Sequence[mujoco.MjData]) -> None:
+def step(s: State, datas: Sequence[mujoco.MjData], substeps: int = 4) -> None:
     """Take a control step of all worlds in plain MuJoCo by the controls of the State, which is brought up to date."""
     for data, ctrl in zip(datas, s.ctrl.numpy(), strict=True):
         data.ctrl[:] = ctrl
-        mujoco.mj_step(data.model, data, 4)
+        mujoco.mj_step(data.model, data, substeps)
     s.data.qpos.assign(np.array([data.qpos for data in datas]))
     s.data.qvel.assign(np.array([data.qvel for data in datas]))
     s._batch.update()

@@ -109,7 +109,9 @@ class FoundArm:
             along = data.xaxis[last] * (1.0 if data.xaxis[last] @ (data.xpos[self.palm[-1]] - before) >= 0.0 else -1.0)
         along = mat.T @ along / np.linalg.norm(along)
         nearest = np.eye(3)[np.argmax(np.abs(along))] * np.sign(along[np.argmax(np.abs(along))])
-        return nearest if nearest @ along > math.cos(math.radians(_CLOSE)) else along
+        # the middle of a single jaw is off to its side
+        close = math.radians(2.0 * _CLOSE if len(self.fingers) == 1 else _CLOSE)
+        return nearest if nearest @ along > math.cos(close) else along
 
 
 def find_arms(mjm: mujoco.MjModel) -> list[FoundArm]:

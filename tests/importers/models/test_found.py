@@ -58,6 +58,15 @@ def test_a_hinge_named_as_a_jaw_is_a_finger_and_no_joint_of_the_arm():
     assert (tcp.site, tcp.pitch) == ("gripperframe", 90.0)
 
 
+def test_a_jaw_beside_the_axis_of_the_hand_closes_along_this_axis():
+    """Its middle is 25 degrees off the axis, and an arm of five joints reaches few poses with an aslant tool."""
+    jaw = '<body name="moving_jaw" pos="0.03 0 0.02"><joint axis="0 1 0" range="0 90"/>{}</body>'
+    geom = '<geom type="box" size="0.005 0.01 0.03" pos="0 0 0.06"/>'
+    mjm = mujoco.MjModel.from_xml_string(arm(jaw.format(geom)))
+    tcp = find_arms(mjm)[0].tcp(posed(mjm))
+    assert (tcp.body, tcp.turns) == ("hand", (0.0, 0.0, 0.0))
+
+
 @pytest.mark.parametrize("axis", ["x", "y", "z"])
 def test_without_fingers_the_last_body_points_along_the_last_joint(axis: str):
     """Whichever way its frame is turned; the arm is upright, so that the tool points up."""
