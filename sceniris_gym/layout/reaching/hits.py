@@ -1,7 +1,7 @@
-"""Test the robot, posed for a candidate, for collision: one list of pairs per step, and one block per pose.
+"""Test the robot, posed for a candidate, for collision: one list of pairs per step.
 
-A candidate has one pose, or two: in the grasp and in the pre-grasp. Their blocks run side by side, and the first step
-that fails counts.
+A candidate has one pose, or two: in the grasp and in the pre-grasp. One block tests both, or two blocks test one each,
+side by side. The first step that fails counts.
 """
 
 import warp as wp
@@ -40,6 +40,7 @@ def _test(
     first: int,
     second: int,
     last: int,
+    split: int,
     # Layouts in: bodies*
     layouts: LayoutsView,
     # ReachSearch in: column, tier, candidates, row, ik_start, body_pos, body_quat; both: failed
@@ -48,21 +49,21 @@ def _test(
     block, lane = wp.tid()
     nodes = wp.tile_stack(capacity=wp.static(SHARED_STACK), dtype=wp.vec3i)
     leaves = wp.tile_stack(capacity=wp.static(NARROW_STACK), dtype=wp.vec3i)
-    poses = 1 + int(second <= last)
-    for i in range(block, poses * candidate_num(reach_search), blocks):
-        c = i // poses
+    for i in range(block, split * candidate_num(reach_search), blocks):
+        c = i // split
         row = reach_search.row[c]
-        own_pos = reach_search.body_pos[pose_index(reach_search, c, i % poses)]
-        own_quat = reach_search.body_quat[pose_index(reach_search, c, i % poses)]
         pos = layouts.body_pos[row]
         quat = layouts.body_quat[row]
-        step = wp.where(i % poses == 0, first, second)
-        end = wp.where(i % poses == 0, second, last + 1)
+        step = wp.where(i % split == 0, first, second)
+        end = wp.where(i % split == split - 1, last + 1, second)
         hit = bool(False)
         while step < end and not hit:
             # the block of the other pose may write `failed` meanwhile, so all lanes agree first
             if block_any(int(takes_step(reach_search, c, step))) != 0:
                 pairs = _pairs_of(reach, reach_search, step, row)
+                at = pose_index(reach_search, c, int(step >= second))
+                own_pos = reach_search.body_pos[at]
+                own_quat = reach_search.body_quat[at]
                 adr = reach.arm_broadadr[pairs]
                 num = reach.arm_broadnum[pairs]
                 found = collides(program, adr, num, 0, -1, nodes, leaves, lane, own_pos, own_quat, pos, quat)
@@ -82,26 +83,27 @@ def _test_containment(
     first: int,
     second: int,
     last: int,
+    split: int,
     # Layouts in: bodies*
     layouts: LayoutsView,
     # ReachSearch in: column, tier, candidates, row, ik_start, body_pos, body_quat; both: failed
     reach_search: ReachSearch,
 ):
     block, lane = wp.tid()
-    poses = 1 + int(second <= last)
-    for i in range(block, poses * candidate_num(reach_search), blocks):
-        c = i // poses
+    for i in range(block, split * candidate_num(reach_search), blocks):
+        c = i // split
         row = reach_search.row[c]
-        own_pos = reach_search.body_pos[pose_index(reach_search, c, i % poses)]
-        own_quat = reach_search.body_quat[pose_index(reach_search, c, i % poses)]
         pos = layouts.body_pos[row]
         quat = layouts.body_quat[row]
-        step = wp.where(i % poses == 0, first, second)
-        end = wp.where(i % poses == 0, second, last + 1)
+        step = wp.where(i % split == 0, first, second)
+        end = wp.where(i % split == split - 1, last + 1, second)
         inside = bool(False)
         while step < end and not inside:
             if block_any(int(takes_step(reach_search, c, step))) != 0:
                 pairs = _pairs_of(reach, reach_search, step, row)
+                at = pose_index(reach_search, c, int(step >= second))
+                own_pos = reach_search.body_pos[at]
+                own_quat = reach_search.body_quat[at]
                 adr = reach.arm_pairadr[pairs]
                 inside = encloses(program, adr, reach.arm_pairnum[pairs], lane, own_pos, own_quat, pos, quat)
             step += 1
@@ -121,6 +123,8 @@ def launch_test_arm(
 
     The steps from `second` on test the pre-grasp. With None, candidates have a single pose.
     """
-    steps = [int(first), int(last) + 1 if second is None else int(second), int(last)]
+    # In scenes with starts, the first joints hardly ever fail, so testing both poses at once is hardly ever in vain.
+    split = 1 if second is None or work.compiled.starts is None else 2
+    steps = [int(first), int(last) + 1 if second is None else int(second), int(last), split]
     for test in (_test, _test_containment) if work.program.visual else (_test,):
         work.launch_blocks(test, work.program, reach, *steps, work.layouts, reach_search)

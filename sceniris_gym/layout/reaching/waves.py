@@ -170,8 +170,8 @@ def _open_candidates(
         row = reach_search.queue[1 - reach_search.source[0], i]
         column = reach_search.column[row]
         number = reach_search.number[row]
-        # Rows that have failed before, which are few, share twice the room.
-        room = wp.min(busy * wp.where(number > 0, 2, 1), reach_search.failed.shape[0])
+        # Few rows that have failed before share twice the room.
+        room = wp.min(busy * wp.where(number > 0 and 8 * rows < busy, 2, 1), reach_search.failed.shape[0])
         at_once = wp.clamp(room // rows, 1, wp.static(MOST_AT_ONCE))
         # Try half the number of starts that have failed so far. This wastes at most 50% more starts, and takes far
         # fewer waves. On a CPU core, a wave costs 10 to 20 us and a start 4 us.

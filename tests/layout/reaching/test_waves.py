@@ -29,7 +29,7 @@ def test_candidates_are_the_next_starts_as_far_as_there_is_room(compiled: Compil
     search.number.assign(number)
     search.tried.assign(4 * number)
     reach_waves.launch_open_wave(generator._work, reach, search)
-    room = np.minimum(np.where(number > 0, 2, 1) * busy, grasps)
+    room = np.minimum(np.where((number > 0) & (busy > 8 * N), 2, 1) * busy, grasps)
     at_once = np.clip(room // N, 1, MOST_AT_ONCE)
     first, trials = search.first.numpy(), search.trials.numpy()
     begin = reach.reach_graspadr.numpy()[0] + layouts.grasp.numpy()[:, 0]
