@@ -13,6 +13,8 @@ winding number therefore tests containment.
 
 import fcl
 import numpy as np
+import trimesh
+from trimesh.collision import mesh_to_BVH
 
 from sceniris_gym.audit.geometry import Form, Solid
 
@@ -92,8 +94,4 @@ def _fcl_geometry(solid: Solid) -> fcl.CollisionGeometry:
     if solid.form is Form.ROUNDED:
         vertices = np.stack([vertices[0], vertices[-1], vertices[-1]])
         faces = np.array([[0, 1, 2]])
-    model = fcl.BVHModel()
-    model.beginModel(len(faces), len(vertices))
-    model.addSubModel(vertices, faces)
-    model.endModel()
-    return model
+    return mesh_to_BVH(trimesh.Trimesh(vertices, faces, process=False))

@@ -189,26 +189,23 @@ def _off_hull(point: np.ndarray, anchors: np.ndarray, there: np.ndarray, width: 
         there: Whether each anchor is present, shape (nrow, n).
         width: Width of the strip, and side of the square [m], shape (nrow,).
     """
-    first = anchors[np.arange(len(there)), there.argmax(1)]
+    rows = np.arange(len(point))
+    first = anchors[rows, there.argmax(1)]
     anchors = np.where(there[..., None], anchors, first[:, None])  # absent anchors do not count
     hull = shapely.convex_hull(shapely.multipoints(anchors))
-    to_hull = shapely.distance(shapely.points(point), hull)
 
     apart = np.linalg.norm(anchors[:, :, None] - anchors[:, None], axis=-1)
     a, b = np.unravel_index(apart.reshape(len(point), -1).argmax(1), apart.shape[1:])
-    rows = np.arange(len(point))
-    length = apart[rows, a, b]
-    along = (anchors[rows, b] - anchors[rows, a]) / np.maximum(length, 1e-12)[:, None]
+    ends = np.stack([anchors[rows, a], anchors[rows, b]], 1)
+    along = (ends[:, 1] - ends[:, 0]) / np.maximum(apart[rows, a, b], 1e-12)[:, None]
     across = np.stack([-along[:, 1], along[:, 0]], 1)
-    from_line = np.einsum("nkj,nj->nk", anchors - anchors[rows, a][:, None], across)
-    thin = np.ptp(from_line, axis=1)
-    t, u = (((point - anchors[rows, a]) * axis).sum(1) for axis in (along, across))
-    to_strip = np.hypot(np.maximum(np.maximum(-t, t - length), 0), np.maximum(np.abs(u) - width / 2, 0))
-    from_point = np.abs(point - (anchors[rows, a] + anchors[rows, b]) / 2)
-    to_square = np.linalg.norm(np.maximum(from_point - width[:, None] / 2, 0), axis=1)
-    to_strip = np.where(length > THIN + _NEARLY_THIN, to_strip, to_square)
-    either = np.minimum(to_hull, to_strip)
-    return np.where(thin > THIN + _NEARLY_THIN, to_hull, np.where(thin < THIN - _NEARLY_THIN, to_strip, either))
+    thin = np.ptp(np.einsum("nkj,nj->nk", anchors, across), axis=1)
+    strip = shapely.buffer(shapely.linestrings(ends), width / 2, cap_style="flat")
+    square = shapely.buffer(shapely.points(ends.mean(1)), width / 2, cap_style="square")
+    narrow = np.where(apart[rows, a, b] > THIN + _NEARLY_THIN, strip, square)
+    to_hull, to_narrow = (shapely.distance(shapely.points(point), region) for region in (hull, narrow))
+    either = np.minimum(to_hull, to_narrow)
+    return np.where(thin > THIN + _NEARLY_THIN, to_hull, np.where(thin < THIN - _NEARLY_THIN, to_narrow, either))
 
 
 class OrientationAudit:

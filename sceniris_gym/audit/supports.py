@@ -90,19 +90,19 @@ def level_surfaces(parts: Mapping[int, np.ndarray], *, open_above: bool, only: i
     return surfaces
 
 
+def _crossings(triangles: np.ndarray, z: float) -> np.ndarray:
+    """Return the points where the edges of triangles cross the plane at `z`, (n, 3, 2), NaN where they do not."""
+    a, b = triangles, np.roll(triangles, -1, axis=1)
+    rises = a[:, :, 2:] < b[:, :, 2:]
+    low, high = np.where(rises, a, b), np.where(rises, b, a)  # both triangles of an edge must find the same point
+    crosses = (low[:, :, 2:] <= z) & (high[:, :, 2:] > z)
+    t = (z - low[:, :, 2:]) / np.where(crosses, high[:, :, 2:] - low[:, :, 2:], 1.0)
+    return np.where(crosses, low[:, :, :2] + t * (high[:, :, :2] - low[:, :, :2]), np.nan)
+
+
 def _section(triangles: np.ndarray, z: float) -> shapely.Geometry:
     """Return the section of a closed surface with the horizontal plane at `z`."""
-    above = triangles[:, :, 2] > z
-    cut = triangles[above.any(1) & ~above.all(1)]
-    ends = []
-    for i in range(3):
-        a, b = cut[:, i], cut[:, (i + 1) % 3]
-        low = np.where((a[:, 2] < b[:, 2])[:, None], a, b)  # both triangles of an edge must find the same point
-        high = np.where((a[:, 2] < b[:, 2])[:, None], b, a)
-        crosses = (low[:, 2] <= z) & (high[:, 2] > z)
-        t = (z - low[:, 2:]) / np.where(crosses, high[:, 2] - low[:, 2], 1.0)[:, None]
-        ends.append(np.where(crosses[:, None], low[:, :2] + t * (high[:, :2] - low[:, :2]), np.nan))
-    points = np.stack(ends, 1)
+    points = _crossings(triangles, z)
     pairs = points[~np.isnan(points[:, :, 0])].reshape(-1, 2, 2)
     segments = [shapely.LineString(pair) for pair in np.round(pairs, 9) if np.any(pair[0] != pair[1])]
     return shapely.build_area(shapely.GeometryCollection(segments))
@@ -111,18 +111,11 @@ def _section(triangles: np.ndarray, z: float) -> shapely.Geometry:
 def _shadow(triangles: np.ndarray, z: float) -> shapely.Geometry:
     """Return the vertical projection of a closed surface's part above `z`, together with the section at `z`."""
     seen = triangles[(triangles[:, :, 2] > z).any(1)]
-    return shapely.union_all([*(_clipped(triangle, z) for triangle in seen), _section(triangles, z)])
-
-
-def _clipped(triangle: np.ndarray, z: float) -> shapely.Geometry:
-    """Return the vertical projection of the part of a triangle above `z`."""
-    points = []
-    for a, b in zip(triangle, np.roll(triangle, -1, axis=0), strict=True):
-        if a[2] > z:
-            points.append(a[:2])
-        if (a[2] > z) != (b[2] > z):
-            points.append((a + (z - a[2]) / (b[2] - a[2]) * (b - a))[:2])
-    return shapely.MultiPoint(np.array(points)).convex_hull
+    above = np.where(seen[:, :, 2:] > z, seen[:, :, :2], np.nan)
+    points = np.concatenate([above, _crossings(seen, z)], axis=1)  # the corners of each triangle's part above `z`
+    row, corner = np.nonzero(~np.isnan(points[:, :, 0]))
+    clipped = shapely.convex_hull(shapely.multipoints(points[row, corner], indices=row))
+    return shapely.union_all([*clipped, _section(triangles, z)])
 
 
 def inside(area: shapely.Geometry, points: np.ndarray, erosion: np.ndarray | None = None) -> np.ndarray:

@@ -4,7 +4,6 @@ import resource
 import statistics
 import sys
 import time
-from collections import Counter
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
@@ -13,7 +12,6 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from sceniris_gym.audit.collisions import Tree
 from sceniris_gym.audit.geometry import solids_of
 from sceniris_gym.commands.narrowing import narrow
 from sceniris_gym.device.sequence import LaunchSequence
@@ -69,18 +67,16 @@ def bench(
     wp.synchronize_device(compiled.device)
     cold = compiling + time.perf_counter() - start
 
-    counts: Counter[str] = Counter()
+    view, counted = generator.layouts.view, []
+    columns = (view.status, view.attempts, view.first_pass_valid)
 
     def count() -> None:
-        status = generator.layouts.view.status.numpy()
-        counts["valid"] += int((status == LayoutStatus.VALID).sum())
-        counts["fallbacks"] += int((status == LayoutStatus.FALLBACK).sum())
-        counts["candidates"] += int(generator.layouts.view.attempts.numpy().sum())
-        counts["first_pass"] += int(generator.layouts.view.first_pass_valid.numpy().sum())
+        counted.append([column.numpy().copy() for column in columns])
 
     graph = LaunchSequence(generator.generate, wp.get_device(compiled.device))
     warm = median_time(graph.replay, compiled.device, count)
-    made = REPEATS * num_envs
+    status, candidates, first_pass = np.swapaxes(counted, 0, 1)
+    valid = status == LayoutStatus.VALID
     return {
         "scene": compiled.config.name,
         "hash": compiled.hash,
@@ -92,12 +88,12 @@ def bench(
         "restarts": compiled.config.restarts,
         "cold_s": cold,
         "warm_s": warm,
-        "first_pass_valid": counts["first_pass"] / made,
-        "valid": counts["valid"] / made,
-        "fallbacks": counts["fallbacks"],
-        "valid_per_s": counts["valid"] / REPEATS / warm,
-        "candidates_per_layout": counts["candidates"] / made,
-        "ns_per_candidate": 1e9 * REPEATS * warm / counts["candidates"],
+        "first_pass_valid": float(first_pass.mean()),
+        "valid": float(valid.mean()),
+        "fallbacks": int((status == LayoutStatus.FALLBACK).sum()),
+        "valid_per_s": float(valid.sum() / REPEATS / warm),
+        "candidates_per_layout": float(candidates.mean()),
+        "ns_per_candidate": float(1e9 * REPEATS * warm / candidates.sum()),
         **_resets(compiled, batch, generator),
         "peak_bytes": peak_bytes(compiled.device),
         **narrow(compiled, min(num_envs, _NARROWED), seed, picture),
@@ -106,11 +102,9 @@ def bench(
 
 def faces(compiled: CompiledScene) -> dict[str, int]:
     """Count the triangles of each object in the scene's `geometry`. If it is `physics`, count faces of convex hulls."""
-    tree = Tree(compiled.mjm, compiled.scene.bodies)
-    total = dict.fromkeys(compiled.scene.bodies, 0)
-    for solid in solids_of(compiled.mjm, compiled.config.geometry):
-        owner = tree.owner[compiled.mjm.geom_bodyid[solid.geom]]
-        if owner in total:
+    scene, total = compiled.scene, dict.fromkeys(compiled.scene.bodies, 0)
+    for solid in solids_of(scene.mjm, compiled.config.geometry):
+        if (owner := scene.owners.get(int(scene.mjm.geom_bodyid[solid.geom]))) is not None:
             total[owner] += len(solid.faces)
     return total
 

@@ -20,8 +20,8 @@ from sceniris_gym.files import check_new, write_text
 from sceniris_gym.importers.libero.reader import LiberoTask, read_bddl
 from sceniris_gym.importers.models.first_scene import FirstScene, first_scene, flow
 from sceniris_gym.layout.compile import compile_scene
-from sceniris_gym.scene.build import build_model
-from sceniris_gym.scene.model_files import write_zip
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.scene.model_files import zipped
 
 _BANK = 8  # layouts, a small bank is enough to show that the scene has layouts
 _OBJECT = re.compile(r"objects\.([A-Za-z_][A-Za-z0-9_-]*)|robot")
@@ -44,8 +44,7 @@ def init(model: Path, device: str | None = None) -> FirstScene:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         warnings.simplefilter("once", ModelWarning)
-        _try(scene, build_model)
-        compiled = _try(scene, lambda config: compile_scene(config, device))
+        compiled = _compiled(scene, device)
     if scene.robot is not None and not scene.robot.why:
         scene.robot.notes += reach_notes(compiled, [entry.name for entry in scene.objects if not entry.why])
     return scene
@@ -80,9 +79,7 @@ def write_task(task: LiberoTask, out: Path, device: str | None = None) -> dict[s
     compile_scene(task.scene, device, overrides={"bank": _BANK})
     folder, problem = out.with_name(f"{out.stem}_model"), task.problem
     goal = [str(predicate) for predicate in problem.goal]
-    packed = io.BytesIO()
-    write_zip(task.scene.model, packed)
-    with zipfile.ZipFile(packed) as archive:
+    with zipfile.ZipFile(io.BytesIO(zipped(task.scene.model))) as archive:
         archive.extractall(folder)
     words = task.scene.model_dump(mode="json", by_alias=True, exclude_unset=True, exclude={"name", "model"})
     lines = [
@@ -113,9 +110,7 @@ def write_problems(model: Path, out: Path | None, options: Mapping[str, Any], de
     return write_suite(model, out, read, device) if model.is_dir() else write_task(read(model), out, device)
 
 
-def write_suite(
-    folder: Path, out: Path, read: Callable[[Path], LiberoTask], device: str | None = None
-) -> dict[str, Any]:
+def write_suite(folder: Path, out: Path, read: Callable[[Path], LiberoTask], device: str | None) -> dict[str, Any]:
     """Write the scenes of all problem files below a folder, and print each file's result to stderr.
 
     Args:
@@ -159,22 +154,21 @@ def report_of_suite(found: dict[str, Any]) -> str:
     return "\n".join([head, *(f"{name:<{width}}  {rows[name]}" for name in sorted(rows))])
 
 
-def _try(scene: FirstScene, make: Callable[[SceneConfig], Any]) -> Any:
-    """Call `make` with the scene until it succeeds, and return its result.
+def _compiled(scene: FirstScene, device: str | None) -> CompiledScene:
+    """Compile the scene until it succeeds.
 
     If an error names an object, let the object hang over the edge of its support. If the object may do so
     already, comment it out.
     """
     while True:
-        config = SceneConfig.load(scene.words(), {"bank": _BANK, "name": scene.model.stem})
+        words = scene.words()
+        config = SceneConfig.load(words, {"bank": _BANK, "name": scene.model.stem})
         try:
-            return make(config)
+            return compile_scene(config, device)
         except ScenirisError as error:
             blamed = _OBJECT.search(str(error))
             name = error.name if isinstance(error, InfeasibleSceneError) else blamed and (blamed.group(1) or ROBOT)
-            left = {entry.name for entry in scene.objects if not entry.why}
-            left |= {ROBOT} if scene.robot is not None and not scene.robot.why else set()
-            if name not in left:
+            if name not in (words if name == ROBOT else words["objects"]):
                 raise
             if not scene.let_overhang(name):
                 scene.comment_out(name, str(error).removeprefix(f"{config.where}: "))

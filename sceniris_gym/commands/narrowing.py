@@ -40,30 +40,18 @@ class Narrowing(NamedTuple):
         before: Object name -> world positions [m], shape (n, 2), in the layouts that are made without `reachable` and
             contain the object. Empty for a scene without `reachable`.
         after: The same with `reachable`. For a scene without `reachable`, positions of all placed objects.
-        kept: Object name -> fraction of its candidates that `reachable` accepts.
-        rejections: Rejections per object and cause, with `reachable`.
+        figures: Object name -> the fraction of its candidates that `reachable` accepts, the number of candidates, and
+            its rejections by reach, per cause. Empty for a scene without `reachable`.
         bases: Position [m] and heading [rad] of the bases of robots that layouts do not place, shape (n, 3).
         lower, upper: Opposite corners of the picture [m], shape (2,).
     """
 
     before: Mapping[str, np.ndarray]
     after: Mapping[str, np.ndarray]
-    kept: Mapping[str, float]
-    rejections: Mapping[str, Mapping[str, int]]
+    figures: Mapping[str, Mapping[str, float]]
     bases: np.ndarray
     lower: np.ndarray
     upper: np.ndarray
-
-    def figures(self) -> dict[str, dict[str, float | int]]:
-        """Return per object the kept fraction, the number of candidates, and the rejections by reach, per cause."""
-        return {
-            name: {
-                "kept": round(self.kept[name], 4),
-                "candidates": len(self.before[name]),
-                **{reason: self.rejections[name][reason] for reason in _REASONS},
-            }
-            for name in self.before
-        }
 
 
 def narrow(
@@ -81,7 +69,7 @@ def narrow(
     if path is None and compiled.reaching is None:
         return {}
     found = narrowing(compiled, layouts, seed, made)
-    entries: dict[str, Any] = {} if compiled.reaching is None else {"narrowing": found.figures()}
+    entries: dict[str, Any] = {} if compiled.reaching is None else {"narrowing": found.figures}
     if path is not None:
         save(picture(found, compiled.config.name), path)
         entries["picture"] = str(path)
@@ -94,7 +82,7 @@ def narrowing(compiled: CompiledScene, layouts: int, seed: int, made: LayoutGene
     if made is None:
         generator.generate()
     table, counts = generator.table(), generator.rejection_counts()
-    before, kept = {}, {}
+    before, figures = {}, {}
     names = [name for name in compiled.object_names if name in compiled.placed]
     if compiled.reaching is not None:
         names = compiled.reaching.names
@@ -102,12 +90,19 @@ def narrowing(compiled: CompiledScene, layouts: int, seed: int, made: LayoutGene
         plain = compile_scene(compiled.config, compiled.device, overrides=changes)
         free, passed = make_table(plain, layouts, seed), _staged(compiled, table, counts)
         before = {name: _positions(compiled, free, name) for name in names}
-        kept = {name: passed[name] * _on_map(compiled, plain, free, name) for name in names}
+        figures = {
+            name: {
+                "kept": round(passed[name] * _on_map(compiled, plain, free, name), 4),
+                "candidates": len(before[name]),
+                **{reason: counts[name][reason] for reason in _REASONS},
+            }
+            for name in names
+        }
     after = {name: _positions(compiled, table, name) for name in names}
     still = [compiled.slots.index(name) for name in compiled.config.all_robots if name not in compiled.config.parts]
     bases, floor = compiled.plan.pivot_pose[still][:, [0, 1, 3]], compiled.config.floor
     corners = _corners([*before.values(), *after.values(), bases[:, :2]], None if floor is None else floor.size)
-    return Narrowing(before, after, kept, counts, bases, *corners)
+    return Narrowing(before, after, figures, bases, *corners)
 
 
 def picture(found: Narrowing, title: str) -> Image.Image:
@@ -122,8 +117,8 @@ def picture(found: Narrowing, title: str) -> Image.Image:
     scale = min(_SCALE, _PANEL / float(size.max()))
     width, height = (int(np.ceil(scale * edge)) for edge in size)
     wide, font = len(panels) * (width + _GAP) + _GAP, ImageFont.load_default(size=14)
-    figures = found.figures()
-    texts = [f"{name}: {part['kept']:.0%} of {part['candidates']} are within reach" for name, part in figures.items()]
+    told = found.figures.items()
+    texts = [f"{name}: {part['kept']:.0%} of {part['candidates']} are within reach" for name, part in told]
     places = _wrapped(texts or list(found.after), wide, font)
     lines = 1 + max((line for _, _, line in places), default=0)
     sheet = Image.new("RGB", (wide, height + (1 + lines) * _STRIP + _GAP), _PAPER)

@@ -149,15 +149,12 @@ def _define_geom(stage: Any, mjm: mujoco.MjModel, geom: int, path: str, rgba: np
     """Add a geom of the model to the stage, at the USD path `path` and with the colour `rgba`, shape (4,)."""
     kind, size = mujoco.mjtGeom(int(mjm.geom_type[geom])), mjm.geom_size[geom]
     scale = size if kind in (mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_ELLIPSOID) else None
-    if kind in _PRIMITIVES:
+    if kind in _PRIMITIVES:  # by default, a cube has edges of 2, a sphere a radius of 1, and others the axis Z
         shape = getattr(UsdGeom, _PRIMITIVES[kind]).Define(stage, path)
-        if kind == mujoco.mjtGeom.mjGEOM_BOX:
-            shape.CreateSizeAttr(2.0)
-        else:
-            shape.CreateRadiusAttr(1.0 if scale is not None else float(size[0]))
+        if scale is None:
+            shape.CreateRadiusAttr(float(size[0]))
         if kind in (mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_CYLINDER):
             shape.CreateHeightAttr(2.0 * float(size[1]))
-            shape.CreateAxisAttr("Z")
     else:
         shape = UsdGeom.Mesh.Define(stage, path)
         vertices, faces = _triangles(mjm, geom, kind)

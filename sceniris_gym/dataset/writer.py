@@ -26,7 +26,7 @@ from sceniris_gym.layout.seeds import as_seeds
 from sceniris_gym.layout.tables import make_tables
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.progress import tell
-from sceniris_gym.scene.model_files import write_zip
+from sceniris_gym.scene.model_files import zipped
 
 PROGRESS = ".progress"
 
@@ -135,9 +135,7 @@ class DatasetWriter:
                 f"{self.compiled.config.where}: model: scene.zip cannot be written, because MuJoCo cannot convert a "
                 "MjModel back to MJCF. Give 'model' as a mujoco.MjSpec or as the path of an MJCF file."
             )
-        with replacing(self.folder / manifest.SCENE) as path, path.open("wb") as file:
-            write_zip(spec, file)
-            _sync(file)
+        _write(self.folder / manifest.SCENE, zipped(spec))
         if "usd" in self.plan.fields["formats"]:
             from sceniris_gym.dataset import usd_stage
 
@@ -207,17 +205,12 @@ def _header(row: np.dtype, nrow: int) -> bytes:
 
 
 def _write(path: Path, *pieces: bytes | memoryview) -> str:
-    """Write a file atomically, and return its SHA-256."""
+    """Write a file atomically, wait until it is on disk, and return its SHA-256."""
     digest = hashlib.sha256()
     with replacing(path) as temporary, temporary.open("wb") as file:
         for data in pieces:
             digest.update(data)
             file.write(data)
-        _sync(file)
+        file.flush()
+        os.fsync(file.fileno())  # otherwise, a crash could leave the record of a file without the file
     return digest.hexdigest()
-
-
-def _sync(file: Any) -> None:
-    """Wait until a file is on disk. Otherwise, a crash could leave the record of a file without the file."""
-    file.flush()
-    os.fsync(file.fileno())

@@ -18,7 +18,7 @@ from sceniris_gym.config.fields import FLOOR
 from sceniris_gym.files import replacing
 from sceniris_gym.pictures.context import Looks, Shot, in_model_order, picture_context
 from sceniris_gym.scene.layout_table import LayoutTable
-from sceniris_gym.scene.overview import frame, local_corners
+from sceniris_gym.scene.overview import frame, geom_corners
 from sceniris_gym.scene.parking import is_parked
 
 CAMERA = "overview"
@@ -57,8 +57,8 @@ def render(
         shots = in_model_order(mjm, {CAMERA: Shot(size)}, "render")
         context = picture_context(wide, len(table), shots, Looks(shadows=True), (), **looks)
         m, d = mjw.put_model(wide), mjw.make_data(wide, nworld=len(table))
-        camera, poses = mjm.camera(CAMERA).id, _poses(mjm, table)
-        eye, axes = frame(_corners(mjm, poses), np.array(VIEW), mjm.cam_fovy[camera], width / height)
+        camera, (poses, corners) = mjm.camera(CAMERA).id, _seen(mjm, table)
+        eye, axes = frame(corners, np.array(VIEW), mjm.cam_fovy[camera], width / height)
         poses["cam_xpos"][:, camera], poses["cam_xmat"][:, camera] = eye, axes.reshape(9)
         for name, values in poses.items():
             field = getattr(d, name)
@@ -109,11 +109,21 @@ def _with_apron(mjm: mujoco.MjModel) -> mujoco.MjModel:
     return wide
 
 
-def _poses(mjm: mujoco.MjModel, table: LayoutTable) -> dict[str, np.ndarray]:
-    """Return the arrays of MjData that the ray caster reads, by name, shape (nrow, ...)."""
-    data = mujoco.MjData(mjm)
+def _seen(mjm: mujoco.MjModel, table: LayoutTable) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """Return what a picture shows of all layouts.
+
+    Returns:
+        The arrays of MjData that the ray caster reads, by name, shape (nrow, ...), and the corners [m] of the bounding
+        boxes of the visible geoms, world frame, shape (n, 3). The corners leave out geoms of absent objects, which are
+        parked far away and would make everything else a few pixels wide, and planes if there are other geoms, as
+        grounds may be large.
+    """
+    data, corners = mujoco.MjData(mjm), []
     names = ("geom_xpos", "geom_xmat", "cam_xpos", "cam_xmat", "light_xpos", "light_xdir")
     poses = {name: np.empty((len(table), *getattr(data, name).shape)) for name in names}
+    visible = np.isin(mjm.geom_group, _VISIBLE_GROUPS)
+    solid = visible & (mjm.geom_type != mujoco.mjtGeom.mjGEOM_PLANE)
+    geoms = np.flatnonzero(solid if solid.any() else visible)
     for i in range(len(table)):
         table.put(data, i)
         mujoco.mj_kinematics(mjm, data)
@@ -121,19 +131,5 @@ def _poses(mjm: mujoco.MjModel, table: LayoutTable) -> dict[str, np.ndarray]:
         mujoco.mj_camlight(mjm, data)
         for name in names:
             poses[name][i] = getattr(data, name)
-    return poses
-
-
-def _corners(mjm: mujoco.MjModel, poses: dict[str, np.ndarray]) -> np.ndarray:
-    """Return the corners [m] of the bounding boxes of the visible geoms in all layouts, world frame, shape (n, 3).
-
-    Geoms of absent objects are left out. They are parked far away and would make everything else a few pixels wide.
-    Planes are left out if there are other geoms, as grounds may be large.
-    """
-    visible, corners = np.isin(mjm.geom_group, _VISIBLE_GROUPS), []
-    solid = visible & (mjm.geom_type != mujoco.mjtGeom.mjGEOM_PLANE)
-    for geom in np.flatnonzero(solid if solid.any() else visible).tolist():
-        corners.append(local_corners(mjm, geom) @ poses["geom_xmat"][:, geom].reshape(-1, 3, 3).transpose(0, 2, 1))
-        corners[-1] += poses["geom_xpos"][:, None, geom]
-        corners[-1] = corners[-1][~is_parked(poses["geom_xpos"][:, geom])]
-    return np.concatenate(corners).reshape(-1, 3)
+        corners.append(geom_corners(mjm, data, geoms[~is_parked(data.geom_xpos[geoms])]))
+    return poses, np.concatenate(corners)

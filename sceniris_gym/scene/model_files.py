@@ -12,7 +12,7 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator
 from pathlib import Path, PurePosixPath
 from shlex import quote
-from typing import Any, BinaryIO
+from typing import Any
 from xml.etree import ElementTree
 
 import mujoco
@@ -255,8 +255,8 @@ def _as_mesh(source: Path, name: str) -> tuple[str, bytes]:
     return f"{name.removesuffix(source.suffix)}.stl", content.getvalue()
 
 
-def write_zip(spec: mujoco.MjSpec, file: BinaryIO) -> None:
-    """Write a specification and its files as a zip file that stock MuJoCo can open.
+def zipped(spec: mujoco.MjSpec) -> bytes:
+    """Return a specification and its files as a zip file that stock MuJoCo can open.
 
     Files with paths outside the zip (`../part.obj`, `/home/me/part.obj`) get new names.
     """
@@ -268,9 +268,11 @@ def write_zip(spec: mujoco.MjSpec, file: BinaryIO) -> None:
     copy.assets.update({names[name]: spec.assets[name] for name in unsafe})
     # A copy also keeps files under their former names.
     files = {name: content for name, content in copy.assets.items() if name not in names}
+    file = io.BytesIO()
     with zipfile.ZipFile(file, "w") as archive:
         for name, content in {**files, f"{spec.modelname}.xml": copy.to_xml()}.items():
             archive.writestr(zipfile.ZipInfo(name), content)
+    return file.getvalue()
 
 
 def _is_safe(name: str) -> bool:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sceniris_gym.collecting import uncollected
@@ -34,7 +33,7 @@ def view_scene(
     """
     with uncollected():
         drawing = import_ahead()
-        from sceniris_gym.config.loader import read_scene, shipped
+        from sceniris_gym.config.loader import read_scene, scene_files
         from sceniris_gym.device.kernel_log import start_warp
         from sceniris_gym.viewer.deck import Where
         from sceniris_gym.viewer.scene_file import SceneFile
@@ -43,7 +42,7 @@ def view_scene(
         start_warp()
         drawing.join()
     view = SceneView(server, SceneFile(scene, changes, device), Where(**where), num)
-    if scene not in shipped("envs", ".yaml") and not Path(scene).expanduser().is_file():
+    if not scene_files(scene):
         read_scene(scene)  # raises an error with the reason
     view.load()
     return view

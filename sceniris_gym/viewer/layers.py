@@ -153,10 +153,7 @@ def nearest_to(world: ShownWorld, name: str) -> Nearest | None:
     best, found = _LOOKED, None
     for a in (g for g in collides if body_of[g] in own):
         for b in (g for g in collides if body_of[g] not in aside):
-            apart = np.linalg.norm(data.geom_xpos[a] - data.geom_xpos[b]) - mjm.geom_rbound[a] - mjm.geom_rbound[b]
-            if grounds.get(scene.owners.get(body_of[b], "")) == body_of[a] or (
-                mjm.geom_rbound[b] > 0.0 and apart > best
-            ):
+            if grounds.get(scene.owners.get(body_of[b], "")) == body_of[a]:
                 continue
             ends = np.zeros(6)
             distance = mujoco.mj_geomDistance(mjm, data, a, b, best, ends)

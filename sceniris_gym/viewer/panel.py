@@ -39,7 +39,6 @@ class Panel:
     def __init__(self, server: viser.ViserServer, requests: Requests, commands: Any, num: int) -> None:
         self._gui, self._ask, self._do = server.gui, requests.put, commands
         self._on, self._add_arrows = requests.put_changes, partial(requests.put_moves, server.gui)
-        self._where = Where()
         self._message = self._gui.add_html("")
         self._add_layout(num)
         tabs = self._gui.add_tab_group()
@@ -79,7 +78,6 @@ class Panel:
 
         `poses` are the poses of the arm in this layout that the user can select.
         """
-        self._where = where
         self._split.value, self._seed.value, self._episode.value = where.split, str(where.seed), str(where.episode)
         self._id.value = layout_id
         self.arm.options = tuple(poses)
@@ -104,13 +102,13 @@ class Panel:
             self._id = gui.add_text("id", "", hint="Copy the id, or paste another id of this scene.")
             self._on(self._id, "id", self._do.go_to_id)
             self._split: Any = gui.add_dropdown("split", USER_SPLITS)
-            self._on(self._split, "where", lambda split: self._do.go(Where(split, self._where.seed, 0)))
+            self._on(self._split, "where", lambda split: self._do.go(Where(split, self._do.where.seed, 0)))
             self._seed = gui.add_text("seed", "0", hint="From 0 to 2^64 - 1. World i has seed + i.")
             self._on(self._seed, "where", lambda text: self._go_to_number(text, "seed"))
-            self._add_arrows("seed", lambda step: self._do.go(self._where.moved(seeds=step)))
+            self._add_arrows("seed", lambda step: self._do.go(self._do.where.moved(seeds=step)))
             self._episode = gui.add_text("episode", "0", hint="Number of resets of the worlds since they got the seed.")
             self._on(self._episode, "where", lambda text: self._go_to_number(text, "episode"))
-            self._add_arrows("episode", lambda step: self._do.go(self._where.moved(episodes=step)))
+            self._add_arrows("episode", lambda step: self._do.go(self._do.where.moved(episodes=step)))
             numbers = sorted({*NUMBERS, str(num)}, key=int)
             self._number = gui.add_dropdown("worlds", numbers, initial_value=str(num))
             self._on(self._number, "worlds", lambda num: self._do.show_worlds(int(num)))
@@ -121,7 +119,7 @@ class Panel:
         if not (text.isascii() and text.isdecimal()) or int(text) >= 2**bits:
             self.say(f"{what} '{text}': should be an integer from 0 to 2^{bits} - 1.", bad=True)
         else:
-            self._do.go(self._where._replace(**{"episode": 0, what: int(text)}))  # pyrefly: ignore[bad-argument-type]
+            self._do.go(self._do.where._replace(**{"episode": 0, what: int(text)}))
 
     def _add_layers(self) -> None:
         gui = self._gui

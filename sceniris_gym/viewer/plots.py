@@ -41,9 +41,7 @@ class Plots:
         on_choice: Called without arguments when a user selects another part.
     """
 
-    def __init__(
-        self, server: viser.ViserServer, shapes: _Shapes, on_choice: Callable[[], None] = lambda: None
-    ) -> None:
+    def __init__(self, server: viser.ViserServer, shapes: _Shapes, on_choice: Callable[[], None]) -> None:
         self._gui = server.gui
         self._parts = {part.name: part for part in parts_of(shapes)}
         # number, reward terms, success and observation of each step

@@ -3,11 +3,11 @@
 import contextlib
 import re
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from sceniris_gym.config.loader import SHIPPED_NAME, scene_files, shipped
+from sceniris_gym.config.loader import scene_files, shipped
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import InfeasibleSceneError, ScenirisError, ScenirisWarning
 from sceniris_gym.layout.compile import compile_scene
@@ -46,8 +46,7 @@ class SceneFile:
 
     def __init__(self, scene: str, changes: Mapping[str, Any], device: str = "cpu") -> None:
         self.scene, self.changes, self.device = scene, changes, device
-        self._stamps: dict[Path, tuple[int, int]] = {}
-        self._files: list[Path] = []
+        self._stamps: dict[Path, tuple[int, int] | None] = {}
 
     def load(self) -> LoadedScene:
         """Read and compile the scene."""
@@ -57,12 +56,10 @@ class SceneFile:
         return loaded._replace(notices=tuple(str(w.message) for w in warned if issubclass(w.category, ScenirisWarning)))
 
     def _load(self) -> LoadedScene:
-        self._files = scene_files(self.scene) or self._files  # a missing file may come back
-        self._stamps = self._read_stamps()
+        self._stamps = _stamps_of(scene_files(self.scene) or self._stamps)  # a missing file may come back
         try:
             config = SceneConfig.load(self.scene, self.changes)
-            self._files = list(dict.fromkeys([*self._files, *_files_of(config)]))
-            self._stamps = self._read_stamps()
+            self._stamps = _stamps_of([*self._stamps, *_files_of(config)])
             model = build_model(config)
             try:
                 return LoadedScene(compile_scene(model, self.device))
@@ -73,26 +70,26 @@ class SceneFile:
 
     def changed(self) -> bool:
         """Return True if a file of the scene changed since it was loaded."""
-        return self._read_stamps() != self._stamps
+        return _stamps_of(self._stamps) != self._stamps
 
-    def _read_stamps(self) -> dict[Path, tuple[int, int]]:
-        stamps = {}
-        for path in self._files:
-            with contextlib.suppress(OSError):  # an editor may be replacing the file
-                found = path.stat()
-                stamps[path] = found.st_mtime_ns, found.st_size
-        return stamps
+
+def _stamps_of(files: Iterable[Path]) -> dict[Path, tuple[int, int] | None]:
+    """Return time [ns] and size of each file, None for a missing file, which an editor may be replacing."""
+    stamps: dict[Path, tuple[int, int] | None] = dict.fromkeys(files)
+    for path in stamps:
+        with contextlib.suppress(OSError):
+            found = path.stat()
+            stamps[path] = found.st_mtime_ns, found.st_size
+    return stamps
 
 
 def _files_of(config: SceneConfig) -> list[Path]:
-    """Return the model files of a scene. If a model is not part of the package, also return all files that it names."""
-    parts = [*config.objects.values(), *config.all_robots.values()]
-    assets = sorted({part.asset for part in parts if part.asset is not None})
-    of_package = shipped("assets", ".xml")  # building the model rejects unknown names
-    own = [Path(a) for a in assets if not SHIPPED_NAME.fullmatch(a)]
-    own += [config.model] if isinstance(config.model, Path) else []
-    found: dict[Path, None] = dict.fromkeys(of_package[a] for a in assets if a in of_package)
-    for path in own:
+    """Return the model files of a scene, and all files that they name."""
+    parts, of_package = (*config.objects.values(), *config.all_robots.values()), shipped("assets", ".xml")
+    models = [of_package.get(part.asset, Path(part.asset)) for part in parts if part.asset is not None]
+    models += [config.model] if isinstance(config.model, Path) else []
+    found: dict[Path, None] = {}
+    for path in models:
         _add_referred(path, (), found)
     return list(found)
 

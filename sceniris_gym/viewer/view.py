@@ -24,7 +24,6 @@ from sceniris_gym.viewer.worlds import Worlds, view_direction
 
 _FRAME = 1.0 / 60.0  # s between pictures of physics
 _IDLE = 0.25  # s between checks of the scene's files
-_TOLD = 0.25  # s between two reports of progress
 _KERNELS = "The first start compiles kernels, which takes a minute."
 _TRIED = "The tab 'Why' shows the rejected candidates in red."
 _CANDIDATE, _SLICE, _PIECES = "candidate", "slice", "pieces"  # names of sketches on the page
@@ -61,7 +60,7 @@ class SceneView:
         self._candidates: list[Candidate] | None = None
         self._candidate = 0
         self._counted = True
-        self._looked = self._stepped = self._told = time.monotonic()
+        self._looked = self._stepped = time.monotonic()
 
     def tick(self, seconds: float = _IDLE) -> None:
         """Handle requests, step physics, and reload the scene if its files changed. Called in a loop.
@@ -213,9 +212,7 @@ class SceneView:
             self.panel.say(f"The viewer failed: {type(error).__name__}: {error}", bad=True)
 
     def _tell_progress(self, what: str, done: int, total: int) -> None:
-        if time.monotonic() - self._told > _TOLD:
-            self._told = time.monotonic()
-            self.panel.say(f"The scene is being compiled ({what}: {done} of {total}). {_KERNELS}")
+        self.panel.say(f"The scene is being compiled ({what}: {done} of {total}). {_KERNELS}")
 
     def _draw_worlds(self, compiled: CompiledScene) -> None:
         """Replace all worlds on the page, because the scene or the number of worlds changed."""

@@ -62,9 +62,7 @@ def bodies_before(world: ShownWorld, candidate: Candidate, direction: np.ndarray
     return sorted(found - own)
 
 
-def sketch_candidate(
-    world: ShownWorld, candidate: Candidate, hits: Sequence[Hit], before: Sequence[int] = ()
-) -> Sketch:
+def sketch_candidate(world: ShownWorld, candidate: Candidate, hits: Sequence[Hit], before: Sequence[int]) -> Sketch:
     """Draw a candidate in red, the geoms that it hits in orange, and bodies that hide it in translucent grey.
 
     Args:

@@ -22,12 +22,13 @@ FLOOR = 4.0  # area of the crane's floor [m2]
 @pytest.mark.parametrize("layouts", [200, 1000, 5000])
 def test_narrowing_is_the_share_that_is_left_however_many_are_looked_at(crane: CompiledScene, layouts: int):
     """The crane's ring of the floor, within four standard deviations of chance."""
-    figures = narrowing(crane, layouts, 0).figures()
+    figures = narrowing(crane, layouts, 0).figures
     assert set(figures) == {"thing"}
     share = np.pi * (RADIUS[1] ** 2 - RADIUS[0] ** 2) / FLOOR
     assert figures["thing"]["candidates"] > 0.9 * layouts
     assert figures["thing"]["kept"] == pytest.approx(share, abs=4 * np.sqrt(share * (1 - share) / layouts))
     assert figures["thing"]["unreachable"] > 0
+    assert [*figures["thing"]] == ["kept", "candidates", "unreachable", "no_ik", "blocked"]
 
 
 def test_narrowing_counts_what_later_stages_refuse(tmp_path: Path):
@@ -35,7 +36,7 @@ def test_narrowing_counts_what_later_stages_refuse(tmp_path: Path):
     asset, cube = crane_mjcf(tmp_path, turn=1.0), box_mjcf(tmp_path, "cube", 0.04, 0.04, 0.04)
     found = narrowing(compile_on_cpu(crane_scene(asset, cube, reachable="ik"), bank=4), 400, 0)
     share = np.pi * (RADIUS[1] ** 2 - RADIUS[0] ** 2) / FLOOR * (1.0 / np.pi)
-    assert found.figures()["thing"]["kept"] == pytest.approx(share, abs=4 * np.sqrt(share * (1 - share) / 400))
+    assert found.figures["thing"]["kept"] == pytest.approx(share, abs=4 * np.sqrt(share * (1 - share) / 400))
 
 
 def test_a_scene_without_reachable_has_a_picture_of_one_panel(tmp_path: Path):
@@ -59,7 +60,7 @@ def test_a_scene_without_reachable_has_a_picture_of_one_panel(tmp_path: Path):
 
 def test_a_picture_of_no_valid_layout_is_empty(tmp_path: Path):
     """As one is of a scene that is too hard, even if nothing else gives the picture a size."""
-    nothing = Narrowing({}, {"thing": np.zeros((0, 2))}, {}, {}, np.zeros((0, 3)), *_corners([np.zeros((0, 2))], None))
+    nothing = Narrowing({}, {"thing": np.zeros((0, 2))}, {}, np.zeros((0, 3)), *_corners([np.zeros((0, 2))], None))
     assert picture(nothing, "none").size[0] > 10
 
 
@@ -68,7 +69,7 @@ def test_a_long_legend_goes_on_in_the_next_line():
     lines = {}
     for number in (1, 3, 12):
         after = {f"object number {i}": np.zeros((1, 2)) for i in range(number)}
-        found = Narrowing({}, after, {}, {}, np.zeros((0, 3)), np.array([-1.0, -1.0]), np.array([1.0, 1.0]))
+        found = Narrowing({}, after, {}, np.zeros((0, 3)), np.array([-1.0, -1.0]), np.array([1.0, 1.0]))
         lines[number] = picture(found, "many").size
     assert lines[1] == lines[3]
     assert (lines[12][0], lines[12][1] - lines[1][1]) == (lines[1][0], 2 * 26)
@@ -80,8 +81,7 @@ def test_the_picture_has_dots_where_objects_lie():
     found = Narrowing(
         before={"mug": before},
         after={"mug": before[:1]},
-        kept={"mug": 0.5},
-        rejections={"mug": {"unreachable": 1, "no_ik": 0, "blocked": 0}},
+        figures={"mug": {"kept": 0.5, "candidates": 2, "unreachable": 1, "no_ik": 0, "blocked": 0}},
         bases=np.array([[0.5, -0.5, np.pi / 2]]),
         lower=np.array([-1.0, -1.0]),
         upper=np.array([1.0, 1.0]),
@@ -97,7 +97,6 @@ def test_the_picture_has_dots_where_objects_lie():
     arm = (np.abs(drawn[:, :middle] - [90, 96, 104]).sum(axis=2) == 0).nonzero()
     assert arm[1].mean() - left[1][0] == pytest.approx(scale * 0.2, abs=2)
     assert arm[0].max() - 7 - left[1][1] == pytest.approx(scale * 0.9, abs=2)
-    assert found.figures() == {"mug": {"kept": 0.5, "candidates": 2, "unreachable": 1, "no_ik": 0, "blocked": 0}}
 
 
 def dots(drawn: np.ndarray) -> list[tuple[float, float]]:
@@ -111,5 +110,5 @@ def dots(drawn: np.ndarray) -> list[tuple[float, float]]:
 def test_a_scene_with_starts_is_compared_without_them():
     """A start needs targets that are reachable, and the other scene has none."""
     found = narrowing(starting(), 50, 0)
-    assert set(found.kept) == {"cabinet", "block"}
-    assert all(0.0 < share <= 1.0 for share in found.kept.values())
+    assert set(found.figures) == {"cabinet", "block"}
+    assert all(0.0 < part["kept"] <= 1.0 for part in found.figures.values())

@@ -10,7 +10,8 @@ from PIL import Image
 from sceniris_gym.errors import UnknownNameError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.pictures.layout_picture import _corners, _poses, captioned, contact_sheet, render, save
+from sceniris_gym.pictures.layout_picture import _seen, captioned, contact_sheet, render, save
+from sceniris_gym.scene.layout_table import LayoutTable
 from tests.commands.scenes import MODEL, layout, small_model, with_row
 
 
@@ -39,7 +40,7 @@ def test_absent_objects_do_not_move_the_camera_away():
     compiled = compile_scene("clutter_extract", "cpu")
     generator = LayoutGenerator(compiled, 4)
     generator.generate()
-    corners = _corners(compiled.mjm, _poses(compiled.mjm, generator.table()))
+    _, corners = _seen(compiled.mjm, generator.table())
     assert np.ptp(corners, axis=0).max() < 5.0
 
 
@@ -48,9 +49,10 @@ def test_a_large_ground_does_not_move_the_camera_away():
     text = "<mujoco><worldbody><geom name='ground' type='plane' size='20 20 1'/>BOX</worldbody></mujoco>"
     for box, most in (("<geom type='box' size='.5 .5 .5'/>", 1.1), ("", 41.0)):
         mjm = mujoco.MjModel.from_xml_string(text.replace("BOX", box))
-        data = mujoco.MjData(mjm)
-        mujoco.mj_kinematics(mjm, data)
-        corners = _corners(mjm, {"geom_xpos": data.geom_xpos[None], "geom_xmat": data.geom_xmat[None]})
+        rows = LayoutTable.from_states(
+            mjm.qpos0[None], np.zeros((1, 0, 3)), np.zeros((1, 0, 4)), np.zeros((1, 0), bool)
+        )
+        _, corners = _seen(mjm, rows)
         assert 0.9 * most < np.ptp(corners, axis=0).max() < most
 
 

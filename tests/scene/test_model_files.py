@@ -15,7 +15,7 @@ import pytest
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import MissingExtraError, SceneFileError, SceneKeyError
 from sceniris_gym.scene.build import build_model
-from sceniris_gym.scene.model_files import file_of, load_model, write_zip
+from sceniris_gym.scene.model_files import file_of, load_model, zipped
 from tests.scene.assets import TETRAHEDRON
 
 LARGE = TETRAHEDRON.replace(".1", ".2")
@@ -307,8 +307,7 @@ def test_members_have_names_of_their_own(tmp_path: Path, form: str):
     )
     objects = {"thing": {"asset": str(home / "thing.xml"), "on": "floor"}}
     scene = build_model(SceneConfig.load({"floor": {"size": [1, 1]}, "objects": objects}))
-    written = io.BytesIO()
-    write_zip(scene.spec, written)
+    written = io.BytesIO(zipped(scene.spec))
     for name in zipfile.ZipFile(written).namelist():
         assert ".." not in name.split("/")
         assert not name.startswith("/")

@@ -34,7 +34,8 @@ def test_users_ask_and_the_program_does_not():
         assert control(server, "worlds").value == "5"
         panel.set_scene(["apple"], None, [("arm/joint1", -1.0, 1.0)], has_map=True)
         assert not control(server, REACH).disabled
-        panel.set_where(Where("eval", 2**60, 3), "hash:eval:1:3", ["start", "grasp of apple"])
+        recorder.where = Where("eval", 2**60, 3)
+        panel.set_where(recorder.where, "hash:eval:1:3", ["start", "grasp of apple"])
         panel.set_targets([0.25])
         assert requests.take(0.0) == []
         press(server, "split", "train")

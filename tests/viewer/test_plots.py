@@ -16,7 +16,7 @@ TITLES = ("Reward terms", "Success", "Observation")
 def test_plots_show_the_last_steps():
     """Reward terms by name, success, and the components of the chosen part; there is nothing before a first step."""
     with page() as server:
-        plots = Plots(server, [("qpos", (2,)), ("way", (3,))])
+        plots = Plots(server, [("qpos", (2,)), ("way", (3,))], lambda: None)
         plots.draw()
         assert [chart(server, title) for title in TITLES] == [None] * 3
         for i in range(1, 401):
@@ -38,7 +38,7 @@ def test_plots_show_the_last_steps():
 def test_a_new_episode_begins_with_empty_plots():
     """Lines of the episode before go at once, also in a part that is chosen then; a single step draws none."""
     with page() as server:
-        plots = Plots(server, [("qpos", (2,)), ("way", (3,))])
+        plots = Plots(server, [("qpos", (2,)), ("way", (3,))], lambda: None)
         for _ in range(2):
             plots.add({"near": 1.0}, 1.0, np.ones(5))
         plots.draw()
@@ -70,7 +70,7 @@ def test_every_curve_has_a_legend_and_a_colour_of_its_own():
     assert [part.first for part in parts] == [0, 7, 10, 13, 21, 22, 30, 31]
     assert parts[4].labels == ("[8]",)
     with page() as server:
-        plots = Plots(server, [("qpos", (8,))])
+        plots = Plots(server, [("qpos", (8,))], lambda: None)
         for _ in range(2):
             plots.add({str(i): 0.0 for i in range(10)}, 0.0, np.zeros(8))
         plots.draw()

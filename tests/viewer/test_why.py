@@ -41,7 +41,7 @@ def test_a_candidate_is_red_and_later_objects_are_not_there(deck: LayoutDeck):
     for candidate in deck.rejected(Where())[:8]:
         world = world_of(deck.compiled, candidate)
         hits = deck.blame.hits(world.data, candidate.number) if candidate.cause == "collision" else []
-        sketch = sketch_candidate(world, candidate, hits)
+        sketch = sketch_candidate(world, candidate, hits, [])
         assert {colour for _, _, colour, _ in sketch.surfaces} == {RED}
         middle = np.concatenate([vertices for vertices, _, _, _ in sketch.surfaces]).mean(axis=0)
         low, high = world.box(candidate.name)
@@ -59,7 +59,7 @@ def test_a_floor_that_is_hit_is_outlined_where_it_is(deck: LayoutDeck):
     own = int(np.flatnonzero(mjm.geom_bodyid == deck.compiled.scene.bodies[candidate.name])[0])
     floor = mjm.geom("floor").id
     hit = Hit((own, floor), "both", -0.01, 0.0)
-    sketch = sketch_candidate(world_of(deck.compiled, candidate), candidate, [hit])
+    sketch = sketch_candidate(world_of(deck.compiled, candidate), candidate, [hit], [])
     outline = np.concatenate([ends for ends, colour in sketch.lines if colour == ORANGE][1:])
     assert np.ptp(outline, axis=0) == pytest.approx([*2.0 * mjm.geom_size[floor, :2], 0.0])
     assert outline[:, 2] == pytest.approx(0.0)

@@ -14,6 +14,7 @@ import fcl
 import numpy as np
 import trimesh
 from scipy.spatial import KDTree
+from trimesh.collision import mesh_to_BVH
 
 LEAST_TOLERANCE, SHARE = 0.002, 0.02
 """The default tolerance: 2 mm, or 2% of the mesh's longest edge if that is larger [m, fraction]."""
@@ -174,11 +175,7 @@ class Distances:
         a, b = (vertices[faces[:, i]] - vertices[faces[:, 0]] for i in (1, 2))
         lengths = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
         faces = faces[np.linalg.norm(np.cross(a, b), axis=1) > _NEEDLE * lengths]
-        model = fcl.BVHModel()
-        model.beginModel(len(faces), len(vertices))
-        model.addSubModel(np.ascontiguousarray(vertices, float), np.ascontiguousarray(faces, np.int64))
-        model.endModel()
-        self._object = fcl.CollisionObject(model)
+        self._object = fcl.CollisionObject(mesh_to_BVH(trimesh.Trimesh(vertices, faces, process=False)))
         # A ball of negligible size, relative to the mesh, stands for a point.
         self._ball = fcl.Sphere(1e-6 * float(np.ptp(vertices, axis=0).max()))
         triangles = vertices[faces]

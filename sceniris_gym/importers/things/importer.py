@@ -15,7 +15,7 @@ import numpy as np
 
 from sceniris_gym.errors import ArgumentError, MeshError, NotSupportedError, SceneFileError, SceneKeyError, import_extra
 from sceniris_gym.files import no_file
-from sceniris_gym.geometry.pieces import extract_pieces, mesh_vertices
+from sceniris_gym.geometry.pieces import extract_pieces
 from sceniris_gym.geometry.resting_poses import HomeShape
 from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.importers.things import meshes
@@ -23,7 +23,7 @@ from sceniris_gym.importers.things.convex_parts import MOST_PARTS, Parts, convex
 from sceniris_gym.importers.things.grasps import GraspSite, antipodal_grasps
 from sceniris_gym.importers.things.repair import Solid, check_faces, repair
 from sceniris_gym.importers.things.thing import Inertia, Link, Surface, Thing, write_asset
-from sceniris_gym.importers.things.units import UPRIGHT, Ask, find_scale, find_up, parse_scale
+from sceniris_gym.importers.things.units import UPRIGHT, Ask, find_scale, find_up
 from sceniris_gym.progress import tell
 from sceniris_gym.scene.overview import box_corners
 
@@ -59,11 +59,13 @@ def resting_poses(path: Path) -> list[Rest]:
     home = mujoco.MjData(mjm)
     mujoco.mj_kinematics(mjm, home)
     mujoco.mj_comPos(mjm, home)
+    shape = HomeShape(home, 1, extract_pieces(mjm, "physics", {*range(1, mjm.nbody)}))
     try:
-        poses = HomeShape(home, 1, extract_pieces(mjm, "physics", {*range(1, mjm.nbody)})).stable(str(path))
+        poses = shape.stable(str(path))
     except SceneKeyError:  # it rolls, or its centre of mass is outside its hull
         return []
-    return [Rest(quat, share, moved(mjm, quat)) for quat, share in poses[:_MOST]]
+    points = np.concatenate(shape.points())
+    return [Rest(quat, share, moved(mjm, points, quat)) for quat, share in poses[:_MOST]]
 
 
 def stands(rests: list[Rest], up: np.ndarray) -> bool:
@@ -74,23 +76,17 @@ def stands(rests: list[Rest], up: np.ndarray) -> bool:
     return any(matrix(rest.quat)[2] @ up > _STANDING for rest in rests)
 
 
-def moved(mjm: mujoco.MjModel, quat: np.ndarray) -> float:
+def moved(mjm: mujoco.MjModel, points: np.ndarray, quat: np.ndarray) -> float:
     """Simulate an asset on a floor for half a second. Return how far [m] a corner of its bounds moves at most.
 
     Args:
         mjm: A model of the asset with a free joint, on a floor.
+        points: Vertices of the asset's collision geometry in the root's frame [m], shape (n, 3).
         quat: Initial orientation, wxyz.
     """
-    data = mujoco.MjData(mjm)
-    data.qpos[3:7] = quat
-    mujoco.mj_kinematics(mjm, data)
-    points = [
-        data.geom_xpos[g] + mesh_vertices(mjm, mjm.geom_dataid[g]) @ data.geom_xmat[g].reshape(3, 3).T
-        for g in np.flatnonzero((mjm.geom_contype != 0) & (mjm.geom_dataid >= 0))
-    ]
-    every = np.concatenate(points)
-    data.qpos[2] = _GAP - every[:, 2].min()
-    low, high = every.min(axis=0), every.max(axis=0)
+    data, rotated = mujoco.MjData(mjm), points @ matrix(quat).T
+    low, high = rotated.min(axis=0), rotated.max(axis=0)
+    data.qpos[2], data.qpos[3:7] = _GAP - low[2], quat
     local = box_corners(0.5 * (low + high), 0.5 * (high - low)) @ matrix(quat)
     start = data.qpos[:3] + local @ matrix(quat).T
     while data.time < SECONDS:
@@ -130,13 +126,11 @@ class Options:
     max_parts: int | None = None
 
     def check(self) -> None:
-        """Check the ranges of the options.
+        """Check the ranges of the options, except the scale, which `find_scale` checks.
 
         Raises:
-            ArgumentError: The scale, the density, the tolerance or the number of parts is out of range.
+            ArgumentError: The density, the tolerance or the number of parts is out of range.
         """
-        if self.scale is not None:
-            parse_scale(self.scale)
         for name, (least, most) in _LIMITS.items():
             value = getattr(self, name)
             if value is not None and not least <= value <= most:
@@ -187,8 +181,7 @@ def import_thing(source: Path, out: Path, options: Options | None = None, ask: A
         rests = resting_poses(draft)
         up, up_how = find_up(thing, options.up, lambda axis: stands(rests, np.eye(3)["xyz".index(axis)]))
         rotation = UPRIGHT[up]
-        bare = tuple(replace(link, surfaces=link.touched, solids=()) for link in thing.links)
-        points = replace(thing, links=bare).points() @ rotation.T
+        points = thing.points() @ rotation.T
         low, high = points.min(axis=0), points.max(axis=0)
         shift = np.array([*(-0.5 * (low + high)[:2]), -low[2]])
         asset = asset.moved(rotation, shift)

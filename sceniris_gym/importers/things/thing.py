@@ -124,13 +124,13 @@ class Thing:
     notes: tuple[str, ...] = ()
 
     def points(self) -> np.ndarray:
-        """Return the vertices of all surfaces of all links in the root's frame, with joints at zero, shape (n, 3)."""
+        """Return the vertices that all links touch with, in the root's frame, with joints at zero, shape (n, 3)."""
         frames: dict[str | None, tuple[np.ndarray, np.ndarray]] = {None: (np.eye(3), np.zeros(3))}
         found = [np.zeros((0, 3))]
         for link in self.links:
             rotation, at = frames[link.parent]
             frames[link.name] = rotation, at = rotation @ matrix(link.quat), at + rotation @ link.pos
-            found += [at + surface.vertices @ rotation.T for surface in (*link.surfaces, *link.solids)]
+            found += [at + surface.vertices @ rotation.T for surface in link.touched]
         return np.concatenate(found)
 
     def extents(self) -> np.ndarray:

@@ -148,8 +148,11 @@ def test_wrong_sizes_and_options_are_refused(tmp_path: Path):
     far = write(box((1000.0, 1.0, 1.0)), tmp_path / "far.stl")
     with pytest.raises(MeshError):
         import_thing(far, tmp_path / "far.xml")
-    for options in (Options(density=0.0), Options(tolerance=-1.0), Options(scale="yard")):
-        with pytest.raises(ArgumentError):
+    for word, options in (("density", Options(density=0.0)), ("tolerance", Options(tolerance=-1.0))):
+        with pytest.raises(ArgumentError, match=word):
+            import_thing(far, tmp_path / "far.xml", options)
+    for options in (Options(scale="yard"), Options(scale="-1"), Options(scale="nan")):
+        with pytest.raises(ArgumentError, match="scale: "):
             import_thing(far, tmp_path / "far.xml", options)
 
 
@@ -219,7 +222,8 @@ def test_a_box_on_its_edge_tips_over(block: Path):
     spec = mujoco.MjSpec.from_file(str(block))
     spec.worldbody.bodies[0].add_freejoint()
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 1.0])
-    assert moved(spec.compile(), np.array([np.cos(0.3), np.sin(0.3), 0.0, 0.0])) > STILL
+    corners = box().vertices - [*box().bounds.mean(axis=0)[:2], box().bounds[0, 2]]  # the asset stands at its origin
+    assert moved(spec.compile(), corners, np.array([np.cos(0.3), np.sin(0.3), 0.0, 0.0])) > STILL
 
 
 def test_a_ball_has_corners_and_rests_on_its_facets(tmp_path: Path):
