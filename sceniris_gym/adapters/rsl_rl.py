@@ -6,14 +6,14 @@ from collections.abc import Mapping
 from typing import Any
 
 import torch
-from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector import VectorEnv
 from torch import Tensor
 
 from sceniris_gym.errors import ArgumentError, import_extra, refuses_old_imports
 from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.program.device import Cause
 from sceniris_gym.vector.observer import GROUP, as_channels
-from sceniris_gym.vector.vector_env import SceneVectorEnv
+from sceniris_gym.vector.vector_env import SceneVectorEnv, as_same_step
 
 import_extra("rsl_rl.env", "rsl-rl", "rsl_rl")
 from rsl_rl.env import VecEnv  # noqa: E402
@@ -49,19 +49,12 @@ class RslRlVecEnvWrapper(VecEnv):
         seed: Seed of the first reset. None draws a seed.
 
     Raises:
-        ArgumentError: `env` is not a SceneVectorEnv, or has other settings.
+        ArgumentTypeError: `env` is not a SceneVectorEnv.
+        ArgumentError: `env` has other settings.
     """
 
     def __init__(self, env: VectorEnv, seed: int | None = None) -> None:
-        if not isinstance(env, SceneVectorEnv):
-            raise ArgumentError(
-                "RslRlVecEnvWrapper: env should be a SceneVectorEnv, as gymnasium.make_vec returns it, got "
-                f"a {type(env).__name__}."
-            )
-        if env.autoreset_mode is not AutoresetMode.SAME_STEP or env.output != "torch" or not env.sim_config.copy:
-            raise ArgumentError(
-                "RslRlVecEnvWrapper: env needs autoreset_mode='SameStep', output='torch' and SimConfig(copy=True)."
-            )
+        env = as_same_step(env, "RslRlVecEnvWrapper")
         if env.max_episode_steps is None:
             raise ArgumentError(
                 "RslRlVecEnvWrapper: env should have max_episode_steps, because rsl-rl needs a maximum episode length."

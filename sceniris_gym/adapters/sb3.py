@@ -11,14 +11,13 @@ from typing import Any
 import gymnasium
 import numpy as np
 import torch
-from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector import VectorEnv
 from torch import Tensor
 
-from sceniris_gym.config.fields import short
-from sceniris_gym.errors import ArgumentError, ArgumentTypeError, check_names, import_extra, refuses_old_imports
+from sceniris_gym.errors import ArgumentError, check_names, import_extra, refuses_old_imports
 from sceniris_gym.vector.arguments import RESET_MASK, as_reset_mask
 from sceniris_gym.vector.observer import GROUP, picture_names
-from sceniris_gym.vector.vector_env import SceneVectorEnv
+from sceniris_gym.vector.vector_env import as_same_step
 
 import_extra("stable_baselines3", "sb3", "stable-baselines3")
 from stable_baselines3.common.monitor import Monitor  # noqa: E402
@@ -53,12 +52,7 @@ class Sb3VecEnvWrapper(VecEnv):
     """
 
     def __init__(self, env: VectorEnv, group: str | Sequence[str] = "policy") -> None:
-        if not isinstance(env, SceneVectorEnv):
-            raise ArgumentTypeError(f"Sb3VecEnvWrapper: env should be a SceneVectorEnv of make_vec, got {short(env)}.")
-        if env.autoreset_mode is not AutoresetMode.SAME_STEP or env.output != "torch" or not env.sim_config.copy:
-            raise ArgumentError(
-                "Sb3VecEnvWrapper: env needs autoreset_mode='SameStep', output='torch' and SimConfig(copy=True)."
-            )
+        env = as_same_step(env, "Sb3VecEnvWrapper")
         parts = _parts(env.groups_of(env.single_observation_space))
         names = [group] if isinstance(group, str) else list(group)
         check_names("observation group", names, f"task {type(env.task).__name__}", parts)

@@ -33,26 +33,23 @@ def find_attempts(compiled: CompiledScene) -> int:
     """
     trial = replace(compiled, program=copied(Program, compiled.program))
     trial.program.restarts = 0
-    attempts, pending = FEWEST_ATTEMPTS, np.arange(_NWORLD, dtype=np.uint64)
-    while True:
-        trial.program.attempts = attempts
+    attempts = trial.program.attempts = FEWEST_ATTEMPTS
+    pending, enough = _still_failing(trial, np.arange(_NWORLD, dtype=np.uint64))
+    if len(pending) == _NWORLD and not enough:  # try the most attempts first
+        trial.program.attempts = MOST_ATTEMPTS
+        failing, is_rare = _still_failing(trial, pending)
+        if len(failing) == _NWORLD and not is_rare:
+            return FEWEST_ATTEMPTS
+    while not enough and attempts < MOST_ATTEMPTS:
+        attempts = trial.program.attempts = min(2 * attempts, MOST_ATTEMPTS)
         pending, enough = _still_failing(trial, pending)
-        if enough:
-            return attempts
-        if attempts == MOST_ATTEMPTS:
-            break
-        if attempts == FEWEST_ATTEMPTS and len(pending) == _NWORLD:  # try the most attempts first
-            trial.program.attempts = MOST_ATTEMPTS
-            failing, enough = _still_failing(trial, pending)
-            if len(failing) == _NWORLD and not enough:
-                return FEWEST_ATTEMPTS
-        attempts = min(2 * attempts, MOST_ATTEMPTS)
-    text = (
-        f"{compiled.config.where}: attempts: auto stopped at {attempts}, where more than 1% of the worlds still "
-        "restart. Give the objects larger regions or fewer neighbours ('sceniris-gym check' shows which), or write "
-        "a smaller number: if an object has no room left, further attempts only take time."
-    )
-    warn(FallbackWarning(text))
+    if not enough:
+        text = (
+            f"{compiled.config.where}: attempts: auto stopped at {attempts}, where more than 1% of the worlds still "
+            "restart. Give the objects larger regions or fewer neighbours ('sceniris-gym check' shows which), or write "
+            "a smaller number: if an object has no room left, further attempts only take time."
+        )
+        warn(FallbackWarning(text))
     return attempts
 
 

@@ -225,22 +225,17 @@ def _with_all_choices(compiled: CompiledScene, probe: _Probe) -> list[tuple[np.n
 def _lacking_choices(compiled: CompiledScene, split: str, rows: list[tuple[np.ndarray, ...]]) -> np.ndarray:
     """Return the numbers of the choices that a split may draw, but that no row has.
 
-    First all group members are numbered, and then all kinds of start.
+    First all group members are numbered, and then all kinds of start. A split never draws a member whose presence
+    implies a member that it never draws.
     """
     program, kinds = compiled.program, np.arange(len(compiled.config.start))
     present, start = (np.stack([row[BANKED.index(name)] for row in rows]) for name in ("present", "start"))
     group, weight = program.group.numpy()[0], program.group_weight.numpy()[0, :, SPLITS[split] % 2]
     never = weight * np.repeat(group[:, 3], group[:, 1]) == 0.0
-    if compiled.conditions is not None:
-        never = _with_those_that_need(compiled, never)
-    return np.flatnonzero(~np.append(never | present[:, program.group_slot.numpy()].any(axis=0), np.isin(kinds, start)))
-
-
-def _with_those_that_need(compiled: CompiledScene, members: np.ndarray) -> np.ndarray:
-    """Return a mask (nmember,) of all group members whose presence implies that a member of the mask is present."""
     presence = compiled.config.presence
-    chosen = {key for key, is_chosen in zip(presence.member_keys, members, strict=True) if is_chosen}
-    return np.array([not chosen.isdisjoint(presence.must(key)) for key in presence.member_keys])
+    barred = {key for key, is_never in zip(presence.member_keys, never, strict=True) if is_never}
+    never = np.array([not barred.isdisjoint(presence.must(key)) for key in presence.member_keys], bool)
+    return np.flatnonzero(~np.append(never | present[:, program.group_slot.numpy()].any(axis=0), np.isin(kinds, start)))
 
 
 def _with_needs(compiled: CompiledScene, choices: np.ndarray) -> np.ndarray:
@@ -258,8 +253,7 @@ def _favouring(compiled: CompiledScene, choices: np.ndarray) -> CompiledScene:
     favoured kinds of start.
     """
     made, starts = copied(Program, compiled.program), compiled.starts
-    if compiled.conditions is not None:
-        choices = _with_needs(compiled, choices)
+    choices = _with_needs(compiled, choices)
     group, weight = made.group.numpy()[0].copy(), made.group_weight.numpy()[0].copy()
     members, kinds = choices[choices < len(weight)], choices[choices >= len(weight)] - len(weight)
     owner = np.repeat(np.arange(len(group)), group[:, 1])[members]
@@ -280,12 +274,10 @@ def _warn_of_fallbacks(compiled: CompiledScene, *probes: _Probe) -> None:
     share = failed / sum(probe.made for probe in probes)
     if share <= _MOST_FALLBACKS or failed < _FEWEST_FAILED:
         return
-    weights = {
-        (name, cause): ended_restarts(cause, n, compiled.attempts)
-        for probe in probes
-        for name, causes in probe.generator.rejection_counts().items()
-        for cause, n in causes.items()
-    }
+    weights: dict[tuple[str, str], float] = {}
+    for name, causes in (part for probe in probes for part in probe.generator.rejection_counts().items()):
+        for cause, n in causes.items():
+            weights[name, cause] = weights.get((name, cause), 0.0) + ended_restarts(cause, n, compiled.attempts)
     name, cause = max(weights, key=weights.__getitem__)
     config = compiled.config
     cures = [f"'restarts' above {config.restarts}"]

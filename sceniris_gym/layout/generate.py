@@ -32,19 +32,12 @@ from sceniris_gym.layout.wave.points import launch_draw_points
 from sceniris_gym.layout.wave.prefilter import launch_prefilter
 from sceniris_gym.layout.wave.region_pieces import launch_cut_regions
 from sceniris_gym.layout.wave.rounds import launch_begin_episodes, launch_open_rows
-from sceniris_gym.layout.wave.search import (
-    SearchSize,
-    Workspace,
-    create_search,
-    default_size,
-    most_candidates,
-    suited_size,
-)
+from sceniris_gym.layout.wave.search import SearchSize, Workspace, create_search, default_size, suited_size
 from sceniris_gym.layout.wave.settle import launch_settle
 from sceniris_gym.layout.wave.sides import create_regions, launch_build_sides
 from sceniris_gym.layout.wave.standing import launch_test_standing
 from sceniris_gym.layout.wave.start_kinds import launch_draw_kinds, launch_put_at_markers
-from sceniris_gym.layout.world_columns import search_columns
+from sceniris_gym.layout.world_columns import Masses, search_columns
 from sceniris_gym.program.checks.simulation import array_bytes, check_worlds
 from sceniris_gym.program.compiled import CompiledScene, check_split
 from sceniris_gym.program.device import REACH_CAUSES, Cause
@@ -78,7 +71,7 @@ class LayoutGenerator(Fixed, LayoutSource):
 
     _FIXED = ("compiled", "split", "size", "layouts")
     _ARGUMENTS = ("nworld", "seed", "params")
-    _masses: tuple[wp.array, wp.array] | None = None
+    _masses: Masses | None = None
 
     @launching
     def __init__(
@@ -163,19 +156,18 @@ class LayoutGenerator(Fixed, LayoutSource):
             prepare: A function that launches kernels. These kernels fill the rows of the selected worlds before placing
                 begins.
         """
-        self._begin(mask, prepare)
-        self._try_restarts(self._stage)
+        self._make(mask, self._stage, prepare)
 
     def launch_placing(self, mask: wp.array | None) -> None:
         """Advance the masked worlds by one episode and place their objects.
 
         The reach stage, which finds joints for grasps, is left out.
         """
-        self._begin(mask)
-        self._try_restarts(None)
+        self._make(mask, None)
         launch_close(self.layouts.view, mask, self.size.block_dim)
 
-    def _begin(self, mask: wp.array | None, prepare: Callable[[], None] | None = None) -> None:
+    def _make(self, mask: wp.array | None, stage: ReachStage | None, prepare: Callable[[], None] | None = None) -> None:
+        """Begin episodes in the masked worlds, and repeat restarts until each has a valid layout or one of the bank."""
         if self._usual_range is not None:  # the last layout's kind of start may have overwritten the intervals
             wp.copy(self._work.program.draw_range, self._usual_range)
         if prepare is None:
@@ -190,9 +182,6 @@ class LayoutGenerator(Fixed, LayoutSource):
             self._stage.search.rows_left.zero_()  # an interrupt of earlier launches may have left rows
         if self._work.compiled.starts is not None:
             launch_draw_kinds(self._work, mask, self.layouts.params.first.get(STARTS, -1))
-
-    def _try_restarts(self, stage: ReachStage | None) -> None:
-        """Repeat restarts until every pending world has a valid layout or falls back to the bank."""
         once = partial(self._round, stage)
         repeat_launches(self._work.search.worlds_left, once, self.compiled.config.restarts + 1)
 
@@ -319,7 +308,7 @@ class LayoutGenerator(Fixed, LayoutSource):
 class _PartGenerator(LayoutGenerator):
     """A generator that places only some objects, for a `Redraw`. `masses` is as in `make_redraw`."""
 
-    def __init__(self, *given: Any, masses: tuple[wp.array, wp.array] | None, **options: Any) -> None:
+    def __init__(self, *given: Any, masses: Masses | None, **options: Any) -> None:
         self._masses = masses
         super().__init__(*given, **options)
 
@@ -331,7 +320,7 @@ def make_redraw(
     split: str,
     *,
     adds: bool = False,
-    masses: tuple[wp.array, wp.array] | None = None,
+    masses: Masses | None = None,
 ) -> Redraw:
     """Return a `Redraw` of the objects that `chosen_objects` returned.
 
@@ -342,11 +331,11 @@ def make_redraw(
     # no rows for parallel restarts: each of them would need a copy of the state
     size = replace(size, rows=0, candidates=min(size.candidates, _MOST_REDRAWN))
     generator = _PartGenerator(part_of(compiled, objects), nworld, split=split, size=size, masses=masses)
-    return Redraw(compiled, objects, split, generator.layouts, generator._work, generator.launch_make, adds=adds)
+    return Redraw(compiled, objects, generator, adds=adds)
 
 
 def generator_memory(compiled: CompiledScene, size: SearchSize) -> tuple[int, int]:
     """Return the bytes of a LayoutGenerator with these capacities, as a part of `check_worlds`."""
     row, one = array_bytes(Layouts.create(compiled, 1).view), replace(size, rows=0, candidates=1, narrow_pairs=0)
     candidate = array_bytes(create_search(compiled, 1, one), *filter(None, [create_regions(compiled, 1)]))
-    return size.rows * row + most_candidates(compiled, size) * candidate + 16 * size.narrow_pairs, row
+    return size.rows * row + size.most_candidates(compiled) * candidate + 16 * size.narrow_pairs, row

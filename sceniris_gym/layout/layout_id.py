@@ -116,19 +116,24 @@ def as_layouts(
         SceneMismatchError: An id of another scene or split.
         UnknownNameError: An id with a param that the worlds do not have.
     """
-    nworld = layouts.nworld
+    nworld, single = layouts.nworld, isinstance(value, str | LayoutId)
     if isinstance(value, ChosenLayouts):
-        found, single = value, False
+        found = value
     elif isinstance(value, Mapping):
         found, single = layouts_of_mapping(value, layouts, name)
     else:
-        found, single = _of_ids(value, layouts, split, served, name)
+        found = layouts_of_ids(value, layouts, split, name)
     seed, given, episode, param = found
-    if layouts.params.are_kept and param is not None and episode is not None:
-        kept = served(split, (seed, episode, param))[1][2]
-        if (kept != param)[given].any():
-            raise ArgumentError(f"{name} should have no params, or the params with which the layouts were stored.")
-        found = found._replace(param=None)
+    if episode is not None and param is not None:
+        got_split, (got_seed, got_episode, got_param) = served(split, (seed, episode, param))
+        wrong = given & ((got_seed != seed) | (got_episode != episode) | (got_split != split))
+        if wrong.any() and not isinstance(value, ChosenLayouts | Mapping):
+            one, cure = value if single else value[int(wrong.argmax())], "Choose a layout by 'seed' and 'episode'."
+            raise SceneMismatchError(f"{name}: the layout_source gives another layout for the id '{one}'. {cure}")
+        if layouts.params.are_kept:
+            if (got_param != param)[given].any():
+                raise ArgumentError(f"{name} should have no params, or the params with which the layouts were stored.")
+            found = found._replace(param=None)
     rows = np.zeros(nworld, int) if single else entries_of_worlds(len(seed), worlds, nworld, name)
     if len(seed) == 0:  # for no worlds
         return ChosenLayouts(np.zeros(nworld, np.uint64), np.zeros(nworld, bool))
@@ -240,8 +245,8 @@ def layouts_of_ids(ids: Any, layouts: Layouts, split: str, name: str) -> ChosenL
             f"{short(ids)}."
         )
     cure = f"{name} should have ids of the scene and split of these worlds."
-    found = [None if one is None else LayoutId.of_scene(one, scene, cure, split) for one in texts]
-    named = [LayoutId(scene.hash, split, 0, 0) if one is None else one for one in found]
+    none = LayoutId(scene.hash, split, 0, 0)
+    named = [none if text is None else LayoutId.of_scene(text, scene, cure, split) for text in texts]
     values: dict[str, np.ndarray] = {}
     for text, one in zip(texts, named, strict=True):
         if one.params not in values:
@@ -251,25 +256,7 @@ def layouts_of_ids(ids: Any, layouts: Layouts, split: str, name: str) -> ChosenL
                 raise ArgumentError(f"{name}: layout id '{text}': {error}") from None
     return ChosenLayouts(
         np.array([one.seed for one in named], np.uint64),
-        np.array([one is not None for one in found], bool),
+        np.array([text is not None for text in texts], bool),
         np.array([one.episode for one in named], np.int32),
         np.array([values[one.params] for one in named], np.float32).reshape(len(named), len(table.default)),
     )
-
-
-def _of_ids(value: Any, layouts: Layouts, split: str, served: Served, name: str) -> tuple[ChosenLayouts, bool]:
-    """Return the layouts of ids, one row per id, and True if `value` is an id, not a sequence.
-
-    Raise if the source would serve another layout than an id names.
-    """
-    found = layouts_of_ids(value, layouts, split, name)
-    seed, given, episode, param = found
-    assert episode is not None
-    assert param is not None
-    served_split, (served_seed, served_episode, _) = served(split, (seed, episode, param))
-    wrong = given & ((served_seed != seed) | (served_episode != episode) | (served_split != split))
-    single = isinstance(value, str | LayoutId)
-    if wrong.any():
-        one, cure = value if single else value[int(wrong.argmax())], "Choose a layout by 'seed' and 'episode'."
-        raise SceneMismatchError(f"{name}: the layout_source gives another layout for the id '{one}'. {cure}")
-    return found, single

@@ -214,14 +214,6 @@ def layout_width(view: LayoutsView) -> int:
     return max(array.shape[1] for array in (view.qpos, view.mocap_pos, view.present, view.grasp))
 
 
-def _part(poses: wp.array, first: int, dtype: type) -> wp.array:
-    """Return a view of `poses` (nrow, n, width) that starts at component `first`, as vectors or quaternions."""
-    ptr, shape, strides = poses.ptr + 4 * first, poses.shape[:2], poses.strides[:2]
-    part = wp.array(ptr=ptr, dtype=dtype, shape=shape, strides=strides, device=poses.device)
-    part._ref = poses  # keeps the shared memory alive
-    return part
-
-
 def column_of(layouts: "Layouts", name: str) -> wp.array:
     """Return an array of `Layouts.view` without the rows for parallel restarts."""
     array = getattr(layouts.view, name)
@@ -350,8 +342,8 @@ class Layouts(StaysHere):
         allocate(LayoutsView, view, shapes, device)
         with wp.ScopedDevice(device):
             mocap_pose = wp.array(np.tile(poses, (nrow, 1, 1)), dtype=float)
-            view.mocap_pos = _part(mocap_pose, 1, wp.vec3)
-            view.mocap_quat = _part(mocap_pose, 4, wp.quat)
+            view.mocap_pos = mocap_pose[:, :, 1:4].view(wp.vec3)
+            view.mocap_quat = mocap_pose[:, :, 4:].view(wp.quat)
             for name, (_, shape) in row_types(compiled, njoint=MAX_JOINTS).items():
                 if name in columns("pose", "grasp") and name not in ("qpos", "mocap_pos", "mocap_quat"):
                     # pyrefly: ignore[missing-attribute]

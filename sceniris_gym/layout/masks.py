@@ -130,6 +130,15 @@ def as_numbers(values: Any) -> np.ndarray:
     return found if is_whole else np.zeros((0, 0))
 
 
+def as_floats(values: Any, device: Any) -> wp.array:
+    """Return floats of any library as a Warp array. A Warp array stays as it is, and others become float32."""
+    if isinstance(values, wp.array):
+        return values
+    if _kind(values) == "torch":
+        return wp.from_torch(values.detach().float().contiguous())
+    return wp.array(np.ascontiguousarray(values, np.float32), device=device)
+
+
 @wp.func
 def selects(mask: wp.array[bool], worldid: int) -> bool:
     """Return True if a mask of worlds selects a world. If there is no mask, all worlds are selected."""

@@ -135,10 +135,9 @@ class ParamTable:
         The array is int32, with -1 for objects without such a param. The result is None if no param of the table is a
         region on a support.
         """
-        flat = {
-            name: self.first[name] for name, param in self.params.items() if param.form == "box" and not param.copies
-        }
-        first = [flat.get(f"{compiled.config.key(name)}.region", -1) for name in compiled.placed]
+        keys = [f"{compiled.config.key(name)}.region" for name in compiled.placed]
+        # the region of an object without a support has copies in the program instead
+        first = [self.first[key] if key in self.params and not self.params[key].copies else -1 for key in keys]
         return wp.array(first, dtype=int, device=compiled.device) if max(first, default=-1) >= 0 else None
 
 

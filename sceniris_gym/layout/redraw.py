@@ -8,7 +8,7 @@ of joints and mocap bodies. Body poses and the bounds of anchors are computed fr
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -16,9 +16,9 @@ import warp as wp
 
 from sceniris_gym.config.variants import with_variants
 from sceniris_gym.device.fixed import StaysHere
-from sceniris_gym.device.random import REDRAW_STREAM, SPLITS, philox
+from sceniris_gym.device.random import REDRAW_STREAM, philox
 from sceniris_gym.device.transforms import mul_quat, quat_mat, quat_z, rot_vec_quat, unit_circle
-from sceniris_gym.layout.layouts import Layouts, LayoutStatus, LayoutsView, copy_draws, copy_poses, layout_width
+from sceniris_gym.layout.layouts import LayoutStatus, LayoutsView, copy_draws, copy_poses, layout_width
 from sceniris_gym.layout.wave.search import Search, Workspace, numbered_stream
 from sceniris_gym.placement.kinematics import pose_body
 from sceniris_gym.placement.measure import bounds_of, heading_of
@@ -236,10 +236,7 @@ class Redraw(StaysHere):
     Args:
         compiled: The scene.
         objects: Names of the objects to move, as `chosen_objects` returns them.
-        split: "train" or "eval".
-        layouts: Layouts of the part of the scene that places only these objects. See `part_of`.
-        work: Arrays of the search.
-        make: `make(mask, prepare)` launches the search for layouts. It first calls `prepare`, which fills the rows.
+        generator: A LayoutGenerator of the part of the scene that places only these objects. See `part_of`.
         adds: Whether absent objects become present if they are in `objects` and have no variants.
 
     Attributes:
@@ -248,28 +245,19 @@ class Redraw(StaysHere):
         placed: Worlds whose objects got new places in the latest redraw, shape (nworld,), bool.
     """
 
-    def __init__(
-        self,
-        compiled: CompiledScene,
-        objects: Sequence[str],
-        split: str,
-        layouts: Layouts,
-        work: Workspace,
-        make: Callable[[wp.array, Callable[[], None]], None],
-        *,
-        adds: bool = False,
-    ) -> None:
+    def __init__(self, compiled: CompiledScene, objects: Sequence[str], generator: Any, *, adds: bool) -> None:
         mjm, config = compiled.mjm, compiled.config
         self.bodies = [body for name in objects for body in compiled.scene.subtree(name)]
-        self.layouts, self._work, self._make = layouts, work, make
-        self._program, self._split, self._device = compiled.program, SPLITS[split], compiled.device
+        self.layouts, self._program, self._device = generator.layouts, compiled.program, compiled.device
+        self._work: Workspace = generator._work
+        self._make: Callable[[wp.array, Callable[[], None]], None] = generator.launch_make
         adr = np.full((mjm.nbody, 3), -1)
         for i, kind in enumerate((mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_BALL)):
             joints = mjm.jnt_type == kind
             adr[mjm.jnt_bodyid[joints], i] = mjm.jnt_qposadr[joints]
         adr[:, 2] = mjm.body_mocapid
         owner = np.repeat(mjm.jnt_bodyid, np.diff([*mjm.jnt_qposadr, mjm.nq]))
-        part, needed = layouts.compiled, {n for name in objects for n in config.parts[name].needs}
+        part, needed = self.layouts.compiled, {n for name in objects for n in config.parts[name].needs}
         needed = with_variants([*needed, *part.placed[: part.program.ngiven]], config.variants)
         anchors = [i for i, name in enumerate(compiled.placed) if name in needed and name not in objects]
         # the presence of variants does not change, so that an object never has two of them
@@ -277,7 +265,7 @@ class Redraw(StaysHere):
         with wp.ScopedDevice(self._device):
             self._given = [wp.array(adr, dtype=wp.vec3i), wp.array(np.isin(owner, self.bodies), dtype=bool)]
             self._given += [wp.array(anchors, dtype=int, ndim=1), wp.array(slots, dtype=int, ndim=1)]
-            self.placed = wp.zeros(layouts.nworld, dtype=wp.bool)
+            self.placed = wp.zeros(self.layouts.nworld, dtype=wp.bool)
 
     def launch(self, state: LayoutsView, mask: wp.array, counts: RedrawCounts, origins: wp.array | None = None) -> None:
         """Redraw the objects in the masked worlds.
@@ -289,7 +277,7 @@ class Redraw(StaysHere):
             origins: Origins of the worlds [m], shape (nworld,), vec3, to subtract from the positions of `state`.
         """
         view, device, nworld = self.layouts.view, self._device, self.layouts.nworld
-        read = [self._program, mask, self._split, *self._given, counts.number, origins, state]
+        read = [self._program, mask, self._work.split, *self._given, counts.number, origins, state]
         program, search = self._work.program, self._work.search
 
         def prepare() -> None:

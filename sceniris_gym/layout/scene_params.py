@@ -113,8 +113,7 @@ def _joined(one: Param | str, other: Param | str) -> Param | str:
     """Return the param of an object from the params of its members on different supports."""
     if isinstance(one, str) or isinstance(other, str):
         return one if isinstance(one, str) else other
-    same = np.array_equal(one.default, other.default) and one.written == other.written
-    if not same:
+    if not np.array_equal(one.default, other.default) or one.written != other.written:
         return "it differs between the supports of the object. Leave out this param."
     return one._replace(copies=one.copies + other.copies)
 

@@ -113,8 +113,7 @@ def as_seeds(seed: int | Sequence[int] | np.ndarray, nworld: int) -> np.ndarray:
     if isinstance(seed, int | np.integer | np.bool_):
         if not _is_seed(seed):
             raise ArgumentError(f"seed={short(seed)} should be an integer from 0 to 2^64 - 1.")
-        with np.errstate(over="ignore"):
-            return np.uint64(seed) + np.arange(nworld, dtype=np.uint64)
+        return np.uint64(seed) + np.arange(nworld, dtype=np.uint64)
     many = isinstance(seed, Sequence) and not isinstance(seed, str | bytes)
     many = many or (isinstance(seed, np.ndarray) and seed.ndim == 1 and not isinstance(seed, np.ma.MaskedArray))
     if not many or len(seed) != nworld:

@@ -28,6 +28,8 @@ from sceniris_gym.program.device import Program, copied, fill_struct
 from sceniris_gym.program.device_statics import Statics
 from sceniris_gym.scene.draws import FieldDraw
 
+Masses = tuple[wp.array, wp.array]
+"""The fields `body_mass` and `body_ipos` of the Model of some worlds, with their current values."""
 _MASSES = {"body_mass": "body_weight", "body_ipos": "body_center"}
 """Fields of `Statics` by field of the model."""
 
@@ -192,11 +194,7 @@ def _tables(
 
 
 def search_columns(
-    compiled: CompiledScene,
-    nworld: int,
-    params: ParamTable,
-    by_world: Sequence[str] = (),
-    masses: tuple[wp.array, wp.array] | None = None,
+    compiled: CompiledScene, nworld: int, params: ParamTable, by_world: Sequence[str] = (), masses: Masses | None = None
 ) -> tuple[WorldColumns, Program, Statics | None]:
     """Return the WorldColumns of a search for layouts, with the program and the statics that they write into.
 
@@ -208,8 +206,7 @@ def search_columns(
         nworld: Number of worlds.
         params: The params of the worlds.
         by_world: Further fields of the program that get a row per world.
-        masses: `body_mass` and `body_ipos` of the Model of the worlds, with their current values. If None, masses are
-            drawn.
+        masses: The masses of the worlds. If None, masses are drawn.
     """
     program, statics, nominal, arrays = copied(Program, compiled.program), compiled.statics, {}, {}
     draws, scaled, given = (), (), None

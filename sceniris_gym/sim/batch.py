@@ -11,7 +11,6 @@ import mujoco_warp as mjw
 import numpy as np
 import warp as wp
 
-from sceniris_gym.config.member_names import split_support
 from sceniris_gym.device.fixed import Fixed
 from sceniris_gym.device.sequence import LaunchSequence
 from sceniris_gym.errors import ContactBudgetError, as_names, check_names
@@ -74,10 +73,10 @@ def _geoms_across(scene: SceneModel, stood_on: np.ndarray) -> int:
     mjm, objects, found = scene.mjm, scene.config.objects, 0
     collides = (mjm.geom_contype != 0) | (mjm.geom_conaffinity != 0)
     pieces = np.bincount(mjm.body_rootid[mjm.geom_bodyid[collides]], minlength=mjm.nbody)
-    for name, o in objects.items():
-        owner = split_support(o.support.parent, objects)[0] if o.support is not None else ""
-        if owner in objects and objects[owner].kind == "free":
-            found += min(stood_on[scene.bodies[name]], pieces[scene.bodies[owner]])
+    for name in objects:
+        below = scene.config.presence.carrier(name)
+        if below and objects[below].kind == "free":
+            found += min(stood_on[scene.bodies[name]], pieces[scene.bodies[below]])
     return int(found)
 
 

@@ -1,6 +1,6 @@
 """Model and Data for your own loop: `make_worlds` makes them, and `check_fit` checks that they belong to a scene."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import mujoco
 import mujoco_warp as mjw
@@ -56,12 +56,9 @@ def check_fit(
         SceneMismatchError: A value differs. The message begins with `where`, names the value, and ends with the
             advice `cure`.
     """
-    try:
-        _check_model(compiled, m, mjm)
-        _check_data(compiled.sim_mjm, d)
-    except _MisfitError as misfit:
-        cure = cure or (_CURE_OF_VARIANTS if compiled.config.variants else _CURE)
-        raise SceneMismatchError(f"{where}: {misfit} {cure}") from None
+    cure = cure or (_CURE_OF_VARIANTS if compiled.config.variants else _CURE)
+    _check_facts(_facts_of_model(compiled, m, mjm), where, cure)
+    _check_facts(_facts_of_data(compiled.sim_mjm, d), where, cure)
     _check_layouts(compiled, m, d, layouts, where)
 
 
@@ -76,47 +73,42 @@ def check_model(compiled: CompiledScene, mjm: mujoco.MjModel, where: str, cure: 
             f"{where}: objects.{name} has variants or several supports, but all worlds share one model here. Use "
             f"SceneVectorEnv or ResetRandomizer for the scene. {instead_of_variants(name, members)}"
         )
-    try:
-        _check_model(compiled, mjm, mjm)
-    except _MisfitError as misfit:
-        raise SceneMismatchError(f"{where}: {misfit} {cure}") from None
+    _check_facts(_facts_of_model(compiled, mjm, mjm), where, cure)
 
 
-class _MisfitError(Exception):
-    """A difference between two models. Its text becomes the middle of a SceneMismatchError, after `where`."""
+_Facts = Iterator[tuple[str, object, object]]
+"""The name of each compared value, the value found, and the value in the compiled scene."""
 
 
-def _check_model(compiled: CompiledScene, m: mjw.Model | mujoco.MjModel, mjm: mujoco.MjModel | None) -> None:
+def _check_facts(facts: _Facts, where: str, cure: str) -> None:
+    for what, found, wanted in facts:
+        if found != wanted:
+            raise SceneMismatchError(
+                f"{where}: {what} is {found}, but should be {wanted}, as in the compiled scene. {cure}"
+            )
+
+
+def _facts_of_model(compiled: CompiledScene, m: mjw.Model | mujoco.MjModel, mjm: mujoco.MjModel | None) -> _Facts:
     ours = compiled.sim_mjm
     for size in _SIZES:
-        _same(f"model.{size}", getattr(m, size), getattr(ours, size))
+        yield f"model.{size}", getattr(m, size), getattr(ours, size)
     shared = [compiled.scene.sim.bodies[name] for name in compiled.config.variants]
-    if mjm is not None:
-        _check_names(ours, mjm)
+    for kind, size in () if mjm is None else (("body", "nbody"), ("joint", "njnt")):
+        yield f"the number of its {kind} names", getattr(mjm, size), getattr(ours, size)
+        for i in range(getattr(ours, size)):
+            yield f"the name of {kind} {i}", repr(getattr(mjm, kind)(i).name), repr(getattr(ours, kind)(i).name)
     for field in _FIELDS:
-        _check_field(m, ours, field, shared)
+        yield from _differences(m, ours, field, shared)
 
 
-def _check_data(ours: mujoco.MjModel, d: mjw.Data) -> None:
+def _facts_of_data(ours: mujoco.MjModel, d: mjw.Data) -> _Facts:
     arrays = {"nq": d.qpos, "nv": d.qvel, "nmocap": d.mocap_pos, "nbody": d.xpos, "ngeom": d.geom_xpos}
     for size, array in arrays.items():
-        _same(f"data's {size}", array.shape[1], getattr(ours, size))
+        yield f"data's {size}", array.shape[1], getattr(ours, size)
 
 
-def _same(what: str, found: object, wanted: object) -> None:
-    if found != wanted:
-        raise _MisfitError(f"{what} is {found}, but should be {wanted}, as in the compiled scene.")
-
-
-def _check_names(ours: mujoco.MjModel, theirs: mujoco.MjModel) -> None:
-    for kind, count, other in (("body", ours.nbody, theirs.nbody), ("joint", ours.njnt, theirs.njnt)):
-        _same(f"the number of its {kind} names", other, count)
-        for i in range(count):
-            _same(f"the name of {kind} {i}", repr(getattr(theirs, kind)(i).name), repr(getattr(ours, kind)(i).name))
-
-
-def _check_field(m: mjw.Model | mujoco.MjModel, mjm: mujoco.MjModel, field: str, shared: list[int]) -> None:
-    """Compare a field of two models. If the field has a row for each world, compare all rows.
+def _differences(m: mjw.Model | mujoco.MjModel, mjm: mujoco.MjModel, field: str, shared: list[int]) -> _Facts:
+    """Yield the first difference of two models in a field. If the field has a row for each world, compare all rows.
 
     In `qpos0`, only hinge and slide joints are compared. If variants share a body, the geoms of this body are not
     compared, because they depend on the present variant.
@@ -147,7 +139,7 @@ def _check_field(m: mjw.Model | mujoco.MjModel, mjm: mujoco.MjModel, field: str,
     world, i = np.argwhere(differs)[0]
     name = "" if kind == "vertex" else getattr(mjm, kind)(int(i)).name
     place = f" in world {world}" if len(found) > 1 else ""
-    _same(f"model.{field} of {kind} {repr(name) if name else i}{place}", _short(found[world, i]), _short(wanted[i]))
+    yield f"model.{field} of {kind} {repr(name) if name else i}{place}", _short(found[world, i]), _short(wanted[i])
 
 
 def _short(values: np.ndarray) -> str:
@@ -156,24 +148,16 @@ def _short(values: np.ndarray) -> str:
 
 
 def _check_layouts(compiled: CompiledScene, m: mjw.Model, d: mjw.Data, layouts: Layouts, where: str) -> None:
-    if layouts.compiled.hash != compiled.hash:
-        raise SceneMismatchError(
-            f"{where}: layout_source makes layouts of scene {layouts.compiled.hash}, but should make "
-            f"them of {compiled.hash}, the compiled scene."
-        )
-    if layouts.nworld != d.nworld:
-        raise SceneMismatchError(
-            f"{where}: layout_source makes layouts for {layouts.nworld} worlds, but should make them for "
-            f"{d.nworld}, the number of worlds in data."
-        )
-    device = d.qpos.device
-    for what, other in (
-        ("the compiled scene", wp.get_device(compiled.device)),
-        ("layout_source", layouts.view.qpos.device),
-        ("model", m.qpos0.device),
+    source, device = "layout_source makes layouts", d.qpos.device
+    for what, found, should, wanted, why in (
+        (f"{source} of scene", layouts.compiled.hash, "make them of", compiled.hash, "the compiled scene"),
+        (f"{source} for", f"{layouts.nworld} worlds", "make them for", f"{d.nworld} worlds", "the number in data"),
+        ("the compiled scene is on", wp.get_device(compiled.device), "be on", device, "where data is"),
+        ("layout_source is on", layouts.view.qpos.device, "be on", device, "where data is"),
+        ("model is on", m.qpos0.device, "be on", device, "where data is"),
     ):
-        if other != device:
-            raise SceneMismatchError(f"{where}: {what} is on {other}, but should be on {device}, where data is.")
+        if found != wanted:
+            raise SceneMismatchError(f"{where}: {what} {found}, but should {should} {wanted}, {why}.")
 
 
 def make_worlds(

@@ -9,6 +9,7 @@ import warp as wp
 from sceniris_gym.config.randomize import WORDS, Word
 from sceniris_gym.errors import ArgumentError, FixedError, SceneMismatchError, check_names
 from sceniris_gym.layout.layouts import LayoutsView
+from sceniris_gym.layout.masks import as_floats
 from sceniris_gym.layout.world_columns import WorldColumns, element_size
 from sceniris_gym.scene.draws import drawn_fields, nominal_values
 from sceniris_gym.scene.field_table import FIELDS, OPTIONS, check_field, field_rows
@@ -133,10 +134,7 @@ class ModelFields:
         for argument, given in (("factor", factor), ("mask", mask)):
             if (shape := getattr(given, "shape", type(given).__name__)) != (self._nworld,):
                 raise ArgumentError(f"{where}: {argument} should have shape ({self._nworld},), got {shape}.")
-        if isinstance(factor, np.ndarray):
-            factor = wp.array(factor, dtype=float, device=mask.device)
-        elif not isinstance(factor, wp.array):
-            factor = wp.from_torch(factor.detach().float().contiguous())
+        factor = as_floats(factor, mask.device)
         if factor.dtype is not wp.float32:
             raise ArgumentError(f"{where}: factor should hold float32, got {factor.dtype.__name__}.")
         if (name, of) not in self._scaled:

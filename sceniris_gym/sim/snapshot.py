@@ -21,11 +21,10 @@ from sceniris_gym.scene.layout_table import row_numbers
 _FINITE = ("data.", "layout.qpos", "layout.mocap")
 _WERE_FINITE = "finite"
 """Name of the tensor that marks a snapshot's finite rows, with a column for each float tensor, sorted by name."""
-_INDICES = {f"layout.{name}": name for name in (*INTEGERS, "attempts", "next_episode")} | {
-    "data.tree_asleep": "tree_asleep",
-    "elapsed": "elapsed",
-    "variant": "variant",
-}
+_INDICES = (
+    *(f"layout.{name}" for name in (*INTEGERS, "attempts", "next_episode")),
+    *("data.tree_asleep", "elapsed", "variant"),
+)
 
 
 @dataclass(frozen=True)
@@ -117,7 +116,7 @@ def check_rows(snapshot: Any, source: tuple[str, ...], live: Mapping[str, Tensor
     state = {key: values for key, values in snapshot.rows.items() if key.startswith(_FINITE)}
     if not (torch.equal(_are_finite(snapshot.rows), rows[_WERE_FINITE]) and _are_finite(state).all()):
         raise SceneMismatchError(f"{name} should have finite numbers, got NaN or inf. Leave out the broken worlds.")
-    numbers = {column: snapshot.rows[key].cpu().numpy() for key, column in _INDICES.items() if key in snapshot.rows}
+    numbers = {key.split(".")[-1]: rows[key].cpu().numpy() for key in _INDICES if key in rows}
     check_numbers(layouts.compiled, numbers, name)
     for key in live.keys() & {"layout.param", "layout.next_param"}:
         layouts.params.checked(snapshot.rows[key], len(snapshot))

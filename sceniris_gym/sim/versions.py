@@ -45,11 +45,8 @@ def fields_of_data(*names: str) -> tuple[str, ...]:
 
 def actuator_controls(mjm: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
     """Return the address of each actuator's first control, and its number of controls, which is 1 before MuJoCo 4.0."""
-    nactuator = len(mjm.actuator_trntype)
-    return (
-        getattr(mjm, "actuator_ctrladr", np.arange(nactuator)),
-        getattr(mjm, "actuator_ctrlnum", np.ones(nactuator, int)),
-    )
+    address, number = np.arange(len(mjm.actuator_trntype)), np.ones(len(mjm.actuator_trntype), int)
+    return getattr(mjm, "actuator_ctrladr", address), getattr(mjm, "actuator_ctrlnum", number)
 
 
 def actuator_outputs(mjm: mujoco.MjModel) -> np.ndarray:

@@ -18,7 +18,7 @@ from sceniris_gym.config.fields import short
 from sceniris_gym.errors import ArgumentError, ArgumentTypeError, ModelWarning
 from sceniris_gym.geometry.contacts import ContactRules
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.layout.masks import row_of
+from sceniris_gym.layout.masks import as_floats, row_of
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.sim.rest import RestMap, control_at_start, history_samples
 
@@ -242,15 +242,10 @@ def as_origins(origins: Any, nworld: int, device: wp.Device) -> wp.array:
         ArgumentTypeError: `origins` is not an array of floats.
         ArgumentError: `origins` has another shape.
     """
-    if isinstance(origins, wp.array):
-        found = origins
-    elif type(origins).__module__ == "torch":
-        found = wp.from_torch(origins.detach().float().contiguous())
-    else:
-        try:
-            found = wp.array(np.ascontiguousarray(origins, np.float32), dtype=wp.float32, device=device)
-        except (TypeError, ValueError):
-            raise ArgumentTypeError(f"origins should be floats, shape ({nworld}, 3), got {short(origins)}.") from None
+    try:
+        found = as_floats(origins, device)
+    except (TypeError, ValueError):
+        raise ArgumentTypeError(f"origins should be floats, shape ({nworld}, 3), got {short(origins)}.") from None
     if found.dtype is wp.float32 and found.ndim == 2 and found.shape[1] == 3:
         found = found.view(wp.vec3)
     if found.dtype is not wp.vec3 or found.shape != (nworld,):

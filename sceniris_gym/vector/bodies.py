@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+import numpy as np
 import torch
 import warp as wp
 from torch import Tensor
@@ -95,8 +96,6 @@ class ContactSensor:
 
 def _places(s: State, names: Sequence[str]) -> Tensor:
     """Return for each geom the index of its body in `names`, or -1 if its body is not in `names`, shape (ngeom,)."""
-    mjm = s.mjm
-    places = torch.full((mjm.ngeom,), -1, dtype=torch.long)
-    for place, name in enumerate(names):
-        places[torch.as_tensor(mjm.geom_bodyid == find_body(s.scene, name, "ContactSensor"))] = place
-    return places.to(s.device)
+    of_body = np.full(s.mjm.nbody, -1)
+    of_body[[find_body(s.scene, name, "ContactSensor") for name in names]] = range(len(names))
+    return torch.tensor(of_body[s.mjm.geom_bodyid], device=s.device)

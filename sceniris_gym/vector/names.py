@@ -54,9 +54,9 @@ def find_element(scene: SceneModel, kind: str, name: str, where: str) -> int:
     return number
 
 
-def find_free_dof(scene: SceneModel, body: int, where: str) -> int:
+def find_free_dof(scene: SceneModel, name: str, where: str) -> int:
     """Return the index in `qvel` of the first of a free object's six velocities. Raise as `find_body` does."""
-    mjm = scene.mjm
+    mjm, body = scene.mjm, find_body(scene, name, where)
     joint = int(mjm.body_jntadr[body])
     if joint < 0 or mjm.jnt_type[joint] != FREE:
         free = [mjm.body(b).name for j, b in enumerate(mjm.jnt_bodyid) if mjm.jnt_type[j] == FREE]

@@ -120,11 +120,13 @@ def as_channels(pictures: Mapping[str, Tensor]) -> Tensor:
 
 RANDOMIZED = "randomized"
 """Name under which the group `critic` has the drawn numbers of the physics and the appearance."""
+Groups = tuple[str, ...] | None
+"""Names of observation groups. None stands for all groups."""
 Names = dict[str, list[tuple[str, tuple[int, ...]]]]
 """For each group, the name and the shape in one world of each tensor, in the order of concatenation."""
 
 
-def chosen(observation: Observation, groups: tuple[str, ...] | None) -> Observation:
+def chosen(observation: Observation, groups: Groups) -> Observation:
     """Return the groups named in `groups`, in this order, or all groups if `groups` is None.
 
     Raises:
@@ -173,7 +175,6 @@ class Observer:
         task: The task, after `bind`.
         state: The worlds.
         images: Pictures of the worlds, or None.
-        action_size: Length of an action.
         groups: The groups to observe, or None for all groups.
         sensing: Noise, delay and dropout, or None.
         copy: Return new tensors in every call. If false, `flat` returns one of two buffers, and `pictures` returns the
@@ -183,6 +184,7 @@ class Observer:
         sensors: The Sensors that apply `sensing` to observations and actions, or None.
         names: Names and shapes of the parts of each flat group, in order.
         space: Space of one world's observations.
+        action_space: Space of one world's actions.
 
     Raises:
         TaskError: The task's observation has a wrong type or shape.
@@ -190,20 +192,14 @@ class Observer:
     """
 
     def __init__(
-        self,
-        task: Task,
-        state: State,
-        images: Images | None,
-        action_size: int,
-        *,
-        groups: tuple[str, ...] | None,
-        sensing: Sensing | None,
-        copy: bool,
+        self, task: Task, state: State, images: Images | None, *, groups: Groups, sensing: Sensing | None, copy: bool
     ) -> None:
         self._task, self._state, self._images, self._groups, self._copy = task, state, images, groups, copy
         observation = self._of_task()
         check_observation(task, observation, state.num_envs)
-        self.sensors = None if sensing is None else Sensors(state, sensing, observation, action_size)
+        size = task.action_size or state.mjm.nu
+        self.sensors = None if sensing is None else Sensors(state, sensing, observation, size)
+        self.action_space = action_space(size)
         observation = chosen(observation, groups)
         flat = flatten(observation)
         self.names, self.space = names_of(observation), observation_space(flat)

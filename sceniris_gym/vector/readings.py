@@ -133,7 +133,7 @@ class Readings(RefusesOldNames):
 
         def find() -> tuple[Tensor, Tensor]:
             bodies = [find_body(self.scene, name, "State.velocity") for name in names]
-            dofs = [[find_free_dof(self.scene, body, "State.velocity") + i for i in range(6)] for body in bodies]
+            dofs = [[find_free_dof(self.scene, name, "State.velocity") + i for i in range(6)] for name in names]
             return self._index(bodies), self._index(dofs).reshape(-1, 6)
 
         bodies, dofs = self._once(find, "velocities", *names)

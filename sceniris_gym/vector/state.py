@@ -120,10 +120,8 @@ class State(Readings):
             return
 
         def find() -> Tensor:
-            bodies = [find_body(self.scene, name, "State.sleep") for name in names]
-            return self._index(
-                [int(self.mjm.dof_treeid[find_free_dof(self.scene, body, "State.sleep")]) for body in bodies]
-            )
+            dofs = [find_free_dof(self.scene, name, "State.sleep") for name in names]
+            return self._index(self.mjm.dof_treeid[dofs].tolist())
 
         trees = self._once(find, "trees", *names)
         asleep, awake = wp.to_torch(self.data.tree_asleep), wp.to_torch(self.data.tree_awake)

@@ -20,7 +20,7 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.config.settings import as_config
 from sceniris_gym.device.fixed import Fixed, StaysHere
 from sceniris_gym.device.sequence import ObjectLock, exclusive, launching
-from sceniris_gym.errors import ArgumentError, UnknownNameError, check_type
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, UnknownNameError, check_type
 from sceniris_gym.layout.layout_id import ChosenLayouts, layouts_of_mapping
 from sceniris_gym.layout.masks import as_count, as_world_ids, check_mask
 from sceniris_gym.levels.curriculum import ADR, LevelReplay
@@ -29,21 +29,13 @@ from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import ResetRandomizer
 from sceniris_gym.sim.snapshot import Snapshot, take
 from sceniris_gym.sim.sources import SourceLike, maker_memory
-from sceniris_gym.vector import arguments
+from sceniris_gym.vector import arguments, settings
 from sceniris_gym.vector.arguments import LAYOUTS, PARAMS, STATE
-from sceniris_gym.vector.observer import Images, Observer, action_space
+from sceniris_gym.vector.observer import Images, Observer
 from sceniris_gym.vector.ranks import Rank
 from sceniris_gym.vector.rendering import RENDER_MODES, Rendering
 from sceniris_gym.vector.sensing import Sensing
-from sceniris_gym.vector.settings import (
-    ROOM,
-    ImageConfig,
-    RenderConfig,
-    SimConfig,
-    as_image_config,
-    as_settings,
-    as_shots,
-)
+from sceniris_gym.vector.settings import ROOM, ImageConfig, RenderConfig, SimConfig
 from sceniris_gym.vector.statistics import finite_rows
 from sceniris_gym.vector.task import Task
 from sceniris_gym.vector.task_worlds import TaskWorlds, versions, written
@@ -180,8 +172,8 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         groups, self.max_episode_steps = arguments.as_groups(observation_groups), max_episode_steps
         self.task, self.num_envs = arguments.as_task(task), num_envs
         self.autoreset_mode = arguments.as_autoreset_mode(autoreset_mode)
-        self.image_config = seen = as_image_config(self.task.images, images)
-        as_settings(SimConfig(), sim_config, "sim_config")  # refuses mistakes before the scene is compiled
+        self.image_config = seen = settings.as_image_config(self.task.images, images)
+        settings.as_settings(SimConfig(), sim_config, "sim_config")  # refuses mistakes before the scene is compiled
         shown = as_config(RenderConfig, {} if render_config is None else render_config, "render_config")
         self.rendering = Rendering(render_mode, num_envs, shown)
         self.output, self.render_mode = output, render_mode
@@ -192,11 +184,11 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         own = self.task.sim_config
         if self.compiled.config.name != Path(self.task.scene).stem:  # room for contacts fits no other scene
             own = replace(own, **dict.fromkeys(ROOM))  # pyrefly: ignore[bad-argument-type]
-        self.sim_config = sim = as_settings(own, sim_config, "sim_config")
+        self.sim_config = sim = settings.as_settings(own, sim_config, "sim_config")
         self.rank.tell(self.compiled.device)
         physics: dict[str, Any] = {name: getattr(sim, name) for name in (*ROOM, "graph")}
         physics |= {name: getattr(self.task, name) for name in ("needs", "substeps", "options")}
-        shots = {} if seen is None else as_shots(seen.cameras)
+        shots = {} if seen is None else settings.as_shots(seen.cameras)
         makers = maker_memory(self.compiled, num_envs, layout_source, sim.prefetch)
         physics["beside"] = [*makers, *(shot.memory for shot, _ in shots.values())]
         self.batch = batch = Batch(self.compiled.scene, num_envs, self.compiled.device, **physics)
@@ -214,13 +206,11 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
             worlds.bind()
             # cameras follow bind, which fixes the model fields that differ between worlds
             self.images = None if seen is None else Images(self.batch, shots, seen.every, graph=sim.graph)
-            size = self.task.action_size or self.compiled.mjm.nu
-            more: dict[str, Any] = {"groups": groups, "sensing": wanted, "copy": sim.copy}
-            self._observer = Observer(self.task, self.state, self.images, size, **more)
+            self._observer = Observer(self.task, self.state, self.images, groups=groups, sensing=wanted, copy=sim.copy)
         self.observation_names = self._observer.names
         self._plain = observation_groups if isinstance(observation_groups, str) and self.images is None else None
         self.single_observation_space = self._seen(self._observer.space)
-        self.single_action_space = action_space(size)
+        self.single_action_space = self._observer.action_space
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._autoreset, self._ready = torch.zeros(num_envs, dtype=torch.bool, device=self.device), False
@@ -514,3 +504,17 @@ class SceneVectorEnv(Fixed, StaysHere, VectorEnv):
         if method is not None and not self._ready:
             raise gymnasium.error.ResetNeeded(f"Call reset() before {method}().")
         return on_torch_stream(self.batch.device)
+
+
+def as_same_step(env: Any, where: str) -> SceneVectorEnv:
+    """Return an environment that fits the adapter `where` of a training library.
+
+    Raises:
+        ArgumentTypeError: `env` is not a SceneVectorEnv.
+        ArgumentError: `env` has another autoreset mode or output, or does not copy observations.
+    """
+    if not isinstance(env, SceneVectorEnv):
+        raise ArgumentTypeError(f"{where}: env should be a SceneVectorEnv of make_vec, got {short(env)}.")
+    if env.autoreset_mode is not AutoresetMode.SAME_STEP or env.output != "torch" or not env.sim_config.copy:
+        raise ArgumentError(f"{where}: env needs autoreset_mode='SameStep', output='torch' and SimConfig(copy=True).")
+    return env

@@ -246,6 +246,11 @@ class SearchSize:
             if value < least:
                 raise ArgumentError(f"SearchSize: {name} should be at least {least}, got {value}.")
 
+    def most_candidates(self, compiled: CompiledScene) -> int:
+        """Return the maximum number of candidates in a wave of a scene."""
+        words = 5 * compiled.sides + 2 * compiled.pieces
+        return min(self.candidates, max(_MOST_WORDS // words, 1)) if compiled.related else self.candidates
+
 
 SearchSize.__init__ = refuses_old_names(SearchSize.__init__)
 CPU_SIZE = SearchSize(
@@ -332,15 +337,9 @@ class Workspace:
         wp.launch_tiled(kernel, dim=[num], inputs=[num, *inputs], block_dim=self.size.block_dim, device=device)
 
 
-def most_candidates(compiled: CompiledScene, size: SearchSize) -> int:
-    """Return the maximum number of candidates in a wave of this scene."""
-    words = 5 * compiled.sides + 2 * compiled.pieces
-    return min(size.candidates, max(_MOST_WORDS // words, 1)) if compiled.related else size.candidates
-
-
 def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Search:
     """Allocate the arrays of a search for `nworld` worlds."""
-    nrow, ncand = nworld + size.rows, most_candidates(compiled, size)
+    nrow, ncand = nworld + size.rows, size.most_candidates(compiled)
     targets = () if compiled.reaching is None else compiled.reaching.targets
     early = sum(len(target.grasp_set.grasps) for target in targets if target.early)
     kept = compiled.statics is not None or compiled.starts is not None
