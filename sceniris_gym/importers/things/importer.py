@@ -30,8 +30,9 @@ from sceniris_gym.scene.overview import box_corners
 SECONDS, STILL = 0.5, 0.01
 """An asset rests in a pose if no point of its bounds moves by more than 1 cm in half a second."""
 _GAP = 0.0005  # height above the floor [m], as in scenes
-_MOST = 6  # number of poses to simulate, most probable first
+_MOST = 6  # number of poses to simulate, most probable first. A pose with an axis up may be less probable.
 _STANDING = 0.985  # cosine of 10 degrees: the largest tilt at which a stable pose counts as upright
+_NEXT = 0.9  # cosine of 26 degrees: faces at smaller angles belong to a curved side, on which the object rolls
 
 
 @dataclass(frozen=True)
@@ -42,15 +43,21 @@ class Rest:
         quat: Orientation of the asset, wxyz, at heading 0.
         probability: Estimated fraction of random throws after which the asset rests in this pose.
         moved: How far the asset moves in a simulation of half a second that starts in this pose [m].
+        is_flat: False on a curved side of many faces, where the asset also rests on the faces next to this one.
     """
 
     quat: np.ndarray
     probability: float
     moved: float
+    is_flat: bool
 
 
 def resting_poses(path: Path) -> list[Rest]:
-    """Return the resting poses of an asset, most probable first, at most 6. Empty if the asset has no stable pose."""
+    """Return resting poses of an asset, most probable first: the first 6, and the first with each of its axes up.
+
+    The list is empty if the asset has no stable pose. A bottle with many sides lies on each of them more often than it
+    stands.
+    """
     spec = mujoco.MjSpec.from_file(str(path))
     spec.worldbody.bodies[0].add_freejoint()
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 1.0], friction=[0.8, 0.005, 0.0001])
@@ -65,15 +72,19 @@ def resting_poses(path: Path) -> list[Rest]:
     except SceneKeyError:  # it rolls, or its centre of mass is outside its hull
         return []
     points = np.concatenate(shape.points())
-    return [Rest(quat, share, moved(mjm, points, quat)) for quat, share in poses[:_MOST]]
+    ups = np.array([matrix(quat)[2] for quat, _ in poses])
+    flat = (ups @ ups.T > _NEXT).sum(axis=1) == 1
+    upright = (ups > _STANDING) & flat[:, None]
+    kept = sorted({*range(min(_MOST, len(poses))), *upright.argmax(axis=0).tolist()})
+    return [Rest(*poses[i], moved(mjm, points, poses[i][0]), bool(flat[i])) for i in kept]
 
 
 def stands(rests: list[Rest], up: np.ndarray) -> bool:
-    """Return whether the direction `up` points up, within 10 degrees, in one of the resting poses.
+    """Return whether the direction `up` points up, within 10 degrees, in one of the resting poses on a flat side.
 
     `up` is in the asset's frame, shape (3,).
     """
-    return any(matrix(rest.quat)[2] @ up > _STANDING for rest in rests)
+    return any(rest.is_flat and matrix(rest.quat)[2] @ up > _STANDING for rest in rests)
 
 
 def moved(mjm: mujoco.MjModel, points: np.ndarray, quat: np.ndarray) -> float:

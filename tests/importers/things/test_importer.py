@@ -226,6 +226,21 @@ def test_a_box_on_its_edge_tips_over(block: Path):
     assert moved(spec.compile(), corners, np.array([np.cos(0.3), np.sin(0.3), 0.0, 0.0])) > STILL
 
 
+@pytest.mark.parametrize("up", ["y", "z"])
+def test_a_bottle_of_many_sides_stands_though_it_lies_more_often(tmp_path: Path, up: str):
+    """Each of its sides is a pose as likely as its bottom, but only the bottom is flat."""
+    radii = [0.0, 0.028, 0.03, 0.03, 0.026, 0.014, 0.012, 0.012, 0.014, 0.014, 0.0]
+    heights = [0.0, 0.0, 0.004, 0.09, 0.11, 0.135, 0.145, 0.165, 0.167, 0.175, 0.175]
+    bottle = trimesh.creation.revolve(np.column_stack([radii, heights]), sections=32)
+    if up == "y":
+        bottle.apply_transform(trimesh.transformations.rotation_matrix(-0.5 * np.pi, [1, 0, 0]))
+    manifest = import_thing(write(bottle, tmp_path / "bottle.obj"), tmp_path / "bottle.xml", Options(scale=1.0))
+    assert manifest["up"] == up
+    assert "stands" in manifest["tags"]
+    assert manifest["size_m"][2] == pytest.approx(0.175, abs=1e-3)
+    assert not manifest["notes"]
+
+
 def test_a_ball_has_corners_and_rests_on_its_facets(tmp_path: Path):
     """As its convex part is a polyhedron: it is held where it is put down."""
     manifest = import_thing(write(trimesh.creation.icosphere(4, 0.05), tmp_path / "ball.stl"), tmp_path / "ball.xml")
