@@ -1,7 +1,7 @@
 """Groups the pieces of each body into colliders with a tree of bounding boxes. Also finds a box inside each piece."""
 
 import math
-from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 import warp as wp
@@ -34,8 +34,7 @@ NO_INNER_BOX = np.zeros(3), np.zeros(3)
 """Marks a piece that has no inner box."""
 
 
-@dataclass(frozen=True)
-class Collider:
+class Collider(NamedTuple):
     """One plane, or all other pieces of one body and one contact class, with a tree of bounding boxes over them.
 
     Attributes:
@@ -61,14 +60,15 @@ class Collider:
     child: np.ndarray
     mesh: wp.Mesh | None = None
     depth_inside: float = 0.0
-    points: np.ndarray = field(default_factory=_NO_POINTS.copy)
-    faces: np.ndarray = field(default_factory=_NO_FACES.copy)
+    points: np.ndarray = _NO_POINTS
+    faces: np.ndarray = _NO_FACES
 
 
 def collect_colliders(pieces: list[Piece], visual: bool, device: str) -> list[Collider]:
     """Return a collider for the solid pieces of each body and contact class, and one for each plane.
 
-    The leaves of a tree are pieces, or if `visual`, faces and round pieces, which faces cannot describe exactly.
+    The leaves of a tree are pieces, or if `visual`, faces and round pieces, which faces cannot describe exactly. The
+    tree of a plane is one leaf, and collision tests do not use its box.
     `Collider.mesh` also has faces of round pieces, but only to test whether a point is inside the body or below it.
     """
     found: list[Collider] = []
@@ -78,9 +78,7 @@ def collect_colliders(pieces: list[Piece], visual: bool, device: str) -> list[Co
         plane = i if p.type == PieceType.PLANE else -1
         by_class.setdefault((p.body, p.contact_class, plane), []).append(i)
     for key, own in by_class.items():
-        if key[-1] >= 0:
-            made = _collider(key, nodes, np.zeros((1, 3)), np.zeros((1, 3)), np.zeros(1, int))
-        elif visual:
+        if visual and key[-1] < 0:
             made = _of_faces(key, nodes, faces, {i: pieces[i] for i in own}, device)
         else:
             lower, upper = np.stack([pieces[i].bounds for i in own], axis=1)
@@ -121,8 +119,7 @@ def _of_faces(key: tuple[int, int, int], nodes: int, faces: int, solid: dict[int
     lower = np.array([*triangles.min(axis=1), *(low for low, _ in round_pieces.values())])
     upper = np.array([*triangles.max(axis=1), *(high for _, high in round_pieces.values())])
     leaves = [*range(faces, faces + len(triangles)), *(PIECE_LEAF + i for i in round_pieces)]
-    return replace(
-        _collider(key, nodes, lower, upper, np.array(leaves)),
+    return _collider(key, nodes, lower, upper, np.array(leaves))._replace(
         mesh=mesh,
         depth_inside=most_depth(mesh, all_faces.min((0, 1)), all_faces.max((0, 1)), device),
         # the highest vertex is usually outside the bounds of other meshes, so the test of containment ends early
@@ -279,8 +276,6 @@ def _hull_inner_box(piece: Piece) -> Box:
     middles = [0.5 * (lower + upper), np.zeros(3)]
     sizes = [((limits - normals @ m) / (np.abs(normals) @ (upper - lower))).min() for m in middles]
     best = int(np.argmax(sizes))
-    if sizes[best] <= 0.0:
-        return NO_INNER_BOX
     room = sizes[best] * (upper - lower)
     low, high = middles[best] - room, middles[best] + room
     for share in _SHARES:

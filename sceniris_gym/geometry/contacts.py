@@ -55,6 +55,10 @@ class ContactRules:
         """Return whether the model excludes the contacts of two bodies."""
         return bool(self._excluded) and (min(body, other) << 16) + max(body, other) in self._excluded
 
+    def may_touch(self, a: int, b: int, body: int, other: int) -> bool:
+        """Return whether geoms of two classes collide on two bodies. An explicit pair also collides if excluded."""
+        return self.meet(a, b) and (self.is_explicit(a, b) or not self.excludes(body, other))
+
     def is_parent(self, body: int, other: int) -> bool:
         """Return whether MuJoCo ignores contacts of two bodies because one moves the other. The world moves nothing."""
         weld, parent = self._mjm.body_weldid, self._mjm.body_parentid

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import TYPE_CHECKING
@@ -52,6 +52,15 @@ _TYPES = {
 }
 ROUGH = (int(mujoco.mjtGeom.mjGEOM_HFIELD), int(mujoco.mjtGeom.mjGEOM_SDF))
 """Types of geoms whose pieces are boxes around them."""
+_HALF_EXTENTS: dict[PieceType, Callable[[np.ndarray, np.ndarray], np.ndarray]] = {
+    PieceType.SPHERE: lambda axes, size: np.full(len(axes), size[0]),
+    PieceType.CAPSULE: lambda axes, size: size[0] + size[1] * np.abs(axes[:, 2]),
+    PieceType.CYLINDER: lambda axes, size: size[0] * np.hypot(axes[:, 0], axes[:, 1]) + size[1] * np.abs(axes[:, 2]),
+    PieceType.ELLIPSOID: lambda axes, size: np.linalg.norm(axes * size, axis=1),
+    PieceType.BOX: lambda axes, size: np.abs(axes) @ size,
+    PieceType.PLANE: lambda axes, size: np.abs(axes) @ size,
+}
+"""Half of a primitive's extent [m] along unit axes (n, 3) in its frame, from MuJoCo's sizes (3,)."""
 _VISIBLE_GROUPS = range(3)
 # A triangle is flat if its height is less than this fraction of its longest edge. The fraction allows for float32.
 _FLAT = 4.0e-7
@@ -120,17 +129,7 @@ class Piece:
         if self.type == PieceType.HULL:
             heights = self.vertices @ local.T
             return middle + heights.min(axis=0), middle + heights.max(axis=0)
-        sx, sy, sz = self.size
-        if self.type == PieceType.SPHERE:
-            half = np.full(len(axes), sx)
-        elif self.type == PieceType.CAPSULE:
-            half = sx + sy * np.abs(local[:, 2])
-        elif self.type == PieceType.CYLINDER:
-            half = sx * np.hypot(local[:, 0], local[:, 1]) + sy * np.abs(local[:, 2])
-        elif self.type == PieceType.ELLIPSOID:
-            half = np.linalg.norm(local * [sx, sy, sz], axis=1)
-        else:
-            half = np.abs(local) @ [sx, sy, sz]
+        half = _HALF_EXTENTS[self.type](local, self.size)
         return middle - half, middle + half
 
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import mujoco
 import numpy as np
@@ -43,8 +42,7 @@ _UPRIGHT = 1.0e-3
 _ROUND = (1.0e-7, 1.0e-6, 1.0e-5, 1.0e-4)
 
 
-@dataclass(frozen=True)
-class StablePose:
+class StablePose(NamedTuple):
     """One pose of an object, rotated about the vertical so that its heading is 0.
 
     Attributes:

@@ -9,10 +9,9 @@ opening are dropped.
 """
 
 import math
-from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
+from typing import NamedTuple
 
-import mujoco
 import numpy as np
 
 from sceniris_gym.errors import GraspError, UnknownNameError
@@ -38,8 +37,7 @@ _ABOVE = 0.002
 _UPS = ((1, 0, 0, 0), (0, 1, 0, 0), (1, 0, -1, 0), (1, 0, 1, 0), (1, 1, 0, 0), (1, -1, 0, 0))
 
 
-@dataclass(frozen=True)
-class Grasp:
+class Grasp(NamedTuple):
     """A pose of the TCP in the frame of one of the object's bodies.
 
     Attributes:
@@ -58,8 +56,7 @@ class Grasp:
     opening: float
 
 
-@dataclass(frozen=True)
-class GraspSet:
+class GraspSet(NamedTuple):
     """All grasps of an object, grouped by its stable poses.
 
     Attributes:
@@ -78,43 +75,39 @@ class Graspable:
         scene: The scene.
         name: The object.
         pieces: Pieces of all geoms of the scene.
-        home: MjData at the start pose.
+        gripper: The gripper that grasps the object.
     """
 
-    def __init__(self, scene: SceneModel, name: str, pieces: list[Piece], home: mujoco.MjData) -> None:
-        self.name, self.scene = name, scene
+    def __init__(self, scene: SceneModel, name: str, pieces: list[Piece], gripper: Gripper) -> None:
+        self.name, self.scene, self._home, self._gripper = name, scene, scene.home, gripper
         self.bodies = scene.subtree(name)
         self.root = self.bodies[0]
-        self._home = home
         meshes = [
             self._to_root(p.body, p.mesh.vertices)[p.mesh.faces]
             for p in pieces
             if p.body in self.bodies and p.mesh is not None
         ]
         self.triangles = np.concatenate([np.zeros((0, 3, 3)), *meshes])
-        self.center = self._to_root(0, home.subtree_com[self.root][None])[0]
+        self.center = self._to_root(0, self._home.subtree_com[self.root][None])[0]
 
-    def grasp_set(
-        self, poses: list[StablePose], any_rotation: bool, gripper: Gripper, pattern: str | None = None
-    ) -> GraspSet:
+    def grasp_set(self, poses: list[StablePose]) -> GraspSet:
         """Return the grasps that fit the gripper, from the asset's sites or generated from its geometry.
 
-        A stable pose without a suitable grasp has 0 grasps in `GraspSet.spans`, so no layout accepts it.
+        A stable pose without a suitable grasp has 0 grasps in `GraspSet.spans`, so no layout accepts it. If the object
+        has the key `grasp`, the names of its grasps match this glob.
 
         Args:
             poses: Stable poses of the object.
-            any_rotation: Whether the object has `orientation: any`, so that any side may be up.
-            gripper: The gripper.
-            pattern: A glob for the names of grasps, with or without the prefix 'grasp_' of sites. If None, all match.
 
         Raises:
-            UnknownNameError: No grasp matches the pattern.
+            UnknownNameError: No grasp matches `grasp`.
             GraspError: No grasp fits the gripper.
         """
-        own = self._sites(gripper)
-        groups = [own] if own else [self._made(pose, any_rotation, gripper) for pose in poses]
-        if pattern is not None:
-            groups = self._named(groups, pattern)
+        config, gripper, own = self.scene.config.objects[self.name], self._gripper, self._sites()
+        is_any = config.drawn_orientation.kind == "any"  # any side may be up
+        groups = [own] if own else [self._made(pose, is_any) for pose in poses]
+        if config.grasp is not None:
+            groups = self._named(groups, config.grasp)
         kept = [[g for g in group if g.opening <= gripper.opening] for group in groups]
         if not any(kept):
             needed = min((g.opening for group in groups for g in group), default=None)
@@ -142,60 +135,55 @@ class Graspable:
             raise UnknownNameError("grasp", pattern, where, {site.removeprefix(PREFIX) for site in known.values()})
         return [[g for g in group if g.name in found] for group in groups]
 
-    def _sites(self, gripper: Gripper) -> list[Grasp]:
+    def _sites(self) -> list[Grasp]:
         mjm, found = self.scene.mjm, []
-        for i in range(mjm.nsite):
-            name = mjm.site(i).name.rsplit("/", 1)[-1]
-            body = int(mjm.site_bodyid[i])
-            if body not in self.bodies or not name.startswith(PREFIX):
+        for local, i in self.scene.sites(self.name).items():
+            name, body = local.rsplit("/", 1)[-1], int(mjm.site_bodyid[i])
+            if not name.startswith(PREFIX):
                 continue
             pos = self._to_root(body, mjm.site_pos[i][None])[0]
             axes = self._mat(body) @ matrix(mjm.site_quat[i])
-            between = section(self.triangles, pos, axes, gripper)
+            between = section(self.triangles, pos, axes, self._gripper)
             opening = 0.0 if between is None else 2.0 * max(abs(between[0]), abs(between[1]))
             found.append(Grasp(name, body, mjm.site_pos[i].copy(), mjm.site_quat[i].copy(), opening))
         rotation = np.array([0.0, 0.0, 0.0, 1.0])
-        return found + [replace(g, name=f"{g.name}{_ROLLED}", quat=product(g.quat, rotation)) for g in found]
+        return found + [g._replace(name=f"{g.name}{_ROLLED}", quat=product(g.quat, rotation)) for g in found]
 
-    def _made(self, pose: StablePose, any_rotation: bool, gripper: Gripper) -> list[Grasp]:
-        if any_rotation:
+    def _made(self, pose: StablePose, is_any: bool) -> list[Grasp]:
+        if is_any:
             ups = [matrix(np.array(up) / np.linalg.norm(up)) for up in _UPS]
-            return [g for up in ups for g in self._from_above(up, (0.0,), gripper)]
+            return [g for up in ups for g in self._from_above(up, (0.0,))]
         rotation = matrix(pose.quat)
-        found = self._from_above(rotation, TILTS, gripper)
+        found = self._from_above(rotation, TILTS)
         low, high = _extents(self.triangles @ rotation.T)
         if high[2] - low[2] > max(high[:2] - low[:2]):
-            found += self._from_above(rotation, (_SIDE,), gripper)
+            found += self._from_above(rotation, (_SIDE,))
         return found
 
-    def _from_above(self, rotation: np.ndarray, tilts: tuple[float, ...], gripper: Gripper) -> list[Grasp]:
+    def _from_above(self, rotation: np.ndarray, tilts: tuple[float, ...]) -> list[Grasp]:
         """Return grasps of the object in an orientation, for several tilts and all yaws.
 
         Args:
             rotation: Orientation of the object's root, shape (3, 3).
             tilts: Angles between straight down and the approach axis [degrees].
-            gripper: The gripper.
         """
         found = []
         for tilt in tilts:
             for yaw in np.arange(YAWS) * 360.0 / YAWS:
                 axes = rotation.T @ tcp_axes(yaw, tilt)
-                made = self._at_center(rotation, axes, tilt, gripper)
+                made = self._at_center(rotation, axes, tilt)
                 if made is not None:
                     word = "top" if tilt == 0.0 else "side" if tilt == _SIDE else f"tilt {tilt:g}"
                     found.append(Grasp(f"{word} {yaw:g}", self.root, made[0], quaternion(axes), made[1]))
         return found
 
-    def _at_center(
-        self, rotation: np.ndarray, axes: np.ndarray, tilt: float, gripper: Gripper
-    ) -> tuple[np.ndarray, float] | None:
+    def _at_center(self, rotation: np.ndarray, axes: np.ndarray, tilt: float) -> tuple[np.ndarray, float] | None:
         """Put a grasp at the centre of the object.
 
         Args:
             rotation: Orientation of the object's root, shape (3, 3).
             axes: Axes of the TCP in the root's frame as columns, shape (3, 3).
             tilt: Angle between straight down and the approach axis [degrees].
-            gripper: The gripper.
 
         Returns:
             Position of the TCP in the root's frame [m] and the opening that the grasp needs [m]. None if no part of the
@@ -203,7 +191,7 @@ class Graspable:
         """
         if not len(self.triangles):
             return np.zeros(3), 0.0
-        low, high = _extents(self.triangles @ rotation.T)
+        gripper, (low, high) = self._gripper, _extents(self.triangles @ rotation.T)
         at = rotation @ self.center
         deepest = gripper.depth - _ABOVE
         if tilt == _SIDE:

@@ -6,7 +6,7 @@ use MuJoCo's collision geometry, also with `geometry: visual`, because MuJoCo si
 
 import copy
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -29,8 +29,7 @@ _MOVES = 1.0e-6  # m, a geom belongs to a finger if it moves farther than this w
 _HOLD, _SLIPS, _LOAD = 0.5, 1.0e-3, 2.0
 
 
-@dataclass(frozen=True)
-class Grip:
+class Grip(NamedTuple):
     """A grasp with the fingers closed on the object.
 
     Attributes:

@@ -10,41 +10,30 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
-from sceniris_gym.errors import NotSupportedError
 from sceniris_gym.files import Array
 from sceniris_gym.geometry.pieces import Piece, PieceType
-from sceniris_gym.grasping.linkage import loop_couplings
+from sceniris_gym.grasping.linkage import check_loops, loop_couplings
 from sceniris_gym.reach.arm import SerialArm
-from sceniris_gym.scene.couplings import (
-    Coupling,
-    driven_by,
-    equality_errors,
-    equality_label,
-    follow,
-    free_range,
-    joint_couplings,
-)
+from sceniris_gym.scene.couplings import Coupling, driven_by, follow, free_range, joint_couplings
 from sceniris_gym.scene.support import subtree
 
 # Opening [m] of a tool without fingers, which may touch objects of any width.
 _NO_LIMIT = 1.0e3
 # Depth [m] of a gripper that has no palm behind its TCP.
 _DEEP = 0.1
-# While the gripper opens, the error [m or rad] of an equality may exceed its error in the start pose by the first
-# number. The second number is the number of openings to check.
-_KEPT, _SHARES = 1e-4, 17
+_ROUNDING = 1e-4  # m or rad, by which a control range may differ from its joint's range
+_SHARES = 17  # openings at which the closed loops are checked
 _WAYS = 257  # openings at which fingers in closed loops are tested for touching, 0.3 mm apart
 _CLEAR = 0.005  # m, between an object and the finger that is part of the hand
 _TIPS = 0.01  # m, a piece is a fingertip if it ends at most this far behind the end of the farthest piece
 
 
-@dataclass(frozen=True)
-class Gripper:
+class Gripper(NamedTuple):
     """A gripper in its TCP frame. Lengths are in metres.
 
     Attributes:
@@ -131,7 +120,7 @@ class Gripper:
             couplings=tuple(driven_by(couplings, joints)),
             middle=middle,
         )
-        gripper._check_loops(mjm, arm, home_qpos)
+        check_loops(mjm, arm.name, home_qpos, gripper.couplings, *gripper.poses(np.linspace(0.0, 1.0, _SHARES)))
         return gripper
 
     def poses(self, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -150,22 +139,6 @@ class Gripper:
         follow(self.couplings, qpos)
         return adr, qpos[:, adr]
 
-    def _check_loops(self, mjm: mujoco.MjModel, arm: SerialArm, home_qpos: np.ndarray) -> None:
-        """Raise NotSupportedError if opening the gripper violates an equality constraint."""
-        qpos = home_qpos.copy()
-        follow(self.couplings, qpos)
-        adr, poses = self.poses(np.linspace(0.0, 1.0, _SHARES))
-        states = np.tile(qpos, (len(poses), 1))
-        states[:, adr] = poses
-        missed = equality_errors(mjm, states)
-        for row, eq in np.argwhere(missed > equality_errors(mjm, qpos[None]) + _KEPT):
-            raise NotSupportedError(
-                f"arm '{arm.name}': opening its gripper would break {equality_label(mjm, eq)} by {missed[row, eq]:.3g} "
-                "m or rad, because no actuator drives the loop through all of its joints' ranges. Add an actuator of a "
-                "joint in the loop and limit this joint to the way from open to closed, add an <equality><joint> that "
-                "moves the finger joints in the same way, or leave out 'reachable'."
-            )
-
 
 def carried(mjm: mujoco.MjModel, arm: SerialArm) -> set[int]:
     """Return the bodies that the arm's last joint moves: the body with this joint, the hand and the fingers."""
@@ -182,7 +155,7 @@ def commanded(mjm: mujoco.MjModel) -> mujoco.MjModel:
     for i in np.flatnonzero(moves & (mjm.actuator_ctrllimited != 0)).tolist():
         joint, ends = mjm.actuator_trnid[i, 0], -(bias[i] + gain[i] * mjm.actuator_ctrlrange[i]) / slope[i]
         narrow = np.clip(mjm.jnt_range[joint], *np.sort(ends / mjm.actuator_gear[i, 0]))
-        if np.abs(narrow - mjm.jnt_range[joint]).max() > _KEPT:  # less is rounding
+        if np.abs(narrow - mjm.jnt_range[joint]).max() > _ROUNDING:
             mjm.jnt_range[joint] = narrow
     return mjm
 
@@ -206,14 +179,12 @@ def finger_joints(
         couplings: Joints that follow others. The limits of a follower narrow the range of its driver.
         home: Pose of the model, shape (nq,). Ranges are computed with all other joints in this pose.
     """
-    followers = [c.follower for c in couplings]
-    free = [j for j in hand_joints(mjm, hand, arm).tolist() if j not in followers]
+    free = np.setdiff1d(hand_joints(mjm, hand, arm), [c.follower for c in couplings]).tolist()
     found = {j: free_range(mjm, couplings, j, home) for j in free}
     return {j: ends for j, ends in found.items() if np.isfinite(ends).all()}
 
 
-@dataclass(frozen=True)
-class _Hand:
+class _Hand(NamedTuple):
     """The pieces that the arm's last joint moves, measured in the TCP frame.
 
     Attributes:

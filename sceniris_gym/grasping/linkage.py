@@ -10,12 +10,14 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
-from sceniris_gym.scene.couplings import Coupling, active_equalities, follow
+from sceniris_gym.errors import NotSupportedError
+from sceniris_gym.scene.couplings import Coupling, active_equalities, equality_errors, equality_label, follow
 
 _NODES = 17  # positions of a driven joint at which the loops are closed
 # Weights of a spring and of the last position, relative to an equality. They move a joint only if the loop does not.
 _SPRING, _LAST = 1.0e-5, 1.0e-7
 _MOVES = 1.0e-6  # a joint belongs to a loop if it changes an equality by more than this [m/rad]
+_KEPT = 1e-4  # m or rad, by which the error of an equality may exceed its error in the start pose
 _DISABLED = int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
 
 
@@ -47,6 +49,36 @@ def loop_couplings(
         couple = Coupling(label, joint, loops.driven[i], adr, driver_adr, origin, offset, (a1, a2, a3, a4), limits)
         found.append(couple)
     return tuple(found)
+
+
+def check_loops(
+    mjm: mujoco.MjModel, arm: str, home: np.ndarray, couplings: Sequence[Coupling], adr: np.ndarray, poses: np.ndarray
+) -> None:
+    """Check that opening a gripper keeps the model's equalities.
+
+    Args:
+        mjm: The model.
+        arm: Name of the arm, for the error.
+        home: A pose of the model, shape (nq,).
+        couplings: Couplings of the joints that follow finger joints.
+        adr: Addresses in qpos of the finger joints and their followers, shape (nfinger,).
+        poses: Positions of these joints [m or rad] from closed to open, shape (n, nfinger).
+
+    Raises:
+        NotSupportedError: A pose violates an equality.
+    """
+    qpos = home.copy()
+    follow(couplings, qpos)
+    states = np.tile(qpos, (len(poses), 1))
+    states[:, adr] = poses
+    missed = equality_errors(mjm, states)
+    for row, eq in np.argwhere(missed > equality_errors(mjm, qpos[None]) + _KEPT):
+        raise NotSupportedError(
+            f"arm '{arm}': opening its gripper would break {equality_label(mjm, eq)} by {missed[row, eq]:.3g} "
+            "m or rad, because no actuator drives the loop through all of its joints' ranges. Add an actuator of a "
+            "joint in the loop and limit this joint to the way from open to closed, add an <equality><joint> that "
+            "moves the finger joints in the same way, or leave out 'reachable'."
+        )
 
 
 class _Loops:

@@ -37,7 +37,6 @@ CHECKS: tuple[Callable[[Plan], None], ...] = (
     objects.check_followers,
     constraints.check_tendon_limits,
     places.check_rough_shapes,
-    objects.check_heaps,
     objects.check_supports,
     places.check_distances,
     simulation.check_pairs_fit,

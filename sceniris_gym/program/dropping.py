@@ -34,8 +34,8 @@ def only(mjm: mujoco.MjModel, o: PlacedObject) -> mujoco.MjModel:
 
 
 def point(data: mujoco.MjData, body: int, at: np.ndarray) -> np.ndarray:
-    """Return the world position [m] of a point of a body. `at` is this point in the body's frame [m]."""
-    return data.xpos[body] + data.xmat[body].reshape(3, 3) @ at
+    """Return the world positions [m] of points of a body. `at` has the points in the body's frame [m], (..., 3)."""
+    return data.xpos[body] + (data.xmat[body].reshape(3, 3) @ at.T).T
 
 
 def drop(

@@ -154,7 +154,7 @@ def _around_base(pose: StablePose) -> StablePose:
     """Return a robot's pose with another pivot: the origin of the base, at the height of the robot's lowest point."""
     rotation = matrix(pose.quat)
     at = rotation @ pose.pivot
-    return replace(pose, pivot=rotation.T @ np.array([0.0, 0.0, at[2]]), bounds=pose.bounds + np.tile(at[:2], 2))
+    return pose._replace(pivot=rotation.T @ np.array([0.0, 0.0, at[2]]), bounds=pose.bounds + np.tile(at[:2], 2))
 
 
 def _placed_object(scene: SceneModel, name: str, pieces: list[Piece], heap: HeapPoses | None) -> PlacedObject:

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from sceniris_gym.config.fields import ROBOT
 from sceniris_gym.config.robot import RobotConfig
@@ -18,8 +19,7 @@ from sceniris_gym.scene.identity import map_of
 from sceniris_gym.scene.model import SceneModel
 
 
-@dataclass(frozen=True)
-class ReachTarget:
+class ReachTarget(NamedTuple):
     """An object with `reachable` in the scene file, which an arm should reach in each layout.
 
     Attributes:
@@ -60,8 +60,7 @@ class ReachingArm:
     view: Reach = field(repr=False, default_factory=Reach)  # pyrefly: ignore[no-matching-overload]
 
 
-@dataclass(frozen=True)
-class Reaching:
+class Reaching(NamedTuple):
     """The arms of a scene with reach targets, and all these targets.
 
     Attributes:
@@ -110,29 +109,23 @@ def plan_reaching(scene: SceneModel, objects: list[PlacedObject], pieces: list[P
         GraspError: The gripper cannot grasp an object.
     """
     config = scene.config
-    asked: dict[str, list[tuple[int, PlacedObject]]] = {}
-    for i, o in enumerate(objects):
-        if o.config.reachable:
-            asked.setdefault(config.robot_for(o.name), []).append((i, o))
-    arms: list[ReachingArm] = []
-    targets: list[ReachTarget] = []
-    for robot in (name for name in config.all_robots if name in asked):
+    asked = {i: config.robot_for(o.name) for i, o in enumerate(objects) if o.config.reachable}
+    arms: dict[str, ReachingArm] = {}
+    for robot in (name for name in config.all_robots if name in asked.values()):
         arm, (own, _) = robot_arm(scene, robot), scene.home_of(robot)
         gripper = Gripper.from_model(own.mjm, arm, own.home_qpos, pieces if own is scene else obstacles(own))
-        reach_map = load_map(arm, config.all_robots[robot], config.where)
-        base = next((i for i, o in enumerate(objects) if o.name == robot and o.config.is_placed), -1)
-        drawn = next((i for i, o in enumerate(objects) if o.name == robot), -1)
-        default = default_tier(arm, reach_map)
-        for i, o in asked[robot]:
-            words = o.config
-            tier = Tier.MAP if words.reachable is True else Tier.of(str(words.reachable))
-            tier = tier if default.needs_map or not tier.needs_map else default
-            shape = Graspable(scene, o.name, pieces, scene.home)
-            grasps = shape.grasp_set(o.stable_poses, words.drawn_orientation.kind == "any", gripper, words.grasp)
-            early = tier == Tier.CLEAR and drawn < i < len(objects) - 1
-            targets.append(ReachTarget(o.name, i, len(arms), i < base, early, tier, grasps))
-        arms.append(ReachingArm(robot, arm, gripper, reach_map))
-    return Reaching(tuple(arms), tuple(sorted(targets, key=lambda target: target.number)))
+        arms[robot] = ReachingArm(robot, arm, gripper, load_map(arm, config.all_robots[robot], config.where))
+    targets, numbers = [], {o.name: i for i, o in enumerate(objects)}
+    for i, robot in asked.items():
+        o, one, base = objects[i], arms[robot], numbers.get(robot, -1)
+        default = default_tier(one.arm, one.map)
+        tier = Tier.MAP if o.config.reachable is True else Tier.of(str(o.config.reachable))
+        tier = tier if default.needs_map or not tier.needs_map else default
+        grasps = Graspable(scene, o.name, pieces, one.gripper).grasp_set(o.stable_poses)
+        late = i < base and objects[base].config.is_placed
+        early = tier == Tier.CLEAR and base < i < len(objects) - 1
+        targets.append(ReachTarget(o.name, i, [*arms].index(robot), late, early, tier, grasps))
+    return Reaching(tuple(arms.values()), tuple(targets))
 
 
 def robot_arm(scene: SceneModel, name: str = ROBOT) -> SerialArm:
@@ -150,9 +143,7 @@ def robot_arm(scene: SceneModel, name: str = ROBOT) -> SerialArm:
     except ArmError as error:  # in a model of its own, the robot's names have no prefix
         text = str(error) if robot.asset is None else str(error).replace(f"in_model: {robot.name}/", "in_model: ")
         raise ArmError(f"{where}: {text}") from None
-    except UnknownNameError as error:
-        if robot.tcp is not None:
-            raise UnknownNameError(error.kind, error.name, f"{where}: {error.where}", error.valid) from None
+    except UnknownNameError as error:  # only without `tcp`: with it, the scene has the site
         where += ": 'tcp' should name the tool centre point, a site or a body"
         prefix, inside = f"{robot.name}/", [home.mjm.body(body).name for body in home.subtree(name)]
         own = [site for site in error.valid if site.startswith(prefix)] + inside

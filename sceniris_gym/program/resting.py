@@ -89,15 +89,11 @@ def touch_distances(scene: SceneModel, pieces: list[Piece], ground: int) -> list
     """For each piece, return the distance [m] at which MuJoCo's contact with a body begins, or None without contact."""
     mjm, rules = scene.mjm, scene.contact_rules
     under = {int(rules.classes[g]) for g in np.flatnonzero(mjm.geom_bodyid == ground) if rules.collides(int(g))}
-
-    def meets(p: Piece, other: int) -> bool:
-        excluded = rules.excludes(p.body, ground) and not rules.is_explicit(p.contact_class, other)
-        return rules.meet(p.contact_class, other) and not excluded
-
-    return [
-        max((rules.distance(p.contact_class, other) for other in under if meets(p, other)), default=None)
-        for p in pieces
-    ]
+    found = []
+    for p in pieces:
+        met = [other for other in under if rules.may_touch(p.contact_class, other, p.body, ground)]
+        found.append(max((rules.distance(p.contact_class, other) for other in met), default=None))
+    return found
 
 
 def drawn_states(scene: SceneModel, o: PlacedObject) -> Iterator[mujoco.MjData]:

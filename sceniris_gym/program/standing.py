@@ -1,7 +1,6 @@
 """Stances of free objects: their feet, their depth in MuJoCo's soft contacts, and the loads on them."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
 from itertools import chain
 from typing import NamedTuple
 
@@ -110,10 +109,6 @@ class Roll(NamedTuple):
     reach: np.ndarray = np.zeros(2)
 
 
-_NO_ROLL = Roll()
-"""The rectangle of a flat foot."""
-
-
 class Foot(NamedTuple):
     """The foot of an object in one of its stable poses: the part of the object that rests on the support.
 
@@ -129,7 +124,7 @@ class Foot(NamedTuple):
         hangs: How far [m] drawn joints can move parts of the object below `bottom`. Negative if all stay above.
         drop: Height [m] of the fall of the object from its place onto the support. Negative if it is placed inside the
             support. 0 if the geoms used for placing also collide.
-        roll: The rectangle of a curved foot.
+        roll: The rectangle of a curved foot, zeros for a flat foot.
     """
 
     parts: list[np.ndarray]
@@ -139,11 +134,10 @@ class Foot(NamedTuple):
     bottom: float = 0.0
     hangs: float = -np.inf
     drop: float = 0.0
-    roll: Roll = _NO_ROLL
+    roll: Roll = Roll()
 
 
-@dataclass(frozen=True)
-class Stance:
+class Stance(NamedTuple):
     """The feet and contacts of an object that has to stand, and the stack below it.
 
     Attributes:
@@ -155,11 +149,11 @@ class Stance:
         touch: Distance at which its support begins to carry it [m], 0 without contact margins.
         friction: Least drawn coefficient of sliding friction, in the contact that has the most friction.
         is_whole: Whether its whole foot is always on its support.
-        is_belt: Whether a geom of the object or of its support has a `surfacevel`, which moves the object like a belt.
-        tilt: Tangent of the greatest angle between straight down and the pull of gravity and wind.
         sinks: Depths [m] of the object in its support at the least drawn masses, for the test of standing. For the key
             None, the depth under `load`. For the number of an object above it, the depth under the greatest load that
             includes this object above. Each depth assumes four contacts, as soft as a friction of 1 or more makes them.
+        is_belt: Whether a geom of the object or of its support has a `surfacevel`, which moves the object like a belt.
+        tilt: Tangent of the greatest angle between straight down and the pull of gravity and wind.
     """
 
     levels: list[int]
@@ -169,9 +163,9 @@ class Stance:
     touch: float
     friction: float
     is_whole: bool
+    sinks: dict[int | None, float]
     is_belt: bool = False
     tilt: float = 0.0
-    sinks: dict[int | None, float] = field(default_factory=dict)
 
     @property
     def is_certain(self) -> bool:
@@ -180,7 +174,7 @@ class Stance:
         return is_alone and all(f.margin > 0.0 for f in self.feet)
 
 
-NO_STANCE = Stance([], [], 0.0, 0.0, 0.0, 0.0, is_whole=True)
+NO_STANCE = Stance([], [], 0.0, 0.0, 0.0, 0.0, is_whole=True, sinks={})
 """The stance of an object that does not have to stand."""
 
 
@@ -200,11 +194,11 @@ def stances(scene: SceneModel, objects: list[PlacedObject], pieces: list[Piece])
         if not o.config.has_to_stand or o.heap is not None:
             found.append(NO_STANCE)
             continue
-        stance = replace(_stance(scene, o, pieces, loads[number]), levels=[number], tilt=lean)
+        stance = _stance(scene, o, pieces, loads[number])._replace(levels=[number], tilt=lean)
         if any(f.law.tip for f in stance.feet):  # it rolls if any object below leans, however little
-            stance = replace(stance, levels=chain_below(number, below))
+            stance = stance._replace(levels=chain_below(number, below))
         elif carrier is not None and not _is_heavy(scene, objects[carrier], pieces, found[carrier]):
-            stance = replace(stance, levels=[number, *found[carrier].levels])
+            stance = stance._replace(levels=[number, *found[carrier].levels])
         found.append(stance)
     return found
 
@@ -282,8 +276,6 @@ def _stance(scene: SceneModel, o: PlacedObject, pieces: list[Piece], loads: dict
     parts = own, [p for p in own if p.body not in moved], fixed, moving
     states = drawn_states(scene, o) if o.joint_ranges else [scene.home]
     shapes = [[HomeShape(state, o.bodies[0], part) for part in parts] for state in states]
-    tops = [p.pos[2] if p.type == PieceType.PLANE else p.bounds[1][2] for p in there]
-    lower = max((min((s.height - top for top in tops), key=abs) for s in surfaces), key=abs)
     contacts = [{contact_of(scene, a.geom, b.geom) for b in below} for a in own]
     every = set().union(*contacts)
     whole = support.is_floor or all(s.is_endless for s in surfaces) or o.config.ratio_on_support == 1.0
@@ -300,14 +292,18 @@ def _stance(scene: SceneModel, o: PlacedObject, pieces: list[Piece], loads: dict
     takes_edges = not any(p.type == PieceType.CYLINDER for p in below)
 
     def foot_in(pose: StablePose) -> Foot:
-        return _foot(shapes, pose, law, lower, is_shifted, takes_edges, steady)  # pyrefly: ignore[bad-argument-type]
+        return _foot(shapes, pose, law, is_shifted, takes_edges, steady)
 
     feet = [foot_in(v) for v in o.stable_poses]
     # it may rock to rest if nothing stands on it, its support cannot move, and no part of it is beyond the edge
     is_firm = whole and len(loads) == 2 and not (o.joint_ranges or mjm.body_weldid[support.body])
+    begins = max(distance for distance in touch if distance is not None)
     if is_firm and max(f.most for f in feet) <= 0.0:
-        height = max(distance for distance in touch if distance is not None)
-        feet = [_at_rest(scene, o, i, f, height, foot_in) for i, f in enumerate(feet)]
+        feet = [_at_rest(scene, o, i, f, begins, foot_in) for i, f in enumerate(feet)]
+    # the surface used for placing may be higher than the top of the support's colliding geoms
+    tops = [p.pos[2] if p.type == PieceType.PLANE else p.bounds[1][2] for p in there]
+    lower = max((min((s.height - top for top in tops), key=abs) for s in surfaces), key=abs)
+    feet = [f._replace(drop=f.drop + lower) for f in feet]  # pyrefly: ignore[unsupported-operation]
     heights = [contact_heights(own, shapes[0][0], v) for v in o.stable_poses]
     rough, light = (c._replace(cone=max(c.cone, 1.0)) for c in every), scene.least.body_invweight0[:, 0]
     each = np.array(list(loads.values())) / CONTACTS
@@ -318,7 +314,7 @@ def _stance(scene: SceneModel, o: PlacedObject, pieces: list[Piece], loads: dict
         feet=feet,
         load=load,
         depth=max(deepest(scene, contacts, at, o.bodies, load, is_whole) for at in heights),
-        touch=max(distance for distance in touch if distance is not None),
+        touch=begins,
         friction=max(c.friction for c in every),
         is_whole=is_whole,
         is_belt=bool(np.any(getattr(mjm, "geom_surfacevel", np.zeros(mjm.ngeom))[[p.geom for p in (*own, *below)]])),
@@ -327,13 +323,7 @@ def _stance(scene: SceneModel, o: PlacedObject, pieces: list[Piece], loads: dict
 
 
 def _foot(
-    shapes: list[list[HomeShape]],
-    pose: StablePose,
-    law: Law,
-    lower: float,
-    is_shifted: bool,
-    takes_edges: bool,
-    steady: float,
+    shapes: list[list[HomeShape]], pose: StablePose, law: Law, is_shifted: bool, takes_edges: bool, steady: float
 ) -> Foot:
     """Return the foot of an object in one of its poses.
 
@@ -344,7 +334,6 @@ def _foot(
             move.
         pose: The pose.
         law: The `Law` of the foot if it is neither round nor curved.
-        lower: How much higher [m] the surface used for placing is than the top of the support's colliding geoms.
         is_shifted: Whether draws of masses move the object's centre of mass.
         takes_edges: Whether the support carries edges and corners of pieces. If not, a foot with edges or corners does
             not hold the object.
@@ -362,10 +351,10 @@ def _foot(
         law = law._replace(hold=0.0)
     bottom = fixed.bottom(quat) if standing.points() else np.inf
     hangs = max(bottom - moving.bottom(quat) for *_, moving in shapes)
-    drop = whole.bottom(quat) - bottom + lower
+    drop = whole.bottom(quat) - bottom
     found = []
     curved = (_rolling(shape, pose, np.radians(a), steady) for a in _LEANS)
-    for corners, its_law, roll in [(parts, law, _NO_ROLL)] if parts else curved:
+    for corners, its_law, roll in [(parts, law, Roll())] if parts else curved:
         hull, at = MultiPoint(np.concatenate(corners)).convex_hull, shapely.points(ends[:, :2])
         margins = np.where(hull.contains(at), hull.boundary.distance(at), -hull.distance(at)) - its_law.tip * ends[:, 2]
         margins = margins if its_law.hold else np.full_like(margins, -np.inf)
@@ -391,7 +380,7 @@ def _at_rest(
     """
     poses = drop(only(scene.mjm, o), scene, o, i, touch - foot.bottom, {})
     center = HomeShape(scene.home, o.bodies[0], []).center_of_mass
-    rest = foot_in(replace(o.stable_poses[i], quat=of_heading_zero(matrix(poses[1][3:]))))
+    rest = foot_in(o.stable_poses[i]._replace(quat=of_heading_zero(matrix(poses[1][3:]))))
     far = o.config.gap + max(moved(*poses, at) for at in (np.zeros(3), center))
     if far > STILL or rest.margin <= 0.0:
         return foot

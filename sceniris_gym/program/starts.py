@@ -1,7 +1,6 @@
 """The kinds of starts of a scene (entries of `start`), as arrays: the targets, grasps and joints of each kind."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
 from itertools import product
 
 import mujoco
@@ -64,7 +63,7 @@ def plan_grips(plan: Plan) -> tuple[Grip, ...]:
             ways = {"fits": _CARRIED, "lifts": _downs(plan.objects[target.number], target, i), "holds": _ALL_WAYS}
             asked = {"fits", *(_FITS[pose][0] for pose in poses)} if grip.fits and is_free else ()
             # pyrefly: ignore[bad-argument-type]
-            found.append(replace(grip, **{fit: fingers.hold(bodies, grasp, grip, ways[fit]) for fit in asked}))
+            found.append(grip._replace(**{fit: fingers.hold(bodies, grasp, grip, ways[fit]) for fit in asked}))
     return tuple(found)
 
 
@@ -156,9 +155,8 @@ def _arm_range(plan: Plan, one: ReachingArm, config: StartConfig, where: str) ->
 def _pose(config: StartConfig) -> StartPose:
     if config.robot != "grasp":
         return StartPose[config.robot.upper()]
-    return (
-        StartPose.LIFTED if config.lift is not None else StartPose.HELD if config.robot_joints else StartPose.STANDING
-    )
+    still = StartPose.HELD if config.robot_joints else StartPose.STANDING
+    return StartPose.LIFTED if config.lift is not None else still
 
 
 def _counting(config: StartConfig, target: ReachTarget, where: str) -> np.ndarray:

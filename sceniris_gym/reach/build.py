@@ -80,14 +80,11 @@ class Lattice:
     @cached_property
     def inside(self) -> np.ndarray:
         """Indices of the corners inside the ball."""
-        squares = np.zeros(self.shape)
-        for axis, (coordinate, n) in enumerate(zip(self.order, self.shape, strict=True)):
-            if coordinate == 1:
-                continue
-            along = self.low[coordinate] + self.step[coordinate] * np.arange(n)
-            along = along - (self.height if coordinate == 0 else 0.0)
-            squares += along.reshape([-1 if k == axis else 1 for k in range(len(self.shape))]) ** 2
-        return np.flatnonzero(squares.ravel() <= self.radius**2)
+        middle, squares = np.array([self.height, 0.0, 0.0, 0.0]), np.zeros(self.shape)
+        for c, index in zip(self.order, np.indices(self.shape, sparse=True), strict=True):
+            if c != 1:  # a tilt is no distance
+                squares += (self.low[c] + self.step[c] * index - middle[c]) ** 2
+        return np.flatnonzero(squares <= self.radius**2)
 
     def neighbours(self, corner: np.ndarray) -> np.ndarray:
         """Return the indices of the two neighbours along each axis, -1 beyond the border, shape (N, 2 * naxis)."""
@@ -322,15 +319,16 @@ def reach_ball(arm: SerialArm, device: str, seed: int = 0) -> tuple[float, float
     centre = np.array([*arm.axis_xy, height])
     draws = np.random.default_rng(seed)
     joints, scale = random_joints(arm, 65_536, seed), 1.0
+
+    def reaches() -> np.ndarray:
+        return np.linalg.norm(tcp_axes(arm, joints, device)[0] - centre, axis=1)
+
     for _ in range(40):
-        pos, _ = tcp_axes(arm, joints, device)
-        best = np.argsort(-np.linalg.norm(pos - centre, axis=1))[:256]
-        kept = joints[best]
+        kept = joints[np.argsort(-reaches())[:256]]
         moved = np.repeat(kept, 15, axis=0) + scale * draws.standard_normal((15 * len(kept), len(arm.joints)))
         joints = np.concatenate([kept, np.clip(moved, arm.lower, arm.upper)])
         scale *= 0.8
-    pos, _ = tcp_axes(arm, joints, device)
-    return height, float(np.linalg.norm(pos - centre, axis=1).max()) + 0.01
+    return height, float(reaches().max()) + 0.01
 
 
 def pack_rows(codes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

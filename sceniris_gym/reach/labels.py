@@ -37,28 +37,17 @@ def _covered(turn: JointTurn, angle: float) -> wp.uint64:
 
 
 @wp.func
-def _ones(bits: wp.uint64) -> int:
-    count = int(0)
-    while bits != wp.uint64(0):
-        bits = bits & (bits - wp.uint64(1))
-        count += 1
-    return count
-
-
-@wp.func
 def _count(marks: _vec4l) -> int:
-    return _ones(marks[0]) + _ones(marks[1]) + _ones(marks[2]) + _ones(marks[3])
+    return wp.bit_count(marks[0]) + wp.bit_count(marks[1]) + wp.bit_count(marks[2]) + wp.bit_count(marks[3])
 
 
 @wp.func
 def _with_turns(marks: _vec4l, bases: wp.uint64, wrists: wp.uint64) -> _vec4l:
     """Mark each pair of a base rotation in `bases` and a wrist rotation in `wrists`. Marks have one bit per pair."""
     for i in range(4):
-        word = marks[i]
         for j in range(4):
             if ((bases >> wp.uint64(4 * i + j)) & wp.uint64(1)) != wp.uint64(0):
-                word = word | (wrists << wp.uint64(16 * j))
-        marks[i] = word
+                marks[i] |= wrists << wp.uint64(16 * j)
     return marks
 
 

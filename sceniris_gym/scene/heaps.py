@@ -1,8 +1,9 @@
 """Settled heaps: the rows of a file, the hash of the settled shapes, and the poses of objects."""
 
 import hashlib
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -25,8 +26,7 @@ _GEOM = ("geom_type", "geom_size", "geom_pos", "geom_quat", "geom_contype", "geo
 _AROUND = 1e-3  # m, by which the surface of a heap extends beyond the roots of its objects
 
 
-@dataclass(frozen=True)
-class HeapRows:
+class HeapRows(NamedTuple):
     """Settled heaps, with poses relative to the body that the heap fills.
 
     Attributes:
@@ -43,9 +43,9 @@ class HeapRows:
 
     def write(self, path: Path) -> None:
         """Write the heaps as a .npz file. The same rows give the same bytes."""
-        rows = replace(self, pos=self.pos.astype(np.float32), quat=self.quat.astype(np.float32))
+        rows = self._replace(pos=self.pos.astype(np.float32), quat=self.quat.astype(np.float32))
         with path.open("wb") as file:
-            np.savez(file, **vars(rows))
+            np.savez(file, **rows._asdict())
 
 
 def read_rows(path: Path, heap: HeapConfig, where: str) -> HeapRows:
@@ -136,8 +136,7 @@ def rigid_thing(scene: SceneModel, name: str, where: str) -> list[int]:
     return bodies
 
 
-@dataclass(frozen=True)
-class HeapPoses:
+class HeapPoses(NamedTuple):
     """The settled poses of one object of a heap, relative to the body that the heap fills.
 
     Attributes:
@@ -146,7 +145,6 @@ class HeapPoses:
         stream: The random stream that draws the row. All objects of a heap share it.
         together: All bodies that settled together: the bodies of the heap's objects, the body that the heap fills, and
             all bodies fixed to it.
-        settled_with: Identifies the shapes and masses of the settled bodies, see the function `settled_with`.
         support: The support that the heap fills.
         surface: A rectangle around the roots in all rows, seen from above, at the height of the highest root.
     """
@@ -155,7 +153,6 @@ class HeapPoses:
     quat: np.ndarray
     stream: int
     together: frozenset[int]
-    settled_with: str
     support: Support
     surface: SupportSurface
 
@@ -164,7 +161,7 @@ def heap_poses(scene: SceneModel) -> dict[str, HeapPoses]:
     """Read the settled poses of all objects of heaps, by name.
 
     Raises:
-        SceneKeyError: A heap has no rows, or its rows are for other objects.
+        SceneKeyError: A heap has no rows, or its rows are for other objects, shapes or masses.
         NotSupportedError: An object has inner joints, or a heap fills the world.
     """
     found: dict[str, HeapPoses] = {}
@@ -175,13 +172,17 @@ def heap_poses(scene: SceneModel) -> dict[str, HeapPoses]:
                 f"{where}.rows: is missing. Run `sceniris-gym settle SCENE -o ROWS.npz`, and write 'rows: ROWS.npz'."
             )
         rows = read_rows(Path(heap.rows), heap, where)
+        if rows.settled_with != settled_with(scene, heap, where):
+            raise SceneKeyError(
+                f"{where}.rows: '{heap.rows}' was settled with other shapes or masses than in this scene. Run "
+                "`sceniris-gym settle SCENE` again."
+            )
         body = filled_body(scene, heap, where)
         low, high = rows.pos.min(axis=(0, 1)) - _AROUND, rows.pos.max(axis=(0, 1)) + _AROUND
         things = [thing for name in heap.of for thing in rigid_thing(scene, name, where)]
         shared = {
             "stream": 1 + list(scene.config.objects).index(heap.of[0]),
             "together": frozenset([*things, *rigid_part(scene.mjm, body)]),
-            "settled_with": rows.settled_with,
             "support": scene.support(heap.fill, f"{where}.fill"),
             "surface": replace(rectangle(low, high), body=body, height=float(high[2])),
         }

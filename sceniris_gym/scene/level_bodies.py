@@ -17,10 +17,7 @@ def level_bodies(scene: SceneModel, name: str, word: str) -> list[str]:
         return [name]
     bodies = {name: scene.bodies[name], **{f"{name}/{part}": body for part, body in scene.parts(name).items()}}
     pieces = extract_pieces(scene.mjm, scene.config.geometry, set(bodies.values()))
-    found = []
-    for support, body in bodies.items():
-        own = [piece for piece in pieces if piece.body == body]
-        is_level = scene.home.xmat[body][8] >= COS_MAX_TILT
-        if is_level and level_surfaces(body, own, open_above=word == "on"):
-            found.append(support)
+    level = {support: body for support, body in bodies.items() if scene.home.xmat[body][8] >= COS_MAX_TILT}
+    own = {body: [piece for piece in pieces if piece.body == body] for body in level.values()}
+    found = [support for support, body in level.items() if level_surfaces(body, own[body], open_above=word == "on")]
     return found or [name]

@@ -70,11 +70,9 @@ class SceneModel(RefusesOldNames):
     @cached_property
     def sim_bodies(self) -> np.ndarray:
         """For each body of this model, the id of the body of `sim` that simulates it, shape (nbody,)."""
-        found = np.arange(self.mjm.nbody)
-        if self.shared is None:
-            return found
-        owner = {self.bodies[member]: self.shared.bodies[name] for member, name in self.config.owners.items()}
-        others = np.setdiff1d(np.arange(self.shared.mjm.nbody), list(owner.values()))  # they keep their order
+        sim, found = self.sim, np.arange(self.mjm.nbody)
+        owner = {self.bodies[member]: sim.bodies[name] for member, name in self.config.owners.items()}
+        others = np.setdiff1d(np.arange(sim.mjm.nbody), list(owner.values()))  # they keep their order
         alone = np.setdiff1d(found, list(owner))
         found[alone] = others[: len(alone)]
         found[list(owner)] = list(owner.values())
@@ -123,16 +121,14 @@ class SceneModel(RefusesOldNames):
         if parent == FLOOR and self.config.floor is not None:
             return Support(0, is_floor=True)
         name, part = split_support(parent, self.bodies)
-        if name in self.bodies and not part:
-            return Support(self.bodies[name], name)
-        parts = self.parts(name) if name in self.bodies else {}
+        parts = {**self.parts(name), "": self.bodies[name]} if name in self.bodies else {}
         if part in parts:
             return Support(parts[part], name)
         still = static_supports(self.mjm, self.bodies) if self.config.model is not None else {}
         if parent in still:
             return still[parent]
-        of_object = [name, *(f"{name}/{p}" for p in parts)] if name in self.bodies else self.bodies
-        raise UnknownNameError("body" if parts else "support", parent, where, [*of_object, *still])
+        of_object = [name, *(f"{name}/{p}" for p in parts if p)] if name in self.bodies else self.bodies
+        raise UnknownNameError("body" if len(parts) > 1 else "support", parent, where, [*of_object, *still])
 
     def parts(self, name: str) -> dict[str, int]:
         """Return the ids of the bodies inside an object, except its root, by their names inside the object."""
@@ -188,7 +184,7 @@ class SceneModel(RefusesOldNames):
 
     def _inside(self, name: str, bodies: np.ndarray, element: Callable[[int], Any]) -> dict[str, int]:
         """Return ids of elements inside an object or robot, by local name. `bodies` has the body of each element."""
-        prefix = f"{self._prefix(name)}/"
+        prefix = self._prefix(name)
         ids = np.flatnonzero(np.isin(bodies, self.subtree(name))).tolist()
         return {element(i).name.removeprefix(prefix): i for i in ids}
 
@@ -233,16 +229,14 @@ class SceneModel(RefusesOldNames):
         return {*drawn, *(c.follower for c in driven_by(self.couplings, drawn))}
 
     def _joint_words(self, name: str) -> dict[str, JointConfig]:
-        robot = self.config.all_robots.get(name)
-        return self.config.objects[name].joints if robot is None else robot.joints
+        return (self.config.all_robots.get(name) or self.config.objects[name]).joints
 
     def _prefix(self, name: str) -> str:
-        """Return the prefix of names in an object or robot: its name or, for a body of a model, the body's prefix."""
-        robot = self.config.all_robots.get(name)
-        if robot is not None:
-            return robot.prefix.removesuffix("/")
+        """Return the prefix of names in an object or robot, such as 'can/': its name, or the prefix of its body."""
+        if name in self.config.all_robots:
+            return self.config.all_robots[name].prefix
         body = self.config.objects[name].body
-        return name if body is None else body.rpartition("/")[0]
+        return f"{name}/" if body is None else body[: body.rfind("/") + 1]
 
 
 def refuse_follower(mjm: mujoco.MjModel, coupling: Coupling, where: str) -> NoReturn:

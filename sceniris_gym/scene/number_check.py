@@ -64,8 +64,6 @@ def _element(mjm: mujoco.MjModel, field: str, index: int) -> str:
         index = int(np.searchsorted(mjm.mesh_vertadr, index, side="right")) - 1
     elif kind == "dof":
         kind, index = "jnt", int(mjm.dof_jntid[index])
-    try:
-        name = getattr(mjm, kind)(index).name
-    except (AttributeError, IndexError, KeyError):
-        name = ""
+    of = mujoco.mju_str2Type({"jnt": "joint", "eq": "equality"}.get(kind, kind))
+    name = mujoco.mj_id2name(mjm, of, index)  # None if the rows of the field are no elements of this kind
     return f"{kind} '{name}'" if name else f"{kind} {index}"

@@ -125,8 +125,7 @@ class Overview:
         self.data = mujoco.MjData(mjm)
         self.data.qpos[:] = home_qpos
         mujoco.mj_kinematics(mjm, self.data)
-        planes = mjm.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
-        self.shown = np.isin(mjm.geom_group, _SHOWN) & ~planes
+        self.shown = np.isin(mjm.geom_group, _SHOWN) & (mjm.geom_type != mujoco.mjtGeom.mjGEOM_PLANE)
         placed = [self._body(part.body or name) for name, part in config.parts.items() if part.is_placed]
         self.of_placed = np.isin(mjm.geom_bodyid, [body for root in placed for body in subtree(mjm, root)])
 

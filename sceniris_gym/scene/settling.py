@@ -142,9 +142,8 @@ class _Drop:
         moved = np.linalg.norm(tried.xpos[self.things] - before, axis=1).max()
         centers, top = data.xipos[self.things], self.high + np.outer(self.sizes, [0.0, 0.0, 1.0])  # may stick out
         inside = ((centers >= self.low) & (centers <= top)).all()
-        return bool(
-            self._is_still(tried) and moved < _MOVED and -min(data.contact.dist, default=0.0) < DEEPEST and inside
-        )
+        deepest = -min(data.contact.dist, default=0.0)
+        return bool(self._is_still(tried) and moved < _MOVED and deepest < DEEPEST and inside)
 
     def _step(self, data: mujoco.MjData) -> None:
         """Step the objects, and hold all other joints."""

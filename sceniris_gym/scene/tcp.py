@@ -74,9 +74,8 @@ def tcp_site(spec: mujoco.MjSpec | None, mjm: mujoco.MjModel, qpos: np.ndarray, 
 def _usual_site(mjm: mujoco.MjModel, root: int, prefix: str) -> str:
     """Return the name of a robot's site that is best in `USUAL`, also below a further prefix, as in 'hand/pinch'."""
     names = [mjm.site(i).name for i in range(mjm.nsite) if int(mjm.site_bodyid[i]) in subtree(mjm, root)]
-    usual = [name for name in names if name.rpartition("/")[2] in USUAL]
-    best = sorted(usual, key=lambda name: (USUAL.index(name.rpartition("/")[2]), len(name)))
-    return best[0] if best else f"{prefix}{SITE}"
+    rank = {name: (USUAL.index(last), len(name)) for name in names if (last := name.rpartition("/")[2]) in USUAL}
+    return min(rank, key=rank.__getitem__, default=f"{prefix}{SITE}")
 
 
 def _found(mjm: mujoco.MjModel, root: int, words: TcpConfig, prefix: str, where: str) -> tuple[int, int | None]:

@@ -25,13 +25,12 @@ class Scene:
         self.scene: SceneModel = build_model(SceneConfig.load(config))
         self.plan: Plan = build_plan(self.scene)
         self.gripper = Gripper.from_model(self.scene.mjm, robot_arm(self.scene), self.scene.home_qpos, self.plan.pieces)
-        self.thing = Graspable(self.scene, "thing", self.plan.pieces, self.plan.scene.home)
+        self.thing = Graspable(self.scene, "thing", self.plan.pieces, self.gripper)
 
     def grasp_set(self) -> GraspSet:
         """The grasps of the object."""
         placed = next(o for o in self.plan.objects if o.name == "thing")
-        assert placed.config is not None
-        return self.thing.grasp_set(placed.stable_poses, placed.config.drawn_orientation.kind == "any", self.gripper)
+        return self.thing.grasp_set(placed.stable_poses)
 
 
 def rotation(quat: np.ndarray) -> np.ndarray:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -50,7 +49,7 @@ def test_a_thing_off_the_middle_is_centred(closing, off: float):
     _, fingers, grasps, bodies = closing
     (grasp,) = (grasp for grasp in grasps if grasp.name == "top 0")
     axis = np.array([0.0, 1.0, 0.0])
-    (grip,) = fingers.grips(bodies, [replace(grasp, pos=grasp.pos + off * axis)])
+    (grip,) = fingers.grips(bodies, [grasp._replace(pos=grasp.pos + off * axis)])
     assert grip.fits
     np.testing.assert_allclose(grip.pos, grasp.pos, atol=2e-5)
 
@@ -58,7 +57,7 @@ def test_a_thing_off_the_middle_is_centred(closing, off: float):
 def test_a_grasp_beside_the_thing_does_not_fit(closing):
     """The fingers meet each other before they touch it."""
     _, fingers, grasps, bodies = closing
-    (grip,) = fingers.grips(bodies, [replace(grasps[0], pos=grasps[0].pos + [0.0, 0.0, 0.2])])
+    (grip,) = fingers.grips(bodies, [grasps[0]._replace(pos=grasps[0].pos + [0.0, 0.0, 0.2])])
     assert not grip.fits
 
 

@@ -300,7 +300,7 @@ def test_a_tool_without_fingers_comes_back():
     nothing = np.zeros(0)
     tool = Gripper(1e3, 0.0, 0.0, 0.1, 0.01, 0.0, np.zeros(0, int), nothing, nothing)
     (arm,) = compiled.reaching.arms
-    bare = replace(compiled, reaching=replace(compiled.reaching, arms=(replace(arm, gripper=tool),)))
+    bare = replace(compiled, reaching=compiled.reaching._replace(arms=(replace(arm, gripper=tool),)))
     again = from_arrays(bare.scene, "cpu", to_arrays(bare)).reaching
     assert again is not None
     assert again.arms[0].gripper.qposadr.dtype == int

@@ -29,6 +29,7 @@ def check_constraints(plan: Plan) -> None:
         NotSupportedError: Layouts or the start pose would break a weld, a connect or a tendon.
     """
     drawn, where, mjm = _Drawn(plan), plan.scene.config.where, plan.scene.mjm
+    (missed,) = equality_errors(mjm, plan.scene.home_qpos[None])
     for eq in active_equalities(mjm):
         kind, label = mujoco.mjtEq(int(mjm.eq_type[eq])), f"{where}: {equality_label(mjm, eq)}"
         if bodies := joined_bodies(mjm, eq):
@@ -48,11 +49,9 @@ def check_constraints(plan: Plan) -> None:
             flex = int(mjm.eq_obj1id[eq])
             name = mujoco.mj_id2name(mjm, mujoco.mjtObj.mjOBJ_FLEX, flex) or flex
             raise NotSupportedError(f"{label}: flex '{name}' cannot be placed. Replace the flex by rigid bodies.")
-    (missed,) = equality_errors(mjm, plan.scene.home_qpos[None])
-    for eq in active_equalities(mjm):
-        if mjm.eq_type[eq] != mujoco.mjtEq.mjEQ_JOINT and missed[eq] > KEPT:
+        if kind != mujoco.mjtEq.mjEQ_JOINT and missed[eq] > KEPT:
             raise NotSupportedError(
-                f"{where}: {equality_label(mjm, eq)} is violated by {missed[eq]:.3g} m or rad in the start pose, which "
+                f"{label} is violated by {missed[eq]:.3g} m or rad in the start pose, which "
                 f"should be at most {KEPT:g}. Correct the keyframe 'home', or remove the equality."
             )
     for tendon in range(mjm.ntendon):
@@ -66,13 +65,14 @@ class _Drawn:
 
     Attributes:
         mjm: The model.
-        owners: The object or robot that contains a body, by body id. Other bodies have no entry.
+        owners: The object or robot that contains a body, or "world", by body id.
         joints: Ids of the drawn and following joints.
         above: For each body, the movers that change the body's pose, as joint ids and object names.
     """
 
     def __init__(self, plan: Plan) -> None:
-        self.mjm, self.owners = plan.scene.mjm, plan.scene.owners
+        self.mjm = mjm = plan.scene.mjm
+        self.owners = dict.fromkeys(range(mjm.nbody), "world") | plan.scene.owners
         self.joints = {joint for o in plan.objects for joint in plan.scene.moving_joints(o.name)}
         placed = {o.bodies[0]: o.name for o in plan.objects if o.kind != ObjectKind.STATIC}
         self.above: list[frozenset[int | str]] = [frozenset()]
@@ -82,10 +82,6 @@ class _Drawn:
             if body in placed:
                 own.add(placed[body])
             self.above.append(self.above[self.mjm.body_parentid[body]] | own)
-
-    def owner(self, body: int) -> str:
-        """Return the name of the object or robot that contains a body, or "world"."""
-        return self.owners.get(body, "world")
 
     def apart(self, bodies: Iterable[int]) -> frozenset[int | str]:
         """Return the movers that move some of the bodies, but not all of them."""
@@ -108,14 +104,14 @@ def _check_loop(label: str, drawn: _Drawn, a: int, b: int) -> None:
     if not apart:
         return
     first, second = (drawn.mjm.body(body).name for body in (a, b))
-    if drawn.owner(a) != drawn.owner(b):
+    if drawn.owners[a] != drawn.owners[b]:
         raise NotSupportedError(
             f"{label} ties body '{first}' to body '{second}', but layouts move them separately, because they belong to "
-            f"'{drawn.owner(a)}' and '{drawn.owner(b)}'. Remove the equality, or make both bodies parts of one asset."
+            f"'{drawn.owners[a]}' and '{drawn.owners[b]}'. Remove the equality, or make both bodies parts of one asset."
         )
     raise NotSupportedError(
         f"{label} ties body '{first}' to body '{second}', but drawing {drawn.names(apart)} would break it. Leave these "
-        f"joints out of the 'joints' of '{drawn.owner(a)}', or remove the equality."
+        f"joints out of the 'joints' of '{drawn.owners[a]}', or remove the equality."
     )
 
 
@@ -127,7 +123,7 @@ def _check_spatial(where: str, drawn: _Drawn, tendon: int) -> None:
     pulls = limited or (springs and bool(np.any(mjm.tendon_stiffness[tendon])))
     if tendon_joints(mjm, tendon) or not stretched or not pulls:
         return
-    owners, name = {drawn.owner(body) for body in _bodies_of(mjm, tendon)}, mjm.tendon(tendon).name
+    owners, name = {drawn.owners[body] for body in _bodies_of(mjm, tendon)}, mjm.tendon(tendon).name
     if len(owners) > 1:
         raise NotSupportedError(
             f"{where}: tendon '{name}' has limits or stiffness and runs between {_quoted(owners)}, which layouts move "

@@ -1,4 +1,4 @@
-"""Checks of each object's keys: supports, relations and regions, drawn joints, heaps and `reachable`."""
+"""Checks of each object's keys: supports, relations and regions, drawn joints and `reachable`."""
 
 import numpy as np
 
@@ -12,7 +12,6 @@ from sceniris_gym.program.pack.relations import MOST_SLICES, cut_pieces
 from sceniris_gym.program.plan import Plan
 from sceniris_gym.program.reach import asset_and_words
 from sceniris_gym.reach.map import build_command, why_not_map
-from sceniris_gym.scene.heaps import settled_with
 
 # Tolerance [m or rad] of a joint's limits for rounding.
 _ROUNDING = 1e-6
@@ -113,23 +112,6 @@ def check_followers(plan: Plan) -> None:
                     f"{high:.4g}, which should be inside its limits [{least:g}, {most:g}]. Draw '{driver}' from a "
                     "smaller range."
                 )
-
-
-def check_heaps(plan: Plan) -> None:
-    """Check that the settled poses of each heap come from the objects and the container that the scene has now.
-
-    Raises:
-        SceneKeyError: The poses were settled with other shapes or masses.
-    """
-    config = plan.scene.config
-    made_with = {o.name: o.heap.settled_with for o in plan.objects if o.heap is not None}
-    for key, heap in config.heaps.items():
-        where = f"{config.where}: heaps.{key}"
-        if made_with[heap.of[0]] != settled_with(plan.scene, heap, where):
-            raise SceneKeyError(
-                f"{where}.rows: '{heap.rows}' was settled with other shapes or masses than in this scene. Run "
-                "`sceniris-gym settle SCENE` again."
-            )
 
 
 def check_reach(plan: Plan) -> None:

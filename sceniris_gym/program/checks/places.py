@@ -9,6 +9,7 @@ from sceniris_gym.config.bounds import BOUNDS, MOST_FAR, MOST_WIDE
 from sceniris_gym.errors import NotSupportedError, SceneKeyError
 from sceniris_gym.geometry.pieces import ROUGH, PieceType, geom_name, obstacle_flexes
 from sceniris_gym.program.device import ObjectKind
+from sceniris_gym.program.dropping import point
 from sceniris_gym.program.placed_object import PlacedObject, keys_of_bodies
 from sceniris_gym.program.plan import Plan
 from sceniris_gym.scene.parking import GROUND_RISE, PARKING_FROM, PARKING_SPACING
@@ -86,10 +87,8 @@ def _check_region(plan: Plan, o: PlacedObject, placed: set[str]) -> None:
     """
     if o.support is None or o.config.support is None:
         return
-    moves = o.support.owner in placed
-    pos = np.zeros(3) if moves else plan.scene.home.xpos[o.support.body]
-    mat = np.eye(3) if moves else plan.scene.home.xmat[o.support.body].reshape(3, 3)
-    reach = float(np.abs(o.corners @ mat.T + pos).max())
+    at = o.corners if o.support.owner in placed else point(plan.scene.home, o.support.body, o.corners)
+    reach = float(np.abs(at).max())
     if reach > MOST_FAR + 1e-6:
         where = f"{plan.scene.config.where}: {plan.scene.config.key(o.name)}.{o.config.support.word}"
         raise SceneKeyError(
@@ -200,8 +199,7 @@ def _reach(plan: Plan, o: PlacedObject, ends: dict[str, np.ndarray]) -> np.ndarr
         at = ends.get(o.support.owner, _NOWHERE)
     else:  # on a support that belongs to no object
         assert o.ground is not None
-        pos, mat = plan.scene.home.xpos[o.ground], plan.scene.home.xmat[o.ground].reshape(3, 3)
-        corners = o.corners @ mat.T + pos
+        corners = point(plan.scene.home, o.ground, o.corners)
         at = np.array([corners.min(axis=0), corners.max(axis=0)])
     return at + 2.0 * size * _OUTWARDS
 

@@ -63,11 +63,8 @@ class Trees:
         return [found for nodes in self._opened(a, b) for found in self.without(*nodes, within)]
 
     def leaves(self, collider: int) -> dict[int, int]:
-        """Return the leaves of a collider: node -> index of the leaf's piece. The root of a plane counts as a leaf."""
-        one = self._colliders[collider]
-        if one.plane >= 0:
-            return {one.root: one.plane}
-        return {node: int(~self._child[node]) for node in self._leaves(one.root)}
+        """Return the leaves of a collider: node -> index of the leaf's piece."""
+        return {node: int(~self._child[node]) for node in self._leaves(self._colliders[collider].root)}
 
     def _is_leaf(self, node: int) -> bool:
         return bool(self._child[node] < 0)

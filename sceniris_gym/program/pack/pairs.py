@@ -119,9 +119,7 @@ class PairRules:
         first, second = self.colliders[a], self.colliders[b]
         if min(first.plane, second.plane) >= 0 or (self._fixed[first.body] and self._fixed[second.body]):
             return False
-        classes = first.contact_class, second.contact_class
-        excluded = self.contacts.excludes(first.body, second.body) and not self.contacts.is_explicit(*classes)
-        return self.contacts.meet(*classes) and not excluded
+        return self.contacts.may_touch(*self._classes(a, b), first.body, second.body)
 
     def meet_within(self, a: int, b: int) -> bool:
         """Return whether two colliders of one object can touch. MuJoCo ignores contacts of a body with its parent."""

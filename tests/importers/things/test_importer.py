@@ -234,7 +234,7 @@ def test_a_bottle_of_many_sides_stands_though_it_lies_more_often(tmp_path: Path,
     bottle = trimesh.creation.revolve(np.column_stack([radii, heights]), sections=32)
     if up == "y":
         bottle.apply_transform(trimesh.transformations.rotation_matrix(-0.5 * np.pi, [1, 0, 0]))
-    manifest = import_thing(write(bottle, tmp_path / "bottle.obj"), tmp_path / "bottle.xml", Options(scale=1.0))
+    manifest = import_thing(write(bottle, tmp_path / "bottle.obj"), tmp_path / "bottle.xml", Options(scale="m"))
     assert manifest["up"] == up
     assert "stands" in manifest["tags"]
     assert manifest["size_m"][2] == pytest.approx(0.175, abs=1e-3)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
+import mujoco
 import numpy as np
 import pytest
 
-from sceniris_gym.geometry.colliders import Collider, build_tree
+from sceniris_gym.geometry.colliders import Collider, build_tree, collect_colliders
+from sceniris_gym.geometry.pieces import extract_pieces
 from sceniris_gym.program.pack.descent import Trees
 
 
@@ -72,9 +72,17 @@ def test_what_is_left_out_is_met_by_nothing(sizes: list[int], count: int, lanes:
 
 
 def test_leaves_are_found_by_their_nodes():
-    """Each piece at one node without children; a plane at its root."""
+    """Each piece at one node without children."""
     colliders = _random_colliders([5])
     found = Trees(colliders).leaves(0)
     assert sorted(found.values()) == [0, 1, 2, 3, 4]
     assert sorted(found) == np.flatnonzero(colliders[0].child < 0).tolist()
-    assert Trees([replace(colliders[0], plane=7)]).leaves(0) == {0: 7}
+
+
+def test_a_plane_is_the_leaf_of_its_root():
+    """By the number of its piece, among other pieces of the world."""
+    geoms = "".join(f'<geom type="{kind}" size=".1 .1 .1" pos="0 0 {z}"/>' for z, kind in enumerate(["box", "plane"]))
+    mjm = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{geoms}</worldbody></mujoco>")
+    colliders = collect_colliders(extract_pieces(mjm, "physics"), False, "cpu")
+    (plane,) = (i for i, collider in enumerate(colliders) if collider.plane >= 0)
+    assert Trees(colliders).leaves(plane) == {colliders[plane].root: colliders[plane].plane}
