@@ -33,12 +33,16 @@ def find_scene(scenehash: str, config: SceneConfig | None = None) -> SceneModel:
     """Return the scene with the hash `scenehash`: the scene of `config` or, without `config`, a shipped scene.
 
     Raises:
-        UnknownNameError: No scene has this hash.
-        SceneMismatchError: A scene had this hash in an earlier version of the package, which made other layouts.
+        UnknownNameError: No shipped scene has this hash.
+        SceneMismatchError: The scene of `config` has another hash. Or a scene had this hash in an earlier version of
+            the package, which made other layouts.
     """
-    configs = [config] if config is not None else [SceneConfig.load(name) for name in shipped("envs", ".yaml")]
+    if config is not None:
+        model = build_model(config)
+        model.check_hash(scenehash, "replay: this layout", "Give its scene file, without changes made since.")
+        return model
     known = {}
-    for candidate in configs:
+    for candidate in map(SceneConfig.load, shipped("envs", ".yaml")):
         model = build_model(candidate)
         if model.hash == scenehash:
             return model
@@ -46,8 +50,7 @@ def find_scene(scenehash: str, config: SceneConfig | None = None) -> SceneModel:
             raise SceneMismatchError(f"replay: this layout of '{candidate.name}' {model.mismatch(scenehash, '')}")
         known[model.hash] = candidate.name
     valid = [f"{h} ({name})" for h, name in known.items()]
-    where = "replay: give --scene if the scene is your own" if config is None else "replay"
-    raise UnknownNameError("scene hash", scenehash, where, valid)
+    raise UnknownNameError("scene hash", scenehash, "replay: give --scene if the scene is your own", valid)
 
 
 def replay(compiled: CompiledScene, layout: LayoutId) -> LayoutTable:

@@ -84,13 +84,14 @@ def test_a_share_that_is_none_is_refused(shell: ReachMap, arm: SerialArm, tmp_pa
 def test_why_a_map_does_not_decide(shell: ReachMap):
     """There is none, its verdicts depend on turns, or it accepts what is out of reach; only then is it not default."""
     known = {
-        "it has no map yet (build one with sceniris-gym reach own --build": None,
+        "it has no map yet (build one, on a GPU in seconds, on a CPU core in hours": None,
         "which maps ignore: its map is wrong about 0.6%": replace(shell, turn_error=0.006, false_accepts=0.02),
         "too coarse: 2.00% of the poses that it accepts": replace(shell, false_accepts=0.02),
     }
     for says, reach_map in known.items():
         assert says in str(why_not_map(shell.arm, reach_map, "own"))
         assert default_tier(shell.arm, reach_map) == Tier.IK
+    assert "maybe too inexact" in str(why_not_map(gantry("-2 2")[1], None, "own"))
     for reach_map in (shell, replace(shell, false_accepts=MOST_FALSE_ACCEPTS, turn_error=MOST_TURN_ERROR)):
         assert why_not_map(shell.arm, reach_map, "own") is None
         assert default_tier(shell.arm, reach_map) == Tier.MAP
