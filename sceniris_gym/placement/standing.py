@@ -151,7 +151,7 @@ def find_patch(statics: Statics, stable: int, at: wp.vec2, heading: float, surfa
         surface: Number of the surface on which the object stands.
         ground: Pose of the body that has this surface.
     """
-    # Fixed vectors stay in registers. With arrays, each direction would wait for the memory: 1.6 us a corner.
+    # Fixed vectors stay in registers. With arrays, each direction would wait for a store of the direction before.
     patch = Patch()  # pyrefly: ignore[missing-argument]
     best = _Corners(_NO_CORNER)
     along_x = _Corners()
