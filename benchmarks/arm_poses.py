@@ -13,7 +13,6 @@ Prints a line of JSON for each arm.
 
 from __future__ import annotations
 
-import json
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,7 +24,7 @@ import torch
 import tyro
 from scipy.spatial.transform import Rotation
 
-from benchmarks.foreign_arms import ARMS, found, scene_of
+from benchmarks.foreign_arms import ARMS, found, scene_of, tell_row
 from sceniris_gym.audit.chain import Chain
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.scene.build import build_model
@@ -129,10 +128,7 @@ def main() -> None:
             warnings.simplefilter("ignore")
             model = model_of(name, options.folder)
             row = {"arm": name} | ({} if model is None else measure(model, options.targets))
-        print(json.dumps(row), flush=True)
-        if options.out is not None:
-            with options.out.open("a") as out:
-                out.write(json.dumps(row) + "\n")
+        tell_row(row, options.out)
 
 
 if __name__ == "__main__":

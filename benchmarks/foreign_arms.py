@@ -302,6 +302,15 @@ def _short(error: ScenirisError) -> str:
     return f"{type(error).__name__}: {str(error)[:300]}"
 
 
+def tell_row(row: dict[str, Any], out: Path | None) -> None:
+    """Print a row as a line of JSON, and append it to a file unless `out` is None."""
+    line = json.dumps(row)
+    print(line, flush=True)
+    if out is not None:
+        with out.open("a") as file:
+            file.write(line + "\n")
+
+
 def main() -> None:
     """Print a line for each arm."""
     options = tyro.cli(Options, description=__doc__)
@@ -317,10 +326,7 @@ def main() -> None:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             row = measure(name, options, files)
-        print(json.dumps(row), flush=True)
-        if options.out is not None:
-            with options.out.open("a") as out:
-                out.write(json.dumps(row) + "\n")
+        tell_row(row, options.out)
 
 
 if __name__ == "__main__":

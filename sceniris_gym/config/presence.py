@@ -58,6 +58,10 @@ class Presence:
         self.groups = {_GROUP + name: group for name, group in groups.items()}
         self.outer = {self.key(name): key for key, group in self.groups.items() for name in group.of}
 
+    def __reduce__(self) -> tuple[type[Presence], tuple]:
+        """Pickle only the words. The rest is computed from them."""
+        return Presence, (self._objects, self._groups)
+
     def key(self, name: str) -> str:
         """Return the key of an object or a group. An object goes before a group of the same name."""
         return name if name in self._objects or _GROUP + name not in self.groups else _GROUP + name
@@ -193,7 +197,7 @@ class Presence:
     @cached_property
     def excluded(self) -> dict[str, set[str]]:
         """Object that may be absent -> objects that are in no layout with it, as far as `_follow` tells."""
-        found = {name: self._follow([name]) for name in self.absent}
+        found = {name: self._alone[name] for name in self.absent}
         return {
             name: {
                 other
@@ -205,7 +209,12 @@ class Presence:
 
     def must(self, key: str) -> set[str]:
         """Return the keys of all objects and groups that are in every layout with an object or a group."""
-        return self._follow([key])[0]
+        return self._alone[key][0]
+
+    @cached_property
+    def _alone(self) -> dict[str, tuple[set[str], set[str]]]:
+        """Object or group -> the result of `_follow` for this key alone."""
+        return {key: self._follow([key]) for key in (*self._objects, *self.groups)}
 
     def _follow(self, keys: Iterable[str], known: Collection[str] = ()) -> tuple[set[str], set[str]]:
         """Return the keys that are in every layout with all of `keys`, and the objects that are in none of them.

@@ -213,7 +213,7 @@ class ModelFields:
         self.launch_holding(mask)
         self._launch_derived(mask)
 
-    def launch_holding(self, mask: wp.array) -> None:
+    def launch_holding(self, mask: wp.array | None) -> None:
         """Recompute `rest.law` and the controls at rest, for the present gains and the weight in the present pose."""
         if self._has_laws:
             launch_holding(self.rest, self._model, self._data, mask)

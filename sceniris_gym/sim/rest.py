@@ -9,6 +9,7 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.errors import NotSupportedError
+from sceniris_gym.layout.masks import selects
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device_reach import StartPose
 from sceniris_gym.scene.field_table import JOINT_TRANSMISSIONS
@@ -279,7 +280,7 @@ def _hold_anew(
 ):
     worldid, element = wp.tid()
     actuatorid = rest.actuator[element]
-    if not mask[worldid] or actuatorid < 0:
+    if actuatorid < 0 or not selects(mask, worldid):
         return
     before = rest_value(rest, worldid, element, qpos[worldid])
     gain = actuator_gainprm[worldid % actuator_gainprm.shape[0], actuatorid, 0]
@@ -315,7 +316,7 @@ def _hold_anew(
             _follow(history_out[worldid], rest.sampleadr[k], before, now)
 
 
-def launch_holding(rest: RestMap, m: mjw.Model, d: mjw.Data, mask: wp.array) -> None:
+def launch_holding(rest: RestMap, m: mjw.Model, d: mjw.Data, mask: wp.array | None) -> None:
     """Recompute `rest.law` from the Model's gains, then update the controls and activations that hold the current pose.
 
     Actuators of arms also bear the weight of the arm and its hand at the world poses in Data, less the part that
@@ -326,10 +327,10 @@ def launch_holding(rest: RestMap, m: mjw.Model, d: mjw.Data, mask: wp.array) -> 
         rest: The RestMap, whose `law` has a row for each world.
         m: The Model. The launch reads the arrays that the Model has at the time of this call.
         d: Data of the worlds.
-        mask: Selected worlds, shape (nworld,), bool.
+        mask: Selected worlds, shape (nworld,), bool. None selects all worlds.
     """
     inputs = [mask, rest, m.actuator_gainprm.view(wp.float32), m.actuator_biasprm.view(wp.float32), m.actuator_gear]
     inputs += [m.actuator_forcelimited, m.actuator_forcerange, m.body_mass, m.body_gravcomp, m.opt.gravity]
     inputs += [d.qpos, d.xipos, d.xanchor, d.xaxis]
     outputs = [d.ctrl, d.act, getattr(d, "history", None), rest.law]
-    wp.launch(_hold_anew, (d.nworld, rest.actuator.shape[0]), inputs=inputs, outputs=outputs, device=mask.device)
+    wp.launch(_hold_anew, (d.nworld, rest.actuator.shape[0]), inputs=inputs, outputs=outputs, device=rest.law.device)

@@ -127,7 +127,7 @@ class PositionActuators:
         fields, (bias, scale) = s._batch.fields, self._law
         if not fields.bears:
             return 0.0
-        fields.launch_holding(wp.from_torch(torch.ones(s.num_envs, dtype=torch.bool, device=s.device), dtype=wp.bool))
+        fields.launch_holding(None)
         return (wp.to_torch(fields.rest.law)[:, self._columns, 0] - bias) / scale
 
     def within_force(self, s: State, targets: Tensor, qpos: Tensor, qvel: Tensor) -> Tensor:
