@@ -7,10 +7,14 @@ from dataclasses import dataclass
 from typing import Any
 
 SCENES = ("mid", "mid_16k", "hard", "hard_plus", "table_top", "kitchen", "clutter", "dinner", "drawer_pick")
-TASKS = ("TabletopReach-v0", "DrawerPick-v0", "ClutterPush-v0", "KitchenReset-v0")
+TASKS = (
+    *("TabletopReach-v0", "DrawerPick-v0", "ClutterPush-v0", "KitchenReset-v0"),
+    *("TabletopLift-v0", "TabletopLiftAny-v0", "DrawerOpenPick-v0", "ClutterExtract-v0"),
+)
 ARMS = ("panda", "ur5e", "heron")
 GPU_RATES = (
     *("mid:4096", "kitchen:4096", "clutter:4096", "dinner:4096", "drawer_pick:4096", "tabletop_lift:4096"),
+    *("clutter_extract:4096", "benchmarks/ten_things.yaml:4096", "benchmarks/eight_slots.yaml:4096"),
     *("mid:16384", "mid_16k:16384", "hard:16384", "hard_plus:16384", "table_top:16384"),
     *("mid:65536", "mid_16k:65536", "mid:524288"),
 )
@@ -135,7 +139,7 @@ def _resets() -> Iterator[Figure]:
     for task in TASKS:
         yield Figure(
             f"`{task}`, 4,096 worlds: steps/s; relative to the same layouts from a bank; to one fixed layout",
-            f"python -m benchmarks.reset_cost --task {task} --sources fresh in_place replayed fixed --instances 6",
+            f"python -m benchmarks.reset_cost --task {task} --sources fresh replayed fixed --instances 2 --steps 25",
             lambda run, task=task: _steps(run.line(f"steps_{task}")),
             "; 0.99",
         )

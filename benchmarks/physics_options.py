@@ -138,7 +138,7 @@ def whole_step(envs: SceneVectorEnv, action: Tensor) -> Step:
     for _ in range(3):
         envs.step(action)
     action = action.clone()
-    replay, pipeline, device = captured(envs, action), envs.randomizer.pipeline, envs.device
+    replay, pipeline, device = captured(lambda: envs.step(action)), envs.randomizer.pipeline, envs.device
     assert pipeline.ahead is not None
 
     def step(given: Tensor) -> None:

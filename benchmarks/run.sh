@@ -3,10 +3,10 @@
 #
 # DEVICE is cpu or cuda:0; LAYOUTS is the number of layouts that each audit checks (20000). Every measurement leaves its
 # lines of JSON in FOLDER/NAME.jsonl. Those that are there already are not made again, so a run that was stopped goes on;
-# delete FOLDER for a new one. `python -m benchmarks.results FOLDER` then writes the page. Rates come first, one after
-# another and alone; the audits follow side by side, one core each, then all that is slow. COMMIT names the sources where
-# there is no git, and BEFORE the root of an earlier tree, whose rates and resets are measured beside these. Trainings
-# are made by evidence.sh, and need hours.
+# delete FOLDER for a new one. `python -m benchmarks.results FOLDER` then writes the page. Times come first, one after
+# another and alone; what tells no time follows side by side. COMMIT names the sources where there is no git, and BEFORE
+# the root of an earlier tree, whose rates and resets are measured beside these. Trainings are made by evidence.sh, and
+# need hours.
 set -uo pipefail
 device=$1 folder=$2 layouts=${3:-20000}
 mkdir -p "$folder"
@@ -31,20 +31,20 @@ measure start python3 -m benchmarks.second_start TabletopReach-v0 --device "$dev
 measure sb3_bytes python3 -m benchmarks.sb3_bytes --env-id sceniris_gym/DrawerPick-v0 --steps 6 --episode 5 \
   --device "$device"
 for task in $tasks; do
-  measure "steps_$task" python3 -m benchmarks.reset_cost --task "$task" --sources fresh in_place replayed fixed \
-    --instances 6 --out "$folder/steps_$task.json"
+  measure "steps_$task" python3 -m benchmarks.reset_cost --task "$task" --sources fresh replayed fixed \
+    --instances 2 --steps 25 --out "$folder/steps_$task.json"
 done
-[ "$device" = cpu ] || measure resets python3 -m benchmarks.resets_table "$folder/resets" --device "$device" \
-  ${BEFORE:+--before "$BEFORE"}
+[ -z "${BEFORE:-}" ] ||
+  measure resets python3 -m benchmarks.resets_table "$folder/resets" --device "$device" --before "$BEFORE"
 [ "$device" = cpu ] || measure reset python3 -m benchmarks.reset_step mid --arm --device "$device"
 measure paper python3 -m benchmarks.paper $paper --device "$device" --json
+measure reach python3 -m benchmarks.reach --n 6000 --device "$device"
 for scene in $(list SCENES); do
   measure "audit_$scene" audit "$scene" -n "$layouts" --rejected "$layouts" &
 done
 measure audit_mid_on_support audit mid -n "$layouts" --rejected 0 --set objects.apple.ratio_on_support=1 \
   --set objects.banana.ratio_on_support=1 &
-wait
-measure relations python3 -m tests.stress.relations --layouts "$((5 * layouts))" --device "$device"
-measure reach python3 -m benchmarks.reach --n 6000 --device "$device"
+measure relations python3 -m tests.stress.relations --layouts "$((5 * layouts))" --device "$device" &
 [ "$device" = cpu ] || measure contacts python3 -m benchmarks.honest_resets --layouts "$layouts" \
-  --out "$folder/contacts.out" --device "$device"
+  --out "$folder/contacts.out" --device "$device" &
+wait

@@ -11,6 +11,7 @@ import json
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import torch
@@ -20,6 +21,7 @@ from benchmarks.timing import captured, wait
 from sceniris_gym.adapters.rsl_rl import RslRlVecEnvWrapper
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.training.task_scenes import make_env, scene_of
+from sceniris_gym.vector.arm_controller import ArmController
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 
 
@@ -71,13 +73,20 @@ def main(options: Options) -> None:
         tell("environment step", clock(envs, options.steps, lambda: envs.step(action)))
         tell("step through the adapter", clock(envs, options.steps, lambda: adapter.step(action)))
         if envs.device.type == "cuda":
-            tell("environment step in one graph", clock(envs, options.steps, captured(envs, action)))
+            tell("environment step in one graph", clock(envs, options.steps, captured(lambda: envs.step(action))))
         tell("physics", clock(envs, options.steps, envs.batch.step))
         tell("reset of no world", clock(envs, options.steps, lambda: envs.randomizer.reset(nobody)))
         tell("reset of 0.5% of the worlds", clock(envs, options.steps, lambda: envs.randomizer.reset(some)))
         tell("apply", clock(envs, options.steps, lambda: task.apply(s, action)))
         tell("observe", clock(envs, options.steps, lambda: task.observe(s)))
         tell("reward", clock(envs, options.steps, lambda: task.reward(s, action)))
+        arm = ArmController(s)
+        for size in (4, 6):
+            moves = 0.3 * torch.randn((options.num_envs, size), device=envs.device).clamp(-1.0, 1.0)
+            move = partial(arm.move_tool, s, moves)
+            tell(f"move_tool, {size} numbers", clock(envs, options.steps, move))
+            if envs.device.type == "cuda":
+                tell(f"move_tool, {size} numbers, in one graph", clock(envs, options.steps, captured(move)))
 
 
 if __name__ == "__main__":

@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import torch
 import warp as wp
-from torch import Tensor
 
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 
@@ -24,12 +23,12 @@ def spread(values: Sequence[float] | np.ndarray, digits: int = 4) -> dict[str, f
     return {name: round(float(value), digits) for name, value in found.items()}
 
 
-def captured(envs: SceneVectorEnv, action: Tensor) -> Callable[[], None]:
-    """Record a whole step with what is in `action` then, torch and Warp together, into one CUDA graph."""
+def captured(work: Callable[[], object]) -> Callable[[], None]:
+    """Record what torch and Warp launch in `work` into one CUDA graph, and return what replays it."""
     stream, graph = torch.cuda.Stream(), torch.cuda.CUDAGraph()
     torch.cuda.synchronize()
     with torch.cuda.graph(graph, stream=stream):
         warp_stream = wp.stream_from_torch(torch.cuda.current_stream())
         with wp.ScopedStream(warp_stream, sync_enter=False), wp.ScopedCapture(stream=warp_stream, external=True):
-            envs.step(action)
+            work()
     return graph.replay
