@@ -28,7 +28,7 @@ from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.registration import ENVS
-from sceniris_gym.scene.model import subtree
+from sceniris_gym.scene.model import SceneModel, subtree
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import ResetRandomizer
 from sceniris_gym.sim.versions import OverflowType
@@ -74,15 +74,15 @@ class Judge:
     """Checks resets of one CompiledScene with MuJoCo-Warp."""
 
     def __init__(self, compiled: CompiledScene, layout_source: LayoutSource, options: Options) -> None:
-        self.compiled, mjm = compiled, compiled.mjm
         self.batch = Batch(
             compiled.scene, options.num_envs, compiled.device, nconmax=options.nconmax, njmax=options.njmax, substeps=1
         )
+        mjm = self.batch.scene.mjm  # the variants of an object share one body here
         self.randomizer = ResetRandomizer(compiled, self.batch.model, self.batch.data, layout_source=layout_source)
-        self.supports = supports(compiled)
+        self.supports = supports(self.batch.scene)
         free = mjm.jnt_type == mujoco.mjtJoint.mjJNT_FREE
         self.velocities = mjm.jnt_dofadr[free][:, None] + np.arange(3)
-        self.levers = levers(compiled)
+        self.levers = levers(self.batch.scene)
         self.steps = round(WATCHED / mjm.opt.timestep)
 
     def look(self, seed: int) -> tuple[Counter, Counter]:
@@ -118,7 +118,7 @@ class Judge:
 
     def _touching(self) -> tuple[np.ndarray, Counter]:
         """Return a mask of worlds where bodies touch that do not carry each other, and the number of worlds by pair."""
-        d, mjm = self.batch.data, self.compiled.mjm
+        d, mjm = self.batch.data, self.batch.scene.mjm
         self._check_room()
         number = int(d.nacon.numpy()[0])
         bodies = np.sort(mjm.geom_bodyid[d.contact.geom.numpy()[:number]], axis=1)
@@ -140,19 +140,19 @@ class Judge:
             raise RuntimeError(f"MuJoCo-Warp lost contacts that it had no room for: {lost.name}.")
 
 
-def supports(compiled: CompiledScene) -> dict[str, str]:
+def supports(scene: SceneModel) -> dict[str, str]:
     """Return the body that each object stands on; `world` for the floor."""
-    parents = {name: part.support.parent for name, part in compiled.config.objects.items() if part.support is not None}
+    parents = {name: part.support.parent for name, part in scene.config.objects.items() if part.support is not None}
     return {name: "world" if parent == "floor" else parent for name, parent in parents.items()}
 
 
-def levers(compiled: CompiledScene) -> dict[int, float]:
+def levers(scene: SceneModel) -> dict[int, float]:
     """Return the speed of the fastest point at unit velocity of each joint of an object, by address in qvel.
 
     It is 1 for a slide [m/s per m/s]. For a hinge it is the distance from its axis to the farthest corner of the geoms
     that it rotates, in the model's start pose [m/s per rad/s].
     """
-    mjm, robot = compiled.mjm, compiled.config.robot
+    mjm, robot = scene.mjm, scene.config.robot
     data = mujoco.MjData(mjm)
     mujoco.mj_kinematics(mjm, data)
     found = {}

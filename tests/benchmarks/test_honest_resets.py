@@ -31,7 +31,18 @@ def test_bad_resets_are_counted(compiled: CompiledScene):
     bad, pairs = honest_resets.Judge(compiled, drawn, options).look(0)
     assert 2 <= bad["in_contact"] <= bad["either"]
     assert not any("table" in pair for pair in pairs)
-    assert honest_resets.supports(compiled)["can"] == "table"
+    assert honest_resets.supports(compiled.scene)["can"] == "table"
+
+
+def test_resets_of_variants_are_judged_in_the_body_that_variants_share():
+    """Its velocities and contacts are those of the simulated model, which has fewer bodies than the compiled scene."""
+    thing = {"on": "table", "ratio_on_support": 1, "variants": {name: {"asset": name} for name in ("can", "orange")}}
+    objects = {"table": {"asset": "table", "kind": "static"}, "first": thing, "second": thing}
+    compiled = compile_scene(SceneConfig.model_validate({"objects": objects}), "cpu")
+    options = honest_resets.Options(num_envs=48, nconmax=64, njmax=256)
+    good, pairs = honest_resets.Judge(compiled, LayoutGenerator(compiled, 48), options).look(0)
+    assert (good["layouts"], good["either"]) == (48, 0)
+    assert not pairs
 
 
 def judge_with_room(compiled: CompiledScene, nconmax: int, njmax: int) -> honest_resets.Judge:
