@@ -53,6 +53,17 @@ def test_a_kernel_rounds_after_each_operation(module: Module, kernel: ast.Functi
     assert (options["fuse_fp"], options["enable_backward"]) == (False, False)
 
 
+@pytest.mark.parametrize(("module", "kernel"), KERNELS)
+def test_a_kernel_of_a_wave_takes_arrays_in_structs(module: Module, kernel: ast.FunctionDef):
+    """Otherwise a CPU compiles it twice, by the strides of the arrays, inlines less, and copies the program at calls.
+
+    Masks are read once in an episode, and columns where a param narrows a region.
+    """
+    arrays = {arg.arg for arg in kernel.args.args if "wp.array" in ast.unparse(arg.annotation or arg)}
+    if {"program", "search"} <= {arg.arg for arg in kernel.args.args}:
+        assert arrays <= {"mask", "columns"}
+
+
 @pytest.mark.parametrize("room", ["collide", "device", "layout", "placement", "program", "reach"])
 def test_layouts_need_no_function_that_devices_round_otherwise(room: str):
     """Warp's sines and powers are CUDA's and the C library's; those of device/transforms.py are one and the same."""

@@ -149,9 +149,8 @@ def _draw(
     split: wp.uint32,
     # Layouts in: present, pending*, pivot_pose, bodies*
     layouts: LayoutsView,
-    # Out, if there are regions that differ between worlds:
-    cuts: wp.array[int],
-    regions: wp.array[int],
+    # Regions out: counts*
+    regions: Regions,
     # Search in: restarts*, row_first, opened, trials*; out: rows_before, candidates, narrow_pairs, hands,
     #   any_overflowed, surface, grasp, overflowed, pivots*, flags*; both: rows_left, source, rows, cause, stable_draw,
     #   heading, point, poses*
@@ -159,9 +158,9 @@ def _draw(
 ):
     if wp.tid() == 0:
         begin_wave(search)
-        if cuts:
-            cuts[0] = 0
-            regions[0] = 0
+        if regions.cuts:
+            regions.cuts[0] = 0
+            regions.regions[0] = 0
     for c in range(wp.tid(), wp.min(search.opened[0], search.cause.shape[0]), lanes):
         if c >= search.row_first[search.row[c]]:  # candidates before the first are drawn ahead
             draw_candidate(program, split, layouts, search, c)
@@ -169,5 +168,6 @@ def _draw(
 
 def launch_draw(work: Workspace, regions: "Regions | None") -> None:
     """Draw the candidates of this wave, except for points in regions that differ between worlds."""
-    counts = [None, None] if regions is None else [regions.cuts, regions.regions]
-    work.launch_lanes(_draw, work.program, work.split, work.layouts, *counts, work.search)
+    # A struct, since a CPU compiles a kernel with arrays among its arguments twice, and then inlines less.
+    regions = Regions() if regions is None else regions  # pyrefly: ignore[missing-argument]
+    work.launch_lanes(_draw, work.program, work.split, work.layouts, regions, work.search)
