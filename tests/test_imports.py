@@ -185,6 +185,13 @@ def test_scenes_and_layouts_are_made_without_torch(loaded: list[set[str]]):
     assert "torch" not in loaded[1]
 
 
+def test_scenes_are_compiled_without_mujoco_warp():
+    """Its kernels take a second to import, more if they are not imported as `sceniris_gym.sim` does."""
+    found = loaded_by("import sceniris_gym; sceniris_gym.compile_scene({'objects': {}}, 'cpu')")
+    assert "warp" in found
+    assert "mujoco_warp" not in found
+
+
 def test_a_randomizer_resets_without_torch(loaded: list[set[str]]):
     """Only a snapshot, or who reads a tensor, loads it."""
     assert len(loaded) == 3

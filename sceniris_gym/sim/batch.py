@@ -13,9 +13,9 @@ import warp as wp
 
 from sceniris_gym.device.fixed import Fixed
 from sceniris_gym.device.sequence import LaunchSequence
-from sceniris_gym.errors import ContactBudgetError, as_names, check_names
+from sceniris_gym.errors import ContactBudgetError, NotSupportedError, as_names, check_names
 from sceniris_gym.layout.masks import as_count
-from sceniris_gym.program.checks.simulation import array_bytes, check_worlds, put_simulated
+from sceniris_gym.program.checks.simulation import array_bytes, check_worlds
 from sceniris_gym.scene.draws import drawn_fields
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.sim.model_fields import ModelFields, owner, widen, with_followers
@@ -158,6 +158,20 @@ def updater(needs: Iterable[str]) -> Callable[[mjw.Model, mjw.Data], None]:
             stage(m, d)
 
     return update
+
+
+def put_simulated(mjm: mujoco.MjModel, where: str) -> mjw.Model:
+    """Return a model as a `mujoco_warp.Model` on Warp's current device.
+
+    Raises:
+        NotSupportedError: The model has a feature that MuJoCo-Warp lacks. The message begins with `where`.
+    """
+    try:
+        return mjw.put_model(mjm)
+    except NotImplementedError as error:
+        raise NotSupportedError(
+            f"{where}: MuJoCo-Warp cannot simulate the model: {error} Remove this from the model."
+        ) from None
 
 
 def with_options(mjm: mujoco.MjModel, options: Mapping[str, Any]) -> mujoco.MjModel:

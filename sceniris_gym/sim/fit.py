@@ -10,12 +10,12 @@ import warp as wp
 from sceniris_gym.errors import SceneMismatchError, as_names, check_type
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.layout.masks import as_count
-from sceniris_gym.program.checks.simulation import array_bytes, check_worlds, put_simulated
+from sceniris_gym.program.checks.simulation import array_bytes, check_worlds
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.adopt import instead_of_variants
 from sceniris_gym.scene.draws import drawn_fields
 from sceniris_gym.scene.field_table import check_field
-from sceniris_gym.sim.batch import default_budget
+from sceniris_gym.sim.batch import default_budget, put_simulated
 from sceniris_gym.sim.model_fields import NAMED, widen, with_followers
 from sceniris_gym.sim.variants import fields_of_variants
 

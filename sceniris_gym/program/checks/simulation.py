@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import mujoco
-import mujoco_warp as mjw
 import warp as wp
 
 from sceniris_gym.errors import MemoryLimitError, NotSupportedError
@@ -15,6 +14,8 @@ from sceniris_gym.program.plan import Plan
 
 _MEMINFO = Path("/proc/meminfo")
 _LIMIT, _USED = (Path("/sys/fs/cgroup") / name for name in ("memory.max", "memory.current"))
+# Those of `mujoco_warp.SolverType`, which is not imported here, because layouts alone need no MuJoCo-Warp.
+_SOLVERS = (mujoco.mjtSolver.mjSOL_CG, mujoco.mjtSolver.mjSOL_NEWTON)
 # Memory of a pair of colliders during compilation [bytes], measured with 500,000 pairs.
 _PAIR_BYTES = 600
 
@@ -26,23 +27,9 @@ def check_solver(plan: Plan) -> None:
         NotSupportedError: MuJoCo-Warp lacks the solver.
     """
     solver = mujoco.mjtSolver(plan.scene.mjm.opt.solver)
-    if int(solver) not in set(mjw.SolverType):
+    if solver not in _SOLVERS:
         name = solver.name.removeprefix("mjSOL_")
         raise NotSupportedError(f"{plan.scene.config.where}: MuJoCo-Warp has no solver {name}. Use Newton or CG.")
-
-
-def put_simulated(mjm: mujoco.MjModel, where: str) -> mjw.Model:
-    """Return a model as a `mujoco_warp.Model` on Warp's current device.
-
-    Raises:
-        NotSupportedError: The model has a feature that MuJoCo-Warp lacks. The message begins with `where`.
-    """
-    try:
-        return mjw.put_model(mjm)
-    except NotImplementedError as error:
-        raise NotSupportedError(
-            f"{where}: MuJoCo-Warp cannot simulate the model: {error} Remove this from the model."
-        ) from None
 
 
 def check_pairs_fit(plan: Plan) -> None:
