@@ -81,9 +81,10 @@ def evaluate(
         each = found["valid"]["each"]
         ids = [name for name, success in zip(each["id"], each["success"], strict=True) if not success]
         write_text(failed, "".join(f"{name}\n" for name in ids))
-        options = f"--policy {quote(str(run / MODEL))} --layout {quote(str(failed))}"
-        env = task if ":" in task else spec_of(task).id
-        more["view"] = f"sceniris-gym view --env {env} {options}" if ids else None
+        sees = env.unwrapped.image_config is not None  # `view` cannot play a policy that sees images
+        played = "" if sees else f" --policy {quote(str(run / MODEL))}"
+        where = task if ":" in task else spec_of(task).id
+        more["view"] = f"sceniris-gym view --env {where}{played} --layout {quote(str(failed))}" if ids else None
     return more | without_layouts(found)
 
 

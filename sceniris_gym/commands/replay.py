@@ -39,7 +39,7 @@ def find_scene(scenehash: str, config: SceneConfig | None = None) -> SceneModel:
     """
     if config is not None:
         model = build_model(config)
-        model.check_hash(scenehash, "replay: this layout", "Give its scene file, without changes made since.")
+        model.check_hash(scenehash, "replay: this layout", "Give the scene file as it was, or take new ids.")
         return model
     known = {}
     for candidate in map(SceneConfig.load, shipped("envs", ".yaml")):

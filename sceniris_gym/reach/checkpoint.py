@@ -1,6 +1,7 @@
 """Saves the progress of a long build to a file, so that the build can be stopped and resumed."""
 
 import math
+import sys
 import time
 from collections.abc import Mapping
 from pathlib import Path
@@ -79,6 +80,8 @@ class Checkpoint:
         self.done = done
         if self._path is None or time.monotonic() - self._written <= _SECONDS:
             return
+        if not self._path.exists():
+            print(f"sceniris_gym: {self._path} keeps the progress, so the same command resumes.", file=sys.stderr)
         with replacing(self._path) as temporary, temporary.open("wb") as file:
             told = {"build": self._build, "finished": " ".join(sorted(self._finished)), "task": self._task}
             np.savez(file, allow_pickle=False, **told, done=self.done, **self._arrays)

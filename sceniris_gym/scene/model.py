@@ -90,7 +90,7 @@ class SceneModel(RefusesOldNames):
                 "was made by version 0.1.0 or before, whose layouts of this scene differ. The scene's hash was "
                 f"{found} then, and is {self.hash} now. Use that version, or make it again."
             )
-        return f"belongs to scene {found}, but this scene is {self.hash}. {cure}"
+        return f"belongs to scene {found}, but '{self.config.name}' is now scene {self.hash}. {cure}"
 
     def check_hash(self, found: str, what: str, cure: str) -> None:
         """Check that data belong to this scene. An empty hash fits any scene.

@@ -175,7 +175,7 @@ class Run:
         teacher = runner_of(env, self.settings, options.seed)
         while self.seconds < 60.0 * min(self.settings.teacher, options.minutes):
             start = self._clock()
-            teacher.learn(options.every)
+            teacher.learn(1)
             self.seconds += self._clock() - start
         self._tell("teacher", env.unwrapped.statistics.read())
         with replacing(options.out / TEACHER) as file:
@@ -185,13 +185,15 @@ class Run:
 
     def _train(self, iterations: int) -> None:
         self.runner.alg.entropy_coef = self.settings.entropy_after(self.env_steps)
-        start = self._clock()
-        tell("seconds of training", int(self.seconds), max(int(60.0 * self.options.minutes), int(self.seconds)))
-        self.runner.learn(iterations)
-        seconds = self._clock() - start
-        self.seconds += seconds
-        self.iterations += iterations
-        steps = iterations * self.settings.steps * self.options.num_envs
+        steps, before, start, whole = self.env_steps, self.seconds, self._clock(), int(60.0 * self.options.minutes)
+        for _ in range(iterations):
+            tell("seconds of training", int(self.seconds), max(whole, int(self.seconds)))
+            self.runner.learn(1)
+            self.seconds = before + self._clock() - start
+            self.iterations += 1
+            if self.finished:
+                break
+        steps, seconds = self.env_steps - steps, self.seconds - before
         valid = float(self.env.log["Reset/valid_share"])
         std = float(self.runner.alg.get_policy().output_std.detach().mean())
         causes = {key.removeprefix("Reset/reject_"): value for key, value in self.env.log.items() if "reject_" in key}

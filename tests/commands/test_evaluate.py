@@ -8,6 +8,7 @@ import re
 import shutil
 from importlib import import_module
 from pathlib import Path
+from types import SimpleNamespace
 
 import gymnasium
 import numpy as np
@@ -16,7 +17,8 @@ import torch
 
 pytest.importorskip("rsl_rl")
 
-from sceniris_gym import cli
+from sceniris_gym import ImageConfig, cli
+from sceniris_gym.commands import evaluate as module
 from sceniris_gym.commands.evaluate import evaluate, report
 from sceniris_gym.commands.train import train
 from sceniris_gym.errors import ArgumentError, SceneMismatchError
@@ -104,6 +106,20 @@ def test_failed_layouts_are_listed_and_shown(run: Path, capfd: pytest.CaptureFix
     assert said[0].startswith("FAIL: valid: ")
     view = f"sceniris-gym view --env {task} --policy {run / 'model.pt'} --layout {failed}"
     assert said[-1] == (view if ids else "All valid layouts ended in success.")
+
+
+def test_failures_of_a_policy_that_sees_images_are_viewed_without_it(
+    run: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+):
+    """The viewer plays no policy with images, so the command that is told shows only the layouts."""
+    env = SimpleNamespace(unwrapped=SimpleNamespace(image_config=ImageConfig(cameras={"eye": {}})))
+    found = {"success": 0.0, "interval": (0.0, 0.8), "layouts": 1, "each": {"id": ["a:eval:0:0"], "success": [0]}}
+    monkeypatch.setattr(module, "judges_of", lambda *_: {"valid": env, "unfiltered": env})
+    monkeypatch.setattr(module, "judge", lambda *_: found)
+    monkeypatch.setattr(module, "Policy", lambda *_, trust: None)
+    task = json.loads((run / "config.json").read_text())["options"]["task"]
+    told = evaluate(run, 1, "cpu", failed=tmp_path / "failed.txt", task=task)
+    assert told["view"] == f"sceniris-gym view --env {task} --layout {tmp_path / 'failed.txt'}"
 
 
 def test_a_video_shows_the_first_episodes(run: Path, capfd: pytest.CaptureFixture, tmp_path: Path):

@@ -89,10 +89,13 @@ def test_a_scene_of_ones_own_is_found_by_its_hash(tmp_path: Path):
     assert find_scene(own, config).config is config
     with pytest.raises(UnknownNameError, match=r"^replay: give --scene if the scene is your own: .* \(mid\), "):
         find_scene(own)
+    (tmp_path / "changed.yaml").write_text("base: mid\nobjects: {apple: {clearance: 0.02}}\n")
+    config = SceneConfig.load(tmp_path / "changed.yaml")
+    now = build_model(config).hash
     with pytest.raises(
-        SceneMismatchError, match=rf"belongs to scene .*, but this scene is {own}\. Give its scene file"
+        SceneMismatchError, match=rf"scene {own}, but 'changed' is now scene {now}\. Give the scene file as"
     ):
-        find_scene(compile_scene("mid", "cpu").hash, config)
+        find_scene(own, config)
 
 
 def test_poses_are_told_in_words_and_numbers():

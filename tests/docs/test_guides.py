@@ -35,6 +35,7 @@ PAGES = (
         "troubleshooting",
         "questions",
         "tutorial",
+        "own_arm",
         "how_to",
         "glossary",
         "how_it_works",

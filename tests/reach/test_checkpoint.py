@@ -40,14 +40,18 @@ def _work(state: Path | None, stop: tuple[str, int] | None = None) -> tuple[dict
 
 @pytest.mark.usefixtures("hasty")
 @pytest.mark.parametrize("stop", [(task, i) for task in ("first", "second") for i in (0, 1, 4)], ids=str)
-def test_what_was_stopped_goes_on_and_ends_as_if_it_had_not_been(tmp_path: Path, stop: tuple[str, int]):
-    """Every step is done once, and both arrays are filled as by one build without a stop."""
+def test_what_was_stopped_goes_on_and_ends_as_if_it_had_not_been(
+    tmp_path: Path, stop: tuple[str, int], capsys: pytest.CaptureFixture
+):
+    """Every step is done once, and both arrays are filled as by one build without a stop. A line names the file."""
     whole, steps = _work(None)
     before = _work(tmp_path / "state", stop)[1]
     found, after = _work(tmp_path / "state")
     assert before + after == steps
     assert all(np.array_equal(found[name], whole[name]) for name in whole)
     assert all(found[name].dtype == whole[name].dtype for name in whole)
+    said = f"sceniris_gym: {tmp_path / 'state'} keeps the progress, so the same command resumes.\n"
+    assert capsys.readouterr().err == said
 
 
 @pytest.mark.usefixtures("hasty")

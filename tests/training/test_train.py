@@ -6,6 +6,7 @@ import json
 from collections.abc import Iterator
 from dataclasses import asdict, replace
 from functools import partial
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -127,6 +128,21 @@ def test_a_policy_that_sees_images_imitates_a_teacher_that_sees_none(tmp_path: P
         again.go()
     assert {"first steps", "seconds of training"} <= set(heard)
     assert again.iterations == 2
+
+
+def test_a_training_ends_within_an_iteration_of_its_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Of ten iterations a line, each of ten seconds, half a minute takes three; the line is of these."""
+    monkeypatch.setattr(train, "make_env", partial(task_scenes.make_env, max_episode_steps=2))
+    monkeypatch.setattr(train, "judges_of", lambda *_: {})
+    monkeypatch.setattr(train, "compile_scene", lambda *_: reach_scene())
+    small: dict[str, Any] = {"num_envs": 2, "device": "cpu", "changes": ("steps=4", "hidden=[8]", "epochs=1")}
+    run = train.Run(Options("TabletopReach-v0", out=tmp_path, minutes=0.5, every=10, **small))
+    monkeypatch.setattr(run, "_judge", lambda: None)
+    monkeypatch.setattr(train, "evaluations", lambda _: [{}])
+    monkeypatch.setattr(run, "_clock", partial(next, count(0.0, 10.0)))
+    run.go()
+    (line,) = map(json.loads, run.log.read_text().splitlines())
+    assert (run.iterations, line["seconds"], line["env_steps"], line["steps_per_second"]) == (3, 30.0, 24, 1)
 
 
 def test_levels_go_on_with_a_training(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

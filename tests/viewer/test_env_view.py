@@ -108,7 +108,7 @@ def test_the_policy_is_asked_and_what_it_gets_is_plotted(envs: SceneVectorEnv):
 
 def test_ids_of_other_scenes_are_refused(envs: SceneVectorEnv):
     """At the start by an error, later on the page, until a user does something else."""
-    other = r"belongs to scene 0123456789abcdef, but this scene is .*Open its environment"
+    other = r"belongs to scene 0123456789abcdef, but '.*' is now scene .*Open its environment"
     with page() as server, pytest.raises(SceneMismatchError, match=other):
         EnvView(server, envs, None, ["0123456789abcdef:train:0:0"])
     with page() as server, pytest.raises(SceneMismatchError, match="start the viewer with its --split"):
