@@ -17,8 +17,13 @@ measure() { # NAME COMMAND...
   [ -s "$out" ] && return
   if "$@" 2>>"$folder/errors.log" >"$out.tmp"; then mv "$out.tmp" "$out"; else echo "failed: $*" >&2; fi
 }
-cli() { python3 -m sceniris_gym "$@" --device "$device" --json; }
-audit() { cli audit "$@" || [ $? -eq 1 ]; }  # a bad verdict is a figure, too
+cli() { python3 -m sceniris_gym "$@" --json; }
+audit() { # FILE SCENE COUNTS [--set ...]: the device makes layouts once, and any machine judges them
+  local file=$1 scene=$2 counts=$3
+  shift 3
+  [ -s "$file" ] || cli audit "$scene" $counts "$@" --save "$file" --device "$device" >&2 || return
+  cli audit "$scene" "$@" --load "$file" || [ $? -eq 1 ]  # a bad verdict is a figure, too
+}
 list() { python3 -c "from benchmarks import figures; print(*figures.$1)"; }
 
 worlds=$(list "GPU_RATES+figures.WATCHED" | tr " " "\n" | sort -u) tasks=$(list TASKS) paper="--peer uniform --peer scene_synthesizer"
@@ -40,10 +45,10 @@ done
 measure paper python3 -m benchmarks.paper $paper --device "$device" --json
 measure reach python3 -m benchmarks.reach --n 6000 --device "$device"
 for scene in $(list SCENES); do
-  measure "audit_$scene" audit "$scene" -n "$layouts" --rejected "$layouts" &
+  measure "audit_$scene" audit "$folder/$scene.npz" "$scene" "-n $layouts --rejected $layouts" &
 done
-measure audit_mid_on_support audit mid -n "$layouts" --rejected 0 --set objects.apple.ratio_on_support=1 \
-  --set objects.banana.ratio_on_support=1 &
+measure audit_mid_on_support audit "$folder/mid_on_support.npz" mid "-n $layouts --rejected 0" \
+  --set objects.apple.ratio_on_support=1 --set objects.banana.ratio_on_support=1 &
 measure relations python3 -m tests.stress.relations --layouts "$((5 * layouts))" --device "$device" &
 [ "$device" = cpu ] || measure contacts python3 -m benchmarks.honest_resets --layouts "$layouts" \
   --out "$folder/contacts.out" --device "$device" &
