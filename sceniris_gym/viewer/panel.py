@@ -21,7 +21,7 @@ _GOOD, _BAD, _WARNED = "background:#eef5ee; color:#1d4d2b;", "background:#fdeaea
 
 
 class Panel:
-    """Draws the controls. If a user changes a control, the panel adds a request to a queue.
+    """Draws the controls, which hold the user's choices. If a user changes one, the panel adds a request to a queue.
 
     Args:
         server: The viser server of the page.
@@ -30,6 +30,10 @@ class Panel:
         num: Number of worlds at first.
 
     Attributes:
+        layers: The checkbox of each layer, by name.
+        geometry: The list with the kinds of geometry to draw.
+        height: The slider with the height of the slice of the reach map [m].
+        speed: The list of speeds of physics, with the keys of `SPEEDS`.
         rejected: The checkbox that shows rejected candidates.
         table: The table of rejection counts.
         play: The button that runs or pauses physics.
@@ -53,20 +57,21 @@ class Panel:
         boxes += [f"<div style='{_BOX}{_WARNED}'>{html.escape(notice)}</div>" for notice in notices]
         self._message.content = "".join(boxes)
 
-    def set_scene(
-        self, names: Sequence[str], only: str | None, targets: Sequence[tuple[str, float, float]], has_map: bool
-    ) -> None:
-        """Update the controls for another scene.
+    @property
+    def only(self) -> str | None:
+        """The object whose layers the user selected, or None for all objects."""
+        return None if self._object.value == ALL else self._object.value
+
+    def set_scene(self, names: Sequence[str], targets: Sequence[tuple[str, float, float]], has_map: bool) -> None:
+        """Update the controls for another scene. If the selected object is not in this scene, select all objects.
 
         Args:
             names: The objects of the scene, to select from.
-            only: The selected object, or None for all objects.
             targets: Name, least and greatest control of each actuator. Each gets a slider.
             has_map: True if a robot of the scene has a reach map.
         """
-        self._object.options = (ALL, *names)
-        self._object.value = ALL if only is None else only
-        self._layers[REACH].disabled = self._height.disabled = not has_map
+        self._object.options = (ALL, *names)  # viser selects the first option if the selected one is gone
+        self.layers[REACH].disabled = self.height.disabled = not has_map
         for handle in self._targets:
             handle.remove()
         with self._play_tab:
@@ -123,18 +128,17 @@ class Panel:
 
     def _add_layers(self) -> None:
         gui = self._gui
-        self._layers = {}
-        geometry = gui.add_dropdown("geometry", (SEEN, COLLIDED, BOTH), hint="Only the first world shows collisions.")
-        self._on(geometry, "geometry", self._do.show_geometry)
-        for name, (_, hint) in LAYERS.items():
-            handle = gui.add_checkbox(name, False, hint=hint)
-            self._layers[name] = self._on(handle, name, lambda on, name=name: self._do.show_layer(name, on))
-        self._height = gui.add_slider("height of slice [m]", 0.0, 2.0, 0.01, 0.5)
-        self._on(self._height, "height", self._do.move_slice)
+        self.geometry: Any = gui.add_dropdown(
+            "geometry", (SEEN, COLLIDED, BOTH), hint="Only the first world shows collisions."
+        )
+        self.layers = {name: gui.add_checkbox(name, False, hint=hint) for name, (_, hint) in LAYERS.items()}
+        self.height = gui.add_slider("height of slice [m]", 0.0, 2.0, 0.01, 0.5)
+        self._on(self.height, "height", lambda _: self._do.show_slices())
         self._object: Any = gui.add_dropdown("layers of", (ALL,), hint="Show the layers of one object, or of all.")
-        self._on(self._object, "object", lambda name: self._do.look_at_object(None if name == ALL else name))
+        for handle in (self.geometry, *self.layers.values(), self._object):
+            self._on(handle, "show", lambda _: self._do.show())
         self.arm: Any = gui.add_dropdown("arm in", (START,), hint="Move the arm into a grasp of this layout.")
-        self._on(self.arm, "arm", self._do.move_arm)
+        self._on(self.arm, "arm", lambda _: self._do.move_arm())
 
     def _add_why(self) -> None:
         gui = self._gui
@@ -155,8 +159,7 @@ class Panel:
             buttons = gui.add_button_group("   ", ("Step", "Reset"))
             actions = {"Step": self._do.step, "Reset": self._do.reset_play}
             buttons.on_click(lambda event: self._ask("step", actions[event.target.value]))
-            speed = gui.add_dropdown("speed", tuple(SPEEDS))
-            self._on(speed, "speed", lambda name: self._do.set_speed(SPEEDS[name]))
+            self.speed = gui.add_dropdown("speed", tuple(SPEEDS))
             self._no_targets = gui.add_html("<p>The scene has no actuators.</p>")
 
     def _add_target(self, i: int, name: str, low: float, high: float) -> Any:

@@ -15,7 +15,7 @@ from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.viewer import why
 from sceniris_gym.viewer.deck import Candidate, LayoutDeck, Where
 from sceniris_gym.viewer.layers import COLLIDED, LAYERS, PARKED, REACH, SEEN, ReachSlice, sketch_pieces
-from sceniris_gym.viewer.panel import Panel
+from sceniris_gym.viewer.panel import SPEEDS, Panel
 from sceniris_gym.viewer.scene_file import LoadedScene, SceneFile
 from sceniris_gym.viewer.server import Requests
 from sceniris_gym.viewer.shown import START, Player, ShownWorld, poses_of_arm, target_ranges, with_arm
@@ -52,11 +52,6 @@ class SceneView:
         self._broken: str | None = None  # the error in the file, while the page shows the last good scene
         self._player: Player | None = None
         self._slices: list[ReachSlice] = []
-        self._layers: set[str] = set()
-        self._geometry = SEEN
-        self._only: str | None = None
-        self._height, self._speed = 0.5, 1.0
-        self._pose = START
         self._candidates: list[Candidate] | None = None
         self._candidate = 0
         self._counted = True
@@ -71,7 +66,7 @@ class SceneView:
         for action in self.requests.take(_FRAME if running else seconds):
             self._try(action)
         now = time.monotonic()
-        if self._player is not None and self._player.advance((now - self._stepped) * self._speed):
+        if self._player is not None and self._player.advance((now - self._stepped) * SPEEDS[self.panel.speed.value]):
             self._show_player()
         self._stepped = now
         if now - self._looked > _IDLE:
@@ -97,10 +92,9 @@ class SceneView:
             self.panel.say(str(loaded.error), bad=True)
             return
         self.loaded = loaded
-        self._only = self._only if self._only in loaded.compiled.object_names else None
         self._slices = ReachSlice.of(loaded.compiled.scene)
         ranges = target_ranges(loaded.compiled.mjm)
-        self.panel.set_scene(loaded.compiled.object_names, self._only, ranges, bool(self._slices))
+        self.panel.set_scene(loaded.compiled.object_names, ranges, bool(self._slices))
         self._draw_worlds(loaded.compiled)
         if loaded.error is not None:
             self.panel.rejected.value = True
@@ -110,14 +104,14 @@ class SceneView:
         """Show the layouts of another split, seed or episode."""
         if not self._ready:
             return
-        self.where, self._pose = where, START
+        self.where, self.panel.arm.value = where, START
         self._end_play()
         self.table = self.deck.make(where)
         self._worlds.paint(self.deck.compiled, self.table)
         if self._candidates is not None:
             self._candidates = self.deck.rejected(where)
             self._candidate = self._first_candidate()
-        self._show()
+        self.show()
         self._tell()
 
     def go_to_id(self, text: str) -> None:
@@ -131,33 +125,38 @@ class SceneView:
         if self._ready:
             self._draw_worlds(self.deck.compiled)
 
-    def show_layer(self, name: str, shown: bool) -> None:
-        """Show or hide the layer `name`, a key of `LAYERS`."""
-        (self._layers.add if shown else self._layers.discard)(name)
-        self._show()
+    def show(self) -> None:
+        """Draw all worlds and layers in their current state, as the user's controls say."""
+        if not self._ready:
+            return
+        compiled, worlds = self.deck.compiled, self._worlds
+        first, candidate = self._first_world()
+        before = [] if candidate is None else why.bodies_before(first, candidate, view_direction(compiled.mjm))
+        for i in range(self.num):
+            world = first if i == 0 else ShownWorld(compiled, self.table[i : i + 1])
+            parked = self.panel.layers[PARKED].value
+            hidden = world.hidden_bodies(with_absent=not parked)
+            if candidate is not None and i == 0:
+                hidden += [*compiled.scene.subtree(candidate.name), *before]
+            worlds.put(i, world.data, hidden, world.parked_offsets(worlds.low) if parked else {})
+        worlds.send()
+        worlds.show_visuals(self.panel.geometry.value != COLLIDED or self._player is not None)
+        self._show_layers(first)
+        self._show_candidate(first, candidate, before)
+        self._show_slices(first)
+        self._show_player()
 
-    def show_geometry(self, which: str) -> None:
-        """Show visual geometry, collision geometry, or both: `which` is `SEEN`, `COLLIDED` or `BOTH`."""
-        self._geometry = which
-        self._show()
-
-    def look_at_object(self, name: str | None) -> None:
-        """Draw the layers only for the object `name`, or for all objects if `name` is None."""
-        self._only = name
-        self._show()
-
-    def move_slice(self, height: float) -> None:
-        """Move the slice of the reach map to a height [m]."""
-        self._height = height
+    def show_slices(self) -> None:
+        """Show the slice of the reach map at the height that the user chose."""
         if self._ready:
             self._show_slices(self._first_world()[0])
 
-    def move_arm(self, pose: str) -> None:
-        """End physics, and show the first world in its layout, with the arm in a pose from `poses_of_arm`."""
-        self._pose, self._candidates = pose, None
+    def move_arm(self) -> None:
+        """End physics, and show the first world in its layout, with the arm in the pose that the user chose."""
+        self._candidates = None
         self.panel.rejected.value = False
         self._end_play()
-        self._show()
+        self.show()
 
     def show_rejected(self, shown: bool) -> None:
         """Show or hide the rejected candidates of the first world's layout. Showing them ends physics."""
@@ -165,12 +164,12 @@ class SceneView:
             self._end_play()
         self._candidates = self.deck.rejected(self.where) if shown and self._ready else None
         self._candidate = self._first_candidate()
-        self._show()
+        self.show()
 
     def show_candidate(self, i: int) -> None:
         """Show the rejected candidate with index `i`. An index out of range is clipped."""
         self._candidate = min(max(i, 0), max(len(self._candidates or ()) - 1, 0))
-        self._show()
+        self.show()
 
     def play(self, running: bool) -> None:
         """Run or pause physics in the first world."""
@@ -190,11 +189,7 @@ class SceneView:
             self._player.reset()
             self.panel.set_targets(self._player.data.ctrl)
             self._end_play()
-            self._show()
-
-    def set_speed(self, speed: float) -> None:
-        """Set how many seconds physics simulates per second of real time."""
-        self._speed = speed
+            self.show()
 
     def set_target(self, i: int, value: float) -> None:
         """Set the control of actuator `i`, and run physics in the first world."""
@@ -223,27 +218,6 @@ class SceneView:
         self._worlds, self._ready = worlds, True
         self.go(self.where)
 
-    def _show(self) -> None:
-        """Draw all worlds and layers in their current state."""
-        if not self._ready:
-            return
-        compiled, worlds = self.deck.compiled, self._worlds
-        first, candidate = self._first_world()
-        before = [] if candidate is None else why.bodies_before(first, candidate, view_direction(compiled.mjm))
-        for i in range(self.num):
-            world = first if i == 0 else ShownWorld(compiled, self.table[i : i + 1])
-            parked = PARKED in self._layers
-            hidden = world.hidden_bodies(with_absent=not parked)
-            if candidate is not None and i == 0:
-                hidden += [*compiled.scene.subtree(candidate.name), *before]
-            worlds.put(i, world.data, hidden, world.parked_offsets(worlds.low) if parked else {})
-        worlds.send()
-        worlds.show_visuals(self._geometry != COLLIDED or self._player is not None)
-        self._show_layers(first)
-        self._show_candidate(first, candidate, before)
-        self._show_slices(first)
-        self._show_player()
-
     def _first_world(self) -> tuple[ShownWorld, Candidate | None]:
         """Return the first world as it should be drawn, and the rejected candidate to draw in it, or None.
 
@@ -254,10 +228,10 @@ class SceneView:
             candidate = self._candidates[self._candidate]
             return why.world_of(self.deck.compiled, candidate), candidate
         world = ShownWorld(self.deck.compiled, self.table[:1], stands=self.deck.stands(self.where.split))
-        if self._pose != START:
-            moved = with_arm(world, self._pose)
+        if (pose := self.panel.arm.value) != START:
+            moved = with_arm(world, pose)
             if moved is None:
-                self.panel.say(f"Inverse kinematics found no solution for the {self._pose}.", bad=True)
+                self.panel.say(f"Inverse kinematics found no solution for the {pose}.", bad=True)
             else:
                 world = replace(world, table=moved)
         return world, None
@@ -267,14 +241,15 @@ class SceneView:
 
     def _show_layers(self, world: ShownWorld) -> None:
         for name, (sketch, _) in LAYERS.items():
-            if sketch is not None and name in self._layers and self._player is None:
-                self._sketch(f"layer_{name}", sketch(world, self._only))
+            if sketch is not None and self.panel.layers[name].value and self._player is None:
+                self._sketch(f"layer_{name}", sketch(world, self.panel.only))
             else:
                 self.server.scene.remove_by_name(f"/layer_{name}")
-        if self._geometry == SEEN or self._player is not None:
+        geometry = self.panel.geometry.value
+        if geometry == SEEN or self._player is not None:
             self.server.scene.remove_by_name(f"/{_PIECES}")
         else:
-            self._sketch(_PIECES, sketch_pieces(world, opacity=1.0 if self._geometry == COLLIDED else 0.5))
+            self._sketch(_PIECES, sketch_pieces(world, opacity=1.0 if geometry == COLLIDED else 0.5))
 
     def _show_candidate(self, world: ShownWorld, candidate: Candidate | None, before: Sequence[int]) -> None:
         if candidate is None:
@@ -289,13 +264,13 @@ class SceneView:
 
     def _show_slices(self, world: ShownWorld) -> None:
         self.server.scene.remove_by_name(f"/{_SLICE}")
-        if REACH not in self._layers:
+        if not self.panel.layers[REACH].value:
             return
         self.server.scene.add_frame(f"/{_SLICE}", show_axes=False, position=self._worlds.origins[0])
         flat = {"cast_shadow": False, "receive_shadow": False}
         for i, piece in enumerate(self._slices):
-            (at, rotation), size = piece.pose(world.data, self._height), 2.0 * piece.span
-            name, image = f"/{_SLICE}/{i}", piece.picture(world.data, self._height)
+            (at, rotation), size = piece.pose(world.data, self.panel.height.value), 2.0 * piece.span
+            name, image = f"/{_SLICE}/{i}", piece.picture(world.data, self.panel.height.value)
             self.server.scene.add_image(name, image, size, size, format="png", position=at, wxyz=rotation, **flat)
 
     def _show_player(self) -> None:
@@ -312,11 +287,10 @@ class SceneView:
         """
         if self._player is None:
             self._player = Player(self.deck.compiled, self.table[:1])
-            self._candidates, self._pose = None, START
-            self.panel.rejected.value = False
-            self.panel.arm.value = START
+            self._candidates = None
+            self.panel.rejected.value, self.panel.arm.value = False, START
             self.panel.set_targets(self._player.data.ctrl)
-            self._show()
+            self.show()
         return self._player
 
     def _end_play(self) -> None:

@@ -32,7 +32,7 @@ def test_users_ask_and_the_program_does_not():
     with page() as server:
         panel = Panel(server, requests, recorder, 5)
         assert control(server, "worlds").value == "5"
-        panel.set_scene(["apple"], None, [("arm/joint1", -1.0, 1.0)], has_map=True)
+        panel.set_scene(["apple"], [("arm/joint1", -1.0, 1.0)], has_map=True)
         assert not control(server, REACH).disabled
         recorder.where = Where("eval", 2**60, 3)
         panel.set_where(recorder.where, "hash:eval:1:3", ["start", "grasp of apple"])
@@ -46,12 +46,13 @@ def test_users_ask_and_the_program_does_not():
             action()
         assert recorder.asked == [
             ("go", Where("train", 2**60, 0)),
-            ("look_at_object", "apple"),
-            ("show_layer", "names", True),
+            ("show",),
             ("set_target", 0, 0.5),
         ]
+        assert (panel.only, panel.layers["names"].value) == ("apple", True)
         assert control(server, "seed").value == str(2**60)
-        panel.set_scene(["pear"], None, [], has_map=False)
+        panel.set_scene(["pear"], [], has_map=False)
+        assert panel.only is None
         assert "joint1" not in [getattr(handle, "label", "") for handle in shown(server)]
         assert "The scene has no actuators." in text(server)
 

@@ -53,6 +53,12 @@ def message(view: SceneView) -> str:
     return next(handle.content for handle in shown(view.server) if hasattr(handle, "content"))
 
 
+def choose(view: SceneView, label: str, value: object) -> None:
+    """Change a control as a user does, and let the page do what it asks for."""
+    press(view.server, label, value)
+    view.tick(0.0)
+
+
 def saved(view: SceneView, path: Path, words: str) -> None:
     """Save the scene, and let the page see it, at once."""
     path.write_text(words)
@@ -131,18 +137,18 @@ def test_a_scene_that_cannot_be_made_shows_what_was_tried(view: SceneView, path:
 def test_layers_are_drawn_and_go(view: SceneView):
     """Each of them, of all objects and of one; what collides takes the place of what is seen."""
     for name in (name for name, (sketch, _) in LAYERS.items() if sketch is not None):
-        view.show_layer(name, True)
+        choose(view, name, True)
         assert view.server.scene.get_handle_by_name(f"/layer_{name}") is not None
-        view.look_at_object("apple")
-        view.show_layer(name, False)
-        view.look_at_object(None)
+        choose(view, "layers of", "apple")
+        choose(view, name, False)
+        choose(view, "layers of", ALL)
         assert view.server.scene.get_handle_by_name(f"/layer_{name}") is None
-    view.show_geometry(COLLIDED)
+    choose(view, "geometry", COLLIDED)
     assert view.server.scene.get_handle_by_name("/pieces") is not None
-    view.show_geometry(SEEN)
+    choose(view, "geometry", SEEN)
     assert view.server.scene.get_handle_by_name("/pieces") is None
-    view.show_layer(PARKED, True)
-    view.show_layer(REACH, True)
+    choose(view, PARKED, True)
+    choose(view, REACH, True)
     assert control(view.server, REACH).disabled
 
 
@@ -177,7 +183,7 @@ def has_names(view: SceneView) -> bool:
 
 def test_physics_is_played_stepped_and_reset(view: SceneView, times: list[float]):
     """Time goes on while it plays, and layers are away; another layout ends it."""
-    view.show_layer("names", True)
+    choose(view, "names", True)
     press(view.server, "rejected candidates", True)
     view.tick(0.0)
     view.play(True)
@@ -194,7 +200,7 @@ def test_physics_is_played_stepped_and_reset(view: SceneView, times: list[float]
     view.reset_play()
     assert times[-1] == 0.0
     assert has_names(view), "layers are back"
-    view.set_speed(0.1)
+    choose(view, "speed", "a tenth")
     assert has_names(view), "a speed begins nothing"
     view.go(Where(seed=1))
     began = time.monotonic()
@@ -210,12 +216,12 @@ def test_physics_is_played_stepped_and_reset(view: SceneView, times: list[float]
 def test_what_is_on_show_is_what_is_played(view: SceneView, times: list[float]):
     """A layer that is switched does not put the layout back; candidates and poses of the arm end physics."""
     view.step()
-    view.show_layer("names", True)
+    choose(view, "names", True)
     assert times[-1] > 0.0
     view.show_rejected(True)
     assert has_names(view)
     assert times[-1] == 0.0
-    view.move_arm(START)
+    choose(view, "arm in", START)
     assert "Tick the box to see them" in text(view.server)
     assert not control(view.server, "rejected candidates").value
 
@@ -225,8 +231,7 @@ def test_physics_begins_and_ends_with_the_arm_at_its_start(view: SceneView, monk
     jumps: list[str] = []
     monkeypatch.setattr(view_module, "with_arm", lambda world, pose: (jumps.append(pose), world.table)[1])
     view.panel.arm.options = (START, "grasp of pear")
-    press(view.server, "arm in", "grasp of pear")
-    view.tick(0.0)
+    choose(view, "arm in", "grasp of pear")
     assert jumps == ["grasp of pear"]
     view.play(True)
     assert control(view.server, "arm in").value == START
@@ -237,7 +242,7 @@ def test_physics_begins_and_ends_with_the_arm_at_its_start(view: SceneView, monk
 def test_physics_is_seen_where_pieces_stood_for_worlds(view: SceneView):
     """Pieces are about the layout; while time goes on the worlds themselves are drawn."""
     apple = drawn_body(view.server, "apple")
-    view.show_geometry(COLLIDED)
+    choose(view, "geometry", COLLIDED)
     assert not apple.visible
     view.play(True)
     assert apple.visible
