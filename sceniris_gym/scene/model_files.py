@@ -117,6 +117,13 @@ def _places(uri: str, folder: Path) -> list[Path]:
     return [folder / uri.removeprefix("file://")]
 
 
+def named_files(root: ElementTree.Element, folder: Path) -> set[Path]:
+    """Return the files that a model in `folder` names, in all places where MuJoCo may look for them."""
+    below = {folder / c.get(word, "") for c in (root, *root.iter("compiler")) for word in MODEL_FOLDERS}
+    files = {file for each in root.iter() for name, file in each.attrib.items() if name.startswith("file")}
+    return {p for file in files for name in (file, Path(file).name) for f in below for p in _places(name, f)}
+
+
 def model_tree(path: Path, folder: Path, seen: set[Path]) -> ElementTree.Element:
     """Return the contents of a model's file, with includes replaced by the included files.
 
@@ -168,9 +175,7 @@ def _read(path: Path, prefix: str, folders: list[tuple[str, Path]], above: tuple
     if len(folders) > _MOST_MODELS:
         raise SceneFileError(f"{path}: is one of over {_MOST_MODELS} attached models. Attach fewer.")
     root = model_tree(path, path.parent, set())
-    below = {path.parent / c.get(word, "") for c in (root, *root.iter("compiler")) for word in MODEL_FOLDERS}
-    files = {file for each in root.iter() for name, file in each.attrib.items() if name.startswith("file")}
-    for place in (p for file in files for name in (file, Path(file).name) for f in below for p in _places(name, f)):
+    for place in named_files(root, path.parent):
         if place.exists() and not (place.is_file() or place.is_dir()):
             opened(place)  # raises the error about it
     prefixes = {attach.get("model"): attach.get("prefix") or "" for attach in root.iter("attach")}

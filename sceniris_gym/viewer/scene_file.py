@@ -1,7 +1,6 @@
 """Reads and compiles the scene that the viewer shows, and notices changes of its files."""
 
 import contextlib
-import re
 import warnings
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -9,15 +8,13 @@ from typing import Any, NamedTuple
 
 from sceniris_gym.config.loader import scene_files, shipped
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import InfeasibleSceneError, ScenirisError, ScenirisWarning
+from sceniris_gym.errors import InfeasibleSceneError, SceneFileError, ScenirisError, ScenirisWarning
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.program.compiled import CompiledScene, upload_scene
 from sceniris_gym.scene.build import build_model
-from sceniris_gym.scene.model_files import file_of
+from sceniris_gym.scene.model_files import model_tree, named_files
 
 _MODELS = (".xml", ".mjcf", ".urdf")
-_FILE = re.compile(r"""\bfile\w*\s*=\s*["']([^"']+)["']""")
-_FOLDER = re.compile(r"""\b(?:mesh|texture|asset)dir\s*=\s*["']([^"']+)["']""")
 
 
 class LoadedScene(NamedTuple):
@@ -83,37 +80,16 @@ def _stamps_of(files: Iterable[Path]) -> dict[Path, tuple[int, int] | None]:
     return stamps
 
 
-def _files_of(config: SceneConfig) -> list[Path]:
-    """Return the model files of a scene, and all files that they name."""
+def _files_of(config: SceneConfig) -> set[Path]:
+    """Return the model files of a scene, and all files that they name, even if they do not exist."""
     parts, of_package = (*config.objects.values(), *config.all_robots.values()), shipped("assets", ".xml")
-    models = [of_package.get(part.asset, Path(part.asset)) for part in parts if part.asset is not None]
-    models += [config.model] if isinstance(config.model, Path) else []
-    found: dict[Path, None] = {}
-    for path in models:
-        _add_referred(path, (), found)
-    return list(found)
-
-
-def _add_referred(path: Path, folders: tuple[Path, ...], found: dict[Path, None]) -> None:
-    """Add a model file to `found`, with all files that it names, even if they do not exist.
-
-    Args:
-        path: The model file.
-        folders: Folders of the files that include this file. Names in this file may be relative to these folders.
-        found: The files. If a named file may be in several folders, a path for each folder is added.
-    """
-    if path in found:
-        return
-    found[path] = None
-    if path.suffix.lower() not in _MODELS or not path.is_file():
-        return
-    try:
-        text = path.read_text()
-    except (OSError, UnicodeDecodeError):  # building the model rejects it
-        return
-    folders = tuple(dict.fromkeys([path.parent, *folders]))  # paths are relative to the file, or to the including file
-    folders += tuple(folder / name for folder in folders for name in _FOLDER.findall(text))
-    for name in _FILE.findall(text):
-        for place in [file_of(name, path.parent)] if "://" in name else [folder / name for folder in folders]:
-            if place is not None:
-                _add_referred(place, folders, found)
+    models = {of_package.get(part.asset, Path(part.asset)) for part in parts if part.asset is not None}
+    models |= {config.model} if isinstance(config.model, Path) else set()
+    found: set[Path] = set()
+    while models:
+        path, included, named = models.pop(), set[Path](), set[Path]()
+        with contextlib.suppress(OSError, SceneFileError):  # building the model rejects it
+            named = named_files(model_tree(path, path.parent, included), path.parent)
+        models |= {file for file in named - found if file.suffix.lower() in _MODELS and file.is_file()}
+        found |= {path, *included, *named}
+    return found

@@ -120,3 +120,30 @@ def test_what_an_asset_refers_to_is_seen(path: Path):
     assert not file.changed()
     trimesh.creation.icosphere(2, 0.05).export(mesh)
     assert file.changed()
+
+
+def test_what_an_attached_model_refers_to_is_seen(path: Path):
+    """Its own file, and its mesh; a file that cannot be read as XML is seen as well."""
+    inner, mesh = path.with_name("inner.xml"), path.with_name("thing.stl")
+    trimesh.creation.box((0.1, 0.1, 0.1)).export(mesh)
+    words = (
+        '<mujoco model="inner"><asset><mesh name="m" file="thing.stl"/></asset>'
+        '<worldbody><body name="part"><geom type="mesh" mesh="m"/></body></worldbody></mujoco>'
+    )
+    inner.write_text(words)
+    path.with_name("thing.xml").write_text(
+        '<mujoco><asset><model name="inner" file="inner.xml"/></asset><worldbody><body name="thing"><freejoint/>'
+        '<attach model="inner" body="part" prefix="inner_"/></body></worldbody></mujoco>'
+    )
+    path.write_text(GOOD.replace("asset: apple", "asset: ./thing.xml"))
+    file = SceneFile(str(path), {})
+    assert file.load().error is None
+    assert not file.changed()
+    trimesh.creation.box((0.2, 0.1, 0.1)).export(mesh)
+    assert file.changed()
+    inner.write_text(words[:-3])
+    assert "inner.xml" in str(file.load().error)
+    assert not file.changed()
+    inner.write_text(words)
+    assert file.changed()
+    assert file.load().error is None
