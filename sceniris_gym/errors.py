@@ -2,6 +2,7 @@
 
 import difflib
 import functools
+import graphlib
 import importlib
 import inspect
 import json
@@ -89,6 +90,26 @@ def in_a_cycle(where: str, names: Iterable[str], what: str) -> SceneKeyError:
     names = list(names)
     cycle = " -> ".join([*names, names[0]])
     return SceneKeyError(f"{where}: {what}: {cycle}. Remove one of these references to break the cycle.")
+
+
+def check_order(needs: Mapping[str, Iterable[str]], where: str, what: str, shown: Callable[[str], str] = str) -> None:
+    """Check that names that need each other can be put into an order.
+
+    Args:
+        needs: The names that each name needs.
+        where: The beginning of the error.
+        what: What the names do, as in `in_a_cycle`.
+        shown: Returns a name as the error shows it.
+
+    Raises:
+        SceneKeyError: Names need each other in a cycle.
+    """
+    try:
+        graphlib.TopologicalSorter(needs).prepare()
+    except graphlib.CycleError as error:
+        cycle = error.args[1][:0:-1]  # each name needs the next, without repeating the first
+        first = cycle.index(next(name for name in needs if name in cycle))
+        raise in_a_cycle(where, map(shown, cycle[first:] + cycle[:first]), what) from None
 
 
 MeshReason = Literal["empty", "flat", "open", "large", "not finite", "sliver", "size", "parts", "refused"]

@@ -204,17 +204,27 @@ def test_old_names_are_read_when_one_is_asked_for(told: list[str]):
     assert "misses=0" in told[3]
 
 
-def test_a_second_start_imports_what_it_uses(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+ON_ANY = {
+    "floor": {"size": [2, 2]},
+    "objects": {
+        "cabinet": {"asset": "cabinet", "kind": "fixture", "on": "floor"},
+        "lemon": {"asset": "lemon", "in": {"any": "cabinet"}},
+    },
+}
+
+
+@pytest.mark.parametrize("scene", ["tabletop_lift", ON_ANY], ids=["tabletop_lift", "any"])
+def test_a_second_start_imports_what_it_uses(scene: str | dict, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """A scene from the cache needs no meshes, hulls or graphs, which take most of a second to import.
 
     Its key is the same in another process, which writes no second scene.
     """
     monkeypatch.setenv("SCENIRIS_GYM_CACHE", str(tmp_path))
-    sceniris_gym.compile_scene("tabletop_lift", "cpu")
+    sceniris_gym.compile_scene(scene, "cpu")
     kept = sorted(tmp_path.rglob("*.npz"))
     second = loaded_by(
         "import sceniris_gym.vector.vector_env; import sceniris_gym;"
-        "sceniris_gym.LayoutGenerator(sceniris_gym.compile_scene('tabletop_lift', 'cpu'), 2)"
+        f"sceniris_gym.LayoutGenerator(sceniris_gym.compile_scene({scene!r}, 'cpu'), 2)"
     )
     assert "mujoco_warp" in second
     assert not second & {"trimesh", "scipy", "networkx", "matplotlib", "PIL"}

@@ -224,8 +224,8 @@ class StartAudit:
     """
 
     def __init__(self, scene: JudgedScene, outlines: Outlines) -> None:
-        self.scene, self._outlines, groups = scene, outlines, scene.config.groups
-        kinds = [(i, kind, kind.targets(groups)) for i, kind in enumerate(scene.config.start)]
+        self.scene, self._outlines, variants = scene, outlines, scene.config.variants
+        kinds = [(i, kind, kind.targets(variants)) for i, kind in enumerate(scene.config.start)]
         self._grasped = [(i, name) for i, kind, names in kinds if kind.robot == "grasp" for name in names]
         self._held = [(i, name) for i, kind, names in kinds if kind.is_held for name in names]
         self._placed = [(i, *pair) for i, kind, _ in kinds for pair in scene.config.markers(kind).items()]
@@ -269,7 +269,7 @@ class StartAudit:
         if self._holds(conflict.owners, conflict.row, grasped):
             return True
         kind = config.start[number]
-        targets = kind.targets(config.groups)
+        targets = kind.targets(config.variants)
         free = {*map(config.robot_for, targets), *(targets if kind.is_held else ())}
         supports = {name: config.parts[name].support for name in config.markers(kind)}
         carriers = {name: self.scene.carrier(support.parent).body for name, support in supports.items() if support}

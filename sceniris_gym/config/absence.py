@@ -1,6 +1,5 @@
 """Checks of groups and conditions, and of references to objects that may be absent."""
 
-import graphlib
 from collections.abc import Sequence
 from itertools import combinations
 
@@ -8,7 +7,7 @@ from sceniris_gym.config.groups import GroupConfig
 from sceniris_gym.config.member_names import object_of
 from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.scene_words import SceneWords
-from sceniris_gym.errors import SceneKeyError, UnknownNameError, in_a_cycle
+from sceniris_gym.errors import SceneKeyError, UnknownNameError, check_order
 
 # In a group with more members, the check of its `count` only leaves out members that are never present.
 _MOST_COMPARED = 16
@@ -30,11 +29,8 @@ def check_presence(scene: SceneWords, where: str) -> None:
         for word, names in (("if", part.if_), ("unless", part.unless)):
             for other in names:
                 _check_condition(scene, name, part, other, f"{where}: {key}.{word}")
-    try:
-        graphlib.TopologicalSorter(scene.presence.dependence()).prepare()
-    except graphlib.CycleError as error:
-        cycle = [key.removeprefix("if ").removeprefix("groups.") for key in error.args[1][:0:-1]]
-        raise in_a_cycle(where, cycle, "objects are present depending on each other") from None
+    needs, what = scene.presence.dependence(), "objects are present depending on each other"
+    check_order(needs, where, what, lambda key: key.removeprefix("if ").removeprefix("groups."))
     for key, name, part in written:
         if part.if_ or part.unless or key.startswith("groups."):
             _check_possible(scene, scene.presence.key(name), part, f"{where}: {key}")
@@ -82,8 +78,8 @@ def _check_possible(scene: SceneWords, key: str, part: ObjectConfig | GroupConfi
     presence = scene.presence
     if (never := presence.conflict(key)) is not None:
         raise SceneKeyError(
-            f"{where}: its conditions exclude each other: it needs '{never.removeprefix('groups.')}', which is absent "
-            "in every layout with it. Change its 'if', its 'unless', or its groups."
+            f"{where}: its conditions exclude each other: '{never.removeprefix('groups.')}' would be both present and "
+            "absent in each layout with it. Change its 'if', its 'unless', or its groups."
         )
     if isinstance(part, GroupConfig):
         members = [member for name in part.of if presence.conflict(member := presence.key(name)) is None]
@@ -112,7 +108,6 @@ def _most_together(scene: SceneWords, members: Sequence[str]) -> int:
 
 def _check_references(scene: SceneWords, name: str, part: ObjectConfig, where: str) -> None:
     """Check that an object refers to objects that are present whenever it is, or that its references may be dropped."""
-    presence, absent = scene.presence, scene.absent
     if part.joined_to in scene.variants:
         raise SceneKeyError(
             f"{where}.relations: '{part.joined_to}' has variants with different sites. Join this "
@@ -123,12 +118,27 @@ def _check_references(scene: SceneWords, name: str, part: ObjectConfig, where: s
             raise SceneKeyError(
                 f"{where}.{path}: '{other}' is a single variant. Name its object '{scene.owners[other]}'."
             )
-        if other in scene.all_robots or presence.implies(name, other):
-            continue
-        group = scene.groups.get(absent.get(other, "").removeprefix("groups."))
-        if group is None or group.missing == "refuse":
-            drop = "" if group is None else ", or write 'missing: drop' in its group to ignore it in worlds without it"
-            raise SceneKeyError(
-                f"{where}.{path}: '{other}' may be absent. Name another object, write 'if: {other}' to place '{name}' "
-                f"only together with '{other}'{drop}."
-            )
+        check_present(scene, other, f"{where}.{path}", by=name)
+
+
+def check_present(scene: SceneWords, name: str, where: str, by: str = "") -> None:
+    """Check that an object or a robot is in every layout, or at least in every layout with the object `by`.
+
+    An object whose group has `missing: drop` may be absent, unless it has variants and `by` refers to it.
+
+    Raises:
+        SceneKeyError: The object may be absent. The error begins with `where`.
+    """
+    presence = scene.presence
+    group = scene.groups.get(presence.outer.get(presence.key(name), "").removeprefix("groups."))
+    is_kept = by != "" and name in scene.variants  # a relation to such an object applies in all layouts
+    if name in scene.all_robots or (group is not None and group.missing == "drop" and not is_kept):
+        return
+    if not all(presence.implies(member, name) for member in scene.variants.get(by, (by,))):
+        cures = ["Name another object"]
+        if by:
+            cures.append(f"write 'if: {name}' to place '{object_of(by)}' only together with '{name}'")
+        if group is not None and not is_kept:
+            cures.append("write 'missing: drop' in its group to ignore it in layouts without it")
+        why = "; with variants or several supports, 'missing: drop' has no effect here" if group and is_kept else ""
+        raise SceneKeyError(f"{where}: '{name}' may be absent{why}. {', or '.join(cures)}.")

@@ -49,6 +49,15 @@ def located(loc: tuple[str, ...], error: PydanticCustomError, value: Any) -> Val
     return ValidationError.from_exception_data("SceneConfig", [InitErrorDetails(type=error, loc=loc, input=value)])
 
 
+@contextmanager
+def locating(loc: tuple[str, ...], value: Any) -> Iterator[None]:
+    """Add the location of a value in the scene to errors that the `with` block raises about this value."""
+    try:
+        yield
+    except PydanticCustomError as error:
+        raise located(loc, error, value) from None
+
+
 def check_words(words: Iterable[Any], valid: Collection[str], advice: str) -> None:
     """Raise an error for the first of `words` that is not in `valid`. `advice` begins with "should"."""
     for word in words:

@@ -4,10 +4,11 @@ from collections.abc import Mapping
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, ConfigDict, Field, Strict, model_validator
+from pydantic_core import PydanticCustomError
 
 from sceniris_gym.config.fields import Length, NameOrNames, Names, Number, check_words, listed, must, within, wrong
-from sceniris_gym.config.loader import SUPPORT_WORDS
 from sceniris_gym.config.section import Section
+from sceniris_gym.config.several_supports import support_of, supports_in
 
 SPLITS = ("train", "eval")
 """The splits of layouts."""
@@ -71,6 +72,10 @@ class GroupConfig(Section):
         """True if all members of the group are present in every world."""
         return self.count[0] == len(self.of)
 
+    @classmethod
+    def _problem(cls, key: Any, valid: list[str]) -> PydanticCustomError:
+        return super()._problem(key, [word for word in valid if word != "by_area"])
+
     @model_validator(mode="after")
     def _can_be_drawn(self) -> Self:
         low, high = self.count
@@ -121,11 +126,10 @@ def named_things(scene: Any, key: str) -> tuple[dict[str, Any], list[tuple[Mappi
 
     `key` is "heaps" or "stacks". Values of wrong types are left out. Later checks report them.
     """
-    parts, objects = (scene.get(word) if isinstance(scene, Mapping) else None for word in (key, "objects"))
+    parts, objects = scene.get(key), scene.get("objects")
     if not isinstance(parts, Mapping) or not isinstance(objects, Mapping):
         return {}, []
-    written = [part.model_dump() if isinstance(part, Section) else part for part in parts.values()]
-    of = [(words, words.get("of")) for words in written if isinstance(words, Mapping)]
+    of = [(words, words.get("of")) for words in parts.values() if isinstance(words, Mapping)]
     found = [
         (words, [n for n in names if isinstance(n, str)]) for words, names in of if isinstance(names, list | tuple)
     ]
@@ -137,18 +141,22 @@ def _is_offset(ends: Any) -> bool:
     return is_pair and 0.0 <= ends[0] <= ends[1] - _THINNEST
 
 
+def _is_support(value: Any) -> bool:
+    return isinstance(value, str | list | tuple | Mapping) and all(isinstance(name, str) for name in supports_in(value))
+
+
 class StackConfig(Section):
     """Objects on top of each other, as a short form of `on` and `near` for each object.
 
     Attributes:
         of: Names of the objects, the lowest first.
-        on: The support of the lowest object.
+        on: The support of the lowest object, or several, as for the key `on` of an object.
         offset: Interval of the distance [m] between the pivots of an object and the object below, seen from above. None
             allows any place on the object below.
     """
 
     of: Annotated[Names, Field(min_length=2)]
-    on: str
+    on: Annotated[Any, must(_is_support, "should be a support, a list of supports, or supports with weights")]
     offset: Annotated[tuple[Length, Length], BeforeValidator(listed), must(_is_offset, _OFFSET_ADVICE)] | None = None
 
 
@@ -163,8 +171,7 @@ def with_chains(scene: Any) -> Any:
         offset, below, near = listed(words.get("offset")), words.get("on"), []
         for name in things:
             part = placed.get(name)
-            part = part.model_dump(by_alias=True, exclude_unset=True) if isinstance(part, Section) else part
-            if isinstance(part, Mapping) and not any(word in part for word in (*SUPPORT_WORDS, "in_")):
+            if isinstance(part, Mapping) and support_of(part) in (("", None), ("on", below)):
                 own = part.get("relations") or ()
                 placed[name] = {**part, "on": below, **({"relations": [*own, *near]} if near else {})}
             below = name

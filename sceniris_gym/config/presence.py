@@ -80,18 +80,16 @@ class Presence:
 
         An object with a carrier that may be absent has the condition that its carrier is present.
         """
-        found = [name for name in self._objects if self._is_optional(name)]
-        more = found
-        while more:
-            below = {*found}
-            more = [name for name in self._objects if name not in below and self.carrier(name) in below]
-            found = [*found, *more]
-        return {name: self.outer.get(name, name) for name in found}
+        found = {name for name in self._objects if self._is_optional(name)}
+        while more := {name for name in self._objects if self.carrier(name) in found} - found:
+            found |= more
+        return {name: self.outer.get(name, name) for name in self._objects if name in found}
 
-    def _is_optional(self, name: str) -> bool:
-        """Return whether a condition or a group may leave out an object."""
-        above = [*self._above(name)]
-        return any(not self.groups[key].always_whole for key in above) or any(map(self.has_words, [name, *above]))
+    def _is_optional(self, key: str) -> bool:
+        """Return whether a condition or a group may leave out an object or a group."""
+        outer = self.outer.get(key)
+        above = outer is not None and (not self.groups[outer].always_whole or self._is_optional(outer))
+        return above or self.has_words(key)
 
     def carrier(self, name: str) -> str:
         """Return the supporting object of an object, '' for another support."""
@@ -134,7 +132,7 @@ class Presence:
     @property
     def parks(self) -> bool:
         """True if resets may park a body of the simulation, where all variants of an object share one body."""
-        return any(key not in self.groups or not (self.is_object(key) and self._is_sure(key)) for key in self.draws)
+        return any(key not in self.groups or not (self.is_object(key) and self.is_sure(key)) for key in self.draws)
 
     def dependence(self) -> dict[str, list[str]]:
         """Return each draw with the draws that come before it."""
@@ -167,11 +165,8 @@ class Presence:
         return self.is_sure(other) or (name in self._objects and self.key(other) in self.must(name))
 
     def is_sure(self, name: str) -> bool:
-        """Return whether an object or a group is present in every layout."""
-        return self._is_sure(self.key(name))
-
-    def _is_sure(self, key: str) -> bool:
-        if key not in self.groups:
+        """Return whether an object or a group, given by its name or its key, is present in every layout."""
+        if (key := self.key(name)) not in self.groups:
             return key not in self.absent
         return self.is_sure_with(key, map(min, *map(self.groups[key].weights_in, SPLITS)))
 
@@ -185,13 +180,13 @@ class Presence:
             return True
         below = {self.carrier(m) for m in members if m not in self.groups and not self.has_words(m)}
         return any(
-            self._is_sure(over) for name in below if (over := self.outer.get(name)) and below >= {*self.leaves(over)}
+            self.is_sure(over) for name in below if (over := self.outer.get(name)) and below >= {*self.leaves(over)}
         )
 
     def conflict(self, *keys: str) -> str | None:
         """Return an object or group that cannot be present if all `keys` are, None if their conditions agree."""
         must, never = self._follow(keys)
-        sure = [*sorted(never - self.absent.keys()), *(key for key in self.groups if self._is_sure(key))]
+        sure = [*sorted(never - self.absent.keys()), *(key for key in self.groups if self.is_sure(key))]
         return next((key for key in (*sorted(must), *sure) if never.issuperset(self.leaves(key))), None)
 
     @cached_property
@@ -235,7 +230,9 @@ class Presence:
             if isinstance(part, ObjectConfig):
                 todo += [name for name in [self.carrier(key)] if name in self.absent]
             elif must.isdisjoint(members := [self.key(name) for name in part.of]):
-                todo += set.intersection(*(self._follow([member], must)[0] for member in members))
+                each = [self._follow([member], must) for member in members]
+                must |= set.intersection(*(found for found, _ in each))
+                never |= set.intersection(*(found for _, found in each))
             if (outer := self.outer.get(key)) is not None:
                 todo.append(outer)
                 if self.groups[outer].count[1] == 1:
@@ -247,9 +244,3 @@ class Presence:
         """Return whether an object or a group has an `if` or an `unless` itself."""
         part = self.groups.get(key) or self._objects[key]
         return bool(part.if_ or part.unless)
-
-    def _above(self, key: str) -> Iterable[str]:
-        """Yield the groups that contain an object or a group, from the innermost outwards."""
-        while key in self.outer:
-            key = self.outer[key]
-            yield key

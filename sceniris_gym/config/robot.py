@@ -9,14 +9,12 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, ConfigDict, Field, PrivateAttr, ValidationError, model_validator
 
 from sceniris_gym.config.fields import ROBOT, Clearance, Gap, Length, Number, Point3, Turn, listed, must, within, wrong
-from sceniris_gym.config.groups import GroupConfig
 from sceniris_gym.config.loader import ROBOT_FORMS
 from sceniris_gym.config.objects import JointConfig, ObjectConfig, RegionConfig
 from sceniris_gym.config.orientation import Orientation
 from sceniris_gym.config.randomize import DrawConfig, ObjectWord
 from sceniris_gym.config.relations import Relations
 from sceniris_gym.config.section import Section
-from sceniris_gym.config.variants import variants_of
 
 _BASE = ("base", "roll", "pitch", "yaw")
 """Words for the fixed pose of an added robot."""
@@ -192,9 +190,9 @@ class StartConfig(Section):
         """True if the hand holds the object in the air, because `lift` or `robot_joints` move it from its support."""
         return self.lift is not None or bool(self.robot_joints)
 
-    def targets(self, groups: Mapping[str, GroupConfig]) -> tuple[str, ...]:
+    def targets(self, variants: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:
         """Return the object named by `of`. If it has variants, return all of them."""
-        return () if self.of is None else variants_of(groups).get(self.of, (self.of,))
+        return () if self.of is None else variants.get(self.of, (self.of,))
 
     @model_validator(mode="after")
     def _agrees_with_itself(self) -> StartConfig:

@@ -16,15 +16,15 @@ from sceniris_gym.config.loader import override, read_scene
 from sceniris_gym.config.member_names import split_support
 from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.scene_words import SceneWords
-from sceniris_gym.config.several_supports import any_supports, with_bodies, with_supports
+from sceniris_gym.config.several_supports import Bodies, with_supports
 from sceniris_gym.config.validation import check_names
-from sceniris_gym.config.variants import check_shared, with_members, with_variants
+from sceniris_gym.config.variants import check_shared, with_members
 
 _FILES = ("asset", "map", "rows")
 """Keys of objects, robots and heaps that name files."""
 _HASHED_AS = {"site": "my", "of_site": "its", "angle": "turn"}
 """Keys of a `Connection` -> their former names, which hashes still use."""
-_WRITTEN = TypeAdapter(dict[str, Any])
+_PLAIN = TypeAdapter(Any)
 """Converts the words of a scene to plain values. Some words may be parts made in Python."""
 
 
@@ -39,7 +39,6 @@ class SceneConfig(SceneWords):
     """
 
     _where: str = PrivateAttr("SceneConfig")
-    _written: dict[str, Any] | None = PrivateAttr(None)
 
     @classmethod
     def load(cls, scene: str | Path | Mapping | SceneConfig, overrides: Mapping[str, Any] | None = None) -> SceneConfig:
@@ -57,22 +56,26 @@ class SceneConfig(SceneWords):
         if isinstance(scene, SceneConfig):
             if overrides is None or (isinstance(overrides, Mapping) and not overrides):
                 return scene
-            data = scene.model_dump(by_alias=True, exclude_unset=True)
-            if scene._written:
-                data = _WRITTEN.dump_python(scene._written, by_alias=True, exclude_unset=True)
+            data = scene._written or scene.model_dump(by_alias=True, exclude_unset=True)
             where, name = scene.where, scene.name
         else:
             data, where, name = read_scene(scene)
         return cls._made({"name": name, **override(data, {} if overrides is None else overrides, where)}, where)
 
     @classmethod
-    def _made(cls, words: Mapping[str, Any], where: str, left_out: Collection[str] = ()) -> SceneConfig:
-        """Return the scene of a mapping in the form of a file, without the variants `left_out`.
+    def _made(
+        cls, words: Mapping[str, Any], where: str, left_out: Collection[str] = (), bodies: Bodies | None = None
+    ) -> SceneConfig:
+        """Return the scene of a mapping in the form of a file.
 
-        Error messages begin with `where`.
+        Args:
+            words: The mapping.
+            where: The file, for messages.
+            left_out: Full names of variants to leave out.
+            bodies: The known bodies of each `{any: NAME}`.
         """
         with reading(where):
-            config = cls.model_validate(words, context=left_out)
+            config = cls.model_validate(words, context=(left_out, bodies or {}))
         config._where = where
         return config
 
@@ -80,37 +83,6 @@ class SceneConfig(SceneWords):
     def where(self) -> str:
         """The file of the scene, for messages."""
         return self._where
-
-    def needs(self, name: str) -> tuple[str, ...]:
-        """Return the names that have to be placed before an object or a robot: all names in its relations and keys.
-
-        If a robot with a drawn base has to reach the object, the base is also placed first. But if the base refers to
-        the object, directly or through others, the base is placed after the object.
-        """
-        parts = self.parts
-        markers = [found[name] for found in map(self.markers, self.start) if name in found]
-        needs = tuple(dict.fromkeys([*self._named(name), *markers]))
-        if not parts[name].reachable or self.robot_for(name) not in parts:
-            return needs
-        robot = self.robot_for(name)
-        before, queue = {robot}, [robot]
-        while queue:
-            found = [other for other in self._named(queue.pop()) if other in parts and other not in before]
-            before.update(found)
-            queue += found
-        return needs if name in before else tuple(dict.fromkeys([*needs, robot]))
-
-    def _named(self, name: str) -> tuple[str, ...]:
-        """Return the names in the settings of an object or a robot.
-
-        If a name has variants, the names of all variants replace it.
-        """
-        return with_variants(self.parts[name].needs, self.variants)
-
-    def robot_for(self, name: str) -> str:
-        """Return the robot that has to reach an object: the robot in its `by`, by default the only robot."""
-        by = self.objects[name].by
-        return by if by in self.all_robots else next(iter(self.all_robots))
 
     def with_shared_objects(self) -> SceneConfig:
         """Return the scene in which each object with variants is one object with the settings of the first variant.
@@ -123,7 +95,8 @@ class SceneConfig(SceneWords):
             self.owners.get(name, name): self._without_members(part) for name, part in [*self.objects.items()][::-1]
         }
         fields = {name: getattr(self, name) for name in self.model_fields_set}
-        return self._made(fields | {"objects": dict(reversed(objects.items())), "groups": {}, "start": ()}, self.where)
+        fields |= {"objects": dict(reversed(objects.items())), "groups": {}, "stacks": {}, "start": ()}
+        return self._made(fields, self.where)
 
     def _without_members(self, part: ObjectConfig) -> ObjectConfig:
         """Return an object without conditions, whose support names an object instead of one of its members."""
@@ -137,21 +110,23 @@ class SceneConfig(SceneWords):
     @property
     def folders(self) -> dict[str, tuple[str, ...]]:
         """Object whose variants are the files of a folder -> names of these variants."""
-        written = (self._written or {}).get("objects", {})
+        written = self._written.get("objects", {})
         return {name: of for name, of in self.variants.items() if is_pattern(written.get(name, {}).get("asset"))}
 
-    @property
-    def any_supports(self) -> set[tuple[str, str]]:
-        """For each support `{any: NAME}`, the name and the word, such as ('cabinet', 'on')."""
-        return any_supports(self._written or {})
+    def carriers(self) -> SceneConfig:
+        """Return a scene with only the objects that `any_supports` names, at their poses in the model."""
+        names, words = {name for name, _ in self.any_supports}, {"asset", "scale", "body", "kind"}
+        parts = {name: part.model_dump(include=words) for name, part in self.objects.items() if name in names}
+        of_model = {"model": self.model, "home": self.home} if any(p["asset"] is None for p in parts.values()) else {}
+        return self._made({"objects": parts, "geometry": self.geometry, **of_model}, self.where)
 
-    def with_bodies(self, bodies: Mapping[tuple[str, str], list[str]]) -> SceneConfig:
+    def with_bodies(self, bodies: Bodies) -> SceneConfig:
         """Return the scene with the names of bodies for each of `any_supports`."""
-        return self._made({"name": self.name, **with_bodies(self._written or {}, bodies)}, self.where)
+        return self._made(self._written, self.where, bodies=bodies)
 
     def without(self, members: Collection[str]) -> SceneConfig:
         """Return the scene without some variants of its objects."""
-        return self._made({"name": self.name, **(self._written or {})}, self.where, members)
+        return self._made(self._written, self.where, members, self._bodies)
 
     @property
     def is_randomized(self) -> bool:
@@ -201,9 +176,13 @@ class SceneConfig(SceneWords):
     def _is_written_out(
         cls, data: Any, handler: ModelWrapValidatorHandler[SceneConfig], info: ValidationInfo
     ) -> SceneConfig:
-        config = handler(with_supports(with_members(with_chains(with_places(data)), info.context or ())))
+        if not isinstance(data, Mapping):
+            return handler(data)
+        data = _PLAIN.dump_python(data, by_alias=True, exclude_unset=True)
+        left_out, bodies = info.context or ((), {})
+        config = handler(with_supports(with_members(with_places(with_chains(data)), left_out), bodies))
         check_shared(config.variants, config.objects)
         if config.variants or config.stacks:
-            config._written = data
+            config._written, config._bodies = data, bodies
         check_names(config, where_now.get() or cls.__name__)
         return config

@@ -4,18 +4,19 @@ from functools import cached_property
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import BeforeValidator, Field, Strict, field_validator, model_validator
+from pydantic import BeforeValidator, Field, PrivateAttr, Strict, field_validator, model_validator
 
 from sceniris_gym.config.bounds import MOST_ATTEMPTS
 from sceniris_gym.config.fields import ROBOT, Extents2, Model, Number, ObjectName, PartName, Point3, within, wrong
-from sceniris_gym.config.groups import GroupConfig, HeapConfig, StackConfig
-from sceniris_gym.config.member_names import without_support
+from sceniris_gym.config.groups import GroupConfig, HeapConfig, StackConfig, with_chains
+from sceniris_gym.config.member_names import object_of, without_support
 from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.presence import Presence
 from sceniris_gym.config.randomize import SceneDraws
 from sceniris_gym.config.robot import RobotConfig, StartConfig
 from sceniris_gym.config.section import Section
-from sceniris_gym.config.variants import owners_of, variants_of
+from sceniris_gym.config.several_supports import Bodies, any_supports
+from sceniris_gym.config.variants import owners_of, with_variants
 
 AUTO = "auto"
 """The value of `attempts` that lets `compile_scene` choose the number."""
@@ -95,6 +96,13 @@ class SceneWords(Section):
     model: Model = None
     home: str | None = None
     randomize: SceneDraws | None = None
+    _written: dict[str, Any] = PrivateAttr(default_factory=dict)
+    _bodies: Bodies = PrivateAttr(default_factory=dict)
+
+    @property
+    def any_supports(self) -> set[tuple[str, str]]:
+        """For each support `{any: NAME}` with unknown bodies, the name and the word, such as ('cabinet', 'on')."""
+        return any_supports(with_chains(self._written)) - self._bodies.keys()
 
     @property
     def all_robots(self) -> dict[str, RobotConfig]:
@@ -110,7 +118,8 @@ class SceneWords(Section):
     @cached_property
     def variants(self) -> dict[str, tuple[str, ...]]:
         """Object with variants -> names of its variants in `objects`."""
-        return variants_of(self.groups)
+        groups = self.groups.items()
+        return {name: group.of for name, group in groups if all(object_of(m) == name != m for m in group.of)}
 
     @cached_property
     def owners(self) -> dict[str, str]:
@@ -121,6 +130,11 @@ class SceneWords(Section):
     def presence(self) -> Presence:
         """The draws of the objects that are present."""
         return Presence(self.objects, self.groups)
+
+    @cached_property
+    def named_objects(self) -> list[str]:
+        """The objects by their names in the scene file: an object with variants or several supports has one name."""
+        return [*(name for name in self.objects if name not in self.owners), *self.variants]
 
     @property
     def absent(self) -> dict[str, str]:
@@ -134,6 +148,37 @@ class SceneWords(Section):
         """
         pairs = [(one, marker) for name, marker in start.place.items() for one in self.variants.get(name, (name,))]
         return {one: marker for one, marker in pairs if self.objects[one].support == self.objects[marker].support}
+
+    def needs(self, name: str) -> tuple[str, ...]:
+        """Return the names that have to be placed before an object or a robot: all names in its relations and keys.
+
+        If a robot with a drawn base has to reach the object, the base is also placed first. But if the base refers to
+        the object, directly or through others, the base is placed after the object.
+        """
+        parts = self.parts
+        markers = [found[name] for found in map(self.markers, self.start) if name in found]
+        needs = tuple(dict.fromkeys([*self._named(name), *markers]))
+        if not parts[name].reachable or self.robot_for(name) not in parts:
+            return needs
+        robot = self.robot_for(name)
+        before, queue = {robot}, [robot]
+        while queue:
+            found = [other for other in self._named(queue.pop()) if other in parts and other not in before]
+            before.update(found)
+            queue += found
+        return needs if name in before else tuple(dict.fromkeys([*needs, robot]))
+
+    def _named(self, name: str) -> tuple[str, ...]:
+        """Return the names in the settings of an object or a robot.
+
+        If a name has variants, the names of all variants replace it.
+        """
+        return with_variants(self.parts[name].needs, self.variants)
+
+    def robot_for(self, name: str) -> str:
+        """Return the robot that has to reach an object: the robot in its `by`, by default the only robot."""
+        by = self.objects[name].by
+        return by if by in self.all_robots else next(iter(self.all_robots))
 
     def key(self, name: str) -> str:
         """Return the key of an object or a robot, for messages: 'objects.can', 'robot' or 'robots.left'.

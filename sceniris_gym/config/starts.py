@@ -1,5 +1,6 @@
 """Checks of the section `start`: its names exist, and its objects can be held or placed as the kind of start needs."""
 
+from sceniris_gym.config.absence import check_present
 from sceniris_gym.config.member_names import object_of
 from sceniris_gym.config.robot import StartConfig
 from sceniris_gym.config.scene_words import SceneWords
@@ -16,8 +17,9 @@ def check_starts(scene: SceneWords, where: str) -> None:
     for i, start in enumerate(scene.start):
         at = f"{where}: start.{i}"
         if start.of is not None:
-            _check_present(scene, start.of, f"{at}.of")
-        for name in start.targets(scene.groups):
+            _check_known(scene, start.of, f"{at}.of")
+            check_present(scene, start.of, f"{at}.of")
+        for name in start.targets(scene.variants):
             _check_target(scene, start, name, at)
         for name, marker in start.place.items():
             _check_place(scene, name, marker, f"{at}.place")
@@ -32,22 +34,8 @@ def check_starts(scene: SceneWords, where: str) -> None:
 
 def _check_known(scene: SceneWords, name: str, where: str) -> None:
     """Check that an object exists, and is not a single variant of another object."""
-    known = [*(other for other in scene.objects if other not in scene.owners), *scene.variants]
-    if name not in known:
-        raise UnknownNameError("object", name, where, known)
-
-
-def _check_present(scene: SceneWords, name: str, where: str, by: str = "") -> None:
-    """Check that an object is in every layout, or in every layout with `by`, or that its group has `missing: drop`."""
-    _check_known(scene, name, where)
-    presence = scene.presence
-    group = scene.groups.get(presence.outer.get(presence.key(name), "").removeprefix("groups."))
-    if group is not None and group.missing == "drop":
-        return
-    if not all(presence.implies(member, name) for member in scene.variants.get(by, (by,))):
-        cure = f"Write 'if: {name}' to place '{by}' only together with it" if by else "Name another object"
-        drop = "" if group is None else ", or write 'missing: drop' in its group to ignore it in layouts without it"
-        raise SceneKeyError(f"{where}: '{name}' may be absent. {cure}{drop}.")
+    if name not in scene.named_objects:
+        raise UnknownNameError("object", name, where, scene.named_objects)
 
 
 def _check_target(scene: SceneWords, start: StartConfig, name: str, where: str) -> None:
@@ -69,11 +57,15 @@ def _check_target(scene: SceneWords, start: StartConfig, name: str, where: str) 
 
 def _check_place(scene: SceneWords, name: str, marker: str, where: str) -> None:
     """Check that a start can place an object at a marker."""
-    _check_present(scene, name, where)
-    markers = [other for other, part in scene.objects.items() if part.kind == "marker"]
+    _check_known(scene, name, where)
+    check_present(scene, name, where)
+    markers = {scene.owners.get(other, other) for other, part in scene.objects.items() if part.kind == "marker"}
     if marker not in markers:
         raise UnknownNameError("marker", marker, where, markers)
-    _check_present(scene, marker, where, by=name)
+    if marker in scene.variants:
+        raise SceneKeyError(f"{where}: marker '{marker}' should have one support and no variants, to be one place.")
+    check_present(scene, marker, where, by=name)
     supports = [scene.objects[member].support for member in scene.variants.get(name, (name,))]
-    if scene.objects[marker].support is None or scene.objects[marker].support not in supports:
+    is_known = scene.objects[marker].support in supports or scene.any_supports
+    if scene.objects[marker].support is None or not is_known:
         raise SceneKeyError(f"{where}: '{name}' and its marker '{marker}' should have the same support.")

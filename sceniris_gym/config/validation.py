@@ -1,7 +1,5 @@
 """Checks of names in a scene: each reference exists, is suitable, and can be placed before the object that names it."""
 
-import graphlib
-
 from sceniris_gym.config.absence import check_presence
 from sceniris_gym.config.fields import FLOOR, in_memory
 from sceniris_gym.config.groups import PLACING, HeapConfig
@@ -9,9 +7,9 @@ from sceniris_gym.config.member_names import SUPPORT, object_of, split_support, 
 from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.relations import FRAMES
 from sceniris_gym.config.scene_words import SceneWords
+from sceniris_gym.config.several_supports import supports_in
 from sceniris_gym.config.starts import check_starts
-from sceniris_gym.config.variants import with_variants
-from sceniris_gym.errors import SceneKeyError, UnknownNameError, in_a_cycle
+from sceniris_gym.errors import SceneKeyError, UnknownNameError, check_order
 
 
 def check_names(scene: SceneWords, where: str) -> None:
@@ -37,8 +35,9 @@ def check_names(scene: SceneWords, where: str) -> None:
     check_presence(scene, where)
     _check_heaps(scene, where)
     _check_stacks(scene, where)
-    _check_cycles(scene, where)
     check_starts(scene, where)
+    needs = {name: scene.needs(name) for name in scene.parts}
+    check_order(needs, where, "objects are placed relative to each other")
 
 
 def _check_robot(scene: SceneWords, name: str, part: ObjectConfig, where: str) -> None:
@@ -135,7 +134,8 @@ def _check_parent(scene: SceneWords, where: str, name: str, parent: str) -> None
     if owner not in scene.objects and parent not in floor and scene.model is None:
         if parent == FLOOR:
             where += ": the scene has no floor (add 'floor: {size: [x, y]}')"
-        others = [n for n in _alone(scene) if n != name and scene.objects[n].kind != "marker"]
+        markers = {scene.owners.get(n, n) for n, part in scene.objects.items() if part.kind == "marker"}
+        others = [n for n in scene.named_objects if n != object_of(name) and n not in markers]
         raise UnknownNameError("support", parent, where, [*floor, *others])
 
 
@@ -145,16 +145,11 @@ def _number_of_supports(scene: SceneWords, member: str) -> int:
     return len({object_of(support.parent) for support in supports if support is not None})
 
 
-def _alone(scene: SceneWords) -> list[str]:
-    """Return the objects that are not variants of others."""
-    return [name for name in scene.objects if name not in scene.owners]
-
-
 def _check_reference(scene: SceneWords, where: str, name: str, other: str) -> None:
     known = [*scene.objects, *scene.all_robots, *scene.variants]
     if other not in known:
         is_frame = where.endswith(".frame")
-        valid = (*_alone(scene), *scene.all_robots, *scene.variants, *(FRAMES if is_frame else ()))
+        valid = (*scene.named_objects, *scene.all_robots, *(FRAMES if is_frame else ()))
         raise UnknownNameError("frame" if is_frame else "object", other, where, [n for n in valid if n != name])
     if other in (name, object_of(name)):
         raise SceneKeyError(f"{where}: '{other}' should be a different object, not the placed object itself.")
@@ -162,6 +157,8 @@ def _check_reference(scene: SceneWords, where: str, name: str, other: str) -> No
 
 def _check_members(scene: SceneWords, where: str) -> None:
     """Check the members of groups, heaps and stacks: they exist, and each is in one of these, not in itself."""
+    inside = {label: [name for name in part.of if name not in scene.objects] for label, part in scene.groups.items()}
+    check_order(inside, where, "groups contain each other")
     owners: dict[str, str] = {}
     for kind, parts in (("group", scene.groups), ("heap", scene.heaps), ("stack", scene.stacks)):
         for label, part in parts.items():
@@ -174,7 +171,7 @@ def _check_members(scene: SceneWords, where: str) -> None:
                 owner = scene.owners.get(name, name)
                 if owner != name and owner != label:
                     raise SceneKeyError(f"{path}: '{name}' is a single variant. Name its object '{owner}'.")
-                known = [*_alone(scene), *scene.variants, *(scene.groups if kind == "group" else ())]
+                known = [*scene.named_objects, *(scene.groups if kind == "group" else ())]
                 if name not in known and name not in scene.objects:
                     raise UnknownNameError("object", name, path, [n for n in known if n != label])
                 is_lowest = kind == "stack" and name == part.of[0] and owners.get(name, "").startswith("group")
@@ -183,12 +180,6 @@ def _check_members(scene: SceneWords, where: str) -> None:
                         f"{path}: '{name}' is also in the {owners[name]}. Leave it out in one of the two places."
                     )
                 owners[name] = f"{kind} '{label}'"
-    for label in scene.groups:
-        above = [label]
-        while (found := scene.presence.outer.get(f"groups.{above[-1]}")) is not None:
-            above.append(found.partition(".")[2])
-            if above[-1] == label:
-                raise in_a_cycle(where, above[:0:-1], "groups contain each other")
 
 
 def _check_heaps(scene: SceneWords, where: str) -> None:
@@ -230,11 +221,12 @@ def _check_stacks(scene: SceneWords, where: str) -> None:
     presence = scene.presence
     for stack, part in scene.stacks.items():
         for name, below in zip(part.of, (part.on, *part.of), strict=False):
-            found = {scene.objects[member].on or "" for member in scene.variants.get(name, (name,))}
-            if found != {below} and {object_of(on) for on in found} != {below}:
+            names, members = supports_in(below), scene.variants.get(name, (name,))
+            found = {scene.objects[member].on or "" for member in members}
+            if {on if on in names else object_of(on) for on in found} != {*names}:
                 raise SceneKeyError(
                     f"{where}: objects.{name}: should not name a support (on, inside, in), because the stack "
-                    f"'{stack}' puts it on '{below}'."
+                    f"'{stack}' puts it on {' or '.join(map(repr, names))}."
                 )
         for name in part.of[1:-1]:
             if presence.key(name) in presence.outer or presence.has_words(presence.key(name)):
@@ -242,13 +234,3 @@ def _check_stacks(scene: SceneWords, where: str) -> None:
                     f"{where}: stacks.{stack}.of: '{name}' may be absent, but the objects on it may not. Leave out its "
                     "'if' and 'unless', take it out of its group, or write 'on' for each object instead of a stack."
                 )
-
-
-def _check_cycles(scene: SceneWords, where: str) -> None:
-    needs = {name: with_variants(part.needs, scene.variants) for name, part in scene.parts.items()}
-    try:
-        graphlib.TopologicalSorter(needs).prepare()
-    except graphlib.CycleError as error:
-        cycle = error.args[1][:0:-1]  # each name needs the next, without repeating the first
-        start = cycle.index(next(name for name in needs if name in cycle))
-        raise in_a_cycle(where, cycle[start:] + cycle[:start], "objects are placed relative to each other") from None

@@ -6,17 +6,14 @@ and groups.
 """
 
 import hashlib
-from collections.abc import Collection, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from pydantic_core import PydanticCustomError
-
 from sceniris_gym.config.bounds import BOUNDS
-from sceniris_gym.config.fields import DRAWN, listed, located, object_name, refuse, where_now
+from sceniris_gym.config.fields import DRAWN, listed, locating, object_name, refuse, where_now
 from sceniris_gym.config.folders import files_of, is_pattern, with_tags
-from sceniris_gym.config.groups import SPLITS, GroupConfig
+from sceniris_gym.config.groups import SPLITS
 from sceniris_gym.config.loader import HOLDOUT, OF_VARIANTS, TAGS, VARIANTS, merge
 from sceniris_gym.config.member_names import MemberName, object_of, variant_of
 from sceniris_gym.config.objects import ObjectConfig
@@ -32,11 +29,6 @@ _SHARED = {
     "randomize": "should be the same for all variants, because they share one body. A task can draw for a single "
     "variant by State.scale_field, in on_reset",
 }
-
-
-def variants_of(groups: Mapping[str, GroupConfig]) -> dict[str, tuple[str, ...]]:
-    """Return the variants of each object: object with variants -> names of its variants."""
-    return {name: g.of for name, g in groups.items() if all(m != name and object_of(m) == name for m in g.of)}
 
 
 def owners_of(variants: Mapping[str, tuple[str, ...]]) -> dict[str, str]:
@@ -60,9 +52,9 @@ def with_members(scene: Any, left_out: Collection[str] = ()) -> Any:
         ValidationError: A key or a value for one variant, or for all variants, is wrong.
         UnknownNameError: An object has no such variant.
     """
-    objects = scene.get("objects") if isinstance(scene, Mapping) else None
+    objects = scene.get("objects")
     slots = [name for name, part in objects.items() if has_variants(part)] if isinstance(objects, Mapping) else []
-    if objects is None or not slots:
+    if not slots:
         return scene
     owners = {name: owner for name in objects if (owner := object_of(str(name))) != name}
     single = {name: objects[name] for name, owner in owners.items() if owner in slots}
@@ -172,9 +164,9 @@ def _listed(at: tuple[str, ...], part: Mapping, shared: dict) -> Mapping[str, Ma
     del shared["asset"]
     is_folder = is_pattern(assets)
     if is_folder:
-        with _at((*at, "asset"), assets):
+        with locating((*at, "asset"), assets):
             files = files_of(assets)
-        with _at((*at, TAGS), part.get(TAGS)):
+        with locating((*at, TAGS), part.get(TAGS)):
             assets = [str(path) for path in (with_tags(files, part[TAGS]) if TAGS in part else files)]
     names = [_stem(asset) for asset in assets]
     if is_folder:  # files of the same name have the names of their folders
@@ -195,7 +187,7 @@ def _named(at: tuple[str, ...], variants: Any) -> Mapping[str, Mapping]:
         loc = (*at, VARIANTS, str(name))
         if not isinstance(words, Mapping):
             refuse(loc, "should be a mapping of keys to values", words)
-        with _at(loc, name):
+        with locating(loc, name):
             object_name(str(name))
     return variants
 
@@ -241,12 +233,3 @@ def _held_out(at: tuple[str, ...], share: Any, members: Collection[str]) -> dict
     ranked = sorted(members, key=lambda name: hashlib.sha256(variant_of(name).encode()).digest())
     count = min(max(round(share * len(members)), 1), len(members) - 1)
     return {name: "eval" if name in ranked[:count] else "train" for name in members}
-
-
-@contextmanager
-def _at(loc: tuple[str, ...], value: Any) -> Iterator[None]:
-    """Add the location of a value in the scene to errors that the `with` block raises about this value."""
-    try:
-        yield
-    except PydanticCustomError as error:
-        raise located(loc, error, value) from None

@@ -11,6 +11,7 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.config.fields import short
+from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.config.scene_words import AUTO
 from sceniris_gym.device.kernel_log import start_warp
 from sceniris_gym.device.random import SPLITS
@@ -28,7 +29,8 @@ from sceniris_gym.program.device_bank import Bank
 from sceniris_gym.program.device_reach import Starts
 from sceniris_gym.program.notices import from_record, noting, to_record, warn
 from sceniris_gym.progress import tell
-from sceniris_gym.scene.build import SceneLike, build_model
+from sceniris_gym.scene.build import SceneLike, build_carriers, build_model
+from sceniris_gym.scene.level_bodies import level_bodies
 from sceniris_gym.scene.model import SceneModel
 
 # The probe makes layouts until the bank is full, in at most `_ROUNDS` rounds. The second split gets up to
@@ -73,9 +75,11 @@ def compile_scene(
     """
     start_warp()
     name = device_name(device)
-    model = build_model(scene, overrides)
     if not cache:
-        return _compiled(model, name)
+        return _compiled(build_model(scene, overrides), name)
+    if not isinstance(scene, SceneModel):
+        scene, overrides = _with_bodies(SceneConfig.load(scene, overrides), name), None
+    model = build_model(scene, overrides)
     key = scene_key(model, name)
     if kept := _from_cache(key, model, name):
         return kept
@@ -113,6 +117,20 @@ def _compiled(model: SceneModel, device: str) -> CompiledScene:
     if model.config.attempts == AUTO:
         compiled.program.attempts = find_attempts(compiled)
     return _with_bank(compiled)
+
+
+def _with_bodies(config: SceneConfig, device: str) -> SceneConfig:
+    """Return a scene with the bodies of each support `{any: NAME}`. The cache keeps their names."""
+    asked = {f"{word} {name}": (name, word) for name, word in config.any_supports}
+    if not asked:
+        return config
+    carriers = build_carriers(config)
+    key = scene_key(carriers, device)
+    kept = load_arrays(key) or {}
+    if not asked.keys() <= kept.keys():
+        kept |= {label: np.array(level_bodies(carriers, *each)) for label, each in asked.items()}
+        store_arrays(key, kept)
+    return config.with_bodies({each: kept[label].tolist() for label, each in asked.items()})
 
 
 def _from_cache(key: str, model: SceneModel, device: str) -> CompiledScene | None:

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import warp as wp
 
-from sceniris_gym.config.member_names import object_of
 from sceniris_gym.config.variants import with_variants
 from sceniris_gym.errors import ArgumentError, as_names, check_names
 from sceniris_gym.program.compiled import CompiledScene, upload_plan
@@ -49,10 +48,8 @@ def chosen_objects(
     if not names:
         raise ArgumentError(f"{where}: objects should name at least one object. Valid: {', '.join(named)}.")
     for name in valid:
-        support = config.objects[name].support
-        if support is None or name in names or not (present is None or name in present):
-            continue
-        if any(other in names for other in with_variants([object_of(support.parent)], config.variants)):
+        carrier, support = config.presence.carrier(name), config.objects[name].support
+        if support is not None and carrier in names and name not in names and (present is None or name in present):
             load = config.owners.get(name, name)
             raise ArgumentError(f"{where}: '{support.parent}' carries '{load}', which moves along. Also name '{load}'.")
     for heap in config.heaps.values():

@@ -182,7 +182,7 @@ def surfaces_of(
             f"{' with nothing above it' if word == 'on' else ''}. Valid: {_others(scene, o.name, pieces, word)}."
         )
     half = 0.5 * config.ratio_on_support
-    return supports.crop(found, config.region, [half * edge for edge in edges], where)
+    return supports.crop(found, config.region, [half * edge for edge in edges], f"{where}: '{parent}'")
 
 
 def may_lean(scene: SceneModel, support: Support) -> bool:

@@ -12,7 +12,6 @@ import numpy as np
 
 from sceniris_gym.config.objects import JointConfig, ObjectConfig
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import in_a_cycle
 from sceniris_gym.geometry.pieces import Piece, PieceType
 from sceniris_gym.geometry.resting_poses import HomeShape, StablePose, heading_of, of_heading_zero
 from sceniris_gym.geometry.rotations import matrix
@@ -84,9 +83,6 @@ def placement_order(scene: SceneModel) -> list[str]:
 
     If a start places objects at markers, these objects and markers come before all other placed objects. An object at
     its marker cannot move out of the way, but objects that are placed later can avoid it.
-
-    Raises:
-        SceneKeyError: Objects refer to each other in a circle.
     """
     config = scene.config
     names = (*config.all_robots, *config.objects)
@@ -96,10 +92,7 @@ def placement_order(scene: SceneModel) -> list[str]:
     order = [n for n in names if n not in moving and scene.joint_configs(n)]
     number = {name: i for i, name in enumerate(moving)}
     sorter = graphlib.TopologicalSorter({n: [other for other in config.needs(n) if other in number] for n in moving})
-    try:
-        sorter.prepare()
-    except graphlib.CycleError as error:
-        raise in_a_cycle(config.where, error.args[1][:0:-1], "objects refer to each other") from None
+    sorter.prepare()
     ready: list[int] = []  # a heap, so that objects keep the file's order where references permit
     while sorter.is_active():
         for name in sorter.get_ready():

@@ -43,7 +43,7 @@ def plan_grips(plan: Plan) -> tuple[Grip, ...]:
         NotSupportedError: A start holds a target with an arm that has no fingers to close.
     """
     config = plan.scene.config
-    kinds = [(kind, kind.targets(config.groups)) for kind in config.start if kind.robot == "grasp"]
+    kinds = [(kind, kind.targets(config.variants)) for kind in config.start if kind.robot == "grasp"]
     found: list[Grip] = []
     for target in plan.reaching.targets:
         grasps, one = target.grasp_set.grasps, plan.reaching.arm_of(target)
@@ -107,7 +107,7 @@ def plan_starts(plan: Plan, grips: tuple[Grip, ...]) -> dict[str, np.ndarray]:
 def _kind(plan: Plan, grips: tuple[Grip, ...], number: int, config: StartConfig) -> dict[str, ArrayLike]:
     """Return the row of one kind of start in each field of `Starts`, by field name."""
     where, pose, arm = f"{plan.scene.config.where}: start.{number}", _pose(config), -1
-    names, arm_range = config.targets(plan.scene.config.groups), np.tile(_UNDRAWN, (MAX_JOINTS, 1))
+    names, arm_range = config.targets(plan.scene.config.variants), np.tile(_UNDRAWN, (MAX_JOINTS, 1))
     targets, counts = plan.reaching.targets, [np.zeros(0, bool)]
     for target in targets:
         own = _counting(config, target, f"{where}.grasp") & (target.name in names)

@@ -62,11 +62,10 @@ def build_model(scene: SceneLike, overrides: Mapping[str, Any] | None = None) ->
     config = SceneConfig.load(scene, overrides)
     for name in config.owners:
         check_variant_has_asset(config, name, config.where)
-    is_taken = isinstance(config.model, mujoco.MjModel)
     if config.any_supports:
-        scene = _taken(config) if is_taken else _built(config)
-        config = config.with_bodies({each: level_bodies(scene, *each) for each in config.any_supports})
-    if is_taken:
+        carriers = build_carriers(config)
+        config = config.with_bodies({each: level_bodies(carriers, *each) for each in config.any_supports})
+    if isinstance(config.model, mujoco.MjModel):
         return _taken(config)
     try:
         return _with_shared_bodies(config)
@@ -86,6 +85,11 @@ def build_variants(config: SceneConfig, simulated: SceneConfig) -> SceneModel:
     """
     scene = _taken(config)
     return replace(scene, shared=replace(build_model(simulated), hash=scene.hash, apart=scene.apart))
+
+
+def build_carriers(config: SceneConfig) -> SceneModel:
+    """Build a scene of only those objects whose level bodies are the supports `{any: NAME}` of another scene."""
+    return _built(config.carriers())
 
 
 def _with_shared_bodies(config: SceneConfig) -> SceneModel:

@@ -14,7 +14,6 @@ import numpy as np
 
 from sceniris_gym.config.fields import FLOOR
 from sceniris_gym.config.loader import SHIPPED_NAME, shipped
-from sceniris_gym.config.member_names import split_support
 from sceniris_gym.config.robot import RobotConfig
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.reach.map import map_file
@@ -123,7 +122,7 @@ def _could_fall(config: SceneConfig) -> bool:
     for name, part in config.objects.items():
         if part.support is None or not part.has_to_stand or name in filling:
             continue
-        owner = config.objects.get(split_support(part.support.parent, config.objects)[0])
+        owner = config.objects.get(config.presence.carrier(name))
         is_floor = part.support.parent == FLOOR and config.floor is not None
         is_carried = owner is not None and owner.kind == "free"
         if is_carried or part.joints or (part.ratio_on_support < 1.0 and not is_floor):

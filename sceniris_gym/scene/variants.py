@@ -13,6 +13,7 @@ from itertools import chain
 import mujoco
 import numpy as np
 
+from sceniris_gym.config.member_names import without_support
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.config.variants import owners_of
 from sceniris_gym.errors import ModelWarning, NotSupportedError, SceneFileError, SceneKeyError, ScenirisError
@@ -193,8 +194,11 @@ def check_variants(
         for field in fields
     ]
     for name in owners_of(variants):
-        at, body = f"{where}: objects.{name}", mjm.body(name).id
-        cure = "a variant should be one rigid body of plain geoms that no element refers to. Use objects in a group"
+        at, body = f"{where}: objects.{without_support(name)}", mjm.body(name).id
+        cure = (
+            "an object with variants or several supports should be one rigid body of plain geoms that no element "
+            "refers to. Use objects in a group"
+        )
         if len(subtree(mjm, body)) > 1:
             raise NotSupportedError(f"{at}: has several bodies, but {cure}.")
         geoms = _geoms(mjm, body)

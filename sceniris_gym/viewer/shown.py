@@ -199,7 +199,7 @@ def _closed_fingers(compiled: CompiledScene, table: LayoutTable) -> tuple[np.nda
     """
     if compiled.config.start and compiled.reaching is not None:
         kind = compiled.config.start[table.start[0]]
-        for name in kind.targets(compiled.config.groups) if kind.robot == "grasp" else ():
+        for name in kind.targets(compiled.config.variants) if kind.robot == "grasp" else ():
             if table.present[0, compiled.slots.index(name)]:
                 target = compiled.reaching.targets[compiled.reaching.names.index(name)]
                 adr, closed = compiled.reaching.arm_of(target).gripper.poses(np.zeros(1))

@@ -65,15 +65,29 @@ WRONG: dict[str, tuple[dict[str, Any], type[ScenirisError], str]] = {
     "a member and its group": (
         {"objects.spoon": {**CAN, "if": "tray", "unless": "meal"}},
         SceneKeyError,
-        r"objects\.spoon: its conditions exclude each other: it needs 'meal'",
+        r"objects\.spoon: its conditions exclude each other: 'meal' would be both",
     ),
     "two of one": ({"objects.spoon.if": ["tray", "apple"]}, SceneKeyError, r"objects\.spoon: its conditions exclude"),
     "two variants": ({"objects.spoon.if": ["unit/can", "unit/book"]}, SceneKeyError, r"spoon: its conditions exclude"),
     "its support": ({"objects.spoon": {**CAN, "on": "tray", "if": "apple"}}, SceneKeyError, r"spoon: its conditions"),
     "what is always there": ({"objects.spoon.unless": "bowl"}, SceneKeyError, r"spoon: its conditions .* 'bowl'"),
+    "an object with variants that is always there": (
+        {"objects.spoon.unless": "unit"},
+        SceneKeyError,
+        r"objects\.spoon: its conditions exclude each other: 'unit' would be both present and absent in each layout",
+    ),
     "a group in itself": ({"groups.meal.of": ["tray", "meal"]}, SceneKeyError, "groups contain each other: meal"),
     "two groups in each other": (
         {"groups.a": {"of": ["b"], "count": 1}, "groups.b": {"of": ["a"], "count": 1}},
+        SceneKeyError,
+        "groups contain each other: (a -> b -> a|b -> a -> b)",
+    ),
+    "two groups in each other, and a heap": (
+        {
+            "groups": {"a": {"of": ["b", "apple"], "count": 1}, "b": {"of": ["a"], "count": 1}},
+            "heaps.pile": {"fill": "bowl", "of": ["ball"]},
+            "objects.ball": {"asset": "lemon"},
+        },
         SceneKeyError,
         "groups contain each other: (a -> b -> a|b -> a -> b)",
     ),
@@ -112,10 +126,23 @@ WRONG: dict[str, tuple[dict[str, Any], type[ScenirisError], str]] = {
         SceneKeyError,
         r"book\.relations\.0\.left_of: 'unit' may be absent",
     ),
+    "an anchor with variants in a group": (
+        {
+            "groups.some": {"of": ["unit"], "count": [0, 1], "missing": "drop"},
+            "objects.book.relations": [{"left_of": "unit"}],
+        },
+        SceneKeyError,
+        r"left_of: 'unit' may be absent; .* 'missing: drop' has no effect here\. .* or write 'if: unit' to .*'\.$",
+    ),
     "a start": (
         {"start": [{"robot": "grasp", "of": "unit"}], "objects.unit.if": "tray", "objects.unit.reachable": True},
         SceneKeyError,
         r"start\.0\.of: 'unit' may be absent",
+    ),
+    "an unknown key": (
+        {"groups.meal.cuont": 1},
+        SceneKeyError,
+        r"Valid: of, count, missing, weights, splits, if, unless\.$",
     ),
     "no key of a file": ({"groups.meal.by_area": True}, SceneKeyError, r"groups\.meal\.by_area: is no key"),
 }

@@ -191,6 +191,21 @@ def test_pivots_of_a_tower_are_as_far_apart_as_it_says():
     assert (np.diff(qpos[:, :, 2], axis=1) > 0.02).all()
 
 
+@pytest.mark.parametrize(
+    ("on", "feet"),
+    [(["floor", "d"], ["floor", "d"]), ({"floor": 2, "d": 0, "e": 1}, ["floor", "e"]), ({"any": "e"}, ["e"])],
+)
+def test_a_stack_on_several_supports_is_on_one_of_them(on: Any, feet: list[str]):
+    """As an object with this value of `on`; the objects above follow, with their offsets."""
+    config = SceneConfig.load(LOOSE, {"objects.e": {"asset": "brick", "on": "floor"}, "stacks.tower.on": on})
+    assert [config.objects[name].on for name in config.variants["a"]] == feet
+    for name, below in (("b", "a"), ("c", "b")):
+        assert [config.objects[member].on for member in config.variants[name]] == [*config.variants[below]]
+        assert {places(config)[member][1][0] for member in config.variants[name]} == {(below, 0.0, 0.01)}
+    again = SceneConfig.load(config, {"bank": 32})
+    assert again.groups == config.groups
+
+
 STACKS_WRONG: dict[str, tuple[dict[str, Any], type[ScenirisError], str]] = {
     "an unknown thing": ({"stacks.tower.of": ["a", "x"]}, UnknownNameError, r"stacks\.tower\.of: unknown object 'x'"),
     "an unknown support": ({"stacks.tower.on": "flor"}, UnknownNameError, "unknown support 'flor'.*mean 'floor'"),
@@ -201,6 +216,12 @@ STACKS_WRONG: dict[str, tuple[dict[str, Any], type[ScenirisError], str]] = {
     ),
     "a thing of a group": (
         {"groups": {"some": {"of": ["b"], "count": 1}}}, SceneKeyError, "'b' is also in the group 'some'",
+    ),
+    "no support": ({"stacks.tower.on": None}, SceneKeyError, r"stacks\.tower\.on: None should be a support, a list"),
+    "an unknown one of several": ({"stacks.tower.on": ["d", "flor"]}, UnknownNameError, "unknown support 'flor'"),
+    "a support twice": ({"stacks.tower.on": ["d", "d"]}, SceneKeyError, "should name each support once"),
+    "one of its supports": (
+        {"stacks.tower.on": ["d", "floor"], "objects.a.on": "d"}, SceneKeyError, r"objects\.a: .* on 'd' or 'floor'",
     ),
     "an optional middle": ({"objects.b.if": "a"}, SceneKeyError, r"stacks\.tower\.of: 'b' may be absent"),
     "a place of its own": ({"objects.b.on": "floor"}, SceneKeyError, r"objects\.b: should not name a support"),

@@ -75,6 +75,15 @@ def test_conclusions_hold_in_every_layout(name: str):
         assert not presence.is_sure(one) or one in config.variants or absent == {False}
 
 
+def test_groups_may_be_nested_deeply():
+    """Each is followed once: each of two ways at each level would be 2^60."""
+    groups = {f"g{i}": {"of": [f"g{i - 1}" if i else "a"], "count": 1} for i in range(60)}
+    objects = {"a": CAN, "b": {**CAN, "if": "g59"}}
+    config = SceneConfig.load({"floor": {"size": [2, 2]}, "objects": objects, "groups": groups})
+    assert config.presence.implies("b", "a")
+    assert config.presence.must("groups.g59") == {"a", *config.presence.groups}
+
+
 def test_what_a_member_stands_on_is_implied():
     """A banana on either variant of a unit implies the unit, so it may refer to it."""
     unit = {"asset": ["can", "book"], "on": "floor", "if": "lamp"}

@@ -148,7 +148,7 @@ def test_a_target_with_variants_stands_for_all_of_them():
     target = {"variants": {"block": {"asset": "block"}, "can": {"asset": "can"}}, "on": "floor", "reachable": "clear"}
     scene = {"floor": {"size": [1, 1]}, "robot": {"asset": "panda"}, "objects": {"target": target}}
     config = SceneConfig.load({**scene, "start": [{"robot": "grasp", "of": "target", "lift": [0.0, 0.1]}]})
-    assert config.start[0].targets(config.groups) == ("target/block", "target/can")
+    assert config.start[0].targets(config.variants) == ("target/block", "target/can")
     with pytest.raises(UnknownNameError, match=r"start\.0\.of: unknown object 'target/can'\. Did you mean 'target'"):
         SceneConfig.load({**scene, "start": [{"robot": "grasp", "of": "target/can"}]})
     with pytest.raises(SceneKeyError, match=r"start\.0\.joints: 'target' has variants"):

@@ -37,6 +37,11 @@ def placed(**words: Any) -> SceneConfig:
     return SceneConfig.load(SCENE, {"objects.apple": {"asset": "apple", **words}})
 
 
+def placed_with(groups: dict[str, Any], **words: Any) -> SceneConfig:
+    """Return the scene with such an apple and these groups."""
+    return SceneConfig.load({**SCENE, "groups": groups}, {"objects.apple": {"asset": "apple", **words}})
+
+
 def test_a_list_is_by_area_and_a_mapping_by_weight():
     """A member on each; a weight of 0 is none."""
     config = placed(on=["table", "floor"])
@@ -112,6 +117,12 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "a negative weight": ({"on": {"table": -1, "floor": 1}}, r"apple\.on: .* should have a weight of at least 0"),
     "weights of 0": ({"on": {"table": 0, "floor": 0}}, r"apple\.on: .* should have a weight above 0"),
     "a typo": ({"on": ["table", "flor"]}, r"objects\.apple\.on: unknown support 'flor'.*'floor'"),
+    "a typo among objects with variants": ({"on": ["table", "unti"]}, r"unknown support 'unti'. Did you mean 'unit'\?"),
+    "any of two": (
+        {"on": {"any": ["table", "shelf"]}},
+        r"should have a weight .* for each support, or be {any: OBJECT}",
+    ),
+    "no name in a mapping": ({"on": {3: 1}}, r"apple\.on: \{3: 1\} should be a support, a list of supports, or"),
     "a marker": ({"on": ["table", "goal"]}, r"objects\.apple\.on: 'goal' is a marker"),
     "what may lie": ({"on": ["table", "mug"]}, r"objects\.apple\.on: 'mug' may lie on its side"),
     "no asset": ({"asset": None, "on": ["table", "floor"]}, r"objects\.apple: has several supports but has no asset"),
@@ -132,11 +143,19 @@ def test_what_is_wrong_is_refused_with_its_place(name: str):
         placed(**words)
 
 
-def test_a_group_of_the_same_name_is_refused():
-    """The members are in a group of the object's name."""
-    group = {"groups.apple": {"of": ["mug"], "count": 1}}
+@pytest.mark.parametrize("group", [{"of": ["mug"], "count": 1}, {}, 3, ["mug"]])
+def test_a_group_of_the_same_name_is_refused(group: Any):
+    """The members are in a group of the object's name. It may be written wrongly, too."""
     with pytest.raises(ScenirisError, match=r"groups\.apple: .* should have another name"):
-        SceneConfig.load(SCENE, {"objects.apple": {"asset": "apple", "on": ["table", "floor"]}, **group})
+        placed_with({"apple": group}, on=["table", "floor"])
+
+
+@pytest.mark.parametrize("name", ["a/b", "a@b", 3, "shelf/b"])
+def test_a_name_that_is_no_name_is_refused(name: Any):
+    """At its place among the objects, as for an object on one support."""
+    objects = {**SCENE["objects"], name: {"asset": "apple", "on": ["table", "floor"]}}
+    with pytest.raises(ScenirisError, match=rf"objects\.{name}: .* should be a name of letters"):
+        SceneConfig.load({**SCENE, "objects": objects})
 
 
 def test_any_stands_for_the_root_until_bodies_are_known():

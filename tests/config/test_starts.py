@@ -7,7 +7,8 @@ from typing import Any
 import pytest
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import SceneKeyError, UnknownNameError
+from sceniris_gym.errors import SceneKeyError, ScenirisError, UnknownNameError
+from sceniris_gym.scene.build import build_model
 
 BOX = {"box": [[-0.2, -0.2], [0.2, 0.2]]}
 SCENE: dict[str, Any] = {
@@ -19,6 +20,7 @@ SCENE: dict[str, Any] = {
         "apple": {"asset": "apple", "on": "floor", "reachable": "map"},
         "goal": {"kind": "marker", "on": "floor", "region": BOX},
         "spot": {"kind": "marker", "on": "shelf"},
+        "sign": {"asset": "plate", "kind": "marker", "on": ["floor", "shelf"]},
     },
 }
 
@@ -59,7 +61,7 @@ def test_what_may_be_absent_is_refused_unless_its_group_drops_references(start: 
 def test_a_marker_is_there_whenever_its_object_is():
     """By the words of the scene; else it is refused, or its group drops the start's reference to it."""
     drop = {"missing": "drop"}
-    with pytest.raises(SceneKeyError, match=r"'goal' may be absent\. Write 'if: goal' to place 'apple' only"):
+    with pytest.raises(SceneKeyError, match=r"'goal' may be absent\..*write 'if: goal' to place 'apple' only"):
         load(PLACE, objects__goal__unless="thing/can")
     with pytest.raises(SceneKeyError, match="'goal' may be absent"):
         load(PLACE, groups={"signs": {"of": ["goal"], "count": [0, 1]}})
@@ -68,13 +70,28 @@ def test_a_marker_is_there_whenever_its_object_is():
     assert load(PLACE, groups={"sometimes": SOMETIMES | drop}, **implied).start
 
 
+def test_a_marker_may_be_on_a_body_of_any_object():
+    """The bodies are known once the model is built: then the object on the marker's body is placed there."""
+    cabinet = {"asset": "cabinet", "kind": "fixture", "on": "floor"}
+    changes = {"objects__shelf": cabinet, "objects__apple__on": {"any": "shelf"}}
+    config = load(PLACE, **changes, objects__goal={"kind": "marker", "on": "shelf/upper_drawer"})
+    built = build_model(config).config
+    assert built.markers(built.start[0]) == {"apple/@shelf:upper_drawer": "goal"}
+    handle = load(PLACE, **changes, objects__goal={"kind": "marker", "on": "shelf/no_drawer"})
+    with pytest.raises(ScenirisError, match=r"'apple' and its marker 'goal' should have the same support"):
+        build_model(handle)
+
+
 WRONG = {
     "a single variant": ({"place": {"thing/can": "goal"}}, UnknownNameError, "Did you mean 'thing'"),
     "an unknown object": ({"place": {"thign": "goal"}}, UnknownNameError, "Did you mean 'thing'"),
     "no marker": ({"place": {"thing": "shelf"}}, UnknownNameError, "marker 'shelf'"),
+    "a marker of several places": (
+        {"place": {"apple": "sign"}}, SceneKeyError, "marker 'sign' should have one support and no variants",
+    ),
     "no shared support": ({"place": {"apple": "spot"}}, SceneKeyError, "'apple' and its marker 'spot' should have the"),
     "joints of variants": ({"joints": {"thing/lid": {"noise": 0.1}}}, SceneKeyError, "'thing' has variants, which"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("start", "error", "says"), WRONG.values(), ids=WRONG)

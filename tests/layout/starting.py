@@ -117,7 +117,7 @@ def stepped(compiled: CompiledScene, data: mjw.Data, layouts: Layouts, every: in
         mujoco.mj_resetData(mjm, own)
         for name in ("qpos", "mocap_pos", "mocap_quat", "ctrl", "act"):
             getattr(own, name)[:] = state[name][worldid][: len(getattr(own, name))]
-        names = kind.targets(compiled.config.groups)
+        names = kind.targets(compiled.config.variants)
         (of,) = (name for name in names if state["present"][worldid, compiled.slots.index(name)])
         robot_name = compiled.config.robot_for(of)
         robot, thing = set(scene.subtree(robot_name)), set(scene.subtree(of))

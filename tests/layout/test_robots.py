@@ -140,7 +140,7 @@ def test_bases_that_wait_for_each_other_are_refused():
     objects = {"can": {**CAN, "reachable": {"by": "b"}}, "mug": {**MUG, "reachable": {"by": "a"}}}
     near = [{"on": "floor", "relations": [{"near": name, "distance": {"max": 0.5}}]} for name in ("can", "mug")]
     robots = {"a": {"asset": "ur5e", **near[0]}, "b": {"asset": "ur5e", **near[1]}}
-    with pytest.raises(SceneKeyError, match="refer to each other"):
+    with pytest.raises(SceneKeyError, match="relative to each other: can -> b -> mug -> a -> can"):
         compiled(objects, robots=robots)
 
 

@@ -99,6 +99,14 @@ def test_a_support_without_a_level_surface_is_told_with_those_that_have_one(fold
             build_plan(scene_of({**objects, "apple": {"asset": "apple", word: "pear"}}))
 
 
+def test_one_of_several_supports_without_room_is_named():
+    """The error's key is the same for all of them."""
+    objects = {"table": {"asset": "table", "kind": "static"}, "tin": {"asset": "tin", "kind": "static"}}
+    book = {"asset": "book", "on": ["table", "tin"], "ratio_on_support": 1}
+    with pytest.raises(SceneKeyError, match=r"objects\.book\.on: 'tin': no area of the support is left"):
+        build_plan(scene_of({**objects, "book": book}))
+
+
 def test_each_support_is_told_once(tmp_path: Path):
     """A body and its only geom are one support, and so are an object and its body; the object is none of its own."""
     room = """<mujoco><worldbody>

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from sceniris_gym.audit.auditor import Auditor
 from sceniris_gym.layout.tables import make_table
+from sceniris_gym.scene import assemble
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.scene.level_bodies import level_bodies
 from tests.audit.judging import judge_language
@@ -26,6 +28,29 @@ def test_drawers_are_level_and_handles_are_not():
     assert set(found) <= {"cabinet", *(f"cabinet/{name}" for name in scene.parts("cabinet"))}
     assert level_bodies(scene, "ball", "on") == ["ball"]
     assert level_bodies(scene, "nobody", "on") == ["nobody"]
+
+
+def test_each_asset_is_attached_once(monkeypatch: pytest.MonkeyPatch):
+    """Only the support is also built by itself, before the scene: its bodies decide on the members of the apple."""
+    attached: list[str] = []
+
+    load = assemble._load_asset
+    monkeypatch.setattr(assemble, "_load_asset", lambda asset, where: attached.append(asset) or load(asset, where))
+    alone = build_model(SCENE, {"objects.apple.on": ["cabinet", "cabinet/upper_drawer", "cabinet/lower_drawer"]})
+    listed = attached[:]
+    assert build_model(SCENE).hash == alone.hash
+    assert attached == [*listed, "cabinet", *listed]
+
+
+def test_a_support_may_get_another_asset():
+    """Its bodies are then found again, also of a scene whose model was built."""
+    still = {name: words for name, words in CABINET.items() if name != "joints"}
+    config = build_model({**SCENE, "objects": {**SCENE["objects"], "cabinet": still}}).config
+    assert config.any_supports == set()
+    other = build_model(config, {"objects.cabinet.asset": "shelf"}).config
+    bodies = {other.objects[name].on for name in other.variants["apple"]}
+    assert "cabinet" in bodies
+    assert "cabinet/upper_drawer" not in bodies
 
 
 def test_an_object_is_on_each_level_body():

@@ -222,6 +222,11 @@ def test_what_cannot_share_a_body_is_refused(tmp_path):
     own = words({"variants": {"a": {"asset": "can"}, "b": {"asset": "cabinet"}}}, {"asset": "tin"})
     with pytest.raises(NotSupportedError, match="target/b: has several bodies"):
         build_model(SceneConfig.load(own))
+    several = {"floor": {"size": [2, 2]}, "objects": {"cabinet": {"asset": "cabinet", "on": {"floor": 1}}}}
+    with pytest.raises(
+        NotSupportedError, match=r"objects\.cabinet: has several bodies, but an object with .* several sup"
+    ):
+        build_model(SceneConfig.load(several))
     sensor = '<sensor><framepos objtype="body" objname="thing"/></sensor>'
     geom = '<geom type="box" size=".02 .02 .02" conaffinity="-1"/>'
     own["objects"]["target"]["variants"]["b"]["asset"] = write_mjcf(tmp_path, "thing", geom, sensor)

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 
 from sceniris_gym.config.bounds import BOUNDS, MOST_FAR, MOST_WIDE
+from sceniris_gym.config.member_names import variant_of
 from sceniris_gym.errors import NotSupportedError, SceneKeyError
 from sceniris_gym.geometry.pieces import ROUGH, PieceType, geom_name, obstacle_flexes
 from sceniris_gym.program.device import ObjectKind
@@ -110,18 +111,18 @@ def check_parking(plan: Plan) -> None:
     for o in (o for o in plan.objects if o.name in config.absent):
         edge = float((o.stable_poses[0].bounds[2:] - o.stable_poses[0].bounds[:2]).max())
         if edge >= PARKING_SPACING:  # neighbours on the lattice would touch
-            cure = "leave this variant out" if o.name in config.owners else "take it out of its group"
+            cure = "leave this variant out" if variant_of(o.name) else "place it in every layout"
             raise SceneKeyError(
-                f"{config.where}: objects.{o.name}: is {edge:.3g} m wide and may be absent, but absent objects are "
+                f"{config.where}: {config.key(o.name)}: is {edge:.3g} m wide and may be absent, but absent objects are "
                 f"parked only {PARKING_SPACING:g} m apart. Use a smaller object, or {cure}."
             )
     for name, (_, corner) in _reaches(plan, GROUND_RISE).items():
         if corner[:2].min() > _NEAREST:
-            path = f"objects.{name}" if name in config.objects else f"body '{name}'"
+            path = config.key(name) if name in config.objects else f"body '{name}'"
             raise SceneKeyError(
-                f"{config.where}: {path}: reaches as far as ({corner[0]:.3g}, {corner[1]:.3g}) m, but absent members "
-                f"of groups are parked from ({PARKING_FROM:g}, {PARKING_FROM:g}) m on. Move it and its support "
-                "nearer to the world's origin, or use no groups."
+                f"{config.where}: {path}: reaches as far as ({corner[0]:.3g}, {corner[1]:.3g}) m, but absent objects "
+                f"are parked from ({PARKING_FROM:g}, {PARKING_FROM:g}) m on. Move it and its support nearer to the "
+                "world's origin, or place all objects in every layout."
             )
 
 

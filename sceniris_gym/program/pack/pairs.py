@@ -191,7 +191,7 @@ def arm_pairs(plan: Plan, rules: PairRules) -> ArmPairs:
     """
     reaching, scene, bodies = plan.reaching, plan.scene, [c.body for c in rules.colliders]
     markers, config = _marker_bodies(scene), scene.config
-    lifted = {name for start in config.start if start.is_held for name in start.targets(config.groups)}
+    lifted = {name for start in config.start if start.is_held for name in start.targets(config.variants)}
     numbers = {body: i for i, o in enumerate(plan.objects) for body in o.bodies}
     carries = {one.robot: carried(rules.mjm, one.arm) for one in reaching.arms if one.robot not in scene.apart}
 

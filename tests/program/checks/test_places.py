@@ -221,6 +221,15 @@ def test_a_variant_that_is_too_large_is_to_be_left_out(tmp_path: Path):
         _check(_scene(tmp_path, {"slab": {**slab, "region": {"box": [[0, 0, 1], [1, 1, 2]]}}}))
 
 
+def test_what_a_condition_leaves_out_is_to_be_placed_in_every_layout(tmp_path: Path):
+    """It is in no group; on several supports it has the name of the scene file."""
+    slab = {"asset": box_mjcf(tmp_path, "slab", 3.0, 0.5, 0.1), "on": "floor"}
+    for words in ({"if": "small"}, {"on": ["floor", "table"]}):
+        objects = {"table": {"asset": "table", "kind": "static"}, "slab": {**slab, **words}}
+        with pytest.raises(SceneKeyError, match=r"objects\.slab: is 3 m wide .* or place it in every layout\."):
+            _check(_scene(tmp_path, objects, floor={"size": [4, 4]}))
+
+
 def test_without_groups_anything_may_stand_there(tmp_path: Path):
     """Nothing is parked, so nothing is in the way."""
     tower = {"asset": write_mjcf(tmp_path, "tower", '<geom type="box" size="1 1 1" pos="41 41 1"/>'), "kind": "static"}
