@@ -104,10 +104,25 @@ class Presence:
         for key in (*self._objects, *self.groups):
             if key not in self.outer and self.terms(key):
                 found["if " + key] = GroupConfig(of=(key,), count=(1, 1)), [key]
+        later = {key: self._later(key) for key in self.groups}
         return {
-            key: Draw(group, tuple(Member(m, self.leaves(m), self.terms(m)) for m in of))
+            key: Draw(group, tuple(Member(m, self.leaves(m), self._terms(m, key, later)) for m in of))
             for key, (group, of) in found.items()
         }
+
+    def _later(self, key: str) -> tuple[Term, ...]:
+        """Return the conditions of a group that name other members of the group around it.
+
+        These are drawn after the group around it. So its own members have the conditions instead.
+        """
+        outer = self.outer.get(key)
+        beside = set() if outer is None or self.is_object(key) else {*self.leaves(outer)}
+        return tuple(term for term in self.terms(key) if not beside.isdisjoint(term.of))
+
+    def _terms(self, member: str, draw: str, later: Mapping[str, tuple[Term, ...]]) -> tuple[Term, ...]:
+        """Return the conditions of a member in a draw."""
+        own = (term for term in self.terms(member) if term not in later.get(member, ()))
+        return (*own, *later.get(draw, ()))
 
     @cached_property
     def member_keys(self) -> list[str]:

@@ -35,6 +35,14 @@ SCENES: dict[str, dict[str, Any]] = {
         },
         "groups": {"some": {"of": ["a", "e"], "count": [0, 2]}},
     },
+    "a group on its neighbour": {
+        "objects": {**dict.fromkeys("abcd", CAN), "e": {**CAN, "on": "a"}, "f": {**CAN, "if": "sweets"}},
+        "groups": {
+            "meal": {"of": ["a", "b"], "count": 1},
+            "sweets": {"of": ["c", "d"], "count": [0, 2], "if": "a"},
+            "guests": {"of": ["meal", "sweets"], "count": [1, 2]},
+        },
+    },
     "groups of groups": {
         "objects": {**dict.fromkeys("abcde", CAN), "f": {**CAN, "if": "outer"}},
         "groups": {

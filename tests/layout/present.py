@@ -54,6 +54,14 @@ def forms(shapes: Shapes) -> dict[str, dict[str, Any]]:
                 "sweets": {"of": ["c", "d", "e"], "count": [0, 2], "weights": {"c": 2, "d": 0.5}},
             },
         },
+        "a group on its neighbour": {
+            "objects": {**dict.fromkeys("abcd", cube), "cup": {**cube, "if": "a"}},
+            "groups": {
+                "meal": {"of": ["a", "b"], "count": 1},
+                "sweets": {"of": ["c", "d"], "count": [0, 2], "if": "a"},
+                "guests": {"of": ["meal", "sweets"], "count": [1, 2], "weights": {"meal": 2}},
+            },
+        },
         "cut counts": {
             "objects": {**dict.fromkeys("ab", cube), **{name: {**cube, "if": "a"} for name in "cd"}, "e": cube},
             "groups": {"some": {"of": ["a", "b"], "count": [0, 1]}, "all": {"of": ["c", "d", "e"], "count": [1, 3]}},

@@ -64,7 +64,15 @@ class _Tree:
     def ready(self, name: str, there: Decided, taken: dict[str, bool]) -> bool:
         """Return whether all that decides on a group's members is decided."""
         inside = name not in self.outer or name in taken
-        return inside and all(self.known(m, there, taken) for m in (name, *self.groups[name]["of"]))
+        before = [m for m in self.groups[name]["of"] if not self.is_later(m)]
+        return inside and all(self.known(m, there, taken) for m in (name, *before))
+
+    def is_later(self, name: str) -> bool:
+        """Return whether a group in a group has a condition on another member of that group, decided after its draw."""
+        if name not in self.groups or name not in self.outer:
+            return False
+        named = {leaf for word in ("if", "unless") for each in self.names(name, word) for leaf in self.leaves(each)}
+        return not named.isdisjoint(self.leaves(self.outer[name]))
 
     def known(self, name: str, there: Decided, taken: dict[str, bool]) -> bool:
         """Return whether all is decided that the conditions of an object or a group name."""
@@ -142,7 +150,7 @@ class _Tree:
             yield Fraction(1), ()
             return
         weights = {m: Fraction(group.get("weights", {}).get(m, 1)) for m in group["of"]}
-        able = [m for m in group["of"] if weights[m] and self.may(m, there)]
+        able = [m for m in group["of"] if weights[m] and (self.is_later(m) or self.may(m, there))]
         low, high = group["count"] if isinstance(group["count"], list) else (group["count"],) * 2
         for count in range(low, high + 1):
             for chosen in permutations(able, min(count, len(able))):

@@ -25,6 +25,18 @@ def test_a_count_is_cut_to_those_that_can_be_there():
     }
 
 
+def test_a_group_that_names_its_neighbour_is_drawn_before_its_condition_holds():
+    """One or two of two groups, of which the second needs a, one of two things in the first."""
+    groups = {
+        "meal": {"of": ["a", "b"], "count": 1},
+        "sweets": {"of": ["c"], "count": 1, "if": "a"},
+        "guests": {"of": ["meal", "sweets"], "count": [1, 2]},
+    }
+    eighth = Fraction(1, 8)
+    found = names(outcomes({"objects": {name: {"on": "floor"} for name in "abc"}, "groups": groups}))
+    assert found == {"": 2 * eighth, "a": eighth, "b": 3 * eighth, "ac": 2 * eighth}
+
+
 def test_what_is_on_the_absent_is_absent_with_it():
     """A tower of three whose foot is one of two, and a lid on whichever of two supports is there."""
     objects = {
