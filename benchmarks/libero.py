@@ -10,12 +10,21 @@ penetrates if parts of two different things overlap. Contacts with the work surf
 it sinks some fixtures into it. With `--states`, LIBERO's folder `init_files`, the states that it stores for evaluation
 are judged too, objects against objects, as these files do not say where fixtures are. Prints a line of JSON for each
 file, then the sums. Lines that the file has already are kept.
+
+    python -m benchmarks.libero FOLDER --things "stable_hope_objects/*/*.xml" --out results/things.jsonl
+
+With `--things`, FOLDER has MJCF files of objects, of LIBERO or of others. The files of a pattern are variants of one
+slot, which stands beside a can, with `orientation: stable` if an error advises it. A refused file is left out, with the
+error. Each layout is judged on MuJoCo C's
+own model of the file, a floor and the can: `penetrate` counts layouts with bodies over 0.1 mm in each other, and
+`moved` those in which the object moves by more than 1 cm in half a second.
 """
 
 from __future__ import annotations
 
 import json
 import math
+import re
 import time
 import warnings
 from collections.abc import Iterable
@@ -29,6 +38,7 @@ import torch
 import tyro
 from scipy.spatial.transform import Rotation
 
+from benchmarks.foreign_arms import tell_row
 from sceniris_gym.errors import ModelWarning, ScenirisError
 from sceniris_gym.importers.libero.kinds import OBJECTS, ROTATION, WORKSPACES
 from sceniris_gym.importers.libero.reader import LiberoTask, read_bddl
@@ -39,6 +49,7 @@ from sceniris_gym.scene.layout_table import LayoutTable
 
 TRIES = 5000
 DEEP = 0.001  # m; penetrations of more than this are also counted
+HERE = Path(__file__).parents[1]
 _COUNTED = ("layouts", "penetrate", "deep")
 _REPEATS = 5  # batches of layouts that are timed
 _LIFT = 0.01  # height over its support at which LIBERO lets go of a thing [m]
@@ -51,7 +62,8 @@ class Options:
     """Options of a run.
 
     Attributes:
-        files: folder with problem files
+        files: folder with problem files, or with objects
+        things: patterns of MJCF files in the folder; without them, problem files are measured
         assets: folder of LIBERO's models; without it, boxes
         states: folder with LIBERO's stored states
         layouts: layouts of each scene and kind
@@ -62,6 +74,7 @@ class Options:
     """
 
     files: tyro.conf.Positional[Path]
+    things: tuple[str, ...] = ()
     assets: Path | None = None
     states: Path | None = None
     layouts: int = 1000
@@ -303,9 +316,70 @@ def measure(file: Path, options: Options, compiles: bool) -> dict[str, Any]:
     return {**found, "rate": round(rate), "circle_rate": round(their_rate)}
 
 
+def measure_things(pattern: str, options: Options) -> dict[str, Any]:
+    """Return the figures of the MJCF files of a pattern as variants of one slot."""
+    names = {"_".join((path.parent.name, path.stem)): path for path in sorted(options.files.glob(pattern))}
+    variants: dict[str, dict[str, str]] = {name: {"asset": str(path)} for name, path in names.items()}
+    refused, compiled = {}, None
+    place = {"on": "floor", "region": {"box": [[-0.3, -0.3], [0.3, 0.3]]}}
+    begin = time.perf_counter()
+    while variants and compiled is None:
+        objects = {"thing": {**place, "variants": variants}, "can": {**place, "asset": "can"}}
+        try:
+            compiled = compile_scene({"floor": {"size": [2.0, 2.0]}, "objects": objects}, options.device)
+        except ScenirisError as error:
+            told = re.search(r"thing/([\w-]+)", str(error))
+            if told is None or told[1] not in variants:
+                raise
+            if "orientation: stable" in str(error) and "orientation" not in variants[told[1]]:
+                variants[told[1]]["orientation"] = "stable"
+            else:
+                refused[told[1]] = str(error)[:300]
+                del variants[told[1]]
+    found: dict[str, Any] = {"things": pattern, "files": len(names), "accepted": len(variants), "refused": refused}
+    found["stable"] = [name for name, words in variants.items() if "orientation" in words]
+    if compiled is None:
+        return found
+    found["compile_s"] = round(time.perf_counter() - begin, 1)
+    generator = LayoutGenerator(compiled, options.layouts, seed=options.seed)
+    generator.generate()
+    table = generator.table()
+    own, judged = {name: own_model(names[name]) for name in variants}, {"penetrate": [], "moved": []}
+    for row in np.flatnonzero(table.valid).tolist():
+        (name,) = (name for name in variants if table.present[row, compiled.slots.index(f"thing/{name}")])
+        mjm, data = own[name], mujoco.MjData(own[name])
+        for body, ours in (("thing", f"thing/{name}"), ("can", "can")):
+            adr, joint = compiled.mjm.jnt_qposadr[compiled.mjm.body(ours).jntadr[0]], mjm.body(body).jntadr[0]
+            data.qpos[mjm.jnt_qposadr[joint] :][:7] = table.qpos[row, adr : adr + 7]
+        mujoco.mj_forward(mjm, data)
+        before = data.body("thing").xpos.copy()
+        judged["penetrate"] += [name] * bool((data.contact.dist < -1e-4).any())
+        mujoco.mj_step(mjm, data, round(0.5 / mjm.opt.timestep))
+        judged["moved"] += [name] * bool(np.linalg.norm(data.body("thing").xpos - before) > 0.01)
+    counts = {word: dict(zip(*np.unique(named, return_counts=True), strict=True)) for word, named in judged.items()}
+    return found | {"valid": int(table.valid.sum())} | {k: {n: int(c) for n, c in v.items()} for k, v in counts.items()}
+
+
+def own_model(path: Path) -> mujoco.MjModel:
+    """Return MuJoCo's model of a file's object, named "thing", with a can and a floor."""
+    spec = mujoco.MjSpec()
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[2.0, 2.0, 0.1])
+    for name, file in (("thing", path), ("can", HERE / "assets" / "can.xml")):
+        child = mujoco.MjSpec.from_file(str(file))
+        body = spec.worldbody.add_frame().attach_body(child.worldbody.first_body(), f"{name}:", "")
+        if not body.joints:
+            body.add_freejoint()
+        body.name = name
+    return spec.compile()
+
+
 def main(options: Options) -> None:
     """Measure all files that the results lack, and print the sums."""
     options.out.parent.mkdir(parents=True, exist_ok=True)
+    for pattern in options.things:
+        tell_row(measure_things(pattern, options), options.out)
+    if options.things:
+        return
     lines = options.out.read_text().splitlines() if options.out.is_file() else []
     done = {line["file"]: line for line in map(json.loads, lines)}
     for number, file in enumerate(sorted(options.files.rglob("*.bddl"))):
@@ -313,9 +387,7 @@ def main(options: Options) -> None:
             continue
         found = measure(file, options, number % options.every == 0)
         done[found["file"]] = found
-        with options.out.open("a") as out:
-            out.write(json.dumps(found) + "\n")
-        print(json.dumps(found), flush=True)
+        tell_row(found, options.out)
     print(json.dumps(summary(list(done.values()))))
 
 

@@ -169,8 +169,10 @@ def _listed(at: tuple[str, ...], part: Mapping, shared: dict) -> Mapping[str, Ma
         with locating((*at, TAGS), part.get(TAGS)):
             assets = [str(path) for path in (with_tags(files, part[TAGS]) if TAGS in part else files)]
     names = [_stem(asset) for asset in assets]
-    if is_folder:  # files of the same name have the names of their folders
-        names = [n if names.count(n) == 1 else _stem(Path(a).parent) for n, a in zip(names, assets, strict=True)]
+    if is_folder:  # files of the same name have the names of their folders, before their own if there are several
+        folders = [_stem(Path(asset).parent) for asset in assets]
+        others = [f if folders.count(f) == 1 else f"{f}_{n}" for f, n in zip(folders, names, strict=True)]
+        names = [n if names.count(n) == 1 else other for n, other in zip(names, others, strict=True)]
     variants: dict[str, Mapping] = {}
     for stem, asset in zip(names, assets, strict=True):
         if stem in variants:

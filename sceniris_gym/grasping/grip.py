@@ -20,6 +20,8 @@ from sceniris_gym.reach.arm import SerialArm
 
 INSIDE = 3.0e-4
 """Penetration [m] of each finger into the object at the start. With 0, the object would slip by 1 mm at first."""
+PRESSES = (1.0, 0.5, 0.25, 0.125)
+"""How firmly controls may close a gripper. 0 would keep the fingers where they are, and 1 closes them completely."""
 _STEPS = 16  # bisection steps: 40 mm of finger travel over 2^16 is 0.6 um
 _FAR = 0.3  # m, distances are measured up to this limit, because the object is between the fingers
 _FITS = 2.0e-4  # m, largest error of the penetration on either side
@@ -35,17 +37,17 @@ class Grip(NamedTuple):
     Attributes:
         share: Opening of the gripper, from 0 (closed) to 1 (open).
         pos: Position [m] of the TCP, midway between the contacts, in the frame of the grasp's body, shape (3,).
-        fits: Whether the fingers touch the object from both sides without pushing it away.
-        lifts: Whether the fingers hold the object if it hangs in the orientation in which it was placed. False if this
-            was not tested.
-        holds: Whether the fingers hold the object for gravity in any direction. False if this was not tested.
+        fits: How firmly the controls close the fingers on the object, as in `PRESSES`, so that they hold it where it
+            stands. 0 if the fingers do not touch the object from both sides, or push it away.
+        lifts: The same, if the object hangs in the orientation in which it was placed. 0 if this was not tested.
+        holds: The same, for gravity in any direction. 0 if this was not tested.
     """
 
     share: float
     pos: Array
-    fits: bool = False
-    lifts: bool = False
-    holds: bool = False
+    fits: float = 0.0
+    lifts: float = 0.0
+    holds: float = 0.0
 
 
 class Fingers:
@@ -99,7 +101,7 @@ class Fingers:
             low, high = (low, share) if gaps.sum() > -2.0 * INSIDE else (share, high)
         gaps = self._gaps(high, shift, grasp, pairs)
         pos = grasp.pos + matrix(grasp.quat)[:, 1] * shift
-        return Grip(high, pos, bool((np.abs(gaps + INSIDE) < _FITS).all()))
+        return Grip(high, pos, float((np.abs(gaps + INSIDE) < _FITS).all()))
 
     def _gaps(self, share: float, shift: float, grasp: Grasp, pairs: list[list[tuple[int, int]]]) -> np.ndarray:
         """Return the smallest distance [m] between the fingers and the object on each side of the gripper, shape (2,).
@@ -133,10 +135,11 @@ class Fingers:
         rotation = data.site_xmat[self._site].reshape(3, 3) @ matrix(grasp.quat).T @ body.T
         return data.site_xpos[self._site].copy(), rotation, home.xpos[grasp.body] + body @ pos
 
-    def hold(self, bodies: Sequence[int], grasp: Grasp, grip: Grip, downs: np.ndarray) -> bool:
-        """Simulate half a second in MuJoCo C, and return whether the closed fingers hold the object in all models.
+    def hold(self, bodies: Sequence[int], grasp: Grasp, grip: Grip, downs: np.ndarray) -> float:
+        """Simulate half a second in MuJoCo C, and return how firmly the fingers close to hold the object in all models.
 
-        The object is free, and only the hand and the object collide.
+        The object is free, and only the hand and the object collide. A strong gripper may squeeze the object out of its
+        fingers. Then the result is the greatest of `PRESSES` that holds the object, or 0.
 
         Args:
             bodies: Bodies of the object, the root first.
@@ -145,16 +148,22 @@ class Fingers:
             downs: Directions of gravity in the frame of the object's root, shape (n, 3). The fingers should hold the
                 object for each of them. A row of zeros tests without gravity, for an object that a support carries.
         """
-        return all(self._holds(copy.copy(model), bodies, grasp, grip, downs) for model in self._models)
+        for press in PRESSES:
+            if all(self._holds(copy.copy(model), bodies, grasp, grip, downs, press) for model in self._models):
+                return press
+        return 0.0
 
-    def _holds(self, alone: mujoco.MjModel, bodies: Sequence[int], grasp: Grasp, grip: Grip, downs: np.ndarray) -> bool:
+    def _holds(
+        self, alone: mujoco.MjModel, bodies: Sequence[int], grasp: Grasp, grip: Grip, downs: np.ndarray, press: float
+    ) -> bool:
         """Do the test of `hold` in one model. `alone` is this model, which the test modifies."""
         data, home, root = self._data, self._home, bodies[0]
         apart = ~np.isin(alone.geom_bodyid, [*self._hand, *bodies])
         alone.geom_contype[apart] = alone.geom_conaffinity[apart] = 0
         self._pose(0.0)
-        control = self._controls(alone)
+        control = press * self._controls(alone)
         self._pose(grip.share)
+        control += (1.0 - press) * self._controls(alone)
         at, rotation, there = self._in_hand(grasp, grip.pos)
         adr = alone.jnt_qposadr[alone.body_jntadr[root]]
         data.qpos[adr : adr + 3] = at + rotation @ (home.xpos[root] - there)

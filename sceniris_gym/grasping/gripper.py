@@ -27,7 +27,7 @@ _NO_LIMIT = 1.0e3
 # Depth [m] of a gripper that has no palm behind its TCP.
 _DEEP = 0.1
 _ROUNDING = 1e-4  # m or rad, by which a control range may differ from its joint's range
-_SHARES = 17  # openings at which the closed loops are checked
+_SHARES = 17  # openings at which the closed loops are checked, and at which fingertips are measured
 _WAYS = 257  # openings at which fingers in closed loops are tested for touching, 0.3 mm apart
 _CLEAR = 0.005  # m, between an object and the finger that is part of the hand
 _TIPS = 0.01  # m, a piece is a fingertip if it ends at most this far behind the end of the farthest piece
@@ -39,7 +39,7 @@ class Gripper(NamedTuple):
     Attributes:
         opening: Widest gap between the fingers, 1000 for a tool without fingers.
         closed: Smallest gap between the fingers.
-        tip: How far the fingertips are beyond the TCP, along the approach axis.
+        tip: How far the fingertips are beyond the TCP, along the approach axis, at any opening.
         depth: Distance from the palm to the TCP, along the approach axis.
         half_width: Half the width of the fingers at the TCP, across the closing axis.
         thickness: Thickness of a finger at the TCP, along the closing axis.
@@ -98,8 +98,8 @@ class Gripper(NamedTuple):
         fingers = measured.moved_by(joints)
         if loops:
             narrow = measured.closed_end(fingers, adr, wide, narrow)
-        low, high, opening = measured.opened(fingers, adr, wide)
-        _, _, closed = measured.opened(fingers, adr, narrow)
+        opened = [measured.opened(fingers, adr, qpos) for qpos in np.linspace(wide, narrow, _SHARES)]
+        (low, high, opening), (_, _, closed) = opened[0], opened[-1]
         middle = (0.0, 0.0)
         if len(joints) == 1 and (jaw := measured.one_jaw(joints[0], float(wide[0]), float(narrow[0]))) is not None:
             opening, closed, middle = jaw
@@ -110,7 +110,7 @@ class Gripper(NamedTuple):
         gripper = cls(
             opening=opening,
             closed=closed,
-            tip=float(high[at, 2].max(initial=0.0)),
+            tip=float(np.concatenate([high[at, 2], *(tops[fingers, 2] for _, tops, _ in opened)]).max(initial=0.0)),
             depth=float(-high[between, 2].max(initial=-_DEEP)),
             half_width=float(np.abs([low[at, 0], high[at, 0]]).max(initial=0.0)),
             thickness=float((high[at, 1] - low[at, 1]).max(initial=0.0)),
@@ -147,14 +147,20 @@ def carried(mjm: mujoco.MjModel, arm: SerialArm) -> set[int]:
 
 
 def commanded(mjm: mujoco.MjModel) -> mujoco.MjModel:
-    """Return a copy of a model whose joint ranges end where the control ranges of position actuators end."""
+    """Return a copy of a model whose joint ranges end where position actuators bring the joints.
+
+    The controls are at the joint's limits, but within the control range. Springs of the joints pull them back.
+    """
     mjm, (gain, bias, slope) = copy.copy(mjm), (mjm.actuator_gainprm[:, 0], *mjm.actuator_biasprm[:, :2].T)
     moves = (mjm.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT) & (gain * slope < 0.0)
     if not len(moves) == mjm.nu == len(mjm.actuator_gear):  # some actuators have several controls or outputs
         return mjm
-    for i in np.flatnonzero(moves & (mjm.actuator_ctrllimited != 0)).tolist():
-        joint, ends = mjm.actuator_trnid[i, 0], -(bias[i] + gain[i] * mjm.actuator_ctrlrange[i]) / slope[i]
-        narrow = np.clip(mjm.jnt_range[joint], *np.sort(ends / mjm.actuator_gear[i, 0]))
+    limits = np.where(mjm.actuator_ctrllimited[:, None], mjm.actuator_ctrlrange, [-np.inf, np.inf])
+    for i in np.flatnonzero(moves).tolist():
+        joint, gear, ends = mjm.actuator_trnid[i, 0], mjm.actuator_gear[i, 0], bias[i] + gain[i] * limits[i]
+        pull, spring = -slope[i] * gear**2, mjm.jnt_stiffness[joint]
+        narrow = pull * np.clip(mjm.jnt_range[joint], *np.sort(-ends / (slope[i] * gear)))
+        narrow = (narrow + spring * mjm.qpos_spring[mjm.jnt_qposadr[joint]]) / (pull + spring)
         if np.abs(narrow - mjm.jnt_range[joint]).max() > _ROUNDING:
             mjm.jnt_range[joint] = narrow
     return mjm

@@ -110,6 +110,7 @@ class Starts:
     arm: wp.array[int]  # number of the arm, or -1
     target: wp.array2d[bool]  # the kind's reach targets. A world uses one of them.
     grasp: wp.array2d[bool]  # the selected grasps, among all grasps of `Reach`
+    press: wp.array2d[float]  # how firmly the controls close the fingers on each target, 0 for targets in no hand
     lift: wp.array[wp.vec2]
     arm_range: wp.array2d[wp.vec2]  # of the arm's joints, with low > high for joints that the start does not draw
     draw_range: wp.array2d[wp.vec2]  # of the draws of `Program`, with low > high for draws that the start keeps

@@ -31,13 +31,13 @@ _FITS = {
     StartPose.LIFTED: ("lifts", "upright in the air"),
     StartPose.HELD: ("holds", "in every orientation"),
 }
-"""For each pose of the arm, the attribute of a Grip that has to be true, and the words for it in errors."""
+"""For each pose of the arm, the attribute of a Grip that has to be positive, and the words for it in errors."""
 
 
 def plan_grips(plan: Plan) -> tuple[Grip, ...]:
     """Return a grip (the closed fingers) for each grasp of all reach targets.
 
-    If no kind of start holds a target, the grips of the target are not computed. Their `fits` is False.
+    If no kind of start holds a target, the grips of the target are not computed. Their `fits` is 0.
 
     Raises:
         NotSupportedError: A start holds a target with an arm that has no fingers to close.
@@ -90,6 +90,8 @@ def _downs(placed: PlacedObject, target: ReachTarget, grasp: int) -> np.ndarray:
 def plan_starts(plan: Plan, grips: tuple[Grip, ...]) -> dict[str, np.ndarray]:
     """Return the fields of `Starts` by name. `grip_*` have a row for each grasp, most others for each kind of start.
 
+    A kind of start uses the grasps of a target that hold it with the firmest grip.
+
     Raises:
         UnknownNameError: A start names a grasp or a joint that does not exist.
         SceneKeyError: A start sets a joint that its object does not draw, or no selected grasp can hold a target.
@@ -108,13 +110,15 @@ def _kind(plan: Plan, grips: tuple[Grip, ...], number: int, config: StartConfig)
     """Return the row of one kind of start in each field of `Starts`, by field name."""
     where, pose, arm = f"{plan.scene.config.where}: start.{number}", _pose(config), -1
     names, arm_range = config.targets(plan.scene.config.variants), np.tile(_UNDRAWN, (MAX_JOINTS, 1))
-    targets, counts = plan.reaching.targets, [np.zeros(0, bool)]
+    targets = plan.reaching.targets
+    counts: list[np.ndarray] = [np.zeros(0)]
     for target in targets:
         own = _counting(config, target, f"{where}.grasp") & (target.name in names)
         if pose in _FITS and target.name in names:
             fit, how = _FITS[pose]
             first = sum(map(len, counts))
-            own &= np.array([getattr(grip, fit) for grip in grips[first : first + len(own)]], bool)
+            firm = own * [getattr(grip, fit) for grip in grips[first : first + len(own)]]
+            own = firm * (firm == firm.max(initial=0.0))
             if not own.any():
                 raise SceneKeyError(
                     f"{where}: no selected grasp can hold '{target.name}' {how} for all values of 'randomize'. "
@@ -130,7 +134,8 @@ def _kind(plan: Plan, grips: tuple[Grip, ...], number: int, config: StartConfig)
         "pose": int(pose),
         "arm": arm,
         "target": np.array([target.name in names for target in targets], bool),
-        "grasp": np.concatenate(counts),
+        "grasp": np.concatenate(counts) > 0.0,
+        "press": [each.max(initial=0.0) * (pose in _FITS) for each in counts[1:]],
         "lift": config.lift or (0.0, 0.0),
         "arm_range": arm_range,
         "draw_range": _draw_ranges(plan, config.joints, f"{where}.joints"),

@@ -11,7 +11,6 @@ import warp as wp
 from sceniris_gym.errors import NotSupportedError
 from sceniris_gym.layout.masks import selects
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.program.device_reach import StartPose
 from sceniris_gym.scene.field_table import JOINT_TRANSMISSIONS
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.support import subtree
@@ -51,9 +50,9 @@ class RestMap:
             elements. Shape (nu + na,).
         sampleadr: Addresses in `history` of the past controls of delayed actuators.
         sampled: Id of the control at each of these addresses.
-        closing: For each kind of start in the scene file and each slot, index of the robot arm that holds the object
-            if it is present, or -1, shape (nkind, nslot). Empty in scenes without starts.
-        closed: For each robot arm, qpos of its closed fingers, and nan for all other joints, shape (narm, nq).
+        press: For each kind of start in the scene file and each slot, how firmly controls close the fingers on the
+            object if it is present: at 1 completely, and at 0 not at all, shape (nkind, nslot). Empty without starts.
+        closed: For each kind, qpos of the closed fingers of its arm, and nan for all other joints, shape (nkind, nq).
     """
 
     rowadr: wp.array[int]
@@ -66,7 +65,7 @@ class RestMap:
     carried: wp.array[wp.vec4i]
     sampleadr: wp.array[int]
     sampled: wp.array[int]
-    closing: wp.array2d[int]
+    press: wp.array2d[float]
     closed: wp.array2d[float]
 
 
@@ -90,13 +89,13 @@ def control_at_start(
     world's kind of start, or -1 in a scene without starts. `present` is nonzero for the slots of present objects.
     """
     term = rest.rowadr[elemid]
-    if kind >= 0 and kind < rest.closing.shape[0] and term < rest.rowadr[elemid + 1]:
-        for slot in range(rest.closing.shape[1]):
-            arm = rest.closing[kind, slot]
-            if arm >= 0:
+    if kind >= 0 and kind < rest.press.shape[0] and term < rest.rowadr[elemid + 1]:
+        for slot in range(rest.press.shape[1]):
+            if rest.press[kind, slot] > 0.0:
                 # a number only if the element drives fingers
-                if present[slot] != 0 and not wp.isnan(rest.closed[arm, rest.qposadr[term]]):
-                    return rest_value(rest, worldid, elemid, rest.closed[arm])
+                if present[slot] != 0 and not wp.isnan(rest.closed[kind, rest.qposadr[term]]):
+                    press, closed = rest.press[kind, slot], rest_value(rest, worldid, elemid, rest.closed[kind])
+                    return press * closed + (1.0 - press) * rest_value(rest, worldid, elemid, qpos)
     return rest_value(rest, worldid, elemid, qpos)
 
 
@@ -219,7 +218,7 @@ def history_samples(mjm: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
 
 
 def close_grippers(rest: RestMap, compiled: CompiledScene) -> None:
-    """Set `rest.closing` and `rest.closed`, so that a gripper is closed if the episode starts with an object in it.
+    """Set `rest.press` and `rest.closed`, so that a gripper is closed if the episode starts with an object in it.
 
     Raises:
         NotSupportedError: An episode starts with an object in a gripper that has no position actuator.
@@ -228,22 +227,22 @@ def close_grippers(rest: RestMap, compiled: CompiledScene) -> None:
     if compiled.reaching is None or starts is None:
         return
     arms, slots = compiled.reaching.arms, [compiled.slots.index(name) for name in compiled.reaching.names]
-    holds = starts.target.numpy() & (starts.pose.numpy() >= StartPose.STANDING)[:, None]
-    arm = np.full((len(holds), len(compiled.slots)), -1)
-    arm[:, slots] = np.where(holds, starts.arm.numpy()[:, None], -1)
-    closed = np.full((len(arms), sim.nq), np.nan)
+    press = np.zeros((starts.press.shape[0], len(compiled.slots)))
+    press[:, slots] = starts.press.numpy()
+    closed = np.full((len(press), sim.nq), np.nan)
     names = {int(adr): full.joint(i).name for i, adr in enumerate(full.jnt_qposadr)}
-    for i, one in enumerate(arms):
+    for kind in np.flatnonzero(press.any(axis=1)).tolist():
+        one = arms[starts.arm.numpy()[kind]]
         adr, qpos = one.gripper.poses(np.zeros(1))
         own = adr.tolist() if sim is full else [int(sim.joint(names[a]).qposadr[0]) for a in adr.tolist()]
-        closed[i, own] = qpos[0]
-        if i in arm and not np.isin(rest.qposadr.numpy(), own).any():
+        closed[kind, own] = qpos[0]
+        if not np.isin(rest.qposadr.numpy(), own).any():
             raise NotSupportedError(
                 f"{compiled.config.where}: start: the gripper of '{one.robot}' has no position actuator that would "
                 "keep it closed. Give the gripper one, as in <position joint=...>, or start from 'home' or 'pregrasp'."
             )
     with wp.ScopedDevice(rest.law.device):
-        rest.closing, rest.closed = wp.array(arm, dtype=int, ndim=2), wp.array(closed, dtype=float, ndim=2)
+        rest.press, rest.closed = (wp.array(values, dtype=float, ndim=2) for values in (press, closed))
 
 
 @wp.func

@@ -63,6 +63,12 @@ def test_a_pattern_may_name_folders(tmp_path: Path):
     assert loaded({"asset": str(tmp_path / "p*/*"), "on": "table"}).variants["target"] == ("target/pear",)
     found = loaded({"asset": str(tmp_path / "**/*"), "on": "table"}).variants["target"]
     assert found == ("target/apple_0", "target/apple_1", "target/green", "target/pear")
+    for name in ("apple_0/apple_0", "apple_0/handle", "apple_1/handle"):
+        (tmp_path / f"{name}.xml").write_text("<mujoco/>")
+    found = loaded({"asset": str(tmp_path / "a*/*"), "on": "table"}).variants["target"]
+    assert found == tuple(
+        f"target/{name}" for name in ("apple_0", "apple_0_handle", "apple_0_model", "apple_1_handle", "apple_1_model")
+    )
     with pytest.raises(ScenirisError, match="should match at least one MJCF file"):
         loaded({"asset": str(tmp_path / "z*/*"), "on": "table"})
 

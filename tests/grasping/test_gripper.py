@@ -211,13 +211,16 @@ SWING = """
 </body></body></worldbody></mujoco>"""
 
 
-def _swinging(headings: list[float]) -> Gripper:
-    """Measure fingers of 10 cm that swing outwards from z by up to 60 degrees, at these headings around the palm."""
+def _swinging(headings: list[float], end: float = 0.05) -> Gripper:
+    """Measure fingers that swing outwards from z by up to 60 degrees, at these headings around the palm.
+
+    Upright, they end 5 cm above `end` [m].
+    """
     finger = (
         '<body pos="0 0 0" euler="0 0 {0}"><body pos="0 .02 0"><joint axis="-1 0 0" range="0 60"/>'
-        '<geom type="box" size=".005 .004 .05" pos="0 0 .05"/></body></body>'
+        '<geom type="box" size=".005 .004 .05" pos="0 0 {1}"/></body></body>'
     )
-    text = SWING.format(fingers="".join(finger.format(h) for h in headings))
+    text = SWING.format(fingers="".join(finger.format(h, end) for h in headings))
     mjm = mujoco.MjModel.from_xml_string(text)
     arm = SerialArm.from_model(mjm, "base")
     return Gripper.from_model(mjm, arm, np.zeros(mjm.nq), extract_pieces(mjm, "physics"))
@@ -231,6 +234,11 @@ def test_fingers_that_swing_out_of_reach_of_the_tcp_are_measured_at_their_tips(h
     assert gripper.opening == pytest.approx(across * low, abs=0.02)
     assert gripper.opening > 0.02
     assert gripper.open_qpos == pytest.approx(np.full(len(headings), np.radians(60)))
+
+
+def test_fingers_that_swing_end_where_they_reach_farthest():
+    """Upright, 1 cm beyond the TCP. Open, they end before it."""
+    assert _swinging([0, 180], end=0.06).tip == pytest.approx(0.01, abs=1e-4)
 
 
 def test_one_jaw_has_as_much_room_on_its_other_side():
@@ -291,6 +299,21 @@ def test_a_gripper_opens_and_closes_as_far_as_its_controls_reach(joint: str, lea
         np.testing.assert_allclose(poses[0], end[adr], atol=1e-4)
     _, _, free = _hand(tie='<joint joint1="right" joint2="left"/>')
     assert gripper.opening == pytest.approx(free.opening - 2.0 * (0.03 - 0.022), abs=1e-4)
+
+
+def test_springs_hold_fingers_back_from_their_limits():
+    """As in MuJoCo C's steady states, with the controls at both limits of a joint with a spring."""
+    drives = "".join(f'<position joint="{name}" kp="500" kv="50"/>' for name in ("left", "right"))
+    spring, tie = '0 .03" stiffness="150" springref=".004', f"</equality><actuator>{drives}</actuator><equality>"
+    mjm, _, gripper = _hand(limits=spring, tie=tie)
+    mjm.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    mjm.opt.gravity[:], mjm.opt.disableflags = 0.0, int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    adr, poses = gripper.poses(np.array([0.0, 1.0]))
+    for control, qpos in zip(mjm.jnt_range[[mjm.joint("left").id, mjm.joint("right").id]].T, poses, strict=True):
+        data = mujoco.MjData(mjm)
+        data.ctrl[:] = control
+        mujoco.mj_step(mjm, data, 2000)
+        np.testing.assert_allclose(qpos, data.qpos[adr], atol=1e-5)
 
 
 @since_4("actuators have one control each")

@@ -18,7 +18,7 @@ from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.sim.fit import make_worlds
 from sceniris_gym.sim.randomizer import ResetRandomizer
 from sceniris_gym.sim.rest import GAINS, history_samples, launch_holding, rest_map
-from tests.layout.starting import HANDLE, HELD, LIFTED, SCENE, STANDING, reset_worlds, starting
+from tests.layout.starting import HANDLE, HELD, LIFT, LIFTED, SCENE, STANDING, reset_worlds, starting, stepped
 from tests.vector.workshop import mjcf
 from tests.versions import since_4
 
@@ -209,6 +209,24 @@ def test_controls_close_the_gripper_and_hold_the_arm():
     assert (ctrl[closed, 7] == 0.0).all()
     np.testing.assert_allclose(ctrl[~closed, 7], qpos[~closed, 7], atol=1e-7)
     np.testing.assert_allclose(ctrl[:, :7], qpos[:, :7], atol=1e-6)
+
+
+def test_controls_do_not_close_a_gripper_that_would_squeeze_a_thing_out(tmp_path):
+    """MuJoCo C keeps a box that is soft on one side in place with these controls, but not with closed fingers."""
+    half = '<geom type="box" size=".01 .02 .015" pos="{} 0 0" density="600" priority="2" solref="{} 1"/>'
+    text = half.format(0.01, 0.035) + half.format(-0.01, 0.01)
+    (tmp_path / "box.xml").write_text(f'<mujoco><worldbody><body name="box">{text}</body></worldbody></mujoco>')
+    block = SCENE["objects"]["block"] | {"asset": str(tmp_path / "box.xml")}
+    grasp = {"robot": "grasp", "of": "block", "grasp": "top 90"}
+    scene = {**SCENE, "objects": {"block": block}, "start": [grasp, {**grasp, "lift": LIFT}], "bank": 1}
+    compiled = compile_scene(scene, "cpu")
+    data, layouts = reset_worlds(compiled, 10)
+    assert all(row.fingers == 2 and row.drift < 1e-3 for row in stepped(compiled, data, layouts))
+    ctrl, there = data.ctrl.numpy(), data.qpos.numpy()[:, 7]
+    assert ((ctrl[:, 7] > 0.0) & (ctrl[:, 7] < there)).all()
+    ctrl[:, 7] = 0.0
+    data.ctrl.assign(ctrl)
+    assert all(row.drift > 1e-3 for row in stepped(compiled, data, layouts))
 
 
 def test_stored_layouts_have_the_controls_of_their_starts():
