@@ -24,6 +24,8 @@ _LONGEST, _HEAVIEST = 2.0, 100.0
 _PLACEHOLDER = 10.0
 # Greatest overlap [m] without a warning, for two geoms that layouts do not place: numbers in files are rounded.
 _SUNK = 1.0e-3
+# Remedy for an overlap that belongs to the model.
+_EXCLUDE = 'if the overlap is intended, write <contact><exclude body1="..." body2="..."/></contact> in the file.'
 # Flags that switch contact forces off.
 _NO_CONTACTS = int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
 # Greatest distance [m] from the origin, along an axis, at which rounding stays below the skin of collision tests.
@@ -125,14 +127,13 @@ def _sunk(plan: Plan) -> Iterator[str]:
             cures |= dict.fromkeys(_cure(scene, geom) for geom in free)
     if still:
         yield (
-            f"geoms that never move overlap: {_some(still)}. Correct their positions (for a robot its `base`), or "
-            "exclude the pair if the overlap is intended."
+            f"geoms that never move overlap: {_some(still)}. Correct their positions (for a robot its `base`), or, "
+            f"{_EXCLUDE}"
         )
     if pushed:
         yield (
             "movable geoms overlap other geoms in the start pose. Layouts do not move or test these pairs, and contact "
-            f"forces push them apart: {_some(pushed)}. {'; '.join(cures)}; or exclude the pair if the overlap is "
-            "intended."
+            f"forces push them apart: {_some(pushed)}. {'; '.join(cures)}; or, {_EXCLUDE}"
         )
 
 
