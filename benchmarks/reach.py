@@ -107,7 +107,7 @@ def know(name: str, arm: SerialArm, kind: str, num: int, seed: int, folder: Path
 
 
 def _truth(name: str, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    mjm, _ = read_arm(name)
+    mjm = read_arm(name).mjm
     ik = ExactIk(mjm, name)
     reached, _, exact = ik.reachable(poses)
     free = np.zeros(len(poses), bool)
@@ -266,7 +266,7 @@ def lookup_rate(reach_map: ReachMap, device: str | None, num: int, repeats: int 
 
 def rows(name: str, args: argparse.Namespace) -> Iterator[dict[str, Any]]:
     """Yield the lines for an arm."""
-    mjm, arm = read_arm(name)
+    _, mjm, arm = read_arm(name)
     path = map_file(name) if args.maps is None else args.maps / f"{name}.reach"
     reach_map = ReachMap.load(path, arm) if path is not None and path.is_file() else None
     if reach_map is None or path is None:

@@ -13,14 +13,13 @@ import tyro
 import sceniris_gym
 from sceniris_gym.commands.answer import Answer, answer, each_once, in_words, join_warnings, listing, print_text
 from sceniris_gym.commands.options import (
-    COUNT,
     LAYOUTS,
     OUT,
     Changes,
     Device,
+    Evaluation,
     Flag,
     Json,
-    LayoutIds,
     Layouts,
     NumEnvs,
     OptionalScene,
@@ -29,7 +28,6 @@ from sceniris_gym.commands.options import (
     Scene,
     Seed,
     Split,
-    check_counts,
     check_numbers,
     checked_target,
     compiled_scene,
@@ -37,7 +35,7 @@ from sceniris_gym.commands.options import (
     read_ids,
     scene_config,
 )
-from sceniris_gym.config.bounds import MOST_WORLDS
+from sceniris_gym.config.bounds import COUNT, MOST_WORLDS
 from sceniris_gym.config.settings import read_changes
 from sceniris_gym.config.tier import Tier, TierWord
 from sceniris_gym.errors import ArgumentError, NotSupportedError, ScenirisError, check_names
@@ -114,7 +112,7 @@ def generate(
     if scene is None or layouts is None:
         raise NotSupportedError("generate: the scene or the number of layouts is missing. Give both: SCENE -n N.")
     from sceniris_gym.dataset.formats import parse_formats
-    from sceniris_gym.dataset.manifest import MANIFEST, SCENE
+    from sceniris_gym.dataset.manifest import MANIFEST, SCENE, DatasetPlan
     from sceniris_gym.dataset.shard import Shard
 
     formats = () if format_ is None else parse_formats(format_)
@@ -122,9 +120,8 @@ def generate(
     for file in (MANIFEST, SCENE):
         checked_target(out / file)
     compiled = compiled_scene(scene, changes, device or part.device)
-    kwargs = {"chunk": chunk, "shard": part, "resume": resume, "formats": formats}
-    figures = tool.generate(compiled, layouts, out, seed=seed, split=split, **kwargs)
-    return answer(figures, json, tool.report)
+    plan = DatasetPlan.of(compiled, layouts, seed, split, formats)
+    return answer(tool.generate(compiled, plan, out, part, chunk=chunk, resume=resume), json, tool.report)
 
 
 @_command
@@ -188,8 +185,8 @@ def bench(
     check_picture(picture)
     from sceniris_gym.commands import bench as tool
 
-    overrides = read_changes(changes) | ({} if geometry is None else {"geometry": geometry})
-    return answer(tool.bench(scene, num_envs, device, seed, overrides, picture), json)
+    given = changes if geometry is None else (*changes, f"geometry={geometry}")
+    return answer(tool.bench(scene_config(scene, given), num_envs, device, seed, picture), json)
 
 
 @_command
@@ -278,16 +275,16 @@ def reach(
 
     if build and poses is not None:
         raise NotSupportedError("reach: --build and --poses cannot be combined. Give one of them.")
-    overrides = read_changes(changes)
+    given = tool.read_arm(arm, read_changes(changes))
     if poses is not None:
         target, judged_by = checked_target(out, "reached.npy"), None if tier is None else Tier.of(tier)
-        found = tool.judge(arm, map_, poses, target, judged_by, device, overrides)
+        found = tool.judge(given, map_, poses, target, judged_by, device)
     elif build:
         target, steps = checked_target(out, tool.default_map(arm)), {"step": step, "tilt_step": radians(tilt_step)}
-        found = tool.build(arm, target, device, overrides, seed=seed, **steps)
+        found = tool.build(given, target, device, seed=seed, **steps)
     else:
         target = checked_target(out, f"demo/reach_{Path(arm).stem}.png")
-        found = tool.show(arm, map_, target, height, device, overrides)
+        found = tool.show(given, map_, target, height, device)
     return answer(found, json)
 
 
@@ -299,7 +296,7 @@ def view(
     split: Split | None = None,
     env: str | None = None,
     policy: Annotated[str | None, tyro.conf.arg(metavar="POLICY")] = None,
-    layout: LayoutIds = (),
+    layout: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="ID|FILE")] = (),
     host: str = HOST,
     port: Port = PORT,
     allow_origin: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="ORIGIN")] = (),
@@ -496,37 +493,14 @@ def train(options: Annotated[Options, tyro.conf.arg(name="")], json: Json = Fals
 
 
 @_command
-def evaluate(
-    run: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")],
-    layouts: Layouts = 4096,
-    out: Out = None,
-    failed: Path | None = None,
-    video: Path | None = None,
-    min_success: float | None = None,
-    task: str = "",
-    trust: Flag = False,
-    device: Device = None,
-    json: Json = False,
-) -> Answer:
-    """Evaluate the policy of a training on unseen layouts: valid layouts, and layouts placed without checks.
-
-    Args:
-        run: folder of a training, with its model.pt
-        out: JSON file to write, with the result for every layout
-        failed: file to write, with the ids of the valid layouts without success, one per line
-        video: MP4 to write, with the episodes of the first 16 worlds (extra `video`)
-        min_success: least fraction of valid layouts that should end in success. Below it, the exit status is 1
-        task: a registered task, or your own as MODULE:ID, by default the task of RUN
-        trust: read a checkpoint that holds more than weights, although this executes code in the file
-    """
-    check_counts(0, most=1, min_success=min_success or 0.0)
-    for file in filter(None, (out, failed)):
+def evaluate(options: Annotated[Evaluation, tyro.conf.arg(name="")], json: Json = False) -> Answer:
+    """Evaluate the policy of a training on unseen layouts: valid layouts, and layouts placed without checks."""
+    check_numbers(Evaluation, vars(options))
+    for file in filter(None, (options.out, options.failed)):
         checked_target(file)
     from sceniris_gym.commands import evaluate as tool
 
-    kwargs = {"failed": failed, "video": video, "min_success": min_success, "task": task, "trust": trust}
-    found = tool.evaluate(run, layouts, device, out, **kwargs)
-    return answer(found, json, tool.report)
+    return answer(tool.evaluate(options), json, tool.report)
 
 
 @_command

@@ -27,6 +27,7 @@ from sceniris_gym import (
     compile_scene,
     evaluate,
 )
+from sceniris_gym.commands.options import Evaluation
 from sceniris_gym.config.relations import Connection
 from sceniris_gym.config.robot import RobotConfig
 from sceniris_gym.config.settings import as_config
@@ -277,7 +278,7 @@ def test_every_new_name_is_there():
     known = arguments | attributes | {*sceniris_gym.__all__, *SCORES, *ELSEWHERE}
     known |= {field.name for kind in (LevelReplay, ADR, EpisodeResult) for field in fields(kind)}
     known |= {*Connection.model_fields, *RobotConfig.model_fields, *re.findall(r"\w+", PAGE.read_text())}
-    options = {"set", *(field.name for field in fields(Options))}
+    options = {"set", *(field.name for kind in (Options, Evaluation) for field in fields(kind))}
     options |= {name for command in cli.COMMANDS.values() for name in signature(command).parameters}
     known |= {f"--{name.replace('_', '-')}" for name in options}
     news = {new.partition(".")[0] for names in old_names().values() for new in names.split("|")}

@@ -4,16 +4,16 @@ import resource
 import statistics
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import warp as wp
 
 from sceniris_gym.audit.geometry import solids_of
 from sceniris_gym.commands.narrowing import narrow
+from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.device.sequence import LaunchSequence
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator, generator_memory
@@ -29,14 +29,7 @@ _NARROWED = 4096  # greatest number of layouts for the measure of `reachable`
 _PARTIAL = 50  # a partial reset resets one in 50 worlds
 
 
-def bench(
-    scene: str | Path,
-    num_envs: int,
-    device: str | None,
-    seed: int,
-    overrides: Mapping[str, Any] | None = None,
-    picture: Path | None = None,
-) -> dict:
+def bench(config: SceneConfig, num_envs: int, device: str | None, seed: int, picture: Path | None = None) -> dict:
     """Measure how fast layouts of a scene are made and worlds are reset, and return the figures.
 
     The memory that the worlds take is printed to stderr before it is allocated.
@@ -45,18 +38,17 @@ def bench(
     captured graph. Rates and fractions refer to the layouts of these 20 replays.
 
     Args:
-        scene: Name of a shipped scene, or a path.
+        config: The scene.
         num_envs: Number of worlds.
         device: Warp's name of the device. None takes "cuda:0" if available, otherwise "cpu".
         seed: Seed of the first world.
-        overrides: Parts of the scene to change.
         picture: PNG to write, or None. It shows the places of objects, with and without `reachable`.
 
     Raises:
         MemoryLimitError: The worlds do not fit into the memory of the device.
     """
     start = time.perf_counter()
-    compiled = compile_scene(scene, device, overrides=overrides, cache=False)
+    compiled = compile_scene(config, device, cache=False)
     compiling = time.perf_counter() - start
     makes = generator_memory(compiled, suited_size(compiled, num_envs))
     batch = Batch(compiled.scene, num_envs, compiled.device, beside=[makes])

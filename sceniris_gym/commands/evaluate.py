@@ -3,11 +3,11 @@
 import warnings
 from collections.abc import Mapping
 from contextlib import nullcontext
-from pathlib import Path
 from shlex import quote
 from typing import Any
 
 from sceniris_gym.commands.answer import OK, verdict
+from sceniris_gym.commands.options import Evaluation
 from sceniris_gym.errors import ArgumentError, SceneMismatchError, ScenirisWarning
 from sceniris_gym.files import as_json, check_picture, write_text
 from sceniris_gym.scene.build import build_model
@@ -18,33 +18,15 @@ from sceniris_gym.training.task_scenes import hashes_of, scene_of, spec_of
 from sceniris_gym.training.video import PICTURES, filming
 
 
-def evaluate(
-    run: Path,
-    layouts: int,
-    device: str | None,
-    out: Path | None = None,
-    *,
-    failed: Path | None = None,
-    video: Path | None = None,
-    min_success: float | None = None,
-    task: str = "",
-    trust: bool = False,
-) -> dict[str, Any]:
+def evaluate(options: Evaluation) -> dict[str, Any]:
     """Evaluate the policy of a run on valid layouts and on unfiltered layouts, which are placed without checks.
 
     A ScenirisWarning reports that the scene or the source code of the task changed since the training.
 
     Args:
-        run: The folder that `train` made.
-        layouts: Number of layouts of each kind.
-        device: Warp's name of the device. None takes "cuda:0" if available, otherwise "cpu".
-        out: JSON file to write, with the result on each layout.
-        failed: File to write, with the ids of valid layouts without success.
-        video: MP4 to write, with the first 16 worlds of the valid layouts.
-        min_success: Least success rate on valid layouts for a good verdict, or None for no verdict.
-        task: The task, as `spec_of` takes it. "" takes the task that the folder names. That task should not be a
-            MODULE:ID, because importing the module would execute its code.
-        trust: Read a checkpoint that holds more than weights, although this executes code in the file.
+        options: The options. `task` is as `spec_of` takes it, or "" for the task that the folder names. That task
+            should not be a MODULE:ID, because importing the module would execute its code. Without `min_success`, there
+            is no verdict.
 
     Returns:
         The findings of `judge` for "valid" and for "unfiltered", without the result on each layout.
@@ -55,11 +37,12 @@ def evaluate(
         SceneMismatchError: The run was made by a version in which the scene has other layouts.
         ScenirisError: The task is unknown, or its scene cannot be compiled.
     """
+    run, failed, video = options.run, options.failed, options.video
     check_picture(video, ".mp4")
     named, settings = read_config(run)
-    if ":" in named and not task:
+    if ":" in named and not options.task:
         raise ArgumentError(f"{run / CONFIG}: its task is Python code. If you trust this code, give --task {named}.")
-    task = task or named
+    task = options.task or named
     scene = build_model(scene_of(task, reachable=True))
     trained = {part: values.get("hash") for part, values in read_parts(run).items()}
     if scene.former_hash is not None and trained.get("scene") in (None, scene.former_hash):  # 0.1.0 wrote no hash
@@ -71,12 +54,14 @@ def evaluate(
         warnings.warn(ScenirisWarning(f"{run}: {hashes} changed since the training. Train again."), stacklevel=2)
     shown = {} if video is None else {"render_mode": "rgb_array", "render_config": PICTURES}
     found = {}
-    for name, env in judges_of(task, layouts, device, **shown).items():
+    for name, env in judges_of(task, options.layouts, options.device, **shown).items():
         with filming(video, env.unwrapped) if video and name == "valid" else nullcontext(lambda _: None) as film:
-            found[name] = judge(Policy(run, task, settings, env, trust=trust), env, task, layouts, film)
-    if out is not None:
-        write_text(out, as_json(found))
-    more: dict[str, Any] = {} if min_success is None else {OK: found["valid"]["success"] >= min_success}
+            policy = Policy(run, task, settings, env, trust=options.trust)
+            found[name] = judge(policy, env, task, options.layouts, film)
+    if options.out is not None:
+        write_text(options.out, as_json(found))
+    least = options.min_success
+    more: dict[str, Any] = {} if least is None else {OK: found["valid"]["success"] >= least}
     if failed is not None:
         each = found["valid"]["each"]
         ids = [name for name, success in zip(each["id"], each["success"], strict=True) if not success]

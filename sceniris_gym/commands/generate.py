@@ -17,55 +17,41 @@ _CHUNK, _CHUNK_CUDA = 4096, 16_384
 
 
 def generate(
-    compiled: CompiledScene,
-    n: int,
-    folder: Path,
-    *,
-    seed: int = 0,
-    split: str = "train",
-    chunk: int | None = None,
-    shard: Shard | None = None,
-    resume: bool = False,
-    formats: tuple[str, ...] = (),
+    compiled: CompiledScene, plan: DatasetPlan, folder: Path, shard: Shard, *, chunk: int | None, resume: bool
 ) -> dict[str, Any]:
     """Write a data set, or one process's shard, and return its figures.
 
     Args:
         compiled: The compiled scene.
-        n: Number of layouts: row i is episode 0 of seed + i.
+        plan: The plan of the data set.
         folder: The folder to write to, created if missing.
-        seed: Seed of the first row.
-        split: "train" or "eval".
+        shard: The parts that this process writes.
         chunk: Number of layouts made at once, or None for a number that suits the device. It does not affect layouts.
-        shard: The parts that this process writes, or None for all parts.
         resume: Continue an incomplete data set.
-        formats: Formats of parts in addition to `.npy`, out of `dataset.formats.FORMATS`, in alphabetical order.
 
     Raises:
         DatasetError, MissingExtraError: See `DatasetWriter`.
         OutputError: A file cannot be written.
         SceneKeyError: The scene's model is an MjModel, which cannot be written to `scene.zip`.
     """
-    plan, shard = DatasetPlan.of(compiled, n, seed, split, formats), shard or Shard()
     if chunk is None:
         chunk = _CHUNK if compiled.device == "cpu" else _CHUNK_CUDA
-    writer = DatasetWriter(compiled, plan, folder, shard, resume=resume)
-    writer.write(chunk=chunk)
-    records = writer.records()
+    records = DatasetWriter(compiled, plan, folder, shard, resume=resume).write(chunk=chunk)
+    left, told = plan.parts - len(records), plan.fields
     rows, valid, first = (sum(record[name] for record in records) for name in ("rows", "valid", "first_pass_valid"))
     figures = {
         "scene": compiled.config.name,
         "hash": compiled.hash,
-        "first_id": compiled.layout_id(seed, 0, split),
-        "layouts": n,
+        "first_id": compiled.layout_id(told["seed"], 0, told["split"]),
+        "layouts": plan.layouts,
         "valid": valid / rows if rows else None,
         "first_pass_valid": first / rows if rows else None,
         "folder": str(folder),
         "parts": plan.parts,
-        "formats": list(formats),
-        "complete": writer.complete,
+        "formats": told["formats"],
+        "complete": left == 0,
     }
-    return figures if writer.complete else figures | {"missing_parts": plan.parts - len(records)}
+    return figures | {"missing_parts": left} if left else figures
 
 
 def report(figures: Mapping[str, Any]) -> str:

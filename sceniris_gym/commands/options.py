@@ -5,11 +5,12 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import redirect_stdout, suppress
+from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import partial, wraps
 from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
 
 import tyro
 
@@ -26,7 +27,6 @@ Scene = Annotated[str, tyro.conf.Positional, _scene]
 OptionalScene = Annotated[str | None, tyro.conf.Positional, _scene]
 LAYOUTS = tyro.conf.arg(aliases=["-n"], help="number of layouts")
 Layouts = Annotated[int, LAYOUTS, COUNT]
-LayoutIds = Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="ID|FILE")]
 NumEnvs = Annotated[int, tyro.conf.arg(help="number of worlds"), COUNT]
 OUT = tyro.conf.arg(aliases=["-o"])
 Out = Annotated[Path | None, OUT]
@@ -43,6 +43,33 @@ Changes = Annotated[
     tyro.conf.UseAppendAction[tuple[str, ...]],
     tyro.conf.arg(name="set", metavar="KEY=VALUE", help="change part of the scene, e.g. objects.apple.clearance=0.01"),
 ]
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Options of the evaluation of a trained policy.
+
+    Attributes:
+        run: folder of a training, with its model.pt
+        layouts: number of layouts of each kind
+        out: JSON file to write, with the result for every layout
+        failed: file to write, with the ids of the valid layouts without success, one per line
+        video: MP4 to write, with the episodes of the first 16 worlds (extra `video`)
+        min_success: least fraction of valid layouts that should end in success. Below it, the exit status is 1
+        task: a registered task, or your own as MODULE:ID, by default the task of RUN
+        trust: read a checkpoint that holds more than weights, although this executes code in the file
+        device: Warp's name of the device
+    """
+
+    run: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")]
+    layouts: Layouts = 4096
+    out: Out = None
+    failed: Path | None = None
+    video: Path | None = None
+    min_success: Annotated[float | None, range(2)] = None  # from 0 to 1
+    task: str = ""
+    trust: Flag = False
+    device: Device = None
 
 
 def parsed(name: str, command: Callable[..., Any], words: Sequence[str]) -> Callable[[], Any]:
@@ -108,7 +135,7 @@ def read_ids(given: Sequence[str]) -> list[str]:
 
 def check_numbers(command: Callable[..., object] | type, options: Mapping[str, Any]) -> None:
     """Reject options outside the ranges in the annotations of a command or a class. Options may be None or left out."""
-    for name, hint in command.__annotations__.items():
+    for name, hint in get_type_hints(command, include_extras=True).items():
         for bounds in getattr(hint, "__metadata__", ()):
             if isinstance(bounds, range) and options.get(name) is not None:
                 check_counts(bounds[0], most=bounds[-1], **{name: options[name]})

@@ -4,7 +4,7 @@ import time
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -29,7 +29,21 @@ _ROUNDING = 1e-5  # m, parts of an arm may overlap by this much more than at hom
 _ROUNDS = 32  # attempts to solve a pose, as long as the arm touches itself with the joints found
 
 
-def read_arm(name: str, changes: Mapping[str, Any] | None = None) -> tuple[mujoco.MjModel, SerialArm]:
+class GivenArm(NamedTuple):
+    """An arm as a user gives it.
+
+    Attributes:
+        name: A shipped asset, or the path of an MJCF or URDF file.
+        mjm: The model.
+        arm: The arm in the model.
+    """
+
+    name: str
+    mjm: mujoco.MjModel
+    arm: SerialArm
+
+
+def read_arm(name: str, changes: Mapping[str, Any] | None = None) -> GivenArm:
     """Read an arm: a shipped asset, or the path of an MJCF or URDF file.
 
     Args:
@@ -45,28 +59,25 @@ def read_arm(name: str, changes: Mapping[str, Any] | None = None) -> tuple[mujoc
         arms = [asset for asset, path in assets.items() if f'<site name="{TCP}"' in path.read_text()]
         check_names("arm", [name], "reach", arms)
     scene = build_model({"robot": {"asset": name}}, changes)
-    return scene.mjm, robot_arm(scene)
+    return GivenArm(name, scene.mjm, robot_arm(scene))
 
 
-def build(
-    name: str, out: Path, device: str | None = None, changes: Mapping[str, Any] | None = None, **options: Any
-) -> dict[str, Any]:
+def build(given: GivenArm, out: Path, device: str | None = None, **options: Any) -> dict[str, Any]:
     """Build the map of an arm into a file, report the progress, and describe the map.
 
-    The arm and `changes` are as in `read_arm`. The `options` are the steps and the seed, as `build_map` takes them.
-    Until the map is complete, a file next to `out` stores the state of the build. A later build resumes from this file.
+    The `options` are the steps and the seed, as `build_map` takes them. Until the map is complete, a file next to `out`
+    stores the state of the build. A later build resumes from this file.
     """
-    _, arm = read_arm(name, changes)
     state = out.with_name(f".{out.name}.state")
     start = time.perf_counter()
-    built = build_map(arm, device_name(device, "reach"), state=state, **options)
+    built = build_map(given.arm, device_name(device, "reach"), state=state, **options)
     with replacing(out) as temporary:
         built.save(temporary)
     state.unlink(missing_ok=True)
     figures = {"seconds": round(time.perf_counter() - start, 1), "file": str(out), "file_bytes": out.stat().st_size}
-    if out.resolve() != map_path(name).resolve():
+    if out.resolve() != map_path(given.name).resolve():
         figures["used_with"] = f"--map {out}"
-    return describe(name, arm, built) | figures
+    return describe(given, built) | figures
 
 
 def default_map(name: str) -> Path:
@@ -75,29 +86,22 @@ def default_map(name: str) -> Path:
 
 
 def judge(
-    name: str,
-    path: Path | None,
-    poses: Path,
-    out: Path,
-    tier: Tier | None = None,
-    device: str | None = None,
-    changes: Mapping[str, Any] | None = None,
+    given: GivenArm, path: Path | None, poses: Path, out: Path, tier: Tier | None = None, device: str | None = None
 ) -> dict[str, Any]:
     """Judge the TCP poses of a file (N, 4, 4), write the verdicts (N,) bool, and count the reached poses.
 
     Args:
-        name: The arm, as in `read_arm`.
+        given: The arm.
         path: A map, or None for the arm's default map.
         poses: The .npy file of poses.
         out: The .npy file of verdicts.
         tier: The tier of the test, or None for the arm's default.
         device: Warp's name of the device. None takes "cuda:0" if available, otherwise "cpu".
-        changes: As in `read_arm`.
     """
-    mjm, arm = read_arm(name, changes)
+    name, mjm, arm = given
     asked = read_poses(poses)
     by_map = tier is not None and tier.needs_map
-    reach_map = find_map(name, arm, path) if path is not None or by_map or _has_map(name, arm) else None
+    reach_map = find_map(given, path) if path is not None or by_map or _has_map(given) else None
     used = default_tier(arm, reach_map) if tier is None else tier
     why = why_not_map(arm, reach_map, name)
     if tier is not None and by_map and why is not None:
@@ -109,41 +113,35 @@ def judge(
     return found if why is None or tier is not None else found | {"why_ik": why}
 
 
-def show(
-    name: str,
-    path: Path | None,
-    out: Path,
-    height: float,
-    device: str | None = None,
-    changes: Mapping[str, Any] | None = None,
-) -> dict[str, Any]:
+def show(given: GivenArm, path: Path | None, out: Path, height: float, device: str | None = None) -> dict[str, Any]:
     """Describe an arm and its map, and draw the map. For an arm without a map, there is no picture.
 
     Raises:
         MapError: `path` is not a map of the arm, or `height` is above or below the map.
     """
-    _, arm = read_arm(name, changes)
-    if path is None and not _has_map(name, arm):
-        return describe(name, arm, None)
+    if path is None and not _has_map(given):
+        return describe(given, None)
     check_picture(out)
-    reach_map = find_map(name, arm, path)
+    reach_map = find_map(given, path)
     low, high = reach_map.z_low, reach_map.z_low + reach_map.step * (reach_map.nz - 1)
     if not low <= height <= high:  # NaN, too
-        raise MapError(f"reach {name} --height {height:g}: should be from {low:.2f} to {high:.2f} m, inside the map.")
+        inside = f"from {low:.2f} to {high:.2f} m, inside the map"
+        raise MapError(f"reach {given.name} --height {height:g}: should be {inside}.")
     save(draw(reach_map, height, device_name(device, "reach")), out)
-    return describe(name, arm, reach_map) | {"picture": str(out)}
+    return describe(given, reach_map) | {"picture": str(out)}
 
 
-def _has_map(name: str, arm: SerialArm) -> bool:
-    return arm.no_map is None and map_file(name) is not None
+def _has_map(given: GivenArm) -> bool:
+    return given.arm.no_map is None and map_file(given.name) is not None
 
 
-def find_map(name: str, arm: SerialArm, path: Path | None) -> ReachMap:
+def find_map(given: GivenArm, path: Path | None) -> ReachMap:
     """Load the map at `path`, or the arm's default map if None.
 
     Raises:
         MapError: The map is missing, or does not fit the arm.
     """
+    name, _, arm = given
     if arm.no_map is not None:
         raise MapError(f"reach: '{name}' cannot have a map: {arm.no_map}. Use --tier ik.")
     own = map_file(name)
@@ -155,8 +153,9 @@ def find_map(name: str, arm: SerialArm, path: Path | None) -> ReachMap:
     return ReachMap.load(own, arm, f"Build it again: {build_command(name)}.")
 
 
-def describe(name: str, arm: SerialArm, reach_map: ReachMap | None) -> dict[str, Any]:
+def describe(given: GivenArm, reach_map: ReachMap | None) -> dict[str, Any]:
     """Return the properties of an arm and its map, by name."""
+    name, _, arm = given
     found: dict[str, Any] = {
         "arm": arm.name,
         "hash": arm.hash,

@@ -16,12 +16,11 @@ from sceniris_gym.layout.columns import columns
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layout_id import LayoutId
-from sceniris_gym.layout.layouts import LayoutStatus, LayoutsView
+from sceniris_gym.layout.layouts import LayoutStatus, view_of
 from sceniris_gym.layout.params import ParamTable, params_in
 from sceniris_gym.layout.world_columns import WorldColumns
 from sceniris_gym.pictures.layout_picture import SIZE, contact_sheet, render, save
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.program.device import fill_struct
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.scene.draws import drawn_fields, nominal_values
 from sceniris_gym.scene.field_table import OPTIONS
@@ -72,10 +71,8 @@ def drawn(compiled: CompiledScene, table: LayoutTable) -> tuple[mujoco.MjModel, 
         nominal = {name: wp.array(nominal_values(mjm, name)[None], dtype=float) for name in drawn_fields(draws)}
         arrays = {name: wp.clone(values) for name, values in nominal.items()}
     world = WorldColumns(1, arrays, nominal, draws, params=ParamTable(compiled, table.params))
-    layouts = LayoutsView()  # pyrefly: ignore[missing-argument]
     rows = {name: getattr(table, name)[:1] for name in ("param", *columns("draw"))}
-    fill_struct(LayoutsView, layouts, rows, compiled.device)
-    world.launch(None, layouts)
+    world.launch(None, view_of(1, compiled.device, rows))
     for name, array in arrays.items():
         field = getattr(mjm.opt if name in OPTIONS else mjm, name)
         field[:] = array.numpy().reshape(field.shape)

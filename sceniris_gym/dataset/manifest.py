@@ -66,7 +66,10 @@ class DatasetPlan:
             split: "train" or "eval".
             formats: Formats of parts in addition to `.npy`, in alphabetical order.
         """
-        forms = _columns(compiled)
+        left_out = ["param", *([] if compiled.config.start else ["start"])]
+        left_out += [] if compiled.scene.draws else columns("draw")
+        left_out += [] if compiled.reaching is not None else [*columns("grasp"), "grasp_pose"]
+        types = {name: form for name, form in row_types(compiled).items() if name not in left_out}
         fields = {
             "format": FORMAT,
             "scene": compiled.config.name,
@@ -75,7 +78,7 @@ class DatasetPlan:
             "seed": seed,
             "layouts": n,
             "rows_of_a_part": PART_ROWS,
-            "columns": {name: {"dtype": dtype, "shape": list(shape)} for name, (dtype, shape) in forms.items()},
+            "columns": {name: {"dtype": dtype, "shape": list(shape)} for name, (dtype, shape) in types.items()},
             "state_columns": list(STATE),
             "object_names": list(compiled.object_names),
             "reachable_names": [] if compiled.reaching is None else list(compiled.reaching.names),
@@ -121,14 +124,6 @@ def row_of(columns: dict[str, dict[str, Any]]) -> np.dtype:
     """Return the type of a row with columns `{name: {"dtype": ..., "shape": [...]}}`."""
     fields = [(name, np.dtype(told["dtype"]), tuple(told["shape"])) for name, told in columns.items()]
     return np.dtype(fields, align=True)
-
-
-def _columns(compiled: CompiledScene) -> dict[str, tuple[str, tuple[int, ...]]]:
-    """Return type and shape of all columns of a scene's layouts."""
-    left_out = ["param", *([] if compiled.config.start else ["start"])]
-    left_out += [] if compiled.scene.draws else columns("draw")
-    left_out += [] if compiled.reaching is not None else [*columns("grasp"), "grasp_pose"]
-    return {name: form for name, form in row_types(compiled).items() if name not in left_out}
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:

@@ -28,16 +28,17 @@ class Shard:
         return Rank.current().device if self.size > 1 else None
 
     @classmethod
-    def parse(cls, text: str) -> Shard:
+    def parse(cls, text: str, wrong: str = "") -> Shard:
         """Read `R/K`, process R of K.
 
         Raises:
-            ArgumentError: The text has another form.
+            ArgumentError: The text has another form. The message is `wrong` or, by default, about --shard.
         """
+        wrong = wrong or f"--shard {text:.40}: should be R/K with R below K, such as 0/8 for the first of 8."
         found = re.fullmatch(r"([0-9]{1,9})/([0-9]{1,9})", text)
         shard = None if found is None else cls(int(found[1]), int(found[2]))
         if shard is None or shard.number >= shard.size:
-            raise ArgumentError(f"--shard {text:.40}: should be R/K with R below K, such as 0/8 for the first of 8.")
+            raise ArgumentError(wrong)
         return shard
 
     @classmethod
@@ -51,11 +52,8 @@ class Shard:
         """
         number, size = (environment.get(name, "") for name in _TORCHRUN)
         if number.isdecimal() and size.isdecimal():
-            try:
-                return cls.parse(f"{number}/{size}")
-            except ArgumentError:
-                form = f"generate: RANK={number:.40} should be below WORLD_SIZE={size:.40}, as torchrun sets them."
-                raise ArgumentError(form) from None
+            wrong = f"generate: RANK={number:.40} should be below WORLD_SIZE={size:.40}, as torchrun sets them."
+            return cls.parse(f"{number}/{size}", wrong)
         array = [environment.get(name, "") for name in _ARRAY]
         if not all(word.isdecimal() for word in array):
             return cls()

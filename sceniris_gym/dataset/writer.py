@@ -84,8 +84,11 @@ class DatasetWriter:
                     "command to finish it, or give another folder."
                 )
 
-    def write(self, *, chunk: int) -> None:
+    def write(self, *, chunk: int) -> list[dict[str, Any]]:
         """Make and write the missing parts of this shard, `chunk` layouts at once, and report the progress.
+
+        Returns:
+            The records of all finished parts, from all processes. The data set is complete if each part has a record.
 
         Raises:
             OutputError: A file cannot be written.
@@ -104,18 +107,7 @@ class DatasetWriter:
                 self._write_part(part, _made(generator, plan, rows, done, total))
             done += len(rows)
             tell("layouts", done, total)
-        self._finish()
-
-    def records(self) -> list[dict[str, Any]]:
-        """Return the records of all finished parts, from all processes."""
-        if self._manifest is not None:
-            return self._manifest["parts"]
-        return [record for part in range(self.plan.parts) if (record := self._record(part)) is not None]
-
-    @property
-    def complete(self) -> bool:
-        """True once all parts are finished."""
-        return self._manifest is not None
+        return self._finish()
 
     def _record(self, part: int) -> dict[str, Any] | None:
         """Return the record of a part, None if the part is missing or incomplete."""
@@ -164,13 +156,13 @@ class DatasetWriter:
                 "parts."
             )
 
-    def _finish(self) -> None:
-        """Once all parts are finished, write the manifest and remove temporary files."""
+    def _finish(self) -> list[dict[str, Any]]:
+        """Return the records of all finished parts. If no part is left, write the manifest and remove other files."""
         path = self.folder / manifest.MANIFEST
         if self._manifest is None and not path.exists():
-            records = self.records()
+            records = [record for part in range(self.plan.parts) if (record := self._record(part)) is not None]
             if len(records) < self.plan.parts:
-                return
+                return records
             sums = {name: manifest.checksum(self.folder / name) for name in self.plan.files}
             told = {"scene_sha256": sums.pop(manifest.SCENE), "files": sums, "parts": records}
             write_text(path, json.dumps(self.plan.fields | told, indent=1) + "\n")
@@ -179,6 +171,7 @@ class DatasetWriter:
         for left in self.folder.glob(".*.tmp"):  # left by killed processes, on this machine or another
             if left.name.startswith((f".{manifest.MANIFEST}.", ".scene.", ".layouts-")):
                 left.unlink(missing_ok=True)
+        return self._manifest["parts"]
 
 
 def _made(generator: LayoutGenerator, plan: manifest.DatasetPlan, rows: range, done: int, total: int) -> np.ndarray:

@@ -284,7 +284,7 @@ class LayoutGenerator(Fixed, LayoutSource):
         present = [self.compiled.slots[i] for i in np.flatnonzero(there)]
         names = chosen_objects(self.compiled, objects, "redraw", present)
         if names not in self._redraws:
-            self._redraws[names] = make_redraw(self.compiled, names, self.nworld, self.split, adds=True)
+            self._redraws[names] = make_redraw(self.compiled, names, self.nworld, self.split)
         fill_mask(None, self._mask)
         self._redraws[names].launch(layouts.view, self._mask, RedrawCounts.zeros(self.nworld, layouts.view.seed.device))
         return self._redraws[names].layouts
@@ -314,24 +314,18 @@ class _PartGenerator(LayoutGenerator):
 
 
 def make_redraw(
-    compiled: CompiledScene,
-    objects: Sequence[str],
-    nworld: int,
-    split: str,
-    *,
-    adds: bool = False,
-    masses: Masses | None = None,
+    compiled: CompiledScene, objects: Sequence[str], nworld: int, split: str, masses: Masses | None = None
 ) -> Redraw:
-    """Return a `Redraw` of the objects that `chosen_objects` returned.
+    """Return a `Redraw` of the objects that `chosen_objects` returned, in finished layouts or in the simulation.
 
-    `masses` are `body_mass` and `body_ipos` of the simulated Model. If `masses` is None, the draws in the scene file
-    determine the masses.
+    `masses` are `body_mass` and `body_ipos` of the simulated Model, in which absent objects stay absent. If `masses` is
+    None, the draws in the scene file determine the masses, and absent objects are added.
     """
     size = default_size(compiled.device)
     # no rows for parallel restarts: each of them would need a copy of the state
     size = replace(size, rows=0, candidates=min(size.candidates, _MOST_REDRAWN))
     generator = _PartGenerator(part_of(compiled, objects), nworld, split=split, size=size, masses=masses)
-    return Redraw(compiled, objects, generator, adds=adds)
+    return Redraw(compiled, objects, generator, adds=masses is None)
 
 
 def generator_memory(compiled: CompiledScene, size: SearchSize) -> tuple[int, int]:

@@ -103,15 +103,14 @@ class StoredLayouts(LayoutSource):
         check_table(compiled, table, "StoredLayouts: table")
         self.layouts = Layouts.create(compiled, nworld, params=table.params)
         self.layouts.params.are_kept = True
-        self.device = compiled.device
-        self._table, self._stored = table, _on_device(table, self.device)
+        self._table, self._stored = table, _on_device(table, compiled.device)
         self.reseed(seed=seed)
 
     def launch_make(self, mask: wp.array | None) -> None:
         """Copy the next rows of the masked worlds. See `LayoutSource`."""
         out, inputs = self.layouts.view, [self._stored, mask, self._stride]
         dim = self.layouts.nworld, max(layout_width(out), out.param.shape[1])
-        wp.launch(_make, dim=dim, inputs=inputs, outputs=[out], device=self.device)
+        wp.launch(_make, dim=dim, inputs=inputs, outputs=[out], device=out.qpos.device)
 
     def served(self, split: str, keys: LayoutKeys) -> tuple[str, LayoutKeys]:
         """Return split, seeds, episodes and params of the stored layouts that worlds with `keys` get."""

@@ -88,7 +88,7 @@ class Redrawer:
         simulation, device = self._simulation, self._device
         compiled, d, variants = simulation.compiled, simulation.data, simulation.variants
         masses, mjm = (simulation.model.body_mass, simulation.model.body_ipos), compiled.sim_mjm
-        redraw = make_redraw(compiled, names, d.nworld, simulation.split, masses=masses)
+        redraw = make_redraw(compiled, names, d.nworld, simulation.split, masses)
         found, state, reader = redraw.layouts, copied(LayoutsView, self._layouts.view), None
         if variants is None:
             state.qpos, state.mocap_pos, state.mocap_quat = d.qpos, d.mocap_pos, d.mocap_quat

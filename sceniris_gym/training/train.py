@@ -27,23 +27,9 @@ from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.levels.curriculum import LevelReplay
 from sceniris_gym.progress import tell
 from sceniris_gym.scene.build import build_model
-from sceniris_gym.training import layout_sources
+from sceniris_gym.training import layout_sources, settings
 from sceniris_gym.training.judging import judge, judges_of
 from sceniris_gym.training.runner import load_checkpoint, runner_of
-from sceniris_gym.training.settings import (
-    CONFIG,
-    JUDGED,
-    LOG,
-    MODEL,
-    TEACHER,
-    Options,
-    evaluations,
-    of_a_run,
-    read_parts,
-    settings_of,
-    source_hash,
-    without_layouts,
-)
 from sceniris_gym.training.task_scenes import NAMESPACE, SEED_SPACING, hashes_of, make_env, scene_of
 
 FREE = ("out", "resume", "trust", "device", "minutes", "million_steps", "layouts")
@@ -68,11 +54,11 @@ class Run:
         ScenirisError: The task is unknown, or its scene cannot be compiled.
     """
 
-    def __init__(self, options: Options, show: Callable[[str], object] = lambda line: None) -> None:
+    def __init__(self, options: settings.Options, show: Callable[[str], object] = lambda line: None) -> None:
         options.check()
         self.options = options = replace(options, task=options.task.removeprefix(NAMESPACE))
-        self.checkpoint, self.log = options.out / MODEL, options.out / LOG
-        self.settings, self.show = settings_of(options.task, options.changes), show
+        self.checkpoint, self.log = options.out / settings.MODEL, options.out / settings.LOG
+        self.settings, self.show = settings.settings_of(options.task, options.changes), show
         if self.resumes:
             self._check_same()
         # Only training layouts: evaluation layouts do not depend on these options.
@@ -123,7 +109,7 @@ class Run:
             self.checkpoint.unlink(missing_ok=True)  # of an earlier run
             write_text(self.log, "")
             self._teach()
-        write_text(options.out / CONFIG, as_json(self._config(), indent=1))
+        write_text(options.out / settings.CONFIG, as_json(self._config(), indent=1))
         while not self.finished:
             self._train(options.every)
             judged = self.finished or self.seconds - self.judged_at >= options.evaluate_every
@@ -131,19 +117,19 @@ class Run:
                 self._judge()
             if judged or self.seconds - self.saved_at >= options.save_every:
                 self._save()
-        if not evaluations(options.out):  # the checkpoint was already beyond the end of this run
+        if not settings.evaluations(options.out):  # the checkpoint was already beyond the end of this run
             self._judge()
-        return evaluations(options.out)[-1]
+        return settings.evaluations(options.out)[-1]
 
     def _config(self) -> dict[str, Any]:
         task, parts = self.options.task, {"options": asdict(self.options), "settings": asdict(self.settings)}
-        hashes = {"sources": source_hash()} | hashes_of(task, build_model(scene_of(task, reachable=True)))
+        hashes = {"sources": settings.source_hash()} | hashes_of(task, build_model(scene_of(task, reachable=True)))
         return parts | {part: {"hash": value} for part, value in hashes.items()}
 
     def _check_same(self) -> None:
         """Check that the run to resume had the same options (except FREE), settings and hashes."""
-        file = self.options.out / CONFIG
-        told, wanted = read_parts(self.options.out), json.loads(as_json(self._config()))
+        file = self.options.out / settings.CONFIG
+        told, wanted = settings.read_parts(self.options.out), json.loads(as_json(self._config()))
         for part, values in wanted.items():
             for name, value in values.items():
                 before = told.get(part, {}).get(name)
@@ -178,7 +164,7 @@ class Run:
             teacher.learn(1)
             self.seconds += self._clock() - start
         self._tell("teacher", env.unwrapped.statistics.read())
-        with replacing(options.out / TEACHER) as file:
+        with replacing(options.out / settings.TEACHER) as file:
             teacher.save(str(file))
             load_checkpoint(self.runner, file, str(env.device))
         env.close()
@@ -206,8 +192,9 @@ class Run:
         self.judged_at = self.seconds
         policy, options = self.runner.get_inference_policy(str(self.env.device)), self.options
         found = {name: judge(policy, env, self._judged, options.layouts) for name, env in self.judges.items()}
-        write_text(options.out / JUDGED, as_json({"env_steps": self.env_steps, "seconds": self.seconds, **found}))
-        self._tell("eval", without_layouts(found))
+        judged = {"env_steps": self.env_steps, "seconds": self.seconds, **found}
+        write_text(options.out / settings.JUDGED, as_json(judged))
+        self._tell("eval", settings.without_layouts(found))
 
     def _save(self) -> None:
         self.saved_at = self.seconds
@@ -231,7 +218,7 @@ class Run:
         """Restore the checkpoint: networks, clock, log and the episodes of all worlds."""
         device, randomizer = self.env.device, self.env.unwrapped.randomizer
         progress = load_checkpoint(self.runner, self.checkpoint, str(device), trust=self.options.trust)
-        with of_a_run(self.checkpoint):
+        with settings.of_a_run(self.checkpoint):
             self.seconds, self.iterations = float(progress["seconds"]), int(progress["iterations"])
             self.judged_at, self.saved_at = float(progress["judged_at"]), self.seconds
             write_text(self.log, read_bytes(self.log)[: progress["log_size"]].decode())

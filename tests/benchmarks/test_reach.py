@@ -45,7 +45,7 @@ def test_moved_poses_are_the_same_to_the_arm():
 
 def test_lookups_are_measured():
     """In lookups a second."""
-    _, arm = read_arm("panda")
+    arm = read_arm("panda").arm
     assert lookup_rate(ReachMap.load(map_path("panda"), arm), "cpu", 1_000, repeats=2) > 1_000.0
 
 
@@ -79,7 +79,7 @@ def test_changes_count_beside_mixed_cells_only_where_neither_is_mixed():
 
 def test_the_truth_is_kept_and_judges_inverse_kinematics(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """Each solution holds; a second run reads the file; without a map there is nothing to say of maps."""
-    mjm, arm = read_arm("heron")
+    _, mjm, arm = read_arm("heron")
     asked = know("heron", arm, "B", 60, 5, tmp_path)
     assert asked.free is not None
     assert 0.1 < asked.reached.mean() < 0.6

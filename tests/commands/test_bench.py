@@ -10,6 +10,7 @@ from PIL import Image
 from ruamel.yaml import YAML
 
 from sceniris_gym.commands.bench import REPEATS, bench, faces, peak_bytes
+from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import MemoryLimitError
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import LayoutStatus
@@ -23,7 +24,7 @@ WORLDS = 16
 def test_shares_are_those_of_the_layouts_that_were_timed():
     """The last twenty episodes of four and twenty, made again; two attempts and no restart, so that some fail."""
     hard = {"attempts": 2, "restarts": 0}
-    found = bench("mid", WORLDS, "cpu", 3, hard)
+    found = bench(SceneConfig.load("mid", hard), WORLDS, "cpu", 3)
     generator = LayoutGenerator(compile_on_cpu("mid", hard), WORLDS, seed=3)
     status, first, attempts = [], [], []
     for _ in range(4 + REPEATS):
@@ -50,7 +51,7 @@ def test_a_scene_to_be_reached_is_narrowed_and_drawn(tmp_path: Path):
     crane_map(asset)
     with (tmp_path / "ring.yaml").open("w") as stream:
         YAML().dump(crane_scene(asset, cube), stream)
-    found = bench(tmp_path / "ring.yaml", WORLDS, "cpu", 0, picture=tmp_path / "ring.png")
+    found = bench(SceneConfig.load(tmp_path / "ring.yaml"), WORLDS, "cpu", 0, picture=tmp_path / "ring.png")
     assert found["narrowing"]["thing"]["candidates"] <= WORLDS
     assert found["picture"] == str(tmp_path / "ring.png")
     assert Image.open(tmp_path / "ring.png").size[0] > 100
@@ -83,11 +84,11 @@ def test_memory_is_told_before_it_is_measured_or_refused(
     """With the number of worlds; more than fit are refused with the greatest number."""
     monkeypatch.setattr(simulation, "free_memory", lambda device: 1 << 30)
     with pytest.raises(MemoryLimitError, match=r"100,000 worlds: takes .* GiB or more.*\(at most (\d+,)*\d+\)"):
-        bench("mid", 100_000, "cpu", 0)
+        bench(SceneConfig.load("mid"), 100_000, "cpu", 0)
     assert "take" not in capsys.readouterr().err
     monkeypatch.setattr("sceniris_gym.commands.bench.LayoutGenerator", _stop)
     with pytest.raises(InterruptedError):
-        bench("mid", WORLDS, "cpu", 0)
+        bench(SceneConfig.load("mid"), WORLDS, "cpu", 0)
     assert capsys.readouterr().err == "16 worlds take 0.00 GiB of 1.00 GiB free on cpu.\n"
 
 

@@ -20,6 +20,7 @@ pytest.importorskip("rsl_rl")
 from sceniris_gym import ImageConfig, cli
 from sceniris_gym.commands import evaluate as module
 from sceniris_gym.commands.evaluate import evaluate, report
+from sceniris_gym.commands.options import Evaluation
 from sceniris_gym.commands.train import train
 from sceniris_gym.errors import ArgumentError, SceneMismatchError
 from sceniris_gym.scene.build import build_model
@@ -118,7 +119,7 @@ def test_failures_of_a_policy_that_sees_images_are_viewed_without_it(
     monkeypatch.setattr(module, "judge", lambda *_: found)
     monkeypatch.setattr(module, "Policy", lambda *_, trust: None)
     task = json.loads((run / "config.json").read_text())["options"]["task"]
-    told = evaluate(run, 1, "cpu", failed=tmp_path / "failed.txt", task=task)
+    told = evaluate(Evaluation(run, 1, failed=tmp_path / "failed.txt", task=task, device="cpu"))
     assert told["view"] == f"sceniris-gym view --env {task} --layout {tmp_path / 'failed.txt'}"
 
 
@@ -180,7 +181,7 @@ def test_a_task_that_only_the_folder_names_is_not_imported(tmp_path: Path, monke
     (tmp_path / "model.pt").touch()
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ArgumentError, match=r"config\.json: .* Python code.*give --task beside:Foo-v0"):
-        evaluate(tmp_path, 1, "cpu")
+        evaluate(Evaluation(tmp_path, 1, device="cpu"))
 
 
 def test_a_policy_of_a_version_with_other_layouts_is_refused(tmp_path: Path):
@@ -189,7 +190,7 @@ def test_a_policy_of_a_version_with_other_layouts_is_refused(tmp_path: Path):
     (tmp_path / "config.json").write_text(json.dumps(told))
     (tmp_path / "model.pt").touch()
     with pytest.raises(SceneMismatchError, match=r"this policy was made by version 0\.1\.0 or before"):
-        evaluate(tmp_path, 1, "cpu")
+        evaluate(Evaluation(tmp_path, 1, device="cpu"))
 
 
 def test_the_policy_is_exported_as_the_page_says(run: Path, capfd: pytest.CaptureFixture):

@@ -36,7 +36,7 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("arm") / "gantry.xml"
     mjm, _ = gantry()
     mujoco.mj_saveLastXML(str(path), mjm)
-    reach.build(str(path), path.with_suffix(".reach"), "cpu", step=0.2, tilt_step=math.radians(30))
+    reach.build(reach.read_arm(str(path)), path.with_suffix(".reach"), "cpu", step=0.2, tilt_step=math.radians(30))
     return path
 
 
@@ -136,14 +136,16 @@ def test_without_a_map_poses_are_solved(tmp_path: Path, capfd: pytest.CaptureFix
     found = answer(capfd, path)
     assert found["default_tier"] == "ik"
     assert "degrees off the z axis" in found["why_ik"]
+    given = reach.read_arm(str(path))
     with pytest.raises(MapError, match=r"cannot have a map: .* Use --tier ik"):
-        reach.judge(str(path), None, tmp_path / "poses.npy", tmp_path / "out.npy", Tier.of("map"), "cpu")
+        reach.judge(given, None, tmp_path / "poses.npy", tmp_path / "out.npy", Tier.of("map"), "cpu")
 
 
 def test_clear_needs_a_layout(arm: Path, tmp_path: Path):
     """Poses alone have none."""
+    given, poses_file = reach.read_arm(str(arm)), asked(tmp_path, random_poses(2))
     with pytest.raises(NotSupportedError, match="--poses gives none"):
-        reach.judge(str(arm), None, asked(tmp_path, random_poses(2)), tmp_path / "out.npy", Tier.of("clear"), "cpu")
+        reach.judge(given, None, poses_file, tmp_path / "out.npy", Tier.of("clear"), "cpu")
 
 
 @pytest.mark.parametrize(
@@ -193,7 +195,7 @@ def test_an_arm_without_a_site_is_told_its_tcp(tmp_path: Path):
     """By a word of the scene, as `--set` has it."""
     link = "<body name='hand'><joint axis='0 0 1'/><geom size='0.1'/></body>"
     (tmp_path / "own.xml").write_text(f"<mujoco><worldbody><body name='b'>{link}</body></worldbody></mujoco>")
-    _, arm = reach.read_arm(str(tmp_path / "own.xml"), {"robot.tcp": "hand"})
+    _, _, arm = reach.read_arm(str(tmp_path / "own.xml"), {"robot.tcp": "hand"})
     assert (arm.name, len(arm.joints)) == ("own", 1)
 
 
@@ -211,7 +213,7 @@ def test_the_advice_never_overwrites_another_arms_map(arm: Path, tmp_path: Path,
     poses_file, out = asked(tmp_path, random_poses(2)), tmp_path / "out.npy"
     panda = reach.map_path("panda")
     with pytest.raises(MapError, match=r"links, limits or TCP differ\. Leave out --map") as told:
-        reach.judge(str(arm), panda, poses_file, out, Tier.of("map"), "cpu")
+        reach.judge(reach.read_arm(str(arm)), panda, poses_file, out, Tier.of("map"), "cpu")
     assert "--build" not in str(told.value)
     mjm, _ = gantry()
     new = tmp_path / "new.xml"
@@ -219,11 +221,11 @@ def test_the_advice_never_overwrites_another_arms_map(arm: Path, tmp_path: Path,
     build = f"sceniris-gym reach {new} --build -o {new.with_suffix('.reach')}"
     for path in (panda, poses_file, None):
         with pytest.raises(MapError) as told:
-            reach.judge(str(new), path, poses_file, out, Tier.of("map"), "cpu")
+            reach.judge(reach.read_arm(str(new)), path, poses_file, out, Tier.of("map"), "cpu")
         assert str(told.value).endswith((f"{build}.", f"{build})."))
     new.with_suffix(".reach").write_text("damaged")
     with pytest.raises(MapError, match="the file is damaged, or not a reachability map") as told:
-        reach.judge(str(new), None, poses_file, out, Tier.of("map"), "cpu")
+        reach.judge(reach.read_arm(str(new)), None, poses_file, out, Tier.of("map"), "cpu")
     assert str(told.value).endswith(f"Build it again: {build}.")
 
 
@@ -252,13 +254,13 @@ def test_one_command_at_a_time(arm: Path, tmp_path: Path, capfd: pytest.CaptureF
 def test_a_height_without_a_map_is_refused(arm: Path, tmp_path: Path, height: float):
     """Above, below, and nowhere."""
     with pytest.raises(MapError, match=r"--height .*: should be from -?\d.* to \d.* m"):
-        reach.show(str(arm), None, tmp_path / "a.png", height, "cpu")
+        reach.show(reach.read_arm(str(arm)), None, tmp_path / "a.png", height, "cpu")
 
 
 def test_a_picture_is_a_png(arm: Path, tmp_path: Path):
     """Another suffix is refused before any work is done."""
     for draw in (
-        lambda out: reach.show(str(arm), None, out, 0.1, "cpu"),
+        lambda out: reach.show(reach.read_arm(str(arm)), None, out, 0.1, "cpu"),
         lambda out: cli.check.__wrapped__("mid", picture=out),  # pyrefly: ignore[missing-attribute]
     ):
         with pytest.raises(NotSupportedError, match=r"a\.jpg: a picture should be a PNG"):
@@ -272,11 +274,11 @@ def test_a_map_that_depends_on_turns_is_used_with_a_warning(tmp_path: Path):
     poses_file, out = asked(tmp_path, down), tmp_path / "out.npy"
     for tier in ("map", "map_strict"):
         with pytest.warns(ReachWarning, match=rf"heron --tier {tier}: .*its map is wrong about 2\.4%"):
-            reach.judge("heron", None, poses_file, out, Tier.of(tier), "cpu")
+            reach.judge(reach.read_arm("heron"), None, poses_file, out, Tier.of(tier), "cpu")
     with warnings.catch_warnings():
         warnings.simplefilter("error", ReachWarning)
-        found = reach.judge("heron", None, poses_file, out, None, "cpu")
-        reach.judge("panda", None, poses_file, out, Tier.of("map"), "cpu")
+        found = reach.judge(reach.read_arm("heron"), None, poses_file, out, None, "cpu")
+        reach.judge(reach.read_arm("panda"), None, poses_file, out, Tier.of("map"), "cpu")
     assert found["tier"] == "ik"
     assert "which maps ignore" in found["why_ik"]
 
@@ -294,16 +296,16 @@ def test_a_map_that_is_too_coarse_says_so(arm: Path, tmp_path: Path, capfd: pyte
         assert re.search(says, told["why_ik"])
     poses_file, out = asked(tmp_path, random_poses(20)), tmp_path / "out.npy"
     with pytest.warns(ReachWarning, match=f"--tier map: its map is {says}"):
-        assert reach.judge(str(arm), None, poses_file, out, Tier.MAP, "cpu")["tier"] == "map"
+        assert reach.judge(reach.read_arm(str(arm)), None, poses_file, out, Tier.MAP, "cpu")["tier"] == "map"
     with warnings.catch_warnings():
         warnings.simplefilter("error", ReachWarning)
-        judged = reach.judge(str(arm), None, poses_file, out, None, "cpu")
+        judged = reach.judge(reach.read_arm(str(arm)), None, poses_file, out, None, "cpu")
     assert (judged["tier"], judged["why_ik"]) == ("ik", shown["why_ik"])
 
 
 def test_a_map_that_was_not_measured_is_used():
     """The shipped ones are such; their default is what it was."""
     for name, tier in (("panda", "map"), ("ur5e", "map"), ("heron", "ik")):
-        _, arm = reach.read_arm(name)
-        found = reach.describe(name, arm, reach.find_map(name, arm, None))
+        given = reach.read_arm(name)
+        found = reach.describe(given, reach.find_map(given, None))
         assert (found["false_accepts"], found["default_tier"]) == (None, tier)

@@ -107,7 +107,7 @@ def test_a_policy_that_sees_images_imitates_a_teacher_that_sees_none(tmp_path: P
     run = train.Run(Options("TabletopReachPixels-v0", **common, million_steps=4e-6))
     assert run.env.get_observations()["front"].shape == (2, 4, 64, 64)
     monkeypatch.setattr(run, "_judge", lambda: None)
-    monkeypatch.setattr(train, "evaluations", lambda _: [{}])
+    monkeypatch.setattr(train.settings, "evaluations", lambda _: [{}])
     before = {name: value.clone() for name, value in run.runner.alg.get_policy().state_dict().items()}
     run.go()
     taught = torch.load(tmp_path / "teacher.pt", weights_only=False)["actor_state_dict"]
@@ -138,7 +138,7 @@ def test_a_training_ends_within_an_iteration_of_its_time(tmp_path: Path, monkeyp
     small: dict[str, Any] = {"num_envs": 2, "device": "cpu", "changes": ("steps=4", "hidden=[8]", "epochs=1")}
     run = train.Run(Options("TabletopReach-v0", out=tmp_path, minutes=0.5, every=10, **small))
     monkeypatch.setattr(run, "_judge", lambda: None)
-    monkeypatch.setattr(train, "evaluations", lambda _: [{}])
+    monkeypatch.setattr(train.settings, "evaluations", lambda _: [{}])
     monkeypatch.setattr(run, "_clock", partial(next, count(0.0, 10.0)))
     run.go()
     (line,) = map(json.loads, run.log.read_text().splitlines())
@@ -155,7 +155,7 @@ def test_levels_go_on_with_a_training(tmp_path: Path, monkeypatch: pytest.Monkey
     options = Options("TabletopReach-v0", **common, changes=("steps=4", "hidden=[8]", "epochs=1"), million_steps=48e-6)
     run = train.Run(options)
     monkeypatch.setattr(run, "_judge", lambda: None)
-    monkeypatch.setattr(train, "evaluations", lambda _: [{}])
+    monkeypatch.setattr(train.settings, "evaluations", lambda _: [{}])
     run.go()
     kept = torch.load(tmp_path / "model.pt", weights_only=True)["infos"]["levels"]
     again = train.Run(replace(options, resume=True))
