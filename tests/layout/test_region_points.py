@@ -149,6 +149,6 @@ def test_points_are_the_same_for_any_number_of_worlds_and_size_of_the_search():
 def test_a_point_off_its_support_is_refused():
     """By its number, with how far off it is and where the support ends."""
     goal = {"kind": "marker", "on": "floor", "region": {"points": [[0.5, 0.5], [0.1, 0.6]]}}
-    says = r"objects\.goal\.on: point 1 of the region, \[0\.1, 0\.6\], .*off the surface, by 0\.1 m\. .* Move"
+    says = r"objects\.goal\.on: 'floor': point 1 of the region, \[0\.1, 0\.6\], .*off the surface, by 0\.1 m\. .* Move"
     with pytest.raises(SceneKeyError, match=says):
         compile_on_cpu({"floor": FLOOR, "objects": {"goal": goal}})

@@ -281,8 +281,9 @@ LISTED = {
     },  # only a warning about what the file has
     "program/checks/standing.py": {"model.opt.gravity"},
     "program/dropping.py": {"model.dof_armature"},
-    # where a control range ends: drawn gains scale both, and a drawn bias shifts the ends of fingers by its share
-    "grasping/gripper.py": {"mjm.actuator_gainprm", "mjm.actuator_biasprm"},
+    # where a control range ends: drawn gains scale both, and a drawn bias or spring shifts the ends of fingers by its
+    # share, while grasps keep the opening of the model
+    "grasping/gripper.py": {"mjm.actuator_gainprm", "mjm.actuator_biasprm", "mjm.jnt_stiffness"},
     "grasping/linkage.py": {"mjm.jnt_stiffness"},  # only chooses among positions that close a loop
     "program/loads.py": {"windy.opt.wind", "windy.body_mass", "mjm.body_invweight0", "mjm.weights"},
     "program/pack/program.py": {"mjm.body_ipos", "mjm.weights"},

@@ -30,7 +30,7 @@ def test_an_id_leads_to_its_layout_and_others_are_refused():
     """The id of a layout of this scene; one of another scene; and what is no id."""
     deck = LayoutDeck(compiled_scene(SCENE), 1)
     assert deck.find(f" {deck.compiled.layout_id(2**63, 5, 'eval')} ") == Where("eval", 2**63, 5)
-    with pytest.raises(SceneMismatchError, match="this scene is"):
+    with pytest.raises(SceneMismatchError, match="'clutter' is now scene"):
         deck.find("0123456789abcdef:train:1:0")
     with pytest.raises(ArgumentError, match="should be scenehash"):
         deck.find("apple")
