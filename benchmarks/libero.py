@@ -15,9 +15,8 @@ file, then the sums. Lines that the file has already are kept.
 
 With `--things`, FOLDER has MJCF files of objects, of LIBERO or of others. The files of a pattern are variants of one
 slot, which stands beside a can, with `orientation: stable` if an error advises it. A refused file is left out, with the
-error. Each layout is judged on MuJoCo C's
-own model of the file, a floor and the can: `penetrate` counts layouts with bodies over 0.1 mm in each other, and
-`moved` those in which the object moves by more than 1 cm in half a second.
+error. Each layout is judged on MuJoCo C's own model of the file, a floor and the can: `penetrate` counts layouts with
+bodies over 0.1 mm in each other, and `moved` layouts in which the object moves by more than 1 cm in half a second.
 """
 
 from __future__ import annotations
