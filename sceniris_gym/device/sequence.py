@@ -102,6 +102,29 @@ def repeat_launches(left: wp.array, launches: Callable[[], None], most: int) -> 
         wp.capture_while(left, launches)
 
 
+@functools.cache
+def _side_stream(device: str, priority: int) -> wp.Stream:
+    return wp.Stream(device, priority=priority)
+
+
+def launch_beside(first: Callable[[], None], second: Callable[[], None], device: wp.Device) -> None:
+    """Make two groups of launches that do not wait for each other: in a graph of a GPU, they run at the same time.
+
+    Everywhere else, `first` runs before `second`. Both may write an array only if the result does not depend on the
+    order.
+    """
+    if not device.is_cuda or not device.is_capturing:
+        first()
+        second()
+        return
+    stream = device.stream
+    side = _side_stream(device.alias, stream.priority)
+    with wp.ScopedStream(side):
+        first()
+    second()
+    stream.wait_stream(side)
+
+
 def _capture(launches: Callable[[], None], device: wp.Device, priority: int = 0) -> wp.Graph | None:
     # on a new stream: CUDA cannot capture the null stream, which is torch's current stream by default
     stream = wp.Stream(device, priority=priority) if device.is_cuda else None

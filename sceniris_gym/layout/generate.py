@@ -12,7 +12,7 @@ import warp as wp
 
 from sceniris_gym.device.fixed import Fixed
 from sceniris_gym.device.random import SPLITS
-from sceniris_gym.device.sequence import launching, repeat_launches
+from sceniris_gym.device.sequence import launch_beside, launching, repeat_launches
 from sceniris_gym.errors import ArgumentError, SceneMismatchError, check_type
 from sceniris_gym.layout.layouts import Layouts, allocate_record, column_of
 from sceniris_gym.layout.masks import as_count, fill_mask
@@ -47,6 +47,8 @@ from sceniris_gym.scene.layout_table import LayoutTable
 
 # A redraw places few objects in few worlds, so a small wave suffices. Further candidates wait for the next wave.
 _MOST_REDRAWN = 1 << 14
+# The test for standing of a stack with more levels takes longer than the collision test.
+_LOW_STACK = 2
 
 
 class LayoutGenerator(Fixed, LayoutSource):
@@ -108,6 +110,7 @@ class LayoutGenerator(Fixed, LayoutSource):
         self._work = Workspace(compiled, program, statics, ahead, reaches, SPLITS[split], size, view, search)
         staged = reaching is not None and (reaching.staged or compiled.starts is not None)
         self._stage = ReachStage(self._work, reaching) if reaching is not None and staged else None
+        self._stacks_are_low = statics is not None and statics.obj_levelnum.numpy().max() <= _LOW_STACK
         # First, waves are full: there are more rows than candidates. Later, each wave has a candidate of every row.
         most_trials, capacity = len(compiled.placed) * compiled.attempts, search.cause.shape[0]
         self._most_waves = most_trials + -(-(nworld + size.rows) * most_trials // capacity)
@@ -208,14 +211,21 @@ class LayoutGenerator(Fixed, LayoutSource):
         if self._at_markers > 0:
             launch_put_at_markers(work, self._at_markers)
         launch_prefilter(work)
-        launch_test_collisions(work)
-        if work.program.visual:
-            launch_test_containment(work)
-        if work.statics is not None:
+        if work.statics is None:
+            self._test_collisions()
+        elif self._stacks_are_low:
+            launch_beside(self._test_collisions, partial(launch_test_standing, work), self._mask.device)
+        else:
+            self._test_collisions()
             launch_test_standing(work)
         if self._stage is not None:
             self._stage.launch_test_hands()
         launch_accept(work, staged)
+
+    def _test_collisions(self) -> None:
+        launch_test_collisions(self._work)
+        if self._work.program.visual:
+            launch_test_containment(self._work)
 
     def twin(self) -> LayoutGenerator:
         """See `LayoutSource`.

@@ -11,7 +11,14 @@ import numpy as np
 import pytest
 import warp as wp
 
-from sceniris_gym.device.sequence import LaunchSequence, ObjectLock, exclusive, launching, repeat_launches
+from sceniris_gym.device.sequence import (
+    LaunchSequence,
+    ObjectLock,
+    exclusive,
+    launch_beside,
+    launching,
+    repeat_launches,
+)
 from sceniris_gym.errors import BusyError
 from sceniris_gym.layout.generate import LayoutGenerator
 from tests.layout.scenes import FLOOR, box_mjcf, compile_on_cpu
@@ -187,3 +194,38 @@ def test_generators_of_two_threads_are_captured_apart(tmp_path: Path):
         together = list(pool.map(lambda number: made(number, wait=True), range(4)))
     for one, other in zip(alone, together, strict=True):
         np.testing.assert_array_equal(one, other)
+
+
+@wp.kernel(enable_backward=False)
+def _add(values: wp.array[int], first: int, by: int):
+    values[first + wp.tid()] += by
+
+
+@wp.kernel(enable_backward=False)
+def _sum(values: wp.array[int], left: wp.array[int], total_out: wp.array[int]):
+    for i in range(values.shape[0]):
+        total_out[0] += values[i]
+    left[0] -= 1
+
+
+@pytest.mark.parametrize("device", ["cpu", pytest.param("cuda:0", marks=pytest.mark.cuda)])
+@pytest.mark.parametrize("graph", [False, True])
+def test_launches_after_two_groups_wait_for_both(device: str, graph: bool):
+    """Each pass of a loop adds 1 to one half and 2 to the other half, then sums all: 3 n (1 + 2 + 3) after 3 passes."""
+    n = 1 << 12
+    values, left, total = (wp.zeros(size, dtype=int, device=device) for size in (2 * n, 1, 1))
+
+    def add(first: int, by: int) -> None:
+        wp.launch(_add, dim=n, inputs=[values, first, by], device=device)
+
+    def once() -> None:
+        launch_beside(lambda: add(0, 1), lambda: add(n, 2), values.device)
+        wp.launch(_sum, dim=1, inputs=[values, left], outputs=[total], device=device)
+
+    launches = LaunchSequence(lambda: repeat_launches(left, once, 3), values.device, graph=graph)
+    for _ in range(5):
+        for array, value in ((values, 0), (total, 0), (left, 3)):
+            array.fill_(value)
+        launches.replay()
+        assert total.numpy()[0] == 3 * n * (1 + 2 + 3)
+        assert left.numpy()[0] == 0

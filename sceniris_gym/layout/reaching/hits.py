@@ -1,7 +1,7 @@
 """Test the robot, posed for a candidate, for collision: one list of pairs per step.
 
-A candidate has one pose, or two: in the grasp and in the pre-grasp. One block tests both, or two blocks test one each,
-side by side. The first step that fails counts.
+A candidate has one pose, or two: in the grasp and in the pre-grasp. A block takes the steps of a candidate, one after
+the other. The first step that fails counts.
 """
 
 import warp as wp
@@ -9,7 +9,15 @@ import warp as wp
 from sceniris_gym.collide.boxes import NARROW_STACK, SHARED_STACK, UNPROVEN, collides, collides_without_stack, encloses
 from sceniris_gym.device.blocks import block_any
 from sceniris_gym.layout.layouts import LayoutsView
-from sceniris_gym.layout.reaching.search import IN_HAND, ReachSearch, ReachStep, candidate_num, pose_index, takes_step
+from sceniris_gym.layout.reaching.search import (
+    IN_HAND,
+    ReachSearch,
+    ReachStep,
+    candidate_num,
+    fail_grasp,
+    pose_index,
+    takes_step,
+)
 from sceniris_gym.layout.wave.search import Workspace
 from sceniris_gym.program.device import Cause, Program
 from sceniris_gym.program.device_reach import Reach
@@ -32,6 +40,15 @@ def _pairs_of(reach: Reach, reach_search: ReachSearch, step: int, row: int) -> i
     return reach.arm_scene[column]
 
 
+@wp.func
+def _fail(reach_search: ReachSearch, c: int, step: int):
+    """Let a candidate fail at a step. A step before the inverse kinematics decides for all starts of the grasp."""
+    if step < ReachStep.IK_AT_GRASP:
+        fail_grasp(reach_search, c, step)
+    else:
+        wp.atomic_min(reach_search.failed, c, step)
+
+
 @wp.kernel(grid_stride=False, cuda_max_registers=128)
 def _test(
     blocks: int,
@@ -40,25 +57,22 @@ def _test(
     first: int,
     second: int,
     last: int,
-    split: int,
     # Layouts in: bodies*
     layouts: LayoutsView,
-    # ReachSearch in: column, tier, candidates, row, ik_start, body_pos, body_quat; both: failed
+    # ReachSearch in: column, tier, first, trials, candidates, row, ik_start, body_pos, body_quat; both: failed
     reach_search: ReachSearch,
 ):
     block, lane = wp.tid()
     nodes = wp.tile_stack(capacity=wp.static(SHARED_STACK), dtype=wp.vec3i)
     leaves = wp.tile_stack(capacity=wp.static(NARROW_STACK), dtype=wp.vec3i)
-    for i in range(block, split * candidate_num(reach_search), blocks):
-        c = i // split
+    for c in range(block, candidate_num(reach_search), blocks):
         row = reach_search.row[c]
         pos = layouts.body_pos[row]
         quat = layouts.body_quat[row]
-        step = wp.where(i % split == 0, first, second)
-        end = wp.where(i % split == split - 1, last + 1, second)
+        step = int(first)
         hit = bool(False)
-        while step < end and not hit:
-            # the block of the other pose may write `failed` meanwhile, so all lanes agree first
+        while step <= last and not hit:
+            # the inverse kinematics may write `failed` meanwhile, so all lanes agree first
             if block_any(int(takes_step(reach_search, c, step))) != 0:
                 pairs = _pairs_of(reach, reach_search, step, row)
                 at = pose_index(reach_search, c, int(step >= second))
@@ -72,7 +86,7 @@ def _test(
                     hit = collides_without_stack(program, adr, num, lane, own_pos, own_quat, pos, quat)
             step += 1
         if lane == 0 and hit:
-            wp.atomic_min(reach_search.failed, c, step - 1)
+            _fail(reach_search, c, step - 1)
 
 
 @wp.kernel(grid_stride=False)
@@ -83,22 +97,19 @@ def _test_containment(
     first: int,
     second: int,
     last: int,
-    split: int,
     # Layouts in: bodies*
     layouts: LayoutsView,
-    # ReachSearch in: column, tier, candidates, row, ik_start, body_pos, body_quat; both: failed
+    # ReachSearch in: column, tier, first, trials, candidates, row, ik_start, body_pos, body_quat; both: failed
     reach_search: ReachSearch,
 ):
     block, lane = wp.tid()
-    for i in range(block, split * candidate_num(reach_search), blocks):
-        c = i // split
+    for c in range(block, candidate_num(reach_search), blocks):
         row = reach_search.row[c]
         pos = layouts.body_pos[row]
         quat = layouts.body_quat[row]
-        step = wp.where(i % split == 0, first, second)
-        end = wp.where(i % split == split - 1, last + 1, second)
+        step = int(first)
         inside = bool(False)
-        while step < end and not inside:
+        while step <= last and not inside:
             if block_any(int(takes_step(reach_search, c, step))) != 0:
                 pairs = _pairs_of(reach, reach_search, step, row)
                 at = pose_index(reach_search, c, int(step >= second))
@@ -108,7 +119,7 @@ def _test_containment(
                 inside = encloses(program, adr, reach.arm_pairnum[pairs], lane, own_pos, own_quat, pos, quat)
             step += 1
         if lane == 0 and inside:
-            wp.atomic_min(reach_search.failed, c, step - 1)
+            _fail(reach_search, c, step - 1)
 
 
 def launch_test_arm(
@@ -123,8 +134,6 @@ def launch_test_arm(
 
     The steps from `second` on test the pre-grasp. With None, candidates have a single pose.
     """
-    # In scenes with starts, the first joints hardly ever fail, so testing both poses at once is hardly ever in vain.
-    split = 1 if second is None or work.compiled.starts is None else 2
-    steps = [int(first), int(last) + 1 if second is None else int(second), int(last), split]
+    steps = [int(first), int(last) + 1 if second is None else int(second), int(last)]
     for test in (_test, _test_containment) if work.program.visual else (_test,):
         work.launch_blocks(test, work.program, reach, *steps, work.layouts, reach_search)

@@ -12,7 +12,6 @@ from sceniris_gym.layout.reaching.search import (
     ReachSearch,
     ReachStep,
     candidate_num,
-    first_start,
     takes_step,
 )
 from sceniris_gym.layout.wave.search import Search, Workspace, numbered_stream
@@ -76,45 +75,31 @@ def _nearest_turns(arm: ArmView, there: vec8, before: vec8):
     return q, near
 
 
-@wp.kernel(grid_stride=False)
-def _choose_starts(
-    lanes: int,
-    reach: Reach,
-    split: wp.uint32,
-    # Layouts in: qpos, pending*, bodies*
-    layouts: LayoutsView,
-    # Search in: restarts*
-    search: Search,
-    # ReachSearch in: column, tier, first, candidates, row, grasp, ik_start; out: grasp_qpos; both: failed
-    reach_search: ReachSearch,
-):
-    for c in range(wp.tid(), candidate_num(reach_search), lanes):
-        of_grasp = first_start(reach_search, c)
-        if of_grasp >= 0:
-            if reach_search.failed[of_grasp] < ReachStep.IK_AT_GRASP:
-                reach_search.failed[c] = reach_search.failed[of_grasp]
-        if not takes_step(reach_search, c, ReachStep.IK_AT_GRASP):
-            continue
-        row = reach_search.row[c]
-        column = reach_search.column[row]
-        grasp = reach_search.grasp[c]
-        start = reach_search.ik_start[c]
-        q = vec8()
-        if start == 0:
-            for i in range(MAX_JOINTS):
-                if i < reach.arm.njoint:
-                    q[i] = layouts.qpos[row, reach.arm_qposadr[i]]
-        elif reach.mapped != 0 and start <= wp.static(WITNESSES):
-            pos, quat = _target(reach, layouts, row, grasp)
-            q = witness(reach.map, pos, quat, start - 1)
-        else:
-            stream = numbered_stream(split, REACH_STREAM)
-            trial = search.row_restart[row] * layouts.grasp.shape[1] + column
-            draw = (grasp - reach.reach_graspadr[column]) * wp.static(STARTS) + start
-            worldid = search.row_world[row]
-            seed = layouts.pending_seed[worldid]
-            q = _drawn(reach.arm, seed, layouts.pending_episode[worldid], stream, trial, draw)
-        reach_search.grasp_qpos[c] = q
+@wp.func
+def start_joints(
+    reach: Reach, layouts: LayoutsView, search: Search, reach_search: ReachSearch, split: wp.uint32, c: int
+) -> vec8:
+    """Return the initial joint positions of a candidate's inverse kinematics."""
+    row = reach_search.row[c]
+    column = reach_search.column[row]
+    grasp = reach_search.grasp[c]
+    start = reach_search.ik_start[c]
+    q = vec8()
+    if start == 0:
+        for i in range(MAX_JOINTS):
+            if i < reach.arm.njoint:
+                q[i] = layouts.qpos[row, reach.arm_qposadr[i]]
+    elif reach.mapped != 0 and start <= wp.static(WITNESSES):
+        pos, quat = _target(reach, layouts, row, grasp)
+        q = witness(reach.map, pos, quat, start - 1)
+    else:
+        stream = numbered_stream(split, REACH_STREAM)
+        trial = search.row_restart[row] * layouts.grasp.shape[1] + column
+        draw = (grasp - reach.reach_graspadr[column]) * wp.static(STARTS) + start
+        worldid = search.row_world[row]
+        seed = layouts.pending_seed[worldid]
+        q = _drawn(reach.arm, seed, layouts.pending_episode[worldid], stream, trial, draw)
+    return q
 
 
 @wp.kernel(grid_stride=False)
@@ -142,11 +127,10 @@ def _solve(
         else:
             reach_search.grasp_qpos[c] = found.q
         if not passed:
-            reach_search.failed[c] = step
+            wp.atomic_min(reach_search.failed, c, step)
 
 
 def launch_ik(work: Workspace, reach: Reach, clear: bool, reach_search: ReachSearch) -> None:
     """Solve for the joints of the candidates' grasps. If `clear`, also solve for the joints of their pre-grasps."""
-    work.launch_lanes(_choose_starts, reach, work.split, work.layouts, work.search, reach_search)
     for step in (ReachStep.IK_AT_GRASP, ReachStep.IK_AT_PREGRASP) if clear else (ReachStep.IK_AT_GRASP,):
         work.launch_lanes(_solve, reach, int(step), work.layouts, reach_search)

@@ -1,4 +1,4 @@
-"""Pose the hand or the whole robot of a candidate in a grasp or pre-grasp. One lane works on one candidate."""
+"""Pose the hand or the whole robot of a candidate in a grasp or pre-grasp. One lane works on one pose."""
 
 import warp as wp
 
@@ -122,12 +122,14 @@ def _is_deferred(reach_search: ReachSearch, at_once: int, c: int) -> bool:
     if reach_search.candidates[0] > reach_search.failed.shape[0]:
         return False
     row = reach_search.row[c]
-    earlier = int(0)
-    for other in range(reach_search.first[row], c):
+    left = wp.max(1 + 8 * reach_search.tried[row], at_once // reach_search.rows[0])
+    other = int(reach_search.first[row])
+    while left > 0 and other < c:
         failed = reach_search.failed[other]
         if failed == ReachStep.DEFERRED or failed >= ReachStep.SELF_AT_GRASP:
-            earlier += 1
-    return earlier >= wp.max(1 + 8 * reach_search.tried[row], at_once // reach_search.rows[0])
+            left -= 1
+        other += 1
+    return left == 0
 
 
 @wp.kernel(grid_stride=False)
@@ -144,30 +146,35 @@ def _pose(
     #   both: failed, qpos, body_pos, body_quat
     reach_search: ReachSearch,
 ):
-    for c in range(wp.tid(), candidate_num(reach_search), lanes):
+    num = candidate_num(reach_search)
+    for i in range(wp.tid(), 2 * num, lanes):
+        c = i % num
+        pose = i // num
+        if not takes_step(reach_search, c, wp.where(pose == 0, first, second)):
+            continue
+        if first == ReachStep.SELF_AT_GRASP and pose == 0:
+            # the lane of the other pose may pose a deferred candidate in vain
+            if _is_deferred(reach_search, at_once, c):
+                reach_search.failed[c] = ReachStep.DEFERRED
+                continue
         row = reach_search.row[c]
         grasp = reach_search.grasp[c]
         from_qpos = layouts.qpos[row]
-        qpos = reach_search.qpos[c]
-        if first == ReachStep.SELF_AT_GRASP and takes_step(reach_search, c, first):
-            if _is_deferred(reach_search, at_once, c):
-                reach_search.failed[c] = ReachStep.DEFERRED
-        for pose in range(2):
-            if not takes_step(reach_search, c, wp.where(pose == 0, first, second)):
-                continue
-            pos = reach_search.body_pos[pose_index(reach_search, c, pose)]
-            quat = reach_search.body_quat[pose_index(reach_search, c, pose)]
-            if first < ReachStep.IK_AT_GRASP:
-                back = float(pose) * wp.static(PREGRASP_DISTANCE)
-                target_pos = layouts.body_pos[row]
-                pose_hand(program, reach, grasp, back, target_pos, layouts.body_quat[row], from_qpos, qpos, pos, quat)
-            else:
-                joints = reach_search.grasp_qpos[c]
-                if pose == 1:
-                    joints = reach_search.pregrasp_qpos[c]
-                take_joints(program, reach.arm_body, from_qpos, qpos)
-                open_gripper(reach, grasp, qpos)
-                pose_arm(program, reach, layouts, row, joints, qpos, pos, quat)
+        at = pose_index(reach_search, c, pose)
+        qpos = reach_search.qpos[at]
+        pos = reach_search.body_pos[at]
+        quat = reach_search.body_quat[at]
+        if first < ReachStep.IK_AT_GRASP:
+            back = float(pose) * wp.static(PREGRASP_DISTANCE)
+            target_pos = layouts.body_pos[row]
+            pose_hand(program, reach, grasp, back, target_pos, layouts.body_quat[row], from_qpos, qpos, pos, quat)
+        else:
+            joints = reach_search.grasp_qpos[c]
+            if pose == 1:
+                joints = reach_search.pregrasp_qpos[c]
+            take_joints(program, reach.arm_body, from_qpos, qpos)
+            open_gripper(reach, grasp, qpos)
+            pose_arm(program, reach, layouts, row, joints, qpos, pos, quat)
 
 
 def launch_pose(
@@ -178,6 +185,6 @@ def launch_pose(
     Steps before the inverse kinematics pose only the hand. Tests that can wait are deferred, see `_is_deferred`.
     """
     # On an H200, 1,000 more candidates take 0.1 ms longer. In scenes with starts, the first joints hardly ever fail.
-    at_once = work.size.blocks // (2 if work.compiled.starts is None else 16)
+    at_once = work.size.blocks // (2 if work.compiled.starts is None else 8)
     steps = [int(first), int(ReachStep.PASSED) + 1 if second is None else int(second)]
     work.launch_lanes(_pose, work.program, reach, *steps, at_once, work.layouts, reach_search)

@@ -4,7 +4,8 @@ Once all objects of a row are placed, the row works through its arms in order, t
 and through the grasps of each target. A *candidate* is one grasp with one *IK start*: the initial joint positions of
 the inverse kinematics. A candidate takes the steps of `ReachStep` in order. The first grasp with an IK start that
 passes all steps is kept, with its first such IK start. Steps that do not depend on the arm's joints are taken once per
-grasp, by the candidate with its first IK start.
+grasp, by the candidate with its first IK start. On a GPU, these steps and the inverse kinematics run at the same time.
+The first step that fails counts.
 """
 
 from enum import IntEnum
@@ -83,7 +84,7 @@ class ReachSearch:
     grasp_qpos: wp.array[vec8]  # the arm's joints: first the start, then the solution for the grasp
     pregrasp_qpos: wp.array[vec8]
     # The state of the robot, posed for a test: first of all candidates in the grasp, then in the pre-grasp, see
-    # `pose_index`. Entries of other bodies are not used. Both poses of a candidate share `qpos`.
+    # `pose_index`. Entries of other bodies are not used.
     qpos: wp.array2d[float]
     body_pos: wp.array2d[wp.vec3]
     body_quat: wp.array2d[wp.vec4]
@@ -126,17 +127,17 @@ def queue_target(reach_search: ReachSearch, row: int, column: int, total: int):
 
 @wp.func
 def pose_index(reach_search: ReachSearch, c: int, pose: int) -> int:
-    """Return the row of `body_pos` and `body_quat` with a pose of a candidate: 0 in the grasp, 1 in the pre-grasp."""
+    """Return the row of `qpos` and `body_pos` with a pose of a candidate: 0 in the grasp, 1 in the pre-grasp."""
     return c + pose * reach_search.failed.shape[0]
 
 
 @wp.func
-def first_start(reach_search: ReachSearch, c: int) -> int:
-    """Return the first candidate that has the same grasp as `c`, or -1 if an earlier wave had that candidate."""
-    found = c - reach_search.ik_start[c]
-    if found < reach_search.first[reach_search.row[c]]:
-        return -1
-    return found
+def fail_grasp(reach_search: ReachSearch, c: int, step: int):
+    """Let all candidates of this wave fail at `step` that have the grasp of `c`, the grasp's first candidate."""
+    row = reach_search.row[c]
+    last = wp.min(c + wp.static(STARTS), reach_search.first[row] + reach_search.trials[row])
+    for other in range(c, last):
+        wp.atomic_min(reach_search.failed, other, step)
 
 
 @wp.func
@@ -168,7 +169,7 @@ def create_reach_search(compiled: CompiledScene, nrow: int, size: SearchSize, ea
         "tier": (nrow, len(reaching.targets)),
         "rows_left source rows candidates": 1,
         "row grasp ik_start failed grasp_qpos pregrasp_qpos": ncand,
-        "qpos": (ncand, mjm.nq),
+        "qpos": (2 * ncand, mjm.nq),
         "body_pos body_quat": (2 * ncand, mjm.nbody),
         "hand_qpos": (early, mjm.nq),
         "hand_pos hand_quat": (early, mjm.nbody),

@@ -7,7 +7,7 @@ last restart, the world falls back to the bank. The stage plans no path to the j
 from functools import partial
 
 from sceniris_gym.config.tier import Tier
-from sceniris_gym.device.sequence import repeat_launches
+from sceniris_gym.device.sequence import launch_beside, repeat_launches
 from sceniris_gym.layout.reaching.free_grasps import launch_pose_hands, launch_test_hands
 from sceniris_gym.layout.reaching.hits import launch_test_arm
 from sceniris_gym.layout.reaching.ik import launch_ik
@@ -71,12 +71,13 @@ class ReachStage:
         work, search = self._work, self.search
         launch_open_wave(work, reach, search)
         launch_look_up(work, reach, search)
+        solve = partial(launch_ik, work, reach, clear, search)
         if clear:
-            self._test(reach, ReachStep.HAND_AT_GRASP, ReachStep.HAND_AT_PREGRASP, ReachStep.HAND_AND_TARGET)
-        launch_ik(work, reach, clear, search)
-        if clear:
+            steps = ReachStep.HAND_AT_GRASP, ReachStep.HAND_AT_PREGRASP, ReachStep.HAND_AND_TARGET
+            launch_beside(partial(self._test, reach, *steps), solve, search.failed.device)
             self._test(reach, ReachStep.SELF_AT_GRASP, ReachStep.SELF_AT_PREGRASP, ReachStep.TARGET_AT_PREGRASP)
         else:
+            solve()
             self._test(reach, ReachStep.SELF_AT_GRASP, None, ReachStep.SELF_AT_GRASP)
         launch_accept_grasps(work, reach, search)
 

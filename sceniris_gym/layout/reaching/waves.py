@@ -9,6 +9,7 @@ import warp as wp
 from sceniris_gym.config.tier import Tier
 from sceniris_gym.device.transforms import pose_of
 from sceniris_gym.layout.layouts import LayoutsView
+from sceniris_gym.layout.reaching.ik import start_joints
 from sceniris_gym.layout.reaching.search import (
     MOST_AT_ONCE,
     STARTS,
@@ -16,6 +17,7 @@ from sceniris_gym.layout.reaching.search import (
     ReachStep,
     begin_reach_wave,
     candidate_num,
+    fail_grasp,
     queue_row,
     queue_target,
     takes_step,
@@ -194,11 +196,13 @@ def _look_up(
     lanes: int,
     reach: Reach,
     starts: Starts,
-    # Layouts in: start, bodies*
+    split: wp.uint32,
+    # Layouts in: qpos, start, pending*, bodies*
     layouts: LayoutsView,
-    # Search in: row_world
+    # Search in: restarts*
     search: Search,
-    # ReachSearch in: column, tier, candidates, row, grasp, ik_start; out: rows; both: rows_left, source, failed
+    # ReachSearch in: column, tier, first, trials, candidates, row, grasp, ik_start; out: rows, grasp_qpos; both:
+    #   rows_left, source, failed
     reach_search: ReachSearch,
 ):
     if wp.tid() == 0:
@@ -217,7 +221,9 @@ def _look_up(
                 if reaches(starts, kind, column):
                     passes = starts.grasp[kind, grasp]
             if not passes:
-                reach_search.failed[c] = ReachStep.MAP
+                fail_grasp(reach_search, c, ReachStep.MAP)
+        if reach_search.failed[c] > ReachStep.MAP:
+            reach_search.grasp_qpos[c] = start_joints(reach, layouts, search, reach_search, split, c)
 
 
 def launch_open_wave(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
@@ -226,8 +232,11 @@ def launch_open_wave(work: Workspace, reach: Reach, reach_search: ReachSearch) -
 
 
 def launch_look_up(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
-    """Reject each candidate whose grasp the arm's map rejects, or whose grasp the kind of start cannot use."""
-    work.launch_lanes(_look_up, reach, work.kinds, work.layouts, work.search, reach_search)
+    """Choose the initial joints of each candidate.
+
+    If the arm's map rejects a grasp, or the kind of start cannot use the grasp, its candidates are rejected.
+    """
+    work.launch_lanes(_look_up, reach, work.kinds, work.split, work.layouts, work.search, reach_search)
 
 
 @wp.func
@@ -247,20 +256,26 @@ def first_passed(reach_search: ReachSearch, row: int) -> int:
 
     If no candidate passed, move the row on to its next grasp or initial joint positions, and return -1.
     """
-    after = reach_search.number[row]
-    for c in range(reach_search.first[row], reach_search.first[row] + reach_search.trials[row]):
+    number = reach_search.number[row]
+    first = reach_search.first[row]
+    after = int(number)
+    furthest = int(reach_search.furthest[row])
+    tried = int(0)
+    for c in range(first, first + reach_search.trials[row]):
         failed = reach_search.failed[c]
         if failed == ReachStep.DEFERRED:
             break
-        reach_search.furthest[row] = wp.max(reach_search.furthest[row], failed)
+        furthest = wp.max(furthest, failed)
         if failed == ReachStep.PASSED:
             return c
-        after = reach_search.number[row] + c + 1 - reach_search.first[row]
+        after = number + c + 1 - first
         if failed < ReachStep.IK_AT_GRASP:  # all starts of this grasp fail
             after += wp.static(STARTS) - 1 - reach_search.ik_start[c]
         else:
-            reach_search.tried[row] += 1
+            tried += 1
     reach_search.number[row] = after
+    reach_search.furthest[row] = furthest
+    reach_search.tried[row] += tried
     return -1
 
 

@@ -36,6 +36,15 @@ _SPREAD = wp.constant(1024)
 
 
 @wp.func
+def may_collide(cause: int) -> bool:
+    """Return True if a candidate with this cause has to be tested for collision.
+
+    The test for standing may run at the same time. If a candidate falls and collides, COLLISION is its cause.
+    """
+    return cause == Cause.NONE or cause == Cause.FALLS
+
+
+@wp.func
 def _passes_prefilter(program: Program, reach: Reach, search: Search, c: int, lane: int) -> bool:
     """Return True if a candidate passes the prefilter. Otherwise, write the cause of its rejection and return False.
 
@@ -47,7 +56,7 @@ def _passes_prefilter(program: Program, reach: Reach, search: Search, c: int, la
         cause = reject_cause(program, reach, search, c, search.obj[c])
         if lane == 0 and cause != Cause.NONE:
             search.cause[c] = cause
-    return cause == Cause.NONE
+    return may_collide(cause)
 
 
 @wp.func
@@ -132,7 +141,7 @@ def _test_inner_boxes(
     for i in range(wp.tid(), narrow_pair_num(search), lanes):
         c = search.narrow_pair[i][0]
         entry = wp.vec3i(search.narrow_pair[i][1], search.narrow_pair[i][2], search.narrow_pair[i][3])
-        if search.cause[c] == Cause.NONE:
+        if may_collide(search.cause[c]):
             poses = candidate_poses(program, layouts, search, c, search.row[c], entry[0])
             if inner_boxes_touch(program, entry, poses, _margin(program, search, c, entry[0])):
                 search.cause[c] = Cause.COLLISION
@@ -160,7 +169,7 @@ def _test_narrow_pairs(
         if base < num and wp.tile_stack_count(waiting) < wp.block_dim():
             i = wp.min(base + lane, num - 1)
             c = search.narrow_pair[i][0]
-            pending = lane < wp.min(most, num - base) and search.cause[c] == Cause.NONE
+            pending = lane < wp.min(most, num - base) and may_collide(search.cause[c])
             if wp.tile_stack_push(waiting, i, pending) < 0 and pending:
                 _mark_overflow(search, c)
             base += blocks * most
@@ -224,7 +233,7 @@ def _test_alone(
     for c in range(wp.tid(), candidate_num(search), lanes):
         if not tested_by_blocks and search.cause[c] == Cause.NONE:
             search.cause[c] = reject_cause(program, reach, search, c, search.obj[c])
-        if search.cause[c] == Cause.NONE and (not tested_by_blocks or search.overflowed[c] != 0):
+        if may_collide(search.cause[c]) and (not tested_by_blocks or search.overflowed[c] != 0):
             if collides_alone(program, layouts, search, c):
                 search.cause[c] = Cause.COLLISION
 
@@ -257,7 +266,7 @@ def _test_containment(
         c = i // parts
         adr = program.obj_pairadr[search.obj[c]]
         for pair in range(adr + i % parts, adr + program.obj_pairnum[search.obj[c]], parts):
-            if search.cause[c] == Cause.NONE:
+            if may_collide(search.cause[c]):
                 if is_one_inside(program, pair, candidate_poses(program, layouts, search, c, search.row[c], pair)):
                     search.cause[c] = Cause.COLLISION  # all lanes write the same value
 

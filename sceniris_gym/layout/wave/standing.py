@@ -5,10 +5,12 @@ import warp as wp
 from sceniris_gym.config.bounds import MAX_LEVELS
 from sceniris_gym.device.transforms import pose_of
 from sceniris_gym.layout.layouts import LayoutsView
+from sceniris_gym.layout.wave.prefilter import reject_cause
 from sceniris_gym.layout.wave.search import Search, Workspace, candidate_num
 from sceniris_gym.placement.placed import rotated
 from sceniris_gym.placement.standing import Level, find_patch, lies_on_a_part, loads_stand, measure, weigh
 from sceniris_gym.program.device import Cause, Program
+from sceniris_gym.program.device_reach import Reach
 from sceniris_gym.program.device_statics import Statics
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -93,21 +95,27 @@ def _stands(program: Program, statics: Statics, layouts: LayoutsView, search: Se
 def _test_standing(
     lanes: int,
     program: Program,
+    reach: Reach,
     statics: Statics,
     # Layouts in: present, pivot_pose, bodies*
     layouts: LayoutsView,
-    # Search in: row_world, placed*, candidates, row, obj, stable_draw, surface, pivot_pose, body_pos, body_quat; both:
-    #   cause
+    # Search in: row_world, placed*, candidates, row, obj, stable_draw, surface, grasp, pivot_pose, flags*, body_pos,
+    #   body_quat; both: cause
     search: Search,
 ):
     for c in range(wp.tid(), candidate_num(search), lanes):
-        if search.cause[c] == Cause.NONE and statics.obj_levelnum[search.obj[c]] > 0:
+        obj = search.obj[c]
+        if statics.obj_levelnum[obj] == 0 or search.cause[c] != Cause.NONE:
+            continue
+        # the collision test may not have written the prefilter's verdict yet
+        if reject_cause(program, reach, search, c, obj) == Cause.NONE:
             row = search.row[c]
             if not _stands_alone(program, statics, layouts, search, c, row):
                 if not _stands(program, statics, layouts, search, c, row):
-                    search.cause[c] = Cause.FALLS
+                    wp.atomic_cas(search.cause, c, int(Cause.NONE), int(Cause.FALLS))
 
 
 def launch_test_standing(work: Workspace) -> None:
-    """Reject candidates that would fall or would topple the objects below."""
-    work.launch_lanes(_test_standing, work.program, work.statics, work.layouts, work.search)
+    """Reject candidates that would fall or would topple the objects below, unless another test rejects them."""
+    reach = work.reaches[0]
+    work.launch_lanes(_test_standing, work.program, reach, work.statics, work.layouts, work.search)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -13,7 +14,7 @@ from scipy import stats
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.reaching import ik
 from sceniris_gym.layout.reaching.search import STARTS
-from sceniris_gym.layout.reaching.waves import launch_open_wave
+from sceniris_gym.layout.reaching.waves import launch_look_up, launch_open_wave
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.reach.arm import SerialArm
 from sceniris_gym.reach.solve import POS_TOL, ROT_TOL, ArmView, arm_view, as_vec8, vec8
@@ -31,10 +32,10 @@ def compiled(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
 def _starts(compiled: CompiledScene, split: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """Return the starts of the first grasp of N worlds, (N, STARTS, 6), and the layouts' joints of the arm, (N, 6)."""
     generator, stage = waiting(compiled, N, busy=STARTS * N, grasps=STARTS * N)
-    reach, search, view = stage._arms[0][0], stage.search, generator.layouts.view
-    launch_open_wave(generator._work, reach, search)
-    inputs = [1, reach, wp.uint32(split), view, generator._work.search]
-    wp.launch(ik._choose_starts, dim=1, inputs=inputs, outputs=[search], device="cpu")
+    reach, search = stage._arms[0][0], stage.search
+    work = replace(generator._work, split=split)
+    launch_open_wave(work, reach, search)
+    launch_look_up(work, reach, search)
     order = search.first.numpy()[:, None] + np.arange(STARTS)
     assert (search.ik_start.numpy()[order] == np.arange(STARTS)).all()
     return search.grasp_qpos.numpy()[order, :6], generator.layouts.qpos.numpy()[:, reach.arm_qposadr.numpy()]

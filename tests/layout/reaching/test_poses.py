@@ -54,9 +54,9 @@ def test_the_whole_robot_stands_as_mujoco_poses_it(compiled: CompiledScene):
     own_qpos = [mjm.jnt_qposadr[j] for j in range(mjm.njnt) if mjm.jnt_bodyid[j] in robot]
     for c, data, grasp in _passed(generator, stage):
         search = stage.search
-        qpos = search.qpos.numpy()[c]
-        joints = (search.pregrasp_qpos if is_clear(compiled) else search.grasp_qpos).numpy()[c]
-        np.testing.assert_array_equal(qpos[own.arm.qposadr], joints[: len(own.arm.joints)])
+        for pose, solved in enumerate((search.grasp_qpos, search.pregrasp_qpos)[: 1 + is_clear(compiled)]):
+            qpos = search.qpos.numpy()[c + pose * len(search.failed)]
+            np.testing.assert_array_equal(qpos[own.arm.qposadr], solved.numpy()[c, : len(own.arm.joints)])
         left, right = (qpos[mjm.joint(f"picker/{side}").qposadr[0]] for side in ("left", "right"))
         assert left + right == pytest.approx(min(grasp.opening + OPENING_MARGIN, 0.08), abs=1e-6)
         data.qpos[own_qpos] = qpos[own_qpos]
@@ -88,7 +88,7 @@ def test_the_hand_alone_stands_where_solved_joints_bring_it(compiled: CompiledSc
             data.qpos[:] = qpos
             data.qpos[arm] = solved[c, : len(arm)]
             gripper = reach.grip_qposadr.numpy()
-            data.qpos[gripper] = search.qpos.numpy()[c, gripper]
+            data.qpos[gripper] = search.qpos.numpy()[c + pose * len(search.failed), gripper]
             mujoco.mj_kinematics(mjm, data)
             expected = data.xpos[fingers] - pose * PREGRASP_DISTANCE * data.site_xmat[site].reshape(3, 3)[:, 2]
             off = np.linalg.norm(search.body_pos.numpy()[c + pose * len(search.failed), fingers] - expected, axis=1)

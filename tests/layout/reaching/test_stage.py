@@ -151,8 +151,8 @@ def test_objects_out_of_reach_are_refused(tmp_path: Path):
     assert info.value.name == "far"
 
 
-_OF_IK = ["_look_up", "_choose_starts", "_solve", "_pose", "_test 6-7-6", "_accept"]
-_OF_CLEAR = ["_look_up", "_pose", "_test 1-2-3", "_choose_starts", "_solve", "_solve", "_pose", "_test 6-8-10"]
+_OF_IK = ["_look_up", "_solve", "_pose", "_test 6-7-6", "_accept"]
+_OF_CLEAR = ["_look_up", "_pose", "_test 1-2-3", "_solve", "_solve", "_pose", "_test 6-8-10"]
 _OF_CLEAR += ["_accept"]
 
 
