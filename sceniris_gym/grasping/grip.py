@@ -15,7 +15,7 @@ from sceniris_gym.files import Array
 from sceniris_gym.geometry.contacts import ContactRules
 from sceniris_gym.geometry.rotations import matrix, quaternion
 from sceniris_gym.grasping.grasps import Grasp
-from sceniris_gym.grasping.gripper import Gripper, carried
+from sceniris_gym.grasping.gripper import Gripper, carried, squeezing_controls
 from sceniris_gym.reach.arm import SerialArm
 
 INSIDE = 3.0e-4
@@ -164,6 +164,8 @@ class Fingers:
         control = press * self._controls(alone)
         self._pose(grip.share)
         control += (1.0 - press) * self._controls(alone)
+        squeezing = squeezing_controls(alone, *self._gripper.poses(np.array([0.0, 1.0])))
+        control = np.where(np.isnan(squeezing), control, press * squeezing)
         at, rotation, there = self._in_hand(grasp, grip.pos)
         adr = alone.jnt_qposadr[alone.body_jntadr[root]]
         data.qpos[adr : adr + 3] = at + rotation @ (home.xpos[root] - there)

@@ -26,6 +26,7 @@ from sceniris_gym.scene.support import subtree
 _NO_LIMIT = 1.0e3
 # Depth [m] of a gripper that has no palm behind its TCP.
 _DEEP = 0.1
+_PUSHES = 1e-9  # J, work of a motor that closes a hand, for a control of 1
 _ROUNDING = 1e-4  # m or rad, by which a control range may differ from its joint's range
 _SHARES = 17  # openings at which the closed loops are checked, and at which fingertips are measured
 _WAYS = 257  # openings at which fingers in closed loops are tested for touching, 0.3 mm apart
@@ -100,6 +101,9 @@ class Gripper(NamedTuple):
             narrow = measured.closed_end(fingers, adr, wide, narrow)
         opened = [measured.opened(fingers, adr, qpos) for qpos in np.linspace(wide, narrow, _SHARES)]
         (low, high, opening), (_, _, closed) = opened[0], opened[-1]
+        sides = [fingers & (sign * (low[:, 1] + high[:, 1]) > 0.0) for sign in (1.0, -1.0)]
+        if opening == 0.0 and all(side.any() for side in sides):
+            opening, closed = measured.tip_gaps(sides, adr, [wide, narrow])
         middle = (0.0, 0.0)
         if len(joints) == 1 and (jaw := measured.one_jaw(joints[0], float(wide[0]), float(narrow[0]))) is not None:
             opening, closed, middle = jaw
@@ -164,6 +168,30 @@ def commanded(mjm: mujoco.MjModel) -> mujoco.MjModel:
         if np.abs(narrow - mjm.jnt_range[joint]).max() > _ROUNDING:
             mjm.jnt_range[joint] = narrow
     return mjm
+
+
+def squeezing_controls(mjm: mujoco.MjModel, adr: np.ndarray, poses: np.ndarray) -> np.ndarray:
+    """Return the controls at which motors of a hand close it with the most force, shape (nu,), NaN for other actuators.
+
+    A motor has a control range and no position feedback. Virtual work from open to closed gives the end that closes.
+
+    Args:
+        mjm: The model.
+        adr: Addresses in qpos of the finger joints and their followers, shape (nfinger,).
+        poses: Positions of these joints [m or rad] in the closed and in the open hand, shape (2, nfinger).
+    """
+    data, lengths = mujoco.MjData(mjm), []
+    for pose in poses:
+        data.qpos[adr] = pose
+        mujoco.mj_fwdPosition(mjm, data)
+        lengths.append(data.actuator_length.copy())
+    if not len(lengths[0]) == mjm.nu == len(mjm.actuator_trntype):  # some actuators have several controls or outputs
+        return np.full(mjm.nu, np.nan)
+    pushes = mjm.actuator_gainprm[:, 0] * (lengths[0] - lengths[1])
+    is_motor = (mjm.actuator_gaintype == mujoco.mjtGain.mjGAIN_FIXED) & (mjm.actuator_biasprm[:, 1] == 0.0)
+    is_motor &= (mjm.actuator_ctrllimited == 1) & (mjm.actuator_dyntype != mujoco.mjtDyn.mjDYN_INTEGRATOR)
+    ends = np.where(pushes > 0.0, mjm.actuator_ctrlrange[:, 1], mjm.actuator_ctrlrange[:, 0])
+    return np.where(is_motor & (np.abs(pushes) > _PUSHES), ends, np.nan)
 
 
 def hand_joints(mjm: mujoco.MjModel, hand: Iterable[int], arm: np.ndarray) -> np.ndarray:
@@ -259,6 +287,24 @@ class _Hand(NamedTuple):
             above = below = alone if alone > 0.0 else _NO_LIMIT  # the hull of a hooked finger may contain the TCP
         return low, high, float(np.clip(above + below, 0.0, _NO_LIMIT))
 
+    def tip_gaps(self, sides: list[np.ndarray], adr: np.ndarray, ends: list[np.ndarray]) -> tuple[float, float]:
+        """Return `opening` and `closed` of two fingers whose boxes overlap at any opening, between their tips.
+
+        The tips are the vertices within 1 cm of each finger's end in the closed gripper.
+
+        Args:
+            sides: Masks of the pieces of the finger on the +y side and of the finger on the -y side, shape (npiece,).
+            adr: Addresses in qpos of the finger joints, shape (n,).
+            ends: Positions of these joints in the open and in the closed gripper [m or rad], shape (n,) each.
+        """
+        posed, tips = [self._vertices(adr, qpos) for qpos in ends], []
+        for side in sides:
+            wide, narrow = (np.concatenate([v for v, m in zip(each, side, strict=True) if m]) for each in posed)
+            tip = narrow[:, 2] > narrow[:, 2].max() - _TIPS
+            tips.append((wide[tip, 1], narrow[tip, 1]))
+        opening, closed = (max(float(left.min() - right.max()), 0.0) for left, right in zip(*tips, strict=True))
+        return opening, closed
+
     def one_jaw(self, joint: int, wide: float, narrow: float) -> tuple[float, float, tuple[float, float]] | None:
         """Return `opening`, `closed` and `middle` of a gripper whose only jaw closes on a finger that the hand forms.
 
@@ -272,7 +318,8 @@ class _Hand(NamedTuple):
         Returns:
             The three attributes of the gripper, or None if no part of the hand beside the TCP faces the jaw.
         """
-        moves, (shut, spread) = self.moved_by([joint]), (self._vertices(joint, qpos) for qpos in (narrow, wide))
+        adr, moves = self.mjm.jnt_qposadr[joint], self.moved_by([joint])
+        shut, spread = (self._vertices(adr, qpos) for qpos in (narrow, wide))
         hand = np.concatenate([np.zeros((0, 3)), *(v for v, m in zip(shut, moves, strict=True) if not m)])
         jaw, away = (np.concatenate([v for v, m in zip(each, moves, strict=True) if m]) for each in (shut, spread))
         side = float(np.sign((away - jaw)[:, 1].mean()))
@@ -284,9 +331,9 @@ class _Hand(NamedTuple):
         closed, opening = (max(float((side * each[tip, 1]).min()) - fixed, 0.0) for each in (jaw, away))
         return opening, closed, (side * (fixed + _CLEAR), 0.5 * side)
 
-    def _vertices(self, joint: int, qpos: float) -> list[np.ndarray]:
-        """Return the vertices [m] of each piece in the TCP frame, with a finger joint at a position."""
-        data, axes, at = self._posed(self.mjm.jnt_qposadr[joint], qpos)
+    def _vertices(self, adr: np.ndarray, qpos: np.ndarray | float) -> list[np.ndarray]:
+        """Return the vertices [m] of each piece in the TCP frame, with finger joints at positions as in `_boxes`."""
+        data, axes, at = self._posed(adr, qpos)
         places = [(data.xmat[p.body].reshape(3, 3).T, data.xpos[p.body] - at, p.mesh) for p in self.pieces]
         return [(mesh.vertices @ turn + shift) @ axes.T for turn, shift, mesh in places if mesh is not None]
 

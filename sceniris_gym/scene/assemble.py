@@ -29,6 +29,7 @@ _OF_JOINTS = ("actuators", "tendons", "equalities")
 _SIZES = ("memory", "nconmax", "nemax", "njmax", "nstack")
 """Sizes of buffers. Like options, the scene determines them."""
 
+_NESTS = not mujoco.__version__.startswith("3.")  # 3.11 writes wrong poses of what is in a frame inside a frame
 _AT_ONCE = 24
 """Number of variants per intermediate model: about the square root of the largest number of variants."""
 
@@ -72,8 +73,9 @@ def attach_object(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: s
     home = _take_home(child, name, keyframe=None, where=f"{where}.asset")
     root = attach(spec, child, name, spec.worldbody.add_frame(), f"{where}.asset")
     below = root.find_all("body") if owner else []
-    # MuJoCo 3.11 would lose the poses of bodies two levels below, and masses that geoms do not give
-    if not any(body.joints or body.bodies or body.explicitinertial for body in below) and not root.explicitinertial:
+    # a frame would lose masses that geoms do not give
+    apart = any(body.joints or body.explicitinertial or (body.bodies and not _NESTS) for body in below)
+    if not apart and not root.explicitinertial:
         for body in below:
             body.to_frame()
     make_kind(spec, root, name, config.kind, f"{where}.kind")

@@ -67,6 +67,8 @@ def extremes(polynomial: np.poly1d, low: float, high: float) -> tuple[float, flo
 def joint_couplings(mjm: mujoco.MjModel, where: str) -> tuple[Coupling, ...]:
     """Read the active joint equalities of a model, drivers before their followers.
 
+    A second equality of the same first joint is reversed if it is linear: its second joint follows the first joint.
+
     Args:
         mjm: The model.
         where: The text at the beginning of error messages.
@@ -85,6 +87,8 @@ def joint_couplings(mjm: mujoco.MjModel, where: str) -> tuple[Coupling, ...]:
         coef = (0.0, 0.0, 0.0, 0.0) if held else (a1, a2, a3, a4)
         label = equality_label(mjm, eq)
         coupling = _made(mjm, label, follower, None if held else driver, origin, start + offset, coef)
+        if follower in found and driver not in found and not held and _is_linear(coupling):
+            coupling = _swapped(mjm, coupling)
         other = found.setdefault(coupling.follower, coupling)
         if other is not coupling:
             raise SceneKeyError(
@@ -107,13 +111,12 @@ def reversed_for(mjm: mujoco.MjModel, couplings: Iterable[Coupling], drawn: Iter
     found, drawn = {c.follower: c for c in couplings}, list(drawn)
     for joint in drawn:
         chain = _chain(found, joint)
-        if all(c.coef[0] != 0.0 and not any(c.coef[1:]) and c.driver not in drawn for c in chain):
+        if all(_is_linear(c) and c.driver not in drawn for c in chain):
             for c in chain:
                 del found[c.follower]
             for c in chain:
-                if c.driver is not None:  # the same line, with driver and follower swapped
-                    coef = (1.0 / c.coef[0], 0.0, 0.0, 0.0)
-                    found[c.driver] = _made(mjm, c.label, c.driver, c.follower, c.offset, c.origin, coef)
+                if c.driver is not None:
+                    found[c.driver] = _swapped(mjm, c)
     return tuple(_in_order(mjm, found, "couplings"))
 
 
@@ -214,6 +217,16 @@ def _made(
     adr = int(mjm.jnt_qposadr[follower])
     driver_adr = adr if driver is None else int(mjm.jnt_qposadr[driver])
     return Coupling(label, follower, driver, adr, driver_adr, origin, offset, coef, _limits(mjm, follower))
+
+
+def _is_linear(c: Coupling) -> bool:
+    return c.coef[0] != 0.0 and not any(c.coef[1:])
+
+
+def _swapped(mjm: mujoco.MjModel, c: Coupling) -> Coupling:
+    """Return the same line as a linear coupling of two joints, with driver and follower swapped."""
+    assert c.driver is not None
+    return _made(mjm, c.label, c.driver, c.follower, c.offset, c.origin, (1.0 / c.coef[0], 0.0, 0.0, 0.0))
 
 
 def _chain(found: dict[int, Coupling], joint: int) -> list[Coupling]:

@@ -9,6 +9,7 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.errors import NotSupportedError
+from sceniris_gym.grasping.gripper import squeezing_controls
 from sceniris_gym.layout.masks import selects
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.field_table import JOINT_TRANSMISSIONS
@@ -53,6 +54,8 @@ class RestMap:
         press: For each kind of start in the scene file and each slot, how firmly controls close the fingers on the
             object if it is present: at 1 completely, and at 0 not at all, shape (nkind, nslot). Empty without starts.
         closed: For each kind, qpos of the closed fingers of its arm, and nan for all other joints, shape (nkind, nq).
+        squeezing: For each kind, controls at which motors close its hand with the most force, and nan for all other
+            elements, shape (nkind, nu + na).
     """
 
     rowadr: wp.array[int]
@@ -67,6 +70,7 @@ class RestMap:
     sampled: wp.array[int]
     press: wp.array2d[float]
     closed: wp.array2d[float]
+    squeezing: wp.array2d[float]
 
 
 @wp.func
@@ -89,13 +93,17 @@ def control_at_start(
     world's kind of start, or -1 in a scene without starts. `present` is nonzero for the slots of present objects.
     """
     term = rest.rowadr[elemid]
-    if kind >= 0 and kind < rest.press.shape[0] and term < rest.rowadr[elemid + 1]:
+    if kind >= 0 and kind < rest.press.shape[0]:
         for slot in range(rest.press.shape[1]):
-            if rest.press[kind, slot] > 0.0:
+            press = rest.press[kind, slot]
+            if press > 0.0 and present[slot] != 0:
+                if not wp.isnan(rest.squeezing[kind, elemid]):
+                    return press * rest.squeezing[kind, elemid]
                 # a number only if the element drives fingers
-                if present[slot] != 0 and not wp.isnan(rest.closed[kind, rest.qposadr[term]]):
-                    press, closed = rest.press[kind, slot], rest_value(rest, worldid, elemid, rest.closed[kind])
-                    return press * closed + (1.0 - press) * rest_value(rest, worldid, elemid, qpos)
+                if term < rest.rowadr[elemid + 1]:
+                    if not wp.isnan(rest.closed[kind, rest.qposadr[term]]):
+                        closed = rest_value(rest, worldid, elemid, rest.closed[kind])
+                        return press * closed + (1.0 - press) * rest_value(rest, worldid, elemid, qpos)
     return rest_value(rest, worldid, elemid, qpos)
 
 
@@ -218,10 +226,10 @@ def history_samples(mjm: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
 
 
 def close_grippers(rest: RestMap, compiled: CompiledScene) -> None:
-    """Set `rest.press` and `rest.closed`, so that a gripper is closed if the episode starts with an object in it.
+    """Set `rest.press`, `rest.closed` and `rest.squeezing`, so that a gripper closes on the object that it starts with.
 
     Raises:
-        NotSupportedError: An episode starts with an object in a gripper that has no position actuator.
+        NotSupportedError: An episode starts with an object in a gripper without a position actuator or a motor.
     """
     full, sim, starts = compiled.mjm, compiled.sim_mjm, compiled.starts
     if compiled.reaching is None or starts is None:
@@ -229,20 +237,23 @@ def close_grippers(rest: RestMap, compiled: CompiledScene) -> None:
     arms, slots = compiled.reaching.arms, [compiled.slots.index(name) for name in compiled.reaching.names]
     press = np.zeros((starts.press.shape[0], len(compiled.slots)))
     press[:, slots] = starts.press.numpy()
-    closed = np.full((len(press), sim.nq), np.nan)
+    closed, squeezing = np.full((len(press), sim.nq), np.nan), np.full((len(press), len(rest.lower)), np.nan)
     names = {int(adr): full.joint(i).name for i, adr in enumerate(full.jnt_qposadr)}
     for kind in np.flatnonzero(press.any(axis=1)).tolist():
         one = arms[starts.arm.numpy()[kind]]
-        adr, qpos = one.gripper.poses(np.zeros(1))
+        adr, qpos = one.gripper.poses(np.array([0.0, 1.0]))
         own = adr.tolist() if sim is full else [int(sim.joint(names[a]).qposadr[0]) for a in adr.tolist()]
         closed[kind, own] = qpos[0]
-        if not np.isin(rest.qposadr.numpy(), own).any():
+        squeezing[kind, : sim.nu] = squeezing_controls(sim, np.array(own), qpos)
+        if not np.isin(rest.qposadr.numpy(), own).any() and np.isnan(squeezing[kind]).all():
             raise NotSupportedError(
-                f"{compiled.config.where}: start: the gripper of '{one.robot}' has no position actuator that would "
-                "keep it closed. Give the gripper one, as in <position joint=...>, or start from 'home' or 'pregrasp'."
+                f"{compiled.config.where}: start: the gripper of '{one.robot}' has no position actuator, and no motor "
+                "with a 'ctrlrange', that would keep it closed. Give the gripper one, as in <position joint=...>, or "
+                "start from 'home' or 'pregrasp'."
             )
     with wp.ScopedDevice(rest.law.device):
-        rest.press, rest.closed = (wp.array(values, dtype=float, ndim=2) for values in (press, closed))
+        values = (wp.array(each, dtype=float, ndim=2) for each in (press, closed, squeezing))
+        rest.press, rest.closed, rest.squeezing = values
 
 
 @wp.func

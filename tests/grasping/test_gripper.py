@@ -267,6 +267,24 @@ def test_a_jaw_that_closes_on_the_hand_opens_as_far_as_the_tips_are_apart():
     assert gripper.middle == pytest.approx((0.009 - 0.005, -0.5))
 
 
+def test_fingers_that_cross_open_as_far_as_their_tips_are_apart():
+    """As scissors do: boxes around whole fingers always overlap. The corners at both ends, by MuJoCo's own poses."""
+    finger = (
+        '<body pos="0 {0} .06"><joint axis="{1} 0 0" range="0 40"/><geom name="{1}" type="box" size=".005 .003 .05"/>'
+    )
+    fingers = "".join(f"{finger}</body>".format(side * 0.004, -side) for side in (1, -1))
+    mjm = mujoco.MjModel.from_xml_string(SWING.format(fingers=fingers))
+    arm, data = SerialArm.from_model(mjm, "base"), mujoco.MjData(mjm)
+    gripper = Gripper.from_model(mjm, arm, np.zeros(mjm.nq), extract_pieces(mjm, "physics"))
+    for gap, qpos in ((gripper.opening, gripper.open_qpos), (gripper.closed, gripper.closed_qpos)):
+        data.qpos[gripper.qposadr] = qpos
+        mujoco.mj_kinematics(mjm, data)
+        geoms = [data.geom(name) for name in ("-1", "1")]
+        left, right = ([(g.xmat.reshape(3, 3) @ [0, y, 0.05] + g.xpos)[1] for y in (-0.003, 0.003)] for g in geoms)
+        assert gap == pytest.approx(min(left) - max(right), abs=1e-9)
+    assert gripper.opening > 0.06
+
+
 def test_a_finger_that_is_part_of_the_hand_is_no_palm():
     """A heel of the fixed finger, which ends 1 cm behind the TCP, leaves as much room for an object."""
     depths = []

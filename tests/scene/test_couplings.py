@@ -120,6 +120,21 @@ def test_a_straight_coupling_is_reversed_for_what_is_drawn_by_name():
     assert reversed_for(mjm, given, [ids[2], ids[0]]) == given
 
 
+def test_joints_that_are_tied_to_the_same_first_joint_follow_it():
+    """As the fingers of the Archer Y6 are: a second line of the first joint is read backwards."""
+    ties = '<joint joint1="a" joint2="b" polycoef=".1 -.5"/><joint joint1="a" joint2="c" polycoef=".2 2"/>'
+    mjm, data = model(ties), mujoco.MjData(model(ties))
+    found, ids = joint_couplings(mjm, "here"), [mjm.joint(n).id for n in "abc"]
+    assert [(c.follower, c.driver) for c in found] == [(ids[0], ids[1]), (ids[2], ids[0])]
+    for value in (-0.4, 0.0, 0.7):
+        data.qpos[ids[1]] = value
+        follow(found, data.qpos)
+        mujoco.mj_fwdPosition(mjm, data)
+        np.testing.assert_allclose(data.efc_pos[:2], 0.0, atol=1e-12)
+    with pytest.raises(SceneKeyError, match="joint 'a' is determined by equality 0"):
+        joint_couplings(model(ties.replace(".2 2", ".2 2 1")), "here")
+
+
 def test_cycles_and_joints_that_are_tied_twice_are_refused():
     """With the names of all that takes part."""
     with pytest.raises(SceneKeyError, match="here: joints follow each other by equalities: a -> c -> b"):

@@ -17,6 +17,7 @@ from sceniris_gym.scene.build import build_model, build_variants
 from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.variants import geom_classes
 from tests.config.scenes import TABLE
+from tests.versions import since_4
 
 THINGS = ("can", "mug", "book")
 GEOM = '<geom type="box" size=".02 .02 .02" pos="0 0 .02"/>'
@@ -55,9 +56,14 @@ def test_a_shared_body_has_room_for_every_variant():
     assert sim.mjm.body_simple[sim.bodies["target"]] == 0
 
 
-def test_nested_bodies_without_joints_are_one_rigid_body(tmp_path: Path):
-    """With the mass, the centre of mass and the geoms that MuJoCo finds in the nested bodies."""
-    inner = f'<body pos="0.01 0.02 0.03" quat="1 1 0 0">{GEOM}</body><body pos="-0.03 0 0"><geom size=".01"/></body>'
+DEEPER = '<body pos="0 0.02 0.01" quat="1 0 1 0"><geom type="box" size=".02 .01 .01" pos="0 0 .01"/></body>'
+
+
+@pytest.mark.parametrize("deeper", ["", pytest.param(DEEPER, marks=since_4("frames in frames are written wrongly"))])
+def test_nested_bodies_without_joints_are_one_rigid_body(tmp_path: Path, deeper: str):
+    """With the mass, the centre of mass and the geoms that MuJoCo finds in the nested bodies, at any level."""
+    inner = f'<body pos="0.01 0.02 0.03" quat="1 1 0 0">{GEOM}{deeper}</body>'
+    inner += '<body pos="-0.03 0 0"><geom size=".01"/></body>'
     path = tmp_path / "nested.xml"
     path.write_text(f"<mujoco><worldbody><body>{inner}</body></worldbody></mujoco>")
     words = {"variants": {"nested": {"asset": str(path)}, "can": {"asset": "can"}}, "on": "table"}

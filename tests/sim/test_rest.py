@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import copy
+import re
+from importlib.resources import files
 
 import mujoco
 import mujoco_warp as mjw
@@ -11,6 +13,7 @@ import pytest
 import warp as wp
 
 from sceniris_gym.errors import NotSupportedError
+from sceniris_gym.grasping.grip import PRESSES
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.stored import StoredLayouts
 from sceniris_gym.layout.tables import make_table
@@ -240,19 +243,41 @@ def test_stored_layouts_have_the_controls_of_their_starts():
     np.testing.assert_allclose(data.ctrl.numpy()[1, 7], table.qpos[free, 7], atol=1e-7)
 
 
-def test_a_gripper_without_a_position_actuator_is_refused():
+@pytest.mark.parametrize("gear", [1.0, -1.0])
+def test_a_motor_squeezes_as_hard_as_holds(tmp_path, gear: float):
+    """Its control is the end that closes, or 1/2, 1/4 or 1/8 of it. MuJoCo C holds the block, and drops it without."""
+    folder = files("sceniris_gym.assets")
+    motor = f'<motor name="gripper" tendon="gripper" gear="{gear}" ctrlrange="-60 80"/>'
+    text = re.sub('<position name="gripper".*/>', motor, (folder / "panda.xml").read_text())
+    (tmp_path / "panda.xml").write_text(text.replace('meshdir="', f'meshdir="{folder}/'))
+    robot = {**SCENE["robot"], "asset": str(tmp_path / "panda.xml")}
+    grasp = {"robot": "grasp", "of": "block"}
+    objects = {"block": {**SCENE["objects"]["block"], "reachable": "ik"}}
+    scene = {**SCENE, "robot": robot, "objects": objects, "start": [{**grasp, "lift": LIFT}, {}], "bank": 1}
+    compiled = compile_scene(scene, "cpu")
+    data, layouts = reset_worlds(compiled, 10)
+    kinds, ctrl = layouts.start.numpy(), data.ctrl.numpy()
+    assert set(ctrl[kinds == 0, 7] / (-60.0 if gear > 0.0 else 80.0)) <= set(PRESSES)
+    np.testing.assert_allclose(ctrl[kinds == 1, 7], compiled.scene.home_ctrl[7])
+    assert all(row.fingers == 2 and row.drift < 1e-3 for row in stepped(compiled, data, layouts))
+    ctrl[:, 7] = 0.0
+    data.ctrl.assign(ctrl)
+    assert all(row.drift > 1e-2 for row in stepped(compiled, data, layouts))
+
+
+def test_a_gripper_without_a_position_actuator_or_a_motor_is_refused():
     """By the name of its robot, before anything falls."""
     scene = {**SCENE, "start": SCENE["start"][:2], "bank": 1}
     compiled = compile_scene({**scene, "start": [{"robot": "grasp", "of": "block"}]}, "cpu")
     mjm = compiled.mjm
     data = mjw.make_data(mjm, nworld=1, nconmax=64, njmax=256)
     gain = mjm.actuator_biasprm[7].copy()
-    mjm.actuator_biasprm[7] = 0.0
+    mjm.actuator_biasprm[7] = mjm.actuator_ctrllimited[7] = 0.0
     try:
         with pytest.raises(NotSupportedError, match="gripper of 'robot' has no position actuator"):
             ResetRandomizer(compiled, make_worlds(compiled, 1)[0], data)
     finally:
-        mjm.actuator_biasprm[7] = gain
+        mjm.actuator_biasprm[7], mjm.actuator_ctrllimited[7] = gain, 1
 
 
 @pytest.fixture(scope="module")

@@ -27,7 +27,7 @@ _MOST_FINGER = 5
 # A site is a tool centre point if its name contains one of these words, best first.
 _TCP_WORDS = (*USUAL, "gripsite", "grasp", "attachment", "eef", "end_effector", "tool")
 # A hinge at the end of an arm moves a finger if the name of its body contains one of these words.
-_FINGER_WORDS = ("jaw", "finger", "claw", "grippermover")
+_FINGER_WORDS = ("jaw", "finger", "claw", "mover")
 # Distance of the tool centre point behind the fingertips [m].
 _TIP = 0.01
 # Fingers centred within this distance of the hand's origin do not indicate an approach direction [m].
@@ -68,8 +68,8 @@ class FoundArm:
 
         If the hand has a site with a name such as 'tcp' near its fingers, the TCP is at that site. Otherwise, the TCP
         is between the fingertips, or, for an arm without fingers, at the origin of the last body. The +z axis of the
-        TCP points from the hand to the fingers. If there are no fingers, or if they are at the hand's origin, +z is
-        along the axis of the last joint.
+        TCP points from the hand to the fingers, away from the last joint. If there are no fingers, or if they are at
+        the hand's origin, +z is along the axis of the last joint.
 
         Args:
             data: The model in its start pose, after `mj_kinematics`.
@@ -81,7 +81,9 @@ class FoundArm:
         middle, half = (points.max(axis=0) + points.min(axis=0)) / 2.0, np.ptp(points, axis=0) / 2.0 + _BESIDE
         if self.fingers:
             near = [s for s in own if (np.abs((data.site_xpos[s] - pos) @ mat - middle) < half).all()]
-            own, toward = own if len(self.fingers) == 1 else near, mat @ middle
+            own, toward, wrist = own if len(self.fingers) == 1 else near, mat @ middle, data.xanchor[self.joints[-1]]
+            if toward @ (pos + toward - wrist) < 0.0:  # the hand's origin is at its fingertips
+                toward = pos + toward - wrist
         site = next((s for word in _TCP_WORDS for s in own if word in self.mjm.site(s).name.lower()), None)
         if site is not None:
             toward = data.site_xpos[site] - pos if len(self.fingers) == 1 else toward

@@ -38,6 +38,15 @@ def test_a_site_far_from_the_fingers_is_no_tool_centre_point():
     assert find_arms(mjm)[0].tcp(posed(mjm)).site == "grasp_site"
 
 
+def test_fingers_behind_the_origin_of_a_hand_do_not_point_back_to_the_arm():
+    """Some hands have their origin at the tips: the tool centre point faced the wrist, and no object was in reach."""
+    hand = f'<body name="tool" pos="0 0 0.12">{FINGERS.replace("0 0.05", "0 -0.07")}</body>'
+    mjm = mujoco.MjModel.from_xml_string(arm(hand))
+    tcp = find_arms(mjm)[0].tcp(posed(mjm))
+    assert (tcp.body, tcp.turns) == ("tool", (0.0, 0.0, 0.0))
+    assert tcp.offset == pytest.approx((0.0, 0.0, -0.05), abs=1e-4)
+
+
 def test_a_look_of_one_finger_does_not_move_the_tool_centre_point():
     """A gripper whose TCP was 2 mm off its middle had both fingers on one side when closed."""
     look = '<geom type="box" size="0.01 0.01 0.01" pos="0 0.02 0" contype="0" conaffinity="0" mass="0"/>'
@@ -46,14 +55,15 @@ def test_a_look_of_one_finger_does_not_move_the_tool_centre_point():
     assert find_arms(mjm)[0].tcp(posed(mjm)).offset == pytest.approx((0.0, 0.0, 0.07), abs=1e-4)
 
 
-def test_a_hinge_named_as_a_jaw_is_a_finger_and_no_joint_of_the_arm():
+@pytest.mark.parametrize("name", ["moving_jaw", "mover"])
+def test_a_hinge_named_as_a_jaw_is_a_finger_and_no_joint_of_the_arm(name: str):
     """The hand is the other finger, and its site is the tool centre point, whose x axis points out of the hand."""
-    jaw = '<body name="moving_jaw" pos="0.02 0 0.02"><joint axis="0 1 0" range="0 90"/><geom size="0.01"/></body>'
+    jaw = f'<body name="{name}" pos="0.02 0 0.02"><joint axis="0 1 0" range="0 90"/><geom size="0.01"/></body>'
     site = '<site name="gripperframe" pos="0.01 0 0.09" euler="0 -90 0"/>'
     mjm = mujoco.MjModel.from_xml_string(arm(site + jaw))
     (found,) = find_arms(mjm)
     assert (mjm.body(found.hand).name, len(found.joints)) == ("hand", 6)
-    assert [mjm.body(b).name for b in found.fingers] == ["moving_jaw"]
+    assert [mjm.body(b).name for b in found.fingers] == [name]
     tcp = found.tcp(posed(mjm))
     assert (tcp.site, tcp.pitch) == ("gripperframe", 90.0)
 
