@@ -238,7 +238,7 @@ def check(
     from sceniris_gym.commands import check as tool
 
     found = tool.judge(scene_config(scene, changes), device, layouts, seed, picture, split, strict=strict)
-    return answer(found, json, tool.report)
+    return answer(found, json, partial(tool.report, scene=scene, changes=changes))
 
 
 @_command
@@ -445,17 +445,23 @@ def init(
 
 
 def new_task(
-    name: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="NAME")], out: Out = None, json: Json = False
+    name: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="NAME")],
+    robot: str | None = None,
+    target: str | None = None,
+    out: Out = None,
+    json: Json = False,
 ) -> Answer:
     """Write a first scene file and a first task: NAME.yaml and NAME.py.
 
     Args:
         name: a module name in lower case, such as pick_can
+        robot: arm of the package, or its MJCF or URDF, by default panda
+        target: object to grasp, of the package or an MJCF or URDF file, by default orange
         out: folder of the two files, by default the working folder
     """
     from sceniris_gym.commands import new_task as tool
 
-    return answer(tool.new_task(name, out or Path()), json)
+    return answer(tool.new_task(name, out or Path(), robot, target), json)
 
 
 @_command
@@ -500,7 +506,7 @@ def evaluate(options: Annotated[Evaluation, tyro.conf.arg(name="")], json: Json 
         checked_target(file)
     from sceniris_gym.commands import evaluate as tool
 
-    return answer(tool.evaluate(options), json, tool.report)
+    return answer(tool.evaluate(options), json, partial(tool.report, options=options))
 
 
 @_command

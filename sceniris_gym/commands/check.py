@@ -1,12 +1,13 @@
 """The `check` command: reports whether a scene has valid layouts, and rejected candidates by object and cause."""
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from sceniris_gym.commands.answer import OK, verdict
 from sceniris_gym.commands.narrowing import narrow
+from sceniris_gym.commands.options import replay_command
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import FallbackWarning, InfeasibleSceneError
 from sceniris_gym.layout.blame import obstructions, recording
@@ -61,8 +62,8 @@ def check(compiled: CompiledScene, layouts: int, seed: int, picture: Path | None
     }
 
 
-def report(found: Mapping) -> str:
-    """Return the findings of `check` as text."""
+def report(found: Mapping, scene: str, changes: Sequence[str] = ()) -> str:
+    """Return the findings of `check` as text, with the command that draws a layout of the changed scene."""
     ways = [f"most in the way of {name}: {pair}" for name, pair in found["in_the_way"].items()]
     if "error" in found:
         return "\n".join([verdict(found, found["error"]), table_of_rejections(found["rejections"]), *ways])
@@ -81,7 +82,8 @@ def report(found: Mapping) -> str:
         f"{name}: {part['kept']:.1%} of {part['candidates']} candidates are within reach"
         for name, part in found.get("narrowing", {}).items()
     ]
-    return "\n".join(lines + ([f"picture: {found['picture']}"] if "picture" in found else []))
+    lines += [f"picture: {found['picture']}"] if "picture" in found else []
+    return "\n".join([*lines, f"draw the first one: {replay_command(found['first_id'], scene, changes)}"])
 
 
 def table_of_rejections(counts: Mapping[str, Mapping[str, int]]) -> str:

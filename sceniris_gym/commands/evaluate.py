@@ -3,11 +3,12 @@
 import warnings
 from collections.abc import Mapping
 from contextlib import nullcontext
+from pathlib import Path
 from shlex import quote
 from typing import Any
 
 from sceniris_gym.commands.answer import OK, verdict
-from sceniris_gym.commands.options import Evaluation
+from sceniris_gym.commands.options import Evaluation, replay_command
 from sceniris_gym.errors import ArgumentError, SceneMismatchError, ScenirisWarning
 from sceniris_gym.files import as_json, check_picture, write_text
 from sceniris_gym.scene.build import build_model
@@ -15,7 +16,7 @@ from sceniris_gym.training.judging import judge, judges_of
 from sceniris_gym.training.runner import Policy
 from sceniris_gym.training.settings import CONFIG, MODEL, read_config, read_parts, share, without_layouts
 from sceniris_gym.training.task_scenes import hashes_of, scene_of, spec_of
-from sceniris_gym.training.video import PICTURES, filming
+from sceniris_gym.training.video import COLUMNS, PICTURES, filming
 
 
 def evaluate(options: Evaluation) -> dict[str, Any]:
@@ -70,14 +71,24 @@ def evaluate(options: Evaluation) -> dict[str, Any]:
         played = "" if sees else f" --policy {quote(str(run / MODEL))}"
         where = task if ":" in task else spec_of(task).id
         more["view"] = f"sceniris-gym view --env {where}{played} --layout {quote(str(failed))}" if ids else None
+        own = scene.config.where if Path(scene.config.where).is_file() else None
+        more["replay"] = replay_command(str(failed), own) if ids else None
     return more | without_layouts(found)
 
 
-def report(found: Mapping[str, Any]) -> str:
-    """Return the success rates as text, one line per kind of layouts, and the command to view the failures."""
+def report(found: Mapping[str, Any], options: Evaluation) -> str:
+    """Return the success rates as text, one line per kind of layouts, the files, and commands to show the failures."""
     lines = [f"{n}: {share(found[n])} of {found[n]['layouts']:,} layouts" for n in ("valid", "unfiltered")]
     if OK in found:
         lines[0] = verdict(found, lines[0])
+    layouts, success = found["valid"]["layouts"], found["valid"]["success"]
+    counts = (
+        (options.out, f"{layouts + found['unfiltered']['layouts']:,} layouts"),
+        (options.failed, f"{layouts - round(success * layouts):,} ids"),
+        (options.video, f"{min(COLUMNS**2, layouts)} worlds"),
+    )
+    if wrote := [f"{file} ({count})" for file, count in counts if file is not None]:
+        lines.append(f"wrote {', '.join(wrote)}")
     if "view" in found:
-        lines.append(found["view"] or "All valid layouts ended in success.")
+        lines += [found["replay"], found["view"]] if found["view"] else ["All valid layouts ended in success."]
     return "\n".join(lines)

@@ -1,5 +1,6 @@
 """The `new-task` command: writes a scene file and a task to start from."""
 
+import os
 from keyword import iskeyword
 from pathlib import Path
 from shlex import quote
@@ -10,12 +11,14 @@ from sceniris_gym.files import check_new, write_text
 _TEMPLATE = Path(__file__).with_name("first_task")
 
 
-def new_task(name: str, folder: Path) -> dict[str, str]:
+def new_task(name: str, folder: Path, robot: str | None = None, target: str | None = None) -> dict[str, str]:
     """Write NAME.yaml and NAME.py, and return their paths and the commands to try next.
 
     Args:
         name: Name of both files, a module name in lower case. The class of the task has the same name in CamelCase.
         folder: Folder of both files.
+        robot: Name of a shipped arm, or its MJCF or URDF file, instead of the arm of the first scene.
+        target: The same for the object to grasp.
 
     Raises:
         ArgumentError: The name cannot be a module's, or a file with this name exists.
@@ -28,7 +31,12 @@ def new_task(name: str, folder: Path) -> dict[str, str]:
         check_new(file, "new-task", "Give another NAME, or another folder by --out.")
     for file in files:
         text = _TEMPLATE.with_suffix(f"{file.suffix}.txt").read_text()
+        for shipped, own in (("panda", robot), ("orange", target)):
+            if own is not None:
+                path = os.path.relpath(own, folder) if Path(own).is_file() else own
+                text = text.replace(f"asset: {shipped}", f"asset: {path}")
         write_text(file, text.replace("first_task", name).replace("FirstTask", title))
     there = "" if folder == Path() else f"cd {quote(str(folder))} && "
-    shown, tried = (f"sceniris-gym view {quote(str(files[0]))}", f"{there}sceniris-gym train {name}:{title}-v0")
-    return {"scene": str(files[0]), "task": str(files[1]), "show layouts": shown, "train": tried}
+    tried, scene = f"{there}sceniris-gym train {name}:{title}-v0", quote(str(files[0]))
+    shown = {"check": f"sceniris-gym check {scene}", "show layouts": f"sceniris-gym view {scene}"}
+    return {"scene": str(files[0]), "task": str(files[1]), **shown, "train": tried}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import redirect_stdout, suppress
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
 
 import tyro
 
-from sceniris_gym.config.bounds import COUNT, MOST_WORLDS
+from sceniris_gym.config.bounds import COUNT
 from sceniris_gym.config.settings import read_changes
 from sceniris_gym.errors import ArgumentError, old_names
 
@@ -133,17 +134,17 @@ def read_ids(given: Sequence[str]) -> list[str]:
     return ids
 
 
+def replay_command(layouts: str, scene: str | None, changes: Sequence[str] = ()) -> str:
+    """Return the command that draws layouts of a scene, given an id or a file with ids."""
+    words = [] if scene is None else ["--scene", scene]
+    return shlex.join(["sceniris-gym", "replay", layouts, *words, *(f"--set={change}" for change in changes)])
+
+
 def check_numbers(command: Callable[..., object] | type, options: Mapping[str, Any]) -> None:
     """Reject options outside the ranges in the annotations of a command or a class. Options may be None or left out."""
     for name, hint in get_type_hints(command, include_extras=True).items():
         for bounds in getattr(hint, "__metadata__", ()):
-            if isinstance(bounds, range) and options.get(name) is not None:
-                check_counts(bounds[0], most=bounds[-1], **{name: options[name]})
-
-
-def check_counts(least: int, *, most: int = MOST_WORLDS, **counts: float) -> None:
-    """Reject numbers below `least` or above `most`. Each keyword is the name of an option, for the message."""
-    for name, count in counts.items():
-        if not least <= count <= most:
-            bound = f"at least {least}" if count < least else f"at most {most}"
-            raise ArgumentError(f"--{name.replace('_', '-')} {count}: should be {bound}.")
+            number = options.get(name)
+            if isinstance(bounds, range) and number is not None and not bounds[0] <= number <= bounds[-1]:
+                bound = f"at least {bounds[0]}" if number < bounds[0] else f"at most {bounds[-1]}"
+                raise ArgumentError(f"--{name.replace('_', '-')} {number}: should be {bound}.")

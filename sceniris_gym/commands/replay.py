@@ -27,6 +27,9 @@ from sceniris_gym.scene.field_table import OPTIONS
 from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.scene.model import SceneModel
 
+_LISTED = 5
+"""Number of layouts that a report lists, if there are several."""
+
 
 def find_scene(scenehash: str, config: SceneConfig | None = None) -> SceneModel:
     """Return the scene with the hash `scenehash`: the scene of `config` or, without `config`, a shipped scene.
@@ -144,8 +147,13 @@ def _known(qpos: np.ndarray) -> list[float] | None:
 
 
 def report(found: Mapping) -> str:
-    """Return layouts as text, with angles in degrees."""
-    return "\n".join([*map(_text, found["layouts"]), f"picture: {found['picture']}"])
+    """Return a single layout as text, with angles in degrees. Of several layouts, list only the first `_LISTED`."""
+    layouts = found["layouts"]
+    texts = [_text(layout) for layout in layouts[:_LISTED]]
+    lines = texts if len(layouts) == 1 else [text.partition("\n")[0] for text in texts]
+    if len(layouts) > _LISTED:
+        lines.append(f"and {len(layouts) - _LISTED} more. Poses of all layouts: --json, or a single ID")
+    return "\n".join([*lines, f"picture: {found['picture']}"])
 
 
 def _text(found: Mapping) -> str:

@@ -109,6 +109,13 @@ class SceneWords(Section):
         """The robots, by the names that objects use for them: the keys of `robots`, or 'robot' for a single `robot`."""
         return self.robots if self.robot is None else {ROBOT: self.robot}
 
+    def written(self, name: str) -> str:
+        """Return the name of an element of the model as the scene file has it: 'robot/hand' for 'panda/hand'."""
+        for key, robot in self.all_robots.items():
+            if robot.in_model is None and f"{name}/".startswith(robot.prefix):
+                return key + name.removeprefix(robot.name)
+        return name
+
     @cached_property
     def parts(self) -> dict[str, ObjectConfig]:
         """The objects, followed by the robots whose base is drawn, each as an ObjectConfig."""

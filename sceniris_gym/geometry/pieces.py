@@ -319,7 +319,10 @@ def _primitive(kind: mujoco.mjtGeom, size: np.ndarray) -> trimesh.Trimesh:
     return ball
 
 
-def geom_name(mjm: mujoco.MjModel, geom: int) -> str:
-    """Return the name of a geom for messages, or its number and body if it has no name."""
+def geom_name(mjm: mujoco.MjModel, geom: int, written: Callable[[str], str] = str) -> str:
+    """Return the name of a geom for messages, or its number and body if it has no name.
+
+    `written` translates names of the model.
+    """
     body = mjm.body(int(mjm.geom_bodyid[geom])).name
-    return mjm.geom(geom).name or f"{geom} of body {body}"
+    return written(mjm.geom(geom).name) or f"{geom} of body {written(body)}"

@@ -75,7 +75,7 @@ class Blame:
         plan = compiled.plan
         colliders = collect_colliders(plan.pieces, compiled.config.geometry == "visual", compiled.device)
         rules = PairRules(compiled.scene, colliders)
-        self._mjm = compiled.mjm
+        self._mjm, self._written = compiled.mjm, compiled.config.written
         self._pieces = {piece.geom: piece for piece in plan.pieces}
         pairs = zip(plan.objects, collider_pairs(plan, rules), strict=True)
         self._margins = [_geom_margins(rules, o.ground, own) for o, own in pairs]
@@ -91,9 +91,14 @@ class Blame:
         for geoms, margin in self._margins[number].items():
             distance = self._distance(data, depths, geoms, margin)
             if distance is not None:
-                names = " and ".join(_name(self._mjm, geom) for geom in geoms)
+                names = " and ".join(map(self._name, geoms))
                 found.append(Hit(geoms, names, distance, margin))
         return sorted(found, key=lambda hit: hit.distance - hit.margin)
+
+    def _name(self, geom: int) -> str:
+        """Return a text with the names of a geom and its body, as the scene file has them."""
+        body = self._mjm.body(int(self._mjm.geom_bodyid[geom])).name
+        return f"geom '{self._written(self._mjm.geom(geom).name or str(geom))}' of body '{self._written(body)}'"
 
     def _distance(self, data: mujoco.MjData, depths: HomeTouch, geoms: tuple[int, int], margin: float) -> float | None:
         """Return the distance of two geoms [m], or None if they are far enough apart."""
@@ -334,9 +339,3 @@ def _gap(distance: float, margin: float, average: str = "") -> str:
     gap = f"{1e3 * abs(distance):.3g} mm {'deep' if distance < 0.0 else 'apart'}{average}"
     rule = "deep is allowed, as at home" if margin < 0.0 else "apart is required"
     return f"{gap}, {1e3 * abs(margin):.3g} mm {rule}"
-
-
-def _name(mjm: mujoco.MjModel, geom: int) -> str:
-    """Return a text with the names of a geom and its body."""
-    body = mjm.body(int(mjm.geom_bodyid[geom])).name
-    return f"geom '{mjm.geom(geom).name or geom}' of body '{body}'"

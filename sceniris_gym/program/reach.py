@@ -140,8 +140,10 @@ def robot_arm(scene: SceneModel, name: str = ROBOT) -> SerialArm:
     home, name = scene.home_of(name)
     try:
         return SerialArm.from_model(home.mjm, home.config.all_robots[name].name, home.tcps[name])
-    except ArmError as error:  # in a model of its own, the robot's names have no prefix
-        text = str(error) if robot.asset is None else str(error).replace(f"in_model: {robot.name}/", "in_model: ")
+    except ArmError as error:  # in its own file, the robot's names have no prefix
+        text = str(error)
+        if robot.asset is not None:
+            text = text.replace(f"in_model: {robot.name}/", "in_model: ").replace(f"'{robot.name}/", "'")
         raise ArmError(f"{where}: {text}") from None
     except UnknownNameError as error:  # only without `tcp`: with it, the scene has the site
         where += ": 'tcp' should name the tool centre point, a site or a body"

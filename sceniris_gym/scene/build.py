@@ -291,8 +291,8 @@ def add_cameras(spec: mujoco.MjSpec, config: SceneConfig) -> None:
         if carrier is None and camera.body in config.variants:  # the shared body is made later
             carrier = spec.body(config.variants[camera.body][0])
         if carrier is None:
-            bodies = [body.name for body in spec.bodies if body.name != "world"]
-            raise UnknownNameError("body", str(camera.body), f"{where}.body", filter(None, bodies))
+            bodies = [config.written(body.name) for body in spec.bodies if body.name not in ("", "world")]
+            raise UnknownNameError("body", str(camera.body), f"{where}.body", bodies)
         quat = quaternion(camera_axes(camera.backward, camera.upward))
         carrier.add_camera(name=name, pos=camera.pos, quat=quat, fovy=camera.fovy)
 

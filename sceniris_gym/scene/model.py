@@ -211,11 +211,11 @@ class SceneModel(RefusesOldNames):
             if not ids:
                 raise UnknownNameError("joint", word, where, joints)
             if all(i in following for i in ids):
-                refuse_follower(self.mjm, following[ids[0]], f"{where}.{word}")
+                refuse_follower(self._joint_name, following[ids[0]], f"{where}.{word}")
             for i in ids:
                 if i not in following and i not in found:
                     found[i] = words[word]
-                    check_joint(self.mjm, self.home_qpos, i, words[word], f"{where}.{word}")
+                    check_joint(self.mjm, self.home_qpos, i, self._joint_name(i), words[word], f"{where}.{word}")
         return dict(sorted(found.items()))
 
     def named_joints(self) -> list[int]:
@@ -228,6 +228,10 @@ class SceneModel(RefusesOldNames):
         drawn = self.joint_configs(name)
         return {*drawn, *(c.follower for c in driven_by(self.couplings, drawn))}
 
+    def _joint_name(self, joint: int) -> str:
+        """Return the name of a joint as the scene file has it."""
+        return self.config.written(self.mjm.joint(joint).name)
+
     def _joint_words(self, name: str) -> dict[str, JointConfig]:
         return (self.config.all_robots.get(name) or self.config.objects[name]).joints
 
@@ -239,25 +243,28 @@ class SceneModel(RefusesOldNames):
         return f"{name}/" if body is None else body[: body.rfind("/") + 1]
 
 
-def refuse_follower(mjm: mujoco.MjModel, coupling: Coupling, where: str) -> NoReturn:
+def refuse_follower(name_of: Callable[[int], str], coupling: Coupling, where: str) -> NoReturn:
     """Raise an error, because the scene draws a joint that follows another joint or is held.
 
     Raises:
         SceneKeyError: Always. The message names the equality.
     """
-    name = mjm.joint(coupling.follower).name
+    name = name_of(coupling.follower)
     if coupling.driver is None:
         raise SceneKeyError(
             f"{where}: {coupling.label} holds joint '{name}' at {coupling.offset:g} (m or rad), so it cannot be "
             "drawn. Draw other joints, or remove the equality."
         )
+    driver = name_of(coupling.driver)
     raise SceneKeyError(
-        f"{where}: {coupling.label} makes '{name}' follow '{mjm.joint(coupling.driver).name}', so it cannot be drawn. "
-        f"Draw '{mjm.joint(coupling.driver).name}' instead, or remove the equality."
+        f"{where}: {coupling.label} makes '{name}' follow '{driver}', so it cannot be drawn. Draw '{driver}' instead, "
+        "or remove the equality."
     )
 
 
-def check_joint(mjm: mujoco.MjModel, home_qpos: np.ndarray, joint: int, config: JointConfig, where: str) -> None:
+def check_joint(
+    mjm: mujoco.MjModel, home_qpos: np.ndarray, joint: int, name: str, config: JointConfig, where: str
+) -> None:
     """Check that a joint can be drawn as `config` requires.
 
     Raises:
@@ -265,7 +272,6 @@ def check_joint(mjm: mujoco.MjModel, home_qpos: np.ndarray, joint: int, config: 
         SceneKeyError: `config` gives a `fraction` for a joint without limits, or values outside the joint's limits. Or
             it gives `noise`, although the start pose is outside the limits.
     """
-    name = mjm.joint(joint).name
     if mjm.jnt_type[joint] == mujoco.mjtJoint.mjJNT_BALL:
         raise NotSupportedError(f"{where}: '{name}' is a ball joint, which cannot be drawn yet. Leave out this key.")
     if not mjm.jnt_limited[joint]:

@@ -45,7 +45,7 @@ def judges_of(task: str, layouts: int, device: str | None, **options: Any) -> di
     worlds = layouts + max(1, layouts // SPARE)
     compiled = compile_scene(scene_of(task, reachable=True), device)
     anywhere = compile_scene(scene_of(task, reachable=False), device)
-    uniform = {"split": "eval", **layout_sources.words_of_uniform(task, "eval")}
+    uniform = {"split": "eval", **layout_sources.words_of_uniform(task, compiled.scene, "eval")}
     try:
         unfiltered = make_env(task, worlds, anywhere, **uniform)
     except UnknownNameError:  # the task uses the grasp of an object

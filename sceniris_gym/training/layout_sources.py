@@ -16,6 +16,8 @@ from sceniris_gym.layout.tables import make_table
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import Program, copied
 from sceniris_gym.scene.layout_table import LayoutTable
+from sceniris_gym.scene.model import SceneModel
+from sceniris_gym.sim.batch import default_budget, with_options
 from sceniris_gym.training.task_scenes import spec_of
 from sceniris_gym.vector.arguments import as_task
 
@@ -50,14 +52,16 @@ def uniform(split: str = "train") -> Callable[[CompiledScene, int], LayoutGenera
     return lambda compiled, num_envs: LayoutGenerator(unchecked(compiled), num_envs, split=split)
 
 
-def words_of_uniform(task: str, split: str = "train") -> dict[str, Any]:
+def words_of_uniform(task: str, scene: SceneModel, split: str = "train") -> dict[str, Any]:
     """Return arguments of SceneVectorEnv for a task with the `layout_source` `uniform`.
 
-    Objects overlap in these layouts, so a world has room for twice the task's constraint rows. Of 1,024 such layouts of
-    TabletopLift-v0, some need more than its 192 rows, and valid ones at most 105.
+    Objects overlap in these layouts, so a world has room for twice the constraint rows of the task, or of the default
+    for its scene. Of 1,024 such layouts of TabletopLift-v0, some need more than its 192 rows, and valid ones at most
+    105.
     """
-    rows = as_task(spec_of(task).kwargs["task"]).sim_config.njmax
-    return words_of(uniform(split)) | {"sim_config": {"njmax": None if rows is None else 2 * rows}}
+    own = as_task(spec_of(task).kwargs["task"])
+    rows = own.sim_config.njmax or default_budget(with_options(scene.sim.mjm, own.options), scene)[1]
+    return words_of(uniform(split)) | {"sim_config": {"njmax": 2 * rows}}
 
 
 def unchecked(compiled: CompiledScene) -> CompiledScene:

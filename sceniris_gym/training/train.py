@@ -70,7 +70,7 @@ class Run:
             rows = layout_sources.valid_rows(compiled, options.bank, seed)
             words = layout_sources.words_of(layout_sources.bank(rows))
         elif options.uniform:
-            words = layout_sources.words_of_uniform(options.task)
+            words = layout_sources.words_of_uniform(options.task, compiled.scene)
         if options.curriculum:
             words["curriculum"] = LevelReplay(options.curriculum)
         envs = make_env(options.task, options.num_envs, compiled, **words)

@@ -160,7 +160,7 @@ def test_the_report_has_shares_causes_and_the_picture():
         **{"valid": 0.875, "first_pass_valid": 0.5, "attempts_per_layout": 2.25, "attempts": 40},
         "narrowing": {"mug": {"kept": 0.25, "candidates": 40}},
     }
-    lines = report(found).split("\n")
+    lines = report(found, "my desk.yaml", ("objects.mug.gap=0.01",)).split("\n")
     assert lines[0].startswith("ok: 8 layouts of 'desk': 87.50% valid, 50.00% on the first pass, 2.25 candidates")
     assert "40 attempts" in lines[1]
     assert lines[2].endswith("0123:train:4:0")
@@ -170,6 +170,8 @@ def test_the_report_has_shares_causes_and_the_picture():
         ["long_named_pan", "12345", "3"],
     ]
     assert len({len(line) for line in lines[3:6]}) == 1
-    assert lines[6:] == ["mug: 25.0% of 40 candidates are within reach"]
-    assert report({**found, "picture": "a.png"}).split("\n")[7:] == ["picture: a.png"]
+    replay = "sceniris-gym replay 0123:train:4:0 --scene 'my desk.yaml' --set=objects.mug.gap=0.01"
+    assert lines[6:] == ["mug: 25.0% of 40 candidates are within reach", f"draw the first one: {replay}"]
+    with_picture = report({**found, "picture": "a.png"}, "desk").split("\n")
+    assert with_picture[7:] == ["picture: a.png", "draw the first one: sceniris-gym replay 0123:train:4:0 --scene desk"]
     assert table_of_rejections({}).split() == ["rejected"]

@@ -9,6 +9,7 @@ import shutil
 from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -106,7 +107,9 @@ def test_failed_layouts_are_listed_and_shown(run: Path, capfd: pytest.CaptureFix
     assert failed.read_text().split() == ids
     assert said[0].startswith("FAIL: valid: ")
     view = f"sceniris-gym view --env {task} --policy {run / 'model.pt'} --layout {failed}"
-    assert said[-1] == (view if ids else "All valid layouts ended in success.")
+    replay = f"sceniris-gym replay {failed} --scene {run.parent / 'lower.yaml'}"
+    assert said[2] == f"wrote {out} (6 layouts), {failed} ({len(ids)} ids)"
+    assert said[3:] == ([replay, view] if ids else ["All valid layouts ended in success."])
 
 
 def test_failures_of_a_policy_that_sees_images_are_viewed_without_it(
@@ -130,6 +133,7 @@ def test_a_video_shows_the_first_episodes(run: Path, capfd: pytest.CaptureFixtur
     words = ["evaluate", str(run), "-n", "3", "--device", "cpu", "--task", task, "--json"]
     cli.main([*words, "--video", str(file)])
     assert json.loads(capfd.readouterr().out).keys() == {"valid", "unfiltered"}
+    assert report(made_of(3), Evaluation(run, video=file)).splitlines()[2:] == [f"wrote {file} (3 worlds)"]
     about, *frames = ffmpeg.read_frames(file)
     steps = gymnasium.spec(registered_id(task)).max_episode_steps
     assert (about["size"], len(frames)) == ((960, 720), 1 + (steps or 0))
@@ -152,15 +156,21 @@ def test_a_minimum_success_that_is_not_a_fraction_is_refused(fraction: str, capf
     assert capfd.readouterr().err == f"error: --min-success {float(fraction)}: should be {bound}.\n"
 
 
-def test_an_evaluation_is_told_in_words():
-    """A line for each kind of layouts."""
-    found = {
-        "valid": {"success": 0.5, "interval": (0.25, 0.751), "layouts": 4096},
+def made_of(layouts: int) -> dict[str, dict[str, Any]]:
+    """Return the findings of an evaluation on `layouts` valid layouts and 12 unfiltered ones."""
+    return {
+        "valid": {"success": 0.5, "interval": (0.25, 0.751), "layouts": layouts},
         "unfiltered": {"success": 0.0, "interval": (0.0, 0.01), "layouts": 12},
     }
-    assert report(found) == (
-        "valid: 50.0% (25.0% to 75.1%) of 4,096 layouts\nunfiltered: 0.0% (0.0% to 1.0%) of 12 layouts"
-    )
+
+
+def test_an_evaluation_is_told_in_words():
+    """A line for each kind of layouts, and one for the files, each with its count."""
+    rates = "valid: 50.0% (25.0% to 75.1%) of 4,096 layouts\nunfiltered: 0.0% (0.0% to 1.0%) of 12 layouts"
+    assert report(made_of(4096), Evaluation(Path("run"))) == rates
+    files = Evaluation(Path("run"), out=Path("a.json"), failed=Path("b.txt"), video=Path("c.mp4"))
+    wrote = "wrote a.json (4,108 layouts), b.txt (2,048 ids), c.mp4 (16 worlds)"
+    assert report(made_of(4096), files) == f"{rates}\n{wrote}"
 
 
 def test_a_folder_without_a_run_is_refused(tmp_path: Path, capfd: pytest.CaptureFixture):

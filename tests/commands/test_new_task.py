@@ -8,7 +8,9 @@ import gymnasium as gym
 import pytest
 
 from sceniris_gym import cli
+from sceniris_gym.scene.build import build_model
 from sceniris_gym.training.task_scenes import spec_of
+from tests.layout.scenes import box_mjcf
 
 
 def test_what_it_writes_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture):
@@ -33,20 +35,27 @@ def test_what_it_writes_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ca
 
 
 def test_what_it_writes_fits_an_arm_with_other_joints(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """The scene gets an arm of six joints, and the task stays as it was written."""
+    """With an arm of six joints, the task has six actions."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
-    cli.main(["new-task", "pick_by_six"])
-    scene = tmp_path / "pick_by_six.yaml"
-    scene.write_text(
-        scene.read_text().replace("asset: panda", "asset: ur5e").replace("reachable: map", "reachable: ik")
-    )
+    cli.main(["new-task", "pick_by_six", "--robot", "ur5e"])
     assert spec_of("pick_by_six:PickBySix-v0").max_episode_steps == 100
     envs = gym.make_vec("PickBySix-v0", num_envs=2, device="cpu", overrides={"bank": 8})
     envs.reset(seed=0)
     assert envs.action_space.shape == (2, 6)
     assert (envs.step(envs.action_space.sample())[1] < 0.0).all()
     envs.close()
+
+
+def test_files_of_ones_own_are_seen_from_the_scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """An arm without a map and an object, given from the working folder, in a scene in another one."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "lab.xml").write_bytes((Path(__file__).parents[1] / "data" / "six_axes.xml").read_bytes())
+    box_mjcf(tmp_path, "box", 0.05, 0.05, 0.1)
+    cli.main(["new-task", "pick_box", "--robot", "lab.xml", "--target", "box.xml", "-o", "tasks"])
+    scene = build_model(tmp_path / "tasks" / "pick_box.yaml")
+    assert scene.mjm.body("lab/hand").id > 0
+    assert scene.mjm.geom(int(scene.mjm.body("target").geomadr[0])).size == pytest.approx([0.025, 0.025, 0.05])
 
 
 @pytest.mark.parametrize("name", ["2x", "class", "Pick", "my-task"])

@@ -10,7 +10,7 @@ import pytest
 import tyro
 
 from sceniris_gym import cli
-from sceniris_gym.commands.options import check_counts, check_numbers, scene_config
+from sceniris_gym.commands.options import check_numbers, scene_config
 from sceniris_gym.config.settings import read_changes
 from sceniris_gym.errors import ArgumentError, SceneKeyError
 
@@ -30,12 +30,12 @@ def test_what_is_no_change_is_quoted(change: str):
 
 def test_counts_and_seeds_have_bounds():
     """Named as the option is."""
-    check_counts(1, num_envs=1)
+    check_numbers(cli.bench, {"num_envs": 1})
     check_numbers(cli.check, {"seed": 2**64 - 1})
     with pytest.raises(ArgumentError, match=r"--num-envs 0: should be at least 1"):
-        check_counts(1, num_envs=0)
-    with pytest.raises(ArgumentError, match=r"--n 5: should be at most 4"):
-        check_counts(1, most=4, n=5)
+        check_numbers(cli.bench, {"num_envs": 0})
+    with pytest.raises(ArgumentError, match=r"--num-envs 65: should be at most 64"):
+        check_numbers(cli.view, {"num_envs": 65})
     for seed in (-1, 2**64):
         with pytest.raises(ArgumentError, match=f"--seed {seed}: should be at "):
             check_numbers(cli.check, {"seed": seed})

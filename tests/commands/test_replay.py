@@ -130,6 +130,16 @@ def test_absent_objects_are_named():
     assert re.search(rf"^  {absent} +absent$", report({"layouts": [{"id": "x", **found}], "picture": "y"}), re.M)
 
 
+def test_of_many_layouts_a_few_lines_are_printed():
+    """A line for each of the first five, their number, and how to get the rest: not a screen for each failure."""
+    one = describe(compile_scene("mid", "cpu"), make_table(compile_scene("mid", "cpu"), 1, 0))
+    several = {"layouts": [{"id": f"h:eval:{i}:0", **one} for i in range(96)], "picture": "y"}
+    *first, more, picture = report(several).split("\n")
+    assert first == [f"h:eval:{i}:0 of scene 'mid': valid, {one['attempts']} candidates" for i in range(5)]
+    assert (more, picture) == ("and 91 more. Poses of all layouts: --json, or a single ID", "picture: y")
+    assert report(several | {"layouts": several["layouts"][:2]}).count("\n") == 2
+
+
 def test_the_kind_of_start_is_told():
     """By its number in the scene, from 0."""
     compiled = starting()

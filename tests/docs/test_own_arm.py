@@ -53,14 +53,14 @@ def test_every_step_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
         printed = capsys.readouterr().out or printed
         for first in re.findall(r"first one is (.+)", printed):
             sizes["replay ID"] = f"replay {first}"
-        if text.startswith("sed "):
+        if text.startswith("sceniris-gym check"):
             task = tmp_path / "pick_bottle.py"
             task.write_text(task.read_text().replace("max_episode_steps=100", "max_episode_steps=6"))
         assert kind != "text" or masked(printed).startswith(masked(text).rstrip())
 
     walk(PAGE, tmp_path, sizes, heard)
     names = {path.name for path in tmp_path.iterdir()}
-    assert {"bottle.xml", "layout.png", "failed.png", "bottle.mp4", "wrist.png", "sb3.zip", "normalize.pkl"} <= names
+    assert {"bottle.xml", "demo", "failed.png", "bottle.mp4", "wrist.png", "sb3.zip", "normalize.pkl"} <= names
     wrist = np.asarray(Image.open(tmp_path / "wrist.png"))
     assert wrist.shape == (24, 8 * 24, 3)
     assert wrist.std() > 10.0

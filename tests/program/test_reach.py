@@ -40,7 +40,7 @@ def test_the_body_of_an_arm_on_a_drive_is_named_as_in_its_file(folder: Path):
     pole = '<body name="pole"><geom size=".1"/><body><joint/><geom size=".1"/><site name="tcp"/></body></body>'
     drive = f'<body name="stage"><joint name="x" type="slide"/><geom size=".1"/>{pole}</body>'
     scene = build_model(SceneConfig.load({"robot": {"asset": write_mjcf(folder, "drive", drive)}, "objects": {}}))
-    with pytest.raises(ArmError, match=r"joint 'drive/x' is a slide without limits.* `robot: \{in_model: pole\}`"):
+    with pytest.raises(ArmError, match=r"joint 'x' is a slide without limits.* `robot: \{in_model: pole\}`"):
         robot_arm(scene)
 
 

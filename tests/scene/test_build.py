@@ -177,6 +177,9 @@ def test_names_that_do_not_exist_or_are_taken_are_refused():
     view = {"pos": [0, 0, 1], "look_at": [0, 0, 0]}
     with pytest.raises(UnknownNameError, match=r"cameras\.eye\.body: unknown body 'blok'.*block"):
         model_with({"eye": {**view, "body": "blok"}})
+    with pytest.raises(UnknownNameError, match=r"unknown body 'palm'\..* robot, .*robot/hand") as error:
+        model_with({"eye": {**view, "body": "palm"}})
+    assert "heron" not in str(error.value)
     spec = mujoco.MjSpec.from_string('<mujoco><worldbody><camera name="eye"/></worldbody></mujoco>')
     with pytest.raises(SceneKeyError, match=r"cameras\.eye: the model has a camera of this name"):
         build_model(SceneConfig.load({"model": spec, "cameras": {"eye": view}}))

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.program.plan import build_plan
 from sceniris_gym.scene.build import build_model
@@ -169,6 +170,23 @@ def test_a_mimic_that_is_drawn_by_its_name_drives_the_other(tmp_path: Path):
     np.testing.assert_allclose(scene.home_qpos, [0.1, 0.05])
     with pytest.raises(SceneKeyError, match=r"makes 'pair/right' follow 'pair/left'"):
         placed(tmp_path, tie.replace(".5", ".5 .1"), {"right": {"range": [0, 0.1]}})
+
+
+def test_a_joint_of_the_robot_has_the_name_that_a_scene_file_has_for_it(tmp_path: Path):
+    """Not the name in the model, which begins with the name of the arm's file."""
+    arm = (Path(__file__).parents[1] / "data" / "six_axes.xml").read_text()
+    tie = '<equality><joint joint1="right" joint2="left"/></equality>'
+    (tmp_path / "lab.xml").write_text(arm.replace("</mujoco>", f"{tie}</mujoco>"))
+    for joints, says in (
+        ({"axis1": {"range": [0, 9]}}, r"inside the limits of 'robot/axis1'"),
+        (
+            {"right": {"range": [0, 0.01]}, "left": {"range": [0, 0.01]}},
+            r"makes 'robot/right' follow 'robot/left'.*\. Draw 'robot/left' instead",
+        ),
+    ):
+        robot = {"asset": str(tmp_path / "lab.xml"), "joints": joints}
+        with pytest.raises(SceneKeyError, match=says):
+            build_model(SceneConfig.load({"robot": robot, "objects": {}}))
 
 
 def test_the_start_pose_keeps_equalities_that_its_keyframe_breaks(tmp_path: Path):

@@ -19,6 +19,7 @@ from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.levels.curriculum import ADR
 from sceniris_gym.registration import ENTRY_POINTS
 from sceniris_gym.training import judging, layout_sources, task_scenes
+from sceniris_gym.vector.settings import SimConfig
 from tests.training.scenes import reach_scene
 
 
@@ -84,12 +85,16 @@ def test_a_task_that_asks_for_grasps_is_judged_where_objects_have_some(monkeypat
 
 
 def test_overlapping_objects_have_room_for_their_constraints(monkeypatch: pytest.MonkeyPatch):
-    """Twice the rows that the task has for valid layouts; with too few, MuJoCo-Warp drops some and prints a warning."""
+    """Twice the rows that valid layouts have; with too few, MuJoCo-Warp drops some, and warns at each step."""
     monkeypatch.setattr(judging, "compile_scene", lambda scene, device: reach_scene())
     judges = judging.judges_of("TabletopReach-v0", 2, "cpu")
     rows = {name: env.unwrapped.batch.data.njmax for name, env in judges.items()}
     assert rows == {"valid": 160, "unfiltered": 320}
-    assert layout_sources.words_of_uniform("DrawerPick-v0")["sim_config"] == {"njmax": None}  # the default
+    task: Any = importlib.import_module("sceniris_gym.envs.tabletop_reach").TabletopReach
+    monkeypatch.setattr(task, "sim_config", SimConfig())  # as in tasks of one's own
+    judges = judging.judges_of("TabletopReach-v0", 2, "cpu")
+    valid, unfiltered = (judges[name].unwrapped.batch.data.njmax for name in ("valid", "unfiltered"))
+    assert unfiltered == 2 * valid
 
 
 def test_a_task_with_params_and_a_curriculum_is_judged_on_fresh_layouts(monkeypatch: pytest.MonkeyPatch):

@@ -171,7 +171,7 @@ def _owner(scene: SceneModel, geom: int) -> str:
 
 def _geom_of(scene: SceneModel, geom: int) -> str:
     """Return the name of a geom and the name of its `_owner`, for messages."""
-    return f"geom '{geom_name(scene.mjm, geom)}' of '{_owner(scene, geom)}'"
+    return f"geom '{geom_name(scene.mjm, geom, scene.config.written)}' of '{_owner(scene, geom)}'"
 
 
 def _cure(scene: SceneModel, geom: int) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from pathlib import Path
 
@@ -16,6 +17,8 @@ from sceniris_gym.program.plan import build_plan
 from sceniris_gym.scene.build import build_model
 from tests.layout.scenes import box_mjcf, write_mjcf
 from tests.versions import since_4
+
+SIX_AXES = Path(__file__).parents[2] / "data" / "six_axes.xml"
 
 # A cube with a vertex in the middle of an edge, closed by a face without area.
 _CORNERS = [(x, y, z) for x in (-0.1, 0.1) for y in (-0.1, 0.1) for z in (0.0, 0.2)] + [(-0.1, -0.1, 0.1)]
@@ -138,6 +141,13 @@ def test_what_stands_inside_of_something_else_is_named_with_the_depth(depth: flo
     assert all("geom '0 of body desk'" in text and "Correct their positions" in text for text in found)
 
 
+def test_a_part_of_the_robot_has_the_name_that_a_scene_file_has_for_it():
+    """Of its body, whose name in the model begins with the name of the arm's file."""
+    robot = {"asset": str(SIX_AXES), "base": [0.0, 0.0, 0.38]}
+    (text,) = warned({"table": {"asset": "table", "kind": "static"}}, robot=robot)
+    assert re.search(r"geom '\d+ of body robot' of 'robot' is 20 mm inside geom 'table/top' of 'table'", text), text
+
+
 PARTS = {
     "wall": '<body name="wall"><geom name="block" type="box" size=".1 .1 .1" pos="0 0 .1"/></body>',
     "crate": '<body name="crate" pos="0 0 .1"><freejoint/><geom name="side" type="box" size=".05 .05 .05"/></body>',
@@ -209,7 +219,7 @@ def test_a_link_of_the_robot_is_told_apart_from_its_base(reach: float, number: i
     found = warned({"wall": STATIC}, model=tmp_path / "own.xml", robot=robot)
     assert len(found) == number
     for text in found:
-        assert "geom 'arm/finger' of 'robot' is 70 mm inside geom 'block' of 'wall'" in text
+        assert "geom 'robot/finger' of 'robot' is 70 mm inside geom 'block' of 'wall'" in text
         assert "keyframe or `robot.base`" in text
         assert PUSHED in text
 
@@ -221,7 +231,7 @@ def test_a_link_of_the_robot_that_is_in_its_own_base_is_named(low: float, number
     (tmp_path / "arm.xml").write_text(arm)
     robot = {"asset": str(tmp_path / "arm.xml"), "base": [0, 0, 1]}
     found = warned({}, robot=robot, floor={"size": [1, 1]})
-    assert ["geom 'arm/finger' of 'robot' is 20 mm inside geom '1 of body arm'" in text for text in found] == [
+    assert ["geom 'robot/finger' of 'robot' is 20 mm inside geom '1 of body robot'" in text for text in found] == [
         True
     ] * number
 
