@@ -9,6 +9,7 @@ from . import libero as libero
 from . import pictures as pictures
 from . import reach as reach
 from . import training as training
+from .builders.furniture import furniture as furniture
 from .config.scene import SceneConfig as SceneConfig
 from .dataset.reader import LayoutDataset as LayoutDataset
 from .errors import ScenirisError as ScenirisError

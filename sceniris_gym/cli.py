@@ -398,6 +398,26 @@ def import_(
 
 
 @_command
+def furniture(
+    num: Annotated[int, range(1, 10_001)] = 64,
+    out: Annotated[Path, OUT] = Path("furniture"),
+    seed: Seed = 0,
+    height: float = 0.9,
+    json: Json = False,
+) -> Answer:
+    """Write kitchen furniture with drawn sizes: base units that join into rows, counters and wall units.
+
+    Args:
+        num: number of units
+        out: folder for the units and manifest.json
+        height: height of the worktops [m]
+    """
+    from sceniris_gym.commands import furniture as tool
+
+    return answer(tool.write(out, num, seed, height), json)
+
+
+@_command
 def init(
     model: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="MODEL")],
     out: Out = None,
@@ -532,7 +552,7 @@ def compile_(
 
 ABOUT = "Fresh, collision-free scene layouts for every reset of batched MuJoCo-Warp environments."
 _SCENES = (demo, generate, audit, bench, replay, check, compile_, reach)
-_ALL = (*_SCENES, import_, init, new_task, settle, train, evaluate, view, play)
+_ALL = (*_SCENES, import_, furniture, init, new_task, settle, train, evaluate, view, play)
 COMMANDS = {command.__name__.rstrip("_").replace("_", "-"): command for command in _ALL}
 
 

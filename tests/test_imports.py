@@ -29,7 +29,7 @@ ORDER = {  # a module imports its own part of the house and those with a smaller
             ["config"],
             ["geometry", "reach"],
             ["scene"],
-            ["grasping", "importers", "audit"],
+            ["builders", "grasping", "importers", "audit"],
             ["program"],
             ["collide"],
             ["placement"],

@@ -31,7 +31,7 @@ Layouts = Annotated[int, LAYOUTS, COUNT]
 NumEnvs = Annotated[int, tyro.conf.arg(help="number of worlds"), COUNT]
 OUT = tyro.conf.arg(aliases=["-o"])
 Out = Annotated[Path | None, OUT]
-_seed = tyro.conf.arg(aliases=["-s"], help="seed of the map, the rows, or the first layout (layout i has SEED + i)")
+_seed = tyro.conf.arg(aliases=["-s"], help="seed of the map, rows, units, or first layout (layout i has SEED + i)")
 Seed = Annotated[int, _seed, range(1 << 64)]
 Split = Annotated[Literal["train", "eval"], tyro.conf.arg(help="training or evaluation layouts")]
 Flag = Annotated[bool, tyro.conf.FlagCreatePairsOff]

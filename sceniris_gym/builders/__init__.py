@@ -1,0 +1,1 @@
+"""Assets that are built from drawn sizes."""
