@@ -54,9 +54,10 @@ def test_the_whole_robot_stands_as_mujoco_poses_it(compiled: CompiledScene):
     own_qpos = [mjm.jnt_qposadr[j] for j in range(mjm.njnt) if mjm.jnt_bodyid[j] in robot]
     for c, data, grasp in _passed(generator, stage):
         search = stage.search
+        qpos = search.qpos.numpy()[c]
         for pose, solved in enumerate((search.grasp_qpos, search.pregrasp_qpos)[: 1 + is_clear(compiled)]):
-            qpos = search.qpos.numpy()[c + pose * len(search.failed)]
-            np.testing.assert_array_equal(qpos[own.arm.qposadr], solved.numpy()[c, : len(own.arm.joints)])
+            joints = search.qpos.numpy()[c + pose * len(search.failed), own.arm.qposadr]
+            np.testing.assert_array_equal(joints, solved.numpy()[c, : len(own.arm.joints)])
         left, right = (qpos[mjm.joint(f"picker/{side}").qposadr[0]] for side in ("left", "right"))
         assert left + right == pytest.approx(min(grasp.opening + OPENING_MARGIN, 0.08), abs=1e-6)
         data.qpos[own_qpos] = qpos[own_qpos]
