@@ -92,15 +92,19 @@ class SceneConfig(SceneWords):
         if not self.variants:
             return self
         objects = {
-            self.owners.get(name, name): self._without_members(part) for name, part in [*self.objects.items()][::-1]
+            self.owners.get(name, name): self._without_members(part, has_joints=name not in self.owners)
+            for name, part in [*self.objects.items()][::-1]
         }
         fields = {name: getattr(self, name) for name in self.model_fields_set}
         fields |= {"objects": dict(reversed(objects.items())), "groups": {}, "stacks": {}, "start": ()}
         return self._made(fields, self.where)
 
-    def _without_members(self, part: ObjectConfig) -> ObjectConfig:
-        """Return an object without conditions, whose support names an object instead of one of its members."""
-        words: dict[str, Any] = {"if_": (), "unless": ()}
+    def _without_members(self, part: ObjectConfig, has_joints: bool) -> ObjectConfig:
+        """Return an object without conditions, whose support names an object instead of one of its members.
+
+        The names of its joints are those of its asset only if it has no variants.
+        """
+        words: dict[str, Any] = {"if_": (), "unless": (), "joints": part.joints if has_joints else {}}
         if part.support is not None:
             owner, body = split_support(part.support.parent, self.objects)
             word = "in_" if part.support.word == "in" else part.support.word

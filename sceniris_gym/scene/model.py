@@ -20,6 +20,7 @@ from sceniris_gym.errors import NotSupportedError, SceneKeyError, SceneMismatchE
 from sceniris_gym.geometry.contacts import ContactRules
 from sceniris_gym.scene.couplings import Coupling, driven_by
 from sceniris_gym.scene.draws import LEAST, MOST, FieldDraw, at_ends
+from sceniris_gym.scene.shared_parts import shared_parts
 from sceniris_gym.scene.support import Support, static_supports, subtree
 
 
@@ -71,7 +72,13 @@ class SceneModel(RefusesOldNames):
     def sim_bodies(self) -> np.ndarray:
         """For each body of this model, the id of the body of `sim` that simulates it, shape (nbody,)."""
         sim, found = self.sim, np.arange(self.mjm.nbody)
-        owner = {self.bodies[member]: sim.bodies[name] for member, name in self.config.owners.items()}
+        owner = {
+            body: sim.mjm.body(part.name_of(name)).id
+            for name, members in self.config.variants.items()
+            for part in shared_parts(self.mjm, [self.bodies[member] for member in members])
+            for body in part.bodies
+            if body >= 0
+        }
         others = np.setdiff1d(np.arange(sim.mjm.nbody), list(owner.values()))  # they keep their order
         alone = np.setdiff1d(found, list(owner))
         found[alone] = others[: len(alone)]
@@ -195,7 +202,7 @@ class SceneModel(RefusesOldNames):
         a matching name or pattern are left out, and keep their home position. Patterns skip joints that follow others.
 
         Raises:
-            UnknownNameError: A name or a pattern matches no joint.
+            UnknownNameError: A name or a pattern matches no joint, and none of another variant of the same object.
             SceneKeyError: A joint follows another joint, or `check_joint` rejects its config.
             NotSupportedError: A joint is a ball joint.
         """
@@ -205,12 +212,14 @@ class SceneModel(RefusesOldNames):
     def resolve_joints(self, name: str, words: Mapping[str, JointConfig], where: str) -> dict[int, JointConfig]:
         """Return joint id -> its config, as `joint_configs` does, but with `words` as the names and patterns."""
         joints, following = self.joints(name), {c.follower: c for c in self.couplings}
+        siblings = self.config.variants.get(self.config.owners.get(name, ""), ())
+        others = {joint for other in siblings for joint in self.joints(other)}
         found: dict[int, JointConfig] = {}
         for word in sorted(words, key=lambda word: word not in joints):  # names first, then patterns as written
             ids = [joints[joint] for joint in ([word] if word in joints else fnmatch.filter(joints, word))]
-            if not ids:
-                raise UnknownNameError("joint", word, where, joints)
-            if all(i in following for i in ids):
+            if not ids and not fnmatch.filter(others, word):
+                raise UnknownNameError("joint", word, where, {*joints, *others})
+            if ids and all(i in following for i in ids):
                 refuse_follower(self._joint_name, following[ids[0]], f"{where}.{word}")
             for i in ids:
                 if i not in following and i not in found:

@@ -1,13 +1,14 @@
-"""The simulated model of a scene: all variants of an object share one body.
+"""The simulated model of a scene: all variants of an object share one body, or one tree of bodies.
 
 Geoms of one class have the same type, contact bits and other values that mujoco_warp stores once for all worlds. The
 shared body has enough geoms of each class for the variant that needs most. All other values of the body, its joint and
-its geoms have a row for each world. For each world, `sim/variants.py` writes the values of the present variant to the
+its geoms have a row for each world. Fixtures may have joints: the shared tree has a body for each body of any variant,
+see `shared_parts`. For each world, `sim/variants.py` writes the values of the present variant to the
 row of this world. If a file of a folder cannot be a variant, the file is left out, with a warning.
 """
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import chain
 
 import mujoco
@@ -20,6 +21,7 @@ from sceniris_gym.errors import ModelWarning, NotSupportedError, SceneFileError,
 from sceniris_gym.progress import tell
 from sceniris_gym.scene.assemble import attach_variants, compile_spec
 from sceniris_gym.scene.overview import HIDDEN_GROUP, VISIBLE_GROUPS, picture_groups
+from sceniris_gym.scene.shared_parts import misfit, shared_parts
 from sceniris_gym.scene.support import subtree
 
 MESH = int(mujoco.mjtGeom.mjGEOM_MESH)
@@ -53,12 +55,12 @@ def geom_classes(mjm: mujoco.MjModel) -> list[tuple[int, ...]]:
     return list(zip(*(values.tolist() for values in fields), strict=True))
 
 
-def places_of_geoms(mjm: mujoco.MjModel, bodies: list[int]) -> tuple[list[tuple[int, ...]], list[list[int]]]:
+def places_of_geoms(mjm: mujoco.MjModel, bodies: Sequence[int]) -> tuple[list[tuple[int, ...]], list[list[int]]]:
     """Return the list of classes of a shared body's geoms, and for each variant, the indices of its geoms in this list.
 
     Args:
         mjm: The model with all variants.
-        bodies: The bodies of the variants of one object.
+        bodies: The body of each variant that they share, or -1 if the variant has none.
     """
     kinds = geom_classes(mjm)
     of_bodies = [[kinds[geom] for geom in _geoms(mjm, body)] for body in bodies]
@@ -88,34 +90,54 @@ class SharedBodies:
         self._hulls = {
             full.mesh(int(full.geom_dataid[geom])).name
             for member in owners_of(variants)
-            for geom in _geoms(full, full.body(member).id)
+            for body in subtree(full, full.body(member).id)
+            for geom in _geoms(full, body)
             if full.geom_type[geom] == MESH and full.geom_contype[geom] | full.geom_conaffinity[geom]
         }
 
     def add(self, spec: mujoco.MjSpec, name: str) -> None:
-        """Add the shared body of an object's variants."""
+        """Add the bodies that an object's variants share."""
+        mjm, made = self._full, []
+        for part in shared_parts(mjm, [mjm.body(member).id for member in self._variants[name]]):
+            there = [body for body in part.bodies if body >= 0]
+            parent = spec.worldbody if part.parent < 0 else made[part.parent]
+            # With this inertia, the body is not simple: MuJoCo omits elements of a simple body's mass matrix.
+            shared = parent.add_body(
+                name=part.name_of(name),
+                pos=mjm.body_pos[there[0]],
+                quat=mjm.body_quat[there[0]],
+                mocap=bool(mjm.body_mocapid[there[0]] >= 0),
+                explicitinertial=True,
+                mass=1.0,
+                ipos=[0.01, 0.02, 0.03],
+                fullinertia=[0.01, 0.011, 0.012, 0.001, 0.002, 0.003],
+                gravcomp=float(mjm.body_gravcomp[there].max()),
+            )
+            made.append(shared)
+            if part.parent < 0 and not shared.mocap:
+                shared.add_freejoint(name=f"{name}/free")
+            if part.parent >= 0 and mjm.body_jntnum[there[0]] > 0:
+                self._add_joint(shared, mjm.body_jntadr[there])
+            self._add_geoms(shared, part.bodies)
+
+    def _add_joint(self, shared: mujoco.MjsBody, joints: np.ndarray) -> None:
+        """Add a joint that stands for joints of one class."""
+        mjm, first = self._full, joints[0]
+        added = shared.add_joint(name=shared.name, type=mujoco.mjtJoint(int(mjm.jnt_type[first])))
+        added.axis, added.range, added.limited = mjm.jnt_axis[first], mjm.jnt_range[first], bool(mjm.jnt_limited[first])
+        added.actfrcrange, added.actfrclimited = mjm.jnt_actfrcrange[first], bool(mjm.jnt_actfrclimited[first])
+        added.actgravcomp = bool(mjm.jnt_actgravcomp[first])
+        # mujoco_warp counts the joints with friction to size its arrays
+        added.frictionloss = float(mjm.dof_frictionloss[mjm.jnt_dofadr[joints]].max())
+
+    def _add_geoms(self, shared: mujoco.MjsBody, bodies: Sequence[int]) -> None:
+        """Add the geoms that the bodies of variants share."""
         mjm = self._full
-        bodies = [mjm.body(member).id for member in self._variants[name]]
-        mocap = bool(mjm.body_mocapid[bodies[0]] >= 0)
-        # With this inertia, the body is not simple: MuJoCo omits elements of a simple body's mass matrix.
-        shared = spec.worldbody.add_body(
-            name=name,
-            pos=mjm.body_pos[bodies[0]],
-            quat=mjm.body_quat[bodies[0]],
-            mocap=mocap,
-            explicitinertial=True,
-            mass=1.0,
-            ipos=[0.01, 0.02, 0.03],
-            fullinertia=[0.01, 0.011, 0.012, 0.001, 0.002, 0.003],
-            gravcomp=float(mjm.body_gravcomp[bodies].max()),
-        )
-        if not mocap:
-            shared.add_freejoint(name=f"{name}/free")
         classes, places = places_of_geoms(mjm, bodies)
         for i, kind in enumerate(classes):
             body, own = next((b, p) for b, p in zip(bodies, places, strict=True) if i in p)
             geom = _geoms(mjm, body)[own.index(i)]
-            added = shared.add_geom(name=f"{name}/{i}", type=mujoco.mjtGeom(kind[0]), size=mjm.geom_size[geom])
+            added = shared.add_geom(name=f"{shared.name}/{i}", type=mujoco.mjtGeom(kind[0]), size=mjm.geom_size[geom])
             for field, value in zip(CLASS[1:], kind[1:], strict=True):
                 setattr(added, field, value)
             if kind[0] == MESH:
@@ -163,19 +185,25 @@ class SharedBodies:
 
 
 def check_variants(
-    spec: mujoco.MjSpec, mjm: mujoco.MjModel, variants: Mapping[str, tuple[str, ...]], where: str
+    spec: mujoco.MjSpec,
+    mjm: mujoco.MjModel,
+    variants: Mapping[str, tuple[str, ...]],
+    where: str,
+    *,
+    jointed: bool = True,
 ) -> None:
-    """Check that each variant is one rigid body, and that no other element of the model refers to it.
+    """Check that each variant is one rigid body, or a fixture with joints, and that no other element refers to it.
 
     Args:
         spec: The scene with all variants.
         mjm: The scene, compiled.
         variants: Object -> names of its variants, which are bodies.
         where: The text at the beginning of error messages.
+        jointed: Whether a fixture may have several bodies, with joints.
 
     Raises:
         SceneKeyError: The model already has a body of a name that the simulation needs.
-        NotSupportedError: A variant has joints or several bodies, or an element of the model refers to it.
+        NotSupportedError: A variant has bodies or joints that cannot be shared, or an element refers to it.
     """
     if mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_BODY, _HULLS) >= 0:
         raise SceneKeyError(
@@ -199,9 +227,12 @@ def check_variants(
             "an object with variants or several supports should be one rigid body of plain geoms that no element "
             "refers to. Use objects in a group"
         )
-        if len(subtree(mjm, body)) > 1:
-            raise NotSupportedError(f"{at}: has several bodies, but {cure}.")
-        geoms = _geoms(mjm, body)
+        bodies = subtree(mjm, body)
+        if len(bodies) > 1 and not (jointed and mjm.body_mocapid[body] >= 0):
+            raise NotSupportedError(f"{at}: has several bodies, but {cure}, or 'kind: fixture'.")
+        if wrong := misfit(mjm, body):
+            raise NotSupportedError(f"{at}: {wrong}, because the variants of a fixture share their joints.")
+        geoms = np.flatnonzero(np.isin(mjm.geom_bodyid, bodies))
         height_fields = mjm.geom_type[geoms] == mujoco.mjtGeom.mjGEOM_HFIELD
         if np.any(mjm.geom_plugin[geoms] >= 0) or np.any(mjm.geom_fluid[geoms]) or np.any(height_fields):
             raise NotSupportedError(f"{at}: has geoms with plugins, height fields or fluid forces, but {cure}.")

@@ -200,7 +200,7 @@ def _world_bytes(scene: SceneModel, m: mjw.Model, one: mjw.Data) -> int:
         one: Data of one world.
     """
     mjm = scene.sim.mjm
-    shared = fields_of_variants() if scene.shared is not None else ()  # these have a second array of nominal values
+    shared = fields_of_variants(scene)  # these have a second array of nominal values
     drawn = {each for name in drawn_fields(scene.sim.draws) for each in with_followers(name)}
     rows = sum(getattr(owner(m, name), name).capacity for name in (*shared, *shared, *drawn.difference(shared)))
     solid = mjm.geom_type[(mjm.geom_contype != 0) | (mjm.geom_conaffinity != 0)]
@@ -287,7 +287,7 @@ class Batch(Fixed):
             own = 0, _world_bytes(scene, self.model, mjw.make_data(mjm, 1, **room))
             self.memory = check_worlds(where, nworld, str(self.device), own, *beside)
             logging.getLogger(__name__).info("%s: %s.", where, self.memory)
-            for name in fields_of_variants() if scene.shared is not None else ():
+            for name in fields_of_variants(scene):
                 widen(self.model, name, nworld)
             self.data = mjw.make_data(mjm, nworld, naccdmax=naccdmax, **room)
         self.fields = ModelFields(scene, self.model, self.data, grow=True)

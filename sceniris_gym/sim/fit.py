@@ -196,7 +196,7 @@ def make_worlds(
     contacts, rows = default_budget(compiled.sim_mjm, compiled.scene)
     nconmax = contacts if nconmax is None else as_count(nconmax, "make_worlds: nconmax")
     njmax = rows if njmax is None else as_count(njmax, "make_worlds: njmax")
-    drawn, shared = drawn_fields(compiled.scene.sim.draws), fields_of_variants() if compiled.config.variants else ()
+    drawn, shared = drawn_fields(compiled.scene.sim.draws), fields_of_variants(compiled.scene)
     with wp.ScopedDevice(compiled.device):
         model = put_simulated(compiled.sim_mjm, compiled.config.where)
         one = mjw.make_data(compiled.sim_mjm, 1, nconmax=nconmax, njmax=njmax)

@@ -44,7 +44,7 @@ class ModelFields:
     """
 
     def __init__(self, scene: SceneModel, m: mjw.Model, d: mjw.Data, *, grow: bool) -> None:
-        names, scene = fields_of_variants() if scene.shared is not None else (), scene.sim
+        names, scene = fields_of_variants(scene), scene.sim
         self._scene, self._model, self._data, self._nworld, self._grow = scene, m, d, d.nworld, grow
         self.varied = {name: self._before(name, every=True) for name in names}
         self._nominal: dict[str, wp.array] = {}

@@ -1,4 +1,4 @@
-"""Variants of objects. Layouts have a body for each variant, but simulated worlds have one body per object."""
+"""Variants of objects. Layouts have bodies for each variant, but in simulated worlds the variants share bodies."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -16,6 +16,7 @@ from sceniris_gym.program.device import copied
 from sceniris_gym.program.plan import slot_names
 from sceniris_gym.scene.draws import nominal_values
 from sceniris_gym.scene.model import SceneModel
+from sceniris_gym.scene.shared_parts import SharedPart, shared_parts
 from sceniris_gym.scene.variants import places_of_geoms
 from sceniris_gym.sim.write import Poses, poses_of
 
@@ -29,16 +30,39 @@ _GEOM = (
     *("dataid", "matid", "solmix", "solref", "solimp", "size", "aabb", "rbound", "pos", "quat", "friction"),
     *("margin", "gap", "surfacevel", "adhesion", "rgba"),
 )
-# Values of a geom that a variant does not use. Without a mesh and with this margin [m], the geom cannot collide.
-_UNUSED = {"dataid": -1, "matid": -1, "margin": -1.0e6, "rgba": 0.0}
+# Further fields, for variants with joints
+_JOINTED = {
+    "body": ("pos", "quat"),
+    "dof": ("solref", "solimp"),
+    "jnt": (
+        *("pos", "axis", "range", "margin", "solref", "solimp"),
+        *("stiffness", "stiffnesspoly", "springyield", "actfrcrange"),
+    ),
+    "qpos": ("0", "_spring"),
+}
+# Values of elements that a variant does not use. Without a mesh and with this margin [m], a geom cannot collide. Such a
+# joint never moves. It has little armature, because the trace of the mass matrix scales the solver's tolerance.
+_UNUSED = {
+    **{"geom_dataid": -1, "geom_matid": -1, "geom_margin": -1.0e6, "geom_rgba": 0.0, "jnt_margin": -1.0e6},
+    **{"body_mass": 0.0, "body_inertia": 0.0, "body_subtreemass": 0.0, "body_gravcomp": 0.0},
+    **{"dof_armature": 1.0e-6, "dof_damping": 0.0, "dof_dampingpoly": 0.0, "dof_frictionloss": 0.0},
+    **{"dof_invweight0": 1.0, "jnt_stiffness": 0.0, "jnt_stiffnesspoly": 0.0, "qpos0": 0.0, "qpos_spring": 0.0},
+}
 _FAR = 1.0e6  # coordinates of absent variants [m], beyond the origins of all worlds
 
 
-def fields_of_variants() -> tuple[str, ...]:
-    """Return the names of the Model fields that may differ between variants, in this version of mujoco_warp."""
-    named = (("body", _BODY), ("dof", _DOF), ("geom", _GEOM))
-    known = mjw.Model.__dataclass_fields__
-    return tuple(name for kind, fields in named for field in fields if (name := f"{kind}_{field}") in known)
+def fields_of_variants(scene: SceneModel) -> tuple[str, ...]:
+    """Return the names of the Model fields that may differ between a scene's variants, in this version of mujoco_warp.
+
+    The result is empty if the scene has no variants.
+    """
+    if scene.shared is None:
+        return ()
+    kinds = {"body": _BODY, "dof": _DOF, "geom": _GEOM}
+    names = [f"{kind}_{field}" for kind, fields in kinds.items() for field in fields]
+    if any(len(scene.sim.subtree(name)) > 1 for name in scene.config.variants):
+        names += [f"{kind}{'' if kind == 'qpos' else '_'}{field}" for kind, of in _JOINTED.items() for field in of]
+    return tuple(name for name in names if name in mjw.Model.__dataclass_fields__)
 
 
 @wp.struct
@@ -54,6 +78,7 @@ class Places:
     qpos_kind: wp.array[wp.vec2i]
     mocap_kind: wp.array[wp.vec2i]
     qpos_adr: wp.array[int]  # addresses of joint positions in the simulation
+    shared_adr: wp.array[int]  # addresses in the simulation of joints below the roots, which only some variants have
     mocap_adr: wp.array[int]  # numbers of mocap bodies in the simulation
 
 
@@ -121,6 +146,8 @@ def _write_variants(
             word = words[i]
             memory = wp.array(ptr=row_address(arrays[word.array], worldid), shape=(word.offset + 1,), dtype=int)
             memory[word.offset] = table[wp.max(variant[worldid, word.owner], 0), i]
+        for i in range(lane, places.shared_adr.shape[0], wp.block_dim()):
+            poses_out.qpos[worldid, places.shared_adr[i]] = 0.0
         block_sync()
         if lane == 0:
             total = mass
@@ -156,7 +183,8 @@ class VariantWriter:
     """
 
     def __init__(self, scene: SceneModel, m: mjw.Model, nworld: int, varied: Mapping[str, wp.array]) -> None:
-        for name in fields_of_variants():
+        names = fields_of_variants(scene)
+        for name in names:
             if getattr(m, name).size and getattr(m, name).shape[0] != nworld:
                 raise SceneMismatchError(
                     f"ResetRandomizer: model.{name} has one row for all worlds, but should have {nworld}: objects "
@@ -165,15 +193,16 @@ class VariantWriter:
         self._device = m.qpos0.device
         sim, variants = scene.sim.mjm, scene.config.variants
         bodies, mocap = [scene.sim.bodies[name] for name in variants], (nworld, max(sim.nmocap, 1))
+        shared = [body for name in variants for body in scene.sim.subtree(name)]
         with wp.ScopedDevice(self._device):
             self.variant = wp.zeros((nworld, len(variants)), dtype=int)
             self._poses = Poses()  # pyrefly: ignore[missing-argument]
             self._poses.qpos = wp.zeros((nworld, sim.nq), dtype=float)
             self._poses.mocap_pos, self._poses.mocap_quat = (wp.zeros(mocap, dtype=each) for each in (wp.vec3, wp.quat))
             # kernels only have addresses, so this reference keeps the memory alive
-            self._fields = [*(getattr(m, name) for name in fields_of_variants()), *varied.values()]
+            self._fields = [*(getattr(m, name) for name in names), *varied.values()]
             self.places, self._words = _places(scene), _words(scene, self._fields)
-            self._masses = [wp.array(bodies, dtype=int), np.delete(sim.body_mass, bodies).sum()]
+            self._masses = [wp.array(bodies, dtype=int), np.delete(sim.body_mass, shared).sum()]
         self._subtreemass = m.body_subtreemass
 
     def launch(
@@ -197,7 +226,8 @@ def _places(scene: SceneModel) -> Places:
     """Return the `Places` of a scene, on the current device."""
     full, sim, kind = scene.mjm, scene.sim.mjm, np.full((scene.mjm.nbody, 2), -1)
     for i, members in enumerate(scene.config.variants.values()):
-        kind[[scene.bodies[member] for member in members]] = [(i, number) for number in range(len(members))]
+        for number, member in enumerate(members):
+            kind[scene.subtree(member)] = i, number
     owners = np.repeat(full.jnt_bodyid, np.diff([*full.jnt_qposadr.tolist(), full.nq]))
     mocap = np.flatnonzero(full.body_mocapid >= 0)
     mocap = mocap[np.argsort(full.body_mocapid[mocap])]
@@ -206,7 +236,9 @@ def _places(scene: SceneModel) -> Places:
     adr = np.arange(full.nq) - first[0] + first[1], sim.body_mocapid[scene.sim_bodies[mocap]]
     places = Places()  # pyrefly: ignore[missing-argument]
     places.slot_kind, places.qpos_kind, places.mocap_kind = (wp.array(each, dtype=wp.vec2i, ndim=1) for each in kinds)
-    places.qpos_adr, places.mocap_adr = (wp.array(each, dtype=int, ndim=1) for each in adr)
+    below = [body for name in scene.config.variants for body in scene.sim.subtree(name)[1:] if sim.body_jntnum[body]]
+    adr = *adr, sim.jnt_qposadr[sim.body_jntadr[below]] if below else np.zeros(0)
+    places.qpos_adr, places.mocap_adr, places.shared_adr = (wp.array(each, dtype=int, ndim=1) for each in adr)
     return places
 
 
@@ -217,7 +249,7 @@ def _words(scene: SceneModel, arrays: Sequence[wp.array]) -> list[wp.array]:
     Zeros follow if another object has more variants. The shape is (most variants of an object, nword).
     `arrays` has the fields of the Model, followed by the nominal copies of these fields.
     """
-    names, words, columns = fields_of_variants(), [], []
+    names, words, columns = fields_of_variants(scene), [], []
     for k, (name, members) in enumerate(scene.config.variants.items()):
         bodies = [scene.bodies[member] for member in members]
         for is_copy in (False, True):
@@ -244,26 +276,44 @@ def _rows(scene: SceneModel, name: str, bodies: list[int], *, seen: bool) -> lis
     variant, as 32-bit words, shape (nvariant, width), and its initial value, shape (width,). If `seen`, colours are the
     visible colours, which may come from materials.
     """
-    full, sim, body = scene.mjm, scene.sim.mjm, scene.sim.bodies[name]
-    geoms = np.full((len(bodies), sim.body_geomnum[body]), -1)
-    for row, own, first in zip(geoms, places_of_geoms(full, bodies)[1], full.body_geomadr[bodies], strict=True):
-        row[own] = first + np.arange(len(own))
-    dofs = full.body_dofadr[bodies][:, None] + np.arange(sim.body_dofnum[body])
-    elements = {"body": (body, np.array(bodies)[:, None]), "dof": (sim.body_dofadr[body], dofs)}
-    elements["geom"] = sim.body_geomadr[body], geoms
     found = []
-    for field in fields_of_variants():
-        kind, _, word = field.partition("_")
-        theirs, ours = getattr(full, field), getattr(sim, field)
-        theirs = nominal_values(full, field) if seen and field == "geom_rgba" else theirs
-        words = np.int32 if theirs.dtype.kind == "i" else np.float32
-        # not -1 as the width: in a scene without degrees of freedom, their fields have no rows
-        theirs, ours = (values.reshape(len(values), values[:1].size).astype(words) for values in (theirs, ours))
-        first, sources = elements[kind]
-        for i, source in enumerate(sources.T, int(first)):
-            values = theirs[source]
-            values[source < 0] = _UNUSED.get(word, ours[i])
-            found.append((field, i, values.view(np.int32), ours[i].view(np.int32)))
+    for part in shared_parts(scene.mjm, bodies):
+        elements = _elements(scene, part, name)
+        for field in fields_of_variants(scene):
+            kind = "qpos" if field.startswith("qpos") else field.partition("_")[0]
+            if kind not in elements:
+                continue
+            theirs, ours = getattr(scene.mjm, field), getattr(scene.sim.mjm, field)
+            theirs = nominal_values(scene.mjm, field) if seen and field == "geom_rgba" else theirs
+            words = np.int32 if theirs.dtype.kind == "i" else np.float32
+            # not -1 as the width: in a scene without degrees of freedom, their fields have no rows
+            theirs, ours = (values.reshape(len(values), values[:1].size).astype(words) for values in (theirs, ours))
+            first, sources = elements[kind]
+            for i, source in enumerate(sources.T, int(first)):
+                values = theirs[source]
+                values[source < 0] = _UNUSED.get(field, ours[i])
+                found.append((field, i, values.view(np.int32), ours[i].view(np.int32)))
+    return found
+
+
+def _elements(scene: SceneModel, part: SharedPart, name: str) -> dict[str, tuple[int, np.ndarray]]:
+    """Return the elements of a shared body by kind: the first id, and the ids of each variant's elements.
+
+    The latter have the shape (nvariant, number of elements), with -1 for an element that a variant lacks.
+    """
+    full, sim, sources = scene.mjm, scene.sim.mjm, np.array(part.bodies)
+    body = sim.body(part.name_of(name)).id
+    geoms = np.full((len(sources), sim.body_geomnum[body]), -1)
+    for row, own, source in zip(geoms, places_of_geoms(full, part.bodies)[1], sources, strict=True):
+        row[own] = full.body_geomadr[source] + np.arange(len(own))
+    found = {"body": (body, sources[:, None]), "geom": (sim.body_geomadr[body], geoms)}
+    there = (sources >= 0)[:, None]
+    dofs = full.body_dofadr[sources][:, None] + np.arange(sim.body_dofnum[body])
+    found["dof"] = sim.body_dofadr[body], np.where(there, dofs, -1)
+    if part.parent >= 0 and sim.body_jntnum[body]:
+        joint, joints = sim.body_jntadr[body], full.body_jntadr[sources][:, None]
+        found["jnt"] = joint, np.where(there, joints, -1)
+        found["qpos"] = sim.jnt_qposadr[joint], np.where(there, full.jnt_qposadr[joints], -1)
     return found
 
 

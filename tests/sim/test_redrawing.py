@@ -204,7 +204,7 @@ def test_objects_keep_the_variants_that_they_have(names: tuple[str, ...], device
     for turn in range(2):
         stir(randomizer, turn)
         before, variant = state(randomizer), randomizer.variants.cpu().numpy().copy()
-        fields = {name: getattr(randomizer.model, name).numpy().copy() for name in fields_of_variants()}
+        fields = {name: getattr(randomizer.model, name).numpy().copy() for name in fields_of_variants(compiled.scene)}
         randomizer.redraw(names, HALF)
         after = state(randomizer)
         judge = Judge(sim.mjm, [sim.bodies[name] for name in names])

@@ -65,7 +65,7 @@ def _state(randomizer: ResetRandomizer) -> dict[str, np.ndarray]:
     """Return copies of state, layouts, variants, draws and redraws, a row for each world."""
     d, m, layouts = randomizer.data, randomizer.model, randomizer.layouts
     arrays = {name: getattr(d, name) for name in (*ResetRandomizer.STATE_FIELDS, "xpos")}
-    arrays |= {name: getattr(m, name) for name in (*fields_of_variants(), "body_subtreemass")}
+    arrays |= {name: getattr(m, name) for name in (*fields_of_variants(randomizer.compiled.scene), "body_subtreemass")}
     found = {name: array.numpy().copy() for name, array in arrays.items()}
     tensors = {name: getattr(randomizer, name) for name in ("variants", "redraw_count", "redraw_status")}
     # without the rows for restarts, of which a GPU has more

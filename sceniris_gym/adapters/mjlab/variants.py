@@ -60,7 +60,7 @@ def model_of_variants(env: Any, entities: Mapping[str, Any], where: str) -> mujo
         add_parking_ground(spec, nobject)
     mjm = assemble.compile_spec(spec, where)
     members = {name: tuple(_members(name, info)) for name, info in entities.items()}
-    check_variants(spec, mjm, members, where)
+    check_variants(spec, mjm, members, where, jointed=False)
     env.sim.cfg.mujoco.apply(mjm)
     for name, info in entities.items():
         for member, given in zip(members[name], info.variant_slot_specs, strict=True):

@@ -1,0 +1,81 @@
+"""The bodies of the tree that all variants of an object share in the simulation."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+MOST_LEVELS = 2
+"""Most levels of bodies below the root of a variant."""
+_NAMES = {None: "fixed", int(mujoco.mjtJoint.mjJNT_SLIDE): "slide", int(mujoco.mjtJoint.mjJNT_HINGE): "hinge"}
+
+
+class SharedPart(NamedTuple):
+    """A body of a shared tree.
+
+    Attributes:
+        label: Its name, without the name of the object: '' for the root, 'slide_0' or 'hinge_1/slide_0' for others.
+        parent: Number of its parent in the list of parts, -1 for the root.
+        bodies: For each variant, the body that it simulates, or -1 if the variant has no such body.
+    """
+
+    label: str
+    parent: int
+    bodies: tuple[int, ...]
+
+    def name_of(self, owner: str) -> str:
+        """Return the name of the body that the variants of an object share."""
+        return f"{owner}/{self.label}" if self.label else owner
+
+
+def shared_parts(mjm: mujoco.MjModel, roots: Sequence[int]) -> list[SharedPart]:
+    """Match the bodies of variants, parents before their children.
+
+    Below each part, bodies with the same kind of joint are matched in their order: the first drawer of a variant and
+    the first drawer of any other variant are the same part.
+
+    Args:
+        mjm: The model with all variants.
+        roots: The root bodies of the variants of one object.
+    """
+    parts = [SharedPart("", -1, tuple(roots))]
+    for number, part in enumerate(parts):  # grows while it is read
+        below: dict[tuple[str, int], list[int]] = {}
+        for variant, body in enumerate(part.bodies):
+            children = _children(mjm, body)
+            labels = [_label(mjm, child) for child in children]
+            for i, (label, child) in enumerate(zip(labels, children, strict=True)):
+                below.setdefault((label, labels[:i].count(label)), [-1] * len(roots))[variant] = child
+        for (label, count), bodies in below.items():
+            name = f"{label}_{count}"
+            parts.append(SharedPart(f"{part.label}/{name}" if part.label else name, number, tuple(bodies)))
+    return parts
+
+
+def misfit(mjm: mujoco.MjModel, root: int) -> str | None:
+    """Return why the bodies below the root of a variant cannot be parts of a shared tree, or None if they can."""
+    level = [root]
+    for depth in range(MOST_LEVELS + 1):
+        level = [child for body in level for child in _children(mjm, body)]
+        for body in level:
+            joints = np.arange(mjm.body_jntadr[body], mjm.body_jntadr[body] + mjm.body_jntnum[body])
+            if len(joints) > 1 or not {*mjm.jnt_type[joints].tolist()} <= {*_NAMES}:
+                return f"body '{mjm.body(body).name}' should have one slide, one hinge or no joint"
+            if depth == MOST_LEVELS:
+                return f"body '{mjm.body(body).name}' is more than {MOST_LEVELS} levels below the root"
+    return None
+
+
+def _children(mjm: mujoco.MjModel, body: int) -> list[int]:
+    return np.flatnonzero((mjm.body_parentid == body) & (np.arange(mjm.nbody) > 0)).tolist() if body >= 0 else []
+
+
+def _label(mjm: mujoco.MjModel, body: int) -> str:
+    """Return the class of a body: its kind of joint, and what mujoco_warp stores once for all worlds."""
+    if mjm.body_jntnum[body] == 0:
+        return _NAMES[None]
+    joint = mjm.body_jntadr[body]
+    free, force, compensated = not mjm.jnt_limited[joint], mjm.jnt_actfrclimited[joint], mjm.jnt_actgravcomp[joint]
+    traits = [word for word, holds in (("free", free), ("weak", force), ("light", compensated)) if holds]
+    return "_".join([*traits, _NAMES[int(mjm.jnt_type[joint])]])

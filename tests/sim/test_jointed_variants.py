@@ -1,0 +1,205 @@
+"""Fixtures with joints as variants: a world moves as a model of its own pieces of furniture would."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import mujoco_warp as mjw
+import numpy as np
+import pytest
+import warp as wp
+
+import sceniris_gym
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.layout.tables import make_table
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.scene.build import build_model
+from sceniris_gym.sim.batch import Batch
+from sceniris_gym.sim.randomizer import ResetRandomizer
+from sceniris_gym.sim.variants import fields_of_variants
+
+UNITS = ("cabinet", "cupboard", "chest")
+NWORLD = 24
+SLIDE, HINGE = int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE)
+
+
+def words(*units: Any) -> dict[str, Any]:
+    """Return a scene of a row of units with drawn joints, and a can in front of them."""
+    opened = {"kind": "fixture", "on": "floor", "joints": {"*": {"fraction": [0.2, 0.6]}}}
+    objects: dict[str, Any] = {
+        f"unit{i}": {**opened, "asset": unit, "region": {"box": [[2.0 * i, 0.6], [2.0 * i + 0.1, 0.7]]}}
+        for i, unit in enumerate(units)
+    }
+    objects["can"] = {"asset": "can", "on": "floor", "region": {"box": [[0.0, -1.0], [2.0, -0.5]]}}
+    return {"bank": 4, "floor": {"size": [10, 6]}, "objects": objects}
+
+
+@pytest.fixture(scope="module", params=["cpu", pytest.param("cuda:0", marks=pytest.mark.cuda)])
+def compiled(request: pytest.FixtureRequest) -> CompiledScene:
+    """Two places with one of three units each."""
+    return compile_scene(words(list(UNITS), list(UNITS)), request.param)
+
+
+def simulated(compiled: CompiledScene) -> ResetRandomizer:
+    """Return worlds after a reset."""
+    batch = Batch(compiled.scene, NWORLD, compiled.device)
+    randomizer = ResetRandomizer.of_batch(batch, compiled, seed=5)
+    randomizer.reset()
+    return randomizer
+
+
+def own_joints(mjm: mujoco.MjModel, name: str) -> dict[str, int]:
+    """Return the joints below a body by kind and number, as the names of shared parts have them."""
+    found: dict[str, int] = {}
+    for joint in range(mjm.njnt):
+        if mjm.joint(joint).name.startswith(f"{name}/"):
+            kind = {SLIDE: "slide", HINGE: "hinge"}[int(mjm.jnt_type[joint])]
+            found[f"{kind}_{sum(key.startswith(kind) for key in found)}"] = joint
+    return found
+
+
+def used(compiled: CompiledScene, variants: np.ndarray) -> np.ndarray:
+    """Return which degrees of freedom the variants of each world use, shape (nworld, nv)."""
+    sim, full = compiled.sim_mjm, compiled.mjm
+    found = np.ones((len(variants), sim.nv), bool)
+    for k, (name, members) in enumerate(compiled.config.variants.items()):
+        for label, joint in own_joints(sim, name).items():
+            has = np.array([label in own_joints(full, member) for member in members])
+            found[:, sim.jnt_dofadr[joint]] = has[variants[:, k]]
+    return found
+
+
+def step(model: mjw.Model, data: mjw.Data, steps: int) -> None:
+    """Step worlds."""
+    with wp.ScopedDevice(data.qpos.device):
+        for _ in range(steps):
+            mjw.step(model, data)
+
+
+def test_a_unit_moves_as_its_own_asset(compiled: CompiledScene):
+    """Drawers, doors and lids that are pushed, in each world to the last bit; joints that it lacks stay at 0."""
+    randomizer, sim = simulated(compiled), compiled.sim_mjm
+    drawn, data = randomizer.variants.cpu().numpy(), randomizer.data
+    assert {tuple(row) for row in drawn.tolist()} >= {(0, 1), (1, 2), (2, 0)}
+    pushed = np.where(used(compiled, drawn), 0.3, 0.0) * np.array([sim.jnt_type[j] != 0 for j in sim.dof_jntid])
+    start = {name: getattr(data, name).numpy().copy() for name in ("qpos", "mocap_pos", "mocap_quat")}
+    data.qvel.assign(pushed.astype(np.float32))
+    step(randomizer.model, data, 60)
+    ours = data.qpos.numpy(), data.qvel.numpy()
+    for pair in sorted(set(map(tuple, drawn.tolist()))):
+        rows = (drawn == pair).all(axis=1)
+        own = build_model(SceneConfig.load(words(*(UNITS[i] for i in pair))))
+        alone, mjm, places = Batch(own, NWORLD, compiled.device), own.mjm, {}
+        for i in range(2):
+            joints = own_joints(mjm, f"unit{i}")
+            places |= {joint: own_joints(sim, f"unit{i}")[label] for label, joint in joints.items()}
+        places[mjm.joint("can/free").id] = sim.joint("can/free").id
+        state = {name: getattr(alone.data, name).numpy().copy() for name in ("qpos", "qvel", "mocap_pos", "mocap_quat")}
+        for joint, shared in places.items():
+            nq, nv = (7, 6) if mjm.jnt_type[joint] == 0 else (1, 1)
+            to, of = mjm.jnt_qposadr[joint], sim.jnt_qposadr[shared]
+            state["qpos"][:, to : to + nq] = start["qpos"][:, of : of + nq]
+            to, of = mjm.jnt_dofadr[joint], sim.jnt_dofadr[shared]
+            state["qvel"][:, to : to + nv] = pushed[:, of : of + nv]
+        for i in range(2):
+            to, of = (m.body_mocapid[m.body(f"unit{i}").id] for m in (mjm, sim))
+            for name in ("mocap_pos", "mocap_quat"):
+                state[name][:, to] = start[name][:, of]
+        for name, values in state.items():
+            getattr(alone.data, name).assign(values)
+        step(alone.model, alone.data, 60)
+        for joint, shared in places.items():
+            if mjm.jnt_type[joint] != 0:  # the can touches the floor
+                theirs = alone.data.qpos.numpy()[:, mjm.jnt_qposadr[joint]]
+                mine = ours[0][:, sim.jnt_qposadr[shared]]
+                assert (mine[rows] != start["qpos"][rows, sim.jnt_qposadr[shared]]).all()
+                assert mine[rows].tobytes() == theirs[rows].tobytes(), (pair, mjm.joint(joint).name)
+    assert not ours[1][~used(compiled, drawn)].any()
+
+
+def test_joints_that_a_world_lacks_stay_at_zero(compiled: CompiledScene):
+    """Over resets that change the variants, after steps with pushed doors."""
+    randomizer = simulated(compiled)
+    scalar = np.isin(compiled.sim_mjm.jnt_type, [SLIDE, HINGE])
+    adr, dof = compiled.sim_mjm.jnt_qposadr[scalar], compiled.sim_mjm.jnt_dofadr[scalar]
+    for turn in range(4):
+        lacks = ~used(compiled, randomizer.variants.cpu().numpy())[:, dof]
+        assert lacks.any()
+        randomizer.data.qvel.assign(np.where(used(compiled, randomizer.variants.cpu().numpy()), 0.2, 0.0))
+        step(randomizer.model, randomizer.data, 20)
+        qpos, qvel = randomizer.data.qpos.numpy()[:, adr], randomizer.data.qvel.numpy()[:, dof]
+        assert not qpos[lacks].any()
+        assert not qvel[lacks].any()
+        assert qpos[~lacks].all()
+        randomizer.reset(np.arange(NWORLD) % 2 == turn % 2)
+
+
+def test_masked_resets_change_nothing_else(compiled: CompiledScene):
+    """State and model of the other worlds keep their bits; rows of stored layouts bring their units and joints."""
+    randomizer = simulated(compiled)
+    step(randomizer.model, randomizer.data, 3)
+    names = fields_of_variants(compiled.scene)
+    assert {"jnt_range", "body_pos", "qpos0"} <= {*names}
+
+    def state() -> dict[str, np.ndarray]:
+        found = {name: getattr(randomizer.data, name).numpy().copy() for name in ("qpos", "qvel", "mocap_pos")}
+        return found | {name: getattr(randomizer.model, name).numpy().copy() for name in names}
+
+    before, mask = state(), np.arange(NWORLD) % 3 == 0
+    randomizer.reset(mask)
+    after = state()
+    for name, values in before.items():
+        assert values[~mask].tobytes() == after[name][~mask].tobytes(), name
+    assert (before["jnt_range"][mask] != after["jnt_range"][mask]).any()
+    table = make_table(compiled, NWORLD, seed=40)
+    randomizer.write(table, np.arange(NWORLD))
+    drawn, sim, full = randomizer.variants.cpu().numpy(), compiled.sim_mjm, compiled.mjm
+    for k, (name, members) in enumerate(compiled.config.variants.items()):
+        shared = own_joints(sim, name)
+        for world in range(NWORLD):
+            own = own_joints(full, members[drawn[world, k]])
+            qpos = randomizer.data.qpos.numpy()[world]
+            found = {label: qpos[sim.jnt_qposadr[joint]] for label, joint in shared.items()}
+            expected = {label: np.float32(table.qpos[world, full.jnt_qposadr[joint]]) for label, joint in own.items()}
+            assert found == dict.fromkeys(shared, 0.0) | expected
+
+
+def test_a_snapshot_and_a_redraw_keep_the_units(compiled: CompiledScene):
+    """A snapshot restores joints of all variants; where the can is drawn anew, units keep state and fields."""
+    randomizer = simulated(compiled)
+    step(randomizer.model, randomizer.data, 5)
+    taken = randomizer.snapshot()
+    step(randomizer.model, randomizer.data, 5)
+    there = randomizer.data.qpos.numpy().copy()
+    randomizer.reset()
+    randomizer.restore(taken)
+    step(randomizer.model, randomizer.data, 5)
+    assert randomizer.data.qpos.numpy().tobytes() == there.tobytes()
+    sim = compiled.sim_mjm
+    can = sim.jnt_qposadr[sim.joint("can/free").id]
+    others = np.delete(np.arange(sim.nq), np.arange(can, can + 7))
+    randomizer.redraw(["can"], np.ones(NWORLD, bool))
+    after = randomizer.data.qpos.numpy()
+    assert after[:, others].tobytes() == there[:, others].tobytes()
+    assert (after[:, can] != there[:, can]).mean() > 0.9
+
+
+def test_generated_furniture_is_one_object(tmp_path: Path):
+    """A pattern of files: the shared tree has the joints of the unit with most; layouts keep a unit's own ranges."""
+    sceniris_gym.furniture(tmp_path / "furniture", n=24, seed=3)
+    (tmp_path / "row.yaml").write_text(json.dumps(words("furniture/base_*.xml")))
+    compiled = compile_scene(tmp_path / "row.yaml", "cpu")
+    sim, members = compiled.sim_mjm, compiled.config.variants["unit0"]
+    most = {label for member in members for label in own_joints(compiled.mjm, member)}
+    assert {*own_joints(sim, "unit0")} == most
+    assert len(most) < sum(len(own_joints(compiled.mjm, member)) for member in members) / 4
+    randomizer = simulated(compiled)
+    drawn, ranges = randomizer.variants.cpu().numpy()[:, 0], randomizer.model.jnt_range.numpy()
+    for world, number in enumerate(drawn):
+        for label, joint in own_joints(compiled.mjm, members[number]).items():
+            shared = own_joints(sim, "unit0")[label]
+            np.testing.assert_array_equal(ranges[world, shared], compiled.mjm.jnt_range[joint].astype(np.float32))
