@@ -4,7 +4,7 @@ from sceniris_gym.config.absence import check_present
 from sceniris_gym.config.member_names import object_of
 from sceniris_gym.config.robot import StartConfig
 from sceniris_gym.config.scene_words import SceneWords
-from sceniris_gym.errors import SceneKeyError, UnknownNameError
+from sceniris_gym.errors import SceneKeyError, check_names
 
 
 def check_starts(scene: SceneWords, where: str) -> None:
@@ -17,7 +17,7 @@ def check_starts(scene: SceneWords, where: str) -> None:
     for i, start in enumerate(scene.start):
         at = f"{where}: start.{i}"
         if start.of is not None:
-            _check_known(scene, start.of, f"{at}.of")
+            check_names("object", [start.of], f"{at}.of", scene.named_objects)
             check_present(scene, start.of, f"{at}.of")
         for name in start.targets(scene.variants):
             _check_target(scene, start, name, at)
@@ -27,15 +27,9 @@ def check_starts(scene: SceneWords, where: str) -> None:
             name, _, joint = key.rpartition("/")
             if not name or not joint:
                 raise SceneKeyError(f"{at}.joints: '{key}' should be 'object/joint', as in 'cabinet/upper'.")
-            _check_known(scene, name, f"{at}.joints")
+            check_names("object", [name], f"{at}.joints", scene.named_objects)
             if name in scene.variants:
                 raise SceneKeyError(f"{at}.joints: '{name}' has variants, which have no joints. Name another object.")
-
-
-def _check_known(scene: SceneWords, name: str, where: str) -> None:
-    """Check that an object exists, and is not a single variant of another object."""
-    if name not in scene.named_objects:
-        raise UnknownNameError("object", name, where, scene.named_objects)
 
 
 def _check_target(scene: SceneWords, start: StartConfig, name: str, where: str) -> None:
@@ -57,11 +51,10 @@ def _check_target(scene: SceneWords, start: StartConfig, name: str, where: str) 
 
 def _check_place(scene: SceneWords, name: str, marker: str, where: str) -> None:
     """Check that a start can place an object at a marker."""
-    _check_known(scene, name, where)
+    check_names("object", [name], where, scene.named_objects)
     check_present(scene, name, where)
     markers = {scene.owners.get(other, other) for other, part in scene.objects.items() if part.kind == "marker"}
-    if marker not in markers:
-        raise UnknownNameError("marker", marker, where, markers)
+    check_names("marker", [marker], where, markers)
     if marker in scene.variants:
         raise SceneKeyError(f"{where}: marker '{marker}' should have one support and no variants, to be one place.")
     check_present(scene, marker, where, by=name)

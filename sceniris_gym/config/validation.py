@@ -57,14 +57,9 @@ def _check_robot(scene: SceneWords, name: str, part: ObjectConfig, where: str) -
 
 
 def _check_bodies(scene: SceneWords, where: str) -> None:
-    """Check that the scene has a model if an object names a body, and that all objects have different bodies."""
+    """Check that all objects have different bodies."""
     owners: dict[str, str] = {}
     for name, part in scene.objects.items():
-        if part.body is not None and scene.model is None:
-            raise SceneKeyError(
-                f"{where}: objects.{name}.body: the scene has no model with a body '{part.body}'. Give the scene "
-                "a 'model', or the object an 'asset'."
-            )
         body = part.body or name
         if part.asset is None and (owner := owners.setdefault(body, name)) != name:
             raise SceneKeyError(
@@ -74,27 +69,16 @@ def _check_bodies(scene: SceneWords, where: str) -> None:
 
 
 def _check_body(scene: SceneWords, name: str, part: ObjectConfig, where: str) -> None:
-    """Check that an object has an asset, is a body of the scene's model, or is a marker that needs no size."""
+    """Check that an object has an asset, is a body of the scene's model, or is a marker without a body."""
     if not in_memory(scene.model):  # mjlab's model has a body for each variant
         check_variant_has_asset(scene, name, where)
     if part.asset is not None or scene.model is not None:
         return
-    if part.kind != "marker":
+    if part.kind != "marker" or part.body is not None:
         raise SceneKeyError(
             f"{where}: objects.{name}.asset: is missing. Name an asset, or give the scene a 'model' with a "
-            f"body '{name}'. Only a marker needs no asset."
+            f"body '{part.body or name}'. Only a marker without a 'body' needs no asset."
         )
-    if part.drawn_orientation.kind == "stable":
-        raise SceneKeyError(
-            f"{where}: objects.{name}.orientation: a marker without an asset is a point and has no stable pose. "
-            "Give it an asset or another orientation."
-        )
-    for i, relation in enumerate(part.relations):
-        if relation.has_own_width:
-            raise SceneKeyError(
-                f"{where}: objects.{name}.relations.{i}.width: is missing. Give a width in metres: the default is "
-                "from the object's asset, and this marker has no asset."
-            )
 
 
 def check_variant_has_asset(scene: SceneWords, name: str, where: str) -> None:

@@ -26,7 +26,6 @@ from sceniris_gym.layout.scene_cache import UNREADABLE, from_arrays, load_arrays
 from sceniris_gym.program.compiled import CompiledScene, upload_scene
 from sceniris_gym.program.device import Cause, Program, copied, fill_struct
 from sceniris_gym.program.device_bank import Bank
-from sceniris_gym.program.device_reach import Starts
 from sceniris_gym.program.notices import from_record, noting, to_record, warn
 from sceniris_gym.progress import tell
 from sceniris_gym.scene.build import SceneLike, build_carriers, build_model
@@ -270,20 +269,18 @@ def _favouring(compiled: CompiledScene, choices: np.ndarray) -> CompiledScene:
     If some members of a group are favoured, nearly every layout then has one of these members. The same holds for
     favoured kinds of start.
     """
-    made, starts = copied(Program, compiled.program), compiled.starts
+    made = copied(Program, compiled.program)
     choices = _with_needs(compiled, choices)
     group, weight = made.group.numpy()[0].copy(), made.group_weight.numpy()[0].copy()
     members, kinds = choices[choices < len(weight)], choices[choices >= len(weight)] - len(weight)
     owner = np.repeat(np.arange(len(group)), group[:, 1])[members]
     weight[members] = _FAVOUR * np.add.reduceat(weight, group[:, 0])[owner]
     group[owner, 2] = np.maximum(group[owner, 2], 1)
-    fields = {"group": group, "group_weight": weight, "group_uniform": 0 * group[:, 0]}
+    of_kinds = made.start_weight.numpy()[0].copy()
+    of_kinds[kinds] = _FAVOUR * of_kinds.sum()
+    fields = {"group": group, "group_weight": weight, "group_uniform": 0 * group[:, 0], "start_weight": of_kinds}
     fill_struct(Program, made, fields, compiled.device)
-    if starts is not None:
-        starts, weight = copied(Starts, starts), starts.weight.numpy().copy()
-        weight[kinds] = _FAVOUR * weight.sum()
-        fill_struct(Starts, starts, {"weight": weight}, compiled.device)
-    return replace(compiled, program=made, starts=starts)
+    return replace(compiled, program=made)
 
 
 def _warn_of_fallbacks(compiled: CompiledScene, *probes: _Probe) -> None:

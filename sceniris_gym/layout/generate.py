@@ -19,7 +19,6 @@ from sceniris_gym.layout.masks import as_count, fill_mask
 from sceniris_gym.layout.reaching.stage import ReachStage
 from sceniris_gym.layout.reading import read_layouts
 from sceniris_gym.layout.redraw import Redraw, RedrawCounts
-from sceniris_gym.layout.scene_params import STARTS
 from sceniris_gym.layout.seeds import launch_close
 from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.layout.wave.accept import launch_accept
@@ -184,7 +183,7 @@ class LayoutGenerator(Fixed, LayoutSource):
         if self._stage is not None:
             self._stage.search.rows_left.zero_()  # an interrupt of earlier launches may have left rows
         if self._work.compiled.starts is not None:
-            launch_draw_kinds(self._work, mask, self.layouts.params.first.get(STARTS, -1))
+            launch_draw_kinds(self._work, mask)
         once = partial(self._round, stage)
         repeat_launches(self._work.search.worlds_left, once, self.compiled.config.restarts + 1)
 

@@ -42,7 +42,8 @@ def check_mask(mask: Any, nworld: int, name: str = "mask") -> None:
     if not is_mask(mask):
         raise ArgumentTypeError(f"{name} should hold booleans, got {mask.dtype}. Pass a comparison such as `x > 0`.")
     _check_dense(mask, name)
-    _check_length(mask, nworld, name)
+    if tuple(mask.shape) != (nworld,):
+        raise ArgumentError(f"{name} should have shape ({nworld},), one element per world, got {tuple(mask.shape)}.")
 
 
 def as_rows(rows: Any, nrow: int, nworld: int, device: Any) -> wp.array:
@@ -86,7 +87,7 @@ def as_worlds(worlds: Any, nworld: int, device: Any, mask_out: wp.array | None =
         return _to_device(worlds, wp.bool, device)  # the usual mask of a loop: the tests below take 2 us
     worlds = _chosen(worlds, nworld)
     if is_mask(worlds):
-        _check_length(worlds, nworld, "worlds")
+        check_mask(worlds, nworld, "worlds")
         return _to_device(worlds, wp.bool, device)
     _check_ids(worlds)
     _refuse_integer_mask(worlds, nworld)
@@ -259,11 +260,6 @@ def _check_range(values: np.ndarray, name: str, least: int, end: int, more: str 
     if len(wrong):
         got = values[wrong[0]]
         raise ArgumentError(f"{name}[{wrong[0]}] should be from 0 to {end - 1}{more}, got {got}.")
-
-
-def _check_length(mask: Any, nworld: int, name: str) -> None:
-    if tuple(mask.shape) != (nworld,):
-        raise ArgumentError(f"{name} should have shape ({nworld},), one element per world, got {tuple(mask.shape)}.")
 
 
 def _check_dense(array: Any, name: str) -> None:

@@ -15,7 +15,7 @@ import warp as wp
 from sceniris_gym.config.fields import short
 from sceniris_gym.errors import ArgumentError, UnknownNameError, as_names, check_names, check_type
 from sceniris_gym.layout.masks import as_numbers, selects
-from sceniris_gym.layout.scene_params import Param, draw_key, scene_params
+from sceniris_gym.layout.scene_params import Param, scene_params
 from sceniris_gym.program.compiled import CompiledScene
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -58,7 +58,7 @@ class ParamTable:
         self.first = dict(zip(self.params, np.cumsum([0, *map(len, numbers)]).tolist(), strict=False))
         self.default = np.concatenate([np.zeros(0, np.float32), *numbers])
         self.are_kept = False
-        self.of_draws = {draw.name: draw_key(compiled, draw) for draw in compiled.scene.sim.draws}
+        self.of_draws = {draw.name: draw.key for draw in compiled.scene.sim.draws}
 
     @property
     def names(self) -> tuple[str, ...]:

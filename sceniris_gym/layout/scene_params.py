@@ -14,7 +14,6 @@ from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.masks import as_numbers
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import OWN_A, OWN_B, ObjectKind
-from sceniris_gym.scene.draws import FieldDraw
 
 STARTS = "start.weights"
 """Name of the param for the weights of the kinds of starts."""
@@ -168,7 +167,8 @@ def _starts(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:
     """Yield the weights of the kinds of starts."""
     if compiled.config.start:
         weights = np.array([kind.weight for kind in compiled.config.start], np.float32)
-        yield STARTS, Param(STARTS, weights, "weights", least=1)
+        copies = tuple(("start_weight", k, k) for k in range(len(weights)))
+        yield STARTS, Param(STARTS, weights, "weights", 1, copies)
 
 
 def _distances(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:
@@ -216,20 +216,10 @@ def _regions(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:
             yield name, Param(name, ends, "box", written=tuple(itertools.chain(*corners)))
 
 
-def draw_key(compiled: CompiledScene, draw: FieldDraw) -> str:
-    """Return the key that a draw of physics or appearance has in the scene file."""
-    owner, _, word = draw.name.rpartition(".")
-    config = compiled.config
-    if owner in config.all_robots:
-        return f"{config.key(owner)}.randomize.{word}"
-    known = owner in config.objects or owner in config.variants
-    return f"objects.{owner}.randomize.{word}" if known else f"randomize.{draw.name}"
-
-
 def _randomize(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:
     """Yield the intervals of drawn physics and appearance."""
     for draw in compiled.scene.sim.draws:
-        name = draw_key(compiled, draw)
+        name = draw.key
         if draw.config.choice is not None or draw.config.distribution == "normal":
             yield (
                 name,

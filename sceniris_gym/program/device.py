@@ -199,6 +199,7 @@ class Program:
     group_slot: wp.array[int]
     group_uniform: wp.array2d[bool]  # by world
     group_weight: wp.array2d[wp.vec2]  # by world, of each entry of group_slot
+    start_weight: wp.array2d[float]  # by world, of each kind of start
 
     # Support surfaces: regions as triangles, and outlines as edges.
     tri_surface: wp.array[int]
@@ -276,7 +277,7 @@ class Program:
 
 
 WORLD_FIELDS = (
-    *("draw_range", "rel_low", "rel_high", "group", "group_uniform", "group_weight"),
+    *("draw_range", "rel_low", "rel_high", "group", "group_uniform", "group_weight", "start_weight"),
     *("obj_box_lower", "obj_box_upper", "pair_margin"),
 )
 """Fields of `Program` that may differ between worlds. A single row for all worlds has the stride SHARED."""

@@ -105,7 +105,6 @@ class StartPose(IntEnum):
 class Starts:
     """The kinds of starts (entries of `start`) of a scene. They do not change after `compile_scene`."""
 
-    weight: wp.array[float]
     pose: wp.array[int]  # a StartPose
     arm: wp.array[int]  # number of the arm, or -1
     target: wp.array2d[bool]  # the kind's reach targets. A world uses one of them.

@@ -130,7 +130,6 @@ def _kind(plan: Plan, grips: tuple[Grip, ...], number: int, config: StartConfig)
             arm_range = _arm_range(plan, plan.reaching.arms[arm], config, where)
     order, markers = {o.name: i for i, o in enumerate(plan.objects)}, plan.scene.config.markers(config)
     return {
-        "weight": config.weight,
         "pose": int(pose),
         "arm": arm,
         "target": np.array([target.name in names for target in targets], bool),

@@ -31,6 +31,7 @@ class FieldDraw(NamedTuple):
 
     Attributes:
         name: The name that selects the random numbers, such as 'can.mass'. All variants of an object share this name.
+        key: The key in the scene file, such as 'objects.can.randomize.mass'.
         word: The drawn field, and the fields that keep their ratio to this field.
         config: The distribution.
         rows: Drawn rows of the field, shape (nrow,).
@@ -40,6 +41,7 @@ class FieldDraw(NamedTuple):
     """
 
     name: str
+    key: str
     word: Word
     config: DrawConfig
     rows: np.ndarray
@@ -100,43 +102,46 @@ def field_draws(config: SceneConfig, mjm: mujoco.MjModel, bodies: Mapping[str, i
         SceneKeyError: A draw has no effect, its values are out of range, or their number is wrong.
         ArgumentError: A field is 0 in the whole model. Steps skip such a field, so a draw would have no effect.
     """
-    draws = {written[1]: _resolved(mjm, *written) for written in _written(config, mjm, bodies)}
+    draws = [_resolved(mjm, config.where, *written) for written in _written(config, mjm, bodies)]
     drawn: dict[object, str] = {}
-    for where, draw in draws.items():
+    for draw in draws:
+        where = f"{config.where}: {draw.key}"
         for at in product([draw.word.field], draw.rows.tolist(), draw.components.tolist()):
             if drawn.setdefault(at, draw.name) != draw.name:
                 _refuse(where, f"'{drawn[at]}' draws some of the same values. Draw them in one place only.")
-    return tuple(draws.values())
+    return tuple(draws)
 
 
 def _written(
     config: SceneConfig, mjm: mujoco.MjModel, bodies: Mapping[str, int]
 ) -> Iterator[tuple[str, str, Word, DrawConfig, list[int]]]:
-    """Yield each draw of the scene: its name, its key for error messages, its field, its distribution and its rows."""
+    """Yield each draw of the scene: its name, its key in the scene file, its field, its distribution and its rows."""
     for name, part in {**config.objects, **config.all_robots}.items():
         for key, draw in part.randomize.items():
-            word, where = WORDS["object"][key], f"{config.where}: {config.key(name)}.randomize.{key}"
+            word, path = WORDS["object"][key], f"{config.key(name)}.randomize.{key}"
             rows = rows_inside(mjm, word.field, bodies[name])
-            yield f"{config.owners.get(name, name)}.{key}", where, word, draw, rows
+            yield f"{config.owners.get(name, name)}.{key}", path, word, draw, rows
     if config.randomize is None:
         return
-    where = f"{config.where}: randomize"
     for key, word in WORDS["scene"].items():
         if (draw := getattr(config.randomize, key)) is not None:
-            yield key, f"{where}.{key}", word, draw, [0]
+            yield key, f"randomize.{key}", word, draw, [0]
     for kind in ("light", "camera", "material"):
         for pattern, draws in getattr(config.randomize, f"{kind}s").items():
             rows = [i for name, i in elements(mjm, kind) if fnmatch.fnmatchcase(name, pattern)]
             if not rows:
                 names = (name for name, _ in elements(mjm, kind))
-                raise UnknownNameError(kind, pattern, f"{where}.{kind}s", filter(None, names))
+                raise UnknownNameError(kind, pattern, f"{config.where}: randomize.{kind}s", names)
             for key, draw in draws.items():
                 name = f"{kind}s.{pattern}.{key}"
-                yield name, f"{where}.{name}", WORDS[kind][key], draw, rows
+                yield name, f"randomize.{name}", WORDS[kind][key], draw, rows
 
 
-def _resolved(mjm: mujoco.MjModel, name: str, where: str, word: Word, config: DrawConfig, rows: list[int]) -> FieldDraw:
-    """Return the draw of `rows`, without the rows that the draw cannot change."""
+def _resolved(
+    mjm: mujoco.MjModel, where: str, name: str, key: str, word: Word, config: DrawConfig, rows: list[int]
+) -> FieldDraw:
+    """Return the draw of `rows`, without the rows that the draw cannot change. Errors begin with `where`."""
+    where = f"{where}: {key}"
     check_field(word.field, mjm, where)
     values = nominal_values(mjm, word.field)
     if word.form not in {None, config.form}:
@@ -164,7 +169,7 @@ def _resolved(mjm: mujoco.MjModel, name: str, where: str, word: Word, config: Dr
     numbers = np.broadcast_to(one, (len(kept), count))
     if config.each:
         numbers = numbers + len(one) * np.arange(len(kept))[:, None]
-    draw = FieldDraw(name, word, config, kept, word.first + np.arange(count), numbers, choice)
+    draw = FieldDraw(name, key, word, config, kept, word.first + np.arange(count), numbers, choice)
     ends = _ends(draw, values)
     every, least, most = np.broadcast_arrays(ends, word.least, word.most)
     outside = np.argwhere((every < least) | (every > most))

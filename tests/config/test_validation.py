@@ -34,18 +34,6 @@ WRONG: dict[str, tuple] = {
     ),
     "cycle": (SMALL, {"objects.shelf.on": "apple/leaf"}, SceneKeyError, ["shelf -> apple -> shelf"]),
     "itself": (SMALL, {"objects.apple.on": "apple"}, SceneKeyError, ["apple -> apple"]),
-    "a point between": (
-        NEIGHBOURS,
-        {"objects.goal.relations": [{"front_of": "mug"}, {"between": ["cabinet", "mug"]}]},
-        SceneKeyError,
-        ["objects.goal.relations.1.width: is missing", "Give a width in metres"],
-    ),
-    "a stable point": (
-        NEIGHBOURS,
-        {"objects.goal.orientation": "stable"},
-        SceneKeyError,
-        ["objects.goal.orientation", "no stable pose"],
-    ),
     "an unknown target": (
         NEIGHBOURS,
         {"objects.apple.orientation": {"face_to": "cabine"}},

@@ -218,7 +218,10 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
         {"objects.target/x": {"asset": "can", "on": "table"}},
         r"unknown variant 'target/x'.*target/mug",
     ),
-    "no asset": ({"objects.target.variants.x": {"body": "can"}}, r"objects\.target/x.*'model'"),
+    "no asset": (
+        {"objects.target.variants.x": {"body": "can"}},
+        r"target\.variants: 'x' has no asset\. Give this variant an 'asset'",
+    ),
     "no scales": ({"objects.other": {"asset": "can", "scale": [], "on": "table"}}, r"other\.scale: .*list of numbers"),
     "scales of nothing": (
         {"objects.other": {"scale": [1, 2], "on": "table"}},

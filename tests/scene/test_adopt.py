@@ -132,8 +132,11 @@ def test_a_body_that_does_not_fit_is_refused(objects: dict, error: type[Sceniris
 
 def test_a_body_without_a_model_is_refused():
     """An object that names a body needs a model that has it."""
-    with pytest.raises(SceneKeyError, match=r"objects\.a\.body: the scene has no model with a body 'x'"):
-        SceneConfig.load({"floor": {"size": [1, 1]}, "objects": {"a": {"body": "x", "on": "floor"}}})
+    for kind in ("free", "marker"):
+        with pytest.raises(
+            SceneKeyError, match=r"objects\.a\.asset: is missing\. .* the scene a 'model' with a body 'x'"
+        ):
+            SceneConfig.load({"floor": {"size": [1, 1]}, "objects": {"a": {"body": "x", "on": "floor", "kind": kind}}})
     with pytest.raises(SceneKeyError, match=r"model: .* should be the path of an MJCF file, a mujoco\.MjSpec or a"):
         SceneConfig.load({"model": 7, "objects": {}})
 

@@ -364,3 +364,15 @@ def test_the_mean_colour_of_a_geom_has_its_texture():
     )
     colours = [[0.25, 0.0, 0.5, 0.8], [0.5, 0.0, 0.1, 1.0], [0.0, 1.0, 0.0, 1.0], [0.1, 0.2, 0.3, 1.0]]
     np.testing.assert_allclose(mean_colours(mjm), colours, atol=1e-6)
+
+
+def test_an_object_on_several_supports_is_drawn_on_each():
+    """Each member has a body of its own in the model of layouts, and all have one name."""
+    words = {"asset": "apple", "on": ["counter", "floor"], "randomize": {"mass": {"scale": [0.5, 2.0]}}}
+    objects = {"counter": {"asset": "counter", "kind": "fixture", "on": "floor"}, "apple": words}
+    scene = build_model({"floor": {"size": [2.0, 2.0]}, "objects": objects})
+    bodies = [scene.mjm.body(int(row)).name for draw in scene.draws for row in draw.rows]
+    assert bodies == ["apple/@counter", "apple/@floor"]
+    assert {draw.name for draw in scene.draws} == {"apple.mass"}
+    drawn = [scene.bodies[name] for name in bodies]
+    np.testing.assert_allclose(scene.least.body_mass[drawn], 0.5 * scene.mjm.body_mass[drawn])

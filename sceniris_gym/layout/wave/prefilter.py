@@ -140,6 +140,8 @@ def _prefilter(
                     _test_map(reach, layouts, search, c, row, obj, i % parts, parts)
                     if parts == 1 and search.grasp[c] == NO_GRASP:
                         continue
+            if reach.number > 0:  # the launch for the first arm makes the other tests
+                continue
             if program.obj_cover[obj] != Cover.EITHER:
                 _test_cover(program, layouts, search, c, row, obj, i % parts, parts)
                 if parts == 1 and (search.covered[c] != 0) != (program.obj_cover[obj] == Cover.COVERED):
@@ -148,28 +150,7 @@ def _prefilter(
                 _test_footprint(program, layouts, search, c, row, obj, i % parts, parts)
 
 
-@wp.kernel(grid_stride=False)
-def _prefilter_by_map(
-    lanes: int,
-    reach: Reach,
-    least_parts: int,
-    # Layouts in: present, stable, bodies*
-    layouts: LayoutsView,
-    # Search in: candidates, row, obj, cause, stable_draw, body_pos, body_quat; both: grasp
-    search: Search,
-):
-    num = candidate_num(search)
-    parts = lanes_for_each(lanes, num, least_parts)
-    for i in range(wp.tid(), parts * num, lanes):
-        c = i // parts
-        obj = search.obj[c]
-        if search.cause[c] == Cause.NONE and reach.obj_reach[obj] != UNASKED:
-            _test_map(reach, layouts, search, c, search.row[c], obj, i % parts, parts)
-
-
 def launch_prefilter(work: Workspace) -> None:
     """Prefilter the candidates of this wave. `reject_cause` reads the result."""
-    rest = [work.size.parts, work.layouts, work.search]
-    for reach in work.reaches[1:]:
-        work.launch_lanes(_prefilter_by_map, reach, *rest)
-    work.launch_lanes(_prefilter, work.program, work.reaches[0], *rest)
+    for reach in reversed(work.reaches):
+        work.launch_lanes(_prefilter, work.program, reach, work.size.parts, work.layouts, work.search)

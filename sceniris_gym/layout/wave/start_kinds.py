@@ -16,24 +16,14 @@ from sceniris_gym.program.device_reach import Starts, is_drawn
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
-@wp.func
-def _weight(starts: Starts, layouts: LayoutsView, worldid: int, kind: int, column: int) -> float:
-    """Return the weight of a kind of start in a world, from the param if there is one, else from the scene file."""
-    if column >= 0:
-        return layouts.next_param[worldid, column + kind]
-    return starts.weight[kind]
-
-
 @wp.kernel
 def _draw_kinds(
+    program: Program,
     starts: Starts,
     mask: wp.array[bool],
     split: wp.uint32,
-    column: int,
-    # Layouts in: pending*, next_param; out: start
+    # Layouts in: pending*; out: start
     layouts: LayoutsView,
-    # Out, by world:
-    draw_range: wp.array2d[wp.vec2],
 ):
     worldid = wp.tid()
     if not selects(mask, worldid):
@@ -41,20 +31,20 @@ def _draw_kinds(
     stream = numbered_stream(split, START_STREAM)
     u = uniforms(layouts.pending_seed[worldid], layouts.pending_episode[worldid], stream, 0, 0)[0]
     total = float(0.0)
-    for k in range(starts.weight.shape[0]):
-        total += _weight(starts, layouts, worldid, k, column)
+    for k in range(program.start_weight.shape[1]):
+        total += program.start_weight[worldid, k]
     kind = int(0)
-    below = _weight(starts, layouts, worldid, 0, column)
-    while kind < starts.weight.shape[0] - 1 and u * total >= below:
+    below = program.start_weight[worldid, 0]
+    while kind < program.start_weight.shape[1] - 1 and u * total >= below:
         kind += 1
-        below += _weight(starts, layouts, worldid, kind, column)
+        below += program.start_weight[worldid, kind]
     layouts.start[worldid] = kind
     for i in range(starts.draw_range.shape[1]):
         if is_drawn(starts.draw_range[kind, i]):
-            draw_range[worldid, i] = starts.draw_range[kind, i]
+            program.draw_range[worldid, i] = starts.draw_range[kind, i]
 
 
-def launch_draw_kinds(work: Workspace, mask: wp.array | None, column: int = -1) -> None:
+def launch_draw_kinds(work: Workspace, mask: wp.array | None) -> None:
     """Draw the kind of start of the masked worlds.
 
     The draw depends on `pending_seed` and `pending_episode`, so set these before the call.
@@ -63,10 +53,8 @@ def launch_draw_kinds(work: Workspace, mask: wp.array | None, column: int = -1) 
         work: The arrays of the generator. If a kind of start draws joints, `program.draw_range` should have a row per
             world.
         mask: Selected worlds, shape (nworld,), bool. None selects all.
-        column: First column of the weights in a row of param values, -1 if there is no such param.
     """
-    inputs = [work.compiled.starts, mask, work.split, column, work.layouts, work.program.draw_range]
-    work.launch(_draw_kinds, work.nworld, *inputs)
+    work.launch(_draw_kinds, work.nworld, work.program, work.compiled.starts, mask, work.split, work.layouts)
 
 
 @wp.kernel(grid_stride=False)

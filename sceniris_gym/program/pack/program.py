@@ -114,6 +114,7 @@ def pack_program(plan: Plan, colliders: list[Collider], lanes: int) -> dict[str,
         | pack_pieces([*plan.pieces, *footprint_hulls(plan.objects)], scene.config.geometry == "visual")
         | pack_bodies(scene.mjm, scene.home_qpos)
         | layout_bounds(plan)
+        | {"start_weight": np.array([kind.weight for kind in scene.config.start], float)}
         | {"home_qpos": scene.home_qpos, "home_pivot_pose": plan.pivot_pose, "home_bounds": plan.bounds}
     )
 

@@ -75,6 +75,28 @@ def test_what_ends_and_stands_upright_carries(tmp_path: Path):
         _check(tmp_path, crate, lean=0.09)
 
 
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (
+            {"relations": [{"front_of": "a"}, {"between": ["a", "b"]}]},
+            r"goal\.relations\.1\.width: 'goal' has no geom that collides, so it has no width\. Give a width \[m\]",
+        ),
+        (
+            {"orientation": "stable"},
+            r"goal\.orientation: the object has no collision geometry and no stable pose\. Give",
+        ),
+    ],
+    ids=["a point between", "a stable point"],
+)
+def test_a_marker_without_an_asset_has_neither_a_width_nor_a_stable_pose(words: dict[str, Any], says: str):
+    """It is a point."""
+    block = {"asset": "block", "on": "floor"}
+    goal = {"kind": "marker", "on": "floor", **words}
+    with pytest.raises(SceneKeyError, match=rf"objects\.{says}"):
+        checked(scene_of({"a": block, "b": block, "goal": goal}))
+
+
 def test_draws_that_take_a_follower_beyond_its_limits_are_refused(tmp_path: Path):
     """With the positions, the limits and what to draw less of."""
     with pytest.raises(SceneKeyError) as caught:

@@ -203,11 +203,12 @@ def test_drawn_joints_keep_to_what_is_drawn_and_others_to_their_home(tmp_path: P
 
 def test_kinds_are_packed_one_a_row():
     """Weights add up to 1, and bounds hold all joints of all starts."""
-    plan = build_plan(build_model(SceneConfig.load(SCENE)))
+    packed = pack(build_model(SceneConfig.load(SCENE)))
+    plan = packed.plan
+    assert packed["start_weight"].tolist() == [3, 1, 1, 1, 2, 1, 1]
     bounds = np.zeros(plan.scene.mjm.nq)
     starts = pack_starts(plan, bounds, "cpu")
     assert starts is not None
-    assert starts.weight.numpy().tolist() == [3, 1, 1, 1, 2, 1, 1]
     np.testing.assert_allclose(starts.lift.numpy()[LIFTED], LIFT)
     low, high = np.moveaxis(starts.arm_range.numpy(), 2, 0)
     assert (low[HOME] > high[HOME]).all()
