@@ -54,7 +54,7 @@ class Report:
     conflicts: list[Conflict]
     misplaced: list[Misplaced]
     penetration: Contact | None = None
-    allowed: list[Allowed] = field(default_factory=list)
+    allowed: Allowed = field(default_factory=dict)
     kept: list[Kept] = field(default_factory=list)
     settled: int = 0
     frozen: tuple[str, ...] = ()

@@ -48,21 +48,9 @@ class Contact:
         return self.depth - (self.home or 0.0)
 
 
-@dataclass(frozen=True)
-class Allowed:
-    """Two bodies with allowed contacts.
-
-    Attributes:
-        names: Names of the two bodies.
-        why: The reason.
-        home: Depth of their contact in the start pose [m], 0 if they only touch.
-        depth: Greatest depth in the layouts [m].
-    """
-
-    names: tuple[str, str]
-    why: str
-    home: float
-    depth: float
+Allowed = dict[tuple[str, str], tuple[str, float, float]]
+"""Names of two bodies with allowed contacts -> the reason, the depth of their contact in the start pose [m], 0 if they
+only touch, and the greatest depth in the layouts [m]."""
 
 
 class ContactAudit:
@@ -146,7 +134,7 @@ class ContactTally:
 
     def __init__(self, mjm: mujoco.MjModel, geometry: str, heaped: Collection[tuple[int, int]] = ()) -> None:
         self._mjm, self._visual, self._heaped = mjm, geometry == "visual", heaped
-        self._allowed: dict[tuple[int, int], tuple[str, float, float]] = {}  # pair of bodies -> fields of `Allowed`
+        self._allowed: dict[tuple[int, int], tuple[str, float, float]] = {}  # pair of bodies -> value of `Allowed`
         self.deepest: Contact | None = None
 
     def add(self, start: int, contacts: Iterable[Contact]) -> list[Contact]:
@@ -168,10 +156,10 @@ class ContactTally:
                 missed.append(c)
         return missed
 
-    def allowed(self) -> list[Allowed]:
+    def allowed(self) -> Allowed:
         """Return the pairs of bodies with allowed contacts."""
         names = [self._mjm.body(b).name or f"body {b}" for b in range(self._mjm.nbody)]
-        return [Allowed((names[one], names[other]), *found) for (one, other), found in sorted(self._allowed.items())]
+        return {(names[one], names[other]): found for (one, other), found in sorted(self._allowed.items())}
 
 
 def deepest_contacts(mjm: mujoco.MjModel, data: mujoco.MjData) -> dict[tuple[int, int], tuple[float, float]]:

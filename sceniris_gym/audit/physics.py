@@ -183,25 +183,15 @@ def _prepared(mjm: mujoco.MjModel, joints: Sequence[int]) -> mujoco.MjModel:
     return frozen
 
 
-@dataclass(frozen=True)
-class Equalities:
-    """Errors of the equalities in layouts.
+def equalities(mjm: mujoco.MjModel, table: LayoutTable) -> tuple[int, float, str]:
+    """Measure the errors of the active equalities of a model in layouts.
 
-    Attributes:
-        broken: Number of layouts with an error above `BROKEN`.
-        worst: The largest error [m or rad].
-        name: Name of the equality with the largest error, or its number if it has no name. Empty if there is no error.
+    Returns:
+        The number of layouts with an error above `BROKEN`, the largest error [m or rad], and the name of the equality
+        with this error, or its number if it has no name. The name is empty if there is no error.
     """
-
-    broken: int
-    worst: float
-    name: str
-
-
-def equalities(mjm: mujoco.MjModel, table: LayoutTable) -> Equalities:
-    """Return the errors of the active equalities of a model in layouts."""
     if not mjm.neq:
-        return Equalities(0, 0.0, "")
+        return 0, 0.0, ""
     data = mujoco.MjData(mjm)
     missed = np.zeros((len(table), mjm.neq))
     for row in range(len(table)):
@@ -212,4 +202,4 @@ def equalities(mjm: mujoco.MjModel, table: LayoutTable) -> Equalities:
     worst = float(missed.max(initial=0.0))
     eq = int(missed.max(axis=0, initial=0.0).argmax())
     name = (mjm.equality(eq).name or str(eq)) if worst > 0.0 else ""
-    return Equalities(int((missed > BROKEN).any(axis=1).sum()), worst, name)
+    return int((missed > BROKEN).any(axis=1).sum()), worst, name

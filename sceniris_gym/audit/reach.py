@@ -61,13 +61,8 @@ class Claim:
     pattern: str | None = None
 
 
-@dataclass(frozen=True)
-class Unreached:
+class Unreached(Misplaced):
     """A claim about reach that is wrong: its row, the name of the object, and the cause."""
-
-    row: int
-    name: str
-    cause: str
 
 
 class ReachAudit:

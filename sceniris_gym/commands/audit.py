@@ -150,9 +150,7 @@ def load_rows(compiled: CompiledScene, path: Path) -> Rows:
         table, rejected = (_table_of(arrays, part, found) for part in ("layouts", "rejected"))
         names, seed, split = arrays["rejected_object"], int(arrays["seed"]), str(arrays["split"])
     except UNREADABLE as error:
-        raise SceneFileError(
-            f"--load {path}: should be a file from 'sceniris-gym audit SCENE --save FILE': {error}"
-        ) from error
+        raise SceneFileError(f"--load {path}: should be a file of 'sceniris-gym audit --save': {error}") from error
     compiled.scene.check_hash(found, f"--load {path}:", "Give the scene of the rows, and the same changes by --set.")
     _check_columns(compiled, path, table, rejected, names)
     return Rows(table, rejected, names.tolist(), seed, split)
@@ -215,7 +213,7 @@ def judge_rows(compiled: CompiledScene, rows: Rows, settled: int | None = None) 
     names = np.array(rows.names, str)[finite_candidates].tolist()
     settled = len(rows.table) if settled is None else settled
     auditor = Auditor(compiled.mjm, compiled.config, compiled.scene.bodies)
-    ties = equalities(compiled.mjm, table)
+    broken, worst, weakest = equalities(compiled.mjm, table)
     report = auditor.judge(table, settled=int(finite[:settled].sum()))
     claims = reach_claims(compiled, table)
     unreached = judge_reach(compiled, table, claims)
@@ -237,13 +235,14 @@ def judge_rows(compiled: CompiledScene, rows: Rows, settled: int | None = None) 
         "rejected": len(rows.rejected),
         "false_alarms": len(alarms),
         "false_alarm_pairs": dict(Counter(" ".join(a.owners or ()) for a in alarms)),
-        "broken_equalities": ties.broken,
-        "equality_worst": ties.worst,
-        "worst_equality": ties.name,
+        "broken_equalities": broken,
+        "equality_worst": worst,
+        "worst_equality": weakest,
         "deepest_penetration_m": report.depth,
         "deepest_pair": " ".join(report.penetration.owners) if report.penetration else "",
         "allowed_contacts": {
-            " ".join(a.names): f"{a.why}; {a.home:.2g} m deep there, {a.depth:.2g} m in layouts" for a in report.allowed
+            " ".join(names): f"{why}; {home:.2g} m deep there, {depth:.2g} m in layouts"
+            for names, (why, home, depth) in report.allowed.items()
         },
         "misplaced": len({m.row for m in report.misplaced}),
         "misplaced_by": dict(Counter(f"{m.name} {m.cause}" for m in report.misplaced)),

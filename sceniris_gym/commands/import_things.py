@@ -44,9 +44,7 @@ def import_many(folder: Path, out: Path, options: Options, jobs: int | None, dev
         raise NotSupportedError(f"--out {out}: a folder of files becomes a folder of assets. Give a folder, not .xml.")
     sources = things_in(folder)
     if not sources:
-        raise SceneFileError(
-            f"{folder}: contains no files to import. Give a folder that contains {', '.join(SUFFIXES)}."
-        )
+        raise SceneFileError(f"{folder}: contains no files to import. Give a folder with {', '.join(SUFFIXES)}.")
     outcomes = import_folder(sources, out, options, jobs=jobs, done=_tell)
     for outcome in outcomes:
         if outcome.asset is not None:

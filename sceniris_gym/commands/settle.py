@@ -3,9 +3,10 @@
 from pathlib import Path
 from typing import Any
 
+from sceniris_gym.commands.options import checked_target
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import NotSupportedError, check_names
-from sceniris_gym.files import check_writable, replacing
+from sceniris_gym.files import replacing
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.scene.settling import settle as settled
 
@@ -33,8 +34,7 @@ def settle(config: SceneConfig, heap: str | None, num: int, out: Path | None, se
     named = config.heaps[heap].rows
     if out is None and named is None:
         raise NotSupportedError(f"settle: no file to write. Give -o ROWS.npz, or heaps.{heap}.rows in the scene.")
-    path = out if out is not None else Path(str(named))
-    check_writable(path)
+    path = checked_target(out, str(named))
     rows = settled(build_model(config), heap, num, seed)
     with replacing(path) as temporary:
         rows.write(temporary)

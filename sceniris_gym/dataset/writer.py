@@ -64,9 +64,7 @@ class DatasetWriter:
     def _compare(self, path: Path, resume: bool) -> None:
         """Raise DatasetError if `resume` is false, or if the plan stored at `path` differs from this plan."""
         if not resume:
-            raise DatasetError(
-                f"{self.folder}: already holds a data set. Add --resume to finish it, or give another folder."
-            )
+            raise DatasetError(f"{self.folder}: already holds a data set. Add --resume to finish it, or give another.")
         try:
             held = json.loads(read_bytes(path))
         except FileNotFoundError:  # another process has finished the data set since

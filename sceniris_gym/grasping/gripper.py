@@ -297,11 +297,7 @@ class _Hand(NamedTuple):
             adr: Addresses in qpos of the finger joints, shape (n,).
             ends: Positions of these joints in the open and in the closed gripper [m or rad], shape (n,) each.
         """
-        posed, tips = [self._vertices(adr, qpos) for qpos in ends], []
-        for side in sides:
-            wide, narrow = (np.concatenate([v for v, m in zip(each, side, strict=True) if m]) for each in posed)
-            tip = narrow[:, 2] > narrow[:, 2].max() - _TIPS
-            tips.append((wide[tip, 1], narrow[tip, 1]))
+        tips = [self._tip(side, adr, ends) for side in sides]
         opening, closed = (max(float(left.min() - right.max()), 0.0) for left, right in zip(*tips, strict=True))
         return opening, closed
 
@@ -316,25 +312,42 @@ class _Hand(NamedTuple):
             narrow: Position of the joint when the gripper is closed [m or rad].
 
         Returns:
-            The three attributes of the gripper, or None if no part of the hand beside the TCP faces the jaw.
+            The three attributes of the gripper, or None if the jaw does not collide, or no part of the hand beside the
+            TCP faces it.
         """
         adr, moves = self.mjm.jnt_qposadr[joint], self.moved_by([joint])
-        shut, spread = (self._vertices(adr, qpos) for qpos in (narrow, wide))
-        hand = np.concatenate([np.zeros((0, 3)), *(v for v, m in zip(shut, moves, strict=True) if not m)])
-        jaw, away = (np.concatenate([v for v, m in zip(each, moves, strict=True) if m]) for each in (shut, spread))
-        side = float(np.sign((away - jaw)[:, 1].mean()))
-        tip = jaw[:, 2] > jaw[:, 2].max() - _TIPS
-        facing = hand[side * hand[:, 1] < (side * jaw[tip, 1]).max()]
+        if not moves.any():
+            return None
+        away, jaw = self._tip(moves, adr, [wide, narrow])
+        side = float(np.sign((away - jaw).mean()))
+        hand = np.concatenate([np.zeros((0, 3)), *self._vertices(~moves, adr, narrow)])
+        facing = hand[side * hand[:, 1] < (side * jaw).max()]
         if facing[:, 2].max(initial=-np.inf) < -_TIPS:
             return None
         fixed = float((side * facing[facing[:, 2] > facing[:, 2].max() - _TIPS, 1]).max())
-        closed, opening = (max(float((side * each[tip, 1]).min()) - fixed, 0.0) for each in (jaw, away))
+        closed, opening = (max(float((side * each).min()) - fixed, 0.0) for each in (jaw, away))
         return opening, closed, (side * (fixed + _CLEAR), 0.5 * side)
 
-    def _vertices(self, adr: np.ndarray, qpos: np.ndarray | float) -> list[np.ndarray]:
-        """Return the vertices [m] of each piece in the TCP frame, with finger joints at positions as in `_boxes`."""
+    def _tip(self, finger: np.ndarray, adr: np.ndarray, ends: Sequence[np.ndarray | float]) -> list[np.ndarray]:
+        """Return the y [m] of a finger's tip, which are its vertices within 1 cm of its end in the closed gripper.
+
+        Args:
+            finger: Mask of the finger's pieces, shape (npiece,).
+            adr: Addresses in qpos of the finger joints.
+            ends: Positions of these joints in the open and in the closed gripper [m or rad].
+
+        Returns:
+            Coordinates of the same vertices along the closing axis, in the open and in the closed gripper.
+        """
+        wide, narrow = (np.concatenate(self._vertices(finger, adr, qpos)) for qpos in ends)
+        tip = narrow[:, 2] > narrow[:, 2].max() - _TIPS
+        return [wide[tip, 1], narrow[tip, 1]]
+
+    def _vertices(self, chosen: np.ndarray, adr: np.ndarray, qpos: np.ndarray | float) -> list[np.ndarray]:
+        """Return the vertices [m] of the pieces in a mask in the TCP frame, with finger joints as in `_boxes`."""
         data, axes, at = self._posed(adr, qpos)
-        places = [(data.xmat[p.body].reshape(3, 3).T, data.xpos[p.body] - at, p.mesh) for p in self.pieces]
+        pieces = [piece for piece, is_chosen in zip(self.pieces, chosen, strict=True) if is_chosen]
+        places = [(data.xmat[p.body].reshape(3, 3).T, data.xpos[p.body] - at, p.mesh) for p in pieces]
         return [(mesh.vertices @ turn + shift) @ axes.T for turn, shift, mesh in places if mesh is not None]
 
     def _boxes(self, adr: np.ndarray, qpos: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:

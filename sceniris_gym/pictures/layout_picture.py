@@ -18,13 +18,12 @@ from sceniris_gym.config.fields import FLOOR
 from sceniris_gym.files import replacing
 from sceniris_gym.pictures.context import Looks, Shot, in_model_order, picture_context
 from sceniris_gym.scene.layout_table import LayoutTable
-from sceniris_gym.scene.overview import frame, geom_corners
+from sceniris_gym.scene.overview import VISIBLE_GROUPS, frame, geom_corners
 from sceniris_gym.scene.parking import is_parked
 
 CAMERA = "overview"
 SIZE = (480, 360)  # pixels
 VIEW = (0.4, -1.0, 2.0)  # from the scene to the eye: ahead, a little to the right, and well above
-_VISIBLE_GROUPS = (0, 1, 2)
 _SAMPLES = 2  # rays per pixel along each axis
 _APRON = 1.6  # m of ground drawn around the floor, which is an infinite plane drawn at the size of the workspace
 _GAP, _STRIP = 6, 22  # pixels between tiles, and below each tile for its caption
@@ -121,7 +120,7 @@ def _seen(mjm: mujoco.MjModel, table: LayoutTable) -> tuple[dict[str, np.ndarray
     data, corners = mujoco.MjData(mjm), []
     names = ("geom_xpos", "geom_xmat", "cam_xpos", "cam_xmat", "light_xpos", "light_xdir")
     poses = {name: np.empty((len(table), *getattr(data, name).shape)) for name in names}
-    visible = np.isin(mjm.geom_group, _VISIBLE_GROUPS)
+    visible = np.isin(mjm.geom_group, VISIBLE_GROUPS)
     solid = visible & (mjm.geom_type != mujoco.mjtGeom.mjGEOM_PLANE)
     geoms = np.flatnonzero(solid if solid.any() else visible)
     for i in range(len(table)):

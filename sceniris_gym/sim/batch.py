@@ -169,9 +169,7 @@ def put_simulated(mjm: mujoco.MjModel, where: str) -> mjw.Model:
     try:
         return mjw.put_model(mjm)
     except NotImplementedError as error:
-        raise NotSupportedError(
-            f"{where}: MuJoCo-Warp cannot simulate the model: {error} Remove this from the model."
-        ) from None
+        raise NotSupportedError(f"{where}: MuJoCo-Warp cannot simulate the model: {error} Remove it.") from None
 
 
 def with_options(mjm: mujoco.MjModel, options: Mapping[str, Any]) -> mujoco.MjModel:

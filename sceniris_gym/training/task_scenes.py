@@ -32,36 +32,26 @@ def import_here(module: str) -> Any:
     return import_module(module)
 
 
-def registered_id(task: str) -> str:
-    """Return the id of a task. For MODULE:ID, first import MODULE by `import_here`.
+def spec_of(task: str, where: str = "environments registered with a task") -> EnvSpec:
+    """Return Gymnasium's spec of a task.
+
+    Args:
+        task: A registered id, or MODULE:ID, to import MODULE by `import_here` first. The namespace of this package is
+            optional.
+        where: The beginning of the error for an unknown task.
 
     Raises:
         ArgumentError: The module cannot be imported.
+        UnknownNameError: No environment that has a task is registered under this id.
     """
     module, _, name = task.rpartition(":")
     if module:
         try:
             import_here(module)
         except ImportError as error:
-            raise ArgumentError(
-                f"task '{task}': '{module}' should be a module that Python can import: {error}."
-            ) from None
-    return name
-
-
-def spec_of(task: str) -> EnvSpec:
-    """Return Gymnasium's spec of a task.
-
-    Args:
-        task: A registered id, or MODULE:ID, as `registered_id` takes it. The namespace of this package is optional.
-
-    Raises:
-        ArgumentError: The module cannot be imported.
-        UnknownNameError: No environment that has a task is registered under this id.
-    """
-    name = registered_id(task)
+            raise ArgumentError(f"{task}: '{module}' should be a module that Python can import: {error}.") from None
     tasks = {key.removeprefix(NAMESPACE): spec for key, spec in gymnasium.registry.items() if "task" in spec.kwargs}
-    check_names("task", [name.removeprefix(NAMESPACE)], "environments registered with a task", tasks)
+    check_names("task", [name.removeprefix(NAMESPACE)], where, tasks)
     return tasks[name.removeprefix(NAMESPACE)]
 
 

@@ -12,7 +12,7 @@ from torch import Tensor
 from sceniris_gym.config.fields import short
 from sceniris_gym.device.fixed import RefusesOldNames
 from sceniris_gym.errors import ArgumentError, refuses_old_names
-from sceniris_gym.layout.layout_id import LayoutId, layouts_of_mapping
+from sceniris_gym.layout.layout_id import layouts_of_ids, layouts_of_mapping
 from sceniris_gym.layout.masks import as_count
 from sceniris_gym.vector.arguments import LAYOUTS
 from sceniris_gym.vector.vector_env import SceneVectorEnv
@@ -90,18 +90,16 @@ def _batches(layouts: Any, inner: SceneVectorEnv) -> Iterator[tuple[Any, int]]:
     """
     number, where = inner.num_envs, "evaluate: layouts"
     if isinstance(layouts, Iterable) and not isinstance(layouts, Mapping):
-        cure = f"{where} should be from the environment's scene and split."
-        texts = [layouts] if isinstance(layouts, str) else layouts
-        ids = [LayoutId.of_scene(text, inner.compiled.scene, cure, inner.split) for text in texts]
-        for first in range(0, len(ids), number):
-            batch = ids[first : first + number]
-            yield batch + [batch[-1]] * (number - len(batch)), len(batch)
-        return
-    if not isinstance(layouts, Mapping):
-        layouts = {"seed": np.arange(number if layouts is None else as_count(layouts, where, 0)), "episode": 0}
-    if inner.randomizer.levels is not None:  # not the values that the curriculum has reached
-        layouts = {"params": {}, **layouts}
-    found, _ = layouts_of_mapping(layouts, inner.randomizer.layouts, where)
+        ids = layouts if isinstance(layouts, str) else list(layouts)
+        found = layouts_of_ids(ids, inner.randomizer.layouts, inner.split, where)
+        if not found.given.all():
+            raise ArgumentError(f"{where} should have an id in each entry, got None.")
+    else:
+        if not isinstance(layouts, Mapping):
+            layouts = {"seed": np.arange(number if layouts is None else as_count(layouts, where, 0)), "episode": 0}
+        if inner.randomizer.levels is not None:  # not the values that the curriculum has reached
+            layouts = {"params": {}, **layouts}
+        found, _ = layouts_of_mapping(layouts, inner.randomizer.layouts, where)
     for first in range(0, len(found.seed), number):
         rows = np.minimum(np.arange(first, first + number), len(found.seed) - 1)
         yield found.of_rows(rows), min(number, len(found.seed) - first)

@@ -3,7 +3,7 @@
 `Images` takes these pictures, of all worlds, from the scene's cameras.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -57,9 +57,7 @@ class Images:
         self._masks = [wp.to_torch(cameras.mask) for cameras in self._cameras]
         self._every, self.names = every, self._cameras[0].names
         taken = {name: images for cameras in self._cameras for name, images in cameras.images.items()}
-        self._latest: Pictures = {
-            name: {kind: wp.to_torch(image) for kind, image in taken[name].items()} for name in shots
-        }
+        self._latest: Pictures = _of_each(lambda _, image: wp.to_torch(image), {name: taken[name] for name in shots})
 
     @property
     def space(self) -> spaces.Dict:
@@ -71,12 +69,7 @@ class Images:
             low, high, dtype = bounds[kind]
             return spaces.Box(low, high, tuple(image.shape[1:]), dtype)
 
-        return spaces.Dict(
-            {
-                camera: spaces.Dict({kind: box(kind, image) for kind, image in of_camera.items()})
-                for camera, of_camera in self._latest.items()
-            }
-        )
+        return spaces.Dict({camera: spaces.Dict(kinds) for camera, kinds in _of_each(box, self._latest).items()})
 
     def due(self, elapsed: Tensor) -> Tensor:
         """Return which worlds need a new picture, (num_envs,) bool. `elapsed`: control steps since each reset."""
@@ -92,10 +85,15 @@ class Images:
         for cameras, its_mask in zip(self._cameras, self._masks, strict=True):
             its_mask.copy_(mask)
             cameras.launch()
-        return {
-            camera: {kind: image.clone() if copy else image for kind, image in of_camera.items()}
-            for camera, of_camera in self._latest.items()
-        }
+        return _of_each(lambda _, image: image.clone() if copy else image, self._latest)
+
+
+def _of_each(function: Callable[[str, Any], Any], images: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+    """Return the results of a function of the kind and the picture, for each picture of each camera."""
+    return {
+        camera: {kind: function(kind, image) for kind, image in of_camera.items()}
+        for camera, of_camera in images.items()
+    }
 
 
 def picture_names(images: Mapping[str, Any]) -> dict[str, Any]:

@@ -68,9 +68,7 @@ class Sensing:
                 raise ArgumentTypeError(f"sensing: {word} should be a pair (low, high), got {short(delay)}.")
             low, high = delay
             if not (isinstance(low, int) and isinstance(high, int) and 0 <= low <= high):
-                raise ArgumentError(
-                    f"sensing: {word} should be integers (low, high), 0 <= low <= high, got {short(delay)}."
-                )
+                raise ArgumentError(f"sensing: {word} should be integers, 0 <= low <= high, got {short(delay)}.")
         if not 0.0 <= self.dropout < 1.0:
             raise ArgumentError(f"sensing: dropout should be in [0, 1), got {short(self.dropout)}.")
 

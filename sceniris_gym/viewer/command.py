@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from sceniris_gym.collecting import uncollected
-from sceniris_gym.errors import ArgumentError, check_names
+from sceniris_gym.errors import check_names
 from sceniris_gym.viewer.server import import_ahead
 
 if TYPE_CHECKING:
@@ -68,14 +68,11 @@ def view_env(
     from sceniris_gym.device.kernel_log import start_warp
     from sceniris_gym.layout.layout_id import LayoutId
     from sceniris_gym.progress import listening
-    from sceniris_gym.training.task_scenes import registered_id
+    from sceniris_gym.training.task_scenes import spec_of
     from sceniris_gym.viewer.env_view import EnvView, policy_of
 
     start_warp()
-    try:
-        spec = gymnasium.spec(registered_id(env))
-    except gymnasium.error.Error as error:
-        raise ArgumentError(f"--env {env}: {error}") from None
+    spec = spec_of(env, f"--env {env}")
     said = server.gui.add_markdown(f"**{env}** is being compiled. {_KERNELS}")
 
     def tell(what: str, done: int, total: int) -> None:

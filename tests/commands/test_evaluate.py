@@ -11,7 +11,6 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import gymnasium
 import numpy as np
 import pytest
 import torch
@@ -26,7 +25,7 @@ from sceniris_gym.commands.train import train
 from sceniris_gym.errors import ArgumentError, SceneMismatchError
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.training.settings import Options
-from sceniris_gym.training.task_scenes import hashes_of, registered_id, scene_of
+from sceniris_gym.training.task_scenes import hashes_of, scene_of, spec_of
 from tests.training.scenes import write_task
 
 PAGE = Path(__file__).parents[2] / "docs" / "training.md"
@@ -135,7 +134,7 @@ def test_a_video_shows_the_first_episodes(run: Path, capfd: pytest.CaptureFixtur
     assert json.loads(capfd.readouterr().out).keys() == {"valid", "unfiltered"}
     assert report(made_of(3), Evaluation(run, video=file)).splitlines()[2:] == [f"wrote {file} (3 worlds)"]
     about, *frames = ffmpeg.read_frames(file)
-    steps = gymnasium.spec(registered_id(task)).max_episode_steps
+    steps = spec_of(task).max_episode_steps
     assert (about["size"], len(frames)) == ((960, 720), 1 + (steps or 0))
     first = np.frombuffer(frames[0], np.uint8).reshape(720, 960, 3)
     assert first[:180, :240].std() > 10.0

@@ -253,6 +253,19 @@ ONE_JAW = """
   <geom name="jaw" type="box" size=".005 .003 .05" pos="0 0 .06"/></body>"""
 
 
+@pytest.mark.parametrize("joints", [["left"], ["left", "right"]])
+def test_fingers_without_collisions_take_objects_of_any_width(joints: list[str]):
+    """They touch no object, so that one jaw is measured as two fingers are, and as a tool without fingers."""
+    spec = mujoco.MjSpec.from_string(HAND.format(left="1", range="0 .03", at=0.006))
+    for name in ("left", "right"):
+        spec.body(name).geoms[0].contype = spec.body(name).geoms[0].conaffinity = 0
+        if name not in joints:
+            spec.delete(spec.joint(name))
+    mjm = spec.compile()
+    gripper = Gripper.from_model(mjm, SerialArm.from_model(mjm, "base"), mjm.qpos0, extract_pieces(mjm, "physics"))
+    assert (gripper.opening, gripper.closed, gripper.tip, gripper.middle) == (1000.0, 1000.0, 0.0, (0.0, 0.0))
+
+
 def test_a_jaw_that_closes_on_the_hand_opens_as_far_as_the_tips_are_apart():
     """The corners at the end of the jaw, by MuJoCo's own poses, and the inner face of the fixed bar."""
     mjm = mujoco.MjModel.from_xml_string(SWING.format(fingers=ONE_JAW))

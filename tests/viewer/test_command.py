@@ -14,7 +14,7 @@ import pytest
 
 from sceniris_gym.cli import main
 from sceniris_gym.commands.options import read_ids
-from sceniris_gym.errors import ArgumentError
+from sceniris_gym.errors import ArgumentError, ScenirisError, UnknownNameError
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 from sceniris_gym.viewer import env_view
 from sceniris_gym.viewer.command import view_env
@@ -125,13 +125,13 @@ def test_chosen_layouts_decide_the_split(split: str | None, shown: str, monkeypa
 
 
 @pytest.mark.parametrize(
-    ("env", "words"),
+    ("env", "error", "words"),
     [
-        ("nowhere_at_all:Task-v0", "'nowhere_at_all' should be a module that Python can import"),
-        ("sceniris_gym/DrawerPik-v0", "--env sceniris_gym/DrawerPik-v0: .*DrawerPick"),
+        ("nowhere_at_all:Task-v0", ArgumentError, "'nowhere_at_all' should be a module that Python can import"),
+        ("sceniris_gym/DrawerPik-v0", UnknownNameError, "--env sceniris_gym/DrawerPik-v0: .*Did you mean 'DrawerPick"),
     ],
 )
-def test_what_is_no_environment_is_refused(env: str, words: str):
+def test_what_is_no_environment_is_refused(env: str, error: type[ScenirisError], words: str):
     """With what could not be imported, or with the nearest id."""
-    with pytest.raises(ArgumentError, match=words):
+    with pytest.raises(error, match=words):
         view_env(MagicMock(), env, None, [], num_envs=1, split="train", device="cpu")

@@ -20,7 +20,7 @@ from scipy.spatial import ConvexHull
 
 from sceniris_gym.errors import MeshError, import_extra
 from sceniris_gym.importers.things import splitting
-from sceniris_gym.importers.things.fit import Distances, Fit, Measure, are_near, tolerance_of
+from sceniris_gym.importers.things.fit import Distances, Measure, are_near, tolerance_of
 from sceniris_gym.importers.things.repair import Solid
 from sceniris_gym.importers.things.thing import LEAST_MOMENT, Inertia
 from sceniris_gym.progress import tell
@@ -65,19 +65,19 @@ class Parts:
 
     Attributes:
         meshes: The parts [m].
-        fit: Distances between the parts and the mesh.
+        error: Distance between the parts and the mesh [m], as `Measure.error` measures it.
         tolerance: Largest allowed distance [m].
         method: Text for the manifest: the methods that found the parts, such as "2 x CoACD, 1 x hull, split".
     """
 
     meshes: tuple[trimesh.Trimesh, ...]
-    fit: Fit
+    error: float
     tolerance: float
     method: str
 
 
 def convex_parts(solid: Solid, where: str, tolerance: float | None = None, max_parts: int | None = None) -> Parts:
-    """Find few convex parts whose distance from a mesh is at most a tolerance, as `Fit` measures it.
+    """Find few convex parts whose distance from a mesh is at most a tolerance, as `Measure` measures it.
 
     Args:
         solid: The mesh.
@@ -106,19 +106,19 @@ def convex_parts(solid: Solid, where: str, tolerance: float | None = None, max_p
             excess = splitting.Excess(near, solid.mesh, share * allowed)
             found = splitting.split(whole, excess, _MOST_SPLIT)
             tried.append(_merged(found, excess.beyond, exact, allowed))
-            if tried[-1][1].error <= allowed or len(tried[-1][0]) > MOST_PARTS:
+            if tried[-1][1] <= allowed or len(tried[-1][0]) > MOST_PARTS:
                 break
-        parts, fit = min(tried, key=_rank)
+        parts, error = min(tried, key=_rank)
         beyond = splitting.Excess(near, solid.mesh, _COARSER * allowed).beyond
         method += ", split" if len(found) > len(whole) else ""
     else:
         beyond = Measure(solid.mesh, allowed).beyond
-        parts, fit = _merged(found, beyond, exact, allowed)
+        parts, error = _merged(found, beyond, exact, allowed)
     limit = MOST_PARTS if tolerance is None else min(most, MOST_PARTS)
-    if fit.error > allowed or len(parts) > limit:
+    if error > allowed or len(parts) > limit:
         raise MeshError(
             f"{where}: at most {limit} convex parts should fit the surface within {1000.0 * allowed:.2g} mm, but "
-            f"the best fit has {len(parts)} parts and is off by {1000.0 * fit.error:.2g} mm ({method}). Increase "
+            f"the best fit has {len(parts)} parts and is off by {1000.0 * error:.2g} mm ({method}). Increase "
             "--tolerance, or model thin and fine structures thicker.",
             "parts",
         )
@@ -126,9 +126,9 @@ def convex_parts(solid: Solid, where: str, tolerance: float | None = None, max_p
     while len(parts) > most:
         loose *= _LOOSER
         parts = merge(parts, beyond, loose, most)
-        fit = exact.fit(parts)
-        allowed = max(allowed, fit.error)
-    return Parts(tuple(parts), fit, allowed, method)
+        error = exact.error(parts)
+        allowed = max(allowed, error)
+    return Parts(tuple(parts), error, allowed, method)
 
 
 def inertia_of(solid: Solid, parts: Parts, density: float, where: str) -> Inertia:
@@ -164,8 +164,8 @@ def inertia_of(solid: Solid, parts: Parts, density: float, where: str) -> Inerti
 
 def _merged(
     found: list[trimesh.Trimesh], beyond: Beyond, exact: Measure, allowed: float
-) -> tuple[list[trimesh.Trimesh], Fit]:
-    """Merge parts as long as they stay within the tolerance, and return the merged parts with their fit.
+) -> tuple[list[trimesh.Trimesh], float]:
+    """Merge parts as long as they stay within the tolerance, and return the merged parts with their error [m].
 
     The merge uses the fast measure `beyond`. After each attempt, `exact` measures the error. If the error is too
     large, the parts are merged again with a smaller tolerance. If no attempt is within the tolerance, return the
@@ -174,12 +174,12 @@ def _merged(
     aimed, tried = _MERGED * allowed, []
     for _ in range(_MERGES):
         parts = merge(found, beyond, aimed)
-        fit = exact.fit(parts)
-        if fit.error <= _SURE * allowed:
-            return parts, fit
-        tried.append((parts, fit))
-        aimed *= _MERGED * allowed / fit.error
-    tried.append((found, exact.fit(found)))
+        error = exact.error(parts)
+        if error <= _SURE * allowed:
+            return parts, error
+        tried.append((parts, error))
+        aimed *= _MERGED * allowed / error
+    tried.append((found, exact.error(found)))
     return min(tried, key=_rank)
 
 
@@ -219,9 +219,9 @@ def merge(parts: list[trimesh.Trimesh], beyond: Beyond, allowed: float, fewest: 
     return list(alive.values())
 
 
-def _rank(found: tuple[list[trimesh.Trimesh], Fit]) -> tuple[bool, float]:
+def _rank(found: tuple[list[trimesh.Trimesh], float]) -> tuple[bool, float]:
     """Return a sort key: results with at most `MOST_PARTS` parts come first, and among these the smallest error."""
-    return len(found[0]) > MOST_PARTS, found[1].error
+    return len(found[0]) > MOST_PARTS, found[1]
 
 
 @dataclass(frozen=True)
@@ -241,7 +241,7 @@ def _of_piece(piece: trimesh.Trimesh, closed: bool, allowed: float) -> _Cut:
     """
     hull = [splitting.small_hull(piece.vertices, allowed)]
     measure = Measure(piece, allowed)
-    error = 0.0 if float(piece.extents.max()) < allowed else measure.fit(hull).error
+    error = 0.0 if float(piece.extents.max()) < allowed else measure.error(hull)
     if error <= allowed:
         return _Cut(hull, "hull", splitting.hull_of(hull[0].vertices))
     simple = _simpler(piece, _SIMPLER * allowed)
@@ -255,7 +255,7 @@ def _of_piece(piece: trimesh.Trimesh, closed: bool, allowed: float) -> _Cut:
         parts = _cut(simple, threshold, closed, allowed)
         if len(parts) > _TOO_MANY:
             break
-        off = measure.fit(parts).error if parts else np.inf
+        off = measure.error(parts) if parts else np.inf
         worse = worse + 1 if off > _BETTER * error else 0
         if off < error:
             best, error = parts, off

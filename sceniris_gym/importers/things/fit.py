@@ -8,7 +8,6 @@ inside such a gap.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import fcl
 import numpy as np
@@ -28,25 +27,6 @@ _BALL = 0.8  # diameter as a fraction of the tolerance: also finds small places 
 _NEAR = 10_000  # points on the surface for upper bounds of distances
 _BESIDE = 1e-5  # fraction of the size: parts closer than this leave no gap
 _NEEDLE = 1e-6  # sine of the smallest angle in a face: FCL's distances from sharper faces are wrong
-
-
-@dataclass(frozen=True)
-class Fit:
-    """The distances between convex parts and a mesh [m].
-
-    Attributes:
-        bare: Largest distance from a point of the mesh to the parts. 0 if the parts contain the mesh.
-        beyond: Largest distance from the outside of the parts to the mesh. It is large if parts fill a hollow of the
-            mesh or stick out of it.
-    """
-
-    bare: float
-    beyond: float
-
-    @property
-    def error(self) -> float:
-        """The larger of `bare` and `beyond` [m]."""
-        return max(self.bare, self.beyond)
 
 
 def tolerance_of(mesh: trimesh.Trimesh) -> float:
@@ -71,18 +51,27 @@ class Measure:
             [points_on(mesh.triangles, samples)[0], mesh.vertices[:: max(len(mesh.vertices) // samples, 1)]]
         )
 
-    def fit(self, parts: list[trimesh.Trimesh]) -> Fit:
-        """Return the distances between the mesh and convex parts of it, which are closed meshes."""
+    def error(self, parts: list[trimesh.Trimesh]) -> float:
+        """Return the larger of `bare` and of `beyond` for each part [m], for convex parts of the mesh.
+
+        The parts are closed meshes.
+        """
+        return max(
+            self.bare(parts), *(self.beyond(part, [*parts[:i], *parts[i + 1 :]]) for i, part in enumerate(parts))
+        )
+
+    def bare(self, parts: list[trimesh.Trimesh]) -> float:
+        """Return the largest distance [m] from a point of the mesh to the parts. It is 0 if the parts contain it."""
         out = np.min([height_over(part, self._points) for part in parts], axis=0)
-        bare = 0.0
-        if len(far := self._points[out > self._beside]):
-            union = trimesh.util.append_faces([part.vertices for part in parts], [part.faces for part in parts])
-            bare = Distances(*union).farthest(far)[1]
-        beyond = max(self.beyond(part, [*parts[:i], *parts[i + 1 :]]) for i, part in enumerate(parts))
-        return Fit(bare, beyond)
+        far = self._points[out > self._beside]
+        union = trimesh.util.append_faces([part.vertices for part in parts], [part.faces for part in parts])
+        return Distances(*union).farthest(far)[1] if len(far) else 0.0
 
     def beyond(self, part: trimesh.Trimesh, others: list[trimesh.Trimesh]) -> float:
-        """Return the largest distance [m] from the outside of a part to the mesh, without areas inside `others`."""
+        """Return the largest distance [m] from the outside of a part to the mesh, without areas inside `others`.
+
+        It is large if the part fills a hollow of the mesh or sticks out of it.
+        """
         share = max(int(self.samples * min(float(part.area) / self._area, 1.0)), _LEAST)
         apart = np.sqrt(float(part.area) / share)
         points, which = points_on(part.triangles, share)

@@ -283,7 +283,7 @@ def _findings(thing: Thing, solids: Iterable[Solid], cut: Collection[Parts], res
         "repaired": [line for solid in solids for line in solid.report],
         "parts": sum(len(parts.meshes) for parts in cut),
         "method": "; ".join(parts.method for parts in cut),
-        "error_mm": round(1000.0 * max(parts.fit.error for parts in cut), 3),
+        "error_mm": round(1000.0 * max(parts.error for parts in cut), 3),
         "tolerance_mm": round(1000.0 * max(parts.tolerance for parts in cut), 3),
         "rests": [
             {

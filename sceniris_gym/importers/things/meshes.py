@@ -56,9 +56,7 @@ def read_surfaces(path: Path) -> tuple[Surface, ...]:
         raise
     except Exception as error:  # each of trimesh's readers raises different errors
         if path.suffix.lower() not in SUFFIXES:
-            raise SceneFileError(
-                f"{path}: it should be a mesh file with a name that ends in {', '.join(SUFFIXES)}."
-            ) from None
+            raise SceneFileError(f"{path}: it should be a mesh file that ends in {', '.join(SUFFIXES)}.") from None
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise SceneFileError(
             f"{path}: it cannot be read as {path.suffix[1:].upper()}: {reason:.200}. Export it again."

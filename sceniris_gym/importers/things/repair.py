@@ -96,7 +96,7 @@ def repair(surfaces: Sequence[Surface], where: str, *, shell: bool = False) -> S
         missing = sum(shares)
         if max(shares) > LARGEST_HOLE or missing > MOST_OPEN:
             hull, allowed = convex_hull(mesh.vertices), tolerance_of(mesh)
-            if Measure(mesh, allowed).fit([hull]).error <= allowed:  # then solid and sheet are equivalent
+            if Measure(mesh, allowed).error([hull]) <= allowed:  # then solid and sheet are equivalent
                 told = f"{missing:.0%} of its surface is missing: replaced by its convex hull"
                 return Solid(hull, True, (*report, f"{told}, which is within the tolerance of the surface"))
             raise MeshError(

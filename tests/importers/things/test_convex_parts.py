@@ -11,7 +11,7 @@ import trimesh
 
 from sceniris_gym.errors import MeshError
 from sceniris_gym.importers.things.convex_parts import _simpler, convex_parts, inertia_of, merge
-from sceniris_gym.importers.things.fit import Fit, Measure
+from sceniris_gym.importers.things.fit import Measure
 from sceniris_gym.importers.things.repair import Solid, repair
 from sceniris_gym.importers.things.splitting import Excess, small_hull, split
 from tests.importers.things.shapes import apple, box, cup, surface
@@ -21,7 +21,7 @@ def test_something_convex_is_one_part():
     """Without CoACD."""
     parts = convex_parts(repair([surface(box())], "box"), "box")
     assert len(parts.meshes) == 1
-    assert parts.fit.error < 1e-6
+    assert parts.error < 1e-6
     assert parts.tolerance == 0.002
 
 
@@ -37,7 +37,7 @@ def test_a_solid_that_is_not_cut_well_is_split(monkeypatch: pytest.MonkeyPatch):
     """Until the parts of a bowl fit, even where CoACD finds nothing but the hull."""
     monkeypatch.setattr("sceniris_gym.importers.things.convex_parts._cut", lambda *arguments: [])
     parts = convex_parts(repair([surface(cup(0.04, 0.04, 0.01))], "bowl"), "bowl", 0.004)
-    assert parts.fit.error <= parts.tolerance
+    assert parts.error <= parts.tolerance
     assert parts.method == "1 x hull, split"
 
 
@@ -47,7 +47,7 @@ def test_parts_are_merged_until_they_are_few_enough(monkeypatch: pytest.MonkeyPa
     corner = repair([surface(trimesh.boolean.union([box(), box().apply_translation(0.5 * box().extents)]))], "corner")
     many, few = (convex_parts(corner, "corner", None, most) for most in (None, 1))
     assert len(many.meshes) > len(few.meshes) == 1
-    assert many.tolerance < few.tolerance == few.fit.error < 0.05
+    assert many.tolerance < few.tolerance == few.error < 0.05
     with pytest.raises(MeshError, match="at most 1 convex parts should fit the surface within 3 mm"):
         convex_parts(corner, "corner", 0.003, 1)
 
@@ -65,7 +65,7 @@ def test_a_solid_is_split_further_before_it_is_refused(monkeypatch: pytest.Monke
     monkeypatch.setattr(f"{module}.splitting.split", fails_first)
     corner = trimesh.boolean.union([box(), box().apply_translation(0.5 * box().extents)])
     parts = convex_parts(repair([surface(corner)], "corner"), "corner")
-    assert parts.fit.error <= parts.tolerance
+    assert parts.error <= parts.tolerance
     assert aimed == pytest.approx([0.9 * parts.tolerance, 0.45 * parts.tolerance])
 
 
@@ -83,7 +83,7 @@ def test_a_cut_of_a_sheet_that_brings_nothing_is_followed_by_a_finer_one(monkeyp
     """Also where little is missing, and the threshold that the error asks for is nearly the same."""
     foot, post = box((0.1, 0.1, 0.02)), box((0.02, 0.1, 0.1)).apply_translation([-0.04, 0.0, 0.04])
     corner = trimesh.boolean.union([foot, post], engine="manifold")
-    off = Measure(corner, 0.002).fit([small_hull(corner.vertices)]).error
+    off = Measure(corner, 0.002).error([small_hull(corner.vertices)])
     tried: list[float] = []
 
     def cut(mesh: trimesh.Trimesh, threshold: float, closed: bool, allowed: float) -> list[trimesh.Trimesh]:
@@ -110,13 +110,13 @@ def test_what_simplifying_loses_is_not_lost(monkeypatch: pytest.MonkeyPatch):
 def test_parts_are_judged_more_closely_in_the_end(monkeypatch: pytest.MonkeyPatch):
     """By five times as many points as while they are merged, which miss places that are small."""
     looks: list[int] = []
-    fit = Measure.fit
+    error = Measure.error
 
-    def seen(self: Measure, parts: list[trimesh.Trimesh]) -> Fit:
+    def seen(self: Measure, parts: list[trimesh.Trimesh]) -> float:
         looks.append(self.samples)
-        return fit(self, parts)
+        return error(self, parts)
 
-    monkeypatch.setattr(Measure, "fit", seen)
+    monkeypatch.setattr(Measure, "error", seen)
     convex_parts(repair([surface(box())], "box"), "box")
     assert looks[-1] >= 5 * max(looks[:-1])
 
@@ -128,14 +128,14 @@ def test_fewer_parts_with_little_in_hand_are_better_than_too_many(monkeypatch: p
     errors = iter([0.97, 0.99, 0.98, 0.96])
     monkeypatch.setattr(f"{module}.MOST_PARTS", 4)
     monkeypatch.setattr(f"{module}.merge", lambda parts, *_: parts[: len(parts) // 2])
-    fit = Measure.fit
+    error = Measure.error
 
-    def told(self: Measure, parts: list[trimesh.Trimesh]) -> Fit:
-        return Fit(0.002 * next(errors), 0.0) if self.samples > 10_000 else fit(self, parts)
+    def told(self: Measure, parts: list[trimesh.Trimesh]) -> float:
+        return 0.002 * next(errors) if self.samples > 10_000 else error(self, parts)
 
-    monkeypatch.setattr(Measure, "fit", told)
+    monkeypatch.setattr(Measure, "error", told)
     parts = convex_parts(cubes, "cubes", 0.002)
-    assert (len(parts.meshes), parts.fit.error) == (3, 0.002 * 0.97)
+    assert (len(parts.meshes), parts.error) == (3, 0.002 * 0.97)
 
 
 @pytest.mark.parametrize("height", [0.022, 0.06, 0.11])
@@ -143,7 +143,7 @@ def test_a_smooth_fruit_is_not_refused(height: float):
     """Thinned hulls of nearly flat parts used to be 2.5 mm off, and no split or finer cut mends that."""
     pytest.importorskip("coacd", reason="coacd is not installed (extra 'import')")
     parts = convex_parts(repair([surface(apple(height))], "apple"), "apple")
-    assert parts.fit.error <= parts.tolerance == pytest.approx(0.0022)
+    assert parts.error <= parts.tolerance == pytest.approx(0.0022)
     assert len(parts.meshes) < 12
 
 
@@ -153,7 +153,7 @@ def test_the_shipped_apple_is_not_refused():
     (mesh,) = trimesh.load_scene(str(files("sceniris_gym.assets") / "meshes/apple.obj")).dump()
     assert isinstance(mesh, trimesh.Trimesh)
     parts = convex_parts(repair([surface(mesh)], "apple"), "apple")
-    assert parts.fit.error <= parts.tolerance
+    assert parts.error <= parts.tolerance
     assert len(parts.meshes) < 12
 
 
@@ -163,9 +163,9 @@ def test_little_is_lost_by_thinning(allowed: float):
     lens = trimesh.creation.icosphere(subdivisions=5, radius=0.055)
     lens.vertices = lens.vertices * (1.0, 1.0, 0.2)
     hull = small_hull(lens.vertices, allowed)
-    assert Measure(lens, 2 * allowed).fit([hull]).error <= allowed
+    assert Measure(lens, 2 * allowed).error([hull]) <= allowed
     assert len(hull.vertices) < 1000
-    assert Measure(lens, 0.002).fit([small_hull(lens.vertices)]).error > 0.002
+    assert Measure(lens, 0.002).error([small_hull(lens.vertices)]) > 0.002
 
 
 def test_a_hull_of_many_vertices_is_thinned():
@@ -180,7 +180,7 @@ def test_a_tolerance_of_more_than_a_quarter_of_the_size_is_taken():
     """A thimble of 7 mm: CoACD ends the process where its threshold is above 1."""
     pytest.importorskip("coacd", reason="coacd is not installed (extra 'import')")
     thimble = repair((surface(cup(0.0035, 0.007, 0.0005)),), "thimble")
-    assert convex_parts(thimble, "thimble").fit.error <= 0.002
+    assert convex_parts(thimble, "thimble").error <= 0.002
 
 
 def test_slices_of_a_box_become_the_box():
