@@ -92,7 +92,7 @@ def in_a_cycle(where: str, names: Iterable[str], what: str) -> SceneKeyError:
     return SceneKeyError(f"{where}: {what}: {cycle}. Remove one of these references to break the cycle.")
 
 
-def check_order(needs: Mapping[Any, Iterable[Any]], where: str, what: str, shown: Callable[[Any], str] = str) -> None:
+def check_order(needs: Mapping[str, Iterable[str]], where: str, what: str, shown: Callable[[str], str] = str) -> None:
     """Check that names that need each other can be put into an order.
 
     Args:

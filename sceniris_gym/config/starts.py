@@ -29,7 +29,7 @@ def check_starts(scene: SceneWords, where: str) -> None:
                 raise SceneKeyError(f"{at}.joints: '{key}' should be 'object/joint', as in 'cabinet/upper'.")
             check_names("object", [name], f"{at}.joints", scene.named_objects)
             if name in scene.variants:
-                raise SceneKeyError(f"{at}.joints: '{name}' has variants, which have no joints. Name another object.")
+                raise SceneKeyError(f"{at}.joints: '{name}' has variants, whose joints differ. Name another object.")
 
 
 def _check_target(scene: SceneWords, start: StartConfig, name: str, where: str) -> None:

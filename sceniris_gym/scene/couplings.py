@@ -12,7 +12,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from sceniris_gym.errors import SceneKeyError, check_order
+from sceniris_gym.errors import SceneKeyError, in_a_cycle
 
 # Positions that differ by less than this [m or rad] are equal up to rounding.
 _SAME = 1e-9
@@ -247,8 +247,11 @@ def _limits(mjm: mujoco.MjModel, joint: int) -> tuple[float, float]:
 def _in_order(mjm: mujoco.MjModel, found: dict[int, Coupling], where: str) -> list[Coupling]:
     """Return the couplings in an order in which drivers come before their followers."""
     drivers = {joint: [c.driver] if c.driver in found else [] for joint, c in found.items()}
-    check_order(drivers, where, "joints follow each other by equalities", lambda joint: mjm.joint(joint).name)
-    return [found[joint] for joint in graphlib.TopologicalSorter(drivers).static_order()]
+    try:
+        return [found[joint] for joint in graphlib.TopologicalSorter(drivers).static_order()]
+    except graphlib.CycleError as error:
+        names = [mjm.joint(joint).name for joint in error.args[1][:0:-1]]
+        raise in_a_cycle(where, names, "joints follow each other by equalities") from None
 
 
 def coupling_arrays(couplings: Sequence[Coupling]) -> dict[str, np.ndarray]:

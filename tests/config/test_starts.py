@@ -90,7 +90,7 @@ WRONG = {
         {"place": {"apple": "sign"}}, SceneKeyError, "marker 'sign' should have one support and no variants",
     ),
     "no shared support": ({"place": {"apple": "spot"}}, SceneKeyError, "'apple' and its marker 'spot' should have the"),
-    "joints of variants": ({"joints": {"thing/lid": {"noise": 0.1}}}, SceneKeyError, "'thing' has variants, which"),
+    "joints of variants": ({"joints": {"thing/lid": {"noise": 0.1}}}, SceneKeyError, "'thing' has variants, whose"),
 }  # fmt: skip
 
 

@@ -24,6 +24,8 @@ def _draw_kinds(
     split: wp.uint32,
     # Layouts in: pending*; out: start
     layouts: LayoutsView,
+    # Out, by world:
+    draw_range: wp.array2d[wp.vec2],
 ):
     worldid = wp.tid()
     if not selects(mask, worldid):
@@ -41,7 +43,7 @@ def _draw_kinds(
     layouts.start[worldid] = kind
     for i in range(starts.draw_range.shape[1]):
         if is_drawn(starts.draw_range[kind, i]):
-            program.draw_range[worldid, i] = starts.draw_range[kind, i]
+            draw_range[worldid, i] = starts.draw_range[kind, i]
 
 
 def launch_draw_kinds(work: Workspace, mask: wp.array | None) -> None:
@@ -54,7 +56,8 @@ def launch_draw_kinds(work: Workspace, mask: wp.array | None) -> None:
             world.
         mask: Selected worlds, shape (nworld,), bool. None selects all.
     """
-    work.launch(_draw_kinds, work.nworld, work.program, work.compiled.starts, mask, work.split, work.layouts)
+    inputs = [work.program, work.compiled.starts, mask, work.split, work.layouts, work.program.draw_range]
+    work.launch(_draw_kinds, work.nworld, *inputs)
 
 
 @wp.kernel(grid_stride=False)
