@@ -191,7 +191,8 @@ class View:
         frame = relation.reference_frame
         turned = {"world": 0.0, "support": self._heading(ground, i)}
         heading = turned[frame] if frame in turned else self.bounds(frame, i).heading
-        return area_of(relation, self.bounds(name, i).standing, anchors, relation.heading({"robot"}) + heading)
+        own, robots = self.bounds(name, i).standing, self.config.all_robots
+        return area_of(relation, own, anchors, relation.heading(robots) + heading, robots)
 
     def _plan(self, name: str) -> PlacedObject:
         return next(o for o in self.compiled.plan.objects if o.name == name)

@@ -11,7 +11,7 @@ import shapely
 from sceniris_gym.audit.geometry import Poses, rotation
 from sceniris_gym.audit.scene import JudgedScene, Outline, Seen
 from sceniris_gym.config.orientation import DrawnOrientation
-from sceniris_gym.config.relations import Beside, Between, Joined, Near, Relation, Sector
+from sceniris_gym.config.relations import HEADINGS, ROBOT_HEADINGS, Beside, Between, Joined, Near, Relation, Sector
 
 Excess = dict[tuple[str, str, str], np.ndarray]
 """(Name, word, unit) -> violation in each row, NaN where the requirement does not apply, shape (nrow,)."""
@@ -124,13 +124,24 @@ def _off_between(relation: Between, name: str, scene: JudgedScene, seen: Seen) -
 def _off_beside(relation: Beside, name: str, scene: JudgedScene, seen: Seen) -> dict[str, np.ndarray]:
     """Return the larger of two errors [m]: of the gap between the objects, and of their alignment.
 
-    The alignment is wrong by the distance that the narrower object sticks out beyond an end of the wider object.
+    The alignment is wrong by the distance that the narrower object sticks out beyond an end of the wider object. With
+    `align`, it is wrong by the distance between the two ends at this side, or between the two middles.
     """
-    own, anchor, heading = seen.outlines[name], seen.outlines[relation.beside], _heading(relation, name, scene, seen)
+    by_root = {n: seen.roots[n] for n in scene.config.joined_by_root(name, relation) if n in seen.roots}
+    own, anchor = (by_root.get(n, seen.outlines[n]) for n in (name, relation.beside))
+    heading = _heading(relation, name, scene, seen)
     side = np.stack([np.cos(heading), np.sin(heading)], 1)
     across = np.stack([-side[:, 1], side[:, 0]], 1)
     off = np.abs(own.span(side)[0] - anchor.span(side)[1] - relation.gap)
     (low, high), (other_low, other_high) = own.span(across), anchor.span(across)
+    if relation.align is not None:
+        apart = (low + high - other_low - other_high) / 2
+        if relation.align != "middle":
+            sides = ROBOT_HEADINGS if relation.reference_frame in scene.config.all_robots else HEADINGS
+            turned = heading + sides[relation.align] - sides[relation.side]
+            end = np.stack([np.cos(turned), np.sin(turned)], 1)
+            apart = own.span(end)[1] - anchor.span(end)[1]
+        return {"m": np.maximum(off, np.abs(apart))}
     inside = np.maximum(other_low - low, high - other_high)
     around = np.maximum(low - other_low, other_high - high)
     return {"m": np.maximum(off, np.where(high - low <= other_high - other_low, inside, around))}
@@ -242,9 +253,11 @@ class OrientationAudit:
                 up = seen.poses.xmat[:, root] @ rotation(self.scene.mjm.body_quat[root])[2]
                 missed["upright", "rad"] = np.arctan2(np.linalg.norm(up[:, :2], axis=1), up[:, 2])
             if drawn_as.target is not None:
-                facing = _off_interval(*_from_target(outlines[name], outlines[drawn_as.target]), drawn_as)
+                target, own = outlines[drawn_as.target], outlines[name]
+                turn = (own.heading - target.heading, 0.0) if drawn_as.kind == "with" else _from_target(own, target)
                 yaw = missed.pop(("yaw", "rad"))
-                missed["face_to", "rad"] = np.where(seen.present[drawn_as.target], facing, yaw)
+                turned = _off_interval(*turn, drawn_as)
+                missed[drawn_as.kind, "rad"] = np.where(seen.present[drawn_as.target], turned, yaw)
             found |= {(name, *key): np.where(seen.present[name], amount, np.nan) for key, amount in missed.items()}
         return found
 

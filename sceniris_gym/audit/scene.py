@@ -152,6 +152,7 @@ class Seen:
     Attributes:
         poses: The poses in the rows.
         outlines: Object name -> its outline.
+        roots: The same for upright fixtures and static objects with drawn joints, without parts that joints move.
         present: Object name -> mask of the rows with the object, shape (nrow,).
         support_heading: Object name -> heading of the support's x axis [rad], shape (nrow,). 0 on the floor and in the
             air.
@@ -159,6 +160,7 @@ class Seen:
 
     poses: Poses
     outlines: Mapping[str, Outline]
+    roots: Mapping[str, Outline]
     present: Rows
     support_heading: Rows
 
@@ -176,6 +178,7 @@ class Outlines:
         for solid in scene.solids:
             if scene.owner(solid) in scene.bodies and solid.form is not Form.HALFSPACE:
                 self._solids[scene.owner(solid)].append(solid)
+        self._still = {name: self._off_joints(name) for name, o in scene.config.objects.items() if o.is_open_furniture}
 
     def see(self, poses: Poses, present: Rows) -> Seen:
         """Return the outlines of all objects from above, for the checks of relations, orientations and groups.
@@ -191,11 +194,12 @@ class Outlines:
                 x = poses.xmat[:, self.scene.carrier(part.support.parent).body, :, 0]
                 headings[name] = np.arctan2(x[:, 1], x[:, 0])
         outlines = {name: self.outline(name, poses) for name in self.scene.bodies}
+        roots = {name: self._of_solids(outlines[name], name, own, poses) for name, own in self._still.items() if own}
         for name, members in self.scene.config.variants.items():  # relations name the object, not its variants
             there = np.argmax([present[member] for member in members], axis=0), np.arange(len(poses.xpos))
             own = [outlines[member] for member in members]
             outlines[name] = Outline(*(np.stack([getattr(o, f.name) for o in own])[there] for f in fields(Outline)))
-        return Seen(poses, outlines, present, headings)
+        return Seen(poses, outlines, roots, present, headings)
 
     def outline(self, name: str, poses: Poses) -> Outline:
         """Return the outline of an object in each row.
@@ -209,21 +213,36 @@ class Outlines:
         if not self._solids[name]:
             return Outline(at, heading, np.zeros((len(at), 2)), np.zeros((len(at), 2)))
         axes = Rotation.from_euler("z", -heading[:, None]).as_matrix()
-        low, high = self._bounds(name, poses, axes)
+        solids = self._solids[name]
+        low, high = self._bounds(name, solids, poses, axes)
         if name in self.scene.config.all_robots:
             return Outline(at, heading, low[:, :2], high[:, :2])
         part = self.scene.config.parts.get(name)
         any_way_up = part is not None and part.drawn_orientation.kind == "any"
-        ends = (low, high) if any_way_up else self._bounds(name, self._with_joints_at_home(name, poses), axes)
+        ends = (low, high) if any_way_up else self._bounds(name, solids, self._with_joints_at_home(name, poses), axes)
         middle = (ends[0] + ends[1]) / 2
         middle[:, 2] = low[:, 2]
         pivot = at + np.einsum("nk,nkj->nj", middle, axes)
         return Outline(pivot, heading, (low - middle)[:, :2], (high - middle)[:, :2])
 
-    def _bounds(self, name: str, poses: Poses, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the least and greatest coordinates [m] of an object along axes (nrow, 3, 3), relative to its root."""
+    def _off_joints(self, name: str) -> list[Solid]:
+        """Return the solids of an object that no joint moves relative to its root."""
+        mjm, root = self.scene.mjm, self.scene.bodies[name]
+        doors = [body for body in subtree(mjm, root) if body != root and mjm.body_jntnum[body]]
+        moved = {part for body in doors for part in subtree(mjm, body)}
+        return [solid for solid in self._solids[name] if mjm.geom_bodyid[solid.geom] not in moved]
+
+    def _of_solids(self, outline: Outline, name: str, solids: list[Solid], poses: Poses) -> Outline:
+        """Return the outline of an object with the bounds of only some of its solids."""
+        axes = Rotation.from_euler("z", -outline.heading[:, None]).as_matrix()
+        at = np.einsum("nkj,nj->nk", axes, outline.pivot - poses.xpos[:, self.scene.bodies[name]])[:, :2]
+        low, high = self._bounds(name, solids, poses, axes)
+        return replace(outline, low=low[:, :2] - at, high=high[:, :2] - at)
+
+    def _bounds(self, name: str, solids: list[Solid], poses: Poses, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the least and greatest coordinates [m] of solids along axes (nrow, 3, 3), relative to a root."""
         at, low, high = poses.xpos[:, self.scene.bodies[name]], [], []
-        for solid in self._solids[name]:
+        for solid in solids:
             middle = np.einsum("nkj,nj->nk", axes, poses.geom_xpos[:, solid.geom] - at)
             local = (axes @ poses.geom_xmat[:, solid.geom]).transpose(1, 0, 2)
             low.append(middle + np.stack([solid.lowest(up) for up in local], 1))

@@ -141,6 +141,12 @@ class ObjectConfig(Section):
         return is_drawn and self.is_placed and self.kind == "free"
 
     @property
+    def is_open_furniture(self) -> bool:
+        """True for an upright fixture or static object with drawn joints."""
+        is_upright = self.drawn_orientation.kind not in ("any", "stable")
+        return bool(self.joints) and self.kind in ("fixture", "static") and is_upright
+
+    @property
     def joined_to(self) -> str | None:
         """The object that this object is joined to at sites, or None."""
         return next((relation.beside.of for relation in self.relations if isinstance(relation, Joined)), None)
@@ -149,8 +155,8 @@ class ObjectConfig(Section):
     def references(self) -> list[tuple[str, str]]:
         """The objects named by the relations and the orientation: (path of the key in the object, name)."""
         found = [(f"relations.{i}.{key}", name) for i, r in enumerate(self.relations) for key, name in r.references]
-        target = self.drawn_orientation.target
-        return found + ([("orientation.face_to", target)] if target is not None else [])
+        drawn = self.drawn_orientation
+        return found + ([(f"orientation.{drawn.kind}", drawn.target)] if drawn.target is not None else [])
 
     @property
     def needs(self) -> tuple[str, ...]:

@@ -311,7 +311,9 @@ class Joined(Relation):
 
     one_of = ("beside",)
     type = RelationType.JOINED
-    misplaced = dict.fromkeys(("side", "frame"), "should not be given if 'beside' names sites: they determine the pose")
+    misplaced = dict.fromkeys(
+        ("side", "align", "frame"), "should not be given if 'beside' names sites: they determine the pose"
+    )
     anchor_key: ClassVar[str] = "beside.of"  # pyrefly: ignore[bad-override]
     beside: Connection
     gap: Length | None = None
@@ -325,7 +327,8 @@ class Joined(Relation):
 class Beside(Relation):
     """The object is side by side with another object, with `gap` [m] between their bounds.
 
-    Along the side where they meet, the span of the wider object contains the span of the narrower object.
+    Along the side where they meet, the span of the wider object contains the span of the narrower object. With `align`,
+    their ends at this side of the anchor are in line, or their middles.
     """
 
     one_of = ("beside",)
@@ -335,11 +338,26 @@ class Beside(Relation):
     frame: str = "anchor"
     side: Literal["left", "right", "front", "back"] = Field(None, validate_default=True)
     gap: Length = 0.01
+    align: Literal["left", "right", "front", "back", "middle"] | None = None
 
     @property
     def summary(self) -> str:
-        """The relation in one line, with the other object, the side and the gap."""
-        return f"beside {self.beside}, {self.side}, gap {self.gap:g} m"
+        """The relation in one line, with the other object, the side, the gap and what is in line."""
+        align = "" if self.align is None else f", align {self.align}"
+        return f"beside {self.beside}, {self.side}, gap {self.gap:g} m{align}"
+
+    def aligned(self, robots: Container[str]) -> int | None:
+        """Return which ends are in line: 1 left of the direction to the object, -1 right of it, 0 for the middles."""
+        if self.align in (None, "middle"):
+            return None if self.align is None else 0
+        return round(math.sin(self._side_heading(self.align, robots) - self._side_heading(self.side, robots)))
+
+    @model_validator(mode="after")
+    def _aligns_across(self) -> Beside:
+        if self.align not in (None, "middle") and self.aligned(()) == 0:
+            ends = ("'back', 'front'", "'left', 'right'")[self.side in ("front", "back")]
+            raise wrong(f"should have {ends} or 'middle' as 'align', because its side is '{self.side}'")
+        return self
 
     def heading(self, robots: Container[str]) -> float:
         """Return the angle [rad] of the side in the relation's `reference_frame`."""

@@ -13,6 +13,7 @@ from sceniris_gym.config.member_names import object_of, without_support
 from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.presence import Presence
 from sceniris_gym.config.randomize import SceneDraws
+from sceniris_gym.config.relations import Beside, Relation
 from sceniris_gym.config.robot import RobotConfig, StartConfig
 from sceniris_gym.config.section import Section
 from sceniris_gym.config.several_supports import Bodies, any_supports
@@ -147,6 +148,14 @@ class SceneWords(Section):
     def absent(self) -> dict[str, str]:
         """Object that may be absent from a world -> the key of the group that draws it, or the object itself."""
         return self.presence.absent
+
+    def joined_by_root(self, name: str, relation: Relation) -> list[str]:
+        """Return which of an object and its anchor a relation measures by the root: open furniture beside furniture."""
+        pair = [name, relation.beside] if isinstance(relation, Beside) else []
+        parts = {one: self.objects.get(one) for one in with_variants(pair, self.variants)}
+        if any(part is None or part.kind not in ("fixture", "static") for part in parts.values()):
+            return []
+        return [one for one, part in parts.items() if part is not None and part.is_open_furniture]
 
     def markers(self, start: StartConfig) -> dict[str, str]:
         """Return object -> its marker, for a kind of start. A variant has the marker of its object.

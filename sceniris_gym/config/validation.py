@@ -137,6 +137,12 @@ def _check_reference(scene: SceneWords, where: str, name: str, other: str) -> No
         raise UnknownNameError("frame" if is_frame else "object", other, where, [n for n in valid if n != name])
     if other in (name, object_of(name)):
         raise SceneKeyError(f"{where}: '{other}' should be a different object, not the placed object itself.")
+    parts = [scene.objects[one] for one in scene.variants.get(other, (other,)) if one in scene.objects]
+    if where.endswith(".with") and any(part.drawn_orientation.kind in ("any", "stable") for part in parts):
+        raise SceneKeyError(
+            f"{where}: '{other}' may lie on its side, where its heading has no meaning. Write 'fixed' or a yaw as its "
+            "orientation, or name another object."
+        )
 
 
 def _check_members(scene: SceneWords, where: str) -> None:

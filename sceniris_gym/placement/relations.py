@@ -26,7 +26,7 @@ from sceniris_gym.placement.placed import (
     rotated_to,
 )
 from sceniris_gym.placement.polygons import HalfPlane, convex_hull, cross2
-from sceniris_gym.program.device import FRAME_SUPPORT, FRAME_WORLD, OWN_WIDTH, Program
+from sceniris_gym.program.device import FRAME_SUPPORT, FRAME_WORLD, FREE, OWN_WIDTH, Program
 
 _PI = wp.constant(math.pi)
 _NO_LIMIT = wp.constant(1.0e29)
@@ -125,11 +125,20 @@ def _between(width: float, points: wp.array[wp.vec2], num: int, hull: wp.array[w
 
 
 @wp.func
+def _with_bounds(p: Placed, bounds: wp.vec4) -> Placed:
+    """Return an object with other bounds, or as it is if these bounds are empty."""
+    if bounds[0] <= bounds[2]:
+        return Placed(p.at, p.axis, wp.vec2(bounds[0], bounds[1]), wp.vec2(bounds[2], bounds[3]))
+    return p
+
+
+@wp.func
 def _beside(program: Program, rel: int, own: Placed, anchor: Placed, axis: float) -> ResolvedRelation:
     """Return the region of `beside` without sites: a line of pivot positions.
 
     At each position on this line, the bounds of the anchor and of the object are as far apart in the direction `axis`
-    as the relation's `gap` demands. Along the line, the narrower bounds stay within the span of the wider bounds.
+    as the relation's `gap` demands. Along the line, the narrower bounds stay within the span of the wider bounds, or
+    with `align` in line with one end or with the middle of the anchor's bounds.
 
     Args:
         program: The scene, as device code reads it.
@@ -140,12 +149,19 @@ def _beside(program: Program, rel: int, own: Placed, anchor: Placed, axis: float
     """
     side = rotated(wp.vec2(1.0, 0.0), axis)
     along = wp.vec2(-side[1], side[0])
-    offset = bounds_extent(anchor, side)[1] + program.rel_gap[rel] - bounds_extent(own, side)[0]
+    offset = bounds_extent(anchor, side)[1] + program.rel_beside[rel][0] - bounds_extent(own, side)[0]
     wide = bounds_extent(anchor, along)
     narrow = bounds_extent(own, along)
+    low = wp.min(wide[0] - narrow[0], wide[1] - narrow[1])
+    high = wp.max(wide[0] - narrow[0], wide[1] - narrow[1])
+    align = program.rel_beside[rel][1]
+    if align != FREE:
+        right = wide[0] - narrow[0]
+        low = right + 0.5 * (align + 1.0) * (wide[1] - narrow[1] - right)
+        high = low
     # extend both ends, because the line shrinks to a point if both bounds are equally wide
-    low = wp.min(wide[0] - narrow[0], wide[1] - narrow[1]) - _LINE
-    high = wp.max(wide[0] - narrow[0], wide[1] - narrow[1]) + _LINE
+    low -= _LINE
+    high += _LINE
     return _strip(anchor.at + side * offset, along, low, high, _LINE, _NO_LIMIT)
 
 
@@ -209,7 +225,8 @@ def resolve(
     if program.rel_type[rel] == RelationType.JOINED:
         return _joined(program, rel, own, anchor)
     if program.rel_type[rel] != RelationType.SECTOR:
-        return _beside(program, rel, own, anchor, axis)
+        roots = program.rel_root[rel]
+        return _beside(program, rel, _with_bounds(own, roots[0]), _with_bounds(anchor, roots[1]), axis)
     s.apex = anchor.at
     s.axis = axis
     s.half_angle = program.rel_half_angle[rel]

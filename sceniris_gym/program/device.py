@@ -78,6 +78,8 @@ FRAME_WORLD = -2
 """Value of `rel_frame` for the world's axes."""
 OWN_WIDTH = -1.0
 """Value of `rel_width` for the shorter edge of the placed object's bounds."""
+FREE = 2.0
+"""Second value of `rel_beside` for spans that only have to contain each other."""
 
 
 vec7 = wp.types.vector(length=7, dtype=float)
@@ -141,7 +143,7 @@ class Program:
     obj_orientation: wp.array[int]  # an OrientationType
     obj_target: wp.array[int]  # column of the object that it faces
     obj_yaw: wp.array[wp.vec2]  # interval
-    obj_beside: wp.array[int]  # column whose heading is the origin of the yaw, or -1 for the heading of the support
+    obj_with: wp.array[int]  # column whose heading is the origin of the yaw, or -1 for the heading of the support
     obj_stableadr: wp.array[int]
     obj_stablenum: wp.array[int]
     obj_measured: wp.array[int]  # a Measure
@@ -188,7 +190,8 @@ class Program:
     rel_high: wp.array2d[float]  # by world
     rel_bounds: wp.array[bool]  # distances are between bounds, otherwise between pivots
     rel_width: wp.array[float]  # or OWN_WIDTH
-    rel_gap: wp.array[float]
+    rel_beside: wp.array[wp.vec2]  # gap, and which ends are in line: 1 left of the direction, -1 right, 0 middles, FREE
+    rel_root: wp.array2d[wp.vec4]  # bounds of object and anchor for `beside`, or low x above high x for drawn bounds
     rel_sites: wp.array[wp.vec4]  # xy from the pivots, at heading 0: the anchor's site and the gap, the object's site
     rel_piecenum: wp.array[int]
     rel_sideadr: wp.array[int]  # of the sides of its pieces, counted from the first side of its object

@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from sceniris_gym.config.objects import JointConfig, ObjectConfig
+from sceniris_gym.config.relations import Relation
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.geometry.pieces import Piece, PieceType
 from sceniris_gym.geometry.resting_poses import HomeShape, StablePose, heading_of, of_heading_zero
@@ -60,6 +61,29 @@ class Plan:
     def stances(self) -> list[Stance]:
         """The stance of each object, computed on first access."""
         return stances(self.scene, self.objects, self.pieces)
+
+    @cached_property
+    def root_bounds(self) -> dict[str, np.ndarray]:
+        """Name -> bounds of the root of an upright fixture or static object with drawn joints, as in `bounds`.
+
+        They enclose the root and all bodies that joints never move. Objects without such pieces are left out.
+        """
+        found, scene, home, weld = {}, self.scene, self.scene.home, self.scene.mjm.body_weldid
+        for name, part in scene.config.objects.items():
+            bodies = scene.subtree(name)
+            own = _solid(self.pieces, bodies)
+            fixed = [p for p in own if weld[p.body] == weld[bodies[0]]]
+            if fixed and part.is_open_furniture:
+                mat = matrix(scene.mjm.body_quat[bodies[0]]) if part.is_placed else home.xmat[bodies[0]].reshape(3, 3)
+                quat = of_heading_zero(mat)
+                whole, root = (HomeShape(home, bodies[0], pieces).stable_pose(quat) for pieces in (own, fixed))
+                found[name] = root.bounds + np.tile((matrix(quat) @ (root.pivot - whole.pivot))[:2], 2)
+        return found
+
+    def joined_bounds(self, name: str, relation: Relation) -> dict[str, np.ndarray]:
+        """Return the `root_bounds` of those of an object and its anchor that a relation measures by the root."""
+        names = self.scene.config.joined_by_root(name, relation)
+        return {one: self.root_bounds[one] for one in names if one in self.root_bounds}
 
     @cached_property
     def solids(self) -> list[tuple[Piece, np.ndarray, np.ndarray]]:

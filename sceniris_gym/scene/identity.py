@@ -53,6 +53,8 @@ _LAW_ARRAYS = (
 """Additional arrays of a MjModel that these rules read."""
 _CLEAR_LAW = "free grasps 1"
 """Version of the rules of `reachable: clear`. Raise it when a change gives other layouts for the same words."""
+_ROOT_LAW = "furniture by roots 1"
+"""Version of the rules of `beside` for open furniture. Raise it when other layouts follow from the same words."""
 _NAMED = (mujoco.mjtObj.mjOBJ_BODY, mujoco.mjtObj.mjOBJ_JOINT, mujoco.mjtObj.mjOBJ_GEOM, mujoco.mjtObj.mjOBJ_SITE)
 
 
@@ -101,6 +103,8 @@ def scene_hash(config: SceneConfig, mjm: mujoco.MjModel, home_qpos: np.ndarray) 
     former = digest.hexdigest()[:16]
     if any(part.reachable == "clear" for part in config.objects.values()):
         digest.update(_CLEAR_LAW.encode())
+    if any(config.joined_by_root(name, r) for name, part in config.objects.items() for r in part.relations):
+        digest.update(_ROOT_LAW.encode())
     if _could_fall(config):
         digest.update(_LAW.encode())
         # MuJoCo raises the time constants of contacts to at least two time steps.

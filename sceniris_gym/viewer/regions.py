@@ -1,7 +1,7 @@
 """The layer "regions" of the viewer: where on its support the pivot of each object may be, in one world's state."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from functools import singledispatch
 
 import numpy as np
@@ -21,6 +21,7 @@ from sceniris_gym.viewer.sketch import GREY, PALETTE, Sketch
 
 Standing = tuple[np.ndarray, np.ndarray]
 """An object's pivot [m] with its heading [rad], shape (4,), and its bounds [m] from the pivot, as in `Plan`."""
+Others, Robots = Sequence[Standing], Container[str]
 _FAR = 20.0  # m, radius of the area of a relation without a greatest distance
 _ARC = 128  # segments of a half circle
 _LINE = 0.002  # m, half width of a line
@@ -142,11 +143,14 @@ def _areas(region: BaseGeometry) -> MultiPolygon:
 def relation_area(world: ShownWorld, name: str, relation: Relation) -> BaseGeometry | None:
     """Return the area that a relation allows for an object's pivot, or None if absent objects make it inactive."""
     frames = [other for key, other in relation.references if key == "frame"]
-    anchors = [world.standing(anchor) for anchor in relation.anchors if world.is_shown(anchor)]
-    if len(anchors) < relation.least_anchors or not all(map(world.is_shown, frames)):
+    there = [anchor for anchor in relation.anchors if world.is_shown(anchor)]
+    if len(there) < relation.least_anchors or not all(map(world.is_shown, frames)):
         return None
-    heading = relation.heading(world.compiled.config.all_robots) + _frame_heading(world, name, relation)
-    return area_of(relation, world.standing(name), anchors, heading)
+    robots, roots = world.compiled.config.all_robots, world.compiled.plan.joined_bounds(world.own(name), relation)
+    heading = relation.heading(robots) + _frame_heading(world, name, relation)
+    standing = {other: world.standing(other) for other in (name, *there)}
+    own, *anchors = ((place, roots.get(other, bounds)) for other, (place, bounds) in standing.items())
+    return area_of(relation, own, anchors, heading, robots)
 
 
 def _frame_heading(world: ShownWorld, name: str, relation: Relation) -> float:
@@ -161,7 +165,7 @@ def _frame_heading(world: ShownWorld, name: str, relation: Relation) -> float:
 
 
 @singledispatch
-def area_of(relation: Relation, own: Standing, anchors: Sequence[Standing], heading: float) -> BaseGeometry:
+def area_of(relation: Relation, own: Standing, anchors: Others, heading: float, robots: Robots) -> BaseGeometry:
     """Return the area, seen from above, that a relation allows for an object's pivot.
 
     Args:
@@ -169,12 +173,13 @@ def area_of(relation: Relation, own: Standing, anchors: Sequence[Standing], head
         own: Pivot and bounds of the object.
         anchors: Pivots and bounds of the present anchors.
         heading: The direction of the relation in the world, as a heading [rad].
+        robots: Names of the scene's robots, whose sides have other directions.
     """
     raise NotImplementedError(f"no area of {type(relation).__name__}")
 
 
 @area_of.register
-def _sector(relation: Sector, own: Standing, anchors: Sequence[Standing], heading: float) -> BaseGeometry:
+def _sector(relation: Sector, own: Standing, anchors: Others, heading: float, robots: Robots) -> BaseGeometry:
     (place, bounds), low, high = anchors[0], relation.low, min(relation.high, _FAR)
     if relation.by_bounds:
         low -= _outside(bounds) + _outside(own[1])
@@ -183,7 +188,7 @@ def _sector(relation: Sector, own: Standing, anchors: Sequence[Standing], headin
 
 
 @area_of.register
-def _between(relation: Between, own: Standing, anchors: Sequence[Standing], heading: float) -> BaseGeometry:
+def _between(relation: Between, own: Standing, anchors: Others, heading: float, robots: Robots) -> BaseGeometry:
     hull = MultiPoint([place[:2] for place, _ in anchors]).convex_hull
     if isinstance(hull, Polygon):
         return hull
@@ -192,23 +197,26 @@ def _between(relation: Between, own: Standing, anchors: Sequence[Standing], head
 
 
 @area_of.register
-def _joined(relation: Joined, own: Standing, anchors: Sequence[Standing], heading: float) -> BaseGeometry:
+def _joined(relation: Joined, own: Standing, anchors: Others, heading: float, robots: Robots) -> BaseGeometry:
     return Point(*own[0][:2]).buffer(_SITE)
 
 
 @area_of.register
-def _beside(relation: Beside, own: Standing, anchors: Sequence[Standing], heading: float) -> BaseGeometry:
+def _beside(relation: Beside, own: Standing, anchors: Others, heading: float, robots: Robots) -> BaseGeometry:
     """Return the line of positions for the pivot at which the gap between object and anchor has the required width.
 
     The gap is measured between the bounds of both. At either end of the line, the two bounds are flush on one side.
+    With `align`, the line is a point.
     """
     side = np.array([math.cos(heading), math.sin(heading)])
     along = np.array([-side[1], side[0]])
     offset = _extent(anchors[0], side)[1] + relation.gap - _extent(own, side)[0]
     wide, narrow = _extent(anchors[0], along), _extent(own, along)
-    ends = sorted([wide[0] - narrow[0], wide[1] - narrow[1]])
+    right, left = wide[0] - narrow[0], wide[1] - narrow[1]
+    if (end := relation.aligned(robots)) is not None:
+        right = left = right + (end + 1) / 2.0 * (left - right)
     middle = anchors[0][0][:2] + offset * side
-    return LineString([middle + ends[0] * along, middle + ends[1] * along]).buffer(_LINE)
+    return MultiPoint([middle + right * along, middle + left * along]).convex_hull.buffer(_LINE)
 
 
 def _wedge(apex: np.ndarray, axis: float, half_angle: float, low: float, high: float) -> BaseGeometry:

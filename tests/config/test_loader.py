@@ -57,6 +57,8 @@ def test_a_form_of_orientation_replaces_the_base_s():
     base = SceneConfig.load(NEIGHBOURS, {"objects.apple.orientation": {"yaw": [-10, 10]}})
     child = SceneConfig.load(base, {"objects.apple.orientation": {"face_to": "mug"}})
     assert child.objects["apple"].drawn_orientation == DrawnOrientation("face_to", (0.0, 0.0), "mug")
+    turned = SceneConfig.load(base, {"objects.apple.orientation": {"with": "mug"}})
+    assert turned.objects["apple"].drawn_orientation == DrawnOrientation("with", (0.0, 0.0), "mug")
     assert (
         SceneConfig.load(child, {"objects.apple.orientation.stable": {}}).objects["apple"].drawn_orientation.kind
         == "stable"

@@ -36,6 +36,8 @@ def test_yaw_is_an_interval_in_radians(orientation: Any, yaw: tuple[float, float
         ({"stable": {"yaw": "free"}}, DrawnOrientation("stable", (-math.pi, math.pi))),
         ({"stable": {"yaw": [0, 90]}}, DrawnOrientation("stable", (0.0, math.pi / 2))),
         ({"face_to": "mug"}, DrawnOrientation("face_to", (0.0, 0.0), "mug")),
+        ({"with": "mug"}, DrawnOrientation("with", (0.0, 0.0), "mug")),
+        ({"with": "mug", "yaw": [90, 90]}, DrawnOrientation("with", (math.pi / 2, math.pi / 2), "mug")),
         ({"face_to": "mug", "yaw": [-90, 90]}, DrawnOrientation("face_to", (-math.pi / 2, math.pi / 2), "mug")),
     ],
 )
@@ -55,6 +57,12 @@ WRONG: dict[str, tuple] = {
         SceneKeyError,
         ["objects.apple.orientation:", "has yaw and stable"],
     ),
+    "two targets": (
+        {"objects.apple.orientation": {"face_to": "mug", "with": "mug"}},
+        SceneKeyError,
+        ["objects.apple.orientation:", "a yaw next to face_to or with", "has face_to and with"],
+    ),
+    "a misspelt with": ({"objects.apple.orientation": {"wiht": "mug"}}, SceneKeyError, ["mean 'with'"]),
     "an unknown form": ({"objects.apple.orientation": {"faceto": "mug"}}, SceneKeyError, ["'face_to'"]),
     "a misspelt yaw": (
         {"objects.apple.orientation": {"stable": {"yaw": "fre"}}},
@@ -78,5 +86,8 @@ def test_a_wrong_orientation_is_refused(tmp_path: Path, overrides: dict, error: 
 def test_an_orientation_made_in_python_is_judged_by_itself():
     """Errors name the class where there is no file."""
     assert Orientation(yaw=(0.0, 180.0)).drawn.yaw == pytest.approx((0.0, math.pi))
-    with pytest.raises(SceneKeyError, match=r"Orientation: .*should have exactly one of yaw, any, stable, face_to"):
+    with pytest.raises(
+        SceneKeyError, match=r"Orientation: .*should have exactly one of yaw, any, stable, face_to, with"
+    ):
         Orientation(any=True, face_to="mug")
+    assert Orientation(with_="mug").drawn == DrawnOrientation("with", (0.0, 0.0), "mug")

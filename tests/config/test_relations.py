@@ -109,6 +109,23 @@ def test_beside_has_a_side_and_a_gap(side: str, heading: float):
     assert (turned.gap, turned.reference_frame) == (0.0, "world")
 
 
+@pytest.mark.parametrize("robots", [(), ("cabinet",)])
+@pytest.mark.parametrize(
+    ("side", "align", "end"),
+    [
+        *(("right", "back", 1), ("right", "front", -1), ("left", "back", -1), ("left", "front", 1)),
+        *(("front", "right", 1), ("front", "left", -1), ("back", "left", 1), ("back", "right", -1)),
+        *((side, "middle", 0) for side in ("left", "right", "front", "back")),
+        ("right", None, None),
+    ],
+)
+def test_beside_may_align_ends(side: str, align: str | None, end: int | None, robots: tuple[str, ...]):
+    """Seen along the side; the left and the right of a robot are on other sides of its front."""
+    relation = only({"beside": "cabinet", "side": side, "align": align})
+    assert isinstance(relation, Beside)
+    assert relation.aligned(robots) == (-end if end and robots else end)
+
+
 def test_relations_made_in_python_are_judged_by_themselves():
     """Errors name the class where there is no file."""
     assert Direction(front_of="mug", angle=45.0).half_angle == pytest.approx(math.pi / 4)
@@ -222,6 +239,31 @@ WRONG: dict[str, tuple] = {
         SceneKeyError,
         ["0.side: 'left' should be given only with 'beside', not with 'near'"],
     ),
+    "an unknown end": (
+        [{"beside": "mug", "side": "left", "align": "bakc"}],
+        SceneKeyError,
+        ["0.align: 'bakc' should be 'left', 'right', 'front', 'back' or 'middle'", "mean 'back'"],
+    ),
+    "an end along its side": (
+        [{"beside": "mug", "side": "left", "align": "right"}],
+        SceneKeyError,
+        ["relations.0: ", "should have 'back', 'front' or 'middle' as 'align', because its side is 'left'"],
+    ),
+    "an end along its front": (
+        [{"beside": "mug", "side": "front", "align": "back"}],
+        SceneKeyError,
+        ["relations.0: ", "should have 'left', 'right' or 'middle' as 'align', because its side is 'front'"],
+    ),
+    "an end of near": (
+        [{**NEAR, "align": "back"}],
+        SceneKeyError,
+        ["0.align: 'back' should be given only with 'beside', not with 'near'"],
+    ),
+    "an end of sites": (
+        [{"beside": {"of": "mug", "site": "end", "of_site": "end"}, "align": "back"}],
+        SceneKeyError,
+        ["0.align: 'back' should not be given if 'beside' names sites"],
+    ),
     "a negative gap": ([{"beside": "mug", "side": "left", "gap": -1}], SceneKeyError, ["0.gap: -1", "at least 0"]),
     "no sites": ([{"beside": {"of": "mug", "site": "end"}}], SceneKeyError, ["0.beside.of_site: is missing"]),
     "a word of no connection": (
@@ -332,4 +374,6 @@ def test_relations_are_said_in_a_line():
     near = {"near": "mug", "measure": "bounds", "distance": {"max": 0.3}}
     assert only(near).summary == "near mug, at most 0.3 m between bounds"
     assert only({"beside": "post", "side": "front", "gap": 0.03}).summary == "beside post, front, gap 0.03 m"
+    row = {"beside": "post", "side": "left", "align": "back"}
+    assert only(row).summary == "beside post, left, gap 0.01 m, align back"
     assert only({"beside": {"of": "post", "site": "end", "of_site": "tip"}}).summary == "end at tip of post"

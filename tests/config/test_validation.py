@@ -40,6 +40,37 @@ WRONG: dict[str, tuple] = {
         UnknownNameError,
         ["objects.apple.orientation.face_to", "mean 'cabinet'"],
     ),
+    "an unknown heading": (
+        NEIGHBOURS,
+        {"objects.apple.orientation": {"with": "cabine"}},
+        UnknownNameError,
+        ["objects.apple.orientation.with", "mean 'cabinet'"],
+    ),
+    "its own heading": (
+        NEIGHBOURS,
+        {"objects.apple.orientation": {"with": "apple"}},
+        SceneKeyError,
+        ["objects.apple.orientation.with: 'apple'", "a different object"],
+    ),
+    **{
+        f"the heading of {lying} objects": (
+            NEIGHBOURS,
+            {"objects.apple.orientation": {"with": "mug"}, "objects.mug.orientation": lying},
+            SceneKeyError,
+            ["objects.apple.orientation.with: 'mug' may lie on its side", "name another object"],
+        )
+        for lying in ("any", "stable")
+    },
+    "the heading of a variant that lies": (
+        NEIGHBOURS,
+        {
+            "objects.mug.variants": {"mug": {"asset": "mug"}, "can": {"asset": "can", "orientation": "stable"}},
+            "objects.mug.asset": None,
+            "objects.apple.orientation": {"with": "mug"},
+        },
+        SceneKeyError,
+        ["objects.apple.orientation.with: 'mug' may lie on its side"],
+    ),
     "itself as target": (
         NEIGHBOURS,
         {"objects.apple.orientation": {"face_to": "apple"}},
@@ -139,6 +170,8 @@ def test_a_circle_of_references_is_an_error_that_names_it():
             {"between": ["post", "mug"]},
             **{"objects.cabinet.orientation": {"face_to": "apple"}},
         )
+    with pytest.raises(SceneKeyError, match="cabinet -> mug -> cabinet"):
+        SceneConfig.load(NEIGHBOURS, {"objects.cabinet.orientation": {"with": "mug"}})
 
 
 REFERENCES = {
@@ -146,6 +179,7 @@ REFERENCES = {
     "relations.0.frame": {"objects.apple.relations": [{"front_of": "table", "frame": "can"}]},
     "relations.0.between": {"objects.apple.relations": [{"between": ["table", "can"]}]},
     "orientation.face_to": {"objects.apple.orientation": {"face_to": "can"}},
+    "orientation.with": {"objects.apple.orientation": {"with": "can"}},
 }
 
 

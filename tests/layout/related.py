@@ -17,6 +17,7 @@ from tests.layout.scenes import box_mjcf, compile_on_cpu, write_mjcf
 FLOOR = {"size": [2.0, 2.0]}
 GENTLE = 0.03  # half width [m] of the box that keeps anchors near the middle
 SIDES = ("left", "right", "front", "back")
+ENDS = ("front", "back", "middle")
 ONE_ANCHOR: dict[str, tuple[dict[str, Any], int]] = {
     **{f"{side} of": ({f"{side}_of": "a"}, 1) for side in SIDES},
     **{
@@ -36,6 +37,8 @@ ONE_ANCHOR: dict[str, tuple[dict[str, Any], int]] = {
     "side by bounds": ({"front_of": "a", "measure": "bounds", "distance": {"min": 0.02, "max": 0.1}}, 2),
     **{f"beside {side}": ({"beside": "a", "side": side, "gap": 0.02}, 1) for side in SIDES},
     **{f"beside {side} in the world": ({"beside": "a", "side": side, "frame": "world"}, 1) for side in SIDES},
+    **{f"beside right, {align} in line": ({"beside": "a", "side": "right", "align": align}, 1) for align in ENDS},
+    "beside front, left in line": ({"beside": "a", "side": "front", "align": "left", "frame": "b"}, 1),
     "beside in another's frame": ({"beside": "a", "side": "left", "frame": "b"}, 1),
 }
 """Relations of an object to `a`, some in the frame of `b`, and how many measures the audit takes of each."""

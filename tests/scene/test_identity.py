@@ -265,3 +265,20 @@ def test_a_word_that_was_renamed_leaves_hashes_as_they_were(
     monkeypatch.chdir(folder)
     a = {} if words.get("robot", {}).get("base") else {"a": {**BESIDE, "on": "floor"}}
     assert build(folder, deepcopy(a | objects), **deepcopy(words)).hash == expected
+
+
+def test_open_furniture_beside_furniture_has_another_hash_than_before(folder: Path):
+    """Its layouts differ from those of version 0.1.0: not those of closed furniture, nor of a free object beside it."""
+    row = {"on": "floor", "relations": [{"beside": "a", "side": "right"}]}
+    opened = {**CABINET["a"], "joints": {"*": {"fraction": [0, 1]}}}
+    closed = {**CABINET["a"]}
+    free = {"asset": "ball", "stands": False}
+    (folder / "ball.xml").write_text(BALL)
+    for a, b, differs in (
+        (opened, closed, True),
+        (closed, opened, True),
+        (closed, closed, False),
+        (opened, free, False),
+    ):
+        scene = build(folder, {"a": deepcopy(a), "b": deepcopy(b | row)})
+        assert (scene.former_hash is not None) == differs

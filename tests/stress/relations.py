@@ -58,6 +58,7 @@ ORIENTATIONS: dict[str, dict[str, Any]] = {
     "stable": {"orientation": {"stable": {"yaw": [-20, 70]}}},
     "any": {"orientation": "any"},
     "face_to": {"orientation": {"face_to": "a", "yaw": [-5, 5]}},
+    "with": {"orientation": {"with": "a", "yaw": [-5, 5]}},
 }
 
 

@@ -21,7 +21,8 @@ def test_every_word_has_a_scene(tmp_path):
     assert {key for words in keys for key in words.get("distance", ())} == {"min", "max", "equal", "tolerance"}
     assert {words["measure"] for words in keys if "measure" in words} == {"origin", "bounds"}
     assert {words["side"] for words in keys if "side" in words} == {"left", "right", "front", "back"}
-    assert {thing.drawn_orientation.kind for thing in things} == {"yaw", "stable", "any", "face_to"}
+    assert {words["align"] for words in keys if "align" in words} >= {"left", "front", "back", "middle"}
+    assert {thing.drawn_orientation.kind for thing in things} == {"yaw", "stable", "any", "face_to", "with"}
 
 
 def test_a_line_for_each_word_says_the_worst(capsys):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -25,6 +26,7 @@ from sceniris_gym.viewer.regions import (
 )
 from sceniris_gym.viewer.shown import ShownWorld
 from tests.layout.related import ONE_ANCHOR, Shapes, near_middle, related
+from tests.layout.scenes import write_mjcf
 from tests.viewer.worlds_on_show import world_of
 
 _UP = np.array([0.0, 0.0, 1.0])
@@ -85,6 +87,26 @@ def test_pivots_are_in_the_area_of_every_relation(tmp_path: Path):
             area = relation_area(world, name, relation)
             assert area is not None
             assert area.buffer(1e-3).contains(Point(*world.standing(name)[0][:2])), relation
+
+
+@pytest.mark.parametrize("align", ["left", "middle", None])
+def test_open_furniture_is_in_the_area_beside_the_roots(tmp_path: Path, align: str | None):
+    """One case in front of another one, with handles of 6 cm on open drawers: the area ends at the cases."""
+    drawer = '<body><joint name="slide" type="slide" axis="0 -1 0" range="0 0.2"/><geom type="box" {}/></body>'
+    shape = '<geom type="box" size=".15 .1 .05" pos="0 0 .05"/>' + drawer.format('size=".02 .03 .02" pos="0 -.13 .05"')
+    case: dict[str, Any] = {"asset": write_mjcf(tmp_path, "case", shape), "kind": "fixture", "on": "floor"}
+    case["joints"] = {"slide": {"fraction": [0.5, 1.0]}}
+    row = {"beside": "a", "side": "front", "gap": 0.3, "align": align}
+    words = {"a": case, "b": {**case, "relations": [row], "orientation": {"with": "a"}}}
+    compiled = compile_scene(SceneConfig.load({"floor": {"size": [3.0, 3.0]}, "objects": words}), "cpu")
+    deck, (relation,) = LayoutDeck(compiled, 1), compiled.config.objects["b"].relations
+    for seed in range(5):
+        world = ShownWorld(compiled, deck.make(Where(seed=seed)), stands=deck.stands("train"))
+        area, own, other = relation_area(world, "b", relation), world.standing("b"), world.standing("a")
+        assert area is not None
+        assert area.buffer(1e-3).contains(Point(*own[0][:2]))
+        whole = area_of(relation, own, [other], own[0][3] - np.pi / 2, ())
+        assert not whole.buffer(0.05).contains(Point(*own[0][:2]))  # further away, by a handle
 
 
 def test_every_kind_of_relation_has_an_area():

@@ -37,13 +37,13 @@ def _draw_point(program: Program, layouts: LayoutsView, search: Search, c: int, 
     worldid = search.row_world[row]
     box = program.obj_box_upper[worldid, obj] - program.obj_box_lower[worldid, obj]
     search.point[c] = program.obj_box_lower[worldid, obj] + wp.cw_mul(wp.vec3(u[1], u[2], u[3]), box)
-    beside = program.obj_beside[obj]
+    other = program.obj_with[obj]
     is_joined = False
-    if beside >= 0:
-        is_joined = is_there(layouts.present[row], beside)
+    if other >= 0:
+        is_joined = is_there(layouts.present[row], other)
     search.heading[c] = drawn.yaw
     if is_joined:
-        search.heading[c] = drawn.yaw + layouts.pivot_pose[row, beside][3]
+        search.heading[c] = drawn.yaw + layouts.pivot_pose[row, other][3]
     if ground < 0:
         return
     frame = pose_of(layouts.body_pos[row, ground], layouts.body_quat[row, ground])

@@ -91,13 +91,14 @@ def _orientations(plan: Plan, joints: dict[str, JoinedSites]) -> dict[str, np.nd
     drawn = [o.config.drawn_orientation for o in plan.objects]
     yaws = [(joints[o.name].yaw,) * 2 if o.name in joints else d.yaw for o, d in zip(plan.objects, drawn, strict=True)]
     poses, fields = addressed("obj_stable", (o.stable_poses for o in plan.objects))
-    beside = [plan.columns.index(joints[o.name].to) if o.name in joints else -1 for o in plan.objects]
+    turned = [d.target if d.kind == "with" else None for d in drawn]
+    turned = [joints[o.name].to if o.name in joints else to for o, to in zip(plan.objects, turned, strict=True)]
     shares = [s for o in plan.objects for s in np.cumsum([v.probability for v in o.stable_poses])]
     return {
         "obj_orientation": np.array([_ORIENTATIONS.get(d.kind, OrientationType.YAW) for d in drawn], int),
         "obj_target": np.array([plan.columns.index(d.target) if d.target else 0 for d in drawn], int),
         "obj_yaw": np.reshape(yaws, (-1, 2)),
-        "obj_beside": np.array(beside, int),
+        "obj_with": np.array([-1 if to is None else plan.columns.index(to) for to in turned], int),
         **fields,
         **columns("stable", poses, quat=4, pivot=3, bounds=4),
         "stable_cdf": np.array(shares, float),
@@ -197,8 +198,13 @@ def _measured(plan: Plan, o: PlacedObject) -> Measure:
     if o.erosion > 0.0 or any(r.has_own_width for r in o.config.relations):
         return Measure.WHOLE
     names = {o.name, plan.scene.config.owners.get(o.name)}
-    seen = [r for other in plan.objects for r in other.config.relations if names.intersection((other.name, *r.anchors))]
-    return Measure.WHOLE if any(r.by_bounds for r in seen) else Measure.LOWEST
+    seen = [
+        r.by_bounds and not names.intersection(plan.joined_bounds(other.name, r))
+        for other in plan.objects
+        for r in other.config.relations
+        if names.intersection((other.name, *r.anchors))
+    ]
+    return Measure.WHOLE if any(seen) else Measure.LOWEST
 
 
 def _address(mjm: mujoco.MjModel, body: int, kind: ObjectKind) -> int:

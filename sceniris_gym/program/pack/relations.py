@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Container
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +14,7 @@ from sceniris_gym.geometry import supports
 from sceniris_gym.geometry.ragged import addressed, columns, ranges
 from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.geometry.supports import SupportSurface
-from sceniris_gym.program.device import FRAME_SUPPORT, FRAME_WORLD, OWN_WIDTH
+from sceniris_gym.program.device import FRAME_SUPPORT, FRAME_WORLD, FREE, OWN_WIDTH
 from sceniris_gym.program.placed_object import PlacedObject
 from sceniris_gym.program.plan import Plan
 
@@ -25,11 +26,14 @@ MOST_SLICES = 256
 """Greatest number of slices of a ring."""
 # An x axis of a site does not define a heading if its horizontal part is shorter than this.
 _UPRIGHT = 1e-2
+_DRAWN = np.array([1.0, 0.0, 0.0, 0.0])  # empty bounds, in place of which `beside` takes the drawn bounds
 
 
 def pack_relations(plan: Plan, joints: dict[str, JoinedSites]) -> dict[str, np.ndarray]:
     """Return the fields `rel_*`, and each object's range in these fields. `joints` is the result of `joints_of`."""
     owned = [(o, r) for o in plan.objects for r in o.config.relations]
+    joined = [(plan.joined_bounds(o.name, r), (o.name, r.anchors[0])) for o, r in owned]
+    roots = [[of.get(name, _DRAWN) for name in names] for of, names in joined]
     sites = [[*joints[o.name].at, *joints[o.name].own] if isinstance(r, Joined) else [0.0] * 4 for o, r in owned]
     relations, of_objects = addressed("obj_rel", (o.config.relations for o in plan.objects))
     sides = [sum(map(_sides, o.config.relations[:i])) for o in plan.objects for i in range(len(o.config.relations))]
@@ -47,11 +51,20 @@ def pack_relations(plan: Plan, joints: dict[str, JoinedSites]) -> dict[str, np.n
         "rel_high": np.array([min(r.high, _NO_LIMIT) for r in relations], float),
         "rel_bounds": np.array([r.by_bounds for r in relations], int),
         "rel_width": np.array([(isinstance(r, Between) and r.width) or OWN_WIDTH for r in relations], float),
-        "rel_gap": np.array([r.gap if isinstance(r, Beside) else 0.0 for r in relations], float),
+        "rel_beside": np.reshape([_beside(r, plan.scene.config.all_robots) for r in relations], (-1, 2)),
+        "rel_root": np.reshape(roots, (-1, 2, 4)),
         "rel_sites": np.reshape(sites, (-1, 4)),
         "rel_sideadr": np.array(sides, int),
         "rel_piecenum": np.array([region_pieces(r) for r in relations], int),
     }
+
+
+def _beside(relation: Relation, robots: Container[str]) -> tuple[float, float]:
+    """Return the gap [m] of a `beside`, and which ends are in line, or FREE. Return no gap for other relations."""
+    if not isinstance(relation, Beside):
+        return 0.0, FREE
+    end = relation.aligned(robots)
+    return relation.gap, FREE if end is None else end
 
 
 def joints_of(plan: Plan) -> dict[str, JoinedSites]:

@@ -71,7 +71,7 @@ def packed(folder: Path) -> Packed:
 
 def _rows(packed: Packed, name: str) -> list[dict[str, Any]]:
     """The packed relations of an object, one after the other, anchors as names."""
-    keys = ("type", "frame", "heading", "half_angle", "low", "high", "bounds", "width", "gap")
+    keys = ("type", "frame", "heading", "half_angle", "low", "high", "bounds", "width", "beside")
     lists = {key: packed.listed(name, "rel", f"rel_{key}") for key in (*keys, "anchoradr", "anchornum")}
     rows = [{key: lists[key][i] for key in lists} for i in range(len(lists["type"]))]
     for row in rows:
@@ -106,7 +106,7 @@ def test_what_the_file_says_is_there_in_metres_and_radians(packed: Packed):
     assert near["half_angle"] == pytest.approx(math.pi)
     assert between["width"] == 0.3
     assert beside["heading"] == pytest.approx(-0.5 * math.pi)
-    assert beside["gap"] == 0.07
+    assert beside["beside"].tolist() == pytest.approx([0.07, FREE])
     assert packed.plan.slots[beside["frame"]] == "tail"
     assert packed.plan.slots[near["frame"]] == "post"
     assert last["frame"] == FRAME_SUPPORT
@@ -242,7 +242,7 @@ def test_sites_are_measured_from_pivots_at_heading_zero(tmp_path: Path):
     assert abs(found.yaw) == pytest.approx(np.pi)
     i = packed.number("b")
     assert packed["obj_yaw"][i] == pytest.approx([found.yaw] * 2)
-    assert packed["obj_beside"].tolist() == [-1, packed.plan.slots.index("a")]
+    assert packed["obj_with"].tolist() == [-1, packed.plan.slots.index("a")]
     assert packed["rel_sites"][0] == pytest.approx([*found.at, *found.own])
 
 
