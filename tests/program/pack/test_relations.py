@@ -16,7 +16,7 @@ from shapely.ops import polygonize
 from sceniris_gym.config.relations import Beside, Between, Direction, Joined, Near, Relation, RelationType, Sector
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import SceneKeyError, ScenirisError, UnknownNameError
-from sceniris_gym.program.device import FRAME_SUPPORT, FRAME_WORLD
+from sceniris_gym.program.device import FRAME_SUPPORT, FRAME_WORLD, FREE
 from sceniris_gym.program.pack.relations import (
     MOST_SLICES,
     _winding,
@@ -106,7 +106,7 @@ def test_what_the_file_says_is_there_in_metres_and_radians(packed: Packed):
     assert near["half_angle"] == pytest.approx(math.pi)
     assert between["width"] == 0.3
     assert beside["heading"] == pytest.approx(-0.5 * math.pi)
-    assert beside["beside"].tolist() == pytest.approx([0.07, FREE])
+    assert list(beside["beside"]) == pytest.approx([0.07, FREE])
     assert packed.plan.slots[beside["frame"]] == "tail"
     assert packed.plan.slots[near["frame"]] == "post"
     assert last["frame"] == FRAME_SUPPORT
