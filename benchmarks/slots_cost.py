@@ -24,6 +24,7 @@ contacts or rows did not fit, if a state is not finite, or if an unused joint mo
 
 from __future__ import annotations
 
+import importlib
 import json
 import sys
 import time
@@ -43,7 +44,6 @@ from mujoco_warp._src.warp_util import EventTracer, mark_batched
 from benchmarks.timing import spread
 from sceniris_gym.config.scene_words import Floor
 from sceniris_gym.device.sequence import LaunchSequence
-from sceniris_gym.envs.kitchen_reset import KitchenReset
 from sceniris_gym.errors import ContactBudgetError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.scene.backdrop import add_floor, set_options
@@ -51,6 +51,7 @@ from sceniris_gym.sim.batch import LINE_SEARCH, check_budget, put_simulated, upd
 from sceniris_gym.sim.versions import silence_iterations
 from sceniris_gym.training.task_scenes import make_env, scene_of
 
+KitchenReset = importlib.import_module("sceniris_gym.envs.kitchen_reset").KitchenReset
 ASSETS = Path(__file__).parents[1] / "assets"
 VARIANTS = {"cabinet": 0.5, "cupboard": 0.8, "chest": 0.1122}
 """Furniture, and the height of its top [m]."""
