@@ -136,7 +136,9 @@ def check_picture(path: Path | None, suffix: str = ".png") -> None:
     if path is None:
         return
     if path.suffix.lower() != suffix:
-        raise NotSupportedError(f"{path}: a picture should be a PNG, a video an MP4. Give a path ending in {suffix}.")
+        raise NotSupportedError(
+            f"{path}: a picture should be a PNG, a video an MP4. Give a path that ends in {suffix}."
+        )
     check_writable(path)
 
 

@@ -38,7 +38,9 @@ def test_every_step_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
     failed = (tmp_path / "failed.txt").read_text().split()
     assert failed
     assert all(re.fullmatch(r"11b8031e193d8421:eval:\d+:0", name) for name in failed)
-    assert re.findall(r"^(\S+) of scene 'arm_scene'", capsys.readouterr().out, re.MULTILINE) == failed
+    assert (
+        re.findall(r"^(\S+) of scene 'arm_scene'", capsys.readouterr().out, re.MULTILINE) == failed[:5]
+    )  # then their number
     names = {path.name for path in tmp_path.iterdir()}
     assert {"layout.png", "arm.png", "failed.png", "results"} <= names
     sys.modules.pop("my_tasks")

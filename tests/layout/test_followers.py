@@ -173,7 +173,8 @@ def test_the_gripper_that_reaches_opens_with_its_fingers_coupled(tmp_path: Path)
     generator.generate()
     assert generator._stage is not None
     posed = generator._stage.search
-    opened = posed.qpos.numpy()[posed.failed.numpy() == ReachStep.PASSED]
+    passed = posed.failed.numpy() == ReachStep.PASSED
+    opened = posed.qpos.numpy()[: len(passed)][passed]
     assert len(opened) > 0
     left, right = (compiled.mjm.joint(f"picker/{name}").qposadr[0] for name in ("left", "right"))
     assert np.abs(opened[:, left] - 0.02).min() > 1e-3
