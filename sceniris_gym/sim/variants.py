@@ -276,19 +276,15 @@ def _rows(scene: SceneModel, name: str, bodies: list[int], *, seen: bool) -> lis
     variant, as 32-bit words, shape (nvariant, width), and its initial value, shape (width,). If `seen`, colours are the
     visible colours, which may come from materials.
     """
-    found = []
-    for part in shared_parts(scene.mjm, bodies):
-        elements = _elements(scene, part, name)
-        for field in fields_of_variants(scene):
-            kind = "qpos" if field.startswith("qpos") else field.partition("_")[0]
-            if kind not in elements:
-                continue
-            theirs, ours = getattr(scene.mjm, field), getattr(scene.sim.mjm, field)
-            theirs = nominal_values(scene.mjm, field) if seen and field == "geom_rgba" else theirs
-            words = np.int32 if theirs.dtype.kind == "i" else np.float32
-            # not -1 as the width: in a scene without degrees of freedom, their fields have no rows
-            theirs, ours = (values.reshape(len(values), values[:1].size).astype(words) for values in (theirs, ours))
-            first, sources = elements[kind]
+    found, parts = [], [_elements(scene, part, name) for part in shared_parts(scene.mjm, bodies)]
+    for field in fields_of_variants(scene):
+        kind = "qpos" if field.startswith("qpos") else field.partition("_")[0]
+        theirs, ours = getattr(scene.mjm, field), getattr(scene.sim.mjm, field)
+        theirs = nominal_values(scene.mjm, field) if seen and field == "geom_rgba" else theirs
+        words = np.int32 if theirs.dtype.kind == "i" else np.float32
+        # not -1 as the width: in a scene without degrees of freedom, their fields have no rows
+        theirs, ours = (values.reshape(len(values), values[:1].size).astype(words) for values in (theirs, ours))
+        for first, sources in (elements[kind] for elements in parts if kind in elements):
             for i, source in enumerate(sources.T, int(first)):
                 values = theirs[source]
                 values[source < 0] = _UNUSED.get(field, ours[i])
