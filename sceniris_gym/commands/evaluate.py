@@ -9,7 +9,7 @@ from typing import Any
 
 from sceniris_gym.commands.answer import OK, verdict
 from sceniris_gym.commands.options import Evaluation, replay_command
-from sceniris_gym.errors import ArgumentError, SceneMismatchError, ScenirisWarning
+from sceniris_gym.errors import ArgumentError, ScenirisWarning
 from sceniris_gym.files import as_json, check_picture, write_text
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.training.judging import judge, judges_of
@@ -35,7 +35,6 @@ def evaluate(options: Evaluation) -> dict[str, Any]:
     Raises:
         ArgumentError: The folder holds no run. Or `task` is "" and the folder names a MODULE:ID. Or the checkpoint
             holds more than weights and `trust` is False.
-        SceneMismatchError: The run was made by a version in which the scene has other layouts.
         ScenirisError: The task is unknown, or its scene cannot be compiled.
     """
     run, failed, video = options.run, options.failed, options.video
@@ -46,8 +45,6 @@ def evaluate(options: Evaluation) -> dict[str, Any]:
     task = options.task or named
     scene = build_model(scene_of(task, reachable=True))
     trained = {part: values.get("hash") for part, values in read_parts(run).items()}
-    if scene.former_hash is not None and trained.get("scene") in (None, scene.former_hash):  # 0.1.0 wrote no hash
-        raise SceneMismatchError(f"{run}: this policy {scene.mismatch(scene.former_hash, '')}")
     now = hashes_of(task, scene)
     changed = [part for part in now if trained.get(part) not in (None, now[part])]
     if changed:

@@ -10,7 +10,7 @@ import warp as wp
 
 from sceniris_gym.config.loader import shipped
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import SceneMismatchError, UnknownNameError
+from sceniris_gym.errors import UnknownNameError
 from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.layout.columns import columns
 from sceniris_gym.layout.compile import compile_scene
@@ -36,8 +36,7 @@ def find_scene(scenehash: str, config: SceneConfig | None = None) -> SceneModel:
 
     Raises:
         UnknownNameError: No shipped scene has this hash.
-        SceneMismatchError: The scene of `config` has another hash. Or a scene had this hash in an earlier version of
-            the package, which made other layouts.
+        SceneMismatchError: The scene of `config` has another hash.
     """
     if config is not None:
         model = build_model(config)
@@ -48,8 +47,6 @@ def find_scene(scenehash: str, config: SceneConfig | None = None) -> SceneModel:
         model = build_model(candidate)
         if model.hash == scenehash:
             return model
-        if model.former_hash == scenehash:
-            raise SceneMismatchError(f"replay: this layout of '{candidate.name}' {model.mismatch(scenehash, '')}")
         known[model.hash] = candidate.name
     valid = [f"{h} ({name})" for h, name in known.items()]
     raise UnknownNameError("scene hash", scenehash, "replay: give --scene if the scene is your own", valid)

@@ -71,9 +71,6 @@ class DatasetWriter:
             return
         except (ValueError, OSError, RecursionError) as error:
             raise DatasetError(f"{path}: cannot be read ({error}). Remove the data set to start again.") from error
-        former = self.compiled.scene.former_hash
-        if isinstance(held, dict) and former is not None and held.get("hash") == former:
-            raise DatasetError(f"{path}: the data set here {self.compiled.scene.mismatch(former, '')}")
         for name, value in self.plan.fields.items():
             before = held.get(name) if isinstance(held, dict) else held
             if before != value:

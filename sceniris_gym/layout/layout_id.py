@@ -61,8 +61,7 @@ class LayoutId:
 
         Raises:
             ArgumentError: The text does not have the form of an id.
-            SceneMismatchError: The id belongs to another scene or split, or to a version that makes other layouts of
-                this scene. The message ends with `cure`.
+            SceneMismatchError: The id belongs to another scene or split. The message ends with `cure`.
         """
         found = text if isinstance(text, cls) else cls.parse(str(text))
         scene.check_hash(found.scene, f"layout '{text}':", cure)

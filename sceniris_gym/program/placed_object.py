@@ -17,10 +17,11 @@ from sceniris_gym.geometry.pieces import Piece, PieceType, extract_pieces
 from sceniris_gym.geometry.resting_poses import StablePose
 from sceniris_gym.geometry.supports import COS_MAX_TILT, SupportSurface
 from sceniris_gym.program.device import Cover, ObjectKind
+from sceniris_gym.reach.arm import chain_up
 from sceniris_gym.scene.couplings import Coupling
 from sceniris_gym.scene.heaps import HeapPoses
 from sceniris_gym.scene.model import SceneModel
-from sceniris_gym.scene.support import Support, chain_up, static_supports
+from sceniris_gym.scene.support import Support, static_supports
 
 _COVERS = {"in": Cover.EITHER, "on": Cover.OPEN, "inside": Cover.COVERED}
 

@@ -162,7 +162,7 @@ class SerialArm:
 
 def _chain(mjm: mujoco.MjModel, base: int, tcp: int) -> tuple[list[int], np.ndarray, np.ndarray]:
     """Return the ids of the joints between a body and a site, and the transforms between the joint frames."""
-    *path, top = _bodies_up(mjm, int(mjm.site_bodyid[tcp]), base)
+    *path, top = chain_up(mjm, int(mjm.site_bodyid[tcp]), base)
     if top != base:
         raise ArmError(
             f"arm '{mjm.body(base).name}' is not serial: the site '{mjm.site(tcp).name}' is not in the body's subtree. "
@@ -222,7 +222,7 @@ def _instead(mjm: mujoco.MjModel, base: int, tcp: str) -> str:
     bodies, the advice names the one farthest from the TCP, and if there is none, 'BODY'.
     """
     site, found = mjm.site(tcp).id, "BODY"
-    for body in _bodies_up(mjm, int(mjm.site_bodyid[site]), base)[1:-1]:
+    for body in chain_up(mjm, int(mjm.site_bodyid[site]), base)[1:-1]:
         ids = _chain(mjm, body, site)[0]
         is_open = (mjm.jnt_type[ids] == mujoco.mjtJoint.mjJNT_SLIDE) & (mjm.jnt_limited[ids] == 0)
         if 0 < len(ids) <= MAX_JOINTS and not is_open.any() and not _joints_of(mjm, body) and mjm.body(body).name:
@@ -250,17 +250,17 @@ def joined_bodies(mjm: mujoco.MjModel, eq: int) -> tuple[int, ...]:
 
 def _joints_above(mjm: mujoco.MjModel, body: int, base: int, ids: list[int]) -> int | None:
     """Return how many of the arm's joints move a body, or None if a free joint moves the body."""
-    above = [joint for link in _bodies_up(mjm, body, base)[:-1] for joint in _joints_of(mjm, link)]
+    above = [joint for link in chain_up(mjm, body, base)[:-1] for joint in _joints_of(mjm, link)]
     free = (mjm.jnt_type[above] == mujoco.mjtJoint.mjJNT_FREE).any()
     return None if free else len({*ids}.intersection(above))
 
 
-def _bodies_up(mjm: mujoco.MjModel, body: int, base: int) -> list[int]:
-    """Return the ids of a body and of the bodies above it, up to `base` or else to the world."""
-    found = [body]
-    while found[-1] not in (0, base):
-        found.append(int(mjm.body_parentid[found[-1]]))
-    return found
+def chain_up(mjm: mujoco.MjModel, body: int, root: int = 0) -> list[int]:
+    """Return the ids of a body and of the bodies above it, up to `root` or else to the world, in this order."""
+    chain = [body]
+    while chain[-1] not in (0, root):
+        chain.append(int(mjm.body_parentid[chain[-1]]))
+    return chain
 
 
 def _joints_of(mjm: mujoco.MjModel, body: int) -> range:

@@ -164,11 +164,11 @@ def _scene(
     """Check all names that a scene refers to in its compiled model, and return the scene."""
     bodies = {name: mjm.body(part.body or name).id for name, part in config.objects.items()}
     bodies |= {name: mjm.body(robot.name).id for name, robot in config.all_robots.items()}
-    identity, former = scene_hash(config, mjm, home[0])
+    identity = scene_hash(config, mjm, home[0])
     apart = {name: _apart(robot, config) for name, robot in config.all_robots.items() if not robot.in_scene}
     key, draws = _keyframe(mjm, config), field_draws(config, mjm, bodies)
     couplings = joint_couplings(mjm, config.where)
-    scene = SceneModel(config, spec, mjm, bodies, key, *home, identity, tcps, couplings, apart, former, draws)
+    scene = SceneModel(config, spec, mjm, bodies, key, *home, identity, tcps, couplings, apart, draws)
     scene = replace(scene, couplings=reversed_for(mjm, couplings, scene.named_joints()))
     for name, part in config.parts.items():
         if part.support is not None:

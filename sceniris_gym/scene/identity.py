@@ -58,11 +58,8 @@ _ROOT_LAW = "furniture by roots 1"
 _NAMED = (mujoco.mjtObj.mjOBJ_BODY, mujoco.mjtObj.mjOBJ_JOINT, mujoco.mjtObj.mjOBJ_GEOM, mujoco.mjtObj.mjOBJ_SITE)
 
 
-def scene_hash(config: SceneConfig, mjm: mujoco.MjModel, home_qpos: np.ndarray) -> tuple[str, str | None]:
-    """Return the hash of a scene and, if version 0.1.0 made other layouts of the scene, its hash in that version.
-
-    A hash has 16 hexadecimal digits. Equal scenes have equal hashes in every process and folder. The second result is
-    None if version 0.1.0 made the same layouts.
+def scene_hash(config: SceneConfig, mjm: mujoco.MjModel, home_qpos: np.ndarray) -> str:
+    """Return the hash of a scene: 16 hexadecimal digits. Equal scenes have equal hashes in every process and folder.
 
     The hash covers all values in the scene that differ from their defaults, the files of its model and its assets, the
     rows of heaps, and the arm's reachability map if objects are `reachable`. It leaves out file names and the scene's
@@ -100,7 +97,6 @@ def scene_hash(config: SceneConfig, mjm: mujoco.MjModel, home_qpos: np.ndarray) 
         for robot in config.all_robots.values():
             path = map_of(robot)  # the arm's reach affects the layouts
             digest.update(path.read_bytes() if path is not None and path.is_file() else b"")
-    former = digest.hexdigest()[:16]
     if any(part.reachable == "clear" for part in config.objects.values()):
         digest.update(_CLEAR_LAW.encode())
     if any(config.joined_by_root(name, r) for name, part in config.objects.items() for r in part.relations):
@@ -113,8 +109,7 @@ def scene_hash(config: SceneConfig, mjm: mujoco.MjModel, home_qpos: np.ndarray) 
         option = np.hstack([raised, mjm.opt.o_solref, mjm.opt.o_solimp])
         for array in (option, *(getattr(mjm, name) for name in _LAW_ARRAYS if config.has_model_in_memory)):
             digest.update(np.ascontiguousarray(array).tobytes())
-    found = digest.hexdigest()[:16]
-    return found, former if found != former else None
+    return digest.hexdigest()[:16]
 
 
 def _could_fall(config: SceneConfig) -> bool:

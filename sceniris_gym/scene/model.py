@@ -43,7 +43,6 @@ class SceneModel(RefusesOldNames):
         couplings: Joints that follow others, drivers first. A linear coupling is reversed if the scene draws its
             follower by name, but not its driver.
         apart: Robot with `in_scene: false` -> a separate model with only this robot. There its name is 'robot'.
-        former_hash: The scene's hash in version 0.1.0, or None if that hash is the same.
         draws: The physics and appearance that resets draw.
         shared: The scene in which all variants of an object share a body, None if no object has variants.
     """
@@ -59,7 +58,6 @@ class SceneModel(RefusesOldNames):
     tcps: Mapping[str, str] = field(default_factory=dict)
     couplings: tuple[Coupling, ...] = ()
     apart: Mapping[str, SceneModel] = field(default_factory=dict)
-    former_hash: str | None = None
     draws: tuple[FieldDraw, ...] = ()
     shared: SceneModel | None = None
 
@@ -85,33 +83,20 @@ class SceneModel(RefusesOldNames):
         found[list(owner)] = list(owner.values())
         return found
 
-    def mismatch(self, found: str, cure: str) -> str:
-        """Return the end of an error message about data of another scene, or of a former version of this scene.
-
-        Args:
-            found: The hash of the data's scene.
-            cure: The last sentence of the message for another scene.
-        """
-        if found == self.former_hash:
-            return (
-                "was made by version 0.1.0 or before, whose layouts of this scene differ. The scene's hash was "
-                f"{found} then, and is {self.hash} now. Use that version, or make it again."
-            )
-        return f"belongs to scene {found}, but '{self.config.name}' is now scene {self.hash}. {cure}"
-
     def check_hash(self, found: str, what: str, cure: str) -> None:
         """Check that data belong to this scene. An empty hash fits any scene.
 
         Args:
             found: The hash of the data's scene.
             what: The name of the data. The error message begins with it.
-            cure: See `mismatch`.
+            cure: The last sentence of the message.
 
         Raises:
             SceneMismatchError: The data belong to another scene.
         """
         if found not in ("", self.hash):
-            raise SceneMismatchError(f"{what} {self.mismatch(found, cure)}")
+            text = f"belongs to scene {found}, but '{self.config.name}' is now scene {self.hash}. {cure}"
+            raise SceneMismatchError(f"{what} {text}")
 
     def home_of(self, robot: str) -> tuple[SceneModel, str]:
         """Return the model that contains a robot, and the robot's name in that model: this model, or one of `apart`."""

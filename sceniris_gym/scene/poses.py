@@ -6,8 +6,9 @@ import mujoco
 import numpy as np
 
 from sceniris_gym.errors import NotSupportedError, UnknownNameError, check_type
+from sceniris_gym.reach.arm import chain_up
 from sceniris_gym.scene.model import SceneModel
-from sceniris_gym.scene.support import chain_up, is_static
+from sceniris_gym.scene.support import is_static
 
 _WIDTHS = {mujoco.mjtJoint.mjJNT_FREE: 7, mujoco.mjtJoint.mjJNT_BALL: 4}
 

@@ -52,11 +52,3 @@ def subtree(mjm: mujoco.MjModel, root: int) -> list[int]:
     while end < mjm.nbody and mjm.body_parentid[end] >= root:
         end += 1
     return list(range(root, end))
-
-
-def chain_up(mjm: mujoco.MjModel, body: int, root: int = 0) -> list[int]:
-    """Return the ids of a body and of the bodies above it, up to `root` or else to the world, in this order."""
-    chain = [body]
-    while chain[-1] not in (0, root):
-        chain.append(int(mjm.body_parentid[chain[-1]]))
-    return chain

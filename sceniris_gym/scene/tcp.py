@@ -8,7 +8,8 @@ import numpy as np
 from sceniris_gym.config.robot import RobotConfig, TcpConfig
 from sceniris_gym.errors import SceneKeyError, UnknownNameError
 from sceniris_gym.geometry.rotations import matrix, of_angles, product
-from sceniris_gym.scene.support import chain_up, subtree
+from sceniris_gym.reach.arm import chain_up
+from sceniris_gym.scene.support import subtree
 
 SITE = "tcp"
 """Default name of the tool centre point's site."""

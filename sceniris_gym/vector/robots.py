@@ -3,8 +3,8 @@
 import mujoco
 
 from sceniris_gym.errors import ArgumentError, ArmError, UnknownNameError
+from sceniris_gym.reach.arm import chain_up
 from sceniris_gym.scene.model import SceneModel
-from sceniris_gym.scene.support import chain_up
 from sceniris_gym.vector.names import FREE, SCALAR
 
 

@@ -22,7 +22,7 @@ from sceniris_gym.commands import evaluate as module
 from sceniris_gym.commands.evaluate import evaluate, report
 from sceniris_gym.commands.options import Evaluation
 from sceniris_gym.commands.train import train
-from sceniris_gym.errors import ArgumentError, SceneMismatchError
+from sceniris_gym.errors import ArgumentError
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.training.settings import Options
 from sceniris_gym.training.task_scenes import hashes_of, scene_of, spec_of
@@ -190,15 +190,6 @@ def test_a_task_that_only_the_folder_names_is_not_imported(tmp_path: Path, monke
     (tmp_path / "model.pt").touch()
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ArgumentError, match=r"config\.json: .* Python code.*give --task beside:Foo-v0"):
-        evaluate(Evaluation(tmp_path, 1, device="cpu"))
-
-
-def test_a_policy_of_a_version_with_other_layouts_is_refused(tmp_path: Path):
-    """Runs of version 0.1.0 do not tell their scene; that of this task was another one then."""
-    told = {"options": {"task": "DrawerPick-v0"}, "settings": {}}
-    (tmp_path / "config.json").write_text(json.dumps(told))
-    (tmp_path / "model.pt").touch()
-    with pytest.raises(SceneMismatchError, match=r"this policy was made by version 0\.1\.0 or before"):
         evaluate(Evaluation(tmp_path, 1, device="cpu"))
 
 

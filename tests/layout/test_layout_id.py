@@ -43,12 +43,10 @@ def test_an_id_names_each_param_once(again: str):
 
 
 def test_an_id_is_of_a_scene_as_it_is_now():
-    """One of another scene is refused, and one that the same words had before free objects had to stand."""
+    """One of another scene is refused."""
     scene = build_model(SceneConfig.load("mid"))
     assert LayoutId.of_scene(f"{scene.hash}:train:1:0", scene, "").seed == 1
     with pytest.raises(
         SceneMismatchError, match=rf"belongs to scene 0+, but 'mid' is now scene {scene.hash}\. Open it\."
     ):
         LayoutId.of_scene(f"{'0' * 16}:train:1:0", scene, "Open it.")
-    with pytest.raises(SceneMismatchError, match=r"was made by version 0\.1\.0 or before"):
-        LayoutId.of_scene(f"{scene.former_hash}:train:1:0", scene, "Open it.")

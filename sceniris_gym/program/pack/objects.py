@@ -22,11 +22,11 @@ from sceniris_gym.program.pack.relations import JoinedSites
 from sceniris_gym.program.placed_object import COS_MAX_TILT_32, PlacedObject
 from sceniris_gym.program.plan import Plan
 from sceniris_gym.program.reach import ReachingArm
+from sceniris_gym.reach.arm import chain_up
 from sceniris_gym.reach.lookup import MapView
 from sceniris_gym.reach.solve import arm_view
 from sceniris_gym.scene.couplings import coupling_arrays
 from sceniris_gym.scene.model import SceneModel
-from sceniris_gym.scene.support import chain_up
 
 _ORIENTATIONS = {"any": OrientationType.ANY, "face_to": OrientationType.FACE_TO}
 # A piece that rises above a surface by less than this [m] does not cover it: half of the height of a ray's origin.
