@@ -50,7 +50,8 @@ class Example:
     @property
     def jointed_objects(self) -> list[str]:
         """The objects whose joints the example samples."""
-        return [name for name, words in self._data().get("objects", {}).items() if "joints" in words]
+        named = [name for name, words in self._data().get("objects", {}).items() if "joints" in words]
+        return [*with_variants(named, self.load().variants)]
 
     def load(self) -> SceneConfig:
         """Read the scene.

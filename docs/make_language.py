@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import io
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import matplotlib
 import matplotlib.pyplot as plt
@@ -48,6 +48,8 @@ def draw(example: Example) -> bytes:
         _draw_surroundings(axes, view, placed, jointed)
         for name, color in zip(placed, _DOTS, strict=False):
             _draw_object(axes, view, name, color, _TICK * _width(example, view))
+            for body in view.moving_bodies(name) if name in jointed else []:
+                _draw_moving(axes, view, body, view.worlds(name))
     if len(axes.get_legend_handles_labels()[0]) > 1:
         axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, fontsize=7, frameon=False, handletextpad=0.1)
     axes.set_aspect("equal", adjustable="datalim")
@@ -101,7 +103,7 @@ def _draw_other(axes: Axes, view: View, name: str, color: str, zorder: int, join
             _fill(axes, outline, facecolor=color, edgecolor=_PALE, linewidth=0.8, zorder=zorder)
     _draw_front(axes, view.root_bounds(name, worlds[0]), _WEDGE * view.extent)
     for body in moving:
-        _draw_moving(axes, view, body)
+        _draw_moving(axes, view, body, range(LAYOUTS))
 
 
 def _width(example: Example, view: View) -> float:
@@ -138,9 +140,9 @@ def _draw_object(axes: Axes, view: View, name: str, color: str, tick: float) -> 
             _fill(axes, b.shape, facecolor="none", edgecolor=color, linewidth=0.5, alpha=0.22, zorder=6)
 
 
-def _draw_moving(axes: Axes, view: View, body: int) -> None:
+def _draw_moving(axes: Axes, view: View, body: int, worlds: Iterable[int]) -> None:
     """Draw the rectangle around a body with sampled joints, and a dot in its centre, for each world."""
-    for i in range(LAYOUTS):
+    for i in worlds:
         if (outline := view.outline(body, i)) is not None:
             _fill(axes, outline, facecolor="none", edgecolor=_DOTS[1], linewidth=0.6, alpha=0.3, zorder=6)
             middle = shapely.centroid(outline)

@@ -403,6 +403,7 @@ def furniture(
     out: Annotated[Path, OUT] = Path("furniture"),
     seed: Seed = 0,
     height: float = 0.9,
+    turning: Flag = False,
     json: Json = False,
 ) -> Answer:
     """Write kitchen furniture with drawn sizes: base units that join into rows, counters and wall units.
@@ -411,10 +412,11 @@ def furniture(
         num: number of units
         out: folder for the units and manifest.json
         height: height of the worktops [m]
+        turning: handles of doors and flaps turn
     """
     from sceniris_gym.commands import furniture as tool
 
-    return answer(tool.write(out, num, seed, height), json)
+    return answer(tool.write(out, num, seed, height, turning), json)
 
 
 @_command

@@ -19,6 +19,8 @@ BOARD, FRONT, BACK, TOP, DRAWER, BASIN = 0.016, 0.018, 0.008, 0.04, 0.012, 0.004
 """Thicknesses [m] of boards, fronts, back walls, worktops, drawers and basins."""
 GAP, OVERHANG, DEPTH, REAR = 0.003, 0.02, 0.6, 0.06
 """Gaps around fronts, overhang of worktops over fronts, depth of base units, and of the strip behind a lid [m]."""
+TURN, SHORT = 0.7, 0.09
+"""Upper limit of the joint of a turning handle [rad], and the length of its bar [m]."""
 WIDTHS = (0.3, 0.4, 0.45, 0.5, 0.6, 0.8, 0.9)
 """Widths of base units and wall units [m]."""
 WALL = ((0.32, 0.36), (0.35, 0.4), (0.32, 0.6), (0.35, 0.7), (0.37, 0.9))
@@ -78,10 +80,11 @@ class Builder:
         wall: Whether the unit hangs on a wall. Its fronts are then between its boards, and their handles are low.
         angles: Range of the upper limits of doors and flaps [rad].
         foot: Height of the plinth [m].
+        turning: Whether the handles of doors and flaps turn.
     """
 
-    def __init__(self, name: str, draws: Draws, height: float) -> None:
-        self.draws, self.wall, self.angles = draws, False, (1.5, 1.75)
+    def __init__(self, name: str, draws: Draws, height: float, turning: bool = False) -> None:
+        self.turning, self.draws, self.wall, self.angles = turning, draws, False, (1.5, 1.75)
         self.unit = Unit(name, {material: draws.pick(colours.split()) for material, colours in COLOURS.items()})
         self.root, self.foot = self.unit.root, draws.pick((0.08, 0.10, 0.12, 0.15))
         self.size: Point = (draws.pick(WIDTHS), DEPTH, height)
@@ -132,7 +135,7 @@ class Builder:
 
     def _drawer(self, area: Area, travel: float) -> None:
         left, right, low, high, y, inner, back = area
-        part = self.unit.opening(f"front_{len(self.unit.joints)}", ((left + right) / 2, y, low), "drawer", travel)
+        part = self.unit.opening(self.next_front(), ((left + right) / 2, y, low), "drawer", travel)
         part.box(f"{part.name}_front", (left, y, low), (right, y + FRONT, high), "front")
         floor = low + BOARD + 0.01
         rim = min(high - 0.03, floor + self.draws.pick((0.10, 0.16, 0.22)))
@@ -144,12 +147,15 @@ class Builder:
         left, right, low, high, y, *_ = area
         origin, flap = (right if hinge == "right" else left, y, high), hinge == "top"
         angle, more = self.draws.between(*self.angles), {"gravcomp": 1} if flap else {}
-        part = self.unit.opening(f"front_{len(self.unit.joints)}", origin, hinge, angle, **more)
+        part = self.unit.opening(self.next_front(), origin, hinge, angle, **more)
         part.box(f"{part.name}_front", (left, y, low), (right, y + FRONT, high), "front")
         handle = self.fitted(right - left if flap else high - low)
         x = {"left": right - 0.04, "right": left + 0.04, "top": (left + right) / 2}[hinge]
         away = 0.05 if flap else 0.07 + handle.length / 2
-        part.handle(handle, x, y, low + away if self.wall else high - away, hinge)
+        at = x, y, low + away if self.wall else high - away
+        if self.turning:
+            part = self.unit.opening(f"{part.name}_handle", at, "turn", TURN, parent=part, **more)
+        part.handle(handle, *at, hinge)
 
     def doors(self, area: Area) -> None:
         """Fill an area with one door or, from a width of 0.55 m on, with two."""
@@ -159,9 +165,13 @@ class Builder:
         self.door(area._replace(right=(left + right - GAP) / 2), "left")
         return self.door(area._replace(left=(left + right + GAP) / 2), "right")
 
+    def next_front(self) -> str:
+        """Return the name of the next front."""
+        return f"front_{sum(not name.endswith('_handle') for name in self.unit.joints)}"
+
     def fitted(self, room: float) -> Handle:
-        """Return the unit's handle for a front of the given length [m]."""
-        return self.handle._replace(length=min(self.handle.length, room - 0.08))
+        """Return the unit's handle for a front of the given length [m]. A turning handle does not pass the front."""
+        return self.handle._replace(length=min(self.handle.length, room - 0.08, SHORT if self.turning else room))
 
 
 def _base(builder: Builder) -> Area:
@@ -245,7 +255,9 @@ KINDS = {kind.__name__: kind for kind in (base_drawers, base_doors, base_lid, ba
 """The kinds of units, which take turns. Their names are the beginnings of the files' names."""
 
 
-def furniture(folder: str | Path, n: int = 64, seed: int = 0, height: float = 0.9) -> dict[str, Any]:
+def furniture(
+    folder: str | Path, n: int = 64, seed: int = 0, height: float = 0.9, turning: bool = False
+) -> dict[str, Any]:
     """Write n pieces of kitchen furniture as MJCF files, whose sizes, fronts, handles and colours are drawn.
 
     The kinds take turns: base units with drawers, doors, a lid or open shelves (`base_*.xml`), counters with a sink
@@ -257,6 +269,7 @@ def furniture(folder: str | Path, n: int = 64, seed: int = 0, height: float = 0.
         n: Number of units, at most 10,000.
         seed: Seed of all draws.
         height: Height [m] of the worktops of base units and counters, from 0.7 to 1.1.
+        turning: Whether the handles of doors and flaps turn: `front_0_handle` is a hinge on `front_0`.
 
     Returns:
         The content of `manifest.json`: for each unit its file, kind, seed, size without handles [m], joints with their
@@ -274,15 +287,15 @@ def furniture(folder: str | Path, n: int = 64, seed: int = 0, height: float = 0.
     others = sorted(path.name for path in folder.glob("*.xml") if path.stem not in names)
     if others:
         raise ArgumentError(f"furniture: {folder} has other files, such as {others[0]}. Give a new folder.")
-    manifest = {"units": [_write(folder, name, int(seed), float(height)) for name in names]}
+    manifest = {"units": [_write(folder, name, int(seed), float(height), turning) for name in names]}
     write_text(folder / MANIFEST, json.dumps(manifest, indent=1) + "\n")
     return manifest
 
 
-def _write(folder: Path, name: str, seed: int, height: float) -> dict[str, Any]:
+def _write(folder: Path, name: str, seed: int, height: float, turning: bool) -> dict[str, Any]:
     """Write one unit, and its manifest into a folder of the same name, where the word `tags` finds it."""
     kind, i = name[:-5], int(name[-4:])
-    builder = Builder(name, Draws(f"{seed}/{i}"), height)
+    builder = Builder(name, Draws(f"{seed}/{i}"), height, turning)
     KINDS[kind](builder)
     unit = builder.unit
     manifest = {"file": f"{name}.xml", "kind": kind, "seed": seed, "size": builder.size, "joints": unit.joints}

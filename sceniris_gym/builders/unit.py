@@ -8,7 +8,7 @@ from typing import Any, Literal, NamedTuple
 Point = tuple[float, float, float]
 Hinge = Literal["left", "right", "top"]
 
-_AXES = {"drawer": (0, -1, 0), "left": (0, 0, -1), "right": (0, 0, 1), "top": (-1, 0, 0)}
+_AXES = {"drawer": (0, -1, 0), "turn": (0, 1, 0), "left": (0, 0, -1), "right": (0, 0, 1), "top": (-1, 0, 0)}
 _CLASSES = {
     "board": ("geom", {"type": "box", "density": 650, "friction": (0.8, 0.005, 0.0001)}),
     "slab": ("geom", {"type": "box", "density": 1500, "friction": (0.8, 0.005, 0.0001)}),
@@ -41,9 +41,10 @@ class Handle(NamedTuple):
 class Part:
     """A body of a unit. All positions are in the frame of the unit, with all joints at 0."""
 
-    def __init__(self, parent: ET.Element, name: str, origin: Point = (0, 0, 0), **more: object) -> None:
+    def __init__(self, parent: "ET.Element | Part", name: str, origin: Point = (0, 0, 0), **more: object) -> None:
         self.name, self._origin = name, origin
-        self.element = add(parent, "body", name=name, pos=origin, **more)
+        element, pos = (parent.element, parent._local(origin)) if isinstance(parent, Part) else (parent, origin)
+        self.element = add(element, "body", name=name, pos=pos, **more)
 
     def box(self, name: str, low: Point, high: Point, material: str = "body", class_: str = "board") -> None:
         """Add a box between two corners [m]."""
@@ -104,20 +105,20 @@ class Unit:
             add(assets, "material", name=material, rgba=(*rgb, 1), specular=shine, shininess=shine)
         self.root = Part(add(self._tree, "worldbody"), name)
 
-    def part(self, name: str, origin: Point, **more: object) -> Part:
-        """Add a part, which is fixed if no joint is added to it."""
+    def part(self, name: str, origin: Point, parent: Part | None = None, **more: object) -> Part:
+        """Add a part to the root or to another part. It is fixed if no joint is added to it."""
         self.parts.append(name)
-        return Part(self.root.element, name, origin, **more)
+        return Part(parent or self.root, name, origin, **more)
 
-    def opening(self, name: str, origin: Point, opens: str, most: float, **more: object) -> Part:
-        """Add a part on a joint with its own name: a drawer, or a leaf with its hinge at the given side.
+    def opening(self, name: str, origin: Point, opens: str, most: float, **more: Any) -> Part:
+        """Add a part on a joint with its own name: a drawer, a leaf with its hinge at the given side, or a handle.
 
         Args:
             name: Name of the body and of its joint.
             origin: A point of the axis [m].
-            opens: "drawer", or the side of the hinge.
+            opens: "drawer", the side of the hinge, or "turn" for a hinge across the front.
             most: Upper limit of the joint, whose lower limit is 0 [m or rad].
-            more: Other attributes of the body.
+            more: The parent, if it is not the root, and other attributes of the body.
         """
         part, type_ = self.part(name, origin, **more), "slide" if opens == "drawer" else "hinge"
         add(part.element, "joint", name=name, class_=type_, axis=_AXES[opens], range=(0, most))

@@ -19,6 +19,8 @@ from sceniris_gym.errors import ArgumentTypeError, SceneKeyError, did_you_mean
 
 FLOOR = "floor"
 ROBOT = "robot"
+DEFAULT = "default"
+"""The key of a part for all variants without another key."""
 
 
 def wrong(advice: str, word: str = "", valid: Iterable[str] = ()) -> PydanticCustomError:
@@ -170,6 +172,9 @@ Reachable = Annotated[bool | str, BeforeValidator(_tier)]
 Names = Annotated[tuple[str, ...], _EACH_ONCE]
 NameOrNames = Annotated[Names, BeforeValidator(lambda names: (names,) if isinstance(names, str) else listed(names))]
 ObjectName = Annotated[str, AfterValidator(object_name)]
+JointOfPart = Annotated[
+    dict[str, str | None], BeforeValidator(lambda name: {DEFAULT: name} if isinstance(name, str) else name)
+]
 PartName = Annotated[
     ObjectName, WrapValidator(lambda name, check: str(name) if isinstance(name, MemberName) else check(name))
 ]

@@ -6,6 +6,7 @@ Lengths are in metres. Angles are in degrees in files, except for joint position
 
 import itertools
 from collections.abc import Mapping
+from fnmatch import fnmatchcase
 from typing import Any, Literal, NamedTuple, Self
 
 from pydantic import ConfigDict, Field, model_validator
@@ -13,7 +14,7 @@ from pydantic_core import PydanticCustomError
 
 from sceniris_gym.config import fields
 from sceniris_gym.config.bounds import STANDING_GAP
-from sceniris_gym.config.fields import DRAWN, FLOOR, ROBOT, check_words, wrong
+from sceniris_gym.config.fields import DEFAULT, DRAWN, FLOOR, ROBOT, check_words, wrong
 from sceniris_gym.config.loader import JOINT_FORMS, OF_VARIANTS, REGION_FORMS, SUPPORT_WORDS
 from sceniris_gym.config.member_names import object_of
 from sceniris_gym.config.orientation import DrawnOrientation, Orientation
@@ -97,6 +98,7 @@ class ObjectConfig(Section):
     region: RegionConfig | None = None
     relations: Relations = ()
     orientation: Orientation | None = None
+    parts: dict[fields.ObjectName, fields.JointOfPart] = Field(default_factory=dict)
     joints: dict[str, JointConfig] = Field(default_factory=dict)
     clearance: fields.Clearance = 0.001
     gap: fields.Gap = 0.0005
@@ -145,6 +147,17 @@ class ObjectConfig(Section):
         """True for an upright fixture or static object with drawn joints."""
         is_upright = self.drawn_orientation.kind not in ("any", "stable")
         return bool(self.joints) and self.kind in ("fixture", "static") and is_upright
+
+    def joint_of(self, part: str, variant: str) -> str | None:
+        """Return the name or pattern of a part's joint in a variant, or None if the variant lacks the part.
+
+        The variant's name takes precedence over a pattern of variants, and both over `default`.
+
+        Raises:
+            KeyError: The part has no key for the variant.
+        """
+        names = self.parts[part]
+        return names[next((key for key in (variant, *names) if key in names and fnmatchcase(variant, key)), DEFAULT)]
 
     @property
     def joined_to(self) -> str | None:

@@ -18,7 +18,7 @@ from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.scene_words import SceneWords
 from sceniris_gym.config.several_supports import Bodies, with_supports
 from sceniris_gym.config.validation import check_names
-from sceniris_gym.config.variants import check_shared, with_members
+from sceniris_gym.config.variants import check_parts, check_shared, with_members
 
 _FILES = ("asset", "map", "rows")
 """Keys of objects, robots and heaps that name files."""
@@ -104,7 +104,7 @@ class SceneConfig(SceneWords):
 
         The names of its joints are those of its asset only if it has no variants.
         """
-        words: dict[str, Any] = {"if_": (), "unless": (), "joints": part.joints if has_joints else {}}
+        words: dict[str, Any] = {"if_": (), "unless": ()} | ({} if has_joints else {"joints": {}, "parts": {}})
         if part.support is not None:
             owner, body = split_support(part.support.parent, self.objects)
             word = "in_" if part.support.word == "in" else part.support.word
@@ -186,6 +186,7 @@ class SceneConfig(SceneWords):
         left_out, bodies = info.context or ((), {})
         config = handler(with_supports(with_members(with_places(with_chains(data)), left_out), bodies))
         check_shared(config.variants, config.objects)
+        check_parts(config.variants, config.objects, left_out)
         if config.variants or config.stacks:
             config._written, config._bodies = data, bodies
         check_names(config, where_now.get() or cls.__name__)

@@ -28,8 +28,10 @@ def check_starts(scene: SceneWords, where: str) -> None:
             if not name or not joint:
                 raise SceneKeyError(f"{at}.joints: '{key}' should be 'object/joint', as in 'cabinet/upper'.")
             check_names("object", [name], f"{at}.joints", scene.named_objects)
-            if name in scene.variants:
-                raise SceneKeyError(f"{at}.joints: '{name}' has variants, whose joints differ. Name another object.")
+            if any(joint not in scene.objects[member].parts for member in scene.variants.get(name, ())):
+                raise SceneKeyError(
+                    f"{at}.joints: '{name}' has variants, whose joints differ. Name one of its 'parts', not '{joint}'."
+                )
 
 
 def _check_target(scene: SceneWords, start: StartConfig, name: str, where: str) -> None:

@@ -7,11 +7,12 @@ and groups.
 
 import hashlib
 from collections.abc import Collection, Iterable, Mapping
+from fnmatch import filter as matching
 from pathlib import Path
 from typing import Any
 
 from sceniris_gym.config.bounds import BOUNDS
-from sceniris_gym.config.fields import DRAWN, listed, locating, object_name, refuse, where_now
+from sceniris_gym.config.fields import DEFAULT, DRAWN, listed, locating, object_name, refuse, where_now, wrong
 from sceniris_gym.config.folders import files_of, is_pattern, with_tags
 from sceniris_gym.config.groups import SPLITS
 from sceniris_gym.config.loader import HOLDOUT, OF_VARIANTS, TAGS, VARIANTS, merge
@@ -87,6 +88,33 @@ def check_shared(variants: Mapping[str, tuple[str, ...]], objects: Mapping[str, 
                 if getattr(objects[member], word) != getattr(objects[first], word):
                     value = objects[member].model_dump(include={word}, exclude_none=True)[word]
                     refuse(("objects", name, VARIANTS, variant_of(member), word), advice, value)
+
+
+def check_parts(
+    variants: Mapping[str, tuple[str, ...]], objects: Mapping[str, ObjectConfig], left_out: Collection[str]
+) -> None:
+    """Check that each part has a key for each variant, and that its other keys name variants.
+
+    Args:
+        variants: Object -> names of its variants.
+        objects: All objects, with a variant as an object.
+        left_out: Full names of variants that were left out.
+
+    Raises:
+        ValidationError: A variant has no key in a part, or a key names no variant.
+    """
+    owners = owners_of(variants)
+    for name, config in objects.items():
+        owner = owners.get(name, name)
+        known = [variant_of(member) for member in (*variants.get(owner, ()), *left_out)] if config.parts else []
+        for part, joints in config.parts.items():
+            at, variant = ("objects", owner, "parts", part), variant_of(name)
+            for key in (key for key in joints if key != DEFAULT and not matching(known, key)):
+                with locating((*at, key), joints[key]):
+                    raise wrong("should be the joint of a variant: its key names no variant", key, [*known, DEFAULT])
+            if DEFAULT not in joints and not any(matching([variant], key) for key in joints):
+                advice = f"should have a joint for '{variant}', null if it has none, or one for all others: '{DEFAULT}'"
+                refuse(at, advice, joints)
 
 
 def has_variants(part: Any) -> bool:

@@ -61,7 +61,9 @@ def poses_by_name(compiled: CompiledScene, rows: np.ndarray) -> dict[str, np.nda
 
 
 def joints_by_name(compiled: CompiledScene, rows: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the positions of all named joints except free joints, by name.
+    """Return the positions of all named joints except free joints, and of all `parts` of objects, by name.
+
+    They are NaN in rows without the variant that has the joint.
 
     Args:
         compiled: The compiled scene.
@@ -70,13 +72,23 @@ def joints_by_name(compiled: CompiledScene, rows: np.ndarray) -> dict[str, np.nd
     Returns:
         Positions [rad or m], shape (n,). For a ball joint, quaternions (wxyz), shape (n, 4).
     """
-    mjm, found = compiled.mjm, {}
+    mjm, owners, found, parts = compiled.mjm, compiled.config.owners, {}, {}
     for joint in range(mjm.njnt):
         name, kind, adr = mjm.joint(joint).name, mjm.jnt_type[joint], mjm.jnt_qposadr[joint]
         if kind == mujoco.mjtJoint.mjJNT_BALL:
             found[name] = rows["qpos"][:, adr : adr + 4]
         elif kind != mujoco.mjtJoint.mjJNT_FREE:
             found[name] = rows["qpos"][:, adr]
+    for name, config in compiled.config.objects.items():
+        there = rows["present"][:, compiled.slots.index(name)]
+        for local, joint in compiled.scene.joints(name).items():
+            values = np.where(there, rows["qpos"][:, mjm.jnt_qposadr[joint]], np.float32(np.nan))
+            if local in config.parts:
+                full = f"{owners.get(name, name)}/{local}"
+                parts[full] = np.fmax(values, parts.get(full, values))
+            elif name in owners:
+                found[mjm.joint(joint).name] = values
+    found |= parts
     found.pop("", None)
     return found
 

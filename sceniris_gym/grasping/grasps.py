@@ -9,6 +9,7 @@ opening are dropped.
 """
 
 import math
+from collections.abc import Iterable
 from fnmatch import fnmatchcase
 from typing import NamedTuple
 
@@ -22,6 +23,7 @@ from sceniris_gym.geometry.resting_poses import StablePose
 from sceniris_gym.geometry.rotations import matrix, product, quaternion
 from sceniris_gym.grasping.gripper import Gripper
 from sceniris_gym.scene.model import SceneModel
+from sceniris_gym.scene.support import subtree
 
 PREFIX = "grasp_"
 _ROLLED = " rolled"
@@ -94,7 +96,7 @@ class Graspable:
         """Return the grasps that fit the gripper, from the asset's sites or generated from its geometry.
 
         A stable pose without a suitable grasp has 0 grasps in `GraspSet.spans`, so no layout accepts it. If the object
-        has the key `grasp`, the names of its grasps match this glob.
+        has the key `grasp`, the names of its grasps match this glob, or they are at the part with this name.
 
         Args:
             poses: Stable poses of the object.
@@ -129,7 +131,7 @@ class Graspable:
     def _named(self, groups: list[list[Grasp]], pattern: str) -> list[list[Grasp]]:
         """Drop the grasps whose names do not match a glob. If a site's name matches, both grasps of the site stay."""
         known = {g.name: g.name.removesuffix(_ROLLED) for group in groups for g in group}
-        found = {name for name, site in known.items() if matches(site, pattern)}
+        found = {g.name for group in groups for g in selected(self.scene, self.name, group, pattern)}
         if known and not found:
             where = f"{self.scene.config.where}: objects.{self.name}.grasp"
             raise UnknownNameError("grasp", pattern, where, {site.removeprefix(PREFIX) for site in known.values()})
@@ -218,10 +220,18 @@ class Graspable:
         return points @ self._mat(body).T + self._mat(0) @ (self._home.xpos[body] - self._home.xpos[self.root])
 
 
-def matches(name: str, pattern: str) -> bool:
-    """Return whether a grasp's name matches a glob, with or without 'grasp_'. The suffix " rolled" is ignored."""
-    name = name.removesuffix(_ROLLED)
-    return fnmatchcase(name, pattern) or fnmatchcase(name.removeprefix(PREFIX), pattern)
+def selected(scene: SceneModel, owner: str, grasps: Iterable[Grasp], word: str) -> list[Grasp]:
+    """Return the grasps of an object that the word `grasp` selects.
+
+    The word is a part of the object, for the grasps at bodies that its joint moves, or a glob of the grasps' names,
+    with or without 'grasp_'. The suffix " rolled" is ignored.
+    """
+    if word in scene.config.objects[owner].parts:
+        joint = scene.joints(owner).get(word)
+        bodies = [] if joint is None else subtree(scene.mjm, int(scene.mjm.jnt_bodyid[joint]))
+        return [grasp for grasp in grasps if grasp.body in bodies]
+    names = ((grasp, grasp.name.removesuffix(_ROLLED)) for grasp in grasps)
+    return [g for g, name in names if fnmatchcase(name, word) or fnmatchcase(name.removeprefix(PREFIX), word)]
 
 
 def tcp_axes(yaw: float, tilt: float) -> np.ndarray:

@@ -306,7 +306,7 @@ class Layouts(StaysHere):
 
         Args:
             name: The joint's name in the model, `object/joint`, or only its name inside the object if that name is
-                unique.
+                unique. A joint or part of an object with variants gives a copy, NaN where the present variant lacks it.
 
         Returns:
             Positions [m or rad], shape (nworld,). For a ball joint (nworld, 4), for a freejoint (nworld, 7).
@@ -314,6 +314,14 @@ class Layouts(StaysHere):
         Raises:
             UnknownNameError: There is no such joint, or several objects have it.
         """
+        owner, _, local = str(name).partition("/")
+        named = self.compiled.scene.joints_named(owner, local) if owner in self.compiled.config.variants else {}
+        if owned := {member: joint for member, joint in named.items() if joint is not None}:
+            values = self.qpos[:, 0].new_full((self.nworld,), np.nan)
+            for member, joint in owned.items():
+                there = self.present[:, self.compiled.slots.index(member)] > 0
+                values = self.qpos[:, int(self.compiled.mjm.jnt_qposadr[joint])].where(there, values)
+            return values
         adr, width = joint_address(self.compiled.scene, name, "Layouts.joint")
         return self.qpos[:, adr] if width == 1 else self.qpos[:, adr : adr + width]
 

@@ -11,7 +11,7 @@ from sceniris_gym.config.objects import JointConfig
 from sceniris_gym.config.robot import StartConfig
 from sceniris_gym.errors import NotSupportedError, SceneKeyError, UnknownNameError
 from sceniris_gym.geometry.rotations import matrix
-from sceniris_gym.grasping.grasps import PREFIX, matches
+from sceniris_gym.grasping.grasps import PREFIX, selected
 from sceniris_gym.grasping.grip import Fingers, Grip
 from sceniris_gym.program.device import ObjectKind
 from sceniris_gym.program.device_reach import StartPose
@@ -113,7 +113,7 @@ def _kind(plan: Plan, grips: tuple[Grip, ...], number: int, config: StartConfig)
     targets = plan.reaching.targets
     counts: list[np.ndarray] = [np.zeros(0)]
     for target in targets:
-        own = _counting(config, target, f"{where}.grasp") & (target.name in names)
+        own = _counting(plan, config, target, f"{where}.grasp") & (target.name in names)
         if pose in _FITS and target.name in names:
             fit, how = _FITS[pose]
             first = sum(map(len, counts))
@@ -163,13 +163,13 @@ def _pose(config: StartConfig) -> StartPose:
     return StartPose.LIFTED if config.lift is not None else still
 
 
-def _counting(config: StartConfig, target: ReachTarget, where: str) -> np.ndarray:
-    """Return a mask of the target's grasps with names that match the start's `grasp`, shape (ngrasp,), bool."""
-    names = [grasp.name for grasp in target.grasp_set.grasps]
-    found = [config.grasp is None or matches(name, config.grasp) for name in names]
-    if target.name == config.of and not any(found):
-        raise UnknownNameError("grasp", str(config.grasp), where, {name.removeprefix(PREFIX) for name in names})
-    return np.array(found, bool)
+def _counting(plan: Plan, config: StartConfig, target: ReachTarget, where: str) -> np.ndarray:
+    """Return a mask of the target's grasps that the start's `grasp` selects, shape (ngrasp,), bool."""
+    grasps, word = target.grasp_set.grasps, config.grasp
+    names = {grasp.name for grasp in (grasps if word is None else selected(plan.scene, target.name, grasps, word))}
+    if target.name == config.of and not names:
+        raise UnknownNameError("grasp", str(word), where, {grasp.name.removeprefix(PREFIX) for grasp in grasps})
+    return np.array([grasp.name in names for grasp in grasps], bool)
 
 
 def _drawn(plan: Plan, owner: str, words: Mapping[str, JointConfig], where: str) -> Iterator[JointRange]:
@@ -184,7 +184,8 @@ def _draw_ranges(plan: Plan, words: Mapping[str, JointConfig], where: str) -> np
     found = np.tile(_UNDRAWN, (len(usual), 1))
     for key, config in words.items():
         name, _, joint = key.rpartition("/")
-        for drawn in _drawn(plan, name, {joint: config}, where):
+        members = plan.scene.config.variants.get(name, (name,))
+        for drawn in (one for member in members for one in _drawn(plan, member, {joint: config}, where)):
             if drawn.qposadr not in usual:
                 raise SceneKeyError(f"{where}: '{key}' is not a drawn joint. Add this joint to objects.{name}.joints.")
             found[usual.index(drawn.qposadr)] = drawn.low, drawn.high

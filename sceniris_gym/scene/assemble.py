@@ -98,7 +98,8 @@ def attach_variants(
         some = mujoco.MjSpec()
         some.default.name, some.option, some.visual = str(first), spec.option, spec.visual
         for name in names[first : first + _AT_ONCE]:
-            homes.append(attach_object(some, name, members[name], where, owner))
+            home = attach_object(some, name, members[name], where, owner)
+            homes.append(home._replace(qpos={f"{owner}/{joint}": values for joint, values in home.qpos.items()}))
             if not bodies:
                 some.delete(some.body(name.removeprefix(f"{owner}/")))
         _keep_files_apart(spec, some, f"{owner}/{first}")

@@ -107,7 +107,7 @@ def _built(config: SceneConfig, full: SceneModel | None = None) -> SceneModel:
 
     With `full`, the result of an earlier call, build the scene for the simulation instead: variants share one body.
     """
-    shared = None if full is None else SharedBodies(full.mjm, config.variants, config.where)
+    shared = None if full is None else SharedBodies(full)
     spec, homes = _assemble(config, shared)
     if full is not None:
         config = config.with_shared_objects()
@@ -173,6 +173,7 @@ def _scene(
     for name, part in config.parts.items():
         if part.support is not None:
             scene.support(part.support.parent, f"{config.where}: {config.key(name)}.{part.support.word}")
+    scene.check_parts()
     for name in bodies:
         scene.joint_configs(name)
     return scene

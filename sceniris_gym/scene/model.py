@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 from sceniris_gym.config.fields import FLOOR, ROBOT
-from sceniris_gym.config.member_names import split_support
+from sceniris_gym.config.member_names import split_support, variant_of
 from sceniris_gym.config.objects import JointConfig
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.device.fixed import RefusesOldNames
@@ -20,7 +20,7 @@ from sceniris_gym.errors import NotSupportedError, SceneKeyError, SceneMismatchE
 from sceniris_gym.geometry.contacts import ContactRules
 from sceniris_gym.scene.couplings import Coupling, driven_by
 from sceniris_gym.scene.draws import LEAST, MOST, FieldDraw, at_ends
-from sceniris_gym.scene.shared_parts import shared_parts
+from sceniris_gym.scene.shared_parts import SharedPart, shared_parts
 from sceniris_gym.scene.support import Support, static_supports, subtree
 
 
@@ -72,8 +72,8 @@ class SceneModel(RefusesOldNames):
         sim, found = self.sim, np.arange(self.mjm.nbody)
         owner = {
             body: sim.mjm.body(part.name_of(name)).id
-            for name, members in self.config.variants.items()
-            for part in shared_parts(self.mjm, [self.bodies[member] for member in members])
+            for name in self.config.variants
+            for part in self.shared_parts(name)
             for body in part.bodies
             if body >= 0
         }
@@ -82,6 +82,11 @@ class SceneModel(RefusesOldNames):
         found[alone] = others[: len(alone)]
         found[list(owner)] = list(owner.values())
         return found
+
+    def sim_joint(self, joint: int) -> int:
+        """Return the id of the joint of `sim` that simulates a joint of this model."""
+        body = int(self.mjm.jnt_bodyid[joint])
+        return joint - int(self.mjm.body_jntadr[body]) + int(self.sim.mjm.body_jntadr[self.sim_bodies[body]])
 
     def check_hash(self, found: str, what: str, cure: str) -> None:
         """Check that data belong to this scene. An empty hash fits any scene.
@@ -165,9 +170,59 @@ class SceneModel(RefusesOldNames):
         return [support.body] if support.owner is None else self.subtree(support.owner)
 
     def joints(self, name: str) -> dict[str, int]:
-        """Return the ids of the joints inside an object or a robot, except freejoints, by their names inside it."""
-        found = self._inside(name, self.mjm.jnt_bodyid, self.mjm.joint)
-        return {local: i for local, i in found.items() if self.mjm.jnt_type[i] != mujoco.mjtJoint.mjJNT_FREE}
+        """Return the ids of the joints inside an object or a robot, except freejoints, by their names inside it.
+
+        The joint of each of the object's `parts` has the name of the part, too. If several joints match, it is the
+        first one. A part hides a joint of the same name.
+        """
+        every, config = self._inside(name, self.mjm.jnt_bodyid, self.mjm.joint), self.config.objects.get(name)
+        joints = {local: i for local, i in every.items() if self.mjm.jnt_type[i] != mujoco.mjtJoint.mjJNT_FREE}
+        if config is None or not config.parts:
+            return joints
+        bodies = {
+            self.mjm.body(self.mjm.jnt_bodyid[i]).name.removeprefix(self._prefix(name)): i for i in joints.values()
+        }
+        found = {local: i for local, i in joints.items() if local not in config.parts}
+        for part in config.parts:
+            word = config.joint_of(part, variant_of(name))
+            ids = [of[local] for of in (joints, bodies) for local in of if word and fnmatch.fnmatch(local, word)]
+            if ids:
+                found[part] = ids[0]
+        return found
+
+    def check_parts(self) -> None:
+        """Check that each name and pattern in `parts` matches a joint of one of its variants.
+
+        Raises:
+            UnknownNameError: A name or a pattern matches no joint.
+        """
+        users: dict[tuple[str, str, str], list[str]] = {}
+        for name, config in self.config.objects.items():
+            for part in config.parts:
+                if word := config.joint_of(part, variant_of(name)):
+                    users.setdefault((self.config.owners.get(name, name), part, word), []).append(name)
+        for (owner, part, word), names in users.items():
+            known = {joint for name in names for joint in self.joints(name)}
+            if part not in known:
+                raise UnknownNameError("joint", word, f"{self.config.where}: objects.{owner}.parts.{part}", known)
+
+    def joints_named(self, name: str, joint: str) -> dict[str, int | None]:
+        """Return the id of a joint or a part in each variant of an object, by their full names, or only in `name`.
+
+        It is None if a variant lacks the joint.
+        """
+        return {one: self.joints(one).get(joint) for one in self.config.variants.get(name, (name,))}
+
+    def shared_parts(self, name: str) -> list[SharedPart]:
+        """Return the bodies that the variants of an object share in the simulation."""
+        members = self.config.variants[name]
+        named = {
+            int(self.mjm.jnt_bodyid[joint]): part
+            for member in members
+            for part in self.config.objects[member].parts
+            if (joint := self.joints(member).get(part)) is not None
+        }
+        return shared_parts(self.mjm, [self.bodies[member] for member in members], named)
 
     def sites(self, name: str) -> dict[str, int]:
         """Return the ids of the sites inside an object or a robot, by their names inside it."""
@@ -197,13 +252,11 @@ class SceneModel(RefusesOldNames):
     def resolve_joints(self, name: str, words: Mapping[str, JointConfig], where: str) -> dict[int, JointConfig]:
         """Return joint id -> its config, as `joint_configs` does, but with `words` as the names and patterns."""
         joints, following = self.joints(name), {c.follower: c for c in self.couplings}
-        siblings = self.config.variants.get(self.config.owners.get(name, ""), ())
-        others = {joint for other in siblings for joint in self.joints(other)}
         found: dict[int, JointConfig] = {}
         for word in sorted(words, key=lambda word: word not in joints):  # names first, then patterns as written
             ids = [joints[joint] for joint in ([word] if word in joints else fnmatch.filter(joints, word))]
-            if not ids and not fnmatch.filter(others, word):
-                raise UnknownNameError("joint", word, where, {*joints, *others})
+            if not ids:
+                self._check_known(self.config.owners.get(name, name), word, where)
             if ids and all(i in following for i in ids):
                 refuse_follower(self._joint_name, following[ids[0]], f"{where}.{word}")
             for i in ids:
@@ -211,6 +264,12 @@ class SceneModel(RefusesOldNames):
                     found[i] = words[word]
                     check_joint(self.mjm, self.home_qpos, i, self._joint_name(i), words[word], f"{where}.{word}")
         return dict(sorted(found.items()))
+
+    def _check_known(self, name: str, word: str, where: str) -> None:
+        """Check that a joint of an object, or of any of its variants, has a name or matches a pattern."""
+        members = self.config.variants.get(name, (name,))
+        if not any(fnmatch.filter(self.joints(member), word) for member in members):
+            raise UnknownNameError("joint", word, where, {joint for one in members for joint in self.joints(one)})
 
     def named_joints(self) -> list[int]:
         """Return the joints that the scene draws by name, not by a pattern."""

@@ -1,6 +1,7 @@
 """The bodies of the tree that all variants of an object share in the simulation."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from itertools import count
 from typing import NamedTuple
 
 import mujoco
@@ -29,26 +30,30 @@ class SharedPart(NamedTuple):
         return f"{owner}/{self.label}" if self.label else owner
 
 
-def shared_parts(mjm: mujoco.MjModel, roots: Sequence[int]) -> list[SharedPart]:
+def shared_parts(mjm: mujoco.MjModel, roots: Sequence[int], named: Mapping[int, str]) -> list[SharedPart]:
     """Match the bodies of variants, parents before their children.
 
-    Below each part, bodies with the same kind of joint are matched in their order: the first drawer of a variant and
-    the first drawer of any other variant are the same part.
+    Below each part, bodies with the same kind of joint are matched: first by their names in `named`, then in their
+    order. So without names, the first drawer of a variant and the first drawer of any other variant are the same part.
 
     Args:
         mjm: The model with all variants.
         roots: The root bodies of the variants of one object.
+        named: Body -> the name that the scene file gives to it in `parts`.
     """
-    parts = [SharedPart("", -1, tuple(roots))]
+    parts, unused = [SharedPart("", -1, tuple(roots))], [-1] * len(roots)
     for number, part in enumerate(parts):  # grows while it is read
+        levels = [[(_label(mjm, i), named.get(i), i) for i in _children(mjm, body)] for body in part.bodies]
+        names = list(dict.fromkeys((label, name) for level in levels for label, name, _ in level if name is not None))
         below: dict[tuple[str, int], list[int]] = {}
-        for variant, body in enumerate(part.bodies):
-            children = _children(mjm, body)
-            labels = [_label(mjm, child) for child in children]
-            for i, (label, child) in enumerate(zip(labels, children, strict=True)):
-                below.setdefault((label, labels[:i].count(label)), [-1] * len(roots))[variant] = child
-        for (label, count), bodies in below.items():
-            name = f"{label}_{count}"
+        for variant, level in enumerate(levels):
+            for label, name, child in sorted(level, key=lambda each: each[1] is None):
+                same = [one for kind, one in names if kind == label]
+                free = (i for i in count() if below.get((label, i), unused)[variant] < 0)
+                place = next(free) if name is None else same.index(name)
+                below.setdefault((label, place), [-1] * len(roots))[variant] = child
+        for (label, place), bodies in below.items():
+            name = f"{label}_{place}"
             parts.append(SharedPart(f"{part.label}/{name}" if part.label else name, number, tuple(bodies)))
     return parts
 

@@ -20,8 +20,9 @@ from sceniris_gym.config.variants import owners_of
 from sceniris_gym.errors import ModelWarning, NotSupportedError, SceneFileError, SceneKeyError, ScenirisError
 from sceniris_gym.progress import tell
 from sceniris_gym.scene.assemble import attach_variants, compile_spec
+from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.scene.overview import HIDDEN_GROUP, VISIBLE_GROUPS, picture_groups
-from sceniris_gym.scene.shared_parts import misfit, shared_parts
+from sceniris_gym.scene.shared_parts import misfit
 from sceniris_gym.scene.support import subtree
 
 MESH = int(mujoco.mjtGeom.mjGEOM_MESH)
@@ -37,9 +38,15 @@ _REFERENCES = {
     "pairs": ("geomname1", "geomname2"),
     "equalities": ("name1", "name2"),
     "sensors": ("objname", "refname"),
-    "actuators": ("target",),
+    "actuators": ("target", "refsite", "slidersite"),
     "cameras": ("targetbody",),
     "lights": ("targetbody",),
+}
+# Fields with the body of each element that a tendon may pass, by the kind of the element.
+_PASSED = {
+    mujoco.mjtWrap.mjWRAP_JOINT: "jnt_bodyid",
+    mujoco.mjtWrap.mjWRAP_SITE: "site_bodyid",
+    **dict.fromkeys((mujoco.mjtWrap.mjWRAP_SPHERE, mujoco.mjtWrap.mjWRAP_CYLINDER), "geom_bodyid"),
 }
 _TOLD = 5  # most files of an object that a warning names
 
@@ -77,19 +84,18 @@ class SharedBodies:
     variants of an object.
 
     Args:
-        full: The first assembly, compiled.
-        variants: Object -> names of its variants, which are bodies.
-        where: The text at the beginning of error messages.
+        scene: The first assembly.
 
     Raises:
         SceneKeyError: All contact bits are in use.
     """
 
-    def __init__(self, full: mujoco.MjModel, variants: Mapping[str, tuple[str, ...]], where: str) -> None:
-        self._full, self._variants, self._where = full, variants, where
+    def __init__(self, scene: SceneModel) -> None:
+        self._scene, self._full, self._where = scene, scene.mjm, scene.config.where
+        full = scene.mjm
         self._hulls = {
             full.mesh(int(full.geom_dataid[geom])).name
-            for member in owners_of(variants)
+            for member in scene.config.owners
             for body in subtree(full, full.body(member).id)
             for geom in _geoms(full, body)
             if full.geom_type[geom] == MESH and full.geom_contype[geom] | full.geom_conaffinity[geom]
@@ -98,7 +104,7 @@ class SharedBodies:
     def add(self, spec: mujoco.MjSpec, name: str) -> None:
         """Add the bodies that an object's variants share."""
         mjm, made = self._full, []
-        for part in shared_parts(mjm, [mjm.body(member).id for member in self._variants[name]]):
+        for part in self._scene.shared_parts(name):
             there = [body for body in part.bodies if body >= 0]
             parent = spec.worldbody if part.parent < 0 else made[part.parent]
             # With this inertia, the body is not simple: MuJoCo omits elements of a simple body's mass matrix.
@@ -221,6 +227,8 @@ def check_variants(
         for element in getattr(spec, kind)
         for field in fields
     ]
+    passed = [(_PASSED.get(mujoco.mjtWrap(kind)), i) for kind, i in zip(mjm.wrap_type, mjm.wrap_objid, strict=True)]
+    named += [("tendons", mjm.body(getattr(mjm, field)[i]).name) for field, i in passed if field is not None]
     for name in owners_of(variants):
         at, body = f"{where}: objects.{without_support(name)}", mjm.body(name).id
         cure = (
@@ -234,8 +242,11 @@ def check_variants(
             raise NotSupportedError(f"{at}: {wrong}, because the variants of a fixture share their joints.")
         geoms = np.flatnonzero(np.isin(mjm.geom_bodyid, bodies))
         height_fields = mjm.geom_type[geoms] == mujoco.mjtGeom.mjGEOM_HFIELD
-        if np.any(mjm.geom_plugin[geoms] >= 0) or np.any(mjm.geom_fluid[geoms]) or np.any(height_fields):
-            raise NotSupportedError(f"{at}: has geoms with plugins, height fields or fluid forces, but {cure}.")
+        plugins = np.any(mjm.geom_plugin[geoms] >= 0) or np.any(mjm.body_plugin[bodies] >= 0)
+        if plugins or np.any(mjm.geom_fluid[geoms]) or np.any(height_fields):
+            raise NotSupportedError(
+                f"{at}: has bodies or geoms with plugins, height fields or fluid forces, but {cure}."
+            )
         for kind, other in named:
             if other == name or other.startswith(f"{name}/"):
                 raise NotSupportedError(f"{at}: is named as '{other}' by one of the model's {kind}, but {cure}.")

@@ -16,7 +16,7 @@ from sceniris_gym.program.device import copied
 from sceniris_gym.program.plan import slot_names
 from sceniris_gym.scene.draws import nominal_values
 from sceniris_gym.scene.model import SceneModel
-from sceniris_gym.scene.shared_parts import SharedPart, shared_parts
+from sceniris_gym.scene.shared_parts import SharedPart
 from sceniris_gym.scene.variants import places_of_geoms
 from sceniris_gym.sim.write import Poses, poses_of
 
@@ -250,10 +250,9 @@ def _words(scene: SceneModel, arrays: Sequence[wp.array]) -> list[wp.array]:
     `arrays` has the fields of the Model, followed by the nominal copies of these fields.
     """
     names, words, columns = fields_of_variants(scene), [], []
-    for k, (name, members) in enumerate(scene.config.variants.items()):
-        bodies = [scene.bodies[member] for member in members]
+    for k, name in enumerate(scene.config.variants):
         for is_copy in (False, True):
-            for field, i, values, held in _rows(scene, name, bodies, seen=is_copy):
+            for field, i, values, held in _rows(scene, name, seen=is_copy):
                 number = names.index(field) + is_copy * len(names)
                 # only this writer changes the copies, so words that are equal in all variants stay valid there
                 differs = (values != held).any(axis=0) | (not is_copy or field == "geom_rgba")
@@ -269,14 +268,14 @@ def _words(scene: SceneModel, arrays: Sequence[wp.array]) -> list[wp.array]:
     return [wp.array(table, dtype=int), *(wp.array(rows, dtype=dtype) for rows, dtype in structs)]
 
 
-def _rows(scene: SceneModel, name: str, bodies: list[int], *, seen: bool) -> list[tuple[str, int, Any, Any]]:
+def _rows(scene: SceneModel, name: str, *, seen: bool) -> list[tuple[str, int, Any, Any]]:
     """Return the values that each variant of an object writes into the elements of the simulated model.
 
     An entry has the name of the field, the id of the element (a body, a geom or a degree of freedom), its value in each
     variant, as 32-bit words, shape (nvariant, width), and its initial value, shape (width,). If `seen`, colours are the
     visible colours, which may come from materials.
     """
-    found, parts = [], [_elements(scene, part, name) for part in shared_parts(scene.mjm, bodies)]
+    found, parts = [], [_elements(scene, part, name) for part in scene.shared_parts(name)]
     for field in fields_of_variants(scene):
         kind = "qpos" if field.startswith("qpos") else field.partition("_")[0]
         theirs, ours = getattr(scene.mjm, field), getattr(scene.sim.mjm, field)

@@ -18,6 +18,7 @@ from sceniris_gym.sim.versions import actuator_controls
 from sceniris_gym.vector import rotations
 from sceniris_gym.vector.base_frame import base_frame
 from sceniris_gym.vector.names import SLIDE, Joints, find_body, find_element, find_free_dof, find_joints, unknown
+from sceniris_gym.vector.parts import JointReading, PartGrasps
 from sceniris_gym.vector.statistics import finite_rows
 from sceniris_gym.vector.variants import Boxes, TargetGrasps, VariantView
 
@@ -154,13 +155,43 @@ class Readings(RefusesOldNames):
         """Return velocities [m/s or rad/s] of the joints whose positions `qpos` returns, in the same shape."""
         return self._qvel[:, self._span("qvel", name)]
 
-    def grasp(self, name: str) -> Tensor:
+    def joint(self, name: str, joint: str) -> Tensor:
+        """Return the position [m or rad] of a joint, and its share of the joint's range, shape (num_envs, 2).
+
+        The share is from 0 to 1. It is NaN for a joint without limits. Both numbers are NaN in worlds where the present
+        variant of the object lacks the joint.
+
+        Args:
+            name: An object or a robot.
+            joint: A slide or a hinge by its name inside it, or one of the object's `parts`, which may be another joint
+                in each variant.
+
+        Raises:
+            UnknownNameError: The scene has no such object, or no variant has such a joint.
+        """
+        reading = self._once(lambda: JointReading(self.variants, name, joint, "State.joint"), "part", name, joint)
+        return reading.read(self._qpos, wp.to_torch(self._batch.model.jnt_range))
+
+    def grasp(self, name: str, *, part: str | None = None) -> Tensor:
         """Return the TCP pose of the grasp with which the arm reaches an object, shape (num_envs, 7).
 
         Position [m] and orientation (wxyz). The gripper approaches along the +z axis of this pose, and its fingers
         close along the +y axis. The layout determines the grasp, and the pose moves with the object. It is NaN in
         worlds where the object is absent, or where its present variant does not have to be reachable.
+
+        Args:
+            name: The object.
+            part: A joint, as in `joint`. The result then has the poses of all grasp sites `grasp_*` on the bodies that
+                the joint moves, shape (num_envs, n, 7), NaN where the present variant has fewer than n. The object need
+                not be reachable. A gripper that is rotated by 180 degrees about an approach axis grasps as well.
+
+        Raises:
+            UnknownNameError: The scene has no such reachable object, or no such part.
+            ArgumentError: The part has no grasp sites.
         """
+        if part is not None:
+            grasps = self._once(lambda: PartGrasps(self.variants, name, part, "State.grasp"), "at", name, part)
+            return grasps.pose(self._base, self._xpos, self._xquat)
         return self._target(name, "grasp").pose(self._base, self._xpos, self._xquat)
 
     def grasp_qpos(self, name: str) -> Tensor:

@@ -76,6 +76,31 @@ def test_a_unit_has_only_limited_joints_right_below_its_root(units: list[Path]):
         assert not (model.neq, model.ntendon, model.nu, model.nsensor, model.nmesh, model.nkey) > (0,) * 6
 
 
+def test_handles_of_doors_turn(folder: Path, units: list[Path], tmp_path: Path):
+    """The units differ in nothing else: each door has a handle on a hinge, at its bar, that no other part touches."""
+    manifest = sceniris_gym.furniture(tmp_path / "turning", n=24, seed=7, turning=True)
+    found = 0
+    for path, unit in zip(units, manifest["units"], strict=True):
+        (model, data), (before, _) = load(tmp_path / "turning" / path.name), load(path)
+        fronts = [before.joint(i) for i in range(before.njnt)]
+        doors = [joint.name for joint in fronts if joint.type[0] == mujoco.mjtJoint.mjJNT_HINGE and joint.name != "lid"]
+        joints = {model.joint(i).name: model.joint(i) for i in range(model.njnt)}
+        assert {*joints} == {joint.name for joint in fronts} | {f"{door}_handle" for door in doors}
+        assert (model.body(1).mass, unit["size"]) == (before.body(1).mass, pytest.approx(unit["size"]))
+        for door in doors:
+            handle = joints[f"{door}_handle"]
+            assert model.body(model.body(handle.bodyid[0]).parentid[0]).name == door
+            np.testing.assert_allclose(data.xanchor[handle.id], data.geom(f"{door}_handle_bar").xpos, atol=0.05)
+            np.testing.assert_allclose(np.abs(data.xaxis[handle.id]), [0.0, 1.0, 0.0], atol=1e-9)
+            spec = mujoco.MjSpec.from_file(str(tmp_path / "turning" / path.name))
+            for other in doors:
+                spec.add_exclude(bodyname1=other, bodyname2=f"{other}_handle")
+            apart, where = deepest(turned := spec.compile(), opened(turned))
+            assert apart > DEEPEST, f"{path.stem}: {where}"
+            found += 1
+    assert found > 12
+
+
 def test_masses_are_those_of_furniture(units: list[Path]):
     """A front with its box weighs a few kilograms, a unit what two people carry."""
     for path in units:

@@ -13,12 +13,26 @@ from sceniris_gym import cli
 
 def test_the_command_writes_what_the_function_writes(tmp_path: Path, capsys: pytest.CaptureFixture):
     """And prints the manifest's path and the number of units of each kind."""
-    cli.main(["furniture", "--num", "7", "--seed", "3", "--height", "0.85", "-o", str(tmp_path / "units"), "--json"])
+    cli.main(
+        [
+            "furniture",
+            "--num",
+            "7",
+            "--seed",
+            "3",
+            "--height",
+            "0.85",
+            "--turning",
+            "-o",
+            str(tmp_path / "units"),
+            "--json",
+        ]
+    )
     told = json.loads(capsys.readouterr().out)
     assert told["manifest"] == str(tmp_path / "units" / "manifest.json")
     assert told["units"]["base_drawers"] == 2
     assert sum(told["units"].values()) == 7
-    manifest = sceniris_gym.furniture(tmp_path / "same", n=7, seed=3, height=0.85)
+    manifest = sceniris_gym.furniture(tmp_path / "same", n=7, seed=3, height=0.85, turning=True)
     assert json.loads((tmp_path / "units" / "manifest.json").read_text()) == json.loads(json.dumps(manifest))
     for path in (tmp_path / "same").glob("*.xml"):
         assert (tmp_path / "units" / path.name).read_bytes() == path.read_bytes()

@@ -238,7 +238,42 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
         r"other\.scale: .* should be from 0\.01 to 100",
     ),
     "a scale": ({"objects.other": {"asset": "can", "scale": ["big"], "on": "table"}}, "a list of numbers"),
+    "a part that a variant lacks": (
+        {"objects.target.parts": {"lid": {"can": "top"}}},
+        r"objects\.target\.parts\.lid: .*should have a joint for 'mug', null if it has none, or .*'default'",
+    ),
+    "a part of no variant": (
+        {"objects.target.parts": {"lid": {"default": "top", "cn": "top"}}},
+        r"objects\.target\.parts\.lid\.cn: 'top' .*its key names no variant\. Did you mean 'can'",
+    ),
+    "a variant of an object without variants": (
+        {"objects.apple.parts": {"lid": {"default": "top", "can": "top"}}},
+        r"objects\.apple\.parts\.lid\.can: .*names no variant",
+    ),
+    "a part that is a number": ({"objects.target.parts": {"lid": 3}}, r"parts\.lid: 3 should be a mapping of names"),
+    "a joint that is a number": (
+        {"objects.target.parts": {"lid": {"default": 3}}},
+        r"parts\.lid\.default: 3 should be a name",
+    ),
+    "the name of a part": ({"objects.target.parts": {"a b": "top"}}, r"parts\.a b: .*should be a name of letters"),
 }
+
+
+def test_a_part_has_a_joint_for_each_variant():
+    """The variant's name goes before patterns, and patterns before `default`; a variant may have its own."""
+    parts = {"lid": {"default": "top", "m*": "flap", "mug": "cover", "can": None}, "door": "door_*"}
+    config = with_target({"asset": ["can", "mug", "bowl", "milk"], "on": "table", "parts": parts})
+    joints = [config.objects[f"target/{name}"].joint_of("lid", name) for name in ("can", "mug", "bowl", "milk")]
+    assert joints == [None, "cover", "top", "flap"]
+    assert config.objects["target/mug"].joint_of("door", "mug") == "door_*"
+    own = SceneConfig.load(config, {"objects.target/can": {"parts": {"lid": "cap"}}})
+    assert own.objects["target/can"].joint_of("lid", "can") == "cap"
+    without = config.without(["target/mug"])
+    assert [part.joint_of("lid", name[7:]) for name, part in without.objects.items() if name[:7] == "target/"] == [
+        None,
+        "top",
+        "flap",
+    ]
 
 
 @pytest.mark.parametrize("name", WRONG)

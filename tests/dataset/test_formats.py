@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from sceniris_gym.config.loader import shipped
 from sceniris_gym.dataset import manifest
 from sceniris_gym.dataset.formats import check_formats, parse_formats
 from sceniris_gym.dataset.manifest import DatasetPlan
@@ -20,6 +21,7 @@ from sceniris_gym.errors import DatasetError, MissingExtraError, UnknownNameErro
 from sceniris_gym.program.compiled import CompiledScene
 from tests.layout.scenes import compile_on_cpu
 
+ASSETS = shipped("assets", ".xml")
 ALL = ("json", "npz", "usd")
 
 
@@ -83,6 +85,53 @@ def test_states_by_name_are_those_of_mujoco(scene: str, tmp_path: Path):
         for joint in np.flatnonzero(mjm.jnt_type >= int(mujoco.mjtJoint.mjJNT_SLIDE)):
             name, position = mjm.joint(joint).name, rows["qpos"][i, mjm.jnt_qposadr[joint]]
             assert np.float32(layout["joints"][name]) == arrays[f"joint/{name}"][i] == position
+
+
+OPENS = {"cabinet": "upper", "cupboard": "door", "chest": "lid", "shelf": None}
+"""Unit -> the joint that its part `opening` is."""
+
+
+def test_stock_models_and_parts_are_those_of_each_layouts_own_unit(tmp_path: Path):
+    """In the scene for MuJoCo, the present unit moves as its own file, and the others are far away.
+
+    Joints and parts have NaN, or null in JSON, in rows without the unit that has them.
+    """
+    words = {"asset": [*OPENS], "kind": "fixture", "on": "floor", "region": {"box": [[-1, -1], [1, 1]]}}
+    words |= {"parts": {"opening": dict(OPENS)}, "joints": {"opening": {"fraction": [0.2, 0.9]}}}
+    compiled = compile_on_cpu({"bank": 4, "floor": {"size": [8, 8]}, "objects": {"unit": words}})
+    write(compiled, tmp_path)
+    rows, arrays = np.load(tmp_path / "layouts-00000.npy"), np.load(tmp_path / "layouts-00000.npz")
+    layouts, seen = json.loads((tmp_path / "layouts-00000.json").read_text()), set()
+    with (tmp_path / "scene.zip").open("rb") as file:
+        mjm = mujoco.MjSpec.from_zip(file).compile()
+    data, models = mujoco.MjData(mjm), {name: mujoco.MjModel.from_xml_path(str(ASSETS[name])) for name in OPENS}
+    for i, layout in enumerate(layouts):
+        data.qpos[:], data.mocap_pos[:], data.mocap_quat[:] = (rows[name][i] for name in manifest.STATE)
+        mujoco.mj_kinematics(mjm, data)
+        (unit,) = (name.removeprefix("unit/") for name, there in layout["present"].items() if there)
+        own, opening, joints = models[unit], OPENS[unit], dict.fromkeys(layout["joints"], np.nan)
+        alone = mujoco.MjData(own)
+        own.body_pos[1], own.body_quat[1] = layout["poses"][f"unit/{unit}"][:3], layout["poses"][f"unit/{unit}"][3:]
+        for joint in range(own.njnt):
+            name = own.joint(joint).name
+            alone.qpos[own.jnt_qposadr[joint]] = joints[f"unit/{unit}/{name}"] = layout["joints"][f"unit/{unit}/{name}"]
+            if name == opening:
+                low, high = own.jnt_range[joint]
+                joints["unit/opening"] = alone.qpos[own.jnt_qposadr[joint]]
+                assert 0.2 - 1e-6 <= (joints["unit/opening"] - low) / (high - low) <= 0.9 + 1e-6
+        assert {name: np.nan if q is None else q for name, q in layout["joints"].items()} == pytest.approx(
+            joints, nan_ok=True
+        )
+        assert {name: arrays[f"joint/{name}"][i] for name in joints} == pytest.approx(joints, nan_ok=True)
+        mujoco.mj_kinematics(own, alone)
+        for other in OPENS:
+            if other != unit:
+                assert np.abs(data.body(f"unit/{other}").xpos[:2]).max() > 30.0
+        for body in range(2, own.nbody):
+            found = data.body(f"unit/{unit}/{own.body(body).name}")
+            np.testing.assert_allclose(found.xpos, alone.xpos[body], atol=1e-6)
+        seen.add(unit)
+    assert seen == {*OPENS}
 
 
 def test_all_formats_are_resumed_shared_and_verified(tmp_path: Path):

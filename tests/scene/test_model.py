@@ -27,6 +27,20 @@ def test_supports_and_joints_are_found_by_their_names_inside_of_objects(folder: 
     ]
 
 
+def test_a_part_names_a_joint_by_its_name_a_pattern_or_its_body(folder: Path):
+    """The first joint that matches; a word of `joints` may be a part, which hides a joint of its name."""
+    parts = {"a": "*", "b": "slide", "c": "lid", "slide": "hinge"}
+    scene = build(folder, {"a": {"asset": "chest", "kind": "fixture", "parts": parts, "joints": {"b": {"value": 0.1}}}})
+    names = {scene.mjm.joint(j).name: j for j in range(scene.mjm.njnt)}
+    assert names.keys() == {"a/slide", "a/hinge"}
+    slide, hinge = names["a/slide"], names["a/hinge"]
+    assert scene.joints("a") == {"hinge": hinge, "a": min(slide, hinge), "b": slide, "c": hinge, "slide": hinge}
+    assert list(scene.joint_configs("a")) == [slide]
+    for wrong, message in {"lidd": "unknown joint 'lidd'.*Valid: hinge, slide", "z*": r"unknown joint 'z\*'"}.items():
+        with pytest.raises(UnknownNameError, match=rf"objects\.a\.parts\.b: {message}"):
+            build(folder, {"a": {"asset": "chest", "kind": "fixture", "parts": {"b": wrong}}})
+
+
 def test_the_hash_names_the_scene_in_every_process_and_place(folder: Path, tmp_path_factory: pytest.TempPathFactory):
     """Equal in another process and folder; another after a change of a knob, a name or a mesh."""
     objects = {"a": {"asset": "chest", "kind": "fixture", "on": "floor"}}

@@ -188,6 +188,19 @@ def test_a_snapshot_and_a_redraw_keep_the_units(compiled: CompiledScene):
     assert (after[:, can] != there[:, can]).mean() > 0.9
 
 
+def test_a_unit_starts_at_its_own_keyframe(tmp_path: Path):
+    """Joints that no word draws have the positions of the asset's keyframe `home`, others 0."""
+    geom, door = '<geom type="box" size=".1 .1 .1"/>', '<joint name="door" range="0 1" limited="true"/>'
+    body = f'<body name="odd">{geom}<body pos="0 0 .3">{door}{geom}</body></body>'
+    key = '<keyframe><key name="home" qpos=".5"/></keyframe>'
+    (tmp_path / "odd.xml").write_text(f"<mujoco><worldbody>{body}</worldbody>{key}</mujoco>")
+    unit = {"asset": ["cupboard", str(tmp_path / "odd.xml")], "kind": "fixture", "on": "floor"}
+    randomizer = simulated(compile_scene({"bank": 2, "floor": {"size": [4, 4]}, "objects": {"unit": unit}}, "cpu"))
+    starts = np.array([0.0, 0.5], np.float32)[randomizer.variants.numpy()]
+    assert len({*starts.ravel().tolist()}) == 2
+    np.testing.assert_array_equal(randomizer.data.qpos.numpy(), starts)
+
+
 def test_generated_furniture_is_one_object(tmp_path: Path):
     """A pattern of files: the shared tree has the joints of the unit with most; layouts keep a unit's own ranges."""
     sceniris_gym.furniture(tmp_path / "furniture", n=24, seed=3)

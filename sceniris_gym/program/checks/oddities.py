@@ -22,6 +22,8 @@ _SMALLEST, _LARGEST = 1.0e-3, 50.0
 _LONGEST, _HEAVIEST = 2.0, 100.0
 # A body's inertia is probably a placeholder if it is this many times as large as with all mass at its farthest corner.
 _PLACEHOLDER = 10.0
+# Most bodies by which the shared tree of variants exceeds the largest variant.
+_UNSHARED = 3
 # Greatest overlap [m] without a warning, for two geoms that layouts do not place: numbers in files are rounded.
 _SUNK = 1.0e-3
 # Remedy for an overlap that belongs to the model.
@@ -35,7 +37,8 @@ _FINE = 128.0
 def warn_of_oddities(plan: Plan) -> None:
     """Warn about parts of a scene that are probably unintended. All findings of a kind share one `ModelWarning`."""
     is_physics = plan.scene.config.geometry == "physics"
-    for kind in (_filled, _sizes, _turning, _sunk, _coarse) if is_physics else (_flat, _sizes, _turning, _coarse):
+    of_geometry = (_filled, _sunk) if is_physics else (_flat,)
+    for kind in (*of_geometry, _sizes, _turning, _coarse, _unshared):
         for text in kind(plan):
             warn(ModelWarning(f"{plan.scene.config.where}: {text}"))
 
@@ -89,6 +92,19 @@ def _sizes(plan: Plan) -> Iterator[str]:
             f"{_HEAVIEST:g} kg for free objects: {_some(found)}. Lengths are in metres: correct the asset's `scale`, "
             "e.g. 0.001 for a mesh in millimetres."
         )
+
+
+def _unshared(plan: Plan) -> Iterator[str]:
+    """Warn about fixtures whose variants share few bodies, because each kind of joint has separate ones."""
+    scene = plan.scene
+    for name, members in scene.config.variants.items():
+        shared, most = len(scene.shared_parts(name)), max(len(scene.subtree(member)) for member in members)
+        if shared > most + _UNSHARED:
+            yield (
+                f"objects.{name}: its variants need {shared} bodies in the simulation, but none has more than {most}. "
+                "Bodies are shared below the same parent, by slides or hinges, with or without limits: make joints "
+                "alike, or name them in 'parts'."
+            )
 
 
 def _turning(plan: Plan) -> Iterator[str]:

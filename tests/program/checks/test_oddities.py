@@ -60,6 +60,25 @@ def test_shipped_assets_give_no_warning():
         ), asset
 
 
+def test_variants_that_share_few_bodies_are_named(tmp_path: Path):
+    """Four doors without limits beside four with limits; three of them are as usual."""
+
+    def asset(name: str, count: int, limits: str) -> str:
+        box = '<geom type="box" size=".1 .1 .1" mass="1"/>'
+        doors = "".join(f'<body pos="0 0 {i + 1}"><joint {limits}/>{box}</body>' for i in range(count))
+        (tmp_path / f"{name}.xml").write_text(
+            f'<mujoco><worldbody><body name="{name}">{box}{doors}</body></worldbody></mujoco>'
+        )
+        return str(tmp_path / f"{name}.xml")
+
+    unit = {"kind": "fixture", "region": {"box": [[0, 0, 0], [1, 1, 0]]}}
+    for count, told in ((3, 0), (4, 1)):
+        files = [asset(f"a{count}", count, 'range="0 1" limited="true"'), asset(f"b{count}", count, "")]
+        found = warned({"unit": {**unit, "asset": files}})
+        assert len(found) == told, found
+    assert "objects.unit: its variants need 9 bodies in the simulation, but none has more than 5" in found[0]
+
+
 def test_faces_without_area_are_named_with_their_number(tmp_path: Path):
     """With the visual geometry alone, which has faces."""
     vertices = " ".join(f"{v}" for corner in _CORNERS for v in corner)
