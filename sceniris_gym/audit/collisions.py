@@ -79,6 +79,8 @@ def judged_pairs(
             because `ContactAudit` judges them.
     """
     mjm = tree.mjm
+    contype, conaffinity, margins = mjm.geom_contype.tolist(), mjm.geom_conaffinity.tolist(), mjm.geom_margin.tolist()
+    body_of, excludes = mjm.geom_bodyid.tolist(), {*mjm.exclude_signature.tolist()}
     touching = {frozenset(mjm.geom_bodyid[list(geoms)].tolist()) for geoms in at_home if geometry == "visual"}
     explicit = {frozenset(p): float(m) for *p, m in zip(mjm.pair_geom1, mjm.pair_geom2, mjm.pair_margin, strict=True)}
     moved = None if placed is None else {*placed, *jointed}
@@ -86,7 +88,7 @@ def judged_pairs(
     for first in range(len(solids)):
         for second in range(first + 1, len(solids)):
             geoms = solids[first].geom, solids[second].geom
-            body1, body2 = (int(mjm.geom_bodyid[g]) for g in geoms)
+            body1, body2 = (body_of[g] for g in geoms)
             owners = tree.owner[body1], tree.owner[body2]
             own = owners[0] == owners[1]
             if not (tree.movable[body1] or tree.movable[body2]) or (own and owners[0] not in jointed):
@@ -97,14 +99,14 @@ def judged_pairs(
                 continue
             margin = explicit.get(frozenset(geoms))
             if margin is None:
-                excluded = (min(body1, body2) << 16) + max(body1, body2) in mjm.exclude_signature
+                excluded = (min(body1, body2) << 16) + max(body1, body2) in excludes
                 g, h = geoms
-                bits = mjm.geom_contype[g] & mjm.geom_conaffinity[h] | mjm.geom_contype[h] & mjm.geom_conaffinity[g]
+                bits = contype[g] & conaffinity[h] | contype[h] & conaffinity[g]
                 if excluded or (geometry == "physics" and not bits):
                     continue
                 if (own or not (tree.fixture[body1] or tree.fixture[body2])) and _filtered(mjm, body1, body2):
                     continue
-                margin = float(mjm.geom_margin[list(geoms)].sum())
+                margin = margins[g] + margins[h]
             keeps = not own and (placed is None or bool({*owners} & {*placed}))
             clearance = max(clearances.get(owner, 0.0) for owner in owners) if keeps else 0.0
             judged.append(Judged(first, second, clearance, owners, margin if geometry == "physics" else 0.0))

@@ -127,7 +127,8 @@ def _off_beside(relation: Beside, name: str, scene: JudgedScene, seen: Seen) -> 
     The alignment is wrong by the distance that the narrower object sticks out beyond an end of the wider object. With
     `align`, it is wrong by the distance between the two ends at this side, or between the two middles.
     """
-    by_root = {n: seen.roots[n] for n in scene.config.joined_by_root(name, relation) if n in seen.roots}
+    joined, owners = scene.config.joined_by_root(name, relation), scene.config.owners
+    by_root = {n: seen.roots[n] for one in joined for n in (one, owners.get(one, one)) if n in seen.roots}
     own, anchor = (by_root.get(n, seen.outlines[n]) for n in (name, relation.beside))
     heading = _heading(relation, name, scene, seen)
     side = np.stack([np.cos(heading), np.sin(heading)], 1)
@@ -170,9 +171,13 @@ def _heading(relation: Relation, name: str, scene: JudgedScene, seen: Seen) -> n
 def _site(name: str, word: str, scene: JudgedScene, seen: Seen) -> tuple[np.ndarray, np.ndarray]:
     """Return the position [m] of an object's site and the site's x axis, both seen from above, shape (nrow, 2)."""
     mjm, poses = scene.mjm, seen.poses
-    inside = mjm.body(scene.bodies[name]).name.rpartition("/")[0] or name
-    sites = {mjm.site(i).name: i for i in range(mjm.nsite)}
-    site = sites[f"{inside}/{word}" if f"{inside}/{word}" in sites else word]
+    if members := scene.config.variants.get(name):
+        there = np.argmax([seen.present[member] for member in members], axis=0), np.arange(len(poses.xpos))
+        at, x = zip(*(_site(member, word, scene, seen) for member in members), strict=True)
+        return np.stack(at)[there], np.stack(x)[there]
+    root, sites = mjm.body(scene.bodies[name]).name, {mjm.site(i).name: i for i in range(mjm.nsite)}
+    prefixes = f"{root}/", f"{root.rpartition('/')[0] or name}/", ""
+    site = next(sites[prefix + word] for prefix in prefixes if prefix + word in sites)
     body = int(mjm.site_bodyid[site])
     at = poses.xpos[:, body] + poses.xmat[:, body] @ mjm.site_pos[site]
     return at[:, :2], (poses.xmat[:, body] @ rotation(mjm.site_quat[site])[:, 0])[:, :2]

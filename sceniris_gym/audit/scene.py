@@ -101,11 +101,15 @@ class JudgedScene:
             Object name -> corners, shape (n, 3).
         """
         parts: dict[str, list[np.ndarray]] = {name: [] for name in self.placed}
+        found: dict[tuple, np.ndarray] = {}  # equal solids, such as the handles of furniture, are many
         for solid in solids:
             name = self.owner(solid)
             if name in parts and solid.form is not Form.HALFSPACE:
                 pos, mat = self.at_home(solid.geom, self.bodies[name])
-                parts[name].append(surface_of(solid)[0] @ mat.T + pos)
+                shape = solid.form, solid.radius, solid.size.tobytes(), solid.vertices.tobytes()
+                if shape not in found:
+                    found[shape] = surface_of(solid)[0]
+                parts[name].append(found[shape] @ mat.T + pos)
         return {
             name: convex_hull(np.concatenate(points))[0] if points else np.zeros((1, 3))
             for name, points in parts.items()
@@ -152,7 +156,8 @@ class Seen:
     Attributes:
         poses: The poses in the rows.
         outlines: Object name -> its outline.
-        roots: The same for upright fixtures and static objects with drawn joints, without parts that joints move.
+        roots: The same for upright fixtures and static objects with drawn joints, without parts that joints move, and
+            for objects with variants.
         present: Object name -> mask of the rows with the object, shape (nrow,).
         support_heading: Object name -> heading of the support's x axis [rad], shape (nrow,). 0 on the floor and in the
             air.
@@ -197,8 +202,9 @@ class Outlines:
         roots = {name: self._of_solids(outlines[name], name, own, poses) for name, own in self._still.items() if own}
         for name, members in self.scene.config.variants.items():  # relations name the object, not its variants
             there = np.argmax([present[member] for member in members], axis=0), np.arange(len(poses.xpos))
-            own = [outlines[member] for member in members]
-            outlines[name] = Outline(*(np.stack([getattr(o, f.name) for o in own])[there] for f in fields(Outline)))
+            for found in (roots, outlines):
+                own = [found.get(member, outlines[member]) for member in members]
+                found[name] = Outline(*(np.stack([getattr(o, f.name) for o in own])[there] for f in fields(Outline)))
         return Seen(poses, outlines, roots, present, headings)
 
     def outline(self, name: str, poses: Poses) -> Outline:

@@ -108,11 +108,6 @@ def _most_together(scene: SceneWords, members: Sequence[str]) -> int:
 
 def _check_references(scene: SceneWords, name: str, part: ObjectConfig, where: str) -> None:
     """Check that an object refers to objects that are present whenever it is, or that its references may be dropped."""
-    if part.joined_to in scene.variants:
-        raise SceneKeyError(
-            f"{where}.relations: '{part.joined_to}' has variants with different sites. Join this "
-            "object to an object without variants."
-        )
     for path, other in part.references:
         if other in scene.owners:
             raise SceneKeyError(

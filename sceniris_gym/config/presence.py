@@ -183,7 +183,7 @@ class Presence:
         """Return whether an object or a group, given by its name or its key, is present in every layout."""
         if (key := self.key(name)) not in self.groups:
             return key not in self.absent
-        return self.is_sure_with(key, map(min, *map(self.groups[key].weights_in, SPLITS)))
+        return all(self.is_sure_with(key, self.groups[key].weights_in(split)) for split in SPLITS)
 
     def is_sure_with(self, key: str, weights: Iterable[float]) -> bool:
         """Return whether a group is present in every layout with these weights of its members."""

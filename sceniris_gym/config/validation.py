@@ -143,12 +143,6 @@ def _check_reference(scene: SceneWords, where: str, name: str, other: str) -> No
             f"{where}: '{other}' may lie on its side, where its heading has no meaning. Write 'fixed' or a yaw as its "
             "orientation, or name another object."
         )
-    is_open = other in scene.variants and any(part.is_open_furniture for part in parts)
-    if where.endswith(".beside") and is_open and scene.objects[name].kind in ("fixture", "static"):
-        raise SceneKeyError(
-            f"{where}: '{other}' has variants with drawn joints, so the bounds of its root differ between worlds. "
-            f"Leave out the 'joints' of '{other}', or name an object without variants."
-        )
 
 
 def _check_members(scene: SceneWords, where: str) -> None:

@@ -166,15 +166,29 @@ def _beside(program: Program, rel: int, own: Placed, anchor: Placed, axis: float
 
 
 @wp.func
-def _joined(program: Program, rel: int, own: Placed, anchor: Placed) -> ResolvedRelation:
+def _joined(site: wp.vec3, its: wp.vec3, own: Placed, anchor: Placed) -> ResolvedRelation:
     """Return the region of `beside` with sites: the only pivot position at which the two sites meet.
 
     If the relation has a gap, the object's site meets a point at this distance from the anchor's site.
     """
-    sites = program.rel_sites[rel]
-    from_anchor = rotated_to(wp.vec2(sites[0], sites[1]), anchor.axis)
-    apex = anchor.at + from_anchor - rotated_to(wp.vec2(sites[2], sites[3]), own.axis)
+    from_anchor = rotated_to(wp.vec2(its[0], its[1]), anchor.axis)
+    apex = anchor.at + from_anchor - rotated_to(wp.vec2(site[0], site[1]), own.axis)
     return _strip(apex, wp.vec2(1.0, 0.0), -_LINE, _LINE, _LINE, 2.0 * _LINE)
+
+
+@wp.func
+def turn_to_sites(program: Program, obj: int, present: wp.array[int]) -> float:
+    """Return the angle [rad] by which an object's heading differs because the anchor's first variant is absent.
+
+    It is 0 for objects that are not joined at sites.
+    """
+    turn = float(0.0)
+    for rel in range(program.obj_reladr[obj], program.obj_reladr[obj] + program.obj_relnum[obj]):
+        if program.rel_type[rel] == RelationType.JOINED:
+            for i in range(program.rel_anchornum[rel]):
+                if is_there(present, program.rel_anchor[program.rel_anchoradr[rel] + i]):
+                    turn = program.rel_sites[rel, 1 + i][2]
+    return turn
 
 
 @wp.func
@@ -197,11 +211,13 @@ def resolve(
     adr = program.rel_anchoradr[rel]
     points = wp.zeros(shape=(MAX_ANCHORS,), dtype=wp.vec2)
     num = int(0)
+    last = int(0)  # of `beside`, the present variant of the anchor, if it has variants
     for i in range(program.rel_anchornum[rel]):
         column = program.rel_anchor[adr + i]
         if is_there(present, column):
             points[num] = wp.vec2(pivot_pose[column][0], pivot_pose[column][1])
             num += 1
+            last = i
     if program.rel_type[rel] == RelationType.BETWEEN:
         width = program.rel_width[rel]
         if width == OWN_WIDTH:
@@ -223,10 +239,10 @@ def resolve(
         return s
     anchor = load_placed(pivot_pose, bounds, program.rel_anchor[adr])
     if program.rel_type[rel] == RelationType.JOINED:
-        return _joined(program, rel, own, anchor)
+        return _joined(program.rel_sites[rel, 0], program.rel_sites[rel, 1 + last], own, anchor)
     if program.rel_type[rel] != RelationType.SECTOR:
         roots = program.rel_root[rel]
-        return _beside(program, rel, _with_bounds(own, roots[0]), _with_bounds(anchor, roots[1]), axis)
+        return _beside(program, rel, _with_bounds(own, roots[0]), _with_bounds(anchor, roots[1 + last]), axis)
     s.apex = anchor.at
     s.axis = axis
     s.half_angle = program.rel_half_angle[rel]

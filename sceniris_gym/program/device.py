@@ -182,7 +182,7 @@ class Program:
     rel_type: wp.array[int]  # a RelationType
     rel_anchoradr: wp.array[int]
     rel_anchornum: wp.array[int]
-    rel_anchor: wp.array[int]  # columns
+    rel_anchor: wp.array[int]  # columns. For `beside`, the slots of the anchor's variants follow.
     rel_frame: wp.array[int]  # column whose heading rotates the direction, or FRAME_*
     rel_heading: wp.array[float]
     rel_half_angle: wp.array[float]
@@ -191,8 +191,10 @@ class Program:
     rel_bounds: wp.array[bool]  # distances are between bounds, otherwise between pivots
     rel_width: wp.array[float]  # or OWN_WIDTH
     rel_beside: wp.array[wp.vec2]  # gap, and which ends are in line: 1 left of the direction, -1 right, 0 middles, FREE
-    rel_root: wp.array2d[wp.vec4]  # bounds of object and anchor for `beside`, or low x above high x for drawn bounds
-    rel_sites: wp.array[wp.vec4]  # xy from the pivots, at heading 0: the anchor's site and the gap, the object's site
+    # For `beside`, of the object, then of each entry in rel_anchor: bounds, or low x above high x for drawn bounds, and
+    # the site: xy from the pivot at heading 0, including the gap, and the angle from the first variant's site.
+    rel_root: wp.array2d[wp.vec4]
+    rel_sites: wp.array2d[wp.vec3]
     rel_piecenum: wp.array[int]
     rel_sideadr: wp.array[int]  # of the sides of its pieces, counted from the first side of its object
 

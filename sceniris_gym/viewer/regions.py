@@ -149,7 +149,7 @@ def relation_area(world: ShownWorld, name: str, relation: Relation) -> BaseGeome
     robots, roots = world.compiled.config.all_robots, world.compiled.plan.joined_bounds(world.own(name), relation)
     heading = relation.heading(robots) + _frame_heading(world, name, relation)
     standing = {other: world.standing(other) for other in (name, *there)}
-    own, *anchors = ((place, roots.get(other, bounds)) for other, (place, bounds) in standing.items())
+    own, *anchors = ((place, roots.get(world.own(other), bounds)) for other, (place, bounds) in standing.items())
     return area_of(relation, own, anchors, heading, robots)
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.errors import SceneKeyError
 from tests.oracle.presence import outcomes
 
 CAN = {"asset": "can", "on": "floor"}
@@ -100,6 +101,22 @@ def test_what_a_member_stands_on_is_implied():
     groups = {"some": {"of": ["lamp"], "count": [0, 1]}}
     config = SceneConfig.load({"floor": {"size": [2, 2]}, "objects": objects, "groups": groups})
     assert all(config.presence.implies(name, "lamp") for name in config.variants["banana"])
+
+
+def test_an_object_whose_variants_are_divided_among_the_splits_is_sure():
+    """Others may refer to it if each split has some. If a condition binds all of one split, it may be absent."""
+    variants: dict[str, dict[str, Any]] = {"can": {**CAN, "split": "train"}, "mug": {"asset": "mug", "split": "eval"}}
+    unit = {"on": "floor", "variants": variants}
+    near = {"relations": [{"near": "unit", "distance": {"max": 0.5}}]}
+    scene: dict[str, Any] = {
+        "floor": {"size": [2, 2]},
+        "objects": {"lamp": CAN, "unit": unit, "spoon": {**CAN, **near}},
+    }
+    assert SceneConfig.load(scene).presence.is_sure("unit")
+    variants["mug"]["if"] = "lamp"
+    scene["groups"] = {"some": {"of": ["lamp"], "count": [0, 1]}}
+    with pytest.raises(SceneKeyError, match="'unit' may be absent"):
+        SceneConfig.load(scene)
 
 
 def test_draws_come_after_those_they_depend_on():

@@ -61,20 +61,6 @@ WRONG: dict[str, tuple] = {
         )
         for lying in ("any", "stable")
     },
-    "furniture beside one of several with open doors": (
-        NEIGHBOURS,
-        {
-            "objects.mug": {
-                "asset": ["cabinet", "chest"],
-                "kind": "fixture",
-                "on": "floor",
-                "joints": {"*": {"fraction": [0, 1]}},
-            },
-            "objects.cabinet.relations": [{"beside": "mug", "side": "left"}],
-        },
-        SceneKeyError,
-        ["objects.cabinet.relations.0.beside: 'mug' has variants with drawn joints", "Leave out the 'joints' of 'mug'"],
-    ),
     "the heading of a variant that lies": (
         NEIGHBOURS,
         {

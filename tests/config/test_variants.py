@@ -159,10 +159,6 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
         r"objects\.apple\.relations\.0\.near: .*Name its object 'target'",
     ),
     "itself": ({"objects.target.relations": [NEAR | {"near": "target"}]}, "a different object"),
-    "a site": (
-        {"objects.apple.relations": [{"beside": {"of": "target", "site": "a", "of_site": "b"}}]},
-        r"objects\.apple\.relations: 'target' has variants with different sites",
-    ),
     "no weights": (
         {"objects.target.variants.can.weight": 0, "objects.target.variants.mug.weight": 0},
         r"objects\.target\.variants: .*a 'weight' above 0 in the split 'train'",

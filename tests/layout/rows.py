@@ -13,6 +13,7 @@ from sceniris_gym.audit.relations import Kept
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.tables import make_table
 from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.scene.layout_table import LayoutTable
 from tests.audit.judging import judge_language
 from tests.layout.scenes import Rows, posed, read, valid
 
@@ -37,8 +38,11 @@ class Joint(NamedTuple):
     yaw: np.ndarray
 
 
-def row_of(assets: Sequence[str], **words: Any) -> dict[str, Any]:
-    """Return a scene of open units, each to the right of the one before it with its back in line, unless `words`."""
+def row_of(assets: Sequence[str | list[str]], **words: Any) -> dict[str, Any]:
+    """Return a scene of open units, each to the right of the one before it with its back in line, unless `words`.
+
+    A unit with several assets has variants.
+    """
     first = {"on": "floor", "region": {"box": [[-1.2, 0.5], [-1.0, 0.52]]}, "orientation": {"yaw": [-3, 3]}}
     objects: dict[str, Any] = {"unit_0": {"kind": "fixture", "asset": assets[0], **first}}
     for i, asset in enumerate(assets[1:]):
@@ -46,7 +50,7 @@ def row_of(assets: Sequence[str], **words: Any) -> dict[str, Any]:
         next_ = {"on": "floor", "relations": [beside], "orientation": {"with": f"unit_{i}"}}
         objects[f"unit_{i + 1}"] = {"kind": "fixture", "asset": asset, **next_, **words}
     for asset, unit in zip(assets, objects.values(), strict=True):
-        if mujoco.MjModel.from_xml_path(asset).njnt:
+        if any(mujoco.MjModel.from_xml_path(one).njnt for one in ([asset] if isinstance(asset, str) else asset)):
             unit.setdefault("joints", OPEN)
     return {"floor": {"size": [8, 8]}, "objects": objects}
 
@@ -65,27 +69,26 @@ def root_corners(asset: str) -> np.ndarray:
 
 
 def joints_of(
-    compiled: CompiledScene,
-    assets: Sequence[str],
-    num: int = 0,
-    sides: np.ndarray | None = None,
-    rows: Rows | None = None,
+    compiled: CompiledScene, num: int = 0, sides: np.ndarray | None = None, rows: Rows | LayoutTable | None = None
 ) -> tuple[list[Joint], int]:
     """Return how each unit after the first stands in `num` layouts or in some rows, and how many of these are fresh.
 
-    `sides` are the directions to each unit in the frame of the unit before it, by default its right, shape (n - 1, 2).
+    Of a unit's variants, the one that stands on the floor counts. `sides` are the directions to each unit in the frame
+    of the unit before it, by default its right, shape (n - 1, 2).
     """
     if rows is None:
         generator = LayoutGenerator(compiled, num)
         generator.generate()
         rows = valid(read(generator.layouts))
-    corners = [root_corners(asset) for asset in assets]
-    sides = np.tile([1.0, 0.0], (len(assets) - 1, 1)) if sides is None else sides
+    config, names = compiled.config, sorted(compiled.config.named_objects)
+    members = [config.variants.get(name, (name,)) for name in names]
+    corners = {one: root_corners(str(config.objects[one].asset)) for some in members for one in some}
+    sides = np.tile([1.0, 0.0], (len(names) - 1, 1)) if sides is None else sides
     found: list[list[list[float]]] = [[] for _ in sides]
     for data in posed(compiled, rows):
-        roots = [data.body(f"unit_{i}") for i in range(len(assets))]
+        roots = [min(map(data.body, some), key=lambda root: np.linalg.norm(root.xpos)) for some in members]
         mats = [root.xmat.reshape(3, 3) for root in roots]
-        points = [root.xpos + own @ mat.T for root, mat, own in zip(roots, mats, corners, strict=True)]
+        points = [root.xpos + corners[root.name] @ mat.T for root, mat in zip(roots, mats, strict=True)]
         for i, (x, y) in enumerate(sides):
             its, own = (p @ mats[i][:, :2] @ np.array([[x, -y], [y, x]]) for p in points[i : i + 2])
             high, low, turn = own.max(0) - its.max(0), own.min(0) - its.min(0), mats[i].T @ mats[i + 1]

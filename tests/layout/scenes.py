@@ -18,6 +18,7 @@ from sceniris_gym.layout.layouts import Layouts, LayoutStatus
 from sceniris_gym.layout.pipeline import LayoutPipeline
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import Cause
+from sceniris_gym.scene.layout_table import LayoutTable
 
 FLOOR = {"size": [1.0, 1.0]}
 ANYWHERE = [[-0.2, -0.2, 0.2], [0.2, 0.2, 0.6]]
@@ -86,7 +87,7 @@ def make(compiled: CompiledScene, nworld: int, **options: Any) -> Rows:
     return read(generator.layouts)
 
 
-def posed(compiled: CompiledScene, rows: Rows) -> Iterator[mujoco.MjData]:
+def posed(compiled: CompiledScene, rows: Rows | LayoutTable) -> Iterator[mujoco.MjData]:
     """Yield the model in the state of each row, posed by MuJoCo C; one MjData, reused."""
     data = mujoco.MjData(compiled.mjm)
     for i in range(len(rows.qpos)):

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import pickle
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from sceniris_gym.errors import InfeasibleSceneError
+from sceniris_gym.audit.auditor import Auditor
+from sceniris_gym.errors import InfeasibleSceneError, UnknownNameError
 from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.tables import make_table
 from sceniris_gym.program.compiled import CompiledScene
+from tests.audit.judging import judge_language
 from tests.layout.scenes import compile_on_cpu, posed, read, valid, write_mjcf
 
 SITES = '<site name="left" pos="-.1 .02 .05" euler="0 0 180"/><site name="right" pos=".1 .02 .05" euler="0 0 20"/>'
@@ -96,6 +100,53 @@ def test_one_can_be_joined_to_what_stays_where_the_model_has_it(tmp_path: Path):
     assert yaw == pytest.approx(np.full(len(yaw), np.radians(55)), abs=1e-6)
     assert np.abs(own - its - 0.1 * np.array([np.cos(yaw[0]), np.sin(yaw[0])])).max() < MET
     assert between == pytest.approx(np.full(len(yaw), np.pi / 2), abs=1e-5)
+
+
+@pytest.mark.parametrize("turn", [180.0, 90.0])
+def test_they_meet_at_the_site_of_the_variant_that_is_there(tmp_path: Path, turn: float):
+    """A row of three, each one of two blocks: long and straight, or a short one whose end is turned by 70 degrees."""
+    blocks = []
+    for name, half, yaw in (("long", 0.2, 0), ("corner", 0.1, 70)):
+        site = f'<site name="{{}}" pos="{half + 0.01} .02 .05" euler="0 0 {{}}"/>'
+        ends = site.format("right", yaw) + site.format("left", 180).replace('pos="', 'pos="-')
+        door = (
+            f'<body pos="{half} 0 0"><joint range="0 90"/><geom type="box" size=".01 .01 .01" pos="0 .2 .05"/></body>'
+        )
+        geom = f'<geom type="box" size="{half} .06 .05" pos="0 .01 .05"/>'
+        blocks.append(write_mjcf(tmp_path, name, geom + ends + door))
+    unit: dict[str, Any] = {"asset": blocks, "kind": "fixture", "on": "floor", "joints": {"*": {"fraction": [0, 0.1]}}}
+    objects = {"a": dict(unit)}
+    for before, name in ("ab", "bc"):
+        beside = {"of": before, "site": "left", "of_site": "right", "angle": turn}
+        objects[name] = {**unit, "relations": [{"beside": beside, "gap": 0.3}]}
+    compiled = compile_on_cpu({"floor": {"size": [9, 9]}, "objects": objects}, bank=8)
+    table = make_table(compiled, 200, 0)
+    rows = table[table.valid]
+    assert len(rows.qpos) > 150
+    seen = set()
+    for data in posed(compiled, rows):
+        there = [min((f"{n}/long", f"{n}/corner"), key=lambda m: np.linalg.norm(data.body(m).xpos)) for n in "abc"]
+        seen.add(tuple(there))
+        for before, after in pairwise(there):
+            its, own = data.site(f"{before}/right"), data.site(f"{after}/left")
+            ahead, axis = its.xmat.reshape(3, 3)[:2, 0], own.xmat.reshape(3, 3)[:2, 0]
+            assert np.linalg.norm(own.xpos[:2] - its.xpos[:2] - 0.3 * ahead) < MET
+            between = np.arctan2(ahead[0] * axis[1] - ahead[1] * axis[0], ahead @ axis)
+            assert np.abs(np.angle(np.exp(1j * (between - np.radians(turn))))) < 1e-5
+    assert len(seen) == 8
+    judge = Auditor(compiled.mjm, compiled.config, compiled.scene.bodies)
+    assert [k for k in judge_language(judge, rows) if k.broken] == []
+    rows.mocap_pos[:, :, 0] *= 1.01
+    assert {k.name[0] for k in judge_language(judge, rows) if k.broken and "beside" in k.word} == {"b", "c"}
+
+
+def test_a_variant_without_the_site_is_named(counter: str):
+    """With the sites that it has."""
+    scene = joined(counter)
+    scene["objects"]["a"]["asset"] = ["mug", counter]
+    says = r"b\.relations\.0\.beside\.of_site: unknown site of 'a/mug' 'right'"
+    with pytest.raises(UnknownNameError, match=says):
+        compile_on_cpu(scene)
 
 
 def test_where_the_other_one_is_absent_it_stands_anywhere(counter: str):

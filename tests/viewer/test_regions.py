@@ -89,15 +89,20 @@ def test_pivots_are_in_the_area_of_every_relation(tmp_path: Path):
             assert area.buffer(1e-3).contains(Point(*world.standing(name)[0][:2])), relation
 
 
+@pytest.mark.parametrize("num", [1, 2])
 @pytest.mark.parametrize("align", ["left", "middle", None])
-def test_open_furniture_is_in_the_area_beside_the_roots(tmp_path: Path, align: str | None):
-    """One case in front of another one, with handles of 6 cm on open drawers: the area ends at the cases."""
+def test_open_furniture_is_in_the_area_beside_the_roots(tmp_path: Path, align: str | None, num: int):
+    """One case in front of one of `num` others, with handles of 6 cm on open drawers: the area ends at the cases."""
     drawer = '<body><joint name="slide" type="slide" axis="0 -1 0" range="0 0.2"/><geom type="box" {}/></body>'
     shape = '<geom type="box" size=".15 .1 .05" pos="0 0 .05"/>' + drawer.format('size=".02 .03 .02" pos="0 -.13 .05"')
-    case: dict[str, Any] = {"asset": write_mjcf(tmp_path, "case", shape), "kind": "fixture", "on": "floor"}
+    assets = [write_mjcf(tmp_path, f"case_{i}", shape.replace(".15", f"{0.15 + 0.1 * i}")) for i in range(num)]
+    case: dict[str, Any] = {"asset": assets[0], "kind": "fixture", "on": "floor"}
     case["joints"] = {"slide": {"fraction": [0.5, 1.0]}}
     row = {"beside": "a", "side": "front", "gap": 0.3, "align": align}
-    words = {"a": case, "b": {**case, "relations": [row], "orientation": {"with": "a"}}}
+    words = {
+        "a": {**case, "asset": assets if num > 1 else assets[0]},
+        "b": {**case, "relations": [row], "orientation": {"with": "a"}},
+    }
     compiled = compile_scene(SceneConfig.load({"floor": {"size": [3.0, 3.0]}, "objects": words}), "cpu")
     deck, (relation,) = LayoutDeck(compiled, 1), compiled.config.objects["b"].relations
     for seed in range(5):

@@ -15,6 +15,7 @@ from sceniris_gym.layout.wave.sides import Regions
 from sceniris_gym.placement.kinematics import draw_joints, pose_bodies
 from sceniris_gym.placement.measure import bounds_of, draw_stable, heading_of, measure
 from sceniris_gym.placement.placed import is_there
+from sceniris_gym.placement.relations import turn_to_sites
 from sceniris_gym.program.device import Cause, Measure, ObjectKind, OrientationType, Program
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -43,7 +44,8 @@ def _draw_point(program: Program, layouts: LayoutsView, search: Search, c: int, 
         is_joined = is_there(layouts.present[row], other)
     search.heading[c] = drawn.yaw
     if is_joined:
-        search.heading[c] = drawn.yaw + layouts.pivot_pose[row, other][3]
+        turn = turn_to_sites(program, obj, layouts.present[row])
+        search.heading[c] = drawn.yaw + layouts.pivot_pose[row, other][3] + turn
     if ground < 0:
         return
     frame = pose_of(layouts.body_pos[row, ground], layouts.body_quat[row, ground])

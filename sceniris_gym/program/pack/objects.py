@@ -89,7 +89,9 @@ def _joint_ranges(objects: list[PlacedObject]) -> dict[str, np.ndarray]:
 def _orientations(plan: Plan, joints: dict[str, JoinedSites]) -> dict[str, np.ndarray]:
     """Return the fields for drawing orientations, and the stable poses of each object. Static objects have no poses."""
     drawn = [o.config.drawn_orientation for o in plan.objects]
-    yaws = [(joints[o.name].yaw,) * 2 if o.name in joints else d.yaw for o, d in zip(plan.objects, drawn, strict=True)]
+    yaws = [
+        (joints[o.name].yaw[0],) * 2 if o.name in joints else d.yaw for o, d in zip(plan.objects, drawn, strict=True)
+    ]
     poses, fields = addressed("obj_stable", (o.stable_poses for o in plan.objects))
     turned = [d.target if d.kind == "with" else None for d in drawn]
     turned = [joints[o.name].to if o.name in joints else to for o, to in zip(plan.objects, turned, strict=True)]

@@ -32,13 +32,23 @@ _DRAWN = np.array([1.0, 0.0, 0.0, 0.0])  # empty bounds, in place of which `besi
 def pack_relations(plan: Plan, joints: dict[str, JoinedSites]) -> dict[str, np.ndarray]:
     """Return the fields `rel_*`, and each object's range in these fields. `joints` is the result of `joints_of`."""
     owned = [(o, r) for o in plan.objects for r in o.config.relations]
-    joined = [(plan.joined_bounds(o.name, r), (o.name, r.anchors[0])) for o, r in owned]
-    roots = [[of.get(name, _DRAWN) for name in names] for of, names in joined]
-    sites = [[*joints[o.name].at, *joints[o.name].own] if isinstance(r, Joined) else [0.0] * 4 for o, r in owned]
+    variants = plan.scene.config.variants
+    named = [
+        (*r.anchors, *(variants.get(r.anchors[0], ()) if isinstance(r, Beside | Joined) else ())) for _, r in owned
+    ]
+    roots = np.tile(_DRAWN, (len(owned), 1 + max(map(len, named), default=1), 1))
+    sites = np.zeros((*roots.shape[:2], 3))
+    for bounds, site, (o, r), names in zip(roots, sites, owned, named, strict=True):
+        for name, found in plan.joined_bounds(o.name, r).items():
+            bounds[(o.name, *names).index(name)] = found
+        if isinstance(r, Joined):
+            joined = joints[o.name]
+            site[0, :2] = joined.own
+            site[len(names) - len(joined.at) + 1 : len(names) + 1] = np.c_[joined.at, joined.yaw - joined.yaw[0]]
     relations, of_objects = addressed("obj_rel", (o.config.relations for o in plan.objects))
     sides = [sum(map(_sides, o.config.relations[:i])) for o in plan.objects for i in range(len(o.config.relations))]
     numbers = {name: column for column, name in enumerate(plan.columns)}
-    anchors, of_relations = addressed("rel_anchor", ([numbers[a] for a in r.anchors] for r in relations))
+    anchors, of_relations = addressed("rel_anchor", ([numbers[name] for name in names] for names in named))
     frames = {"support": FRAME_SUPPORT, "world": FRAME_WORLD, **numbers}
     return {
         **of_objects,
@@ -52,8 +62,8 @@ def pack_relations(plan: Plan, joints: dict[str, JoinedSites]) -> dict[str, np.n
         "rel_bounds": np.array([r.by_bounds for r in relations], int),
         "rel_width": np.array([(isinstance(r, Between) and r.width) or OWN_WIDTH for r in relations], float),
         "rel_beside": np.reshape([_beside(r, plan.scene.config.all_robots) for r in relations], (-1, 2)),
-        "rel_root": np.reshape(roots, (-1, 2, 4)),
-        "rel_sites": np.reshape(sites, (-1, 4)),
+        "rel_root": roots,
+        "rel_sites": sites,
         "rel_sideadr": np.array(sides, int),
         "rel_piecenum": np.array([region_pieces(r) for r in relations], int),
     }
@@ -115,16 +125,16 @@ class JoinedSites(NamedTuple):
 
     Attributes:
         to: Name of the other object.
-        at: The point where the joined object's site has to be, relative to the pivot of the other object [m], shape
-            (2,). This is the other object's site, moved by the gap along the site's x axis.
+        at: The point where the joined object's site has to be, relative to the pivot of the other object [m], for each
+            of its variants, shape (n, 2). This is the other object's site, moved by the gap along the site's x axis.
         own: Position of the joined object's site relative to the joined object's pivot [m], shape (2,).
-        yaw: The heading of the joined object minus the heading of the other object [rad].
+        yaw: The heading of the joined object minus the heading of the other object [rad], shape (n,).
     """
 
     to: str
     at: np.ndarray
     own: np.ndarray
-    yaw: float
+    yaw: np.ndarray
 
 
 def joined_sites(plan: Plan, name: str, relation: Joined, where: str) -> JoinedSites:
@@ -142,11 +152,13 @@ def joined_sites(plan: Plan, name: str, relation: Joined, where: str) -> JoinedS
             orientation `any` or `stable`.
     """
     words = relation.beside
-    its, its_yaw = _site(plan, words.of, words.of_site, f"{where}.beside.of_site")
     own, own_yaw = _site(plan, name, words.site, f"{where}.beside.site")
-    at = its + (relation.gap or 0.0) * np.array([math.cos(its_yaw), math.sin(its_yaw)])
-    yaw = math.remainder(its_yaw + math.radians(words.angle) - own_yaw, 2.0 * math.pi)
-    return JoinedSites(words.of, at, own, yaw)
+    at, yaw = [], []
+    for one in plan.scene.config.variants.get(words.of, (words.of,)):
+        its, its_yaw = _site(plan, one, words.of_site, f"{where}.beside.of_site")
+        at.append(its + (relation.gap or 0.0) * np.array([math.cos(its_yaw), math.sin(its_yaw)]))
+        yaw.append(math.remainder(its_yaw + math.radians(words.angle) - own_yaw, 2.0 * math.pi))
+    return JoinedSites(words.of, np.array(at), own, np.array(yaw))
 
 
 def _site(plan: Plan, name: str, word: str, where: str) -> tuple[np.ndarray, float]:
