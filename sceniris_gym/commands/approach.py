@@ -56,8 +56,7 @@ def _shares(compiled: CompiledScene, arm: SerialArm, names: Sequence[str]) -> st
     shares = {}
     for turn in dict.fromkeys((tcp.turns[:2], *_TURNS)):
         link_quat = arm.link_quat.copy()
-        turned = quaternion(from_tool @ matrix(of_angles(np.radians([*turn, 0.0]))))
-        link_quat[-1] = product(link_quat[-1], turned)
+        link_quat[-1] = product(link_quat[-1], quaternion(from_tool @ matrix(of_angles(np.radians([*turn, 0.0])))))
         _, is_reached = solve(replace(arm, link_quat=link_quat), np.array(poses), compiled.device, restarts=_RESTARTS)
         shares[turn] = is_reached.reshape(len(places), -1).any(axis=1).mean()
     now, best = shares[tcp.turns[:2]], max(shares, key=lambda turn: shares[turn])

@@ -64,12 +64,13 @@ def check(compiled: CompiledScene, layouts: int, seed: int, picture: Path | None
 
 def report(found: Mapping, scene: str, changes: Sequence[str] = ()) -> str:
     """Return the findings of `check` as text, with the command that draws a layout of the changed scene."""
-    ways = [f"most in the way of {name}: {pair}" for name, pair in found["in_the_way"].items()]
+    ways = [f"most in the way of {name}: {pair}" for name, pair in found["in_the_way"].items() if found["valid"] < 1.0]
     if "error" in found:
         return "\n".join([verdict(found, found["error"]), table_of_rejections(found["rejections"]), *ways])
     valid = (
         f"{found['layouts']} layouts of '{found['scene']}': {found['valid']:.2%} valid, "
         f"{found['first_pass_valid']:.2%} on the first pass, {found['attempts_per_layout']:.2f} candidates per layout"
+        f"{'' if found['rejections'] else ', but the scene has no object to place'}"
     )
     lines = [
         verdict(found, valid),
@@ -78,10 +79,8 @@ def report(found: Mapping, scene: str, changes: Sequence[str] = ()) -> str:
         table_of_rejections(found["rejections"]),
         *ways,
     ]
-    lines += [
-        f"{name}: {part['kept']:.1%} of {part['candidates']} candidates are within reach"
-        for name, part in found.get("narrowing", {}).items()
-    ]
+    reach = found.get("narrowing", {}).items()
+    lines += [f"{name}: {part['kept']:.1%} of {part['candidates']} candidates are within reach" for name, part in reach]
     lines += [f"picture: {found['picture']}"] if "picture" in found else []
     return "\n".join([*lines, f"draw the first one: {replay_command(found['first_id'], scene, changes)}"])
 

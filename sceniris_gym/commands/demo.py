@@ -35,7 +35,6 @@ def demo(out: Path, device: str | None) -> dict:
         tables.append(generator.table())
     ready = time.perf_counter() - start
     made, shown = LayoutTable.concatenate(tables), tables[-1][:SHOWN]
-    counts = generator.rejection_counts()
     captions = [
         f"world {i}: seed {shown.seed[i]}, episode {shown.episode[i]}, {LayoutStatus(shown.status[i]).name.lower()}"
         for i in range(SHOWN)
@@ -52,7 +51,7 @@ def demo(out: Path, device: str | None) -> dict:
         "valid": float(made.valid.mean()),
         "first_pass_valid": float(made.first_pass_valid.mean()),
         "attempts_per_layout": float(made.attempts.mean()),
-        "rejections": counts,
+        "rejections": generator.rejection_counts(),
         "layouts_per_s": WORLDS / median_time(generator.generate, compiled.device),
         "shown": SHOWN,
         "picture": str(out),

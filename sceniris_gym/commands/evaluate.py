@@ -64,12 +64,12 @@ def evaluate(options: Evaluation) -> dict[str, Any]:
         each = found["valid"]["each"]
         ids = [name for name, success in zip(each["id"], each["success"], strict=True) if not success]
         write_text(failed, "".join(f"{name}\n" for name in ids))
-        sees = env.unwrapped.image_config is not None  # `view` cannot play a policy that sees images
-        played = "" if sees else f" --policy {quote(str(run / MODEL))}"
+        # `view` cannot play a policy that sees images
+        played = "" if env.unwrapped.image_config is not None else f" --policy {quote(str(run / MODEL))}"
         where = task if ":" in task else spec_of(task).id
-        more["view"] = f"sceniris-gym view --env {where}{played} --layout {quote(str(failed))}" if ids else None
+        view = f"sceniris-gym view --env {where}{played} --layout {quote(str(failed))} # extra viewer"
         own = scene.config.where if Path(scene.config.where).is_file() else None
-        more["replay"] = replay_command(str(failed), own) if ids else None
+        more |= {"view": view if ids else None, "replay": replay_command(str(failed), own) if ids else None}
     return more | without_layouts(found)
 
 

@@ -26,8 +26,7 @@ def import_one(source: Path, out: Path, options: Options, ask: Ask | None, devic
     """
     if out.suffix != ".xml":
         raise NotSupportedError(f"--out {out}: the asset is written as MJCF. Give a path that ends in .xml.")
-    manifest = import_thing(source, out, options, ask)
-    return manifest | {"asset": str(out), "picture": str(draw(out, device))}
+    return import_thing(source, out, options, ask) | {"asset": str(out), "picture": str(draw(out, device))}
 
 
 def import_many(folder: Path, out: Path, options: Options, jobs: int | None, device: str | None) -> dict[str, Any]:

@@ -1,14 +1,14 @@
 """The `new-task` command: writes a scene file and a task to start from."""
 
+import json
 import os
 from keyword import iskeyword
 from pathlib import Path
 from shlex import quote
 
-from sceniris_gym.errors import ArgumentError
+from sceniris_gym.config.loader import shipped
+from sceniris_gym.errors import ArgumentError, check_names
 from sceniris_gym.files import check_new, write_text
-
-_TEMPLATE = Path(__file__).with_name("first_task")
 
 
 def new_task(name: str, folder: Path, robot: str | None = None, target: str | None = None) -> dict[str, str]:
@@ -22,6 +22,7 @@ def new_task(name: str, folder: Path, robot: str | None = None, target: str | No
 
     Raises:
         ArgumentError: The name cannot be a module's, or a file with this name exists.
+        UnknownNameError: The arm or the object is neither a file nor an asset of this package.
         OutputError: A file cannot be written.
     """
     if not name.isidentifier() or name != name.lower() or iskeyword(name):
@@ -29,14 +30,16 @@ def new_task(name: str, folder: Path, robot: str | None = None, target: str | No
     title, files = name.title().replace("_", ""), [folder / f"{name}.yaml", folder / f"{name}.py"]
     for file in files:
         check_new(file, "new-task", "Give another NAME, or another folder by --out.")
-    for file in files:
-        text = _TEMPLATE.with_suffix(f"{file.suffix}.txt").read_text()
-        for shipped, own in (("panda", robot), ("orange", target)):
-            if own is not None:
-                path = os.path.relpath(own, folder) if Path(own).is_file() else own
-                text = text.replace(f"asset: {shipped}", f"asset: {path}")
+    texts = [Path(__file__).with_name(f"first_task{file.suffix}.txt").read_text() for file in files]
+    for option, usual, own in (("robot", "panda", robot), ("target", "orange", target)):
+        path = own or usual
+        if Path(path).is_file():
+            path = json.dumps(os.path.relpath(path, folder))  # quoted as in YAML
+        else:
+            check_names("file or asset", [path], f"new-task: --{option}", shipped("assets", ".xml"))
+        texts[0] = texts[0].replace(f"asset: {usual}", f"asset: {path}")
+    for file, text in zip(files, texts, strict=True):
         write_text(file, text.replace("first_task", name).replace("FirstTask", title))
     there = "" if folder == Path() else f"cd {quote(str(folder))} && "
-    tried, scene = f"{there}sceniris-gym train {name}:{title}-v0", quote(str(files[0]))
-    shown = {"check": f"sceniris-gym check {scene}", "show layouts": f"sceniris-gym view {scene}"}
-    return {"scene": str(files[0]), "task": str(files[1]), **shown, "train": tried}
+    tried = {"check": f"{there}sceniris-gym check {name}.yaml", "train": f"{there}sceniris-gym train {name}:{title}-v0"}
+    return {"scene": str(files[0]), "task": str(files[1]), **tried}

@@ -27,9 +27,8 @@ def train(options: Options, quiet: bool = False) -> dict[str, Any]:
 
     run = Run(options, show)
     task = run.options.task
-    if task not in SETTINGS:
-        show(f"{task} has no tuned settings, so it trains with {run.settings}. Change them by --set.")
-    show(f"The log gets a line after {options.every} iterations (--every 1: after each) and at each evaluation.")
+    told = "" if task in SETTINGS else f"{task} trains with default settings (change them by --set): {run.settings}. "
+    show(f"{told}The log gets a line after {options.every} iterations (--every 1: after each) and at each evaluation.")
     judged = run.go()
     del judged["kind"]
     return {"task": task, "model": str(run.checkpoint), **judged}

@@ -74,8 +74,7 @@ def picture_context(
     """Return mujoco_warp's render context. `shots` are in the model's order, `differ` is as in `may_be_inside`."""
     flags = {"rgb": "render_rgb", "depth": "render_depth", "segmentation": "render_seg"}
     wanted = {flag: [kind in shot.data for shot in shots.values()] for kind, flag in flags.items()}
-    sizes = [shot.size for shot in shots.values()]
-    given = {"cam_res": sizes, "enabled_geom_groups": list(VISIBLE_GROUPS)}
+    given = {"cam_res": [shot.size for shot in shots.values()], "enabled_geom_groups": list(VISIBLE_GROUPS)}
     given |= {"use_shadows": looks.shadows, "enable_vertex_normals": not looks.thin}
     # A test of every hit for the back of a face takes nearly half of the time, and only a camera inside sees backs.
     given["enable_backface_culling"] = any(may_be_inside(mjm, mjm.camera(name).id, differ) for name in shots)

@@ -70,9 +70,9 @@ def render(
 
 
 def contact_sheet(pictures: np.ndarray, captions: Sequence[str]) -> Image.Image:
-    """Arrange pictures (n, height, width, 3) in rows of up to four, each above its caption."""
+    """Arrange pictures (n, height, width, 3) above their captions, in rows of up to four, or a square of over 16."""
     height, width = pictures.shape[1:3]
-    columns = min(4, len(pictures))
+    columns = max(min(4, len(pictures)), int(np.ceil(len(pictures) ** 0.5)))
     nrow = -(-len(pictures) // columns)
     cell = np.array([width + _GAP, height + _STRIP + _GAP])
     sheet = Image.new("RGB", (int(columns * cell[0] + _GAP), int(nrow * cell[1] + _GAP)), _PAPER)

@@ -132,8 +132,7 @@ def robot_arm(scene: SceneModel, name: str = ROBOT) -> SerialArm:
     """Return the serial arm of a robot, from the robot's root body to its tool centre point.
 
     Raises:
-        ArmError: The robot is not a serial arm.
-        UnknownNameError: The robot has no site `tcp`, and the scene file does not name another.
+        ArmError: The robot is not a serial arm, or has no site `tcp` and the scene file does not name another.
     """
     robot = scene.config.all_robots[name]
     where = f"{scene.config.where}: {robot.key}"
@@ -145,12 +144,12 @@ def robot_arm(scene: SceneModel, name: str = ROBOT) -> SerialArm:
         if robot.asset is not None:
             text = text.replace(f"in_model: {robot.name}/", "in_model: ").replace(f"'{robot.name}/", "'")
         raise ArmError(f"{where}: {text}") from None
-    except UnknownNameError as error:  # only without `tcp`: with it, the scene has the site
-        where += ": 'tcp' should name the tool centre point, a site or a body"
-        prefix, inside = f"{robot.name}/", [home.mjm.body(body).name for body in home.subtree(name)]
-        own = [site for site in error.valid if site.startswith(prefix)] + inside
-        valid = list(dict.fromkeys(word.removeprefix(prefix) for word in own))
-        raise UnknownNameError(error.kind, error.name.removeprefix(prefix), where, valid) from None
+    except UnknownNameError:  # only without `tcp`: with it, the scene has the site
+        mjm, inside = home.mjm, home.subtree(name)
+        sites = [mjm.site(i).name for i in range(mjm.nsite) if int(mjm.site_bodyid[i]) in inside]
+        own = [full.removeprefix(f"{robot.name}/") for full in sites or [mjm.body(body).name for body in inside]]
+        fix = f"Write 'tcp: NAME', with the name between the fingertips: {', '.join(own)}."
+        raise ArmError(f"{scene.config.where}: {robot.section}: the arm has no site 'tcp'. {fix}") from None
 
 
 def load_map(arm: SerialArm, robot: RobotConfig, where: str) -> ReachMap | None:

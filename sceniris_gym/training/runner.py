@@ -77,8 +77,7 @@ def runner_of(env: RslRlVecEnvWrapper, settings: Settings, seed: int) -> OnPolic
 
     torch.manual_seed(seed)
     names = list(env.unwrapped.observation_names)
-    seen = env.get_observations()
-    sight = {name: Keypoints(images.shape[1]) for name, images in seen.items() if name not in names}
+    sight = {name: Keypoints(seen.shape[1]) for name, seen in env.get_observations().items() if name not in names}
     imitates = settings.teacher > 0.0 and bool(sight)
     config = {
         "seed": seed,
@@ -88,8 +87,7 @@ def runner_of(env: RslRlVecEnvWrapper, settings: Settings, seed: int) -> OnPolic
         **(_imitation if imitates else _ppo)(settings, names, sight),
     }
     with redirect_stdout(None):  # the runner prints its networks
-        made = DistillationRunner if imitates else OnPolicyRunner
-        return made(env, config, log_dir=None, device=str(env.device))
+        return (DistillationRunner if imitates else OnPolicyRunner)(env, config, log_dir=None, device=str(env.device))
 
 
 def load_checkpoint(runner: OnPolicyRunner, file: Path, device: str, *, trust: bool = False) -> Any:

@@ -209,8 +209,7 @@ def read_parts(folder: Path) -> dict[str, dict[str, Any]]:
         ArgumentError: The file `config.json` cannot be read.
     """
     with of_a_run(folder / CONFIG):
-        told = json.loads(read_bytes(folder / CONFIG))
-        return {name: dict(part) for name, part in told.items()}
+        return {name: dict(part) for name, part in json.loads(read_bytes(folder / CONFIG)).items()}
 
 
 def read_checkpoint(file: Path, device: str, *, trust: bool = False) -> Any:
@@ -242,8 +241,7 @@ def evaluations(folder: Path) -> list[dict[str, Any]]:
         ArgumentError: The log cannot be read.
     """
     with of_a_run(folder / LOG):
-        lines = [json.loads(line) for line in read_bytes(folder / LOG).splitlines()]
-        return [line for line in lines if line["kind"] == "eval"]
+        return [line for line in map(json.loads, read_bytes(folder / LOG).splitlines()) if line["kind"] == "eval"]
 
 
 def without_layouts(found: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:

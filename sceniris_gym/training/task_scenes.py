@@ -1,7 +1,9 @@
 """Find tasks of this package and your tasks by name, and make their scenes and environments."""
 
+import ast
 import hashlib
 import os
+import re
 import sys
 from importlib import import_module
 from pathlib import Path
@@ -23,6 +25,8 @@ NAMESPACE = "sceniris_gym/"
 
 SEED_SPACING = 1 << 20
 """Least spacing between the seeds of experiments, so that their worlds do not share layouts."""
+
+_DEFINED = re.compile(r"(?:@.*\n|class |def |\()*([\w, ]+)(?: =|:|\(|\) =)")  # the names that a statement defines
 
 
 def import_here(module: str) -> Any:
@@ -70,11 +74,21 @@ def scene_of(task: str, *, reachable: bool) -> SceneConfig:
 
 
 def hashes_of(task: str, scene: SceneModel) -> dict[str, str]:
-    """Return the hash of a task's scene, and a hash of the source files of its class and base classes up to `Task`."""
+    """Return the hash of a task's scene, and a hash of the code of its class and base classes up to `Task`."""
     kinds = [kind for kind in type(as_task(spec_of(task).kwargs["task"])).__mro__ if kind not in Task.__mro__]
-    files = [getattr(sys.modules[kind.__module__], "__file__", None) for kind in kinds]  # None in a notebook
-    code = b"".join(Path(file).read_bytes() for file in files if file is not None)
-    return {"scene": scene.hash, "task": hashlib.sha256(code).hexdigest()[:16]}
+    return {"scene": scene.hash, "task": hashlib.sha256("".join(map(_code_of, kinds)).encode()).hexdigest()[:16]}
+
+
+def _code_of(kind: type) -> str:
+    """Return the code of a class, and of the constants, functions and classes of its file that this code uses."""
+    file = getattr(sys.modules[kind.__module__], "__file__", None)  # None in a notebook
+    texts = map(ast.unparse, ast.parse(Path(file).read_bytes()).body if file else ())
+    defined = {name: text for text in texts if (head := _DEFINED.match(text)) for name in head[1].split(", ")}
+    names, code = [kind.__qualname__.partition(".")[0]], ""
+    for name in names:  # it grows
+        text = defined.pop(name, "")
+        code, names[len(names) :] = code + text, re.findall(r"\w+", text)
+    return code
 
 
 def make_env(task: str, num_envs: int, compiled: CompiledScene, **kwargs: Any) -> SceneVectorEnv:

@@ -73,8 +73,7 @@ class Run:
             words = layout_sources.words_of_uniform(options.task, compiled.scene)
         if options.curriculum:
             words["curriculum"] = LevelReplay(options.curriculum)
-        envs = make_env(options.task, options.num_envs, compiled, **words)
-        self.env = RslRlVecEnvWrapper(envs, seed)
+        self.env = RslRlVecEnvWrapper(make_env(options.task, options.num_envs, compiled, **words), seed)
         self._judged = (options.judged or options.task).removeprefix(NAMESPACE)
         self.judges = judges_of(self._judged, options.layouts, options.device)
         self._warm_up()

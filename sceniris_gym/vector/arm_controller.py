@@ -167,8 +167,7 @@ class ArmController:
         """
         check_action(action, (self.joints,), "base", f"{self._where}: move_joints")
         qpos = self.qpos(s)
-        moved = self.targets(s) + self._joint_step * action
-        self.set_targets(s, moved.clamp(qpos - self.lead, qpos + self.lead))
+        self.set_targets(s, (self.targets(s) + self._joint_step * action).clamp(qpos - self.lead, qpos + self.lead))
 
     def start(self, s: State, mask: Tensor) -> None:
         """Set the tool's targets to the tool's pose in the masked worlds. Call this method after their reset."""
@@ -263,6 +262,17 @@ class ArmController:
         moved = gain * (posture + (inverse @ (error[:, :, None] - jacobian @ posture[:, :, None]))[:, :, 0])
         # a common factor for all joints keeps the direction of the tool's motion
         return qpos + moved / (moved / self.lead).abs().amax(dim=1, keepdim=True).clamp(min=1.0)
+
+    def way_to(self, s: State, pose: Tensor) -> Tensor:
+        """Return how far a pose is from the tool: x, y, z [m], then its shorter rotation, shape (num_envs, 6).
+
+        The rotation is its axis times 2 sin(angle / 2), about the rotation vector of `move_tool` [rad].
+
+        Args:
+            s: The worlds.
+            pose: Positions [m] and orientations (wxyz) in the frame of `tool`, such as `s.grasp("can")`.
+        """
+        return limited(pose, self.tool(s), (torch.inf, torch.pi), -torch.inf)[1]
 
     def tool_lead(self, s: State) -> Tensor:
         """Return the tool's target minus the tool's present pose: x, y, z [m] and yaw [rad], shape (num_envs, 4)."""

@@ -104,8 +104,7 @@ class Readings(RefusesOldNames):
             UnknownNameError: The scene has no such body.
             NotSupportedError: The body has no geom that collides.
         """
-        boxes = self._once(lambda: Boxes(self.variants, [name], "State.extent"), "extent", name)
-        lower, upper = boxes.corners()
+        lower, upper = self._once(lambda: Boxes(self.variants, [name], "State.extent"), "extent", name).corners()
         return (upper - lower).reshape(-1, 3).expand(self.num_envs, 3)
 
     def poses(self, names: Sequence[str]) -> Tensor:
@@ -260,8 +259,7 @@ class Readings(RefusesOldNames):
         The flags are 0 or 1, shape (2, number of joints, 1), or None if all joints are hinges that carry the site.
         """
         mjm, joints = self.mjm, find_joints(self.scene, name, "State.jacobian")
-        body = int(mjm.site_bodyid[site])
-        carries = np.array([body in subtree(mjm, int(mjm.jnt_bodyid[j])) for j in joints])
+        carries = np.array([int(mjm.site_bodyid[site]) in subtree(mjm, int(mjm.jnt_bodyid[j])) for j in joints])
         slide = mjm.jnt_type[joints] == SLIDE
         kinds = np.stack([carries & ~slide, carries & slide])[:, :, None]
         flags = None if kinds[0].all() else torch.tensor(kinds, dtype=torch.float32, device=self.device)

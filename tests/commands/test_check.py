@@ -175,3 +175,17 @@ def test_the_report_has_shares_causes_and_the_picture():
     with_picture = report({**found, "picture": "a.png"}, "desk").split("\n")
     assert with_picture[7:] == ["picture: a.png", "draw the first one: sceniris-gym replay 0123:train:4:0 --scene desk"]
     assert table_of_rejections({}).split() == ["rejected"]
+    found |= {"in_the_way": {"mug": "geom 'a' and geom 'b'"}}
+    assert "most in the way of mug: geom 'a' and geom 'b'" in report(found, "desk").split("\n")
+    assert "most in the way" not in report({**found, "valid": 1.0}, "desk")
+
+
+def test_a_scene_without_an_object_to_place_is_told(tmp_path: Path, capsys: pytest.CaptureFixture):
+    """Its layouts are valid, but they all are the same."""
+    table = {"asset": box_mjcf(tmp_path, "table", 0.5, 0.5, 0.4), "kind": "static"}
+    with (tmp_path / "bare.yaml").open("w") as stream:
+        YAML().dump({"objects": {"table": table}}, stream)
+    main(["check", str(tmp_path / "bare.yaml"), "-n", "8", "--device", "cpu"])
+    first = capsys.readouterr().out.splitlines()[0]
+    assert first.startswith("ok: 8 layouts of 'bare': 100.00% valid")
+    assert first.endswith(", but the scene has no object to place")

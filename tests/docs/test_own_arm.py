@@ -24,9 +24,9 @@ SMALLER = {
     "num_envs=64": "num_envs=4, device='cpu'",
     "num_envs=8": "num_envs=8, device='cpu'",
     "n_steps=24, batch_size=384": "n_steps=24, batch_size=48",
-    "max_episode_steps=100": "max_episode_steps=6",
+    "max_episode_steps=150": "max_episode_steps=6",
     "(64, 64)": "(24, 24)",
-    "learn(20_000)": "learn(96)",
+    "learn(20_000": "learn(96",
     "sceniris-gym check pick_bottle.yaml": "sceniris-gym check pick_bottle.yaml -n 256 --device cpu",
 }
 
@@ -55,10 +55,14 @@ def test_every_step_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
             sizes["replay ID"] = f"replay {first}"
         if text.startswith("sceniris-gym check"):
             task = tmp_path / "pick_bottle.py"
-            task.write_text(task.read_text().replace("max_episode_steps=100", "max_episode_steps=6"))
+            task.write_text(task.read_text().replace('"max_episode_steps": 150', '"max_episode_steps": 6'))
         assert kind != "text" or masked(printed).startswith(masked(text).rstrip())
 
     walk(PAGE, tmp_path, sizes, heard)
+    wider = [line for line in capsys.readouterr().out.splitlines() if ":objects.target.region=" in line]
+    assert len({line.rpartition("=")[2] for line in wider}) == 3
+    sides = [float(line[len("tensor(") : line.index(")")]) for line in wider]
+    assert all(0.0 < side <= most + 1e-4 for side, most in zip(sides, (0.05, 0.1, 0.2), strict=True))
     names = {path.name for path in tmp_path.iterdir()}
     assert {"bottle.xml", "demo", "failed.png", "bottle.mp4", "wrist.png", "sb3.zip", "normalize.pkl"} <= names
     wrist = np.asarray(Image.open(tmp_path / "wrist.png"))

@@ -74,6 +74,13 @@ def test_a_contact_sheet_has_every_picture_and_is_written_whole(tmp_path: Path):
     assert middles == [0, 10, 20, 30, 40, 50]
 
 
+@pytest.mark.parametrize(("number", "columns", "rows"), [(3, 3, 1), (16, 4, 4), (17, 5, 4), (64, 8, 8)])
+def test_many_pictures_make_a_square(number: int, columns: int, rows: int):
+    """Rows of four up to 16 pictures; 64 pictures are not four columns of 16."""
+    sheet = contact_sheet(np.zeros((number, 90, 120, 3), np.uint8), ["a"] * number)
+    assert (sheet.width // 120, sheet.height // (90 + 22)) == (columns, rows)
+
+
 def test_a_single_row_is_drawn_larger():
     """One world fills a sheet of its own."""
     mjm = model_with_camera()

@@ -9,7 +9,7 @@ import pytest
 
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.config.tier import Tier
-from sceniris_gym.errors import ArmError, MapError, UnknownNameError
+from sceniris_gym.errors import ArmError, MapError
 from sceniris_gym.program.plan import build_plan
 from sceniris_gym.program.reach import robot_arm
 from sceniris_gym.scene.build import build_model
@@ -67,9 +67,12 @@ def test_a_robot_without_a_tcp_is_refused(folder: Path, cube: str):
     stump = write_mjcf(folder, "stump", '<geom type="box" size="0.1 0.1 0.1"/>')
     keyed = Path(stump).read_text().replace("</worldbody>", '</worldbody><keyframe><key name="home"/></keyframe>')
     Path(stump).write_text(keyed)
-    with pytest.raises(
-        UnknownNameError, match=r"robot\.asset: 'tcp' should name .*: unknown site 'tcp'.* Valid: stump\."
-    ):
+    where = r": robot: the arm has no site 'tcp'\. Write 'tcp: NAME', with the name between the fingertips: "
+    with pytest.raises(ArmError, match=where + r"stump\."):
+        reaching(crane_scene(stump, cube, reachable="ik"))
+    sited = keyed.replace("</geom>", "").replace("<geom", '<site name="tip"/><site name="top"/><geom', 1)
+    Path(stump).write_text(sited)
+    with pytest.raises(ArmError, match=where + r"tip, top\."):  # the sites alone, and no guess
         reaching(crane_scene(stump, cube, reachable="ik"))
 
 

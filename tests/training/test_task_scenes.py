@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from copy import deepcopy
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from gymnasium.envs.registration import EnvSpec
 
 from sceniris_gym.errors import ArgumentError, UnknownNameError
 from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.scene.build import build_model
 from sceniris_gym.training import task_scenes
 from tests.training.scenes import write_task
 
@@ -49,6 +51,72 @@ def test_a_task_of_ones_own_is_imported_from_where_the_program_is_started(
     compiled = compile_scene(scene, "cpu")
     envs = task_scenes.make_env(task, 2, compiled)
     assert (type(envs.task).__name__, envs.compiled, envs.max_episode_steps) == ("Lower", compiled, 4)
+
+
+LAW = """
+import gymnasium as gym
+from sceniris_gym import SceneVectorEnv, Task
+
+GOAL, SCALE = 0.1, 2.0
+OTHER = 1.0
+
+
+def shaped(x, y=SCALE):
+    return y * x
+
+
+class Base(Task):
+    scene = "table_top"
+
+    def reward(self, s, action):
+        return {"near": shaped(-s.pose("can")[:, 0])}
+
+    def success(self, s):
+        return s.pose("can")[:, 0] < GOAL
+
+
+class Own(Base):
+    action_size = 7
+
+
+class Easy(Own):
+    pass
+
+
+gym.register("Own-v0", vector_entry_point=SceneVectorEnv, kwargs={"task": Own})
+"""
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "is_same"),
+    [
+        (
+            "",
+            "\n\ngym.register('Later-v0', vector_entry_point=SceneVectorEnv, kwargs={'task': Easy})\nMORE = [OTHER]\n",
+            True,
+        ),
+        ("OTHER = 1.0", "OTHER = 2.0  # no class uses it", True),
+        ("    pass", "    action_size = 3", True),
+        ("2.0\n", "3.0\n", False),
+        ("GOAL, SCALE = 0.1", "GOAL, SCALE = 0.2", False),
+        ("return y * x", "return y + x", False),
+        ("0] < GOAL", "0] > GOAL", False),
+        ("action_size = 7", "action_size = 8", False),
+    ],
+)
+def test_the_hash_of_a_task_is_the_code_that_its_class_uses(
+    before: str, after: str, is_same: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """Base classes, functions and constants count. Another environment or class of the same file does not."""
+    file = tmp_path / "own_law.py"
+    file.write_text(LAW)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "own_law", raising=False)
+    scene = build_model("table_top")
+    first = task_scenes.hashes_of("own_law:Own-v0", scene)
+    assert first["scene"] == scene.hash
+    file.write_text(LAW.replace(before, after, 1) if before else LAW + after)
+    assert (task_scenes.hashes_of("own_law:Own-v0", scene) == first) is is_same
 
 
 def test_the_scene_may_be_registered_with_the_task(monkeypatch: pytest.MonkeyPatch):

@@ -145,6 +145,19 @@ def test_a_tool_does_not_go_below_what_it_is_told(driven):
     assert (arm.tool(envs.state)[:, 2] < 0.27).all()
 
 
+def test_the_way_to_a_pose_is_the_difference_of_positions_and_the_shorter_rotation(driven):
+    """Against SciPy's rotations, up to half a turn: the axis times twice the sine of half the angle."""
+    s, arm, rng = driven[0].state, driven[1].arm, np.random.default_rng(0)
+    now = arm.tool(s)
+    vectors = rng.normal(size=(len(now), 3)) * 0.8
+    goal, shift = Rotation.from_rotvec(vectors) * turned(now), rng.uniform(-0.5, 0.5, (len(now), 3))
+    pose = np.hstack([now[:, :3].numpy() + shift, -goal.as_quat(scalar_first=True)])
+    way = arm.way_to(s, torch.as_tensor(pose, dtype=torch.float32)).numpy()
+    short = (goal * turned(now).inv()).as_rotvec()
+    angle = np.linalg.norm(short, axis=1, keepdims=True)
+    np.testing.assert_allclose(way, np.hstack([shift, 2.0 * np.sin(0.5 * angle) * short / angle]), atol=1e-5)
+
+
 def test_the_gripper_closes_and_opens(driven):
     """From -1 to 1; the width is the distance between the fingers."""
     envs, task = driven
