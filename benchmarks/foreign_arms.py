@@ -10,7 +10,8 @@ that `init` writes for the file, without a word added. A thing that fits into th
   `opening_mm` is the greatest distance of a finger's geom from there, in the TCP frame.
 - After half a second without an action, a thing is `kept` if two bodies of the robot touch it, and `held` if it has
   also moved by at most 2 mm in the hand. `others` counts starts in which the robot or a lifted thing touches anything
-  else. `sag_mm` is how far the TCP moves in the start pose in this time, by the weight of an arm without `gravcomp`.
+  else. `distinct` counts starts that differ, and `fallback` is the share of starts from the bank. `sag_mm` is how far
+  the TCP moves in the start pose in this time, by the weight of an arm without `gravcomp`.
 
 Prints a line of JSON for each arm. A scene that is refused has the reason.
 """
@@ -32,7 +33,7 @@ import numpy as np
 import torch
 import tyro
 
-from sceniris_gym.errors import ScenirisError
+from sceniris_gym.errors import FallbackWarning, ScenirisError
 from sceniris_gym.importers.models.first_scene import first_scene
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.program.compiled import CompiledScene
@@ -101,6 +102,8 @@ STANDS = {"openarm": 0.25}
 KINDS = ({"robot": "grasp", "of": "thing"}, {"robot": "grasp", "of": "thing", "lift": [0.02, 0.1]})
 STILL = 2e-3
 """Movement in the hand of a thing that is held [m]."""
+MOST_FALLBACKS = 0.1
+"""Share of starts from the bank above which a smaller thing is tried."""
 _SECONDS = 3.0
 
 
@@ -308,6 +311,8 @@ def held(compiled: CompiledScene, starts: int) -> dict[str, Any]:
     drift = np.array([row.drift for row in rows])
     return {
         "starts": np.bincount([row.kind for row in rows]).tolist(),
+        "distinct": len({row.qpos for row in rows}),
+        "fallback": round(float(np.mean([row.fallback for row in rows])), 4),
         "kept": round(float(np.mean([row.fingers >= 2 for row in rows])), 4),
         "held": round(float(np.mean([row.fingers >= 2 and row.drift <= STILL for row in rows])), 4),
         "lost": np.bincount([row.kind for row in rows if row.fingers < 2 or row.drift > STILL], minlength=2).tolist(),
@@ -361,7 +366,10 @@ def measure(name: str, options: Options, files: dict[str, Path]) -> dict[str, An
                 row |= {"thing": of, "kinds": len(kinds), **held(compiled, options.starts)}
             except ScenirisError as error:
                 row["start"] = {of: _short(error)}
-            break
+                break
+            if row["fallback"] <= MOST_FALLBACKS:
+                break
+            row.setdefault("start", {})[f"{of}.{len(kinds)}"] = f"{row['fallback']:.0%} from the bank"
     return row | {"seconds": round(time.perf_counter() - begin, 1)}
 
 
@@ -388,6 +396,7 @@ def main() -> None:
     for name in options.arms or (*ARMS, *HANDS):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
+            warnings.simplefilter("always", FallbackWarning)
             row = measure(name, options, files)
         tell_row(row, options.out)
 

@@ -1,6 +1,6 @@
-"""Pictures of worlds from their cameras: of three scenes for the README, and with randomised appearance.
+"""Pictures of worlds from their cameras: of four scenes for the README, and with randomised appearance.
 
-python -m docs.make_worlds   # about a minute
+python -m docs.make_worlds   # about three minutes
 """
 
 from __future__ import annotations
@@ -17,6 +17,8 @@ from sceniris_gym.pictures.camera import Cameras
 from sceniris_gym.pictures.context import Looks, Shot
 
 PICTURE = Path(__file__).parent / "worlds.jpg"
+KITCHENS = PICTURE.with_name("kitchens.jpg")
+"""The second picture of the README: worlds of the scene `kitchen_any`, whose furniture differs."""
 RANDOMISED = PICTURE.with_name("randomised.jpg")
 """The picture of docs/randomisation.md: worlds with randomised physics and appearance."""
 SCENES = ("clutter", "kitchen", "dinner")
@@ -24,13 +26,17 @@ SIZE = (200, 150)
 """Pixels of a world in a small picture."""
 LARGE = (480, 360)
 """Pixels of a world in the picture of the README."""
+KITCHEN = (360, 200)
+"""Pixels of a kitchen."""
 PAPER = (255, 255, 255)
 _WORLDS = 3
 _DRAWN = 3  # pixels are drawn at this multiple of a picture's size, and scaled down
 _GAP = 6
 
 
-def worlds_of(compiled: CompiledScene, worlds: int, seed: int = 0, size: tuple[int, int] = SIZE) -> np.ndarray:
+def worlds_of(
+    compiled: CompiledScene, worlds: int, seed: int = 0, size: tuple[int, int] = SIZE, camera: str = "overview"
+) -> np.ndarray:
     """Return pictures of worlds of a scene, with seeds from `seed` on, (worlds, height, width, 3) uint8.
 
     They are three times as large as `size`, and `grid` scales them down.
@@ -38,9 +44,9 @@ def worlds_of(compiled: CompiledScene, worlds: int, seed: int = 0, size: tuple[i
     model, data = make_worlds(compiled, worlds, nconmax=1, njmax=1)
     ResetRandomizer(compiled, model, data, seed=seed).reset()
     width, height = (_DRAWN * edge for edge in size)
-    cameras = Cameras(compiled.scene.sim, model, data, {"overview": Shot((width, height))}, Looks(shadows=True))
+    cameras = Cameras(compiled.scene.sim, model, data, {camera: Shot((width, height))}, Looks(shadows=True))
     cameras.launch()
-    return cameras.images["overview"]["rgb"].numpy()
+    return cameras.images[camera]["rgb"].numpy()
 
 
 def grid(pictures: Sequence[np.ndarray], columns: int, gap: int, size: tuple[int, int] = SIZE) -> Image.Image:
@@ -59,6 +65,8 @@ def main() -> None:
     grid(list(worlds_of(compile_scene(task["SCENE"], "cpu"), 16)), 4, 4).save(RANDOMISED, quality=85, optimize=True)
     tiles = [tile for scene in SCENES for tile in worlds_of(compile_scene(scene, "cpu"), _WORLDS, size=LARGE)]
     grid(tiles, _WORLDS, _GAP, LARGE).save(PICTURE, quality=88, optimize=True)
+    kitchens = worlds_of(compile_scene("kitchen_any", "cpu"), 16, size=KITCHEN, camera="row")
+    grid(list(kitchens), 4, _GAP, KITCHEN).save(KITCHENS, quality=85, optimize=True)
     print(f"{PICTURE}: {PICTURE.stat().st_size // 1024} KiB")
 
 

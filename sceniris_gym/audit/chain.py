@@ -26,10 +26,11 @@ class Chain:
 
     Args:
         mjm: The model with the arm.
-        root: Id of the arm's base body.
+        root: Id of the arm's root body.
         site: Id of the site that is the arm's TCP.
 
     Attributes:
+        base: Id of the body without joints that carries the arm: the root body, or its parent.
         joints: Ids of the n joints from the base to the TCP, shape (n,).
         lower, upper: Limits of the joints [rad or m], shape (n,). -inf and inf for joints without limits.
     """
@@ -38,7 +39,9 @@ class Chain:
         import pytorch_kinematics as pk  # takes seconds, and only the audit of an arm needs it
         import torch
 
-        path = [int(mjm.site_bodyid[site])]
+        if mjm.body_jntnum[root] and mjm.jnt_type[mjm.body_jntadr[root]] != mujoco.mjtJoint.mjJNT_FREE:
+            root = int(mjm.body_parentid[root])
+        self.base, path = root, [int(mjm.site_bodyid[site])]
         while path[-1] != root:
             path.append(int(mjm.body_parentid[path[-1]]))
         self.joints = np.flatnonzero(np.isin(mjm.jnt_bodyid, path[:-1]))

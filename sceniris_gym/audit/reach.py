@@ -80,10 +80,11 @@ class ReachAudit:
     def __init__(
         self, mjm: mujoco.MjModel, root: int, bodies: dict[str, int], tcp: str, chain: Chain | None = None
     ) -> None:
-        self.mjm, self.root, self.data = mjm, root, mujoco.MjData(mjm)
+        self.mjm, self.data = mjm, mujoco.MjData(mjm)
         self.site = mjm.site(tcp).id if chain is None else -1
         self.chain = Chain(mjm, root, self.site) if chain is None else chain
         self.joints = self.chain.joints if chain is None else []
+        self._base = root if chain is not None and chain.base else self.chain.base
         self.adr = mjm.jnt_qposadr[self.joints].astype(int)
         self._of = {name: subtree(mjm, body) for name, body in bodies.items()}
         self._robot = subtree(mjm, root)
@@ -107,7 +108,7 @@ class ReachAudit:
                 if cause is not None:
                     found.append(Unreached(row, claim.name, cause))
                 elif claim.tier.needs_map:
-                    base = frame(np.hstack([self.data.xpos[self.root], self.data.xquat[self.root]]))
+                    base = frame(np.hstack([self.data.xpos[self._base], self.data.xquat[self._base]]))
                     pose = np.linalg.inv(base) @ frame(claim.pose[row])
                     asked.append((Unreached(row, claim.name, "no joints found"), pose))
         if asked:

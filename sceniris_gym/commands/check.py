@@ -15,6 +15,9 @@ from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.program.compiled import CompiledScene
 
+# The verdict is bad if a smaller share of layouts is valid, because the others repeat the layouts of the bank.
+_LEAST_VALID = 0.5
+
 
 def judge(config: SceneConfig, device: str | None, *options: Any, strict: bool = False) -> dict:
     """Compile a scene and return the findings of `check`, with the verdict.
@@ -35,7 +38,7 @@ def judge(config: SceneConfig, device: str | None, *options: Any, strict: bool =
     for warning in warned:
         warnings.warn(warning.message, stacklevel=2)
     often = strict and any(isinstance(warning.message, FallbackWarning) for warning in warned)
-    return {OK: found["valid"] > 0.0 and not often, **found}
+    return {OK: found["valid"] >= _LEAST_VALID and not often, **found}
 
 
 def check(compiled: CompiledScene, layouts: int, seed: int, picture: Path | None = None, split: str = "train") -> dict:

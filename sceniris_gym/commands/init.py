@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from sceniris_gym.commands.answer import OK, verdict
-from sceniris_gym.commands.approach import reach_notes
+from sceniris_gym.commands.approach import add_reach
 from sceniris_gym.config.fields import ROBOT
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import InfeasibleSceneError, ModelWarning, NotSupportedError, SceneFileError, ScenirisError
@@ -45,8 +45,11 @@ def init(model: Path, device: str | None = None) -> FirstScene:
         warnings.simplefilter("ignore")
         warnings.simplefilter("once", ModelWarning)
         compiled = _compiled(scene, device)
-    if scene.robot is not None and not scene.robot.why:
-        scene.robot.notes += reach_notes(compiled, [entry.name for entry in scene.objects if not entry.why])
+        if scene.robot is not None and not scene.robot.why:
+            notes = scene.robot.notes
+            if add_reach(scene, compiled):
+                scene.robot.notes = notes
+                add_reach(scene, _compiled(scene, device))
     return scene
 
 

@@ -178,7 +178,7 @@ def _on_map(compiled: CompiledScene, plain: CompiledScene, table: LayoutTable, n
         mujoco.mj_kinematics(plain.mjm, data)
         root = _frame_of(data, plain.scene.bodies[name])
         first, number = target.grasp_set.spans[int((ups @ root[2, :3]).argmax())]
-        base = np.linalg.inv(_frame_of(data, plain.scene.bodies[one.robot]))
+        base = np.linalg.inv(_frame_of(data, one.view.base_body))
         for grasp in target.grasp_set.grasps[first : first + number]:
             tcp = _frame_of(data, grasp.body) @ pose_matrix(grasp.pos, grasp.quat)
             if placed.ground is None or tcp[2, 2] <= MOST_RISING:

@@ -26,9 +26,9 @@ _STEPS = 16  # bisection steps: 40 mm of finger travel over 2^16 is 0.6 um
 _FAR = 0.3  # m, distances are measured up to this limit, because the object is between the fingers
 _FITS = 2.0e-4  # m, largest error of the penetration on either side
 _MOVES = 1.0e-6  # m, a geom belongs to a finger if it moves farther than this while the gripper opens
-# Hold test: duration [s], largest motion of the object [m], and load as a multiple of the object's weight. For starts,
-# the guaranteed motion is below 2 mm, which leaves a margin for arms that swing and sag.
-_HOLD, _SLIPS, _LOAD = 0.5, 1.0e-3, 2.0
+SLIPS = 1.0e-3
+"""Largest motion of a held object in the hand [m]. Starts guarantee 2 mm, because arms swing and sag."""
+_HOLD, _LOAD = 0.5, 2.0  # duration of the hold test [s], and its load as a multiple of the object's weight
 
 
 class Grip(NamedTuple):
@@ -38,8 +38,9 @@ class Grip(NamedTuple):
         share: Opening of the gripper, from 0 (closed) to 1 (open).
         pos: Position [m] of the TCP, midway between the contacts, in the frame of the grasp's body, shape (3,).
         fits: How firmly the controls close the fingers on the object, as in `PRESSES`, so that they hold it where it
-            stands. 0 if the fingers do not touch the object from both sides, or push it away.
-        lifts: The same, if the object hangs in the orientation in which it was placed. 0 if this was not tested.
+            stands. 0 if the fingers do not touch the object from both sides. If it moves in the hand, minus the least
+            motion [m].
+        lifts: The same, for an object that hangs in its placed orientation. 0 if this was not tested.
         holds: The same, for gravity in any direction. 0 if this was not tested.
     """
 
@@ -139,7 +140,7 @@ class Fingers:
         """Simulate half a second in MuJoCo C, and return how firmly the fingers close to hold the object in all models.
 
         The object is free, and only the hand and the object collide. A strong gripper may squeeze the object out of its
-        fingers. Then the result is the greatest of `PRESSES` that holds the object, or 0.
+        fingers. Then the result is the greatest of `PRESSES` that holds the object, or minus the least motion [m].
 
         Args:
             bodies: Bodies of the object, the root first.
@@ -148,15 +149,18 @@ class Fingers:
             downs: Directions of gravity in the frame of the object's root, shape (n, 3). The fingers should hold the
                 object for each of them. A row of zeros tests without gravity, for an object that a support carries.
         """
+        least = np.inf
         for press in PRESSES:
-            if all(self._holds(copy.copy(model), bodies, grasp, grip, downs, press) for model in self._models):
+            moved = (self._moved(copy.copy(model), bodies, grasp, grip, downs, press) for model in self._models)
+            if (slip := next((m for m in moved if not m < SLIPS), 0.0)) == 0.0:
                 return press
-        return 0.0
+            least = min(least, slip)
+        return -float(least)
 
-    def _holds(
+    def _moved(
         self, alone: mujoco.MjModel, bodies: Sequence[int], grasp: Grasp, grip: Grip, downs: np.ndarray, press: float
-    ) -> bool:
-        """Do the test of `hold` in one model. `alone` is this model, which the test modifies."""
+    ) -> float:
+        """Return the motion [m] of the object in the test of `hold` in one model, `alone`, which the test modifies."""
         data, home, root = self._data, self._home, bodies[0]
         apart = ~np.isin(alone.geom_bodyid, [*self._hand, *bodies])
         alone.geom_contype[apart] = alone.geom_conaffinity[apart] = 0
@@ -180,9 +184,9 @@ class Fingers:
             for _ in range(round(_HOLD / alone.opt.timestep)):
                 mujoco.mj_step(alone, data)
             mujoco.mj_kinematics(alone, data)
-            if not np.linalg.norm(self._seen(root) - before) < _SLIPS:
-                return False
-        return True
+            if not (slip := np.linalg.norm(self._seen(root) - before)) < SLIPS:
+                return float(slip)
+        return 0.0
 
     def _seen(self, body: int) -> np.ndarray:
         """Return the position [m] of a body in the TCP frame, shape (3,)."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from sceniris_gym.collide.leaves import SKIN
 from sceniris_gym.config.member_names import split_support
+from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import InfeasibleSceneError
 from sceniris_gym.geometry.colliders import collect_colliders
 from sceniris_gym.geometry.supports import COS_MAX_TILT
@@ -192,6 +193,7 @@ def infeasible(compiled: CompiledScene, probe: LayoutGenerator, key: str = "") -
     if remedy == _PLAIN and part is not None and part.relations:
         named = " and ".join(f"'{relation.summary}'" for relation in part.relations)
         remedy = f"It has to be {named}. Widen or remove a relation, or give the object a larger region or support."
+    remedy = " Or choose ".join((remedy, *(f"{cure}." for cure in of_starts(compiled.config, name, cause))))
     where = compiled.config.where + key
     return InfeasibleSceneError(
         f"{where}: no valid layout was found: '{name}' could not be placed, mostly because of {cause}. "
@@ -202,6 +204,13 @@ def infeasible(compiled: CompiledScene, probe: LayoutGenerator, key: str = "") -
         counts,
         ways,
     )
+
+
+def of_starts(config: SceneConfig, name: str, cause: str) -> tuple[str, ...]:
+    """Return the advice about the kinds of `start` that take an arm to an object, if they may cause its rejections."""
+    kinds = [f"start.{i}" for i, kind in enumerate(config.start) if name in kind.targets(config.variants)]
+    only = f"which accept only grasps that hold '{name}' without collisions"
+    return (f"other grasps or a lower 'lift' in {', '.join(kinds)}, {only}",) if kinds and cause in _LATE else ()
 
 
 def ended_restarts(cause: str, rejections: int, attempts: int) -> float:

@@ -18,7 +18,7 @@ from sceniris_gym.device.random import SPLITS
 from sceniris_gym.device.sequence import launching
 from sceniris_gym.errors import FallbackWarning, UnknownNameError
 from sceniris_gym.layout.attempts import find_attempts
-from sceniris_gym.layout.blame import AT_ONCE, ended_restarts, infeasible, recording
+from sceniris_gym.layout.blame import AT_ONCE, ended_restarts, infeasible, of_starts, recording
 from sceniris_gym.layout.columns import BANKED
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import LayoutStatus, column_of
@@ -298,7 +298,7 @@ def _warn_of_fallbacks(compiled: CompiledScene, *probes: _Probe) -> None:
     cures = [f"'restarts' above {config.restarts}"]
     if config.attempts != AUTO and Cause[cause.upper()] not in AT_ONCE:
         cures.append(f"'attempts: {AUTO}'")
-    cures.append(f"a larger region for '{name}'")
+    cures += [*of_starts(config, name, cause), f"a larger region for '{name}'"]
     cures += [f"a wider '{relation.summary}'" for relation in getattr(config.parts.get(name), "relations", ())]
     found = min(len(probe.found) for probe in probes)
     held = (found, config.bank) if found < config.bank else None

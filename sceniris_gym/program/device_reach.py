@@ -106,6 +106,7 @@ class Starts:
     """The kinds of starts (entries of `start`) of a scene. They do not change after `compile_scene`."""
 
     pose: wp.array[int]  # a StartPose
+    pregrasp: wp.array[bool]  # the arm must also reach the pre-grasp
     arm: wp.array[int]  # number of the arm, or -1
     target: wp.array2d[bool]  # the kind's reach targets. A world uses one of them.
     grasp: wp.array2d[bool]  # the selected grasps, among all grasps of `Reach`

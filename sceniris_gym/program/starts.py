@@ -12,7 +12,7 @@ from sceniris_gym.config.robot import StartConfig
 from sceniris_gym.errors import NotSupportedError, SceneKeyError, UnknownNameError
 from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.grasping.grasps import PREFIX, selected
-from sceniris_gym.grasping.grip import Fingers, Grip
+from sceniris_gym.grasping.grip import SLIPS, Fingers, Grip
 from sceniris_gym.program.device import ObjectKind
 from sceniris_gym.program.device_reach import StartPose
 from sceniris_gym.program.placed_object import JointRange, PlacedObject
@@ -22,6 +22,8 @@ from sceniris_gym.reach.arm import MAX_JOINTS
 from sceniris_gym.scene.draws import WEAK, at_ends, corners
 from sceniris_gym.scene.model import SceneModel
 
+_ANY = 6
+"""An arm with fewer joints than this cannot move its hand in every direction without turning it."""
 _UNDRAWN = (1.0, -1.0)
 """The interval of a joint that a kind does not draw."""
 _CARRIED = np.zeros((1, 3))
@@ -97,7 +99,7 @@ def plan_starts(plan: Plan, grips: tuple[Grip, ...]) -> dict[str, np.ndarray]:
         SceneKeyError: A start sets a joint that its object does not draw, or no selected grasp can hold a target.
     """
     kinds = [_kind(plan, grips, i, config) for i, config in enumerate(plan.scene.config.start)]
-    robots = [b for one in plan.reaching.arms for b in plan.scene.subtree(one.robot)[1:]]
+    robots = [b for one in plan.reaching.arms for b in plan.scene.moving(one.robot)]
     return {
         **{name: np.array([kind[name] for kind in kinds]) for name in kinds[0]},
         "robot_qposadr": plan.scene.mjm.jnt_qposadr[np.isin(plan.scene.mjm.jnt_bodyid, robots)],
@@ -117,12 +119,16 @@ def _kind(plan: Plan, grips: tuple[Grip, ...], number: int, config: StartConfig)
         if pose in _FITS and target.name in names:
             fit, how = _FITS[pose]
             first = sum(map(len, counts))
-            firm = own * [getattr(grip, fit) for grip in grips[first : first + len(own)]]
-            own = firm * (firm == firm.max(initial=0.0))
+            tried = grips[first : first + len(own)]
+            firm = own * [getattr(grip, fit) for grip in tried]
+            slips, own = -firm[firm < 0.0], firm * (firm == firm.max(initial=0.0))
             if not own.any():
+                least = slips.min(initial=np.inf)
+                why = f": in the best it moves by {1e3 * least:.1f} mm (limit {1e3 * SLIPS:g})" * bool(len(slips))
+                lower = " It can be lifted by 0 m, so start it where it stands." * any(g.fits > 0.0 for g in tried)
                 raise SceneKeyError(
-                    f"{where}: no selected grasp can hold '{target.name}' {how} for all values of 'randomize'. "
-                    "Select other grasps, or use a stronger gripper, a lighter object, or narrower draws."
+                    f"{where}: no selected grasp can hold '{target.name}' {how} for all values of 'randomize'{why}."
+                    f"{lower} Select other grasps, or use a stronger gripper, a lighter object, or narrower draws."
                 )
         counts.append(own)
         if target.name in names:
@@ -131,6 +137,7 @@ def _kind(plan: Plan, grips: tuple[Grip, ...], number: int, config: StartConfig)
     order, markers = {o.name: i for i, o in enumerate(plan.objects)}, plan.scene.config.markers(config)
     return {
         "pose": int(pose),
+        "pregrasp": pose == StartPose.PREGRASP or len(plan.reaching.arms[arm].arm.joints if arm >= 0 else ()) >= _ANY,
         "arm": arm,
         "target": np.array([target.name in names for target in targets], bool),
         "grasp": np.concatenate(counts) > 0.0,

@@ -40,7 +40,8 @@ class SerialArm:
 
     Attributes:
         name: Name of the base body.
-        base_body, tcp_site: Ids of the base body and the TCP site in the model.
+        base_body, tcp_site: Ids of the base body and the TCP site in the model. If the named body has joints, they are
+            the arm's first joints, and the base is the body's parent.
         joints: Names of the n joints, "" for a joint without a name.
         qposadr: Addresses of the joints in `qpos`, shape (n,).
         slide: True for slides, False for hinges, shape (n,), bool.
@@ -80,9 +81,9 @@ class SerialArm:
         sites = [mjm.site(i).name for i in range(mjm.nsite)]
         check_names("body", [base], "arm", bodies)
         check_names("site", [tcp], f"arm '{base}'", sites)
-        base_body, tcp_site = bodies.index(base), sites.index(tcp)
-        ids, pos, quat = _chain(mjm, base_body, tcp_site)
-        _check_joints(mjm, base_body, tcp, ids)
+        root, tcp_site = bodies.index(base), sites.index(tcp)
+        ids, pos, quat = _chain(mjm, root, tcp_site)
+        _check_joints(mjm, root, tcp, ids)
         adr = mjm.jnt_qposadr[ids]
         limited = mjm.jnt_limited[ids].astype(bool)
         lower = np.where(limited, mjm.jnt_range[ids, 0], -np.inf)
@@ -91,7 +92,7 @@ class SerialArm:
         home = mjm.key_qpos[keys.index(HOME)] if HOME in keys else mjm.qpos0
         return cls(
             name=base,
-            base_body=base_body,
+            base_body=fixed_base(mjm, root),
             tcp_site=tcp_site,
             joints=tuple(mjm.joint(i).name for i in ids),
             qposadr=adr.astype(int),
@@ -160,10 +161,16 @@ class SerialArm:
         return bool(not self.slide[i] and self.upper[i] - self.lower[i] > 2.0 * np.pi - _ANGLE_TOL)
 
 
+def fixed_base(mjm: mujoco.MjModel, root: int) -> int:
+    """Return the body that carries an arm's first joint: the arm's root body, or its parent if the root has joints."""
+    own = mjm.jnt_type[_joints_of(mjm, root)]
+    return root if (own == mujoco.mjtJoint.mjJNT_FREE).all() else int(mjm.body_parentid[root])
+
+
 def _chain(mjm: mujoco.MjModel, base: int, tcp: int) -> tuple[list[int], np.ndarray, np.ndarray]:
     """Return the ids of the joints between a body and a site, and the transforms between the joint frames."""
-    *path, top = chain_up(mjm, int(mjm.site_bodyid[tcp]), base)
-    if top != base:
+    path = chain_up(mjm, int(mjm.site_bodyid[tcp]), base)
+    if path[-1] != base:
         raise ArmError(
             f"arm '{mjm.body(base).name}' is not serial: the site '{mjm.site(tcp).name}' is not in the body's subtree. "
             f"Put the site on the hand, a body below '{mjm.body(base).name}'."
@@ -171,7 +178,7 @@ def _chain(mjm: mujoco.MjModel, base: int, tcp: int) -> tuple[list[int], np.ndar
     none = np.array([1.0, 0.0, 0.0, 0.0])
     ids, links = [], []
     pos, quat = np.zeros(3), none
-    for body in reversed(path):
+    for body in reversed(path[: len(path) - (fixed_base(mjm, base) == base)]):
         pos, quat = compose(pos, quat, mjm.body_pos[body], mjm.body_quat[body])
         for joint in _joints_of(mjm, body):
             ids.append(joint)
@@ -182,7 +189,7 @@ def _chain(mjm: mujoco.MjModel, base: int, tcp: int) -> tuple[list[int], np.ndar
 
 
 def _check_joints(mjm: mujoco.MjModel, base_body: int, tcp: str, ids: list[int]) -> None:
-    """Raise ArmError if joints are missing, too many, unsupported, coupled, or move the base."""
+    """Raise ArmError if joints are missing, too many, unsupported or coupled."""
     base, advice = mjm.body(base_body).name, _instead(mjm, base_body, tcp)
     if not ids:
         raise ArmError(
@@ -200,14 +207,8 @@ def _check_joints(mjm: mujoco.MjModel, base_body: int, tcp: str, ids: list[int])
             raise ArmError(f"arm '{base}': {joint_label(mjm, i)} is a {word} joint. Use hinges and slides.")
         if kind == mujoco.mjtJoint.mjJNT_SLIDE and not mjm.jnt_limited[i]:
             raise ArmError(f"arm '{base}': {joint_label(mjm, i)} is a slide without limits. Give it a range. {advice}")
-    for i in _joints_of(mjm, base_body):
-        if mujoco.mjtJoint(mjm.jnt_type[i]) != mujoco.mjtJoint.mjJNT_FREE:
-            raise ArmError(
-                f"arm '{base}': {joint_label(mjm, i)} moves the base itself. Move the joint to a body below "
-                f"'{base}', or wrap the whole arm in a body without joints. {advice}"
-            )
     for i in range(mjm.neq):
-        if mjm.eq_active0[i] and _couples(mjm, i, base_body, ids):
+        if mjm.eq_active0[i] and _couples(mjm, i, fixed_base(mjm, base_body), ids):
             name = mjm.equality(i).name
             raise ArmError(
                 f"arm '{base}' is not serial: the equality constraint {repr(name) if name else i} couples its joints. "
@@ -216,19 +217,28 @@ def _check_joints(mjm: mujoco.MjModel, base_body: int, tcp: str, ids: list[int])
 
 
 def _instead(mjm: mujoco.MjModel, base: int, tcp: str) -> str:
-    """Return the advice to name a body further up the arm, so that a mobile base or a torso keeps its start pose.
-
-    The body is without joints, and at most MAX_JOINTS joints between it and the TCP suit an arm. Of several such
-    bodies, the advice names the one farthest from the TCP, and if there is none, 'BODY'.
-    """
-    site, found = mjm.site(tcp).id, "BODY"
-    for body in chain_up(mjm, int(mjm.site_bodyid[site]), base)[1:-1]:
-        ids = _chain(mjm, body, site)[0]
-        is_open = (mjm.jnt_type[ids] == mujoco.mjtJoint.mjJNT_SLIDE) & (mjm.jnt_limited[ids] == 0)
-        if 0 < len(ids) <= MAX_JOINTS and not is_open.any() and not _joints_of(mjm, body) and mjm.body(body).name:
-            found = mjm.body(body).name
-    robot = f"`robot: {{in_model: {found}}}`, a body without joints that carries the arm"
+    """Return the advice to name a body further up the arm, so that a mobile base or a torso keeps its start pose."""
+    found = carrier_of(mjm, int(mjm.site_bodyid[mjm.site(tcp).id]), base)
+    name = mjm.body(found).name if found else "BODY"
+    robot = f"`robot: {{in_model: {name}}}`, a body without joints that carries the arm"
     return f"For an arm on a base that keeps its start pose, make its file the scene's `model`, and write {robot}."
+
+
+def carrier_of(mjm: mujoco.MjModel, hand: int, base: int) -> int | None:
+    """Return `base` if the joints from it up to a hand suit an arm, or else the body farthest from the hand that suits.
+
+    An arm has at most MAX_JOINTS joints, and all its slides have limits. The other body has a name and no joints. None
+    if there is no such body.
+    """
+    found, ids = None, []
+    for body in chain_up(mjm, hand, base):
+        if ids and not _joints_of(mjm, body) and mjm.body(body).name:
+            found = body
+        ids += _joints_of(mjm, body)
+        is_open = (mjm.jnt_type[ids] == mujoco.mjtJoint.mjJNT_SLIDE) & (mjm.jnt_limited[ids] == 0)
+        if len(ids) > MAX_JOINTS or is_open.any():
+            return found
+    return base
 
 
 def _couples(mjm: mujoco.MjModel, eq: int, base: int, ids: list[int]) -> bool:

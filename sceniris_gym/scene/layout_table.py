@@ -66,7 +66,7 @@ class LayoutTable:
             a grasp, shape (nrow, nreach, 7), float32.
         grasp_qpos: The arm's joints [rad or m] in the accepted grasp, nan for tiers that use only the arm's map, shape
             (nrow, nreach, njoint), float32.
-        pregrasp_qpos: The arm's joints in the pre-grasp, nan for tiers below `clear`, shape and type as `grasp_qpos`.
+        pregrasp_qpos: The arm's joints in the pre-grasp, nan below `clear` or if not needed, shaped as `grasp_qpos`.
         param: Values of the params, shape (nrow, nvalue), float32.
         present: Whether each object is present, not left out by its group. The objects come in the order of the scene
             file, then the robots, shape (nrow, nslot), bool.

@@ -18,6 +18,7 @@ from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.device.fixed import RefusesOldNames
 from sceniris_gym.errors import NotSupportedError, SceneKeyError, SceneMismatchError, UnknownNameError
 from sceniris_gym.geometry.contacts import ContactRules
+from sceniris_gym.reach.arm import fixed_base
 from sceniris_gym.scene.couplings import Coupling, driven_by
 from sceniris_gym.scene.draws import LEAST, MOST, FieldDraw, at_ends
 from sceniris_gym.scene.shared_parts import SharedPart, shared_parts
@@ -135,6 +136,11 @@ class SceneModel(RefusesOldNames):
     def subtree(self, name: str) -> list[int]:
         """Return the ids of an object's root body and of all bodies below it, in ascending order."""
         return subtree(self.mjm, self.bodies[name])
+
+    def moving(self, robot: str) -> list[int]:
+        """Return the bodies of a robot that its joints may move: all but the base."""
+        base = fixed_base(self.mjm, self.bodies[robot])
+        return [body for body in self.subtree(robot) if body != base]
 
     @cached_property
     def owners(self) -> dict[int, str]:

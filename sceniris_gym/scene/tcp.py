@@ -13,7 +13,7 @@ from sceniris_gym.scene.support import subtree
 
 SITE = "tcp"
 """Default name of the tool centre point's site."""
-USUAL = (SITE, "grip_site", "gripperframe", "pinch", "grasp_site", "attachment_site", "ee_site")
+USUAL = (SITE, "grip_site", "gripperframe", "pinch", "grasp_site", "attachment_site", "ee_site", "link_tcp")
 """Names that models usually give to the site of the tool centre point, best first."""
 _ADDED = "robot_tcp"
 _MOVING = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE))

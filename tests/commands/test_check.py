@@ -13,9 +13,11 @@ from PIL import Image
 from ruamel.yaml import YAML
 
 from sceniris_gym.cli import main
-from sceniris_gym.commands.check import check, report, table_of_rejections
+from sceniris_gym.commands.check import check, judge, report, table_of_rejections
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.errors import FallbackWarning
 from sceniris_gym.layout.generate import LayoutGenerator
-from tests.layout.crane import crane_map, crane_mjcf, crane_scene
+from tests.layout.crane import HEIGHT, crane_map, crane_mjcf, crane_scene
 from tests.layout.scenes import box_mjcf, compile_on_cpu
 
 
@@ -51,6 +53,22 @@ def test_every_candidate_of_a_single_object_is_rejected_or_stays(tmp_path: Path)
     assert rejected["unreachable"] > 200
     assert found["first_id"] == f"{compiled.hash}:train:7:0"
     assert "picture" not in found
+
+
+def test_a_start_that_few_layouts_allow_is_named_and_its_scene_is_not_ok(tmp_path: Path):
+    """A cube anywhere around a crane: one restart finds few that start at a pre-grasp, and a low crane finds none."""
+    file, cube = Path(crane_mjcf(tmp_path)), box_mjcf(tmp_path, "cube", 0.04, 0.04, 0.04)
+    start = {"robot": "pregrasp", "of": "thing"}
+    scene = {**crane_scene(str(file), cube, reachable="ik"), "start": [{"weight": 1}, start], "restarts": 1, "bank": 8}
+    advice = "other grasps or a lower 'lift' in start.1, which accept only grasps that hold 'thing' without collisions"
+    with pytest.warns(FallbackWarning, match=advice):
+        found = judge(SceneConfig.load(scene), "cpu", 100, 0)
+    assert 0.0 < found["valid"] < 0.5
+    assert not found["ok"]
+    assert judge(SceneConfig.load({**scene, "restarts": 50}), "cpu", 100, 0)["ok"]
+    file.write_text(file.read_text().replace(f'{HEIGHT[1]}"', '0.075"').replace(" 0.3 0 0.04", " 0.05 0 0.04"))
+    found = judge(SceneConfig.load({**scene, "restarts": 50}), "cpu", 100, 0)
+    assert advice in found["error"]
 
 
 def test_layouts_are_made_once_and_their_rejections_name_what_is_in_the_way(

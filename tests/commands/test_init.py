@@ -17,8 +17,6 @@ from sceniris_gym.importers.libero.reader import LiberoTask, read_bddl
 from sceniris_gym.importers.models.first_scene import first_scene
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.tables import make_table
-from sceniris_gym.program.reach import robot_arm
-from sceniris_gym.scene.build import build_model
 from tests.importers.libero.problems import STACK, write
 from tests.importers.models.models import FINGERS, TABLE, arm
 
@@ -102,16 +100,24 @@ def test_a_model_that_cannot_be_read_is_an_error(tmp_path: Path):
         init(tmp_path / "bad.xml", "cpu")
 
 
-def test_a_robot_on_a_cart_is_told_which_body_is_the_arm(tmp_path: Path):
-    """The comment names the body that a scene can use, and a robot whose base is free is named whole."""
-    model, joints = tmp_path / "cart.xml", '<joint type="slide"/><joint type="slide" axis="0 1 0"/><joint/>'
-    cart = f'<worldbody><body name="cart">{joints}<geom size="0.1"/>'
+def test_an_arm_on_a_cart_is_written_with_the_joints_that_drive_it(tmp_path: Path):
+    """A cart with named joints can be drawn below its arm, and a robot whose base is free is named whole."""
+    joints = (
+        '<joint name="x" type="slide" axis="1 0 0"/><joint name="y" type="slide" axis="0 1 0"/><joint name="turn"/>'
+    )
+    model = tmp_path / "cart.xml"
+    cart = f'<worldbody><body name="cart" pos="0 0 .11">{joints}<geom size="0.1"/>'
     model.write_text(arm(FINGERS).replace("<worldbody>", cart).replace("</worldbody>", "</body></worldbody>"))
     scene = init(model, "cpu")
     assert scene.robot is not None
-    assert "write `robot: {in_model: base}`, a body without joints" in scene.robot.notes[-1]
-    scene.robot.words["in_model"] = "base"
-    assert robot_arm(build_model(scene.words())).name == "base"
+    assert scene.robot.words["in_model"] == "base"
+    assert "An arm of 6 joints, with fingers." in scene.robot.notes
+    (cart,) = scene.fixtures
+    mug = {"asset": "mug", "on": "floor", "reachable": "ik", "region": {"box": [[-0.3, -0.3], [0.3, 0.3]]}}
+    words = {**scene.words(), "floor": {"size": [3, 3]}, "objects": {cart.name: cart.words, "mug": mug}}
+    compiled = compile_scene({**words, "restarts": 60}, "cpu", overrides={"bank": 4})
+    drawn = make_table(compiled, 40, 0).qpos[:, [compiled.mjm.joint(name).qposadr[0] for name in ("x", "y", "turn")]]
+    assert (np.ptp(drawn, axis=0) > 0.2).all()
     free = arm(FINGERS).replace('<body name="base">', '<body name="base" pos="0 0 1"><freejoint/>')
     model.write_text(free.replace("</mujoco>", '<actuator><position joint="j1"/></actuator></mujoco>'))
     (robot,) = first_scene(model).objects

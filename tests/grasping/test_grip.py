@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.grasping.grip import INSIDE, Fingers
 from sceniris_gym.program.plan import build_plan
 from sceniris_gym.program.reach import robot_arm
-from sceniris_gym.program.starts import plan_grips
+from sceniris_gym.program.starts import plan_grips, plan_starts
 from sceniris_gym.scene.build import build_model
 from tests.grasping.scenes import Scene, rotation
 from tests.grasping.test_gripper import ONE_JAW
@@ -84,3 +85,15 @@ def test_a_jaw_presses_a_thing_against_the_hand(tmp_path: Path):
     across = rotation(grasp.quat)[:, 1]
     assert -grasp.pos @ across == pytest.approx(0.009 - 0.005 - 0.01, abs=1e-6)
     assert -grip.pos @ across == pytest.approx(0.009 - 0.01 + INSIDE, abs=2e-5)
+
+
+def test_a_thing_that_slips_is_refused_with_its_motion_and_may_stand(tmp_path: Path):
+    """A block of 30 kg is too heavy for the hand in the air, but stands between its fingers."""
+    block = {"asset": box_mjcf(tmp_path, "block", 0.04, 0.04, 0.08, 'mass="30"'), "on": "floor", "reachable": "ik"}
+    start = {"robot": "grasp", "of": "block"}
+    scene = {"floor": {"size": [2, 2]}, "robot": {"asset": "panda"}, "objects": {"block": block}}
+    assert any(grip.fits > 0.0 for grip in plan_grips(build_plan(build_model({**scene, "start": [start]}))))
+    told = r"upright in the air .*: in the best it moves by \d+\.\d mm \(limit 1\)\. It can be lifted by 0 m"
+    plan = build_plan(build_model({**scene, "start": [{**start, "lift": [0.1, 0.2]}]}))
+    with pytest.raises(SceneKeyError, match=told):
+        plan_starts(plan, plan_grips(plan))

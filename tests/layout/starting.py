@@ -11,7 +11,7 @@ import mujoco_warp as mjw
 import numpy as np
 
 from sceniris_gym.layout.compile import compile_scene
-from sceniris_gym.layout.layouts import Layouts
+from sceniris_gym.layout.layouts import Layouts, LayoutStatus
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.fit import make_worlds
 from sceniris_gym.sim.randomizer import ResetRandomizer
@@ -76,12 +76,16 @@ class Held:
         drift: Movement of the object in the frame of the TCP [m].
         fingers: Number of the robot's bodies that touch it at the end.
         others: Steps in which the robot, or what it holds in the air, touches anything else.
+        qpos: The state at the start, as bytes, to count starts that differ.
+        fallback: Whether the start is from the bank.
     """
 
     kind: int
     drift: float
     fingers: int
     others: int
+    qpos: bytes
+    fallback: bool
 
 
 def reset_worlds(compiled: CompiledScene, nworld: int, seed: int = 0) -> tuple[mjw.Data, Layouts]:
@@ -139,7 +143,8 @@ def stepped(compiled: CompiledScene, data: mjw.Data, layouts: Layouts, every: in
             if thing.intersection(mjm.geom_bodyid[contact.geom].tolist()) and int(body) in robot
         }
         drift = float(np.linalg.norm(_in_hand(own, root, tcp) - before))
-        found.append(Held(number, drift, len(touching), others))
+        is_fallback = int(layouts.status[worldid]) == LayoutStatus.FALLBACK
+        found.append(Held(number, drift, len(touching), others, state["qpos"][worldid].tobytes(), is_fallback))
     return found
 
 

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import mujoco
 import numpy as np
 import pytest
 
+from sceniris_gym.commands.audit import judge_reach, reach_claims
 from sceniris_gym.config.loader import shipped
 from sceniris_gym.errors import ArmError
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.layout.tables import make_table
 from sceniris_gym.program.compiled import CompiledScene
-from tests.layout.scenes import compile_on_cpu
+from tests.layout.grasped import arm_mjcf
+from tests.layout.scenes import box_mjcf, compile_on_cpu
 from tests.oracle.exact_ik import ExactIk
 
 N = 150
@@ -87,7 +91,7 @@ def test_an_arm_on_a_cart_reaches_from_wherever_the_cart_is_drawn():
     drive = {"x": {"range": [-0.5, 0.5]}, "y": {"range": [-0.5, 0.5]}, "turn": {"range": [-3, 3]}}
     objects = {"cart": {"kind": "static", "joints": drive}, "mug": {"asset": "mug", "on": "floor", "reachable": "ik"}}
     words = {"model": spec, "floor": {"size": [2.2, 2.2]}, "robot": {"in_model": "arm/heron"}, "objects": objects}
-    with pytest.raises(ArmError, match=r"'x' moves the base itself.* `robot: \{in_model: arm/heron\}`"):
+    with pytest.raises(ArmError, match=r"has 9 joints.* `robot: \{in_model: arm/heron\}`"):
         compile_on_cpu({**words, "robot": {"in_model": "cart", "tcp": "arm/tcp"}, "objects": {"mug": objects["mug"]}})
     compiled = compile_on_cpu(words, bank=4)
     assert compiled.reaching is not None
@@ -101,3 +105,30 @@ def test_an_arm_on_a_cart_reaches_from_wherever_the_cart_is_drawn():
         mug, wanted = data.body(compiled.scene.bodies["mug"]), compiled.reaching.targets[0].grasp_set.grasps[grasp]
         at = mug.xpos + mug.xmat.reshape(3, 3) @ wanted.pos
         assert np.linalg.norm(data.site("arm/tcp").xpos - at) < 0.001
+
+
+@pytest.mark.parametrize("tier", ["ik", "clear"])
+def test_joints_of_an_unnamed_root_body_belong_to_the_arm(tmp_path: Path, tier: str):
+    """A rail moves the whole arm, whose root is named by its place; MuJoCo C and the audit find the TCP at the can."""
+    file = Path(arm_mjcf(tmp_path))
+    root = '<body pos="0.1 0.2 0.01"><joint name="rail" type="slide" axis="0 1 0" range="-0.6 0.6"/>'
+    bench = '<geom name="bench" type="box" size="0.8 0.8 0.1" pos="0 0 -0.1"/>'
+    text = file.read_text().replace('<body name="picker">', bench + root).replace('qpos="', 'qpos="0 ')
+    file.write_text(text)
+    can = {"asset": box_mjcf(tmp_path, "can", 0.04, 0.04, 0.1), "on": "bench", "reachable": tier}
+    words = {"model": str(file), "robot": {"in_model": "body_1"}, "objects": {"can": can}}
+    compiled = compile_on_cpu(words, bank=4)
+    assert compiled.reaching is not None
+    (arm,), table = (one.arm for one in compiled.reaching.arms), make_table(compiled, 60, 0)
+    assert (arm.joints[0], len(arm.joints)) == ("rail", 7)
+    assert table.valid.all()
+    assert np.ptp(table.grasp_qpos[:, 0, 0]) > 0.5
+    data = mujoco.MjData(compiled.mjm)
+    for row, (joints, grasp) in enumerate(zip(table.grasp_qpos[:, 0], table.grasp[:, 0], strict=True)):
+        table.put(data, row)
+        data.qpos[arm.qposadr] = joints
+        mujoco.mj_kinematics(compiled.mjm, data)
+        can, wanted = data.body(compiled.scene.bodies["can"]), compiled.reaching.targets[0].grasp_set.grasps[grasp]
+        at = can.xpos + can.xmat.reshape(3, 3) @ wanted.pos
+        assert np.linalg.norm(data.site(compiled.scene.tcps["robot"]).xpos - at) < 0.001
+    assert not judge_reach(compiled, table, reach_claims(compiled, table))

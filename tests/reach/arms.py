@@ -90,6 +90,14 @@ def _endless() -> tuple[mujoco.MjModel, str]:
     return model(chain="<freejoint/>" + INERTIA + arm), "base"
 
 
+def _rooted() -> tuple[mujoco.MjModel, str]:
+    """A hinge and a slide in the root body itself, which is placed and turned."""
+    root = hinge(pos="0.01 0 0", ref="0.2") + slide() + INERTIA
+    return model(
+        base='pos="1 2 3" quat="0.8 0.1 0 -0.5"', chain=root + link(hinge("0 1 0") + site(), pos="0.3 0 0")
+    ), "base"
+
+
 MODELS: dict[str, Callable[[], tuple[mujoco.MjModel, str]]] = {
     "panda": lambda: _asset("panda"),
     "ur5e": lambda: _asset("ur5e"),
@@ -97,6 +105,7 @@ MODELS: dict[str, Callable[[], tuple[mujoco.MjModel, str]]] = {
     "gantry": _gantry,
     "universal": _universal,
     "endless": _endless,
+    "rooted": _rooted,
 }
 """Makers of models, each with the name of its base body; the TCP is the site 'tcp'."""
 

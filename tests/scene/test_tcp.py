@@ -63,7 +63,7 @@ def test_a_site_a_body_or_an_offset_is_the_same_place(tmp_path: Path, tcp: Any):
 
 
 @pytest.mark.parametrize(
-    "site", ["gripperframe", "attachment_site", "hand/pinch", "grasp_site", "ee_site", "grip_site"]
+    "site", ["gripperframe", "attachment_site", "hand/pinch", "grasp_site", "ee_site", "grip_site", "link_tcp"]
 )
 def test_a_site_of_a_usual_name_is_the_tcp_of_a_robot_without_tcp(tmp_path: Path, monkeypatch: Any, site: str):
     """As if the scene named it, so that the fingers close along y; a site `tcp` comes first, and stays as it is."""

@@ -5,7 +5,7 @@ import os
 import re
 import textwrap
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,7 @@ from sceniris_gym.importers.models.found import (
     support_of,
     supports_of,
 )
+from sceniris_gym.reach.arm import carrier_of
 from sceniris_gym.scene.adopt import HOME, free_from_slides, named_by_place
 from sceniris_gym.scene.assemble import compile_spec
 from sceniris_gym.scene.model_files import load_model
@@ -77,6 +78,7 @@ class FirstScene:
         objects: Entries of the objects. A support comes before the objects on it.
         fixtures: The static bodies with joints that can be drawn. A comment has an entry for each of them.
         supports: Static bodies and geoms with level surfaces, largest first. A comment lists them.
+        near: Corners of a region that the arm reaches, for a scene without objects, or None.
     """
 
     model: Path
@@ -86,6 +88,7 @@ class FirstScene:
     objects: list[Entry]
     fixtures: list[Entry]
     supports: list[FoundSupport]
+    near: list[list[float]] | None = None
 
     def words(self) -> dict[str, Any]:
         """Return the active entries as a scene for `SceneConfig.load`."""
@@ -100,7 +103,7 @@ class FirstScene:
             self.robot.why = why
         out = {name: why}
         for entry in self.objects:  # supports come before the objects on them
-            if (carrier := _carrier(entry)) in out and not entry.why:
+            if (carrier := carrier_name(entry)) in out and not entry.why:
                 out[entry.name] = f"It stands on '{carrier}', which is commented out."
             entry.why = out.get(entry.name, entry.why)
 
@@ -128,7 +131,9 @@ class FirstScene:
         alive = any(not entry.why for entry in self.objects)
         lines += ["", "objects:" if alive else "objects: {}", *shown]
         if not self.objects:
-            lines += ["  # The model has no body with a freejoint. Add objects: `mug: {asset: mug, on: SUPPORT}`."]
+            mug = {"asset": "mug", "on": next((s.name for s in self.supports), FLOOR)}
+            mug |= {"region": {"box": self.near}, "reachable": "ik"} if self.near else {}
+            lines += ["  # The model has no body with a freejoint. Add objects:", f"  # mug: {flow(mug)}"]
         if self.fixtures:
             lines += ["", "  # Joints that layouts can draw, if you remove the # (and the {} of empty `objects`):"]
             lines += [f"  # {entry.name}: {flow(entry.words)}" for entry in self.fixtures]
@@ -169,12 +174,10 @@ def first_scene(path: Path) -> FirstScene:
     supports = supports_of(mjm, free, roots, pieces)
     entries = _Bodies(mjm, data, pieces, free, supports).entries()
     entries += [_not_free(mjm, b) for b in tops if _slides(mjm, b)]
-    fixtures = []
-    for name, b in _names(mjm, tops).items():
-        if mujoco.mjtJoint.mjJNT_FREE not in joints[b] and not _slides(mjm, b) and (draws := joint_draws(mjm, b)):
-            own = mjm.body(b).name
-            fixtures.append(Entry(name, ({} if own == name else {"body": own}) | {"kind": "static", "joints": draws}))
-    named, robot = None if home == HOME else home, _robot(mjm, data, arms)
+    still = [b for b in tops if mujoco.mjtJoint.mjJNT_FREE not in joints[b] and not _slides(mjm, b)]
+    fixtures = [entry for name, b in _names(mjm, still).items() for entry in _drawn(mjm, name, subtree(mjm, b))]
+    named, (robot, drive) = None if home == HOME else home, _robot(mjm, data, arms)
+    fixtures += drive
     return FirstScene(path, f"The start pose is {start}.", named, robot, entries, fixtures, supports)
 
 
@@ -197,7 +200,7 @@ class _Bodies:
         ordered: dict[str, Entry] = {}
         for name in found:
             chain = [name]
-            while (carrier := _carrier(found[chain[-1]])) in found and carrier not in chain:
+            while (carrier := carrier_name(found[chain[-1]])) in found and carrier not in chain:
                 chain.append(carrier)
             ordered |= {link: found[link] for link in reversed(chain) if link not in ordered}
         return list(ordered.values())
@@ -213,7 +216,7 @@ class _Bodies:
         support = None if named is None else support_of(*named, self.pieces)
         if support is not None and support.surfaces:
             return Entry(name, {**words, **self._standing(support, body)}, self._tilted(body))
-        said = self._not_beneath(geom, named)
+        said = "Beneath it is no static geom or object with a name and a level surface at least 2 cm wide."
         if not self.supports:
             return _commented_out(name, words, f"{said} The model has no other support.")
         ground = min(self._height(s) for s in self.supports)
@@ -221,20 +224,6 @@ class _Bodies:
         largest = (raised or self.supports)[0]
         said += f" '{largest.name}' is the largest surface{' above the ground' if raised else ''}."
         return Entry(name, {**words, **self._standing(largest, body)}, (said, *self._tilted(body)))
-
-    def _not_beneath(self, geom: int | None, named: tuple | None) -> str:
-        """Explain why the geom beneath a body in the start pose cannot support the body in the scene.
-
-        Args:
-            geom: Id of the geom, or None if there is no geom.
-            named: Name and support of the geom from `named_support`, or None.
-        """
-        if geom is None:
-            return "The start pose has no geom beneath it."
-        if named is not None:
-            return f"'{named[0]}' beneath it has no level surface that is at least 2 cm wide."
-        label = self.mjm.body(int(self.mjm.geom_bodyid[geom])).name
-        return f"Geom {geom} of body '{label}' beneath it cannot be a support: it moves or has no name."
 
     def _standing(self, support: FoundSupport, body: int) -> dict[str, Any]:
         """Return the keys that place a body on a support. If the support has edges, the body may not overhang them."""
@@ -262,18 +251,21 @@ class _Bodies:
         return bool(np.any(np.isin(self.mjm.actuator_trnid[np.isin(self.mjm.actuator_trntype, kinds), 0], joints)))
 
 
-def _robot(mjm: mujoco.MjModel, data: mujoco.MjData, arms: list[FoundArm]) -> Entry | None:
-    """Return the robot's entry for the first of `arms`, or None if there is no arm."""
+def _robot(mjm: mujoco.MjModel, data: mujoco.MjData, arms: list[FoundArm]) -> tuple[Entry | None, list[Entry]]:
+    """Return the robot's entry for the first of `arms`, or None without an arm, and an entry for a base that drives."""
     if not arms:
-        return None
+        return None, []
     arm, *others = arms
-    name = mjm.body(arm.base).name
+    carrier = carrier_of(mjm, arm.hand, arm.base) or arm.base
+    below = [b for b in subtree(mjm, arm.base) if b not in subtree(mjm, carrier)]
+    arm = replace(arm, joints=tuple(j for j in arm.joints if mjm.jnt_bodyid[j] not in below))
     notes = [f"An arm of {len(arm.joints)} joints, {'with' if arm.fingers else 'without'} fingers."]
     notes.append("To put it on a table, write `robot: {asset: FILE, base: [x, y, z]}`, without `in_model` and `model`.")
     if others:
         notes.append(f"More arms end at {', '.join(repr(mjm.body(other.hand).name) for other in others)}.")
     tcp = arm.tcp(data).model_dump(mode="json", exclude_defaults=True)
-    return Entry(ROBOT, {"in_model": name, "tcp": next(iter(tcp.values())) if len(tcp) == 1 else tcp}, tuple(notes))
+    words = {"in_model": mjm.body(carrier).name, "tcp": next(iter(tcp.values())) if len(tcp) == 1 else tcp}
+    return Entry(ROBOT, words, tuple(notes)), _drawn(mjm, next(iter(_names(mjm, below))), below) if below else []
 
 
 def _names(mjm: mujoco.MjModel, bodies: Iterable[int]) -> dict[str, int]:
@@ -300,11 +292,19 @@ def _not_free(mjm: mujoco.MjModel, body: int) -> Entry:
     return _commented_out(next(iter(_names(mjm, [body]))), {}, why)
 
 
+def _drawn(mjm: mujoco.MjModel, name: str, bodies: list[int]) -> list[Entry]:
+    """Return an entry that draws the joints of a static body, or none. The body is the first of `bodies`."""
+    own, draws = mjm.body(bodies[0]).name, joint_draws(mjm, bodies)
+    words = ({} if own == name else {"body": own}) | {"kind": "static", "joints": draws}
+    return [Entry(name, words)] if draws else []
+
+
 def _commented_out(name: str, words: Mapping[str, Any], why: str) -> Entry:
     return Entry(name, {**words, "on": "SUPPORT"}, why=why)
 
 
-def _carrier(entry: Entry) -> str:
+def carrier_name(entry: Entry) -> str:
+    """Return the name of the support or object on which an entry stands, without the name of a part."""
     return str(entry.words.get("on", entry.words.get("in", ""))).partition("/")[0]
 
 

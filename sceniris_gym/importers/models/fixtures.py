@@ -6,7 +6,6 @@ import mujoco
 import numpy as np
 
 from sceniris_gym.scene.couplings import joint_couplings
-from sceniris_gym.scene.support import subtree
 
 # More joints than this share the pattern "*", if it draws them all in the same way.
 _LISTED = 3
@@ -15,18 +14,18 @@ _SHARE = 0.3
 _DRAWN = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE))
 
 
-def joint_draws(mjm: mujoco.MjModel, root: int) -> dict[str, Any]:
-    """Return a value of `joints` that draws each named slide and hinge in a body. Without such joints, it is empty.
+def joint_draws(mjm: mujoco.MjModel, bodies: list[int]) -> dict[str, Any]:
+    """Return a value of `joints` that draws each named slide and hinge in bodies. Without such joints, it is empty.
 
     Joints that follow others are left out. The range of a joint without limits counts as 1 rad or m.
 
     Args:
         mjm: The model.
-        root: The body, a child of the world.
+        bodies: The bodies, first a child of the world.
     """
     following = [coupling.follower for coupling in joint_couplings(mjm, "init")]
-    inside = np.flatnonzero(np.isin(mjm.jnt_bodyid, subtree(mjm, root))).tolist()
-    prefix, draws = mjm.body(root).name.rpartition("/")[0] + "/", {}
+    inside = np.flatnonzero(np.isin(mjm.jnt_bodyid, bodies)).tolist()
+    prefix, draws = mjm.body(bodies[0]).name.rpartition("/")[0] + "/", {}
     for i in inside:
         if mjm.joint(i).name and mjm.jnt_type[i] in _DRAWN and i not in following:
             span = float(np.ptp(mjm.jnt_range[i])) if mjm.jnt_limited[i] else 1.0

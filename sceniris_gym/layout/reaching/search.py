@@ -26,6 +26,8 @@ MOST_AT_ONCE = 64 * STARTS
 """Maximum number of a row's candidates in a wave. At the end of the wave, a single lane goes through them."""
 IN_HAND = Tier.CLEAR + 1
 """The tier of a target whose start is tested with the target in the robot's hand, away from its place."""
+GRASPED = Tier.CLEAR + 2
+"""The tier of a target whose start needs a grasp as for `clear`, but no pre-grasp."""
 
 
 class ReachStep(IntEnum):
@@ -153,7 +155,10 @@ def takes_step(reach_search: ReachSearch, c: int, step: int) -> bool:
     if step == ReachStep.MAP or step == ReachStep.IK_AT_GRASP or step == ReachStep.SELF_AT_GRASP:
         return True
     row = reach_search.row[c]
-    return reach_search.tier[row, reach_search.column[row]] >= Tier.CLEAR
+    tier = reach_search.tier[row, reach_search.column[row]]
+    if step == ReachStep.HAND_AT_GRASP or step == ReachStep.SCENE_AT_GRASP:
+        return tier >= Tier.CLEAR
+    return tier == Tier.CLEAR
 
 
 def create_reach_search(compiled: CompiledScene, nrow: int, size: SearchSize, early: int = 0) -> ReachSearch:

@@ -11,6 +11,7 @@ from sceniris_gym.device.transforms import pose_of
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.reaching.ik import start_joints
 from sceniris_gym.layout.reaching.search import (
+    GRASPED,
     MOST_AT_ONCE,
     STARTS,
     ReachSearch,
@@ -110,15 +111,16 @@ def _first_waiting(reach: Reach, search: Search, row: int) -> int:
 def _ask_tiers(starts: Starts, reach: Reach, layouts: LayoutsView, search: Search, reach_search: ReachSearch, row: int):
     """Set the required tier of each target of a row, and reset the joints of the grasps to NaN.
 
-    If the kind of start takes the arm to a target, this target requires the tier `clear`. Other targets keep the tier
-    of the scene file.
+    If the kind of start takes the arm to a target, this target requires the tier `clear`, or only its tests of the
+    grasp. Other targets keep the tier of the scene file.
     """
     kind = layouts.start[search.row_world[row]]
     for column in range(reach_search.tier.shape[1]):
         reach_search.tier[row, column] = reach.reach_tier[column]
         if starts.pose.shape[0] > 0:
-            if reaches(starts, kind, column):
-                reach_search.tier[row, column] = int(Tier.CLEAR)
+            if reaches(starts, kind, column) and reach.reach_tier[column] < Tier.CLEAR:
+                tier = wp.where(starts.pregrasp[kind], int(Tier.CLEAR), wp.static(GRASPED))
+                reach_search.tier[row, column] = tier
         for i in range(MAX_JOINTS):
             layouts.grasp_qpos[row, column, i] = wp.nan
             layouts.pregrasp_qpos[row, column, i] = wp.nan
@@ -283,11 +285,11 @@ def first_passed(reach_search: ReachSearch, row: int) -> int:
 def _reject_cause(reach: Reach, reach_search: ReachSearch, row: int) -> int:
     """Return the cause for which the current target of a row failed: NO_IK or BLOCKED.
 
-    The cause is BLOCKED only for the tier `clear`: if all candidates failed before the inverse kinematics, or if at
+    The cause is BLOCKED only from the tier `clear` on: if all candidates failed before the inverse kinematics, or if at
     least one candidate passed the robot's test for self-collision.
     """
     furthest = reach_search.furthest[row]
-    if reach_search.tier[row, reach_search.column[row]] == Tier.CLEAR and (
+    if reach_search.tier[row, reach_search.column[row]] >= Tier.CLEAR and (
         furthest < ReachStep.IK_AT_GRASP or furthest > ReachStep.SELF_AT_GRASP
     ):
         return Cause.BLOCKED

@@ -22,7 +22,7 @@ from sceniris_gym.program.pack.relations import JoinedSites
 from sceniris_gym.program.placed_object import COS_MAX_TILT_32, PlacedObject
 from sceniris_gym.program.plan import Plan
 from sceniris_gym.program.reach import ReachingArm
-from sceniris_gym.reach.arm import chain_up
+from sceniris_gym.reach.arm import chain_up, fixed_base
 from sceniris_gym.reach.lookup import MapView
 from sceniris_gym.reach.solve import arm_view
 from sceniris_gym.scene.couplings import coupling_arrays
@@ -253,7 +253,7 @@ def _arm_fields(scene: SceneModel, home: mujoco.MjData, one: ReachingArm) -> dic
     """Set the scalar fields of `one.view`, and return the values of its arrays that differ between arms."""
     view, gripper, present = one.view, one.gripper, one.robot not in scene.apart
     hand = sorted(carried(scene.mjm, one.arm)) if present else []
-    view.base_body = scene.bodies[one.robot]
+    view.base_body = fixed_base(scene.mjm, scene.bodies[one.robot]) if one.arm.base_body else 0
     view.mapped = one.map is not None
     view.gap_closed, view.gap_open = gripper.closed, gripper.opening
     if present:
@@ -263,7 +263,7 @@ def _arm_fields(scene: SceneModel, home: mujoco.MjData, one: ReachingArm) -> dic
         view.hand_quat = wp.vec4(*product(quaternion(back), home.xquat[body]))
     return {
         "arm_qposadr": one.arm.qposadr if present else np.zeros(0, int),
-        "arm_body": np.array(scene.subtree(one.robot)[1:], int),
+        "arm_body": np.array(scene.moving(one.robot), int),
         "hand_body": np.array(hand, int),
         "grip_qposadr": gripper.qposadr,
         "grip_closed": gripper.closed_qpos,

@@ -201,7 +201,7 @@ def arm_pairs(plan: Plan, rules: PairRules) -> ArmPairs:
     found = ArmPairs([reaching.arm_of(target).robot for target in reaching.targets])
     for name, owner in zip(reaching.names, found.robots, strict=True):
         robot = scene.subtree(owner)
-        moving = rules.of(robot[1:])
+        moving = rules.of(scene.moving(owner))
         hand = [c for c in moving if bodies[c] in carries.get(owner, ())]
         arm = [c for c in moving if c not in hand]
         target = rules.of(scene.subtree(name))
@@ -213,7 +213,7 @@ def arm_pairs(plan: Plan, rules: PairRules) -> ArmPairs:
         found.target.append(apart(hand, target))
         found.held.append([])
         if name in lifted:
-            base = rules.of(robot[:1])
+            base = [c for c in rules.of(robot) if c not in moving]
             kept = [replace(p, margin=max(p.margin, _CLEAR_OF_HELD)) for p in apart(target, others + base)]
             found.held[-1] = found.scene[-1] + kept
     found.itself.update({name: _among(rules, plan, scene.subtree(name)) for name in dict.fromkeys(found.robots)})

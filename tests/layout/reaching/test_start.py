@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -19,7 +20,8 @@ from sceniris_gym.layout.reaching.start import TRIALS, launch_queue_starts
 from sceniris_gym.layout.tables import make_table
 from sceniris_gym.layout.wave.search import default_size
 from sceniris_gym.program.device import Program, copied
-from tests.layout.scenes import bank_rows
+from tests.layout.crane import HEIGHT, crane_mjcf, crane_scene
+from tests.layout.scenes import bank_rows, box_mjcf
 from tests.layout.starting import (
     HANDLE,
     HELD,
@@ -245,3 +247,25 @@ def test_things_in_the_air_are_held_by_all_grasps():
     column = compiled.reaching.names.index("block")
     held = table.grasp[table.start == HELD, column]
     assert set(held.tolist()) == set(range(len(compiled.reaching.targets[column].grasp_set.grasps)))
+
+
+@pytest.mark.parametrize("lift", [None, (0.005, 0.03)])
+def test_an_arm_of_few_joints_holds_where_it_cannot_back_off(tmp_path: Path, lift: tuple[float, float] | None):
+    """The crane rises by 7 cm, and no pre-grasp is within reach. MuJoCo C keeps what is held."""
+    file, joints = Path(crane_mjcf(tmp_path, solid=True)), ("turn", "out", "up", "roll", "left", "right")
+    drives = "".join(f'<position joint="{joint}" kp="400" kv="40"/>' for joint in joints)
+    drives = f"<actuator>{drives}</actuator></mujoco>"
+    home = ' 0.3 0 0.04 0.04"', ' 0.07 0 0.04 0.04"'
+    text = file.read_text().replace(f'{HEIGHT[1]}"', '0.075"').replace(*home).replace("</mujoco>", drives)
+    file.write_text(text)
+    block = box_mjcf(tmp_path, "block", 0.03, 0.03, 0.04, 'mass="0.03"')
+    start = {"robot": "grasp", "of": "thing"} | ({} if lift is None else {"lift": lift})
+    compiled = compile_scene({**crane_scene(str(file), block, reachable="ik"), "restarts": 60, "start": [start]}, "cpu")
+    table = make_table(compiled, 64, 0)
+    assert table.valid.mean() > 0.9
+    assert len(np.unique(table.qpos, axis=0)) > 58
+    assert np.isnan(table.pregrasp_qpos).all()
+    found = stepped(compiled, *reset_worlds(compiled, 24))
+    assert max(held.drift for held in found) < 2e-3
+    assert {held.fingers for held in found} == {2}
+    assert not sum(held.others for held in found)
