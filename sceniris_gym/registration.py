@@ -16,6 +16,8 @@ ENVS = {
     "sceniris_gym/ClutterExtract-v0": ("clutter_extract:ClutterExtract", 200),
     "sceniris_gym/ClutterPush-v0": ("clutter_push:ClutterPush", 250),
     "sceniris_gym/KitchenReset-v0": ("kitchen_reset:KitchenReset", 200),
+    "sceniris_gym/KitchenAny-v0": ("kitchen_any:KitchenAny", 300),
+    "sceniris_gym/OpenAny-v0": ("open_any:OpenAny", 250),
 }
 """Id -> the task in `sceniris_gym.envs`, and the greatest number of steps of an episode."""
 ENTRY_POINTS: dict[str, Any] = {

@@ -70,12 +70,13 @@ class JudgedScene:
         """Return the carrier of an object.
 
         Args:
-            parent: Name of the support in the scene file: 'floor', an object, 'object/body', or a geom or body.
+            parent: Name of the support: 'floor', an object, a member, a body inside it, or a geom or body of the model.
         """
         mjm, bodies = self.mjm, self.bodies
         if parent == FLOOR and self.config.floor is not None:
             return Carrier(0, is_ground=True)
-        owner, _, part = parent.partition("/")
+        owner = max((name for name in bodies if parent.startswith(f"{name}/")), key=len, default="")
+        part = parent.removeprefix(f"{owner}/")
         if parent in bodies:
             return Carrier(bodies[parent], owner=parent)
         if owner in bodies:

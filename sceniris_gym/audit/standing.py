@@ -153,6 +153,8 @@ class StandingAudit:
         whole = part.ratio_on_support == 1.0
         corners = self.in_frame(ground, poses, self._corners(name, poses))[:, :, :2] if whole else local[:, None, :2]
         surfaces = self.surfaces(part.support.word, carrier)
+        if not surfaces:  # a body of `{any: NAME}` that is covered where the start pose does not show it
+            return body, stands
         bounds = shapely.total_bounds([surface.area for surface in surfaces])
         for surface in surfaces:
             off = np.abs(local[:, 2] - surface.height - self.gap(name, carrier))

@@ -216,7 +216,7 @@ def base_lid(builder: Builder) -> None:
 def counter(builder: Builder) -> None:
     """Build two or three cases below one worktop, with a sink above the doors of one case."""
     draws, height, foot = builder.draws, builder.size[2], builder.foot
-    widths = [draws.pick((0.4, 0.5, 0.6, 0.8)) for _ in range(draws.pick((2, 3)))]
+    widths = [draws.pick((0.4, 0.5)) for _ in range(draws.pick((2, 3)))]
     sink = draws.pick(range(len(widths)))
     widths[sink] = draws.pick((0.6, 0.8))
     builder.size, builder.angles = (round(sum(widths), 3), DEPTH, height), (1.4, 1.5)  # so that open doors do not meet

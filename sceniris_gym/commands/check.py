@@ -89,8 +89,9 @@ def report(found: Mapping, scene: str, changes: Sequence[str] = ()) -> str:
 
 
 def table_of_rejections(counts: Mapping[str, Mapping[str, int]]) -> str:
-    """Return rejection counts as a table: a row for each object, a column for each cause."""
+    """Return rejection counts as a table: a row for each object with some, a column for each cause."""
     causes = list(next(iter(counts.values()), {}))
+    counts = {name: by_cause for name, by_cause in counts.items() if any(by_cause.values())}
     width = max([14, *(len(name) + 1 for name in counts)])
     lines = [f"{'rejected':<{width}}" + "".join(f"{cause:>12}" for cause in causes)]
     lines += [f"{name:<{width}}" + "".join(f"{by_cause[c]:>12}" for c in causes) for name, by_cause in counts.items()]

@@ -15,6 +15,7 @@ import mujoco
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from sceniris_gym.config.member_names import without_support
 from sceniris_gym.geometry.rotations import matrix, pose_matrix
 from sceniris_gym.grasping.grasps import MOST_RISING
 from sceniris_gym.layout.compile import compile_scene
@@ -86,7 +87,7 @@ def narrowing(compiled: CompiledScene, layouts: int, seed: int, made: LayoutGene
     names = [name for name in compiled.object_names if name in compiled.placed]
     if compiled.reaching is not None:
         names = compiled.reaching.names
-        changes = {"start": [], **{f"objects.{name}.reachable": False for name in names}}
+        changes = {"start": [], **{f"objects.{without_support(name)}.reachable": False for name in names}}
         plain = compile_scene(compiled.config, compiled.device, overrides=changes)
         free, passed = make_table(plain, layouts, seed), _staged(compiled, table, counts)
         before = {name: _positions(compiled, free, name) for name in names}

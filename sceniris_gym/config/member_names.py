@@ -40,10 +40,11 @@ def split_support(parent: str, objects: Container[str]) -> tuple[str, str]:
     """Split the name of a support into an object (or a member) and the body inside it, '' for the root.
 
     Args:
-        parent: The support: 'object', a member, or 'object/body'.
+        parent: The support: 'object', a member, 'object/body' or 'object/variant/body'.
         objects: All objects and members of the scene.
     """
-    if parent in objects:
-        return parent, ""
-    owner, _, body = parent.partition(INSIDE)
+    owner, body = parent, ""
+    while owner not in objects and INSIDE in owner:
+        owner, _, last = owner.rpartition(INSIDE)
+        body = f"{last}{INSIDE}{body}" if body else last
     return owner, body

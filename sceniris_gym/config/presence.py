@@ -198,10 +198,15 @@ class Presence:
             self.is_sure(over) for name in below if (over := self.outer.get(name)) and below >= {*self.leaves(over)}
         )
 
+    @cached_property
+    def _sure(self) -> list[str]:
+        """The keys of all groups that are present in every layout."""
+        return [key for key in self.groups if self.is_sure(key)]
+
     def conflict(self, *keys: str) -> str | None:
         """Return an object or group that cannot be present if all `keys` are, None if their conditions agree."""
         must, never = self._follow(keys)
-        sure = [*sorted(never - self.absent.keys()), *(key for key in self.groups if self.is_sure(key))]
+        sure = [*sorted(never - self.absent.keys()), *self._sure]
         return next((key for key in (*sorted(must), *sure) if never.issuperset(self.leaves(key))), None)
 
     @cached_property

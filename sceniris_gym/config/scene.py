@@ -13,10 +13,10 @@ from sceniris_gym.config.fields import in_memory, reading, where_now, wrong
 from sceniris_gym.config.folders import is_pattern
 from sceniris_gym.config.groups import with_chains, with_places
 from sceniris_gym.config.loader import override, read_scene
-from sceniris_gym.config.member_names import split_support
+from sceniris_gym.config.member_names import MemberName, object_of, split_support, variant_of
 from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.scene_words import SceneWords
-from sceniris_gym.config.several_supports import Bodies, with_supports
+from sceniris_gym.config.several_supports import Bodies, names_any, with_supports
 from sceniris_gym.config.validation import check_names
 from sceniris_gym.config.variants import check_parts, check_shared, with_members
 
@@ -106,9 +106,9 @@ class SceneConfig(SceneWords):
         """
         words: dict[str, Any] = {"if_": (), "unless": ()} | ({} if has_joints else {"joints": {}, "parts": {}})
         if part.support is not None:
-            owner, body = split_support(part.support.parent, self.objects)
+            owner = split_support(part.support.parent, self.objects)[0]
             word = "in_" if part.support.word == "in" else part.support.word
-            words[word] = "/".join([self.owners.get(owner, owner), *filter(None, [body])])
+            words[word] = self.owners.get(owner) or part.support.parent
         return part.model_copy(update=words)
 
     @property
@@ -120,13 +120,22 @@ class SceneConfig(SceneWords):
     def carriers(self) -> SceneConfig:
         """Return a scene with only the objects that `any_supports` names, at their poses in the model."""
         names, words = {name for name, _ in self.any_supports}, {"asset", "scale", "body", "kind"}
-        parts = {name: part.model_dump(include=words) for name, part in self.objects.items() if name in names}
+        found = {name: part for name, part in self.objects.items() if object_of(name) in names}
+        parts = {MemberName(name): part.model_dump(include=words) for name, part in found.items()}
         of_model = {"model": self.model, "home": self.home} if any(p["asset"] is None for p in parts.values()) else {}
         return self._made({"objects": parts, "geometry": self.geometry, **of_model}, self.where)
 
     def with_bodies(self, bodies: Bodies) -> SceneConfig:
         """Return the scene with the names of bodies for each of `any_supports`."""
         return self._made(self._written, self.where, bodies=bodies)
+
+    def alternatives(self, member: str) -> list[str]:
+        """Return the members of an object on other bodies of `{any: NAME}`, on the same variant of its support."""
+        name, carrier = object_of(member), self.presence.carrier
+        if not names_any(with_chains(self._written).get("objects", {}).get(name)):
+            return []
+        same = [other for other in self.groups[name].of if variant_of(other) == variant_of(member) and other != member]
+        return [other for other in same if carrier(other) == carrier(member)]
 
     def without(self, members: Collection[str]) -> SceneConfig:
         """Return the scene without some variants of its objects."""

@@ -59,6 +59,11 @@ def support_of(part: Any) -> tuple[str, Any]:
     return (given[0], listed(part[given[0]])) if given else ("", None)
 
 
+def names_any(part: Any) -> bool:
+    """Return whether an `{any: NAME}` is among the supports of an object's mapping."""
+    return any(map(_is_any, _listed(support_of(part)[1])))
+
+
 def any_supports(scene: Mapping[str, Any]) -> set[tuple[str, str]]:
     """Return for each `{any: NAME}` of a scene mapping the name and the word, such as ('cabinet', 'on')."""
     values = [support_of(part) for part in scene.get("objects", {}).values()]
@@ -118,7 +123,7 @@ class _Expansion:
         word, value = support_of(part)
         at = ("objects", name, word)
         weights, by_area = {}, False
-        if any(map(_is_any, _listed(value))):
+        if names_any(part):
             value = list(chain(*(self._bodies_of(each, word) for each in _listed(value))))
         if isinstance(value, Mapping):
             weights = dict(value)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, reduce
+from functools import cached_property, lru_cache, reduce
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -75,18 +75,39 @@ def level_surfaces(
     any higher piece of the body is cut out, so no part of the body is above the surfaces. Strips narrower than 2 cm
     are left out.
     """
-    meshes = [p.mesh for p in pieces if p.mesh is not None]
     carrying = [p for p in pieces if geom is None or p.geom == geom]
     planes = [p for p in carrying if p.type == PieceType.PLANE and matrix(p.quat)[2, 2] > _COS_MAX_SLOPE]
-    surfaces = [_plane_surface(body, p) for p in planes]
-    for height, flat in _levels([p.mesh for p in carrying if p.mesh is not None]):
+    solids = tuple(_Solid(p.mesh, geom in (None, p.geom)) for p in pieces if p.mesh is not None)
+    flat = [SupportSurface(body, height, area, area) for height, area in _flat_areas(solids, open_above)]
+    return [_plane_surface(body, p) for p in planes] + flat
+
+
+class _Solid:
+    """A mesh that equals all meshes of the same shape, and whether its level faces carry."""
+
+    def __init__(self, mesh: trimesh.Trimesh, carries: bool) -> None:
+        self.mesh, self.carries = mesh, carries
+        self._key = mesh.vertices.tobytes(), mesh.faces.tobytes(), carries
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Solid) and self._key == other._key
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+
+@lru_cache(maxsize=1024)  # many objects of a scene may have the same asset
+def _flat_areas(solids: tuple[_Solid, ...], open_above: bool) -> list[tuple[float, MultiPolygon]]:
+    """Return the heights [m] and outlines of `level_surfaces` that are not planes."""
+    surfaces, meshes = [], [solid.mesh for solid in solids]
+    for height, flat in _levels([solid.mesh for solid in solids if solid.carries]):
         over = [shadow(m, height + _ABOVE) if open_above else section(m, height + _ABOVE) for m in meshes]
         outline = polygons_of(flat.difference(shapely.union_all([o for o in over if o is not None])))
         # shrink until strips are gone, then grow to 10 um beyond the edges
         core = outline.buffer(-_HALF_WIDTH, join_style="mitre")
         wide = polygons_of(outline.intersection(core.buffer(_HALF_WIDTH + 1e-5, join_style="mitre")))
         if not wide.is_empty:
-            surfaces.append(SupportSurface(body, height, wide, wide))
+            surfaces.append((height, wide))
     return surfaces
 
 

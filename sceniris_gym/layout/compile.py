@@ -11,14 +11,15 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.config.fields import short
+from sceniris_gym.config.member_names import object_of
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.config.scene_words import AUTO
 from sceniris_gym.device.kernel_log import start_warp
 from sceniris_gym.device.random import SPLITS
 from sceniris_gym.device.sequence import launching
-from sceniris_gym.errors import FallbackWarning, UnknownNameError
+from sceniris_gym.errors import FallbackWarning, ModelWarning, UnknownNameError
 from sceniris_gym.layout.attempts import find_attempts
-from sceniris_gym.layout.blame import AT_ONCE, ended_restarts, infeasible, of_starts, recording
+from sceniris_gym.layout.blame import AT_ONCE, ended_restarts, infeasible, least_likely, of_starts, recording
 from sceniris_gym.layout.columns import BANKED
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import LayoutStatus, column_of
@@ -151,7 +152,11 @@ def _with_bank(compiled: CompiledScene) -> CompiledScene:
     for probe, most in ((train, 0), (evaluation, _MOST_ROUNDS)):  # if train has layouts, eval has them, too, but rarely
         if not probe.fill(_ROUNDS, most):
             raise infeasible(probed, probe.generator)
-    found = [_with_all_choices(probed, probe) for probe in (train, evaluation)]
+    lacking: dict[str, str] = {}
+    found = [_with_all_choices(probed, probe, lacking) for probe in (train, evaluation)]
+    if lacking:  # the first layouts were made with other weights
+        _warn_of_lacking(compiled.config, lacking)
+        return _with_bank(compiled)
     _warn_of_fallbacks(compiled, train, evaluation)
     columns = (np.stack(rows) for rows in zip(*found[0], *found[1], strict=True))
     program = copied(Program, compiled.program)
@@ -215,28 +220,58 @@ class _Probe:
         return self.found
 
 
-def _with_all_choices(compiled: CompiledScene, probe: _Probe) -> list[tuple[np.ndarray, ...]]:
+def _with_all_choices(compiled: CompiledScene, probe: _Probe, lacking: dict[str, str]) -> list[tuple[np.ndarray, ...]]:
     """Return the rows of a split's bank, with added rows for the choices that no row has yet.
 
     A choice is a group member, a variant, or a kind of start. A new probe favours all missing choices together. If the
-    probe finds none of them, the next probe favours only the first missing choice.
+    probe finds none of them, the next probe favours only the first missing choice. A spare choice gets one round then.
+    If it has no layout, it is never drawn, and added to `lacking` with the cause.
 
     Raises:
-        InfeasibleSceneError: There is a choice without a valid layout.
+        InfeasibleSceneError: There is a choice without a valid layout that cannot be left out.
     """
-    config, split, rows, before = compiled.config, probe.generator.split, list(probe.found), 0
-    while (number := len(lacking := _lacking_choices(compiled, split, rows))) > 0:
-        asked = lacking[:1] if number == before else lacking
+    config, split, rows, alone = compiled.config, probe.generator.split, list(probe.found), False
+    while (number := len(missing := _lacking_choices(compiled, split, rows))) > 0:
+        asked = missing[:1] if alone else missing
         other = _Probe(_favouring(compiled, asked), split, max(_ALONE, len(asked)))
-        rows += other.fill(_ROUNDS - 1, _ROUNDS)
-        if len(asked) == 1 and asked[0] in _lacking_choices(compiled, split, rows):
-            members = [config.key(compiled.slots[slot]) for slot in compiled.program.group_slot.numpy()]
-            key = [*members, *(f"start.{kind}" for kind in range(len(config.start)))][asked[0]]
-            raise infeasible(compiled, other.generator, f": {key}")
-        before = number
+        spare = len(asked) == 1 and _is_spare(compiled, asked[0])
+        rows += other.fill(1, 1) if spare else other.fill(_ROUNDS - 1, _ROUNDS)
+        left = _lacking_choices(compiled, split, rows)
+        if len(asked) == 1 and asked[0] in left:
+            if not spare:
+                members = [config.key(compiled.slots[slot]) for slot in compiled.program.group_slot.numpy()]
+                key = [*members, *(f"start.{kind}" for kind in range(len(config.start)))][asked[0]]
+                raise infeasible(compiled, other.generator, f": {key}")
+            counts = other.generator.rejection_counts()
+            lacking[config.presence.member_keys[asked[0]]] = least_likely(counts, compiled.attempts)[1]
+            weight = compiled.program.group_weight.numpy()
+            weight[:, asked[0]] = 0.0
+            compiled.program.group_weight.assign(weight)
+        alone = len(left) == number
     if len(rows) > len(probe.found):  # spread by the golden ratio, since a world takes the next row that fits
         rows = [rows[i] for i in np.argsort(np.arange(len(rows)) * (0.5 + 0.5 * 5.0**0.5) % 1.0, kind="stable")]
     return rows
+
+
+def _is_spare(compiled: CompiledScene, choice: int) -> bool:
+    """Return whether a choice is one of several bodies of `{any: NAME}`, so that layouts may leave it out."""
+    config, keys = compiled.config, compiled.config.presence.member_keys
+    drawn = {key for key, both in zip(keys, compiled.program.group_weight.numpy()[0], strict=True) if both.any()}
+    return choice < len(keys) and not drawn.isdisjoint(config.alternatives(keys[choice]))
+
+
+def _warn_of_lacking(config: SceneConfig, lacking: Mapping[str, str]) -> None:
+    """Warn of bodies of `{any: NAME}` that cannot hold an object, given as members with causes."""
+    for name in dict.fromkeys(map(object_of, lacking)):
+        member, *more = (each for each in lacking if object_of(each) == name)
+        support, others = config.objects[member].support, f" and {len(more)} other bodies" if more else ""
+        named = "" if support is None else support.parent
+        warn(
+            ModelWarning(
+                f"{config.where}: objects.{name}: no valid layout was found with it on '{named}' ({lacking[member]})"
+                f"{others}, so it is never there."
+            )
+        )
 
 
 def _lacking_choices(compiled: CompiledScene, split: str, rows: list[tuple[np.ndarray, ...]]) -> np.ndarray:

@@ -10,6 +10,7 @@ from torch import Tensor
 from sceniris_gym.errors import as_names, refuses_old_names
 from sceniris_gym.vector import rotations
 from sceniris_gym.vector.names import find_body
+from sceniris_gym.vector.parts import PartBody
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.variants import Boxes
 
@@ -60,7 +61,8 @@ class ContactSensor:
 
     Args:
         s: The worlds.
-        primary: The name of a body, or several names. The geoms of a body count, but not the geoms of its child bodies.
+        primary: The name of a body, or several names. 'object/part' names the body of a part, which may be another body
+            in each variant of the object. The geoms of a body count, but not the geoms of its child bodies.
         secondary: The name of another body, or several names. Again, the geoms of child bodies do not count.
 
     Raises:
@@ -73,7 +75,7 @@ class ContactSensor:
         primary = as_names(primary, "ContactSensor: primary")
         secondary = as_names(secondary, "ContactSensor: secondary")
         self._shape = (s.num_envs, len(primary), len(secondary))
-        self._first, self._second = _places(s, primary), _places(s, secondary)
+        self._first, self._second = _Bodies(s, primary), _Bodies(s, secondary)
         contact = s.data.contact
         self._geom, self._world = wp.to_torch(contact.geom), wp.to_torch(contact.worldid)
         self._number = wp.to_torch(s.data.nacon)
@@ -85,17 +87,39 @@ class ContactSensor:
         one, other = self._geom.long().clamp(min=0).unbind(dim=1)
         size = worlds * firsts * seconds
         touched = torch.zeros(size + 1, dtype=torch.bool, device=s.device)
+        world = self._world.long()
         for a, b in ((one, other), (other, one)):
-            first, second = self._first[a], self._second[b]
+            first, second = self._first.number(a, world), self._second.number(b, world)
             counts = (self._index < self._number) & (first >= 0) & (second >= 0)
-            place = (self._world.long() * firsts + first) * seconds + second
+            place = (world * firsts + first) * seconds + second
             # all other contacts set an extra entry at the end: selecting contacts would synchronise with the host
             touched.index_fill_(0, torch.where(counts, place, size), True)
         return touched[:size].view(self._shape) & (s.elapsed > 0)[:, None, None]
 
 
-def _places(s: State, names: Sequence[str]) -> Tensor:
-    """Return for each geom the index of its body in `names`, or -1 if its body is not in `names`, shape (ngeom,)."""
-    of_body = np.full(s.mjm.nbody, -1)
-    of_body[[find_body(s.scene, name, "ContactSensor") for name in names]] = range(len(names))
-    return torch.tensor(of_body[s.mjm.geom_bodyid], device=s.device)
+class _Bodies:
+    """Bodies by name, of which some are parts of objects with variants.
+
+    Args:
+        s: The worlds.
+        names: Names of bodies, or 'object/part'.
+    """
+
+    def __init__(self, s: State, names: Sequence[str]) -> None:
+        config, of_body, self._parts = s.variants.scene.config, np.full(s.mjm.nbody, -1), dict[int, PartBody]()
+        for i, (owner, _, part) in enumerate(name.partition("/") for name in names):
+            members = config.variants.get(owner, (owner,))
+            if any(part in config.objects[one].parts for one in members if one in config.objects):
+                self._parts[i] = PartBody(s.variants, owner, part, "ContactSensor")
+            else:
+                of_body[find_body(s.scene, names[i], "ContactSensor")] = i
+        bodies = torch.tensor(s.mjm.geom_bodyid, dtype=torch.int64, device=s.device)
+        self._number, self._body = torch.tensor(of_body, device=s.device)[bodies], bodies
+
+    def number(self, geom: Tensor, world: Tensor) -> Tensor:
+        """Return the index of the body of each geom among the names, or -1, shape (n,)."""
+        found = self._number[geom]
+        for i, part in self._parts.items():
+            bodies = part.read()
+            found = torch.where(bodies[world % len(bodies)] == self._body[geom], i, found)
+        return found

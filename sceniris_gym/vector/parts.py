@@ -1,4 +1,4 @@
-"""`JointReading` and `PartGrasps`: a joint and its grasps, where the present variant of an object determines both."""
+"""A joint, its body and its grasps, where the present variant of an object determines them."""
 
 import numpy as np
 import torch
@@ -62,6 +62,20 @@ class JointReading(_Part):
         position, (low, high) = qpos[rows, adr], ranges[rows % len(ranges), joint].unbind(1)
         share = torch.where(limited > 0, ((position - low) / (high - low)).clamp(0.0, 1.0), torch.nan)
         return torch.where(joint[:, None] >= 0, torch.stack([position, share], dim=1), torch.nan)
+
+
+class PartBody(_Part):
+    """The body of a part in each world."""
+
+    def __init__(self, view: VariantView, name: str, joint: str, where: str) -> None:
+        super().__init__(view, name, joint, where)
+        scene = view.scene
+        bodies = [*(scene.sim_bodies[scene.mjm.jnt_bodyid[i]] if i >= 0 else -1 for i in self.ids), -1]
+        self._bodies = torch.tensor(np.array(bodies, int), device=view.device)
+
+    def read(self) -> Tensor:
+        """Return the id of the body, -1 in worlds without the part, shape (num_envs,), or (1,) without variants."""
+        return self.chosen(self._bodies)
 
 
 class PartGrasps(_Part):

@@ -13,21 +13,8 @@ from sceniris_gym import cli
 
 def test_the_command_writes_what_the_function_writes(tmp_path: Path, capsys: pytest.CaptureFixture):
     """And prints the manifest's path and the number of units of each kind."""
-    cli.main(
-        [
-            "furniture",
-            "--num",
-            "7",
-            "--seed",
-            "3",
-            "--height",
-            "0.85",
-            "--turning",
-            "-o",
-            str(tmp_path / "units"),
-            "--json",
-        ]
-    )
+    out = str(tmp_path / "units")
+    cli.main(["furniture", "--num", "7", "--seed", "3", "--height", "0.85", "--turning", "-o", out, "--json"])
     told = json.loads(capsys.readouterr().out)
     assert told["manifest"] == str(tmp_path / "units" / "manifest.json")
     assert told["units"]["base_drawers"] == 2

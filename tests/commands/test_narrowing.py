@@ -11,6 +11,7 @@ from PIL import Image
 from scipy import ndimage
 
 from sceniris_gym.commands.narrowing import Narrowing, _corners, narrow, narrowing, picture
+from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.program.compiled import CompiledScene
 from tests.layout.crane import RADIUS, crane_mjcf, crane_scene
 from tests.layout.scenes import box_mjcf, compile_on_cpu
@@ -112,3 +113,11 @@ def test_a_scene_with_starts_is_compared_without_them():
     found = narrowing(starting(), 50, 0)
     assert set(found.figures) == {"cabinet", "block"}
     assert all(0.0 < part["kept"] <= 1.0 for part in found.figures.values())
+
+
+def test_an_object_on_several_supports_is_compared():
+    """Its members have no words of their own that could be changed."""
+    compiled = compile_scene(
+        starting().config, "cpu", overrides={"start": [], "objects.block.on": ["floor", "cabinet"]}
+    )
+    assert set(narrowing(compiled, 20, 0).figures) >= {"block/@floor", "block/@cabinet"}

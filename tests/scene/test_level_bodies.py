@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from sceniris_gym.audit.auditor import Auditor
+from sceniris_gym.errors import InfeasibleSceneError, ModelWarning
 from sceniris_gym.layout.tables import make_table
 from sceniris_gym.scene import assemble
 from sceniris_gym.scene.build import build_model
@@ -70,3 +71,42 @@ def test_an_object_is_on_each_level_body():
     auditor = Auditor(compiled.mjm, compiled.config, compiled.scene.bodies)
     assert auditor.judge(table[:100]).misplaced == []
     assert not [k for k in judge_language(auditor, table) if k.broken]
+
+
+def test_an_object_is_on_each_level_body_of_the_present_variant():
+    """On drawers of a cabinet, on the lid of a chest, and the audit agrees."""
+    opened = {"asset": "cabinet", "joints": CABINET["joints"]}
+    units = {"kind": "fixture", "on": "floor", "variants": {"cabinet": opened, "chest": {"asset": "chest"}}}
+    with pytest.warns(ModelWarning, match="'cabinet/chest'"):  # the bottom of a closed chest
+        compiled = compile_on_cpu({**SCENE, "objects": {"cabinet": units, "apple": SCENE["objects"]["apple"]}}, bank=4)
+    members = compiled.config.variants["apple"]
+    parents = {part.on for name, part in compiled.config.objects.items() if name in members}
+    assert {f"cabinet/cabinet/{side}_drawer" for side in ("upper", "lower")} | {"cabinet/chest/lid"} <= parents
+    table = make_table(compiled, 400, 0)
+    there = table.present[:, [compiled.slots.index(name) for name in members]]
+    assert table.valid.mean() > 0.9
+    assert (there.sum(axis=1) == 1).all()
+    assert [compiled.config.objects[members[i]].on for i in np.flatnonzero(~there.any(axis=0))] == ["cabinet/chest"]
+    for name in members:
+        carrier = compiled.config.presence.carrier(name)
+        on = table.present[:, compiled.slots.index(name)]
+        assert table.present[on, compiled.slots.index(carrier)].all()
+    auditor = Auditor(compiled.mjm, compiled.config, compiled.scene.bodies)
+    assert auditor.judge(table[:200]).misplaced == []
+    assert not [k for k in judge_language(auditor, table) if k.broken]
+
+
+def test_a_body_that_cannot_hold_an_object_is_left_out():
+    """The floor of a closed drawer is covered; a list of the same bodies is refused, since the user named them."""
+    closed = {**CABINET, "joints": {"upper": {"value": 0.25}, "lower": {"value": 0.0}}}
+    apple = {"asset": "apple", "on": {"any": "cabinet"}}
+    scene = {**SCENE, "objects": {"cabinet": closed, "apple": apple}}
+    with pytest.warns(ModelWarning, match=r"apple: no valid .* 'cabinet/lower_drawer' \(\w+\), so it is never there"):
+        compiled = compile_on_cpu(scene, bank=4)
+    table = make_table(compiled, 300, 0)
+    there = table.present[:, [compiled.slots.index(name) for name in compiled.config.variants["apple"]]]
+    assert (there.sum(axis=1) == 1).all()
+    assert there.any(axis=0).sum() == there.shape[1] - 1
+    listed = [compiled.config.objects[name].on for name in compiled.config.variants["apple"]]
+    with pytest.raises(InfeasibleSceneError, match="lower_drawer"):
+        compile_on_cpu({**scene, "objects": {"cabinet": closed, "apple": {"asset": "apple", "on": listed}}})

@@ -1,6 +1,8 @@
 """Checks that objects can stand: they collide with supports and do not fall, and supports do not give way."""
 
+import functools
 import itertools
+from collections.abc import Callable
 
 import mujoco
 import numpy as np
@@ -48,6 +50,7 @@ def check_standing(plan: Plan) -> None:
     """
     config, draws = plan.scene.config, plan.scene.draws
     models = dict.fromkeys(at_ends(plan.scene.mjm, draws, **ends) for ends in ({}, _HEAVY, _LIGHT))
+    apart = functools.cache(functools.partial(_apart, plan))  # a copy of a large model takes a quarter of a second
     for o, stance in zip(plan.objects, plan.stances, strict=True):
         if not stance.levels:
             continue
@@ -109,7 +112,7 @@ def check_standing(plan: Plan) -> None:
                 "Put some of them on another support."
             )
         for mjm in models:
-            _check_joints(plan, mjm, o, stance.load, where)
+            _check_joints(plan, mjm, apart, o, stance.load, where)
             _check_own_joints(plan, mjm, o, stance, where)
 
 
@@ -128,25 +131,41 @@ def _check_gravity(scene: SceneModel, o: PlacedObject, where: str) -> None:
         raise SceneKeyError(f"{where}: the model's <flag> disables contact or constraint. Enable both, {_ANYWAY}.")
 
 
-def _check_joints(plan: Plan, mjm: mujoco.MjModel, o: PlacedObject, load: float, where: str) -> None:
+def _placed(plan: Plan) -> list[int]:
+    """Return the root bodies of the free objects that the scene places."""
+    return [x.bodies[0] for x in plan.objects if x.kind == ObjectKind.FREE]
+
+
+def _apart(plan: Plan, mjm: mujoco.MjModel, support: int = -1) -> mujoco.MjModel:
+    """Return a copy of a model where placed free objects are held and do not collide.
+
+    Contacts are off, but not for a loose support, which may rest on other bodies and whose root is `support`.
+    """
+    bodies = np.isin(mjm.body_rootid, _placed(plan)) | (support < 0)
+    model = held(mjm, (mjm.jnt_type == mujoco.mjtJoint.mjJNT_FREE) & bodies[mjm.jnt_bodyid], bodies)
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT * (support < 0)
+    return model
+
+
+def _check_joints(
+    plan: Plan, mjm: mujoco.MjModel, apart: Callable[..., mujoco.MjModel], o: PlacedObject, load: float, where: str
+) -> None:
     """Reject a support that gives way under a load [kg].
 
     MuJoCo C simulates the support with the load at a corner of the box around the regions of `o`, once for each corner.
-    Free joints of placed objects are held.
+    `apart` is `_apart` of the plan.
     """
     assert o.ground is not None
     low, high = o.corners.min(axis=0), o.corners.max(axis=0)
     places = [np.array([x, y, low[2]]) for x in (low[0], high[0]) for y in (low[1], high[1])]
     joints = sorted({joint for at in places for joint in _yielding(mjm, plan.scene.home, o.ground, at)})
-    root, placed = int(mjm.body_rootid[o.ground]), [x.bodies[0] for x in plan.objects if x.kind == ObjectKind.FREE]
-    is_loose = mjm.body_dofnum[root] == 6 and root not in placed
+    root = int(mjm.body_rootid[o.ground])
+    is_loose = mjm.body_dofnum[root] == 6 and all(
+        root != x.bodies[0] for x in plan.objects if x.kind == ObjectKind.FREE
+    )
     if not joints and not is_loose:
         return
-    apart = np.isin(mjm.body_rootid, placed) | (not is_loose)  # a loose support may itself rest on other bodies
-    is_free = mjm.jnt_type == mujoco.mjtJoint.mjJNT_FREE
-    model, data = held(mjm, is_free & apart[mjm.jnt_bodyid], apart), mujoco.MjData(mjm)
-    if not is_loose:
-        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+    model, data = apart(mjm, root) if is_loose else apart(mjm), mujoco.MjData(mjm)
     owner = next((x for x in plan.objects if o.support is not None and x.name == o.support.owner), o)
     for state, at in itertools.product(({}, *_states(owner)), places):
         mujoco.mj_resetData(model, data)

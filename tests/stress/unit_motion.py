@@ -1,0 +1,168 @@
+"""Moves generated furniture as variants of one object, and compares each piece with a model of only this piece.
+
+    python -m tests.stress.unit_motion --units 64 --worlds 200 --device cuda:0
+
+Every world draws one of the units with open joints, and two things in front of it. All joints are pushed for half a
+second. No bit of the joints may differ from a model that has only this unit. With `--things`, the things are on or in
+the unit, and the greatest difference of all positions counts [m or rad].
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import mujoco_warp as mjw
+import numpy as np
+import tyro
+import warp as wp
+
+import sceniris_gym
+from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.scene.build import build_model
+from sceniris_gym.sim.batch import Batch
+from sceniris_gym.sim.randomizer import ResetRandomizer
+
+FREE = int(mujoco.mjtJoint.mjJNT_FREE)
+
+
+@dataclass(frozen=True)
+class Options:
+    """Options of the comparison.
+
+    Attributes:
+        units: number of generated units
+        worlds: number of worlds
+        steps: physics steps
+        seed: seed of the layouts
+        things: put the things on or in the unit
+        device: "cpu" or "cuda:0"
+    """
+
+    units: int = 64
+    worlds: int = 200
+    steps: int = 250
+    seed: int = 0
+    things: bool = False
+    device: str = "cpu"
+
+
+def scene_of(asset: Any, *, things: bool, moves: bool = True) -> dict[str, Any]:
+    """Return a scene of a unit and two things. `moves` tells whether the unit has joints."""
+    unit = {"asset": asset, "kind": "fixture", "on": "floor", "region": {"box": [[-0.2, 0.0], [0.2, 0.3]]}}
+    place: dict[str, Any] = {"on": "floor", "region": {"box": [[-1.0, -2.4], [1.0, -2.0]]}}
+    if things:
+        place = {"in": {"any": "unit"}, "ratio_on_support": 1}
+    unit |= {"orientation": {"yaw": [-30, 30]}, **({"joints": {"*": {"fraction": [0.2, 0.6]}}} if moves else {})}
+    objects = {"unit": unit, **{name: {"asset": name, **place} for name in ("can", "tin")}}
+    return {"bank": 4, "floor": {"size": [8, 8]}, "objects": objects}
+
+
+def run(batch: Batch, steps: int) -> tuple[np.ndarray, np.ndarray]:
+    """Step worlds, and return qpos and qvel."""
+    with wp.ScopedDevice(batch.device):
+        for _ in range(steps):
+            mjw.step(batch.model, batch.data)
+    return batch.data.qpos.numpy(), batch.data.qvel.numpy()
+
+
+class Comparison:
+    """The units of all worlds, before and after the steps."""
+
+    def __init__(self, compiled: CompiledScene, options: Options) -> None:
+        self.compiled, self.options = compiled, options
+        batch = Batch(compiled.scene, options.worlds, compiled.device)
+        randomizer = ResetRandomizer.of_batch(batch, compiled, seed=options.seed)
+        randomizer.reset()
+        self.variant, self.sim = randomizer.variants.numpy()[:, 0], compiled.sim_mjm
+        qvel = np.zeros((options.worlds, self.sim.nv), np.float32)
+        for world, number in enumerate(self.variant):
+            for joint in self.joints(number).values():
+                slides = self.sim.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE
+                qvel[world, self.sim.jnt_dofadr[joint]] = 0.3 if slides else 0.6
+        batch.data.qvel.assign(qvel)
+        self.start = {
+            name: getattr(batch.data, name).numpy().copy() for name in ("qpos", "qvel", "mocap_pos", "mocap_quat")
+        }
+        self.qpos, self.qvel = run(batch, options.steps)
+        batch_overflow = int(np.bitwise_or.reduce(batch.data.overflow.numpy()))
+        assert batch_overflow == 0, batch_overflow
+
+    def joints(self, number: int) -> dict[str, int]:
+        """Return the shared joint that simulates each joint of a variant, by the joint's own name."""
+        scene = self.compiled.scene
+        found = scene.joints(self.compiled.config.variants["unit"][number])
+        return {name: scene.sim_joint(joint) for name, joint in found.items()}
+
+    def unused(self) -> bool:
+        """Return whether all joints that a world lacks are at exactly 0."""
+        own = [joint for joint in range(self.sim.njnt) if self.sim.joint(joint).name.startswith("unit/")]
+        for world, number in enumerate(self.variant):
+            lacks = [joint for joint in own if joint not in self.joints(number).values()]
+            if (
+                self.qpos[world, self.sim.jnt_qposadr[lacks]].any()
+                or self.qvel[world, self.sim.jnt_dofadr[lacks]].any()
+            ):
+                return False
+        return True
+
+    def differences(self, number: int, file: str) -> tuple[int, float]:
+        """Return how many words of a variant's joints differ from its own model, and the greatest difference.
+
+        Things touch the floor or the unit. The tolerance of the solver has one scale for all joints of a world, so
+        their words may differ.
+        """
+        scene = build_model(scene_of(file, things=False, moves=bool(self.joints(number))))
+        own, batch = scene.mjm, Batch(scene, self.options.worlds, self.compiled.device)
+        pairs = [(scene.joints("unit")[name], joint) for name, joint in self.joints(number).items()]
+        pairs += [(own.joint(f"{name}/free").id, self.sim.joint(f"{name}/free").id) for name in ("can", "tin")]
+        state = {name: getattr(batch.data, name).numpy().copy() for name in self.start}
+        places = []
+        for joint, shared in pairs:
+            nq, nv = (7, 6) if own.jnt_type[joint] == FREE else (1, 1)
+            for word, width, to, of in (
+                ("qpos", nq, own.jnt_qposadr[joint], self.sim.jnt_qposadr[shared]),
+                ("qvel", nv, own.jnt_dofadr[joint], self.sim.jnt_dofadr[shared]),
+            ):
+                state[word][:, to : to + width] = self.start[word][:, of : of + width]
+                places.append((word, slice(to, to + width), slice(of, of + width), nq == 1))
+        to, of = (m.body_mocapid[m.body("unit").id] for m in (own, self.sim))
+        for word in ("mocap_pos", "mocap_quat"):
+            state[word][:, to] = self.start[word][:, of]
+        for word, values in state.items():
+            getattr(batch.data, word).assign(values)
+        theirs = dict(zip(("qpos", "qvel"), run(batch, self.options.steps), strict=True))
+        mine, rows = {"qpos": self.qpos, "qvel": self.qvel}, self.variant == number
+        words, far = 0, 0.0
+        for word, to, of, is_part in places:
+            one, other = mine[word][rows][:, of], theirs[word][rows][:, to]
+            words += is_part * int((one.view(np.int32) != other.view(np.int32)).sum())
+            far = max(far, float(np.abs(one - other).max())) if word == "qpos" else far
+        return words, far
+
+
+def main(options: Options) -> dict[str, Any]:
+    """Compare all units, print a line, and return its content."""
+    with tempfile.TemporaryDirectory() as folder:
+        sceniris_gym.furniture(Path(folder) / "units", n=options.units, seed=0)
+        compiled = compile_scene(scene_of(f"{folder}/units/*.xml", things=options.things), options.device, cache=False)
+        found = Comparison(compiled, options)
+        members = compiled.config.variants["unit"]
+        drawn = sorted(set(found.variant.tolist()))
+        each = [found.differences(k, f"{folder}/units/{members[k].partition('/')[2]}.xml") for k in drawn]
+    words, far = zip(*each, strict=True)
+    line = {"units": len(members), "drawn": len(drawn), "worlds": options.worlds, "steps": options.steps}
+    line |= {"differing_words": sum(words), "largest": max(far), "unused_at_zero": found.unused()}
+    print(json.dumps(line), flush=True)
+    return line
+
+
+if __name__ == "__main__":
+    told = main(tyro.cli(Options, description=__doc__))
+    sys.exit(not told["unused_at_zero"] or (told["differing_words"] > 0 and not tyro.cli(Options).things))
