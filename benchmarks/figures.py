@@ -25,6 +25,7 @@ _WATCHED += " mid_16k table_top tabletop_lift tabletop_lift_any tabletop_reach"
 WATCHED = (
     *(f"{scene}:{worlds}" for scene in _WATCHED.split() for worlds in (1024, 4096, 16384, 65536)),
     *("mid:131072", "mid:524288"),
+    *(f"{scene}:{worlds}" for scene in ("kitchen_any", "open_any") for worlds in (256, 1024, 4096)),
 )
 """What `benchmarks.rates` compares with the best rates so far."""
 CPU_RATES = (

@@ -170,7 +170,7 @@ def _sizes(one: PlacedObject) -> str:
 def infeasible(compiled: CompiledScene, probe: LayoutGenerator, key: str = "") -> InfeasibleSceneError:
     """Return the error for a scene without a valid layout. The error names the object that could not be placed.
 
-    The named object is the least likely to be placed, see `least_likely`.
+    The named object is the least likely to be placed, see `_least_likely`.
 
     Args:
         compiled: The scene.
@@ -181,7 +181,7 @@ def infeasible(compiled: CompiledScene, probe: LayoutGenerator, key: str = "") -
     counts = probe.rejection_counts()
     if not any(any(causes.values()) for causes in counts.values()):
         return _never_drawn(compiled, probe, key)
-    (name, cause), ways = least_likely(counts, compiled.attempts), obstructions(probe)
+    (name, cause), ways = _least_likely(counts, compiled.attempts), obstructions(probe)
     part, way = compiled.config.parts.get(name), ways.get(name)
     if cause == Cause.EMPTY.name.lower() and (leaning := _leaning_support(compiled, probe, name)) is not None:
         orientation = compiled.config.objects[split_support(leaning, compiled.config.objects)[0]].drawn_orientation.kind
@@ -218,7 +218,7 @@ def ended_restarts(cause: str, rejections: int, attempts: int) -> float:
     return rejections if Cause[cause.upper()] in AT_ONCE else rejections / attempts
 
 
-def least_likely(counts: dict[str, dict[str, int]], attempts: int) -> tuple[str, str]:
+def _least_likely(counts: dict[str, dict[str, int]], attempts: int) -> tuple[str, str]:
     """Return the object that is least likely to be placed, and the cause of most of its failures.
 
     A restart that failed at one object had a place for each object before it. From these failures and successes follows

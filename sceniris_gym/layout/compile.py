@@ -11,15 +11,14 @@ import numpy as np
 import warp as wp
 
 from sceniris_gym.config.fields import short
-from sceniris_gym.config.member_names import object_of
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.config.scene_words import AUTO
 from sceniris_gym.device.kernel_log import start_warp
 from sceniris_gym.device.random import SPLITS
 from sceniris_gym.device.sequence import launching
-from sceniris_gym.errors import FallbackWarning, ModelWarning, UnknownNameError
+from sceniris_gym.errors import FallbackWarning, UnknownNameError
 from sceniris_gym.layout.attempts import find_attempts
-from sceniris_gym.layout.blame import AT_ONCE, ended_restarts, infeasible, least_likely, of_starts, recording
+from sceniris_gym.layout.blame import AT_ONCE, ended_restarts, infeasible, of_starts, recording
 from sceniris_gym.layout.columns import BANKED
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import LayoutStatus, column_of
@@ -152,10 +151,9 @@ def _with_bank(compiled: CompiledScene) -> CompiledScene:
     for probe, most in ((train, 0), (evaluation, _MOST_ROUNDS)):  # if train has layouts, eval has them, too, but rarely
         if not probe.fill(_ROUNDS, most):
             raise infeasible(probed, probe.generator)
-    lacking: dict[str, str] = {}
-    found = [_with_all_choices(probed, probe, lacking) for probe in (train, evaluation)]
-    if lacking:  # the first layouts were made with other weights
-        _warn_of_lacking(compiled.config, lacking)
+    before = compiled.program.group_weight.numpy().copy()
+    found = [_with_all_choices(probed, probe) for probe in (train, evaluation)]
+    if (before != compiled.program.group_weight.numpy()).any():  # the first layouts were made with other weights
         return _with_bank(compiled)
     _warn_of_fallbacks(compiled, train, evaluation)
     columns = (np.stack(rows) for rows in zip(*found[0], *found[1], strict=True))
@@ -220,12 +218,12 @@ class _Probe:
         return self.found
 
 
-def _with_all_choices(compiled: CompiledScene, probe: _Probe, lacking: dict[str, str]) -> list[tuple[np.ndarray, ...]]:
+def _with_all_choices(compiled: CompiledScene, probe: _Probe) -> list[tuple[np.ndarray, ...]]:
     """Return the rows of a split's bank, with added rows for the choices that no row has yet.
 
     A choice is a group member, a variant, or a kind of start. A new probe favours all missing choices together. If the
     probe finds none of them, the next probe favours only the first missing choice. A spare choice gets one round then.
-    If it has no layout, it is never drawn, and added to `lacking` with the cause.
+    If it has no layout, its weight becomes 0.
 
     Raises:
         InfeasibleSceneError: There is a choice without a valid layout that cannot be left out.
@@ -242,8 +240,6 @@ def _with_all_choices(compiled: CompiledScene, probe: _Probe, lacking: dict[str,
                 members = [config.key(compiled.slots[slot]) for slot in compiled.program.group_slot.numpy()]
                 key = [*members, *(f"start.{kind}" for kind in range(len(config.start)))][asked[0]]
                 raise infeasible(compiled, other.generator, f": {key}")
-            counts = other.generator.rejection_counts()
-            lacking[config.presence.member_keys[asked[0]]] = least_likely(counts, compiled.attempts)[1]
             weight = compiled.program.group_weight.numpy()
             weight[:, asked[0]] = 0.0
             compiled.program.group_weight.assign(weight)
@@ -258,20 +254,6 @@ def _is_spare(compiled: CompiledScene, choice: int) -> bool:
     config, keys = compiled.config, compiled.config.presence.member_keys
     drawn = {key for key, both in zip(keys, compiled.program.group_weight.numpy()[0], strict=True) if both.any()}
     return choice < len(keys) and not drawn.isdisjoint(config.alternatives(keys[choice]))
-
-
-def _warn_of_lacking(config: SceneConfig, lacking: Mapping[str, str]) -> None:
-    """Warn of bodies of `{any: NAME}` that cannot hold an object, given as members with causes."""
-    for name in dict.fromkeys(map(object_of, lacking)):
-        member, *more = (each for each in lacking if object_of(each) == name)
-        support, others = config.objects[member].support, f" and {len(more)} other bodies" if more else ""
-        named = "" if support is None else support.parent
-        warn(
-            ModelWarning(
-                f"{config.where}: objects.{name}: no valid layout was found with it on '{named}' ({lacking[member]})"
-                f"{others}, so it is never there."
-            )
-        )
 
 
 def _lacking_choices(compiled: CompiledScene, split: str, rows: list[tuple[np.ndarray, ...]]) -> np.ndarray:

@@ -7,7 +7,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from sceniris_gym.layout.blame import _REMEDIES, Blame, _of_collision, _of_leaning, _rejections, least_likely
+from sceniris_gym.layout.blame import _REMEDIES, Blame, _least_likely, _of_collision, _of_leaning, _rejections
 from sceniris_gym.layout.generate import LayoutGenerator
 from tests.layout.scenes import full_tray, make, posed, valid
 
@@ -60,7 +60,7 @@ def test_rejections_are_listed_by_object_and_cause():
     assert _rejections(many) == "pear: collision 41; lime: empty 11; plum: empty 12; and 2 other objects less often"
 
 
-def test_the_object_that_isleast_likely_to_be_placed_is_blamed():
+def test_the_object_that_is_least_likely_to_be_placed_is_blamed():
     """By the restarts that failed at it and those that went on; a stage after placing comes after all objects."""
     cases = {
         ("bar", "collision"): {"can": 20183, "bar": 34609, "mug": 10},  # one restart reached the mug
@@ -68,11 +68,11 @@ def test_the_object_that_isleast_likely_to_be_placed_is_blamed():
         ("can", "collision"): {"can": 10, "bar": 0, "mug": 0},
     }
     for blamed, rejected in cases.items():
-        assert least_likely({name: {"overhead": 0, "collision": n} for name, n in rejected.items()}, 10) == blamed
+        assert _least_likely({name: {"overhead": 0, "collision": n} for name, n in rejected.items()}, 10) == blamed
     late = {"can": {"collision": 5000, "no_ik": 300}, "mug": {"collision": 900, "no_ik": 0}}
-    assert least_likely(late, 10) == ("can", "no_ik")
+    assert _least_likely(late, 10) == ("can", "no_ik")
     rare = {"can": {"collision": 90000, "no_ik": 2}, "mug": {"collision": 900, "no_ik": 0}}
-    assert least_likely(rare, 10) == ("can", "collision")
+    assert _least_likely(rare, 10) == ("can", "collision")
 
 
 def test_the_advice_for_a_scene_without_layouts_depends_on_the_cause():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sceniris_gym.audit.auditor import Auditor
-from sceniris_gym.errors import InfeasibleSceneError, ModelWarning
+from sceniris_gym.errors import InfeasibleSceneError
 from sceniris_gym.layout.tables import make_table
 from sceniris_gym.scene import assemble
 from sceniris_gym.scene.build import build_model
@@ -77,8 +77,7 @@ def test_an_object_is_on_each_level_body_of_the_present_variant():
     """On drawers of a cabinet, on the lid of a chest, and the audit agrees."""
     opened = {"asset": "cabinet", "joints": CABINET["joints"]}
     units = {"kind": "fixture", "on": "floor", "variants": {"cabinet": opened, "chest": {"asset": "chest"}}}
-    with pytest.warns(ModelWarning, match="'cabinet/chest'"):  # the bottom of a closed chest
-        compiled = compile_on_cpu({**SCENE, "objects": {"cabinet": units, "apple": SCENE["objects"]["apple"]}}, bank=4)
+    compiled = compile_on_cpu({**SCENE, "objects": {"cabinet": units, "apple": SCENE["objects"]["apple"]}}, bank=4)
     members = compiled.config.variants["apple"]
     parents = {part.on for name, part in compiled.config.objects.items() if name in members}
     assert {f"cabinet/cabinet/{side}_drawer" for side in ("upper", "lower")} | {"cabinet/chest/lid"} <= parents
@@ -101,8 +100,7 @@ def test_a_body_that_cannot_hold_an_object_is_left_out():
     closed = {**CABINET, "joints": {"upper": {"value": 0.25}, "lower": {"value": 0.0}}}
     apple = {"asset": "apple", "on": {"any": "cabinet"}}
     scene = {**SCENE, "objects": {"cabinet": closed, "apple": apple}}
-    with pytest.warns(ModelWarning, match=r"apple: no valid .* 'cabinet/lower_drawer' \(\w+\), so it is never there"):
-        compiled = compile_on_cpu(scene, bank=4)
+    compiled = compile_on_cpu(scene, bank=4)
     table = make_table(compiled, 300, 0)
     there = table.present[:, [compiled.slots.index(name) for name in compiled.config.variants["apple"]]]
     assert (there.sum(axis=1) == 1).all()

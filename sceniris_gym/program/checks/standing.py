@@ -160,9 +160,7 @@ def _check_joints(
     places = [np.array([x, y, low[2]]) for x in (low[0], high[0]) for y in (low[1], high[1])]
     joints = sorted({joint for at in places for joint in _yielding(mjm, plan.scene.home, o.ground, at)})
     root = int(mjm.body_rootid[o.ground])
-    is_loose = mjm.body_dofnum[root] == 6 and all(
-        root != x.bodies[0] for x in plan.objects if x.kind == ObjectKind.FREE
-    )
+    is_loose = mjm.body_dofnum[root] == 6 and root not in _placed(plan)
     if not joints and not is_loose:
         return
     model, data = apart(mjm, root) if is_loose else apart(mjm), mujoco.MjData(mjm)
