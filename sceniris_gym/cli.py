@@ -390,8 +390,7 @@ def import_(
 
     options = Options(scale, up, density, tolerance, shell, max_parts)
     if thing.is_dir():
-        found = tool.import_many(thing, out, options, jobs, device)
-        return answer(found, json)
+        return answer(tool.import_many(thing, out, options, jobs, device), json)
     checked_target(out)
     found = tool.import_one(thing, out, options, None if json else ask_on_terminal(), device)
     return answer(found, json, tool.report)

@@ -103,8 +103,7 @@ class Chain:
 
     def random_joints(self, num: int, seed: int = 0) -> np.ndarray:
         """Return joint positions drawn uniformly within limits, shape (num, n). Hinges without limits use -pi to pi."""
-        lower = np.where(np.isfinite(self.lower), self.lower, -np.pi)
-        upper = np.where(np.isfinite(self.upper), self.upper, np.pi)
+        lower, upper = np.nan_to_num(self.lower, neginf=-np.pi), np.nan_to_num(self.upper, posinf=np.pi)
         return np.random.default_rng(seed).uniform(lower, upper, (num, len(lower)))
 
     def _refined(self, poses: np.ndarray, q: np.ndarray, iterations: int) -> np.ndarray:

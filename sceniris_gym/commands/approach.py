@@ -1,8 +1,7 @@
 """The reach of an arm for `init`: shares within reach, other approach axes of the hand, and regions of objects."""
 
 from collections.abc import Sequence
-from dataclasses import replace
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 import shapely
@@ -10,7 +9,7 @@ import shapely
 from sceniris_gym.config.fields import ROBOT
 from sceniris_gym.config.robot import TcpConfig
 from sceniris_gym.errors import ArmError, NotSupportedError
-from sceniris_gym.geometry.rotations import matrix, of_angles, product, quaternion
+from sceniris_gym.geometry.rotations import matrix, of_angles, quaternion
 from sceniris_gym.grasping.grasps import tcp_axes
 from sceniris_gym.importers.models.first_scene import FirstScene, carrier_name, flow
 from sceniris_gym.importers.models.found import FoundSupport
@@ -43,9 +42,8 @@ class Approach:
 
     def __init__(self, compiled: CompiledScene) -> None:
         self._compiled, self._home, self._arm = compiled, compiled.scene.home, robot_arm(compiled.scene)
-        mjm, arm = compiled.mjm, self._arm
-        self._axis = self._home.xanchor[np.flatnonzero(mjm.jnt_qposadr == arm.qposadr[0])[0]]
-        self._length = float(np.linalg.norm(arm.link_pos[1:], axis=1).sum())
+        self._axis = self._home.xanchor[compiled.mjm.jnt_qposadr == self._arm.qposadr[0]][0]
+        self._length, self._turn = float(np.linalg.norm(self._arm.link_pos[1:], axis=1).sum()), np.eye(3)
 
     def notes(self, names: Sequence[str], ground: FoundSupport | None = None) -> tuple[str, ...]:
         """Return comments for the scene file: how to use `reachable`, and a better `tcp` if there is one.
@@ -61,18 +59,18 @@ class Approach:
         kind = "site" if tcp.site in [mjm.site(i).name for i in range(mjm.nsite)] else "body"
         name, mat = getattr(tcp, kind), self._home.site_xmat[self._arm.tcp_site].reshape(3, 3)
         from_tool = mat.T @ getattr(self._home, kind)(name).xmat.reshape(3, 3)
-        first, shares, arms = self._arm, {}, {}
-        for turn in dict.fromkeys((tcp.turns[:2], *_TURNS)):
-            turned = quaternion(from_tool @ matrix(of_angles(np.radians([*turn, 0.0]))))
-            link_quat = np.vstack([first.link_quat[:-1], product(first.link_quat[-1], turned)])
-            arms[turn] = self._arm = replace(first, link_quat=link_quat)
+        own, turns, shares = tcp.turns[:2], {}, {}
+        for turn in dict.fromkeys((own, *_TURNS)):
+            turns[turn] = self._turn = from_tool @ matrix(of_angles(np.radians([*turn, 0.0])))
             shares[turn] = self.reached(places).mean()
-        now, best = shares[tcp.turns[:2]], max(shares, key=lambda turn: shares[turn])
-        note = f"{now:.0%} of the {what} are within reach from above"
-        self._arm = arms[best if shares[best] > now + _BETTER else tcp.turns[:2]]
-        if shares[best] > now + _BETTER:
+        best = max(shares, key=shares.__getitem__)
+        note = f"{shares[own]:.0%} of the {what} are within reach from above"
+        if shares[best] > shares[own] + _BETTER:
             words = TcpConfig.model_validate({kind: name, "offset": tcp.offset, "roll": best[0], "pitch": best[1]})
             note += f", but {shares[best]:.0%} with `tcp: {flow(words.model_dump(mode='json', exclude_defaults=True))}`"
+        else:
+            best = own
+        self._turn = turns[best]
         use = "Check that +z of the `tcp` is the approach axis. To keep an object within reach: `reachable: ik`."
         return use, f"{note}."
 
@@ -87,7 +85,7 @@ class Approach:
         base, at = self._home.xmat[self._arm.base_body].reshape(3, 3), self._home.xpos[self._arm.base_body]
         away = np.degrees(np.arctan2(*(places - self._axis)[:, 1::-1].T))
         poses = [
-            [*place, *quaternion(base.T @ tcp_axes(first + yaw, tilt))]
+            [*place, *quaternion(base.T @ tcp_axes(first + yaw, tilt) @ self._turn.T)]
             for place, first in zip((places - at) @ base, away, strict=True)
             for yaw in _YAWS
             for tilt in _TILTS
@@ -101,17 +99,9 @@ class Approach:
         ok = self.reached(places.reshape(-1, 3)).reshape(_POINTS, _POINTS)
         if support is not None:
             ok &= shapely.contains_xy(shapely.union_all([s.outline for s in support.surfaces]), *np.moveaxis(xy, 2, 0))
-        total = np.pad(ok.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
-        sizes = {
-            (a, b, c, d): (b - a) * (d - c)
-            for a, b in combinations(range(_POINTS + 1), 2)
-            for c, d in combinations(range(_POINTS + 1), 2)
-            if min(b - a, d - c) > 1 and total[b, d] - total[a, d] - total[b, c] + total[a, c] == (b - a) * (d - c)
-        }
-        if not sizes:
-            return None
-        a, b, c, d = max(sizes, key=sizes.__getitem__)
-        return np.round([xy[a, c], xy[b - 1, d - 1]], 3).tolist()
+        spans = [slice(first, last + 1) for first, last in combinations(range(_POINTS), 2)]
+        largest = max((xy[box] for box in product(spans, spans) if ok[box].all()), key=np.size, default=None)
+        return None if largest is None else np.round([largest[0, 0], largest[-1, -1]], 3).tolist()
 
     def _grid(self, support: FoundSupport | None) -> tuple[np.ndarray, np.ndarray]:
         """Return points around the arm on a support: x and y in its frame, and positions in the world [m]."""

@@ -268,8 +268,7 @@ def section(triangles: np.ndarray, pos: np.ndarray, axes: np.ndarray, gripper: G
     spans = spans[np.argsort(spans[:, 0], kind="stable")]
     high = np.maximum.accumulate(spans[:, 1])
     starts = np.concatenate([[True], spans[1:, 0] > high[:-1] + gripper.thickness])
-    low = spans[starts, 0]
-    high = high[np.concatenate([np.flatnonzero(starts)[1:] - 1, [len(spans) - 1]])]
+    low, high = spans[starts, 0], np.maximum.reduceat(spans[:, 1], np.flatnonzero(starts))
     off = np.maximum(np.maximum(low, -high), 0.0)
     best = int(np.argmin(off))
     return (float(low[best]), float(high[best])) if off[best] < 0.5 * gripper.opening else None

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterable, Sequence
+from itertools import compress
 from typing import NamedTuple
 
 import mujoco
@@ -87,16 +88,12 @@ class Gripper(NamedTuple):
         couplings = (*loops, *couplings)
         found = finger_joints(mjm, hand, arm.qposadr, couplings, home_qpos)
         if not found or not own:
-            nothing = np.zeros(0)
-            return cls(_NO_LIMIT, 0.0, 0.0, _DEEP, 0.01, 0.0, np.zeros(0, int), nothing, nothing)
+            return cls(_NO_LIMIT, 0.0, 0.0, _DEEP, 0.01, 0.0, np.zeros(0, int), np.zeros(0), np.zeros(0))
         follow(couplings, home)
         measured = _Hand(mjm, arm, own, couplings, home)
-        joints, limits = list(found), np.array(list(found.values()))
-        adr = mjm.jnt_qposadr[joints].astype(int)
-        outer = [measured.outer_limit(joint, ends) for joint, ends in found.items()]
-        rows = np.arange(len(joints))
-        wide, narrow = limits[rows, outer], limits[rows, 1 - np.array(outer)]
-        fingers = measured.moved_by(joints)
+        joints = list(found)
+        adr, fingers = mjm.jnt_qposadr[joints].astype(int), measured.moved_by(joints)
+        wide, narrow = np.transpose([measured.outer_first(joint, ends) for joint, ends in found.items()])
         if loops:
             narrow = measured.closed_end(fingers, adr, wide, narrow)
         opened = [measured.opened(fingers, adr, qpos) for qpos in np.linspace(wide, narrow, _SHARES)]
@@ -105,7 +102,7 @@ class Gripper(NamedTuple):
         if opening == 0.0 and all(side.any() for side in sides):
             opening, closed = measured.tip_gaps(sides, adr, [wide, narrow])
         middle = (0.0, 0.0)
-        if len(joints) == 1 and (jaw := measured.one_jaw(joints[0], float(wide[0]), float(narrow[0]))) is not None:
+        if len(joints) == 1 and fingers.any() and (jaw := measured.one_jaw(fingers, adr, [wide, narrow])) is not None:
             opening, closed, middle = jaw
         at = _beside(low, high, fingers)
         first, across = (middle[0], 2.0 * middle[1] * opening) if middle[1] else (-0.5 * opening, opening)
@@ -146,8 +143,7 @@ class Gripper(NamedTuple):
 
 def carried(mjm: mujoco.MjModel, arm: SerialArm) -> set[int]:
     """Return the bodies that the arm's last joint moves: the body with this joint, the hand and the fingers."""
-    last = int(np.flatnonzero(mjm.jnt_qposadr == arm.qposadr[-1])[0])
-    return set(subtree(mjm, int(mjm.jnt_bodyid[last])))
+    return set(subtree(mjm, int(mjm.jnt_bodyid[mjm.jnt_qposadr == arm.qposadr[-1]][0])))
 
 
 def commanded(mjm: mujoco.MjModel) -> mujoco.MjModel:
@@ -241,16 +237,16 @@ class _Hand(NamedTuple):
         bodies = {b for j in moving for b in subtree(self.mjm, int(self.mjm.jnt_bodyid[j]))}
         return np.array([p.body in bodies for p in self.pieces])
 
-    def outer_limit(self, joint: int, ends: tuple[float, float]) -> int:
-        """Return the limit of a joint (0: lower, 1: upper) at which its finger is farther from the approach axis.
+    def outer_first(self, joint: int, ends: tuple[float, float]) -> tuple[float, float]:
+        """Return the limits of a finger joint [m or rad], first the one with the finger farther from the approach axis.
 
-        `ends` are the lower and the upper limit of this finger joint [m or rad].
+        `ends` are the lower and the upper limit.
         """
         moved, off = self.moved_by([joint]), []
         for value in ends:
             low, high = self._boxes(self.mjm.jnt_qposadr[joint], value)
             off.append(np.abs(low[moved, 1] + high[moved, 1]).sum())
-        return int(off[1] > off[0])
+        return ends[::-1] if off[1] > off[0] else ends
 
     def closed_end(self, fingers: np.ndarray, adr: np.ndarray, wide: np.ndarray, narrow: np.ndarray) -> np.ndarray:
         """Return the joint positions at which closing fingers first touch, or `narrow` if the fingers do not touch.
@@ -261,10 +257,8 @@ class _Hand(NamedTuple):
             wide: Positions of these joints when the gripper is open [m or rad], shape (n,).
             narrow: Their positions at their other limits [m or rad], shape (n,).
         """
-        for way in np.linspace(0.0, 1.0, _WAYS):
-            if self.opened(fingers, adr, wide + way * (narrow - wide))[2] <= 0.0:
-                return wide + way * (narrow - wide)
-        return narrow
+        ways = (wide + way * (narrow - wide) for way in np.linspace(0.0, 1.0, _WAYS))
+        return next((qpos for qpos in ways if self.opened(fingers, adr, qpos)[2] <= 0.0), narrow)
 
     def opened(self, fingers: np.ndarray, adr: np.ndarray, qpos: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
         """Return the boxes of all pieces and the gap between the fingers, with finger joints at given positions.
@@ -301,26 +295,24 @@ class _Hand(NamedTuple):
         opening, closed = (max(float(left.min() - right.max()), 0.0) for left, right in zip(*tips, strict=True))
         return opening, closed
 
-    def one_jaw(self, joint: int, wide: float, narrow: float) -> tuple[float, float, tuple[float, float]] | None:
+    def one_jaw(
+        self, moves: np.ndarray, adr: np.ndarray, ends: list[np.ndarray]
+    ) -> tuple[float, float, tuple[float, float]] | None:
         """Return `opening`, `closed` and `middle` of a gripper whose only jaw closes on a finger that the hand forms.
 
         The gaps are between the tips: between the vertices of each finger within 1 cm of its end in the closed gripper.
 
         Args:
-            joint: The joint of the jaw.
-            wide: Position of the joint when the gripper is open [m or rad].
-            narrow: Position of the joint when the gripper is closed [m or rad].
+            moves: Mask of the pieces of the jaw, shape (npiece,).
+            adr: Address in qpos of the joint of the jaw, shape (1,).
+            ends: Positions of this joint in the open and in the closed gripper [m or rad], shape (1,) each.
 
         Returns:
-            The three attributes of the gripper, or None if the jaw does not collide, or no part of the hand beside the
-            TCP faces it.
+            The three attributes of the gripper, or None if no part of the hand beside the TCP faces the jaw.
         """
-        adr, moves = self.mjm.jnt_qposadr[joint], self.moved_by([joint])
-        if not moves.any():
-            return None
-        away, jaw = self._tip(moves, adr, [wide, narrow])
+        away, jaw = self._tip(moves, adr, ends)
         side = float(np.sign((away - jaw).mean()))
-        hand = np.concatenate([np.zeros((0, 3)), *self._vertices(~moves, adr, narrow)])
+        hand = self._vertices(~moves, adr, ends[1])
         facing = hand[side * hand[:, 1] < (side * jaw).max()]
         if facing[:, 2].max(initial=-np.inf) < -_TIPS:
             return None
@@ -328,7 +320,7 @@ class _Hand(NamedTuple):
         closed, opening = (max(float((side * each).min()) - fixed, 0.0) for each in (jaw, away))
         return opening, closed, (side * (fixed + _CLEAR), 0.5 * side)
 
-    def _tip(self, finger: np.ndarray, adr: np.ndarray, ends: Sequence[np.ndarray | float]) -> list[np.ndarray]:
+    def _tip(self, finger: np.ndarray, adr: np.ndarray, ends: list[np.ndarray]) -> list[np.ndarray]:
         """Return the y [m] of a finger's tip, which are its vertices within 1 cm of its end in the closed gripper.
 
         Args:
@@ -339,16 +331,17 @@ class _Hand(NamedTuple):
         Returns:
             Coordinates of the same vertices along the closing axis, in the open and in the closed gripper.
         """
-        wide, narrow = (np.concatenate(self._vertices(finger, adr, qpos)) for qpos in ends)
+        wide, narrow = (self._vertices(finger, adr, qpos) for qpos in ends)
         tip = narrow[:, 2] > narrow[:, 2].max() - _TIPS
         return [wide[tip, 1], narrow[tip, 1]]
 
-    def _vertices(self, chosen: np.ndarray, adr: np.ndarray, qpos: np.ndarray | float) -> list[np.ndarray]:
-        """Return the vertices [m] of the pieces in a mask in the TCP frame, with finger joints as in `_boxes`."""
+    def _vertices(self, chosen: np.ndarray, adr: np.ndarray, qpos: np.ndarray) -> np.ndarray:
+        """Return the vertices [m] of the pieces in a mask in the TCP frame, (n, 3), with finger joints as `_boxes`."""
         data, axes, at = self._posed(adr, qpos)
-        pieces = [piece for piece, is_chosen in zip(self.pieces, chosen, strict=True) if is_chosen]
-        places = [(data.xmat[p.body].reshape(3, 3).T, data.xpos[p.body] - at, p.mesh) for p in pieces]
-        return [(mesh.vertices @ turn + shift) @ axes.T for turn, shift, mesh in places if mesh is not None]
+        own = compress(self.pieces, chosen)
+        places = [(data.xmat[p.body].reshape(3, 3).T, data.xpos[p.body] - at, p.mesh) for p in own]
+        found = [(mesh.vertices @ turn + shift) @ axes.T for turn, shift, mesh in places if mesh is not None]
+        return np.concatenate([np.zeros((0, 3)), *found])
 
     def _boxes(self, adr: np.ndarray, qpos: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
         """Return the lower and the upper corners [m] of the pieces' boxes in the TCP frame, shape (npiece, 3) each.

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from sceniris_gym.errors import NotSupportedError
-from sceniris_gym.scene.couplings import Coupling, active_equalities, equality_errors, equality_label, follow
+from sceniris_gym.scene.couplings import Coupling, active_equalities, couple, equality_errors, equality_label, follow
 
 _NODES = 17  # positions of a driven joint at which the loops are closed
 # Weights of a spring and of the last position, relative to an equality. They move a joint only if the loop does not.
@@ -42,12 +42,10 @@ def loop_couplings(
     (nodes, paths), found = zip(*(loops.path(driver) for driver in loops.driven), strict=True), []
     for joint, own in zip(loops.passive.tolist(), np.moveaxis(np.array(paths), 2, 0), strict=True):
         i = int(np.ptp(own, axis=1).argmax())
-        adr, driver_adr = mjm.jnt_qposadr[[joint, loops.driven[i]]].tolist()
-        origin = float(nodes[i].mean())
+        origin, label = float(nodes[i].mean()), f"the loop of joint '{mjm.joint(joint).name}'"
         offset, a1, a2, a3, a4 = np.polyfit(nodes[i] - origin, own[i], 4)[::-1].tolist()
-        label, limits = f"the loop of joint '{mjm.joint(joint).name}'", (-np.inf, np.inf)  # poses are within the limits
-        couple = Coupling(label, joint, loops.driven[i], adr, driver_adr, origin, offset, (a1, a2, a3, a4), limits)
-        found.append(couple)
+        coupling = couple(mjm, label, joint, loops.driven[i], origin, offset, (a1, a2, a3, a4))
+        found.append(coupling._replace(limits=(-np.inf, np.inf)))  # poses are within the limits
     return tuple(found)
 
 
@@ -109,8 +107,7 @@ class _Loops:
         loops = (data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY) & jacobian.any(axis=1)
         loops &= mjm.eq_type[data.efc_id * loops] != mujoco.mjtEq.mjEQ_JOINT
         self._rows = np.flatnonzero(loops)
-        moved = [data.moment_colind[a : a + n] for a, n in zip(data.moment_rowadr, data.moment_rownnz, strict=True)]
-        driven = set(mjm.dof_jntid[np.concatenate([np.zeros(0, int), *moved]).astype(int)].tolist())
+        driven = set(mjm.dof_jntid[data.moment_colind[: data.moment_rownnz.sum()]].tolist())
         for c in reversed(couplings):
             if c.follower in driven and c.driver is not None:
                 driven.add(c.driver)
@@ -127,8 +124,8 @@ class _Loops:
         """
         adr, own = self._mjm.jnt_qposadr[driver], self._mjm.jnt_qposadr[self.passive]
         low, high = self._mjm.jnt_range[driver]
-        angles = np.pi * (np.arange(_NODES) + 0.5) / _NODES
-        nodes = 0.5 * (low + high) - 0.5 * (high - low) * np.cos(angles)  # of Chebyshev, for the least error of a fit
+        # Chebyshev's nodes give the least error of a fit
+        nodes = 0.5 * (low + high) + 0.5 * (high - low) * np.polynomial.chebyshev.chebpts1(_NODES)
         found, first = np.zeros((_NODES, len(own))), int(np.searchsorted(nodes, self._home[adr]))
         for order in (range(first, _NODES), range(first - 1, -1, -1)):  # away from home, each from the one before
             qpos = self._home.copy()

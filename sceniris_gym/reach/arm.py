@@ -85,9 +85,8 @@ class SerialArm:
         ids, pos, quat = _chain(mjm, root, tcp_site)
         _check_joints(mjm, root, tcp, ids)
         adr = mjm.jnt_qposadr[ids]
-        limited = mjm.jnt_limited[ids].astype(bool)
-        lower = np.where(limited, mjm.jnt_range[ids, 0], -np.inf)
-        upper = np.where(limited, mjm.jnt_range[ids, 1], np.inf)
+        limited = mjm.jnt_limited[ids].astype(bool)[:, None]
+        lower, upper = np.where(limited, mjm.jnt_range[ids], [-np.inf, np.inf]).T
         keys = [mjm.key(i).name for i in range(mjm.nkey)]
         home = mjm.key_qpos[keys.index(HOME)] if HOME in keys else mjm.qpos0
         return cls(

@@ -81,26 +81,27 @@ def free_from_slides(spec: mujoco.MjSpec, body: mujoco.MjsBody, where: str) -> b
     same = np.column_stack([mjm.dof_damping, mjm.dof_armature, mjm.dof_frictionloss])[dofs]
     if np.ptp(same, axis=0).any() or mjm.jnt_stiffness[ids].any() or mjm.jnt_limited[ids].any():
         return False
-    data, adr, kept = mujoco.MjData(mjm), int(mjm.jnt_qposadr[ids[0]]), joints[0]
-    poses = []
-    for key in spec.keys:
-        data.qpos[:] = mjm.key(key.id).qpos
-        mujoco.mj_kinematics(mjm, data)
-        pose = [*data.xpos[body.id], *data.xquat[body.id]]
-        poses.append([*data.qpos[:adr], *pose, *data.qpos[adr + len(ids) :]])
+    data, root, adr, kept = mujoco.MjData(mjm), body.id, int(mjm.jnt_qposadr[ids[0]]), joints[0]
     for joint in joints[1:]:
         spec.delete(joint)
     kept.type, kept.name = FREE, f"{body.name}/free"
-    for key, qpos in zip(spec.keys, poses, strict=True):
-        key.qpos = qpos
+    for key, stored in zip(spec.keys, mjm.key_qpos, strict=True):
+        data.qpos[:] = stored
+        mujoco.mj_kinematics(mjm, data)
+        key.qpos = [*stored[:adr], *data.xpos[root], *data.xquat[root], *stored[adr + len(ids) :]]
     return True
+
+
+def driven_joints(mjm: mujoco.MjModel) -> np.ndarray:
+    """Return the ids of the joints at which actuators of a model pull, one for each of these actuators."""
+    return mjm.actuator_trnid[np.isin(mjm.actuator_trntype, JOINT_TRANSMISSIONS), 0]
 
 
 def _named_joints(mjm: mujoco.MjModel) -> set[int]:
     """Return the joints to which actuators, tendons, equalities or sensors of a model refer."""
     eq, joint = mjm.eq_type == mujoco.mjtEq.mjEQ_JOINT, mujoco.mjtObj.mjOBJ_JOINT
     named = (
-        mjm.actuator_trnid[np.isin(mjm.actuator_trntype, JOINT_TRANSMISSIONS), 0],
+        driven_joints(mjm),
         mjm.wrap_objid[mjm.wrap_type == mujoco.mjtWrap.mjWRAP_JOINT],
         *(mjm.eq_obj1id[eq], mjm.eq_obj2id[eq]),
         mjm.sensor_objid[mjm.sensor_objtype == joint],

@@ -86,7 +86,7 @@ def joint_couplings(mjm: mujoco.MjModel, where: str) -> tuple[Coupling, ...]:
         offset, a1, a2, a3, a4 = mjm.eq_data[eq, :5].tolist()
         coef = (0.0, 0.0, 0.0, 0.0) if held else (a1, a2, a3, a4)
         label = equality_label(mjm, eq)
-        coupling = _made(mjm, label, follower, None if held else driver, origin, start + offset, coef)
+        coupling = couple(mjm, label, follower, None if held else driver, origin, start + offset, coef)
         if follower in found and driver not in found and not held and _is_linear(coupling):
             coupling = _swapped(mjm, coupling)
         other = found.setdefault(coupling.follower, coupling)
@@ -210,7 +210,7 @@ def _farthest(within, start: float, end: float) -> float:
     return good
 
 
-def _made(
+def couple(
     mjm: mujoco.MjModel, label: str, follower: int, driver: int | None, origin: float, offset: float, coef: _Coef
 ) -> Coupling:
     """Return a coupling of two joints or of a held joint, with addresses and limits from the model."""
@@ -226,7 +226,7 @@ def _is_linear(c: Coupling) -> bool:
 def _swapped(mjm: mujoco.MjModel, c: Coupling) -> Coupling:
     """Return the same line as a linear coupling of two joints, with driver and follower swapped."""
     assert c.driver is not None
-    return _made(mjm, c.label, c.driver, c.follower, c.offset, c.origin, (1.0 / c.coef[0], 0.0, 0.0, 0.0))
+    return couple(mjm, c.label, c.driver, c.follower, c.offset, c.origin, (1.0 / c.coef[0], 0.0, 0.0, 0.0))
 
 
 def _chain(found: dict[int, Coupling], joint: int) -> list[Coupling]:

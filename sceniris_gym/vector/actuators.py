@@ -66,9 +66,8 @@ class PositionActuators:
             controls += found
         self._mjm, self._joints, self._actuators = mjm, list(joints), owner[controls]
         self._scale, bias = matrix[controls, columns], constants[controls]
-        ends = np.sort(
-            [(limit[controls] - bias) / self._scale for limit in (rest.lower.numpy(), rest.upper.numpy())], axis=0
-        )
+        limits = np.array([rest.lower.numpy()[controls], rest.upper.numpy()[controls]])
+        ends = np.sort((limits - bias) / self._scale, axis=0)
         limited = mjm.jnt_limited[self._joints].astype(bool)[:, None]
         own = np.where(limited, mjm.jnt_range[self._joints], [-np.inf, np.inf]).T
         self.lower, self.upper = tensor(np.maximum(ends[0], own[0])), tensor(np.minimum(ends[1], own[1]))
@@ -227,13 +226,8 @@ class Fingers(NamedTuple):
         joints = tuple(sorted(width))
         linked = any(not set(joined_bodies(mjm, eq)).isdisjoint(hand) for eq in active_equalities(mjm))
         widths = None if linked else np.array([width[j] for j in joints])
-        return cls(
-            joints,
-            closed[mjm.jnt_qposadr[list(joints)]],
-            widths,
-            list(controls),
-            *np.transpose(list(controls.values())),
-        )
+        closed_qpos = closed[mjm.jnt_qposadr[list(joints)]]
+        return cls(joints, closed_qpos, widths, list(controls), *np.transpose(list(controls.values())))
 
 
 def _below(mjm: mujoco.MjModel, joint: int) -> list[int]:

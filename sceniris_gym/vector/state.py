@@ -70,9 +70,8 @@ class State(Readings):
         width = qpos.shape[1]
 
         def make() -> JointWriter:
-            return JointWriter(
-                self.mjm, self.data, self._batch.fields.rest, find_joints(self.scene, name, "State.put_joints")[:width]
-            )
+            joints = find_joints(self.scene, name, "State.put_joints")[:width]
+            return JointWriter(self.mjm, self.data, self._batch.fields.rest, joints)
 
         writer = self._once(make, "joints", name, width)
         given = mask & qpos.isfinite().all(dim=1)
@@ -97,9 +96,8 @@ class State(Readings):
             UnknownNameError: The scene has no such body.
             ArgumentError: The body is a robot, a fixture or a static object, or hangs on joints.
         """
-        writer = self._once(
-            lambda: PoseWriter(self._batch, find_body(self.scene, name, "State.put_pose"), self.device), "pose", name
-        )
+        body = find_body(self.scene, name, "State.put_pose")
+        writer = self._once(lambda: PoseWriter(self._batch, body, self.device), "pose", name)
         pose = torch.cat([pose[:, :3], torch.nn.functional.normalize(pose[:, 3:], dim=1, eps=0.0)], dim=1)
         given = mask & pose.isfinite().all(dim=1)
         if writer.owner in self.scene.config.objects:
@@ -152,9 +150,8 @@ class State(Readings):
             ArgumentError: The field is first requested after `bind`. The field is 0 in the whole model, so steps leave
                 it out.
         """
-        return self._once(
-            lambda: wp.to_torch(self._batch.fields.ask(name, of, where="State.model_field")), "f", name, of
-        )
+        ask = self._batch.fields.ask
+        return self._once(lambda: wp.to_torch(ask(name, of, where="State.model_field")), "f", name, of)
 
     def _field(self, name: str) -> Tensor:
         """Return a whole field of the Model, with a row for each world or one for all. Call this only after `bind`."""

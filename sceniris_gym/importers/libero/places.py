@@ -13,7 +13,7 @@ from shapely import Point
 from sceniris_gym.errors import SceneKeyError, UnknownNameError, check_names
 from sceniris_gym.geometry.pieces import extract_pieces
 from sceniris_gym.geometry.resting_poses import HomeShape
-from sceniris_gym.geometry.rotations import matrix
+from sceniris_gym.geometry.rotations import matrix, of_angles
 from sceniris_gym.geometry.supports import level_surfaces
 from sceniris_gym.importers.libero.kinds import FIXTURES, OBJECTS, ROTATION, WORKSPACES, Kind, Workspace, moving
 from sceniris_gym.importers.libero.problem import Predicate, Problem, Region
@@ -114,12 +114,11 @@ class Places:
         for word, (name, *names) in ((predicate.word, predicate.names) for predicate in problem.init):
             if word == "On" and name in problem.fixtures and (region := problem.regions.get(names[0])):
                 self._yaw[name] = np.degrees(region.yaw)
-        self._mjm = compile_spec(spec, str(problem.path))
+        where = str(problem.path)
+        self._mjm = compile_spec(spec, where)
         self._data = mujoco.MjData(self._mjm)
         mujoco.mj_kinematics(self._mjm, self._data)
-        self._pieces = extract_pieces(
-            self._mjm, "physics", where=dict.fromkeys(range(self._mjm.nbody), str(problem.path))
-        )
+        self._pieces = extract_pieces(self._mjm, "physics", where=dict.fromkeys(range(self._mjm.nbody), where))
 
     def words(self, added: list[str]) -> dict[str, Any]:
         """Return the scene file entry of each object and fixture, by name.
@@ -241,9 +240,8 @@ class Places:
         root = self._mjm.body(name).id
         inside = subtree(self._mjm, root)
         shape = HomeShape(self._data, root, [p for p in self._pieces if p.body in inside])
-        x, y = shape.stable_pose(np.array([1.0, 0.0, 0.0, 0.0])).pivot[:2]
-        angle = math.radians(yaw.mean())
-        return np.array([math.cos(angle) * x - math.sin(angle) * y, math.sin(angle) * x + math.cos(angle) * y])
+        pivot = shape.stable_pose(np.array([1.0, 0.0, 0.0, 0.0])).pivot
+        return (matrix(of_angles(np.radians([0.0, 0.0, yaw.mean()]))) @ pivot)[:2]
 
     def _state(self, predicate: Predicate) -> tuple[str, dict[str, Any]]:
         """Return the fixture in a predicate such as `Open`, and the `joints` entries that make the predicate true."""

@@ -210,8 +210,7 @@ def _region(group: Group) -> Region:
             f"{group.where}: {short(group)} should be a region: a name and '(:target NAME)'. On the work surface it "
             "also has '(:ranges ((LOW_X LOW_Y HIGH_X HIGH_Y)))', and may have '(:yaw_rotation ((LEAST GREATEST)))'."
         ) from None
-    for word in given:
-        raise UnknownNameError("attribute of a region", word, f"{group.where}: {name}", _ATTRIBUTES)
+    check_names("attribute of a region", given, f"{group.where}: {name}", _ATTRIBUTES)
     return Region(str(target), name, tuple(boxes), (low, high), group.where)
 
 

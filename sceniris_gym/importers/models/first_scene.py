@@ -16,17 +16,9 @@ from sceniris_gym.config.fields import FLOOR, ROBOT
 from sceniris_gym.geometry.pieces import ROUGH, Piece, extract_pieces
 from sceniris_gym.geometry.rotations import matrix
 from sceniris_gym.importers.models.fixtures import joint_draws
-from sceniris_gym.importers.models.found import (
-    FoundArm,
-    FoundSupport,
-    find_arms,
-    geom_beneath,
-    named_support,
-    support_of,
-    supports_of,
-)
+from sceniris_gym.importers.models.found import FoundArm, FoundSupport, find_arms, support_beneath, supports_of
 from sceniris_gym.reach.arm import carrier_of
-from sceniris_gym.scene.adopt import HOME, free_from_slides, named_by_place
+from sceniris_gym.scene.adopt import HOME, driven_joints, free_from_slides, named_by_place
 from sceniris_gym.scene.assemble import compile_spec
 from sceniris_gym.scene.model_files import load_model
 from sceniris_gym.scene.support import subtree
@@ -208,12 +200,10 @@ class _Bodies:
     def _entry(self, name: str, body: int) -> Entry:
         own_name = self.mjm.body(body).name
         words: dict[str, Any] = {} if own_name == name else {"body": own_name}
-        if self._is_driven(subtree(self.mjm, body)):
+        if np.isin(self.mjm.jnt_bodyid[driven_joints(self.mjm)], subtree(self.mjm, body)).any():
             use = f"it is a robot with a free base, as in `robot: {{in_model: {own_name}, tcp: SITE}}`."
             return _commented_out(name, words, f"'{name}' has actuators: {use}")
-        geom = geom_beneath(self.mjm, self.data, body)
-        named = None if geom is None else named_support(self.mjm, geom, self.free)
-        support = None if named is None else support_of(*named, self.pieces)
+        support = support_beneath(self.mjm, self.data, body, self.free, self.pieces)
         if support is not None and support.surfaces:
             return Entry(name, {**words, **self._standing(support, body)}, self._tilted(body))
         said = "Beneath it is no static geom or object with a name and a level surface at least 2 cm wide."
@@ -244,11 +234,6 @@ class _Bodies:
         upright = self.data.xmat[body].reshape(3, 3)[2] @ matrix(self.mjm.body_quat[body])[2]
         note = "The start pose tilts it, but layouts place it upright as in `qpos0`. To change that, see `orientation`."
         return (note,) if upright < np.cos(np.radians(5.0)) else ()
-
-    def _is_driven(self, bodies: list[int]) -> bool:
-        joints = np.flatnonzero(np.isin(self.mjm.jnt_bodyid, bodies))
-        kinds = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
-        return bool(np.any(np.isin(self.mjm.actuator_trnid[np.isin(self.mjm.actuator_trntype, kinds), 0], joints)))
 
 
 def _robot(mjm: mujoco.MjModel, data: mujoco.MjData, arms: list[FoundArm]) -> tuple[Entry | None, list[Entry]]:
@@ -283,7 +268,7 @@ def _names(mjm: mujoco.MjModel, bodies: Iterable[int]) -> dict[str, int]:
 def _slides(mjm: mujoco.MjModel, body: int) -> bool:
     """Return whether a body imitates a freejoint with two or more slide joints that have no actuators."""
     slides = np.flatnonzero((mjm.jnt_bodyid == body) & (mjm.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE))
-    return len(slides) >= 2 and not np.isin(mjm.actuator_trnid[:, 0], slides).any()
+    return len(slides) >= 2 and not np.isin(driven_joints(mjm), slides).any()
 
 
 def _not_free(mjm: mujoco.MjModel, body: int) -> Entry:

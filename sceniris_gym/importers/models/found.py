@@ -93,8 +93,7 @@ class FoundArm:
         if self.fingers:
             tip = middle + along * (((points - middle) @ along).max() - _TIP)
             offset = [round(float(v), 4) + 0.0 for v in tip]
-        name = self.mjm.body(body).name
-        return TcpConfig.model_validate({"body": name, "offset": offset, **_rotation_to(along)})
+        return TcpConfig.model_validate({"body": self.mjm.body(body).name, "offset": offset, **_rotation_to(along)})
 
     def _along(self, data: mujoco.MjData, mat: np.ndarray, along: np.ndarray) -> np.ndarray:
         """Return the approach axis in a frame of the hand. If it is near an axis of this frame, return that axis.
@@ -243,6 +242,15 @@ def geom_beneath(mjm: mujoco.MjModel, data: mujoco.MjData, root: int) -> int | N
             return int(hit[0])
         seen.geom_rgba[hit, 3] = 0.0
     return None
+
+
+def support_beneath(
+    mjm: mujoco.MjModel, data: mujoco.MjData, root: int, bodies: Mapping[str, int], pieces: Sequence[Piece]
+) -> FoundSupport | None:
+    """Return the support of a body in the start pose, or None. See `geom_beneath`, `named_support` and `support_of`."""
+    geom = geom_beneath(mjm, data, root)
+    named = None if geom is None else named_support(mjm, geom, bodies)
+    return None if named is None else support_of(*named, pieces)
 
 
 def supports_of(

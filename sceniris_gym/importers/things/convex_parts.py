@@ -149,7 +149,7 @@ def inertia_of(solid: Solid, parts: Parts, density: float, where: str) -> Inerti
     mesh = solid.mesh
     alone = solid.closed and mesh.is_watertight and mesh.body_count == 1
     if not alone or mesh.volume <= 0.0 or np.linalg.eigvalsh(mesh.moment_inertia)[0] <= 0.0:
-        mesh = splitting.mesh_of(splitting.union_of([splitting.hull_of(part.vertices) for part in parts.meshes]))
+        mesh = splitting.mesh_of(splitting.union_of_parts(parts.meshes))
     full = density * np.asarray(mesh.moment_inertia)
     found = Inertia(density * float(mesh.volume), np.asarray(mesh.center_mass), full)
     if (least := float(np.linalg.eigvalsh(full)[0])) <= LEAST_MOMENT:
@@ -262,11 +262,7 @@ def _of_piece(piece: trimesh.Trimesh, closed: bool, allowed: float) -> _Cut:
         if error <= allowed or worse > _WORSE:
             break
         threshold *= 0.5 if worse else max(0.9 * min(allowed / off, 1.0), 0.5)
-    return _Cut(
-        best,
-        "hull" if best is hull else "CoACD",
-        splitting.union_of([splitting.hull_of(part.vertices) for part in best]),
-    )
+    return _Cut(best, "hull" if best is hull else "CoACD", splitting.union_of_parts(best))
 
 
 def _simpler(mesh: trimesh.Trimesh, off: float) -> trimesh.Trimesh:
@@ -303,9 +299,8 @@ def _pieces(mesh: trimesh.Trimesh) -> list[trimesh.Trimesh]:
 
     If a piece is a cavity, or if there are more than `_MOST_PIECES` pieces, return the whole mesh.
     """
-    pieces = [
-        piece for piece in mesh.split(only_watertight=False) if splitting.hull_or_none(piece.vertices) is not None
-    ]
+    found = mesh.split(only_watertight=False)
+    pieces = [piece for piece in found if splitting.hull_or_none(piece.vertices) is not None]
     if len(pieces) > _MOST_PIECES or any(piece.is_watertight and piece.volume < 0.0 for piece in pieces):
         return [mesh]
     return pieces

@@ -26,6 +26,7 @@ _FINER, _AROUND, _DOUBTFUL = 3, 4, 100
 _BALL = 0.8  # diameter as a fraction of the tolerance: also finds small places that the full ball barely enters
 _NEAR = 10_000  # points on the surface for upper bounds of distances
 _BESIDE = 1e-5  # fraction of the size: parts closer than this leave no gap
+_Counts = Callable[[int], bool]
 _NEEDLE = 1e-6  # sine of the smallest angle in a face: FCL's distances from sharper faces are wrong
 
 
@@ -47,18 +48,15 @@ class Measure:
     def __init__(self, mesh: trimesh.Trimesh, tolerance: float, samples: int = _SAMPLES) -> None:
         self._area, self._radius, self._beside = mesh.area, 0.5 * _BALL * tolerance, _BESIDE * mesh.extents.max()
         self.samples, self._surface = samples, Distances(mesh.vertices, mesh.faces)
-        self._points = np.concatenate(
-            [points_on(mesh.triangles, samples)[0], mesh.vertices[:: max(len(mesh.vertices) // samples, 1)]]
-        )
+        some = mesh.vertices[:: max(len(mesh.vertices) // samples, 1)]
+        self._points = np.concatenate([points_on(mesh.triangles, samples)[0], some])
 
     def error(self, parts: list[trimesh.Trimesh]) -> float:
         """Return the larger of `bare` and of `beyond` for each part [m], for convex parts of the mesh.
 
         The parts are closed meshes.
         """
-        return max(
-            self.bare(parts), *(self.beyond(part, [*parts[:i], *parts[i + 1 :]]) for i, part in enumerate(parts))
-        )
+        return max(self.bare(parts), *(self.beyond(part, parts) for part in parts))
 
     def bare(self, parts: list[trimesh.Trimesh]) -> float:
         """Return the largest distance [m] from a point of the mesh to the parts. It is 0 if the parts contain it."""
@@ -67,8 +65,8 @@ class Measure:
         union = trimesh.util.append_faces([part.vertices for part in parts], [part.faces for part in parts])
         return Distances(*union).farthest(far)[1] if len(far) else 0.0
 
-    def beyond(self, part: trimesh.Trimesh, others: list[trimesh.Trimesh]) -> float:
-        """Return the largest distance [m] from the outside of a part to the mesh, without areas inside `others`.
+    def beyond(self, part: trimesh.Trimesh, parts: list[trimesh.Trimesh]) -> float:
+        """Return the largest distance [m] from the outside of a part to the mesh, without areas inside other `parts`.
 
         It is large if the part fills a hollow of the mesh or sticks out of it.
         """
@@ -77,7 +75,7 @@ class Measure:
         points, which = points_on(part.triangles, share)
         points = np.concatenate([points, part.triangles.reshape(-1, 3)])
         normals = np.concatenate([part.face_normals[which], np.repeat(part.face_normals, 3, axis=0)])
-        near = [other for other in others if are_near(part, other, 2.0 * self._radius)]
+        near = [other for other in parts if other is not part and are_near(part, other, 2.0 * self._radius)]
         most, rng = 0.0, np.random.default_rng(1)
         for finer in range(_FINER + 1):
             away, found, kept = self._touched(points, normals, near)
@@ -172,9 +170,7 @@ class Distances:
         self._samples = KDTree(np.concatenate([triangles.mean(axis=1), points]))
         self._near = np.concatenate([triangles, triangles[which]])  # the triangle of each sample
 
-    def farthest(
-        self, points: np.ndarray, counts: Callable[[int], bool] = lambda i: True
-    ) -> tuple[np.ndarray, float, int]:
+    def farthest(self, points: np.ndarray, counts: _Counts = lambda i: True) -> tuple[np.ndarray, float, int]:
         """Find the point that is farthest from the triangles.
 
         Args:

@@ -81,9 +81,8 @@ def repair(surfaces: Sequence[Surface], where: str, *, shell: bool = False) -> S
     mesh.remove_unreferenced_vertices()
     if len(mesh.faces) < faces:
         report.append(f"{faces - len(mesh.faces)} degenerate or duplicate faces were dropped")
-    if not len(mesh.faces) or float(np.linalg.svd(mesh.vertices - mesh.vertices.mean(axis=0), compute_uv=False)[2]) <= (
-        _FLAT * size * np.sqrt(len(mesh.vertices))
-    ):
+    thin = _FLAT * size * np.sqrt(len(mesh.vertices))
+    if not len(mesh.faces) or np.linalg.svd(mesh.vertices - mesh.vertices.mean(axis=0), compute_uv=False)[2] <= thin:
         raise MeshError(f"{where}: it is flat and has no volume. Give it a thickness, or leave it out.", "flat")
     if not mesh.is_winding_consistent:
         trimesh.repair.fix_winding(mesh)
@@ -120,9 +119,8 @@ def _joined(surfaces: Sequence[Surface]) -> trimesh.Trimesh:
     vertices, faces = trimesh.util.append_faces([s.vertices for s in surfaces], [s.faces for s in surfaces])
     used = vertices[np.unique(faces)]
     grid = _WELD * max(float(np.ptp(used, axis=0).max()), 1e-12)
-    _, first, same = np.unique(
-        np.round((vertices - used.min(axis=0)) / grid), axis=0, return_index=True, return_inverse=True
-    )
+    cells = np.round((vertices - used.min(axis=0)) / grid)
+    _, first, same = np.unique(cells, axis=0, return_index=True, return_inverse=True)
     mesh = trimesh.Trimesh(vertices[first], same.ravel()[faces], process=False)
     mesh.remove_unreferenced_vertices()
     return mesh
@@ -178,12 +176,8 @@ def _capped(
         The closed mesh, and one surface of the new triangles with nonzero area. No surface if all areas are zero.
     """
     middles = np.array([mesh.vertices[np.unique(edges)].mean(axis=0) for edges in loops])
-    faces = np.concatenate(
-        [
-            np.column_stack([edges[:, 1], edges[:, 0], np.full(len(edges), len(mesh.vertices) + i)])
-            for i, edges in enumerate(loops)
-        ]
-    )
+    fans = [np.insert(edges[:, ::-1], 2, middle, axis=1) for middle, edges in enumerate(loops, len(mesh.vertices))]
+    faces = np.concatenate(fans)
     vertices = np.concatenate([mesh.vertices, middles])
     seen = faces[2.0 * trimesh.triangles.area(vertices[faces]) > 1e-9 * float(mesh.extents.max()) ** 2]
     used, inverse = np.unique(seen, return_inverse=True)

@@ -197,6 +197,11 @@ def union_of(solids: Sequence[manifold3d.Manifold]) -> manifold3d.Manifold:
     return library.Manifold.batch_boolean(list(solids), library.OpType.Add)
 
 
+def union_of_parts(parts: Iterable[trimesh.Trimesh]) -> manifold3d.Manifold:
+    """Return the union of convex parts as a solid. Raises as `union_of`."""
+    return union_of([hull_of(part.vertices) for part in parts])
+
+
 def mesh_of(solid: manifold3d.Manifold) -> trimesh.Trimesh:
     """Return the surface of a solid."""
     found = solid.to_mesh64()

@@ -205,8 +205,7 @@ def write_asset(thing: Thing, grasps: Sequence[GraspSite], path: Path) -> list[P
         while body in taken:
             body += "_"
         taken.add(body)
-        element = add(elements[link.parent], "body", {"name": body, **pose})
-        elements[link.name] = element
+        elements[link.name] = element = add(elements[link.parent], "body", {"name": body, **pose})
         if link.joint is not None:
             add(element, "joint", _joint(link.joint))
         assert link.inertia is not None
