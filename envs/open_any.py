@@ -85,7 +85,7 @@ class OpenAny(Task):
             "arm_qvel": self.arm.qvel(s),
             "finger_width": self.arm.width(s)[:, None],
             "tcp_pose": tool,
-            "tool_lead": between(tool, self.arm.pose_target),
+            "tool_lead": self.arm.way_to(s, self.arm.pose_target),
             "tcp_to_grasp": between(tool, grasp),
             "grasp_axes": rotations.axes(grasp[:, 3:]),
             "opening": opening[:, 1:].nan_to_num(),

@@ -26,8 +26,6 @@ NAMESPACE = "sceniris_gym/"
 SEED_SPACING = 1 << 20
 """Least spacing between the seeds of experiments, so that their worlds do not share layouts."""
 
-_DEFINED = re.compile(r"(?:@.*\n|class |def |\()*([\w, ]+)(?: =|:|\(|\) =)")  # the names that a statement defines
-
 
 def import_here(module: str) -> Any:
     """Import a module, also from the working directory, where an installed program would not look for modules."""
@@ -82,13 +80,24 @@ def hashes_of(task: str, scene: SceneModel) -> dict[str, str]:
 def _code_of(kind: type) -> str:
     """Return the code of a class, and of the constants, functions and classes of its file that this code uses."""
     file = getattr(sys.modules[kind.__module__], "__file__", None)  # None in a notebook
-    texts = map(ast.unparse, ast.parse(Path(file).read_bytes()).body if file else ())
-    defined = {name: text for text in texts if (head := _DEFINED.match(text)) for name in head[1].split(", ")}
+    statements = ast.parse(Path(file).read_bytes()).body if file else ()
+    defined = {name: ast.unparse(statement) for statement in statements for name in _defined_by(statement)}
     names, code = [kind.__qualname__.partition(".")[0]], ""
     for name in names:  # it grows
         text = defined.pop(name, "")
         code, names[len(names) :] = code + text, re.findall(r"\w+", text)
     return code
+
+
+def _defined_by(statement: ast.stmt) -> list[str]:
+    """Return the names that a function, a class or an assignment defines."""
+    if isinstance(statement, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+        return [statement.name]
+    if not isinstance(statement, ast.Assign | ast.AnnAssign):
+        return []
+    targets = statement.targets if isinstance(statement, ast.Assign) else [statement.target]
+    named = [node for target in targets for node in ast.walk(target) if isinstance(node, ast.Name)]
+    return [node.id for node in named if isinstance(node.ctx, ast.Store)]
 
 
 def make_env(task: str, num_envs: int, compiled: CompiledScene, **kwargs: Any) -> SceneVectorEnv:
