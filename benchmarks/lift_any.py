@@ -70,13 +70,13 @@ def task_of(things: int, seed: int) -> str:
     return TASK if things == 8 else f"benchmarks.lift_any:LiftOne{seed % len(ALONE)}-v0"
 
 
-def by_thing(env: RslRlVecEnvWrapper, found: dict[str, Any]) -> dict[str, Any]:
-    """Return what judging found, with the successes of each thing instead of those of each layout."""
+def by_thing(env: RslRlVecEnvWrapper, found: dict[str, Any], group: str) -> dict[str, Any]:
+    """Return what judging found, with the successes of each variant of a group instead of those of each layout."""
     env.reset(seed=EVAL_SEED)  # the layouts that it was judged on
     randomizer, config = env.unwrapped.randomizer, env.unwrapped.compiled.config
-    names = config.variants["target"]
+    names = config.variants[group]
     valid = (env.unwrapped.state.layout_status == LayoutStatus.VALID).cpu().numpy()
-    drawn = randomizer.variants.cpu().numpy()[valid, list(config.variants).index("target")][: found["layouts"]]
+    drawn = randomizer.variants.cpu().numpy()[valid, list(config.variants).index(group)][: found["layouts"]]
     verdicts: dict[str, list[int]] = {}
     for thing, success in zip(drawn, found["each"]["success"], strict=True):
         verdicts.setdefault(names[thing].partition("/")[2], []).append(success)
@@ -84,22 +84,19 @@ def by_thing(env: RslRlVecEnvWrapper, found: dict[str, Any]) -> dict[str, Any]:
     return {name: found[name] for name in ("layouts", "success", "interval")} | {"things": shares}
 
 
-def main(options: Options) -> None:
-    """Train, judge and print."""
-    task = task_of(options.things, options.seed)
-    settings = settings_of(TASK)
-    changes = [f"{name}={getattr(settings, name)}" for name in ("gamma", "entropy", "steps")]
+def train(task: str, options: Options, group: str, changes: tuple[str, ...], minutes: float = 600.0) -> dict[str, Any]:
+    """Train a task further, for some minutes at most, and judge it on variants of a group that it knows or not."""
     run = Run(
         Training(
             task,
             seed=options.seed,
             num_envs=options.num_envs,
-            minutes=600.0,
+            minutes=minutes,
             million_steps=options.million_steps,
             out=options.out,
             resume=True,
             device=options.device,
-            changes=tuple(changes),
+            changes=changes,
             layouts=options.layouts,
             evaluate_every=1e9,
         ),
@@ -110,8 +107,16 @@ def main(options: Options) -> None:
     held_out = run.judges["valid"]
     seen = RslRlVecEnvWrapper(make_env(task, held_out.num_envs, run.env.unwrapped.compiled))
     kinds = {"held_out": held_out, "trained": seen}
-    found = {kind: by_thing(env, judge(policy, env, task, options.layouts)) for kind, env in kinds.items()}
-    line = {"things": options.things, "seed": options.seed, "env_steps": run.env_steps, "seconds": run.seconds, **found}
+    found = {kind: by_thing(env, judge(policy, env, task, options.layouts), group) for kind, env in kinds.items()}
+    return {"seed": options.seed, "env_steps": run.env_steps, "seconds": run.seconds, **found}
+
+
+def main(options: Options) -> None:
+    """Train, judge and print."""
+    settings = settings_of(TASK)
+    changes = tuple(f"{name}={getattr(settings, name)}" for name in ("gamma", "entropy", "steps"))
+    found = train(task_of(options.things, options.seed), options, "target", changes)
+    line = {"things": options.things, **found}
     with replacing(options.out / "lift_any.json") as file:
         file.write_text(json.dumps(line))
     print(json.dumps(line), flush=True)

@@ -80,7 +80,7 @@ class Comparison:
         batch = Batch(compiled.scene, options.worlds, compiled.device)
         randomizer = ResetRandomizer.of_batch(batch, compiled, seed=options.seed)
         randomizer.reset()
-        self.variant, self.sim = randomizer.variants.numpy()[:, 0], compiled.sim_mjm
+        self.variant, self.sim = randomizer.variants.cpu().numpy()[:, 0], compiled.sim_mjm
         qvel = np.zeros((options.worlds, self.sim.nv), np.float32)
         for world, number in enumerate(self.variant):
             for joint in self.joints(number).values():
