@@ -42,8 +42,8 @@ def main() -> None:
     layouts = Layouts.create(compiled, words.worlds, rows=SearchSize().rows)
     search = create_search(compiled, words.worlds, SearchSize())
     parts: list[tuple[str, Any, Any]] = [("layouts", LayoutsView, layouts.view), ("search", Search, search)]
-    if (regions := create_regions(compiled, search.cause.shape[0])) is not None:
-        parts.append(("regions", Regions, regions))
+    if compiled.related:
+        parts.append(("regions", Regions, create_regions(compiled, search.cause.shape[0])))
     total = 0
     for part, declared, struct in parts:
         for name, array in sorted(arrays(declared, struct), key=lambda item: -item[1].capacity):

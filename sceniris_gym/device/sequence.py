@@ -82,7 +82,7 @@ def exclusive(method: Callable[Concatenate[Any, _P], _T]) -> Callable[Concatenat
 
 
 def repeats_in_graphs(device: wp.Device) -> bool:
-    """Return whether a graph on this device can contain loops. A GPU needs a driver for CUDA 12.4 or newer for this."""
+    """Return whether a graph on this device can loop and branch. A GPU needs a driver for CUDA 12.4 or newer."""
     return not device.is_cuda or wp.is_conditional_graph_supported()
 
 
@@ -100,6 +100,14 @@ def repeat_launches(left: wp.array, launches: Callable[[], None], most: int) -> 
             launches()
     else:
         wp.capture_while(left, launches)
+
+
+def launch_if(needed: wp.array, launches: Callable[[], None]) -> None:
+    """Make launches unless `needed`, an array of one element, is 0. A graph that cannot branch makes them always."""
+    if needed.device.is_capturing and not repeats_in_graphs(needed.device):
+        launches()
+    else:
+        wp.capture_if(needed, launches)
 
 
 @functools.cache

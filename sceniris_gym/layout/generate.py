@@ -12,7 +12,7 @@ import warp as wp
 
 from sceniris_gym.device.fixed import Fixed
 from sceniris_gym.device.random import SPLITS
-from sceniris_gym.device.sequence import launch_beside, launching, repeat_launches
+from sceniris_gym.device.sequence import launch_beside, launch_if, launching, repeat_launches
 from sceniris_gym.errors import ArgumentError, SceneMismatchError, check_type
 from sceniris_gym.layout.layouts import Layouts, allocate_record, column_of
 from sceniris_gym.layout.masks import as_count, fill_mask
@@ -24,16 +24,15 @@ from sceniris_gym.layout.source import LayoutSource
 from sceniris_gym.layout.wave.accept import launch_accept
 from sceniris_gym.layout.wave.ahead import count_ahead, launch_draw_ahead
 from sceniris_gym.layout.wave.boxes import launch_draw_in_boxes
-from sceniris_gym.layout.wave.collision import launch_test_collisions, launch_test_containment
+from sceniris_gym.layout.wave.collision import launch_test_collisions
 from sceniris_gym.layout.wave.conditions import launch_draw_presence
 from sceniris_gym.layout.wave.draw import launch_draw
 from sceniris_gym.layout.wave.points import launch_draw_points
 from sceniris_gym.layout.wave.prefilter import launch_prefilter
-from sceniris_gym.layout.wave.region_pieces import launch_cut_regions
 from sceniris_gym.layout.wave.rounds import launch_begin_episodes, launch_open_rows
 from sceniris_gym.layout.wave.search import SearchSize, Workspace, create_search, default_size, suited_size
 from sceniris_gym.layout.wave.settle import launch_settle
-from sceniris_gym.layout.wave.sides import create_regions, launch_build_sides
+from sceniris_gym.layout.wave.sides import create_regions
 from sceniris_gym.layout.wave.standing import launch_test_standing
 from sceniris_gym.layout.wave.start_kinds import launch_draw_kinds, launch_put_at_markers
 from sceniris_gym.layout.world_columns import Masses, search_columns
@@ -103,6 +102,9 @@ class LayoutGenerator(Fixed, LayoutSource):
         self._boxes = self.layouts.params.boxes(compiled)
         search, reaching = create_search(compiled, nworld, size), compiled.reaching
         self._regions = create_regions(compiled, search.cause.shape[0])
+        cuts = int((program.obj_cutnum.numpy() > 0).sum())
+        # if most waves cut no regions, they are worth a test that takes as long as two launches
+        self._cuts, self._cuts_rarely = cuts > 0, 0 < 3 * cuts <= len(compiled.placed)
         # pyrefly: ignore[missing-argument]
         reaches = [Reach()] if reaching is None else [one.view for one in reaching.arms]
         ahead, view = 0 if self._boxes is not None else count_ahead(compiled, size), self.layouts.view
@@ -189,42 +191,41 @@ class LayoutGenerator(Fixed, LayoutSource):
 
     def _round(self, stage: ReachStage | None) -> None:
         """Try the next restarts of every pending world: place all objects, then find joints for the reach targets."""
-        launch_open_rows(self._work, stage is not None)
-        if self._work.ahead > 0:
-            launch_draw_ahead(self._work)
-        repeat_launches(self._work.search.rows_left, partial(self._wave, stage is not None), self._most_waves)
+        work, size, wave = self._work, self.size, partial(self._wave, stage is not None)
+        launch_open_rows(work, stage is not None)
+        if work.ahead > 0:
+            launch_draw_ahead(work)
+        few = replace(size, lanes=min(size.lanes, SearchSize.lanes), blocks=min(size.blocks, SearchSize.blocks))
+        if few != size:  # few rows leave most of these lanes and blocks idle
+            repeat_launches(work.search.many_rows, partial(wave, work), self._most_waves)
+        repeat_launches(work.search.rows_left, partial(wave, replace(work, size=few)), self._most_waves)
         if stage is not None:
             stage.launch()
-        launch_settle(self._work)
+        launch_settle(work)
 
-    def _wave(self, staged: bool) -> None:
+    def _wave(self, staged: bool, work: Workspace) -> None:
         """Draw candidates for all rows, test them, and accept the first valid candidate of each row."""
-        work = self._work
         launch_draw(work, self._regions)
         if self._boxes is not None:
             launch_draw_in_boxes(work, self._boxes)
-        if self._regions is not None:
-            launch_build_sides(work, self._regions)
-            launch_cut_regions(work, self._regions)
+        if self._cuts_rarely:
+            launch_if(work.search.cutting, partial(launch_draw_points, work, self._regions))
+        elif self._cuts:
             launch_draw_points(work, self._regions)
         if self._at_markers > 0:
             launch_put_at_markers(work, self._at_markers)
         launch_prefilter(work)
         if work.statics is None:
-            self._test_collisions()
+            launch_test_collisions(work)
         elif self._stacks_are_low:
-            launch_beside(self._test_collisions, partial(launch_test_standing, work), self._mask.device)
+            both = partial(launch_test_collisions, work), partial(launch_test_standing, work)
+            launch_beside(*both, self._mask.device)
         else:
-            self._test_collisions()
+            launch_test_collisions(work)
             launch_test_standing(work)
         if self._stage is not None:
             self._stage.launch_test_hands()
         launch_accept(work, staged)
-
-    def _test_collisions(self) -> None:
-        launch_test_collisions(self._work)
-        if self._work.program.visual:
-            launch_test_containment(self._work)
 
     def twin(self) -> LayoutGenerator:
         """See `LayoutSource`.
@@ -340,5 +341,5 @@ def make_redraw(
 def generator_memory(compiled: CompiledScene, size: SearchSize) -> tuple[int, int]:
     """Return the bytes of a LayoutGenerator with these capacities, as a part of `check_worlds`."""
     row, one = array_bytes(Layouts.create(compiled, 1).view), replace(size, rows=0, candidates=1, narrow_pairs=0)
-    candidate = array_bytes(create_search(compiled, 1, one), *filter(None, [create_regions(compiled, 1)]))
+    candidate = array_bytes(create_search(compiled, 1, one), create_regions(compiled, 1))
     return size.rows * row + size.most_candidates(compiled) * candidate + 16 * size.narrow_pairs, row

@@ -16,6 +16,7 @@ from sceniris_gym.device.sequence import (
     ObjectLock,
     exclusive,
     launch_beside,
+    launch_if,
     launching,
     repeat_launches,
 )
@@ -90,6 +91,12 @@ def test_inside_of_a_capture_the_launches_are_part_of_it():
         wp.capture_launch(capture.graph)
         assert values.numpy().tolist() == after(np.array([27]), 2 * call)
     assert len(ran) == 1
+
+
+@wp.kernel(enable_backward=False)
+def _need(left: wp.array[int], needed_out: wp.array[int]):
+    left[0] -= 1
+    needed_out[0] = int(left[0] > 2)
 
 
 @wp.kernel(enable_backward=False)
@@ -206,6 +213,24 @@ def _sum(values: wp.array[int], left: wp.array[int], total_out: wp.array[int]):
     for i in range(values.shape[0]):
         total_out[0] += values[i]
     left[0] -= 1
+
+
+@pytest.mark.parametrize("device", ["cpu", pytest.param("cuda:0", marks=pytest.mark.cuda)])
+@pytest.mark.parametrize("graph", [False, True])
+def test_launches_that_are_not_needed_are_left_out(device: str, graph: bool):
+    """In each pass of a loop, whose kernel needs them until 2 passes are left: 3 of 5."""
+    left, needed, number = (wp.zeros(1, dtype=int, device=device) for _ in range(3))
+
+    def once() -> None:
+        launch_if(needed, lambda: wp.launch(_add, dim=1, inputs=[number, 0, 1], device=device))
+        wp.launch(_need, dim=1, inputs=[left], outputs=[needed], device=device)
+
+    launches = LaunchSequence(lambda: repeat_launches(left, once, 5), left.device, graph=graph)
+    for _ in range(5):
+        for array, value in ((left, 5), (needed, 1), (number, 0)):
+            array.fill_(value)
+        launches.replay()
+        assert number.numpy()[0] == 3
 
 
 @pytest.mark.parametrize("device", ["cpu", pytest.param("cuda:0", marks=pytest.mark.cuda)])

@@ -159,13 +159,11 @@ def _accept_first(
 
 
 @wp.func
-def _advance(
-    program: Program, reach: Reach, layouts: LayoutsView, search: Search, row: int, trial: int, staged: bool, busy: int
-):
+def _advance(program: Program, reach: Reach, layouts: LayoutsView, search: Search, row: int, trial: int, staged: bool):
     """Queue a row for the next trial of its object, or for its next object. Finish a row if all objects are placed.
 
     The row ends without a layout if the trials run out, or if an earlier restart of its world has finished. `trial` is
-    the object's next trial, or _PLACED. `staged` is as in `finish_row`, and `busy` as in `queue_row`.
+    the object's next trial, or _PLACED. `staged` is as in `finish_row`.
     """
     following = int(trial)
     if trial == _PLACED:
@@ -175,7 +173,7 @@ def _advance(
     if search.row_object[row] == program.nobject:
         finish_row(search, row, staged)
     elif following < program.attempts and search.best[search.row_world[row]] > search.row_restart[row]:
-        queue_row(program, search, row, 0, busy)
+        queue_row(program, search, row, 0)
 
 
 @wp.kernel(grid_stride=False)
@@ -184,13 +182,12 @@ def _accept(
     program: Program,
     reach: Reach,
     staged: bool,
-    busy: int,
     # Layouts in: present, record_all; out: grasp, stable, pivots*, record*; both: state*, row_rejections, bodies*,
     #   rejected_count
     layouts: LayoutsView,
-    # Search in: restarts*, source, rows, rows_before, cause, stable_draw, surface, grasp, free, pivots*, poses*; out:
-    #   waiting, row_free, placed*, trials*; both: best, row_object, row_trial, row_attempts, queue, shares*, rows_left,
-    #   opened
+    # Search in: restarts*, busy, source, rows, rows_before, cause, stable_draw, surface, grasp, free, pivots*, poses*;
+    #   out: waiting, row_free, placed*, cutting, trials*; both: best, row_object, row_trial, row_attempts, queue,
+    #   shares*, rows_left, opened
     search: Search,
 ):
     block, lane = wp.tid()
@@ -214,9 +211,9 @@ def _accept(
             block_sync()  # lane 0 changes the row only after all lanes have finished with it
         if lane == 0:
             search.row_object[row] = obj
-            _advance(program, reach, layouts, search, row, trial, staged, busy)
+            _advance(program, reach, layouts, search, row, trial, staged)
 
 
 def launch_accept(work: Workspace, staged: bool) -> None:
     """Place the valid candidates of this wave, and queue the rows that continue."""
-    work.launch_blocks(_accept, work.program, work.reaches[0], staged, work.size.busy, work.layouts, work.search)
+    work.launch_blocks(_accept, work.program, work.reaches[0], staged, work.layouts, work.search)

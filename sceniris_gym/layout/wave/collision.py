@@ -2,8 +2,9 @@
 
 With `geometry: physics`, the lanes of a block traverse the bounding-volume trees of a candidate, and queue close leaves
 as narrow-phase pairs. One lane then tests each pair. With `geometry: visual`, close leaves usually collide, so a block
-tests its candidate completely and stops at the first hit. If a stack or queue overflows, a single lane repeats the
-candidate's test. A surface may also enclose another surface without intersecting it, which a second test finds.
+tests its candidate completely and stops at the first hit. If the queue or a block's stack overflows, a single lane
+repeats the candidate's test. A surface may also enclose another surface without intersecting it, which a second test
+finds.
 """
 
 import warp as wp
@@ -61,7 +62,7 @@ def _passes_prefilter(program: Program, reach: Reach, search: Search, c: int, la
 
 @wp.func
 def _mark_overflow(search: Search, c: int):
-    """Mark a candidate whose collision test overflowed a stack or queue."""
+    """Mark a candidate whose narrow-phase pairs overflowed a stack or the queue."""
     search.overflowed[c] = 1
     search.any_overflowed[0] = 1
 
@@ -129,24 +130,6 @@ def _queue_narrow_pairs(
                         _mark_overflow(search, c)
 
 
-@wp.kernel(module="unique", module_options=_OPTIONS, grid_stride=False)
-def _test_inner_boxes(
-    lanes: int,
-    program: Program,
-    # Layouts in: bodies*
-    layouts: LayoutsView,
-    # Search in: row_world, narrow_pairs, row, obj, body_pos, body_quat, narrow_pair; both: cause
-    search: Search,
-):
-    for i in range(wp.tid(), narrow_pair_num(search), lanes):
-        c = search.narrow_pair[i][0]
-        entry = wp.vec3i(search.narrow_pair[i][1], search.narrow_pair[i][2], search.narrow_pair[i][3])
-        if may_collide(search.cause[c]):
-            poses = candidate_poses(program, layouts, search, c, search.row[c], entry[0])
-            if inner_boxes_touch(program, entry, poses, _margin(program, search, c, entry[0])):
-                search.cause[c] = Cause.COLLISION
-
-
 # With unlimited registers, a multiprocessor holds too few warps to hide the latency of the arithmetic.
 @wp.kernel(module="unique", module_options=_OPTIONS, grid_stride=False, cuda_max_registers=128)
 def _test_narrow_pairs(
@@ -154,24 +137,21 @@ def _test_narrow_pairs(
     program: Program,
     # Layouts in: bodies*
     layouts: LayoutsView,
-    # Search in: row_world, narrow_pairs, row, obj, body_pos, body_quat, narrow_pair; out: any_overflowed, overflowed;
-    #   both: cause
+    # Search in: row_world, narrow_pairs, row, obj, body_pos, body_quat, narrow_pair; both: cause
     search: Search,
 ):
     block, lane = wp.tid()
     num = narrow_pair_num(search)
     # Lanes of a block wait for each other, so a small number of pairs is spread over several blocks per multiprocessor.
-    most = wp.clamp(num // _SPREAD + 1, 1, wp.block_dim())
+    most = wp.clamp(num // _SPREAD + 1, 1, wp.min(wp.block_dim(), NARROW_STACK))
     # Most pairs belong to candidates that are already known to collide. The others wait until every lane has a pair.
     waiting = wp.tile_stack(capacity=wp.static(NARROW_STACK), dtype=int)
     base = int(block * most)
     while base < num or wp.tile_stack_count(waiting) > 0:
-        if base < num and wp.tile_stack_count(waiting) < wp.block_dim():
+        if base < num and wp.tile_stack_count(waiting) < wp.min(wp.block_dim(), NARROW_STACK - most + 1):
             i = wp.min(base + lane, num - 1)
             c = search.narrow_pair[i][0]
-            pending = lane < wp.min(most, num - base) and may_collide(search.cause[c])
-            if wp.tile_stack_push(waiting, i, pending) < 0 and pending:
-                _mark_overflow(search, c)
+            wp.tile_stack_push(waiting, i, lane < wp.min(most, num - base) and may_collide(search.cause[c]))
             base += blocks * most
         else:
             i, slot = wp.tile_stack_pop(waiting)
@@ -216,40 +196,51 @@ def _test_by_block(
                 _mark_overflow(search, c)
 
 
-@wp.kernel(module="unique", module_options=_OPTIONS, grid_stride=False)
+# First, inner boxes prove most collisions of queued pairs. Then lanes test the candidates whose pairs overflowed.
+@wp.kernel(module="unique", module_options=_OPTIONS, grid_stride=False, cuda_max_registers=128)
 def _test_alone(
     lanes: int,
     program: Program,
     reach: Reach,
-    tested_by_blocks: bool,
+    queued: bool,
     # Layouts in: bodies*
     layouts: LayoutsView,
-    # Search in: row_world, candidates, any_overflowed, row, obj, grasp, overflowed, flags*, body_pos, body_quat; both:
-    #   cause
+    # Search in: row_world, candidates, narrow_pairs, any_overflowed, row, obj, grasp, overflowed, flags*, body_pos,
+    #   body_quat, narrow_pair; both: cause
     search: Search,
 ):
-    if tested_by_blocks and search.any_overflowed[0] == 0:
+    for i in range(wp.tid(), narrow_pair_num(search), lanes):
+        c = search.narrow_pair[i][0]
+        entry = wp.vec3i(search.narrow_pair[i][1], search.narrow_pair[i][2], search.narrow_pair[i][3])
+        if may_collide(search.cause[c]):
+            poses = candidate_poses(program, layouts, search, c, search.row[c], entry[0])
+            if inner_boxes_touch(program, entry, poses, _margin(program, search, c, entry[0])):
+                search.cause[c] = Cause.COLLISION
+    if queued and search.any_overflowed[0] == 0:
         return
     for c in range(wp.tid(), candidate_num(search), lanes):
-        if not tested_by_blocks and search.cause[c] == Cause.NONE:
+        if not queued and search.cause[c] == Cause.NONE:
             search.cause[c] = reject_cause(program, reach, search, c, search.obj[c])
-        if may_collide(search.cause[c]) and (not tested_by_blocks or search.overflowed[c] != 0):
+        if may_collide(search.cause[c]) and (not queued or search.overflowed[c] != 0):
             if collides_alone(program, layouts, search, c):
                 search.cause[c] = Cause.COLLISION
 
 
 def launch_test_collisions(work: Workspace) -> None:
-    """Test the candidates that pass the prefilter for collision."""
+    """Test the candidates that pass the prefilter for collision, and for containment with `geometry: visual`."""
     program, reach, shared, state = work.program, work.reaches[0], work.size.block_dim > 1, [work.layouts, work.search]
     if shared and program.visual:
         work.launch_blocks(_test_by_block, program, reach, *state)
+        # few candidates overflow, and each lane of this kernel needs many registers
+        work.launch(_test_alone, work.size.blocks, work.size.blocks, program, reach, True, *state)
     elif shared:
         work.launch_blocks(_queue_narrow_pairs, program, reach, *state)
-        work.launch_lanes(_test_inner_boxes, program, *state)
+        work.launch_lanes(_test_alone, program, reach, True, *state)
         work.launch_blocks(_test_narrow_pairs, program, *state)
-    # few candidates overflow, and each lane of this kernel needs many registers
-    lanes = work.size.blocks if shared else work.size.lanes
-    work.launch(_test_alone, lanes, lanes, program, reach, shared, *state)
+    else:
+        work.launch_lanes(_test_alone, program, reach, False, *state)
+    if program.visual:
+        launch_test_containment(work)
 
 
 @wp.kernel(module="unique", module_options=_OPTIONS, grid_stride=False)

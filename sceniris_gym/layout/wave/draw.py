@@ -10,7 +10,7 @@ from sceniris_gym.device.transforms import angle_of, apply, mul_quat, pose_of, q
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.wave.points import draw_in_triangle, draw_triangle
 from sceniris_gym.layout.wave.posing import pose_candidate
-from sceniris_gym.layout.wave.search import Search, Workspace, first_trial_of, numbered_stream, stream_of, trial_of
+from sceniris_gym.layout.wave.search import MANY_ROWS, Search, Workspace, numbered_stream, stream_of, trial_of
 from sceniris_gym.layout.wave.sides import Regions
 from sceniris_gym.placement.kinematics import draw_joints, pose_bodies
 from sceniris_gym.placement.measure import bounds_of, draw_stable, heading_of, measure
@@ -120,7 +120,8 @@ def draw_candidate(program: Program, split: wp.uint32, layouts: LayoutsView, sea
     if program.obj_heap[obj][0] >= 0:
         search.stable_draw[c] = drawn
         of_heap = numbered_stream(split, program.obj_heap[obj][2])
-        share = uniforms(seed, episode, of_heap, first_trial_of(program, search, c), 0)[0]
+        # one draw a restart, with the number of its first trial
+        share = uniforms(seed, episode, of_heap, trial - search.trial[c], 0)[0]
         _draw_from_heap(program, layouts, search, c, row, obj, share)
         return
     if program.obj_measured[obj] != 0:
@@ -137,6 +138,7 @@ def begin_wave(search: Search):
     search.candidates[0] = search.opened[0]
     search.rows_before[0] = search.rows[0]
     search.rows[0] = search.rows_left[0]
+    search.many_rows[0] = int(search.rows_left[0] >= MANY_ROWS)
     search.rows_left[0] = 0
     search.source[0] = 1 - search.source[0]
     search.narrow_pairs[0] = 0
@@ -153,7 +155,7 @@ def _draw(
     layouts: LayoutsView,
     # Regions out: counts*
     regions: Regions,
-    # Search in: restarts*, row_first, opened, trials*; out: rows_before, candidates, narrow_pairs, hands,
+    # Search in: restarts*, row_first, opened, trials*; out: rows_before, many_rows, candidates, narrow_pairs, hands,
     #   any_overflowed, surface, grasp, overflowed, pivots*, flags*; both: rows_left, source, rows, cause, stable_draw,
     #   heading, point, poses*
     search: Search,
@@ -168,8 +170,7 @@ def _draw(
             draw_candidate(program, split, layouts, search, c)
 
 
-def launch_draw(work: Workspace, regions: "Regions | None") -> None:
+def launch_draw(work: Workspace, regions: Regions) -> None:
     """Draw the candidates of this wave, except for points in regions that differ between worlds."""
     # A struct, since a CPU compiles a kernel with arrays among its arguments twice, and then inlines less.
-    regions = Regions() if regions is None else regions  # pyrefly: ignore[missing-argument]
     work.launch_lanes(_draw, work.program, work.split, work.layouts, regions, work.search)

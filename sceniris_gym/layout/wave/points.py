@@ -18,9 +18,9 @@ from sceniris_gym.device.random import uniforms
 from sceniris_gym.device.transforms import Pose, apply, log_of
 from sceniris_gym.layout.layouts import LayoutsView
 from sceniris_gym.layout.wave.posing import heading_at, pose_candidate
-from sceniris_gym.layout.wave.region_pieces import cut_triangle, is_point, posed_triangle
+from sceniris_gym.layout.wave.region_pieces import cut_triangle, is_point, launch_cut_regions, posed_triangle
 from sceniris_gym.layout.wave.search import Search, Workspace, stream_of, trial_of
-from sceniris_gym.layout.wave.sides import Regions, support_pose
+from sceniris_gym.layout.wave.sides import Regions, launch_build_sides, support_pose
 from sceniris_gym.placement.footprint import outline_distance
 from sceniris_gym.placement.placed import Placed, placed
 from sceniris_gym.placement.polygons import draw_in_polygon
@@ -274,5 +274,7 @@ def _draw_points(
 
 
 def launch_draw_points(work: Workspace, regions: Regions) -> None:
-    """Draw the points of the candidates in `Regions.cut`, whose regions differ between worlds."""
+    """Cut the regions of this wave that differ between worlds, and draw the points of their candidates."""
+    launch_build_sides(work, regions)
+    launch_cut_regions(work, regions)
     work.launch_blocks(_draw_points, work.program, work.split, work.layouts, work.search, regions)

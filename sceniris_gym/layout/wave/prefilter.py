@@ -122,12 +122,13 @@ def _prefilter(
     least_parts: int,
     # Layouts in: present, stable, bodies*
     layouts: LayoutsView,
-    # Search in: candidates, row, obj, cause, stable_draw, point, surface, body_pos, body_quat; out: opened; both:
-    #   grasp, flags*
+    # Search in: candidates, row, obj, cause, stable_draw, point, surface, body_pos, body_quat; out: opened, cutting;
+    #   both: grasp, flags*
     search: Search,
 ):
     if wp.tid() == 0:
         search.opened[0] = 0  # all opened candidates are drawn by now
+        search.cutting[0] = 0
     num = candidate_num(search)
     parts = lanes_for_each(lanes, num, least_parts)
     for i in range(wp.tid(), parts * num, lanes):

@@ -11,7 +11,7 @@ from sceniris_gym.device.transforms import log_of
 from sceniris_gym.layout.layouts import LayoutsView, open_episode
 from sceniris_gym.layout.masks import selects
 from sceniris_gym.layout.wave.groups import draw_groups, next_object
-from sceniris_gym.layout.wave.search import Search, Workspace, finish_row, queue_row
+from sceniris_gym.layout.wave.search import MANY_ROWS, Search, Workspace, finish_row, queue_row
 from sceniris_gym.program.device import Program
 from sceniris_gym.program.device_reach import Reach, Starts
 
@@ -23,6 +23,8 @@ NEVER = wp.constant(1 << 30)
 # harder.
 _LEFT = wp.constant(0.5)
 _LEFT_BY_STAGE = wp.constant(0.01)
+# A round of few rows takes as long as this number of rows takes in a later round.
+_ROWS_OF_ROUND = wp.constant(2048.0)
 
 
 @wp.func
@@ -102,7 +104,7 @@ def _plan_round(
     program: Program,
     staged: bool,
     busy: int,
-    # Search out: rows; both: worlds_left, restarts_at_once
+    # Search out: busy, rows; both: worlds_left, restarts_at_once, many_rows
     search: Search,
 ):
     worlds = wp.max(search.worlds_left[0], 1)
@@ -117,9 +119,15 @@ def _plan_round(
     if failing > left and (wanted > room or (staged and 2 * worlds >= busy)):
         if failing * float(_restarts_wanted(failing, left, program.restart_rate)) <= float(extra):
             room = 1
+    # The risk of yet another round is at most worlds * restart_rate^wanted. One more restart takes `worlds` rows.
+    if search.restarts_at_once[0] > 0 and not staged:
+        wanted += int(wp.pow(program.restart_rate, float(wanted)) * _ROWS_OF_ROUND > 1.0)
     search.restarts_at_once[0] = wp.clamp(wp.min(room, wanted), 1, program.restarts + 1)
     search.worlds_left[0] = 0
-    search.rows[0] = worlds * search.restarts_at_once[0]
+    rows = worlds * search.restarts_at_once[0]
+    search.rows[0] = rows
+    search.many_rows[0] = int(rows >= MANY_ROWS)
+    search.busy[0] = busy << search.many_rows[0]
 
 
 @wp.kernel(grid_stride=False)
@@ -130,11 +138,10 @@ def _open_rows(
     starts: Starts,
     staged: bool,
     ahead: int,
-    busy: int,
     # Layouts out: mocap_pos, mocap_quat, grasp, row_rejections, pivots*; both: qpos, choices*, bodies*
     layouts: LayoutsView,
-    # Search in: pending, restart, ticket, restarts_at_once, source, rows, rows_before; out: waiting, row_attempts,
-    #   queue, shares*, trials*; both: best, restarts*, row_object, row_trial, rows_left, opened
+    # Search in: pending, restart, ticket, restarts_at_once, busy, source, rows, rows_before; out: waiting,
+    #   row_attempts, queue, shares*, cutting, trials*; both: best, restarts*, row_object, row_trial, rows_left, opened
     search: Search,
 ):
     nworld = search.pending.shape[0]
@@ -166,11 +173,11 @@ def _open_rows(
             while num < ahead and layouts.present[row, program.obj_slot[num + 1]] != 0:
                 num += 1
         search.row_object[row] += num
-        queue_row(program, search, row, num, busy)
+        queue_row(program, search, row, num)
 
 
 def launch_open_rows(work: Workspace, staged: bool) -> None:
     """Begin a round: decide how many restarts each pending world runs, and prepare a row for each restart."""
-    program, busy, state = work.program, work.size.busy, [work.layouts, work.search]
-    work.launch(_plan_round, 1, program, staged, busy, work.search)
-    work.launch_lanes(_open_rows, program, work.reaches[0], work.kinds, staged, work.ahead, busy, *state)
+    program, state = work.program, [work.layouts, work.search]
+    work.launch(_plan_round, 1, program, staged, work.size.busy, work.search)
+    work.launch_lanes(_open_rows, program, work.reaches[0], work.kinds, staged, work.ahead, *state)

@@ -30,8 +30,10 @@ NO_GRASP = 1 << 30
 # wave.
 _MOST_WORDS = 1 << 27
 
-# From these numbers of worlds, a wave has two and four times the usual candidates, pairs, lanes and blocks.
+# From these numbers of worlds, a wave has room for two and four times the usual candidates and pairs. Waves of many
+# rows also have two and four times the lanes and blocks, and twice the candidates keep the device busy.
 _MANY_WORLDS = (1 << 15, 1 << 18)
+MANY_ROWS = wp.constant(_MANY_WORLDS[0])
 # A candidate is tested against the objects placed before. In scenes with at most this number of objects, without an arm
 # and without visible meshes, twice the candidates take the same time.
 _FEW_OBJECTS = 6
@@ -71,10 +73,13 @@ class Search:
     worlds_left: wp.array[int]
     rows_left: wp.array[int]
     restarts_at_once: wp.array[int]
+    busy: wp.array[int]  # number of candidates that keeps the device busy in this round
     source: wp.array[int]  # the list of `queue` to read
     rows: wp.array[int]  # number of rows in this list
     rows_before: wp.array[int]  # number of rows in the last wave
+    many_rows: wp.array[int]  # 1: the last wave had at least `MANY_ROWS`, or the round begins with as many
     opened: wp.array[int]  # number of candidates of the next wave
+    cutting: wp.array[int]  # 1: the region of an object in the next wave differs between worlds
     candidates: wp.array[int]
     narrow_pairs: wp.array[int]
     hands: wp.array[int]  # number of entries in `hand`
@@ -129,22 +134,23 @@ def narrow_pair_num(search: Search) -> int:
 
 
 @wp.func
-def queue_row(program: Program, search: Search, row: int, ahead: int, busy: int):
+def queue_row(program: Program, search: Search, row: int, ahead: int):
     """Queue a row for the next wave, with candidates for the next trials of its object, within the capacity.
 
     The row gets more candidates if few rows are left, or if its object usually needs many trials. If candidates of
     `ahead` later objects were already drawn, these candidates come first, one per object. If the wave has no room for
-    one of them, its object becomes the row's next object. `busy` is the number of candidates that keeps the device
-    busy.
+    one of them, its object becomes the row's next object.
     """
     search.queue[1 - search.source[0], wp.atomic_add(search.rows_left, 0, 1)] = row
     obj = search.row_object[row]
     trial = search.row_trial[row]
+    if program.obj_cutnum[obj] > 0:
+        search.cutting[0] = 1
     # expect the same fraction of rows to continue as in the last wave
     rows = float(wp.max(search.rows[0], 1))
     share = wp.max(float(search.rows_before[0]), rows) / (rows * rows)
     # at most the capacity, because the count of all candidates would overflow
-    most = wp.min(float(busy) * program.obj_effort[obj], float(search.cause.shape[0]))
+    most = wp.min(float(search.busy[0]) * program.obj_effort[obj], float(search.cause.shape[0]))
     trials = wp.min(share * most, float(program.attempts - trial))
     wanted = ahead + wp.max(int(trials), 1)
     first = wp.atomic_add(search.opened, 0, wanted)
@@ -182,18 +188,9 @@ def finish_row(search: Search, row: int, staged: bool):
 
 
 @wp.func
-def first_trial_of(program: Program, search: Search, candidate: int) -> int:
-    """Return the number of the first trial of a candidate's object in the candidate's restart.
-
-    The trials of an object are numbered through all restarts.
-    """
-    return search.row_restart[search.row[candidate]] * program.attempts
-
-
-@wp.func
 def trial_of(program: Program, search: Search, candidate: int) -> int:
     """Return the index of a candidate among the trials of its object, counted over all restarts."""
-    return first_trial_of(program, search, candidate) + search.trial[candidate]
+    return search.row_restart[search.row[candidate]] * program.attempts + search.trial[candidate]
 
 
 @wp.func
@@ -215,15 +212,15 @@ class SearchSize:
     Attributes:
         rows: Number of rows in addition to one per world, for restarts in parallel.
         candidates: Maximum number of candidates in a wave.
-        busy: Number of candidates that keeps the device busy. A smaller wave is filled up with further trials of its
-            rows.
+        busy: Number of candidates that keeps the device busy, in a round of few rows. A smaller wave is filled up with
+            further trials of its rows.
         narrow_pairs: Capacity of the queue of narrow-phase pairs, unused with `geometry: visual`. If the queue
             overflows, the candidate's collision test is repeated by one lane.
         grasps: Maximum number of candidates in a wave of the reach stage. Each has a pose of the robot.
-        lanes: Number of lanes in a launch whose lanes work independently.
+        lanes: Number of lanes in a launch whose lanes work independently, at most its default in waves of few rows.
         parts: Number of lanes that share the containment test of a candidate. At least this number of lanes share its
             prefilter and the pieces of its region.
-        blocks: Number of blocks in a launch whose blocks each test one candidate at a time.
+        blocks: Number of blocks in a launch whose blocks each test one candidate at a time, likewise.
         block_dim: Number of lanes in a block, for both kinds of launches.
 
     Raises:
@@ -275,7 +272,7 @@ def suited_size(compiled: CompiledScene, nworld: int) -> SearchSize:
     # candidates are expensive in a scene with many pieces of regions, so fewer restarts are tried in parallel
     rows = size.rows // 8 if compiled.pieces > _MOST_PIECES else size.rows
     scaled = {name: getattr(size, name) << doublings for name in larger}
-    return replace(size, rows=rows, busy=size.busy << min(doublings, 1) + is_cheap, **scaled)
+    return replace(size, rows=rows, busy=size.busy << is_cheap, **scaled)
 
 
 @dataclass(frozen=True)
@@ -348,8 +345,8 @@ def create_search(compiled: CompiledScene, nworld: int, size: SearchSize) -> Sea
         "waiting row_world row_restart row_object row_trial row_attempts row_first row_trials row_ahead": nrow,
         "queue": (2, nrow),
         "row_surface row_stable": (nrow, len(compiled.placed) if kept else 0),
-        "worlds_left rows_left restarts_at_once source rows rows_before": 1,
-        "opened candidates narrow_pairs hands any_overflowed": 1,
+        "worlds_left rows_left restarts_at_once busy source rows rows_before many_rows": 1,
+        "opened cutting candidates narrow_pairs hands any_overflowed": 1,
         "row obj trial cause stable_draw heading point surface pivot_pose bounds grasp": ncand,
         "overflowed covered overhanging": ncand,
         "row_free": (nrow, early),

@@ -199,5 +199,5 @@ def _settle(
 
 def launch_settle(work: Workspace) -> None:
     """End a round: worlds with a layout are finished, worlds out of restarts fall back, others stay pending."""
-    width = layout_width(work.layouts)
-    work.launch_blocks(_settle, work.program, work.compiled.bank, work.split, width, work.layouts, work.search)
+    inputs = [work.program, work.compiled.bank, work.split, layout_width(work.layouts), work.layouts, work.search]
+    work.launch_blocks(_settle, *inputs, blocks=min(work.size.blocks, work.nworld))

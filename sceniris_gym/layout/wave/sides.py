@@ -38,10 +38,10 @@ class Regions:
     holder: wp.array[int]  # the holder of the candidate's region
 
 
-def create_regions(compiled: CompiledScene, ncand: int) -> "Regions | None":
-    """Allocate regions of `ncand` candidates. Return None if regions are the same in every world."""
+def create_regions(compiled: CompiledScene, ncand: int) -> Regions:
+    """Allocate regions of `ncand` candidates. They have no arrays if regions are the same in every world."""
     if not compiled.related:
-        return None
+        return Regions()  # pyrefly: ignore[missing-argument]
     shapes = {
         "cuts regions": 1,
         "relations side_num": (ncand, MAX_RELATIONS),

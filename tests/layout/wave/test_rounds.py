@@ -11,10 +11,19 @@ import warp as wp
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.layout.wave import rounds
+from sceniris_gym.layout.wave import search as search_module
 from sceniris_gym.layout.wave.draw import begin_wave
-from sceniris_gym.layout.wave.search import Search, create_search, default_size, queue_row
+from sceniris_gym.layout.wave.search import (
+    MANY_ROWS,
+    Search,
+    SearchSize,
+    create_search,
+    default_size,
+    queue_row,
+    suited_size,
+)
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.program.device import Program
+from sceniris_gym.program.device import Program, copied
 from tests.layout.scenes import box_mjcf, compile_on_cpu
 
 ATTEMPTS, RESTARTS = 6, 9
@@ -26,8 +35,8 @@ def _begin(search: Search):
 
 
 @wp.kernel(enable_backward=False)
-def _queue(program: Program, rows: wp.array[int], ahead: int, busy: int, search: Search):
-    queue_row(program, search, rows[wp.tid()], ahead, busy)
+def _queue(program: Program, rows: wp.array[int], ahead: int, search: Search):
+    queue_row(program, search, rows[wp.tid()], ahead)
 
 
 @pytest.fixture(scope="module")
@@ -77,9 +86,42 @@ def test_later_rounds_try_twice_as_much(tray: CompiledScene):
         search.restarts_at_once.fill_(before)
         wp.launch(rounds._plan_round, dim=1, inputs=[tray.program, staged, busy], outputs=[search], device="cpu")
         tried.append(int(search.restarts_at_once.numpy()[0]))
-    assert tried[1] == min(4, RESTARTS + 1)
+    risky = 2048 * tray.program.restart_rate**4 > 1  # see the test below
+    assert tried[1] == min(4 + risky, RESTARTS + 1)
     assert tried[1] > tried[0]
     assert tried[2] == 1
+
+
+@pytest.mark.parametrize("worlds", [200, 569, 2258])
+@pytest.mark.parametrize("rate", [0.0271, 0.0659, 0.1434])
+def test_a_later_round_weighs_more_restarts_against_the_risk_of_another_round(
+    tray: CompiledScene, worlds: int, rate: float
+):
+    """A round costs as much as 2048 rows, and leaves half a world at most."""
+    program = copied(Program, tray.program)
+    program.restart_rate = rate
+    search = create_search(tray, 6000, replace(default_size("cpu"), rows=1 << 15))
+    search.worlds_left.fill_(worlds)
+    search.restarts_at_once.fill_(1)
+    wp.launch(rounds._plan_round, dim=1, inputs=[program, False, 1000], outputs=[search], device="cpu")
+    wanted = next(n for n in range(2, 20) if worlds * rate**n <= 0.5)
+    best = min((wanted, wanted + 1), key=lambda n: worlds * n + 2048 * worlds * rate**n)
+    assert int(search.restarts_at_once.numpy()[0]) == best
+
+
+@pytest.mark.parametrize(("worlds", "times"), [(1, 1), (MANY_ROWS - 1, 1), (MANY_ROWS, 2)])
+def test_rows_of_a_round_and_not_worlds_of_the_batch_decide_how_much_is_drawn(
+    tray: CompiledScene, monkeypatch: pytest.MonkeyPatch, worlds: int, times: int
+):
+    """A reset of few worlds draws as much in a large batch as in a small one."""
+    monkeypatch.setattr(search_module, "default_size", lambda device: SearchSize())
+    busy = suited_size(tray, 1).busy
+    assert all(suited_size(tray, nworld).busy == busy for nworld in (4096, 65_536, 524_288))
+    search = create_search(tray, MANY_ROWS, replace(default_size("cpu"), rows=0))
+    search.worlds_left.fill_(worlds)
+    wp.launch(rounds._plan_round, dim=1, inputs=[tray.program, False, busy], outputs=[search], device="cpu")
+    assert search.rows.numpy()[0] == worlds
+    assert search.busy.numpy()[0] == times * busy
 
 
 @pytest.mark.parametrize("candidates", [3, 64, 512])
@@ -90,12 +132,13 @@ def test_candidates_fit_into_a_wave(tray: CompiledScene, busy: int, candidates: 
     search = LayoutGenerator(tray, 1000, size=size)._work.search
     trial = np.arange(1000) % ATTEMPTS
     search.row_trial.assign(trial)
+    search.busy.fill_(busy)
     for number in (1, 2, 3, 10, 63, 64, 65, 1000):
         source = int(search.source.numpy()[0])
         search.opened.zero_()
         search.rows.fill_(number)
         rows = np.random.default_rng(number).permutation(1000)[:number]
-        inputs = [tray.program, wp.array(rows, dtype=int, device="cpu"), 0, busy]
+        inputs = [tray.program, wp.array(rows, dtype=int, device="cpu"), 0]
         wp.launch(_queue, dim=number, inputs=inputs, outputs=[search], device="cpu")
         assert search.queue.numpy()[1 - source, :number].tolist() == rows.tolist()
         first, trials = search.row_first.numpy()[rows], search.row_trials.numpy()[rows]
@@ -119,8 +162,9 @@ def test_objects_ahead_have_a_candidate_each_in_front_of_the_trials(tray: Compil
     search = LayoutGenerator(tray, 1, size=replace(default_size("cpu"), candidates=100, busy=4096))._work.search
     search.opened.fill_(100 - room)
     search.row_object.fill_(2)
+    search.busy.fill_(4096)
     rows = wp.zeros(1, dtype=int, device="cpu")
-    wp.launch(_queue, dim=1, inputs=[tray.program, rows, 2, 4096], outputs=[search], device="cpu")
+    wp.launch(_queue, dim=1, inputs=[tray.program, rows, 2], outputs=[search], device="cpu")
     names = ("row_object", "row_ahead", "row_first", "row_trials")
     obj, ahead, first, trials = (int(getattr(search, name).numpy()[0]) for name in names)
     assert (obj, ahead, trials) == (min(room, 2), min(room, 2), min(max(room - 2, 0), ATTEMPTS))

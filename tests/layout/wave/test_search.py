@@ -18,7 +18,7 @@ from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import LayoutStatus, LayoutsView
 from sceniris_gym.layout.reaching.search import ReachSearch
 from sceniris_gym.layout.wave.ahead import count_ahead
-from sceniris_gym.layout.wave.search import Search, SearchSize, create_search, default_size
+from sceniris_gym.layout.wave.search import MANY_ROWS, Search, SearchSize, create_search, default_size
 from sceniris_gym.layout.wave.sides import Regions, create_regions
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import Cause, Program, copied
@@ -106,6 +106,23 @@ def test_a_captured_graph_changes_no_bit(size: str | None, compiled: CompiledSce
     assert made(compiled, SIZES[size] if size else None, N, graph=True) == expected
 
 
+@pytest.mark.usefixtures("recorded")
+@pytest.mark.parametrize("rarely", [False, True])
+def test_waves_without_regions_need_no_launch_for_them(
+    rarely: bool, compiled: CompiledScene, expected: list[bytes], monkeypatch: pytest.MonkeyPatch
+):
+    """The launches for regions take place in all waves, or only in waves that have a region to cut."""
+    create = LayoutGenerator.__init__
+
+    def created(generator: LayoutGenerator, *given: Any, **words: Any) -> None:
+        create(generator, *given, **words)
+        generator._cuts_rarely = rarely and compiled.related
+
+    monkeypatch.setattr(LayoutGenerator, "__init__", created)
+    for graph in (False, True):
+        assert made(compiled, SIZES["64-512-100-3"], N, graph=graph) == expected
+
+
 @pytest.mark.parametrize("pairs", [0, 1, 5, 1 << 14])
 def test_the_room_for_narrow_pairs_changes_no_bit(pairs: int, compiled: CompiledScene, expected: list[bytes]):
     """Leaves that wait for lanes of their own, here a single one; a candidate without room for all is tested whole."""
@@ -158,7 +175,7 @@ def test_candidates_of_many_relations_fit_in_memory(tmp_path: Path):
 
 def test_only_scenes_with_relations_have_regions(compiled: CompiledScene):
     """Generators of all others allocate none."""
-    assert (LayoutGenerator(compiled, 2)._regions is not None) == compiled.related
+    assert (LayoutGenerator(compiled, 2)._regions.cut is not None) == compiled.related
 
 
 def test_the_counts_of_a_search_are_back_at_zero_after_it(compiled: CompiledScene):
@@ -284,7 +301,7 @@ def _test_all(program: Program, layouts: LayoutsView, search: Search, hit: wp.ar
 def test_a_lane_by_itself_finds_the_same_collisions(combs: CompiledScene, monkeypatch: pytest.MonkeyPatch):
     """All candidates of a wave again, as where the stacks of a block have no room."""
     # no peg encloses another, and asking it of a million pairs for each candidate takes 19 s
-    monkeypatch.setattr("sceniris_gym.layout.generate.launch_test_containment", lambda _: None)
+    monkeypatch.setattr("sceniris_gym.layout.wave.collision.launch_test_containment", lambda _: None)
     generator = LayoutGenerator(combs, 100, size=replace(default_size("cpu"), candidates=400, busy=400))
     generator.generate()
     search = generator._work.search
@@ -296,6 +313,16 @@ def test_a_lane_by_itself_finds_the_same_collisions(combs: CompiledScene, monkey
     causes = search.cause.numpy()[:num]
     assert ((causes == Cause.COLLISION) == hit.numpy()).all()
     assert 0 < hit.numpy().sum() < num
+
+
+def test_waves_of_many_rows_and_their_lanes_change_no_bit():
+    """Lanes and blocks that only waves of many rows have, in the first round of a large batch."""
+    compiled = _compile("mid", "cpu")
+    nworld = int(MANY_ROWS) + 100
+    expected = made(compiled, None, nworld)
+    size = replace(default_size("cpu"), busy=4096, candidates=1 << 16, lanes=1 << 17, blocks=1 << 14)
+    for graph in (False, True):
+        assert made(compiled, size, nworld, graph=graph) == expected
 
 
 def test_floors_without_objects_need_no_candidates():

@@ -34,7 +34,6 @@ def generator(tmp_path: Path) -> LayoutGenerator:
     search.candidates.fill_(N)  # the end of a wave sets it to 0
     search.cause.zero_()
     regions = generator._regions
-    assert regions is not None
     regions.cuts.zero_()
     regions.regions.zero_()
     return generator
@@ -121,7 +120,7 @@ def test_candidates_of_a_row_share_only_the_region_that_each_would_have(name: st
         by_region.append(len(_listed(regions)) / max(int(regions.regions.numpy()[0]), 1))
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("sceniris_gym.layout.generate.launch_build_sides", launch)
+        patch.setattr("sceniris_gym.layout.wave.points.launch_build_sides", launch)
         together = made(compiled, size, N)
     assert (max(by_region) > 3) == is_shared
     assert together == made(compiled, None, N)
