@@ -43,6 +43,8 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 # MuJoCo-Warp asks for MuJoCo's version three times for each model, which parses 8 ms of metadata.
 importlib.metadata.version = functools.cache(importlib.metadata.version)
 
+# JAX would take three quarters of a GPU's memory from the tests of all other workers.
+os.environ.setdefault("XLA_PYTHON_CLIENT_PREALLOCATE", "false")
 os.environ[CACHE] = "off"  # the cache in the home folder is never used, not even during collection
 if "PYTEST_XDIST_WORKER" not in os.environ:
     # The cache of this run, shared by its workers and the processes that tests start.

@@ -134,6 +134,9 @@ NEEDS: dict[str, tuple[Callable[[mjw.Model, mjw.Data], None], ...]] = {
 }
 """Quantities that a step or a reset can update, and the functions that compute them."""
 
+MANY_PAIRS = 1 << 15
+"""With more pairs of geoms that may collide, sorting the geoms along an axis takes less time than testing all pairs."""
+
 LINE_SEARCH = 20
 """Limit of line-search iterations. It is below MuJoCo's default, because one slow world stalls the whole batch."""
 
@@ -167,9 +170,12 @@ def put_simulated(mjm: mujoco.MjModel, where: str) -> mjw.Model:
         NotSupportedError: The model has a feature that MuJoCo-Warp lacks. The message begins with `where`.
     """
     try:
-        return mjw.put_model(mjm)
+        model = mjw.put_model(mjm)
     except NotImplementedError as error:
         raise NotSupportedError(f"{where}: MuJoCo-Warp cannot simulate the model: {error} Remove it.") from None
+    if len(model.nxn_geom_pair_filtered) > MANY_PAIRS and model.opt.broadphase == mjw.BroadphaseType.NXN:
+        model.opt.broadphase = mjw.BroadphaseType.SAP_TILE
+    return model
 
 
 def with_options(mjm: mujoco.MjModel, options: Mapping[str, Any]) -> mujoco.MjModel:

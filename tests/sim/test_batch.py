@@ -1,6 +1,7 @@
 """Batches: the control step, graphs and the contact budget."""
 
 import mujoco
+import mujoco_warp as mjw
 import numpy as np
 import pytest
 import warp as wp
@@ -12,7 +13,9 @@ from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.scene.layout_table import LayoutTable
+from sceniris_gym.sim import batch as batch_module
 from sceniris_gym.sim.batch import LINE_SEARCH, Batch, with_options
+from sceniris_gym.sim.randomizer import ResetRandomizer
 from sceniris_gym.vector.task import FRICTION_PYRAMIDS
 from tests.device.loads import found, loaded
 from tests.versions import since_4
@@ -69,6 +72,26 @@ def test_options_that_cannot_be_simulated_are_refused(small_scene):
     """Those of a batch, which the scene does not have."""
     with pytest.raises(NotSupportedError, match=r"MuJoCo-Warp cannot simulate the model: mjSOL_PGS"):
         Batch(small_scene.scene, 1, "cpu", options={"solver": 0})
+
+
+def test_many_pairs_of_geoms_are_sorted_and_give_the_same_contacts(monkeypatch: pytest.MonkeyPatch):
+    """Contacts of objects that have fallen, by both broad phases of MuJoCo-Warp."""
+    compiled, contacts = compile_scene("mid", "cpu"), []
+    for most in (batch_module.MANY_PAIRS, 0):
+        monkeypatch.setattr(batch_module, "MANY_PAIRS", most)
+        batch = Batch(compiled.scene, 3, "cpu", needs=["contacts"])
+        randomizer = ResetRandomizer(compiled, batch.model, batch.data)
+        randomizer.reset(seed=0)
+        for _ in range(25):
+            batch.step()
+        batch.update()
+        num, found = int(batch.data.nacon.numpy()[0]), batch.data.contact
+        rows = np.column_stack([found.worldid.numpy()[:num], found.geom.numpy()[:num], found.dist.numpy()[:num]])
+        contacts.append((int(batch.model.opt.broadphase), rows[np.lexsort(rows.T[::-1])]))
+    (pairwise, ours), (sorting, theirs) = contacts
+    assert (pairwise, sorting) == (mjw.BroadphaseType.NXN, mjw.BroadphaseType.SAP_TILE)
+    assert len(ours) > 10
+    np.testing.assert_allclose(ours, theirs, atol=1e-6)
 
 
 def test_an_unknown_need_names_the_valid_ones(small_scene):
