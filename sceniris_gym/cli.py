@@ -229,7 +229,7 @@ def check(
 ) -> Answer:
     """Check whether all objects of a scene find a place, and count the rejected candidates by object and cause.
 
-    The exit status is 1 if no layout is valid.
+    The exit status is 1 if fewer than half of the layouts are valid.
 
     Args:
         strict: also exit with status 1 if too many worlds get a layout from the fallback bank
@@ -301,7 +301,7 @@ def view(
     port: Port = PORT,
     allow_origin: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="ORIGIN")] = (),
     trust: Flag = False,
-    device: Annotated[str | None, tyro.conf.arg(help="cpu, cuda:0, ..., by default cpu for a SCENE")] = None,
+    device: Annotated[str | None, tyro.conf.arg(metavar="STR", help="cpu, cuda:0, ..., for SCENE default: cpu")] = None,
     changes: Changes = (),
 ) -> Answer:
     """Show a scene or a running policy in the browser: layouts, rejected candidates with the reasons, physics.

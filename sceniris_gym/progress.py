@@ -50,8 +50,7 @@ def shown(quiet: bool = False) -> Iterator[None]:
         nonlocal bar
         if bar.disable or bar.desc != what:
             bar.close()
-            delay = _SOON if done else 0.0
-            bar = tqdm(total=total, desc=what, file=sys.stderr, unit_scale=True, delay=delay, leave=False)
+            bar = tqdm(total=total, desc=what, unit_scale=total >= 1000, delay=_SOON if done else 0.0, leave=False)
         bar.update(done - bar.n)
 
     try:

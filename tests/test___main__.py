@@ -11,6 +11,14 @@ from pathlib import Path
 import pytest
 
 
+def test_the_end_does_not_collect_garbage():
+    """The collections at Python's end visit no object, because all are frozen before."""
+    program = "import atexit, gc, sys; atexit.register(lambda: print(gc.get_freeze_count() > 10_000))\n"
+    program += "import sceniris_gym.__main__ as program; sys.argv = ['', '--version']; program.main()"
+    said = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout
+    assert said.splitlines()[1:] == ["True"]
+
+
 def handles(process: subprocess.Popen, number: int) -> bool:
     """Return whether a process has a handler for a signal, by the kernel's record of it."""
     caught = [

@@ -49,6 +49,7 @@ def test_a_bar_goes_as_far_as_it_is_told(capsys: pytest.CaptureFixture, monkeypa
         tell("second", 1, 5)
     said = capsys.readouterr().err
     assert "first: 100%" in said
+    assert "| 1/2 [" in said  # whole parts
     assert "second:  20%" in said
 
 

@@ -74,13 +74,12 @@ def in_words(error: OSError) -> str:
     """Return an error of the operating system as text: the file, the reason, and a remedy."""
     file = "a file" if error.filename is None else str(error.filename)
     why = str(error) if error.strerror is None else error.strerror.lower()
+    free = "Free space there, or choose another folder: --out for results, WARP_CACHE_PATH for compiled kernels."
+    advice = free if error.errno in UNWRITABLE else ""
     if error.filename is not None and _is_unwritable_cache(file):
-        return (
-            f"{file}: the folder for compiled kernels cannot be written: {why}. "
-            "Set WARP_CACHE_PATH to a folder that you can write to."
-        )
-    advice = "Free space there, or choose another folder: --out for results, WARP_CACHE_PATH for compiled kernels."
-    return f"{file}: {why}. {advice if error.errno in UNWRITABLE else ''}".rstrip()
+        file += ": the folder for compiled kernels cannot be written"
+        advice = "Set WARP_CACHE_PATH to a folder that you can write to."
+    return f"{file}: {why}. {advice}".rstrip()
 
 
 def _is_unwritable_cache(file: str) -> bool:

@@ -211,7 +211,6 @@ def judge_rows(compiled: CompiledScene, rows: Rows, settled: int | None = None) 
     finite, finite_candidates, invalid_by = _finite(rows)
     table, candidates = rows.table[finite], rows.rejected[finite_candidates]
     names = np.array(rows.names, str)[finite_candidates].tolist()
-    settled = len(rows.table) if settled is None else settled
     auditor = Auditor(compiled.mjm, compiled.config, compiled.scene.bodies)
     broken, worst, weakest = equalities(compiled.mjm, table)
     report = auditor.judge(table, settled=int(finite[:settled].sum()))
@@ -279,8 +278,5 @@ def report(found: Mapping[str, Any]) -> str:
 
 def _filled(found: Mapping[str, Any]) -> dict[str, Any]:
     """Return the findings that are not empty or zero, without the verdict."""
-    filled = {
-        name: {key: number for key, number in value.items() if number} if isinstance(value, Mapping) else value
-        for name, value in found.items()
-    }
+    filled = {name: {k: n for k, n in v.items() if n} if isinstance(v, Mapping) else v for name, v in found.items()}
     return {name: value for name, value in filled.items() if value and name != OK}

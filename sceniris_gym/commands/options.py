@@ -26,16 +26,17 @@ if TYPE_CHECKING:
 _scene = tyro.conf.arg(metavar="SCENE", help="name of a shipped scene, or a path")
 Scene = Annotated[str, tyro.conf.Positional, _scene]
 OptionalScene = Annotated[str | None, tyro.conf.Positional, _scene]
-LAYOUTS = tyro.conf.arg(aliases=["-n"], help="number of layouts")
+LAYOUTS = tyro.conf.arg(aliases=["-n"], metavar="INT", help="number of layouts")
 Layouts = Annotated[int, LAYOUTS, COUNT]
 NumEnvs = Annotated[int, tyro.conf.arg(help="number of worlds"), COUNT]
-OUT = tyro.conf.arg(aliases=["-o"])
+OUT = tyro.conf.arg(aliases=["-o"], metavar="PATH")
 Out = Annotated[Path | None, OUT]
 _seed = tyro.conf.arg(aliases=["-s"], help="seed of the map, rows, units, or first layout (layout i has SEED + i)")
 Seed = Annotated[int, _seed, range(1 << 64)]
 Split = Annotated[Literal["train", "eval"], tyro.conf.arg(help="training or evaluation layouts")]
 Flag = Annotated[bool, tyro.conf.FlagCreatePairsOff]
-Device = Annotated[str | None, tyro.conf.arg(help="cpu, cuda:0, ..., by default cuda:0 if available, otherwise cpu")]
+_device = tyro.conf.arg(metavar="STR", help="cpu, cuda:0, ..., by default cuda:0 if available, otherwise cpu")
+Device = Annotated[str | None, _device]
 Json = Annotated[Flag, tyro.conf.arg(help="print only one line of JSON")]
 Picture = Annotated[
     Path | None, tyro.conf.arg(help="PNG to write: the places of objects from above, also without 'reachable'")
@@ -83,14 +84,16 @@ def parsed(name: str, command: Callable[..., Any], words: Sequence[str]) -> Call
     for given in (word.partition("=")[0] for word in words):
         if new := old_names().get(f"{name} {given}"):
             raise ArgumentError(f"{name}: '{given}' is now {new}. See {prog} --help.")
+    with redirect_stdout(StringIO()) as text, suppress(SystemExit):
+        tyro.cli(command, prog=prog, args=["--help"])
+    options = re.findall(r"--[a-z-]+", text.getvalue())
+    # tyro names an unknown option only if no argument is missing
+    unknown = [word for word in words if word[:2] == "--" and word.partition("=")[0].replace("_", "-") not in options]
     later = wraps(command)(lambda *args, **kwargs: partial(command, *args, **kwargs))
-    call, unknown = tyro.cli(later, prog=prog, args=words, return_unknown_args=True)
+    call, unknown = (later(), unknown) if unknown else tyro.cli(later, prog=prog, args=words, return_unknown_args=True)
     if unknown:
-        with redirect_stdout(StringIO()) as text, suppress(SystemExit):
-            tyro.cli(command, prog=prog, args=["--help"])
-        given = unknown[0].partition("=")[0]
         # '--out' and '--layouts' are similar by 0.7
-        near = get_close_matches(given, re.findall(r"--[a-z-]+", text.getvalue()), n=1, cutoff=0.8)
+        near = get_close_matches(unknown[0].partition("=")[0], options, n=1, cutoff=0.8)
         hint = f"Did you mean '{near[0]}'?" if near else "It has no similar option."
         raise ArgumentError(f"{name}: unknown argument '{unknown[0]}'. {hint} See {prog} --help.")
     check_numbers(command, call.keywords)

@@ -21,6 +21,7 @@ from sceniris_gym.layout.params import ParamTable, params_in
 from sceniris_gym.layout.world_columns import WorldColumns
 from sceniris_gym.pictures.layout_picture import SIZE, contact_sheet, render, save
 from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.progress import tell
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.scene.draws import drawn_fields, nominal_values
 from sceniris_gym.scene.field_table import OPTIONS
@@ -42,13 +43,12 @@ def find_scene(scenehash: str, config: SceneConfig | None = None) -> SceneModel:
         model = build_model(config)
         model.check_hash(scenehash, "replay: this layout", "Give the scene file as it was, or take new ids.")
         return model
-    known = {}
+    valid = []
     for candidate in map(SceneConfig.load, shipped("envs", ".yaml")):
         model = build_model(candidate)
         if model.hash == scenehash:
             return model
-        known[model.hash] = candidate.name
-    valid = [f"{h} ({name})" for h, name in known.items()]
+        valid.append(f"{model.hash} ({candidate.name})")
     raise UnknownNameError("scene hash", scenehash, "replay: give --scene if the scene is your own", valid)
 
 
@@ -87,15 +87,15 @@ def shown(ids: Sequence[str], config: SceneConfig | None, picture: Path, device:
     compiled: dict[str, CompiledScene] = {}
     found, tiles = [], []
     size = SIZE if len(ids) > 1 else (2 * SIZE[0], 2 * SIZE[1])
-    for text in ids:
+    for done, text in enumerate(ids, 1):
         name = LayoutId.parse(text)
         if name.scene not in compiled:
             compiled[name.scene] = compile_scene(find_scene(name.scene, config), device)
         scene = compiled[name.scene]
-        table = replay(scene, name)
-        mjm, numbers = drawn(scene, table)
+        mjm, numbers = drawn(scene, table := replay(scene, name))
         tiles.append(render(mjm, table, size=size, device=scene.device))
         found.append({"id": text, **describe(scene, table), **({"drawn": numbers} if numbers else {})})
+        tell("layouts", done, len(ids))
     save(contact_sheet(np.concatenate(tiles), ids), picture)
     return {"layouts": found, "picture": str(picture)}
 

@@ -128,7 +128,8 @@ def _kind(plan: Plan, grips: tuple[Grip, ...], number: int, config: StartConfig)
                 lower = " It can be lifted by 0 m, so start it where it stands." * any(g.fits > 0.0 for g in tried)
                 raise SceneKeyError(
                     f"{where}: no selected grasp can hold '{target.name}' {how} for all values of 'randomize'{why}."
-                    f"{lower} Select other grasps, or use a stronger gripper, a lighter object, or narrower draws."
+                    f"{lower} Select other grasps, or use a stronger gripper (its actuators should drive all fingers), "
+                    "a lighter object, or narrower draws."
                 )
         counts.append(own)
         if target.name in names:

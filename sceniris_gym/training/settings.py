@@ -135,7 +135,7 @@ class Options:
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("results/train")
     resume: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
     trust: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
-    device: str | None = None
+    device: Annotated[str | None, tyro.conf.arg(metavar="STR")] = None
     bank: int | None = None
     curriculum: str | None = None
     uniform: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False

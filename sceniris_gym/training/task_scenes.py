@@ -34,7 +34,7 @@ def import_here(module: str) -> Any:
     return import_module(module)
 
 
-def spec_of(task: str, where: str = "environments registered with a task") -> EnvSpec:
+def spec_of(task: str, where: str = "registered tasks (yours: MODULE:ID)") -> EnvSpec:
     """Return Gymnasium's spec of a task.
 
     Args:

@@ -13,7 +13,7 @@ from PIL import Image
 from ruamel.yaml import YAML
 
 from sceniris_gym.cli import main
-from sceniris_gym.commands.check import check, judge, report, table_of_rejections
+from sceniris_gym.commands.check import _LEAST_VALID, check, judge, report, table_of_rejections
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import FallbackWarning
 from sceniris_gym.layout.generate import LayoutGenerator
@@ -207,3 +207,14 @@ def test_a_scene_without_an_object_to_place_is_told(tmp_path: Path, capsys: pyte
     first = capsys.readouterr().out.splitlines()[0]
     assert first.startswith("ok: 8 layouts of 'bare': 100.00% valid")
     assert first.endswith(", but the scene has no object to place")
+
+
+def test_the_share_that_makes_the_verdict_bad_is_documented(capsys: pytest.CaptureFixture):
+    """The help and the page name the share of the code."""
+    with pytest.raises(SystemExit):
+        main(["check", "--help"])
+    text = "fewer than half of the layouts are valid"
+    page = (Path(__file__).parents[2] / "docs" / "commands.md").read_text()
+    assert _LEAST_VALID == 0.5
+    assert text in " ".join(capsys.readouterr().out.split())
+    assert text in " ".join(page.split())

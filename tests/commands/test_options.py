@@ -90,20 +90,18 @@ def test_shared_options_mean_the_same_in_each_command(command: str):
         for action in parser(command)._actions:
             if {short, long} & {*action.option_strings}:
                 assert set(action.option_strings) == {short, long} - {""}
-                assert str(action.metavar).rpartition("|")[2] == str(kind)
+                assert str(action.metavar) == str(kind)
                 assert words in str(action.help)
 
 
 @pytest.mark.parametrize("command", cli.COMMANDS)
 def test_an_unknown_option_names_the_nearest_one(command: str, capsys: pytest.CaptureFixture):
-    """For each option of the command, written with a letter missing or a letter too much."""
-    given = ["x"] if any(not action.option_strings for action in parser(command)._actions) else []
-    given += ["-o", "x"] if command == "import" else []
+    """For each option of the command, written with a letter missing or a letter too much, and nothing else."""
     names = [name for action in parser(command)._actions for name in action.option_strings]
     for option in (name for name in names if name.startswith("--") and name != "--help"):
         wrong = option[:-1] if len(option) > 6 else f"{option}e"
         with pytest.raises(SystemExit) as stop:
-            cli.main([command, *given, wrong])
+            cli.main([command, wrong])
         assert stop.value.code == 2
         said = f"error: {command}: unknown argument '{wrong}'. Did you mean '{option}'?"
         assert capsys.readouterr().err == f"{said} See sceniris-gym {command} --help.\n"

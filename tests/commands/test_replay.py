@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 import torch
 
-from sceniris_gym.commands.replay import LayoutId, default_picture, describe, drawn, find_scene, replay, report
+from sceniris_gym.commands.replay import LayoutId, default_picture, describe, drawn, find_scene, replay, report, shown
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import ArgumentError, SceneMismatchError, UnknownNameError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.tables import make_table
 from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.progress import listening
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import ResetRandomizer
@@ -189,3 +190,11 @@ def test_a_replay_has_the_physics_and_looks_of_its_episode():
     assert (compiled.mjm.mat_rgba[material] != mjm.mat_rgba[material]).any()
     told = {"layouts": [describe(compiled, replay(compiled, name)) | {"id": "x", "drawn": numbers}], "picture": "y"}
     assert f"  can.mass     {numbers['can.mass'][0]:.4g}" in report(told)
+
+
+def test_drawing_tells_how_far_it_is(tmp_path: Path):
+    """Each layout may take a second."""
+    compiled, heard = compile_scene("mid", "cpu"), []
+    with listening(lambda *words: heard.append(words)):
+        shown([compiled.layout_id(seed, 0) for seed in range(3)], compiled.config, tmp_path / "three.png", "cpu")
+    assert [words for words in heard if words[0] == "layouts"] == [("layouts", done, 3) for done in (1, 2, 3)]

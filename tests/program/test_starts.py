@@ -90,7 +90,7 @@ def test_a_target_on_which_nothing_closes_is_refused():
     """By its name, and for what it would have to do."""
     plan = plan_of(start=[{"robot": "grasp", "of": "block"}])
     grips = tuple(Grip(grip.share, grip.pos) for grip in plan_grips(plan))
-    with pytest.raises(SceneKeyError, match=r"start\.0: .* hold 'block' from both sides"):
+    with pytest.raises(SceneKeyError, match=r"start\.0: .* hold 'block' from both sides .* should drive all fingers"):
         plan_starts(plan, grips)
 
 

@@ -137,7 +137,7 @@ def test_the_scene_may_be_registered_with_the_task(monkeypatch: pytest.MonkeyPat
     ("task", "error", "words"),
     [
         ("DrawerPik-v0", UnknownNameError, "unknown task 'DrawerPik-v0'. Did you mean 'DrawerPick-v0'?"),
-        ("gymnasium:CartPole-v1", UnknownNameError, "environments registered with a task: unknown task 'CartPole-v1'"),
+        ("gymnasium:CartPole-v1", UnknownNameError, "registered tasks (yours: MODULE:ID): unknown task 'CartPole-v1'"),
         ("nowhere_at_all:Task-v0", ArgumentError, "'nowhere_at_all' should be a module that Python can import"),
     ],
 )
