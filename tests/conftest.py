@@ -19,7 +19,7 @@ CACHE = "SCENIRIS_GYM_CACHE"
 HERE = Path(__file__).parent
 # Tests in these folders and files check the compiling itself, so they compile every scene anew.
 COMPILING = {"collide", "config", "device", "geometry", "grasping", "program", "reach", "scene"} | {
-    f"layout/test_{name}.py" for name in ("blame", "compile", "layout_hashes", "scene_cache")
+    f"layout/test_{name}.py" for name in ("blame", "compile", "scene_cache")
 }
 # The first worker begins with a file that needs nearly all kernels. The second begins with files that need none of
 # those, for as long as the first compiles: two workers that need a module at the same time both compile it.

@@ -41,11 +41,18 @@ class Home(NamedTuple):
     ctrl: dict[str, float]
 
 
-def attach_object(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: str, owner: str = "") -> Home:
+def attach_object(
+    spec: mujoco.MjSpec,
+    name: str,
+    config: ObjectConfig,
+    where: str,
+    owner: str = "",
+    loaded: dict[str, mujoco.MjSpec] | None = None,
+) -> Home:
     """Attach the asset of an object as a body of the object's kind, and return its start pose.
 
     If the object is a variant of `owner`, bodies without joints below it become parts of it. Names of its body and
-    elements lack the prefix `owner/`, which `attach_variants` adds.
+    elements lack the prefix `owner/`, which `attach_variants` adds. `loaded` collects assets, which are then read once.
 
     Raises:
         NotSupportedError: A variant is soft.
@@ -65,7 +72,10 @@ def attach_object(spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: s
         )
         return Home({}, {})
     where, name = f"{where}: objects.{name}", name.removeprefix(f"{owner}/")
-    child = _load_asset(config.asset, f"{where}.asset")
+    loaded = {} if loaded is None else loaded
+    if config.asset not in loaded:
+        loaded[config.asset] = _load_asset(config.asset, f"{where}.asset")
+    child = loaded[config.asset].copy()
     if owner and child.flexes:
         raise NotSupportedError(f"{where}: is soft, but a variant should be a rigid body. Leave it out.")
     if config.scale != 1.0:
@@ -93,12 +103,12 @@ def attach_variants(
     Raises:
         NotSupportedError: Actuators, tendons or equalities refer to joints of variants. Variants lose their joints.
     """
-    homes, names = [], list(members)
+    homes, names, loaded = [], list(members), {}
     for first in range(0, len(names), _AT_ONCE):
         some = mujoco.MjSpec()
         some.default.name, some.option, some.visual = str(first), spec.option, spec.visual
         for name in names[first : first + _AT_ONCE]:
-            home = attach_object(some, name, members[name], where, owner)
+            home = attach_object(some, name, members[name], where, owner, loaded)
             homes.append(home._replace(qpos={f"{owner}/{joint}": values for joint, values in home.qpos.items()}))
             if not bodies:
                 some.delete(some.body(name.removeprefix(f"{owner}/")))

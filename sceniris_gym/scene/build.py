@@ -14,7 +14,7 @@ from sceniris_gym.config.robot import RobotConfig
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.config.validation import check_variant_has_asset
 from sceniris_gym.errors import ArgumentError, MeshError, SceneFileError, SceneKeyError, ScenirisError, UnknownNameError
-from sceniris_gym.geometry.rotations import quaternion
+from sceniris_gym.geometry.rotations import matrix, quaternion
 from sceniris_gym.progress import tell
 from sceniris_gym.scene import assemble, backdrop, number_check, parking, tcp
 from sceniris_gym.scene.adopt import HOME, adopt_body, check_additions, check_bodies, named_by_place
@@ -99,7 +99,7 @@ def _with_shared_bodies(config: SceneConfig) -> SceneModel:
         return scene
     assert scene.spec is not None
     check_variants(scene.spec, scene.mjm, config.variants, config.where)
-    return replace(scene, shared=replace(_built(config, scene), hash=scene.hash, apart=scene.apart))
+    return replace(scene, shared=_built(config, scene))
 
 
 def _built(config: SceneConfig, full: SceneModel | None = None) -> SceneModel:
@@ -123,8 +123,9 @@ def _built(config: SceneConfig, full: SceneModel | None = None) -> SceneModel:
     given_qpos = qpos.copy()
     follow(joint_couplings(mjm, config.where), qpos)
     if spec.camera(backdrop.OVERVIEW) is None:
-        seen = Overview(config, mjm, qpos) if full is None else Overview(full.config, full.mjm, full.home_qpos)
-        backdrop.add_camera(spec, *seen.camera(), FOVY)
+        eye = None if full is None else full.mjm.camera(backdrop.OVERVIEW)
+        pose = Overview(config, mjm, qpos).camera() if eye is None else (eye.pos, matrix(eye.quat))
+        backdrop.add_camera(spec, *pose, FOVY)
     nslot = len(config.objects if full is None else full.config.objects)
     parks = config.presence.draws if full is None else full.config.presence.parks
     if parks and not parking.has_parking_ground(mjm, nslot, config.where):
@@ -139,7 +140,7 @@ def _built(config: SceneConfig, full: SceneModel | None = None) -> SceneModel:
         spec.key(keyframe).qpos = qpos
     tcps = _tcps(spec, mjm, qpos, config)
     mjm = assemble.compile_spec(spec, config.where) if shared is None else shared.compile(spec, mjm)
-    return _scene(config, spec, mjm, (qpos, ctrl), tcps)
+    return _scene(config, spec, mjm, (qpos, ctrl), tcps, full)
 
 
 def _taken(config: SceneConfig) -> SceneModel:
@@ -159,13 +160,21 @@ def _taken(config: SceneConfig) -> SceneModel:
 
 
 def _scene(
-    config: SceneConfig, spec: mujoco.MjSpec | None, mjm: mujoco.MjModel, home: _Home, tcps: dict[str, str]
+    config: SceneConfig,
+    spec: mujoco.MjSpec | None,
+    mjm: mujoco.MjModel,
+    home: _Home,
+    tcps: dict[str, str],
+    full: SceneModel | None = None,
 ) -> SceneModel:
-    """Check all names that a scene refers to in its compiled model, and return the scene."""
+    """Check all names that a scene refers to in its compiled model, and return the scene. `full` is as in `_built`."""
     bodies = {name: mjm.body(part.body or name).id for name, part in config.objects.items()}
     bodies |= {name: mjm.body(robot.name).id for name, robot in config.all_robots.items()}
-    identity = scene_hash(config, mjm, home[0])
-    apart = {name: _apart(robot, config) for name, robot in config.all_robots.items() if not robot.in_scene}
+    if full is None:
+        identity = scene_hash(config, mjm, home[0])
+        apart = {name: _apart(robot, config) for name, robot in config.all_robots.items() if not robot.in_scene}
+    else:
+        identity, apart = full.hash, full.apart
     key, draws = _keyframe(mjm, config), field_draws(config, mjm, bodies)
     couplings = joint_couplings(mjm, config.where)
     scene = SceneModel(config, spec, mjm, bodies, key, *home, identity, tcps, couplings, apart, draws)

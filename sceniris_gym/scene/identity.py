@@ -84,12 +84,14 @@ def scene_hash(config: SceneConfig, mjm: mujoco.MjModel, home_qpos: np.ndarray) 
             digest.update(np.ascontiguousarray(array).tobytes())
     elif config.model is not None:
         _update_from_file(digest.update, config.model, drawn)
+    contents: dict[str, list[bytes]] = {}
     for name, part in {**config.all_robots, **config.objects}.items():
         if part.asset is not None:
-            digest.update(f"{name}:".encode())
-            is_shipped = SHIPPED_NAME.fullmatch(part.asset)
-            file = shipped("assets", ".xml")[part.asset] if is_shipped else Path(part.asset)
-            _update_from_file(digest.update, file, drawn)
+            if part.asset not in contents:
+                is_shipped = SHIPPED_NAME.fullmatch(part.asset)
+                file = shipped("assets", ".xml")[part.asset] if is_shipped else Path(part.asset)
+                _update_from_file(contents.setdefault(part.asset, []).append, file, drawn)
+            digest.update(b"".join([f"{name}:".encode(), *contents[part.asset]]))
     for heap in config.heaps.values():
         rows = Path(heap.rows) if heap.rows is not None else None
         digest.update(rows.read_bytes() if rows is not None and rows.is_file() else b"")

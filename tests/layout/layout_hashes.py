@@ -10,6 +10,7 @@ from pathlib import Path
 from sceniris_gym.config.loader import shipped
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.program.compiled import CompiledScene
 
 FILE = Path(__file__).with_suffix(".json")
 NWORLD = 1024
@@ -23,9 +24,8 @@ def processor() -> str:
     return " ".join([platform.machine(), *(flag for flag in ("fma", "avx2", "avx512f") if flag in flags)])
 
 
-def layout_hashes(scene: str) -> dict[str, str]:
+def layout_hashes(compiled: CompiledScene) -> dict[str, str]:
     """Return the hash of a scene, and those of the arrays of episode 0 of 1,024 worlds from seed 0, by split."""
-    compiled = compile_scene(scene, "cpu")
     found = {"scene": compiled.hash}
     for split in ("train", "eval"):
         generator = LayoutGenerator(compiled, NWORLD, split=split)
@@ -38,5 +38,5 @@ def layout_hashes(scene: str) -> dict[str, str]:
 
 
 if __name__ == "__main__":
-    scenes = {name: layout_hashes(name) for name in shipped("envs", ".yaml")}
+    scenes = {name: layout_hashes(compile_scene(name, "cpu")) for name in shipped("envs", ".yaml")}
     FILE.write_text(json.dumps({"processor": processor(), "scenes": scenes}, indent=4) + "\n")

@@ -137,8 +137,10 @@ def test_handles_that_turn_are_parts_of_doors(tmp_path: Path):
     seen = set()
     for world, number in enumerate(s.variant("unit").tolist()):
         variant = compiled.config.variants["unit"][number].partition("/")[2]
-        mjm = mujoco.MjModel.from_xml_path(str(tmp_path / "furniture" / f"{variant}.xml"))
-        mjm.opt, (mjm.body_pos[1], mjm.body_quat[1]) = compiled.mjm.opt, np.split(pose[world], [3])
+        spec = mujoco.MjSpec.from_file(str(tmp_path / "furniture" / f"{variant}.xml"))
+        spec.option = compiled.scene.spec.option  # pyrefly: ignore[missing-attribute]
+        mjm = spec.compile()
+        mjm.body_pos[1], mjm.body_quat[1] = np.split(pose[world], [3])
         data, joints = mujoco.MjData(mjm), {mjm.joint(i).name: i for i in range(mjm.njnt)}
         for name, joint in joints.items():
             data.qpos[mjm.jnt_qposadr[joint]], data.qvel[mjm.jnt_dofadr[joint]] = before[name][world, 0], 0.3

@@ -36,16 +36,6 @@ def warned(objects: dict, **others: object) -> list[str]:
     return [str(w.message) for w in caught]
 
 
-@pytest.mark.parametrize("scene", shipped("envs", ".yaml"))
-def test_shipped_scenes_give_no_warning(scene: str):
-    """Nor do the assets in them."""
-    model = build_model(SceneConfig.load(scene))
-    plan = build_plan(model)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        warn_of_oddities(plan)
-
-
 def test_shipped_assets_give_no_warning():
     """Each of them alone, as MuJoCo collides it."""
     for asset, path in shipped("assets", ".xml").items():
