@@ -30,8 +30,8 @@ _OBJECT = re.compile(r"objects\.([A-Za-z_][A-Za-z0-9_-]*)|robot")
 def init(model: Path, device: str | None = None) -> FirstScene:
     """Find a first scene of a model that compiles and has layouts.
 
-    If an object does not fit entirely on its support, it may hang over the edge. If it cannot be placed even so, it is
-    commented out, with the reason.
+    If an object does not fit entirely on its support, it may hang over the edge. If it falls over, it may lie. If it
+    cannot be placed even so, it is commented out, with the reason.
 
     Args:
         model: An MJCF or URDF file.
@@ -160,8 +160,7 @@ def report_of_suite(found: dict[str, Any]) -> str:
 def _compiled(scene: FirstScene, device: str | None) -> CompiledScene:
     """Compile the scene until it succeeds.
 
-    If an error names an object, let the object hang over the edge of its support. If the object may do so
-    already, comment it out.
+    If an error names an object, let the object lie or overhang its support, by `relax`, or else comment it out.
     """
     while True:
         words = scene.words()
@@ -173,5 +172,5 @@ def _compiled(scene: FirstScene, device: str | None) -> CompiledScene:
             name = error.name if isinstance(error, InfeasibleSceneError) else blamed and (blamed.group(1) or ROBOT)
             if name not in (words if name == ROBOT else words["objects"]):
                 raise
-            if not scene.let_overhang(name):
+            if not scene.relax(name, error):
                 scene.comment_out(name, str(error).removeprefix(f"{config.where}: "))

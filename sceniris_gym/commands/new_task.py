@@ -1,6 +1,5 @@
 """The `new-task` command: writes a scene file and a task to start from."""
 
-import json
 import os
 from keyword import iskeyword
 from pathlib import Path
@@ -9,6 +8,7 @@ from shlex import quote
 from sceniris_gym.config.loader import shipped
 from sceniris_gym.errors import ArgumentError, check_names
 from sceniris_gym.files import check_new, write_text
+from sceniris_gym.importers.models.first_scene import first_scene, flow
 
 
 def new_task(name: str, folder: Path, robot: str | None = None, target: str | None = None) -> dict[str, str]:
@@ -17,7 +17,8 @@ def new_task(name: str, folder: Path, robot: str | None = None, target: str | No
     Args:
         name: Name of both files, a module name in lower case. The class of the task has the same name in CamelCase.
         folder: Folder of both files.
-        robot: Name of a shipped arm, or its MJCF or URDF file, instead of the arm of the first scene.
+        robot: Name of a shipped arm, or its MJCF or URDF file, instead of the arm of the first scene. A file's arm gets
+            the `tcp` and the keyframe that `init` finds.
         target: The same for the object to grasp.
 
     Raises:
@@ -34,7 +35,9 @@ def new_task(name: str, folder: Path, robot: str | None = None, target: str | No
     for option, usual, own in (("robot", "panda", robot), ("target", "orange", target)):
         path = own or usual
         if Path(path).is_file():
-            path = json.dumps(os.path.relpath(path, folder))  # quoted as in YAML
+            found, file = first_scene(Path(path)).words() if option == "robot" else {}, os.path.relpath(path, folder)
+            words = {"asset": file, "tcp": found.get("robot", {}).get("tcp"), "keyframe": found.get("home")}
+            path = flow({word: value for word, value in words.items() if value})[1:-1].removeprefix("asset: ")
         else:
             check_names("file or asset", [path], f"new-task: --{option}", shipped("assets", ".xml"))
         texts[0] = texts[0].replace(f"asset: {usual}", f"asset: {path}")

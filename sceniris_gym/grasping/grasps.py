@@ -4,8 +4,8 @@ A grasp is a pose of the TCP, midway between the fingertips. Its +z axis is the 
 closing axis. An asset defines grasps as sites `grasp_*`. Because the gripper's two fingers are interchangeable, each
 site also gives a second grasp, rotated by 180 degrees about the approach axis. If an asset has no such sites, grasps
 are generated from its geometry for each stable pose. They come from above, with 8 yaws and tilts of 0, 15, 30 and 45
-degrees, and also from the side if the object is taller than wide. Grasps that need more than the gripper's widest
-opening are dropped.
+degrees, and also from the side if the object is taller than wide. A round object has 360 yaws for a hand that cannot
+turn. Grasps that need more than the gripper's widest opening are dropped.
 """
 
 import math
@@ -27,7 +27,9 @@ from sceniris_gym.scene.support import subtree
 
 PREFIX = "grasp_"
 _ROLLED = " rolled"
-YAWS = 8
+YAWS, ROUND_YAWS = 8, 360
+"""Number of yaws of generated grasps. A hand that cannot turn gets the second number for an object that is round: its
+yaw follows from the object's place, within the 0.5 degrees of inverse kinematics."""
 TILTS = (0.0, 15.0, 30.0, 45.0)  # degrees from the vertical
 _SIDE = 90.0
 MOST_RISING = math.sin(math.radians(10.0))
@@ -35,6 +37,8 @@ MOST_RISING = math.sin(math.radians(10.0))
 would come from below, through the support."""
 # Clearance between the fingertips and the support, and between the object and the palm [m].
 _ABOVE = 0.002
+# Widths of a round object in these three directions (columns) differ by at most this fraction.
+_ACROSS, _ROUND = np.vstack([*(turn(np.radians([0.0, 30.0, 75.0])) for turn in (np.cos, np.sin)), np.zeros(3)]), 0.02
 # Rotations of an object after which its axis +z, -z, +x, -x, +y or -y points up.
 _UPS = ((1, 0, 0, 0), (0, 1, 0, 0), (1, 0, -1, 0), (1, 0, 1, 0), (1, 1, 0, 0), (1, -1, 0, 0))
 
@@ -78,10 +82,11 @@ class Graspable:
         name: The object.
         pieces: Pieces of all geoms of the scene.
         gripper: The gripper that grasps the object.
+        turns: Whether the arm can turn the hand about its approach axis.
     """
 
-    def __init__(self, scene: SceneModel, name: str, pieces: list[Piece], gripper: Gripper) -> None:
-        self.name, self.scene, self._home, self._gripper = name, scene, scene.home, gripper
+    def __init__(self, scene: SceneModel, name: str, pieces: list[Piece], gripper: Gripper, turns=True) -> None:
+        self.name, self.scene, self._home, self._gripper, self._turns = name, scene, scene.home, gripper, turns
         self.bodies = scene.subtree(name)
         self.root = self.bodies[0]
         meshes = [
@@ -169,9 +174,10 @@ class Graspable:
             rotation: Orientation of the object's root, shape (3, 3).
             tilts: Angles between straight down and the approach axis [degrees].
         """
-        found = []
+        widths = np.subtract(*_extents(self.triangles @ rotation.T @ _ACROSS))
+        found, num = [], YAWS if self._turns or np.ptp(widths) > -_ROUND * widths.min() else ROUND_YAWS
         for tilt in tilts:
-            for yaw in np.arange(YAWS) * 360.0 / YAWS:
+            for yaw in np.arange(num) * 360.0 / num:
                 axes = rotation.T @ tcp_axes(yaw, tilt)
                 made = self._at_center(rotation, axes, tilt)
                 if made is not None:

@@ -121,7 +121,7 @@ def plan_reaching(scene: SceneModel, objects: list[PlacedObject], pieces: list[P
         default = default_tier(one.arm, one.map)
         tier = Tier.MAP if o.config.reachable is True else Tier.of(str(o.config.reachable))
         tier = tier if default.needs_map or not tier.needs_map else default
-        grasps = Graspable(scene, o.name, pieces, one.gripper).grasp_set(o.stable_poses)
+        grasps = Graspable(scene, o.name, pieces, one.gripper, one.arm.turns_tool).grasp_set(o.stable_poses)
         late = i < base and objects[base].config.is_placed
         early = tier == Tier.CLEAR and base < i < len(objects) - 1
         targets.append(ReachTarget(o.name, i, [*arms].index(robot), late, early, tier, grasps))

@@ -122,6 +122,12 @@ class SerialArm:
         return _angle_to(rotate(self.axis[0], self.link_quat[0]), np.array([0.0, 0.0, 1.0]))
 
     @property
+    def turns_tool(self) -> bool:
+        """True if the arm has five joints or more, or if its last joint turns about the approach axis of the TCP."""
+        along = rotate(np.eye(3)[2], self.link_quat[-1]) @ self.axis[-1]
+        return len(self.joints) > 4 or bool(abs(along) > 0.5 and not self.slide[-1])
+
+    @property
     def vertical(self) -> bool:
         """True if the first joint is a hinge with an axis parallel to the base's z axis."""
         return not self.slide[0] and self.tilt < _ANGLE_TOL

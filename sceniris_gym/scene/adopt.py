@@ -42,21 +42,6 @@ def instead_of_variants(name: str, members: Sequence[str]) -> str:
     return f"Or make each variant a body of the model, and let a group draw one of them: {group}. {EDIT_SPEC}"
 
 
-def named_by_place(spec: mujoco.MjSpec) -> mujoco.MjSpec:
-    """Name keyframes, and bodies and geoms of the world, after their place if they have no name. Return `spec`.
-
-    Their names are `key_`, `body_` or `geom_` and their id in the compiled model, as in `geom_0` for the first geom.
-    """
-    for kind, elements in (("key", spec.keys), ("body", spec.bodies), ("geom", spec.geoms)):
-        for i, element in enumerate(elements):
-            # the world has a name, and no parent: MuJoCo 3.11 crashes if it is asked for one
-            if element.name or (kind != "key" and element.parent.name != "world"):
-                continue
-            if getattr(spec, kind)(name := f"{kind}_{i}") is None:
-                element.name = name
-    return spec
-
-
 def free_from_slides(spec: mujoco.MjSpec, body: mujoco.MjsBody, where: str) -> bool:
     """Replace three slides and three hinges of a body by a freejoint, and adapt the keyframes. Return whether it is so.
 

@@ -17,7 +17,7 @@ from sceniris_gym.errors import ArgumentError, MeshError, SceneFileError, SceneK
 from sceniris_gym.geometry.rotations import matrix, quaternion
 from sceniris_gym.progress import tell
 from sceniris_gym.scene import assemble, backdrop, number_check, parking, tcp
-from sceniris_gym.scene.adopt import HOME, adopt_body, check_additions, check_bodies, named_by_place
+from sceniris_gym.scene.adopt import HOME, adopt_body, check_additions, check_bodies
 from sceniris_gym.scene.couplings import follow, joint_couplings, reversed_for
 from sceniris_gym.scene.draws import field_draws, simple_bodies
 from sceniris_gym.scene.identity import scene_hash
@@ -215,8 +215,7 @@ def _assemble(config: SceneConfig, shared: SharedBodies | None = None) -> tuple[
         backdrop.set_options(spec)
     else:
         where = f"{config.where}: model"
-        in_memory = config.has_model_in_memory
-        spec = config.model.copy() if in_memory else named_by_place(load_model(config.model, where))
+        spec = config.model.copy() if config.has_model_in_memory else load_model(config.model, where)
         assemble.stand_at_keyframe(spec, config.home or HOME, where)
     spec.modelname = "scene"
     homes, owners = [], config.owners

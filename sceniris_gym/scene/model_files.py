@@ -45,6 +45,8 @@ _LEAST_MASS, _LEAST_INERTIA = 1e-3, 1e-6
 def load_model(path: Path, where: str, repaired: Callable[[str], str] | None = None) -> mujoco.MjSpec:
     """Read an MJCF or a URDF file, with the contents of its referenced files in `MjSpec.assets`.
 
+    Unnamed keyframes, bodies, and geoms of the world get names.
+
     Args:
         path: The file.
         where: The text at the beginning of error messages.
@@ -91,6 +93,18 @@ def load_model(path: Path, where: str, repaired: Callable[[str], str] | None = N
         if key != file and element.file == file:
             element.file = key
         spec.assets[key] = content
+    return _named_by_place(spec)
+
+
+def _named_by_place(spec: mujoco.MjSpec) -> mujoco.MjSpec:
+    """Name keyframes, bodies, and geoms of the world after their place if they have no name. Return `spec`.
+
+    Their names are `key_`, `body_` or `geom_` and their id in the compiled model, as in `geom_0` for the first geom.
+    """
+    for kind, elements in (("key", spec.keys), ("body", spec.bodies), ("geom", spec.worldbody.geoms)):
+        for i, element in enumerate(elements):
+            if not element.name and getattr(spec, kind)(name := f"{kind}_{i}") is None:
+                element.name = name
     return spec
 
 

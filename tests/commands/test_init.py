@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import gc
+import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -93,6 +95,39 @@ def test_things_stand_wholly_on_their_supports_where_they_can(tmp_path: Path, ca
     assert "100.00% valid" in capfd.readouterr().out
 
 
+def test_what_falls_over_lies_and_what_stands_on_something_aslant_stands_elsewhere(tmp_path: Path):
+    """A card on its edge, a leaning tray, and a cube on it. A pen, which no pose would keep, is commented out."""
+    (tmp_path / "cards.xml").write_text(
+        '<mujoco><worldbody><body name="table" pos="0 0 0.2"><geom type="box" size="0.4 0.4 0.2"/></body>'
+        '<body name="card" pos="0 0 0.45"><freejoint/><geom type="box" size="0.002 0.03 0.045" euler="0 10 0"/></body>'
+        '<body name="tray" pos="0.2 0 0.44" euler="0 30 0"><freejoint/><geom type="box" size="0.04 0.04 0.01"/></body>'
+        '<body name="cube" pos="0.2 0 0.48"><freejoint/><geom type="box" size="0.01 0.01 0.01"/></body>'
+        '<body name="ramp" pos="0.3 0.3 0.5" euler="0 20 0"><geom type="box" size="0.05 0.05 0.01"/></body>'
+        '<body name="pen" pos="-0.2 0 0.5"><freejoint/><geom type="capsule" size="0.005 0.05"/></body>'
+        "</worldbody></mujoco>"
+    )
+    scene = init(tmp_path / "cards.xml", "cpu")
+    whole = {"on": "table", "ratio_on_support": 1}
+    lies = {**whole, "orientation": "stable"}
+    assert scene.words()["objects"] == {"card": lies, "tray": lies, "cube": whole}
+    assert "unstable in every pose" in {entry.name: entry.why for entry in scene.objects}["pen"]
+    assert "may overhang" not in scene.text()
+    assert [support.name for support in scene.supports] == ["table"]
+
+
+def test_an_arm_without_names_is_written_with_names_by_place(tmp_path: Path):
+    """Its hand, too, at which the tool is: an empty name was a KeyError. As an asset, it has the same names."""
+    model = tmp_path / "arm.xml"
+    key = '<keyframe><key qpos="0 0.5 0 0 0 0 0 0"/></keyframe></mujoco>'
+    model.write_text(re.sub(r' name="\w+"', "", arm(FINGERS)).replace("</mujoco>", key))
+    scene = init(model, "cpu")
+    assert scene.words()["robot"] == {"in_model": "body_1", "tcp": {"body": "body_8", "offset": [0.0, 0.0, 0.07]}}
+    asset = {"asset": str(model), "keyframe": "key_0", "tcp": scene.words()["robot"]["tcp"]}
+    for words, site in ((scene.words(), "tcp"), ({"robot": asset}, "arm/tcp")):
+        home = compile_scene({**words, "floor": {"size": [2, 2]}}, "cpu", overrides={"bank": 4}).scene.home
+        assert home.site(site).xpos == pytest.approx((0.57 * math.sin(0.5), 0.0, 0.2 + 0.57 * math.cos(0.5)), abs=1e-6)
+
+
 def test_a_model_that_cannot_be_read_is_an_error(tmp_path: Path):
     """Of ours, with the path."""
     (tmp_path / "bad.xml").write_text("<mujoco><worldbody><geom/></worldbody></mujoco>")
@@ -121,7 +156,7 @@ def test_an_arm_on_a_cart_is_written_with_the_joints_that_drive_it(tmp_path: Pat
     free = arm(FINGERS).replace('<body name="base">', '<body name="base" pos="0 0 1"><freejoint/>')
     model.write_text(free.replace("</mujoco>", '<actuator><position joint="j1"/></actuator></mujoco>'))
     (robot,) = first_scene(model).objects
-    assert "`robot: {in_model: base, tcp: SITE}`" in robot.why
+    assert "`robot: {in_model: base, tcp: {body: hand, offset: [0.0, 0.0, 0.07]}}`" in robot.why
 
 
 @pytest.mark.filterwarnings("ignore::sceniris_gym.errors.ModelWarning")

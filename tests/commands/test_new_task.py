@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import torch
 from sceniris_gym import cli
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.training.task_scenes import spec_of
+from tests.importers.models.models import FINGERS, arm
 from tests.layout.scenes import box_mjcf
 
 
@@ -89,6 +91,17 @@ def test_files_of_ones_own_are_seen_from_the_scene(tmp_path: Path, monkeypatch: 
     scene = build_model(tmp_path / "tasks" / "pick_box.yaml")
     assert scene.mjm.body("lab/hand").id > 0
     assert scene.mjm.geom(int(scene.mjm.body("target").geomadr[0])).size == pytest.approx([0.025, 0.025, 0.05])
+
+
+def test_an_arm_of_a_file_gets_the_tool_that_init_finds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Without a site and a keyframe of the usual names: the scene was refused, as that of Menagerie's Panda was."""
+    monkeypatch.chdir(tmp_path)
+    key = '<keyframe><key qpos="0 0.5 0 0 0 0 0 0"/></keyframe></mujoco>'
+    Path("own.xml").write_text(arm(FINGERS).replace("</mujoco>", key))
+    cli.main(["new-task", "pick_it", "--robot", "own.xml"])
+    scene = build_model(tmp_path / "pick_it.yaml")
+    tip = scene.home.site("own/tcp").xpos - scene.home.body("own/link1").xpos
+    assert tip == pytest.approx((0.57 * math.sin(0.5), 0.0, 0.57 * math.cos(0.5)), abs=1e-6)
 
 
 @pytest.mark.parametrize(("option", "path"), [("--robot", "pand"), ("--target", "bottle.xml"), ("--robot", "arms")])

@@ -13,12 +13,14 @@ import mujoco
 import numpy as np
 
 from sceniris_gym.config.fields import FLOOR, ROBOT
+from sceniris_gym.errors import InfeasibleSceneError, ScenirisError
 from sceniris_gym.geometry.pieces import ROUGH, Piece, extract_pieces
 from sceniris_gym.geometry.rotations import matrix
+from sceniris_gym.geometry.supports import COS_MAX_TILT
 from sceniris_gym.importers.models.fixtures import joint_draws
 from sceniris_gym.importers.models.found import FoundArm, FoundSupport, find_arms, support_beneath, supports_of
 from sceniris_gym.reach.arm import carrier_of
-from sceniris_gym.scene.adopt import HOME, driven_joints, free_from_slides, named_by_place
+from sceniris_gym.scene.adopt import HOME, driven_joints, free_from_slides
 from sceniris_gym.scene.assemble import compile_spec
 from sceniris_gym.scene.model_files import load_model
 from sceniris_gym.scene.support import subtree
@@ -27,7 +29,7 @@ from sceniris_gym.scene.support import subtree
 _LARGE, _AROUND = 2.0, 0.3
 # A surface more than this far above the lowest surface [m] is not the ground.
 _RAISED = 0.05
-_WHOLLY = "ratio_on_support"
+_WHOLLY, _STABLE = "ratio_on_support", "'orientation: stable'"
 _PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_./-]*")
 # Words that YAML reads as booleans or null, unless they are quoted.
 _NOT_STRINGS = frozenset(("true", "false", "null", "yes", "no", "on", "off"))
@@ -99,14 +101,17 @@ class FirstScene:
                 out[entry.name] = f"It stands on '{carrier}', which is commented out."
             entry.why = out.get(entry.name, entry.why)
 
-    def let_overhang(self, name: str) -> bool:
-        """Let an object overhang its support, and add a comment. Return False if the object already may overhang."""
-        for entry in self.objects:
-            if entry.name == name and _WHOLLY in entry.words:
-                del entry.words[_WHOLLY]
-                entry.notes += (f"It may overhang its support: `{_WHOLLY}: 1` finds no place.",)
-                return True
-        return False
+    def relax(self, name: str, error: ScenirisError) -> bool:
+        """Let an object that falls over lie, or one without a place overhang its support. Return whether it changed."""
+        crowded, note = isinstance(error, InfeasibleSceneError) or _WHOLLY in str(error), ""
+        for entry in (entry for entry in self.objects if entry.name == name):
+            if _STABLE in str(error) and "orientation" not in entry.words:
+                entry.words["orientation"] = "stable"
+                note = "It falls or rolls over in its pose of `qpos0`, so it is in any of its stable poses."
+            elif crowded and entry.words.pop(_WHOLLY, 0):
+                note = f"It may overhang its support: `{_WHOLLY}: 1` finds no place."
+            entry.notes += (note,) * bool(note)
+        return bool(note)
 
     def text(self, out: Path | None = None) -> str:
         """Return the scene file, with the path of its model relative to the folder of `out`, if `out` is given."""
@@ -120,8 +125,7 @@ class FirstScene:
         if self.robot is not None:
             lines += ["", *self.robot.lines("")]
         shown = [line for entry in self.objects for line in entry.lines("  ")]
-        alive = any(not entry.why for entry in self.objects)
-        lines += ["", "objects:" if alive else "objects: {}", *shown]
+        lines += ["", "objects: {}" if all(entry.why for entry in self.objects) else "objects:", *shown]
         if not self.objects:
             mug = {"asset": "mug", "on": next((s.name for s in self.supports), FLOOR)}
             mug |= {"region": {"box": self.near}, "reachable": "ik"} if self.near else {}
@@ -144,7 +148,7 @@ def first_scene(path: Path) -> FirstScene:
         MeshError: A mesh cannot be used for collision.
     """
     where = str(path)
-    spec = named_by_place(load_model(path, where))
+    spec = load_model(path, where)
     for body in spec.worldbody.bodies:
         free_from_slides(spec, body, where)
     mjm = compile_spec(spec, where)
@@ -158,12 +162,13 @@ def first_scene(path: Path) -> FirstScene:
     start += f", of {', '.join(map(repr, (home, *others)))}" if others else ""
     pieces = extract_pieces(mjm, "physics", where=dict.fromkeys(range(mjm.nbody), where))
     pieces = [p for p in pieces if mjm.geom_type[p.geom] not in ROUGH]  # which are no supports
-    arms = find_arms(mjm)
-    roots = {arm.base for arm in arms}
-    tops = [b for b in range(1, mjm.nbody) if mjm.body_parentid[b] == 0 and b not in roots]
+    tops = np.flatnonzero(mjm.body_parentid == 0)[1:].tolist()
     joints = {b: mjm.jnt_type[mjm.jnt_bodyid == b].tolist() for b in tops}
+    arms = find_arms(mjm, (b for b in tops if mujoco.mjtJoint.mjJNT_FREE not in joints[b]))
+    roots = {arm.base for arm in arms}
+    tops = np.setdiff1d(tops, [*roots, *mjm.flex_vertbodyid, *mjm.flex_nodebodyid]).tolist()
     free = {name: b for name, b in _names(mjm, tops).items() if joints[b] == [mujoco.mjtJoint.mjJNT_FREE]}
-    supports = supports_of(mjm, free, roots, pieces)
+    supports = [s for s in supports_of(mjm, free, roots, pieces) if data.xmat[s.body][8] >= COS_MAX_TILT]
     entries = _Bodies(mjm, data, pieces, free, supports).entries()
     entries += [_not_free(mjm, b) for b in tops if _slides(mjm, b)]
     still = [b for b in tops if mujoco.mjtJoint.mjJNT_FREE not in joints[b] and not _slides(mjm, b)]
@@ -201,16 +206,18 @@ class _Bodies:
         own_name = self.mjm.body(body).name
         words: dict[str, Any] = {} if own_name == name else {"body": own_name}
         if np.isin(self.mjm.jnt_bodyid[driven_joints(self.mjm)], subtree(self.mjm, body)).any():
-            use = f"it is a robot with a free base, as in `robot: {{in_model: {own_name}, tcp: SITE}}`."
-            return _commented_out(name, words, f"'{name}' has actuators: {use}")
+            arm, _ = _robot(self.mjm, self.data, find_arms(self.mjm, [body]))
+            use = flow({"in_model": own_name, "tcp": "SITE"} if arm is None else arm.words)
+            why = f"'{name}' has actuators: it is a robot with a free base, as in `robot: {use}`."
+            return Entry(name, {**words, "on": "SUPPORT"}, why=why)
         support = support_beneath(self.mjm, self.data, body, self.free, self.pieces)
-        if support is not None and support.surfaces:
+        if support is not None and support.surfaces and self.data.xmat[support.body][8] >= COS_MAX_TILT:
             return Entry(name, {**words, **self._standing(support, body)}, self._tilted(body))
         said = "Beneath it is no static geom or object with a name and a level surface at least 2 cm wide."
         if not self.supports:
-            return _commented_out(name, words, f"{said} The model has no other support.")
-        ground = min(self._height(s) for s in self.supports)
-        raised = [s for s in self.supports if self._height(s) > ground + _RAISED]
+            return Entry(name, {**words, "on": "SUPPORT"}, why=f"{said} The model has no other support.")
+        heights = [self.data.xpos[s.body][2] + s.surfaces[-1].height for s in self.supports]
+        raised = [s for s, height in zip(self.supports, heights, strict=True) if height > min(heights) + _RAISED]
         largest = (raised or self.supports)[0]
         said += f" '{largest.name}' is the largest surface{' above the ground' if raised else ''}."
         return Entry(name, {**words, **self._standing(largest, body)}, (said, *self._tilted(body)))
@@ -219,15 +226,10 @@ class _Bodies:
         """Return the keys that place a body on a support. If the support has edges, the body may not overhang them."""
         words: dict[str, Any] = {"on" if support.open_above else "in": support.name}
         if support.is_endless or max(support.extent) > _LARGE:
-            mat = self.data.xmat[support.body].reshape(3, 3)
-            at = mat.T @ (self.data.xpos[body] - self.data.xpos[support.body])
-            low, high = ([round(float(v + s * _AROUND), 2) + 0.0 for v in at[:2]] for s in (-1.0, 1.0))
-            words["region"] = {"box": [low, high]}
+            away = self.data.xpos[body] - self.data.xpos[support.body]
+            at = away @ self.data.xmat[support.body].reshape(3, 3)[:, :2]
+            words["region"] = {"box": [[round(float(v + s), 2) + 0.0 for v in at] for s in (-_AROUND, _AROUND)]}
         return words if support.is_endless else {**words, _WHOLLY: 1}
-
-    def _height(self, support: FoundSupport) -> float:
-        """Return the height of a support's highest surface, world frame [m]."""
-        return float(self.data.xpos[support.body][2]) + support.surfaces[-1].height
 
     def _tilted(self, body: int) -> tuple[str, ...]:
         """Return a note if a body is tilted in the start pose relative to `qpos0`. Layouts ignore this tilt."""
@@ -272,9 +274,8 @@ def _slides(mjm: mujoco.MjModel, body: int) -> bool:
 
 
 def _not_free(mjm: mujoco.MjModel, body: int) -> Entry:
-    num = int(mjm.body_jntnum[body])
-    why = f"Body '{mjm.body(body).name}' moves on {num} separate joints. Write <freejoint/> in their place."
-    return _commented_out(next(iter(_names(mjm, [body]))), {}, why)
+    moves = f"Body '{mjm.body(body).name}' moves on {mjm.body_jntnum[body]} separate joints."
+    return Entry(next(iter(_names(mjm, [body]))), {"on": "SUPPORT"}, why=f"{moves} Write <freejoint/> in their place.")
 
 
 def _drawn(mjm: mujoco.MjModel, name: str, bodies: list[int]) -> list[Entry]:
@@ -282,10 +283,6 @@ def _drawn(mjm: mujoco.MjModel, name: str, bodies: list[int]) -> list[Entry]:
     own, draws = mjm.body(bodies[0]).name, joint_draws(mjm, bodies)
     words = ({} if own == name else {"body": own}) | {"kind": "static", "joints": draws}
     return [Entry(name, words)] if draws else []
-
-
-def _commented_out(name: str, words: Mapping[str, Any], why: str) -> Entry:
-    return Entry(name, {**words, "on": "SUPPORT"}, why=why)
 
 
 def carrier_name(entry: Entry) -> str:

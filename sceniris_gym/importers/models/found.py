@@ -17,8 +17,8 @@ from sceniris_gym.scene.overview import geom_corners, upright_box
 from sceniris_gym.scene.support import Support, is_static, static_supports, subtree
 from sceniris_gym.scene.tcp import USUAL
 
-# An arm has at least this number of joints.
-_LEAST_JOINTS = 4
+# An arm has at least this number of joints, and of bodies with joints: fewer bodies imitate a freejoint.
+_LEAST_JOINTS, _LEAST_LINKS = 4, 3
 # A branch continues the arm if it has at least this number of joints in a row, and more than twice the joints of any
 # other branch: a shorter branch may be a neck or a bellows.
 _LEAST_BRANCH = 3
@@ -60,8 +60,8 @@ class FoundArm:
     @cached_property
     def palm(self) -> tuple[int, ...]:
         """The hand and all bodies that are fixed to the hand."""
-        weld = self.mjm.body_weldid
-        return tuple(b for b in subtree(self.mjm, self.hand) if weld[b] == weld[self.hand])
+        welded = self.mjm.body_weldid == self.mjm.body_weldid[self.hand]
+        return tuple(b for b in subtree(self.mjm, self.hand) if welded[b])
 
     def tcp(self, data: mujoco.MjData) -> TcpConfig:
         """Return a tool centre point (TCP) for the arm, as the value of `tcp` in a scene file.
@@ -115,23 +115,20 @@ class FoundArm:
         return nearest if nearest @ along > math.cos(close) else along
 
 
-def find_arms(mjm: mujoco.MjModel) -> list[FoundArm]:
-    """Return the arms of a model. Arms with fingers come first, then arms with more joints.
+def find_arms(mjm: mujoco.MjModel, roots: Iterable[int]) -> list[FoundArm]:
+    """Return the arms below some bodies. Arms with fingers come first, then arms with more joints.
 
-    The search starts at each child of the world. At each body, it follows the branch with the longest chain of joints
-    if all other branches are much shorter. If the longest two branches have similar lengths, they are fingers if
-    they are short, and otherwise the arms of a torso.
+    At each body, the search follows the branch with the longest chain of joints if all other branches are much shorter.
+    If the longest two branches have similar lengths, they are fingers if they are short, and otherwise the arms of a
+    torso.
     """
-    roots = (root for root in range(1, mjm.nbody) if mjm.body_parentid[root] == 0)
     found = [arm for root in roots for arm in _arms_below(mjm, root, root, ())]
     return sorted(found, key=lambda arm: (not arm.fingers, -len(arm.joints)))
 
 
 def _arms_below(mjm: mujoco.MjModel, base: int, body: int, joints: tuple[int, ...]) -> list[FoundArm]:
-    own = range(mjm.body_jntadr[body], mjm.body_jntadr[body] + mjm.body_jntnum[body])
-    if any(mjm.jnt_type[j] == mujoco.mjtJoint.mjJNT_FREE for j in own):
-        return []
-    joints = (*joints, *own)
+    own = np.flatnonzero((mjm.jnt_bodyid == body) & (mjm.jnt_type != mujoco.mjtJoint.mjJNT_FREE))
+    joints = (*joints, *own.tolist())
     children = np.flatnonzero(mjm.body_parentid == body)
     depth = {int(c): _in_a_row(mjm, int(c)) for c in children if c and _in_a_row(mjm, int(c))}
     ranked = sorted(depth, key=lambda child: -depth[child])
@@ -140,7 +137,7 @@ def _arms_below(mjm: mujoco.MjModel, base: int, body: int, joints: tuple[int, ..
         alone = second == 0 and longest < _LEAST_BRANCH and len(joints) >= _LEAST_JOINTS
         if not (alone and _ends_in_finger(mjm, ranked[0])):
             return _arms_below(mjm, base, ranked[0], joints)
-    if len(joints) >= _LEAST_JOINTS and longest <= _MOST_FINGER:
+    if len(joints) >= _LEAST_JOINTS and len({*mjm.jnt_bodyid[[*joints]]}) >= _LEAST_LINKS and longest <= _MOST_FINGER:
         fingers = tuple(b for child in ranked for b in subtree(mjm, child))
         hand = int(mjm.jnt_bodyid[joints[-1]]) if not fingers else body
         return [FoundArm(mjm, base, hand, joints, fingers)]
@@ -177,10 +174,8 @@ def _rotation_to(along: np.ndarray) -> dict[str, float]:
     if math.degrees(math.acos(np.clip(along[2], -1.0, 1.0))) < _CLOSE:
         return {}
     x, y, z = along
-    roll = math.degrees(math.asin(np.clip(-y, -1.0, 1.0)))
-    pitch = math.degrees(math.atan2(x, z)) if abs(y) <= 1.0 - 1e-9 else 0.0
-    angles = {"roll": round(roll, 2), "pitch": round(pitch, 2)}
-    return {word: angle for word, angle in angles.items() if angle}
+    angles = {"roll": math.asin(np.clip(-y, -1.0, 1.0)), "pitch": math.atan2(x, z) if abs(y) <= 1.0 - 1e-9 else 0.0}
+    return {word: turn for word, angle in angles.items() if (turn := round(math.degrees(angle), 2))}
 
 
 @dataclass(frozen=True)

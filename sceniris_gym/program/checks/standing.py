@@ -92,13 +92,12 @@ def check_standing(plan: Plan) -> None:
                 f"MuJoCo's contacts would throw it off. Replace the cylinder by a mesh, {_ANYWAY}."
             )
         if best.most <= 0.0:
-            falls, foot = ("rolls", "curved foot, or too high above it") if best.law.tip else ("falls", "foot")
-            if best.law.tip and best.law.steady:
-                foot += f" for '{o.config.support.parent}', which is not a fixed plane"
-            raise SceneKeyError(
-                f"{where}: '{o.name}' {falls} over: its centre of mass is {-1e3 * best.most:.3g} mm outside of its "
-                f"{foot}. Correct its <inertial> or its geoms, give it 'orientation: stable', {_ANYWAY}."
-            )
+            falls = f"falls over: its centre of mass is {-1e3 * best.most:.3g} mm outside of its foot"
+            if best.law.tip:
+                falls = "rolls over: its foot is curved, and its centre of mass too high or too far from the middle"
+                falls += f" for '{o.config.support.parent}', which is not a fixed plane" if best.law.steady else ""
+            advice = f"Correct its <inertial> or its geoms, give it 'orientation: stable', {_ANYWAY}."
+            raise SceneKeyError(f"{where}: '{o.name}' {falls}. {advice}")
         if stance.depth > _GIVES:
             raise SceneKeyError(
                 f"{where}: '{o.name}' sinks into its support by {1e3 * stance.depth:.3g} mm, which should be at most "

@@ -49,6 +49,13 @@ def test_three_slides_and_three_hinges_are_a_free_body(tmp_path: Path):
     assert scene.words()["objects"]["pin"] == {"on": "table", "ratio_on_support": 1}
 
 
+def test_points_of_a_cloth_are_no_objects(tmp_path: Path):
+    """Each is a body on three slides, and was commented out with the advice to write a freejoint."""
+    cloth = '<flexcomp name="cloth" type="grid" count="3 3 1" spacing=".05 .05 .05" pos="0 0 1" mass=".1" dim="2"/>'
+    scene = first_scene(model(tmp_path, TABLE.replace("</worldbody>", f"{cloth}</worldbody>")))
+    assert [entry.name for entry in scene.objects] == ["can", "a", "top", "ball", "pin"]
+
+
 def test_what_stands_on_something_that_is_commented_out_is_too(tmp_path: Path):
     """Each with its reason."""
     scene = first_scene(model(tmp_path, TABLE))

@@ -14,7 +14,7 @@ from tests.importers.models.models import FINGERS, HEAD, TABLE, arm, posed
 def test_an_arm_ends_where_its_fingers_begin_and_a_head_is_no_arm():
     """Its chain has six joints, the fingers are the two bodies on slides, and the tip is a centimetre below theirs."""
     mjm = mujoco.MjModel.from_xml_string(arm(FINGERS, HEAD))
-    (found,) = find_arms(mjm)
+    (found,) = find_arms(mjm, [1])
     assert (mjm.body(found.base).name, mjm.body(found.hand).name, len(found.joints)) == ("base", "hand", 6)
     assert {mjm.body(b).name for b in found.fingers} == {"left", "right"}
     tcp = found.tcp(posed(mjm))
@@ -27,7 +27,7 @@ def test_a_site_that_is_named_for_it_is_the_tool_centre_point():
     """It is turned where the fingers point elsewhere than its z axis."""
     site = '<site name="grip_site" pos="0 0 0.06" euler="0 -90 0"/><site name="mark"/>'
     mjm = mujoco.MjModel.from_xml_string(arm(site + FINGERS))
-    tcp = find_arms(mjm)[0].tcp(posed(mjm))
+    tcp = find_arms(mjm, [1])[0].tcp(posed(mjm))
     assert (tcp.site, tcp.pitch) == ("grip_site", 90.0)
 
 
@@ -35,14 +35,14 @@ def test_a_site_far_from_the_fingers_is_no_tool_centre_point():
     """A flange has one, and so do wrists: no object would fit between fingers that begin 8 cm further out."""
     sites = '<site name="tcp_site" pos="0 0 -0.06"/><site name="grasp_site" pos="0 0 0.06"/>'
     mjm = mujoco.MjModel.from_xml_string(arm(sites + FINGERS))
-    assert find_arms(mjm)[0].tcp(posed(mjm)).site == "grasp_site"
+    assert find_arms(mjm, [1])[0].tcp(posed(mjm)).site == "grasp_site"
 
 
 def test_fingers_behind_the_origin_of_a_hand_do_not_point_back_to_the_arm():
     """Some hands have their origin at the tips: the tool centre point faced the wrist, and no object was in reach."""
     hand = f'<body name="tool" pos="0 0 0.12">{FINGERS.replace("0 0.05", "0 -0.07")}</body>'
     mjm = mujoco.MjModel.from_xml_string(arm(hand))
-    tcp = find_arms(mjm)[0].tcp(posed(mjm))
+    tcp = find_arms(mjm, [1])[0].tcp(posed(mjm))
     assert (tcp.body, tcp.turns) == ("tool", (0.0, 0.0, 0.0))
     assert tcp.offset == pytest.approx((0.0, 0.0, -0.05), abs=1e-4)
 
@@ -52,7 +52,18 @@ def test_a_look_of_one_finger_does_not_move_the_tool_centre_point():
     look = '<geom type="box" size="0.01 0.01 0.01" pos="0 0.02 0" contype="0" conaffinity="0" mass="0"/>'
     at = FINGERS.index("<geom")
     mjm = mujoco.MjModel.from_xml_string(arm(FINGERS[:at] + look + FINGERS[at:]))
-    assert find_arms(mjm)[0].tcp(posed(mjm)).offset == pytest.approx((0.0, 0.0, 0.07), abs=1e-4)
+    assert find_arms(mjm, [1])[0].tcp(posed(mjm)).offset == pytest.approx((0.0, 0.0, 0.07), abs=1e-4)
+
+
+@pytest.mark.parametrize("turns", ["{}", '<body><geom size=".1"/>{}</body>'])
+def test_a_body_on_slides_and_hinges_is_no_arm(turns: str):
+    """With five joints, on one body or on two: the ball of a sensor's test was an arm without fingers."""
+    slides, hinges = (
+        "".join(f'<joint type="{kind}" axis="{axis}"/>' for axis in ("1 0 0", "0 1 0", "0 0 1")[:n])
+        for kind, n in (("slide", 3), ("hinge", 2))
+    )
+    text = f'<mujoco><worldbody><body><geom size=".1"/>{slides}{turns.format(hinges)}</body></worldbody></mujoco>'
+    assert find_arms(mujoco.MjModel.from_xml_string(text), [1]) == []
 
 
 @pytest.mark.parametrize("name", ["moving_jaw", "mover"])
@@ -61,7 +72,7 @@ def test_a_hinge_named_as_a_jaw_is_a_finger_and_no_joint_of_the_arm(name: str):
     jaw = f'<body name="{name}" pos="0.02 0 0.02"><joint axis="0 1 0" range="0 90"/><geom size="0.01"/></body>'
     site = '<site name="gripperframe" pos="0.01 0 0.09" euler="0 -90 0"/>'
     mjm = mujoco.MjModel.from_xml_string(arm(site + jaw))
-    (found,) = find_arms(mjm)
+    (found,) = find_arms(mjm, [1])
     assert (mjm.body(found.hand).name, len(found.joints)) == ("hand", 6)
     assert [mjm.body(b).name for b in found.fingers] == [name]
     tcp = found.tcp(posed(mjm))
@@ -73,7 +84,7 @@ def test_a_jaw_beside_the_axis_of_the_hand_closes_along_this_axis():
     jaw = '<body name="moving_jaw" pos="0.03 0 0.02"><joint axis="0 1 0" range="0 90"/>{}</body>'
     geom = '<geom type="box" size="0.005 0.01 0.03" pos="0 0 0.06"/>'
     mjm = mujoco.MjModel.from_xml_string(arm(jaw.format(geom)))
-    tcp = find_arms(mjm)[0].tcp(posed(mjm))
+    tcp = find_arms(mjm, [1])[0].tcp(posed(mjm))
     assert (tcp.body, tcp.turns) == ("hand", (0.0, 0.0, 0.0))
 
 
@@ -84,7 +95,7 @@ def test_without_fingers_the_last_body_points_along_the_last_joint(axis: str):
     tool = f'<body name="tool" euler="{euler}"><geom size="0.01"/></body>'
     mjm = mujoco.MjModel.from_xml_string(arm(tool))
     data = posed(mjm)
-    (found,) = find_arms(mjm)
+    (found,) = find_arms(mjm, [1])
     tcp = found.tcp(data)
     assert tcp.body == "tool"
     roll, pitch, _ = np.radians(tcp.turns)
@@ -95,8 +106,8 @@ def test_without_fingers_the_last_body_points_along_the_last_joint(axis: str):
 
 def test_things_and_hands_without_an_arm_are_no_arms():
     """Neither are free bodies, nor a chain of three joints."""
-    assert find_arms(mujoco.MjModel.from_xml_string(TABLE)) == []
-    assert find_arms(mujoco.MjModel.from_xml_string(arm("", depth=3))) == []
+    assert find_arms(mujoco.MjModel.from_xml_string(TABLE), range(1, 6)) == []
+    assert find_arms(mujoco.MjModel.from_xml_string(arm("", depth=3)), [1]) == []
 
 
 @pytest.fixture(scope="module")

@@ -249,6 +249,23 @@ def test_things_in_the_air_are_held_by_all_grasps():
     assert set(held.tolist()) == set(range(len(compiled.reaching.targets[column].grasp_set.grasps)))
 
 
+@pytest.mark.filterwarnings("ignore::sceniris_gym.errors.FallbackWarning")
+def test_a_hand_that_cannot_turn_holds_round_things_everywhere(tmp_path: Path):
+    """A crane without its last joint: a cylinder at any heading, but a block only where its heading fits."""
+    file = Path(crane_mjcf(tmp_path, solid=True))
+    text = file.read_text().replace('<joint name="roll" axis="0 0 1" range="-3.2 3.2"/>', "")
+    file.write_text(text.replace("0.3 0 0.04", "0.3 0.04"))
+    shares = []
+    for name, geom in (("can", 'type="cylinder" size="0.01 0.02"'), ("block", 'type="box" size="0.01 0.01 0.02"')):
+        thing = tmp_path / f"{name}.xml"
+        thing.write_text(f'<mujoco><worldbody><body name="{name}"><geom {geom}/></body></worldbody></mujoco>')
+        within = {"region": {"box": [[0.55, -0.3], [0.7, 0.1]]}}
+        scene = {**crane_scene(str(file), str(thing), reachable="ik", **within), "restarts": 16, "bank": 2}
+        shares.append(make_table(compile_scene(scene, "cpu"), 50, 0).valid.mean())
+    assert shares[0] > 0.95
+    assert shares[1] < 0.5
+
+
 @pytest.mark.parametrize("lift", [None, (0.005, 0.03)])
 def test_an_arm_of_few_joints_holds_where_it_cannot_back_off(tmp_path: Path, lift: tuple[float, float] | None):
     """The crane rises by 7 cm, and no pre-grasp is within reach. MuJoCo C keeps what is held."""
