@@ -121,7 +121,7 @@ def _plan_round(
             room = 1
     # The risk of yet another round is at most worlds * restart_rate^wanted. One more restart takes `worlds` rows.
     if search.restarts_at_once[0] > 0 and not staged:
-        wanted += int(wp.pow(program.restart_rate, float(wanted)) * _ROWS_OF_ROUND > 1.0)
+        wanted += int(float(wanted) * log_of(program.restart_rate) > -log_of(_ROWS_OF_ROUND))
     search.restarts_at_once[0] = wp.clamp(wp.min(room, wanted), 1, program.restarts + 1)
     search.worlds_left[0] = 0
     rows = worlds * search.restarts_at_once[0]
