@@ -31,6 +31,7 @@ BACK = 0.08  # m, distance from the pre-grasp to the grasp along the approach
 _LIMIT = 1e-6  # rad or m, claimed joints may exceed their limits by this
 _DEEP = 1e-5  # m, a deeper contact is a collision
 _OFF = 0.03  # m, greatest distance from the TCP of a grasp to the nearest box of the object's geoms
+_STEP = 0.02  # rad or m, of the joints along a path
 _STARTS, _STEPS = 64, 40  # of inverse kinematics
 
 
@@ -45,6 +46,7 @@ class Claim:
         pose: TCP in the world frame, position [m] and orientation (w, x, y, z), shape (nrow, 7).
         qpos: Joint positions of the arm in the grasp [rad or m], from the base to the TCP, shape (nrow, njoint).
         pregrasp_qpos: Joint positions of the arm in the pre-grasp [rad or m], shape (nrow, njoint).
+        path: Joint positions at the start and the vias of the path to the pre-grasp, shape (nrow, 3, njoint).
         fingers: Positions of the finger joints, shape (nrow, nfinger).
         finger_adr: Addresses of the finger joints in qpos, shape (nfinger,).
         pattern: The glob that selects grasps of the object, from the key `grasp` in the scene file. None for all.
@@ -56,6 +58,7 @@ class Claim:
     pose: np.ndarray
     qpos: np.ndarray
     pregrasp_qpos: np.ndarray
+    path: np.ndarray
     fingers: np.ndarray
     finger_adr: np.ndarray
     pattern: str | None = None
@@ -133,12 +136,28 @@ class ReachAudit:
             return None
         self.data.qpos[claim.finger_adr] = claim.fingers[row]
         cause = self._wrong_joints(claim, claim.qpos[row], frame(pose))
-        if cause is None and claim.tier == Tier.CLEAR:
+        if cause is None and claim.tier >= Tier.CLEAR:
             before = frame(pose)
             before[:3, 3] -= BACK * before[:3, 2]
             cause = self._wrong_joints(claim, claim.pregrasp_qpos[row], before, grasping=False)
-            return None if cause is None else f"pre-grasp: {cause}"
+            cause = None if cause is None else f"pre-grasp: {cause}"
+        if cause is None and claim.tier >= Tier.PATH:
+            cause = self._wrong_path(claim, row)
         return cause
+
+    def _wrong_path(self, claim: Claim, row: int) -> str | None:
+        """Return why a path is wrong, or None. Along its straight pieces, joints are tested in steps of `_STEP`."""
+        corners = np.vstack([claim.path[row], claim.pregrasp_qpos[row], claim.qpos[row]])
+        if np.isnan(corners).any():
+            return "no path"
+        for i in range(4):
+            for share in np.linspace(0.0, 1.0, 1 + int(np.abs(corners[i + 1] - corners[i]).max() / _STEP)):
+                self.data.qpos[self.adr] = corners[i] + share * (corners[i + 1] - corners[i])
+                mujoco.mj_kinematics(self.mjm, self.data)
+                cause = self._hit(claim, grasping=i == 3)
+                if cause is not None:
+                    return f"path: {cause}"
+        return None
 
     def _is_chosen(self, claim: Claim, pose: np.ndarray) -> bool:
         """Return whether a TCP pose (4, 4) is at one of the object's sites `grasp_*` that match the claim's pattern.
@@ -161,8 +180,11 @@ class ReachAudit:
             return "limits"
         data.qpos[self.adr] = qpos
         mujoco.mj_kinematics(mjm, data)
-        if not self._meets(self.site, pose):
-            return "another pose"
+        return self._hit(claim, grasping=grasping) if self._meets(self.site, pose) else "another pose"
+
+    def _hit(self, claim: Claim, *, grasping: bool) -> str | None:
+        """Return what the posed robot hits, or None. If `grasping`, its hand may touch the object of the claim."""
+        mjm, data = self.mjm, self.data
         for geoms, (dist, _) in deepest_contacts(mjm, data).items():
             first, second = (int(mjm.geom_bodyid[g]) for g in geoms)
             mine = (first in self._robot) + (second in self._robot)

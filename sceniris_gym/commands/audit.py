@@ -72,6 +72,7 @@ def reach_claims(compiled: CompiledScene, table: LayoutTable) -> list[Claim]:
                 pose=table.grasp_pose[:, k],
                 qpos=table.grasp_qpos[:, k, joints],
                 pregrasp_qpos=table.pregrasp_qpos[:, k, joints],
+                path=table.path[:, k].reshape(len(table), 3, table.path.shape[2] // 3)[..., joints],
                 fingers=fingers,
                 finger_adr=finger_adr,
                 pattern=compiled.scene.config.objects[target.name].grasp,

@@ -26,7 +26,7 @@ from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.scene.poses import body_poses
 
-_REASONS = ("unreachable", "no_ik", "blocked")
+_REASONS = ("unreachable", "no_ik", "blocked", "no_path")
 _SCALE = 320  # pixels per metre, less if a panel would be larger than _PANEL
 _PANEL = 620
 _GAP, _STRIP = 12, 26
@@ -201,7 +201,7 @@ def _staged(
     assert compiled.reaching is not None
     shares, later = {}, 0
     for name in reversed(compiled.reaching.names):
-        failed = rejections[name]["no_ik"] + rejections[name]["blocked"]
+        failed = sum(rejections[name][cause] for cause in _REASONS[1:])
         passed = later + int((table.present[:, compiled.slots.index(name)] & table.valid).sum())
         shares[name] = passed / max(passed + failed, 1)
         later += failed

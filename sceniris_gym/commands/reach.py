@@ -214,12 +214,12 @@ def judge_poses(
     `reach_map` may be None if the tier is `ik`.
 
     Raises:
-        NotSupportedError: The tier is `clear`, which depends on a layout.
+        NotSupportedError: The tier is `clear` or `path`, which depends on a layout.
     """
-    if tier == Tier.CLEAR:
+    if tier >= Tier.CLEAR:
         raise NotSupportedError(
-            "reach --tier clear: this tier needs a layout, whose objects the arm has to avoid, but --poses gives none. "
-            "Use `reachable: clear` in a scene, or --tier ik here."
+            f"reach --tier {tier.word}: this tier needs a layout, whose objects the arm has to avoid, but --poses has "
+            f"none. Use `reachable: {tier.word}` in a scene, or --tier ik here."
         )
     if tier == Tier.IK:
         return _solvable(mjm, arm, poses, device)

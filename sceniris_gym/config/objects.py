@@ -7,7 +7,7 @@ Lengths are in metres. Angles are in degrees in files, except for joint position
 import itertools
 from collections.abc import Mapping
 from fnmatch import fnmatchcase
-from typing import Any, Literal, NamedTuple, Self
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
 from pydantic import ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
@@ -22,7 +22,7 @@ from sceniris_gym.config.randomize import DrawConfig, ObjectWord
 from sceniris_gym.config.relations import RELATION_WORDS, Joined, Relations
 from sceniris_gym.config.section import Section
 
-_REACH_WORDS = ("tier", "by", "grasp")
+_REACH_WORDS = ("tier", "by", "grasp", "margin")
 
 
 class JointConfig(Section):
@@ -106,6 +106,7 @@ class ObjectConfig(Section):
     reachable: fields.Reachable = False
     by: str = ROBOT
     grasp: str | None = None
+    margin: Annotated[float, Field(ge=1e-4, le=0.1)] = 0.003
     randomize: dict[ObjectWord, DrawConfig] = Field(default_factory=dict)
     if_: fields.NameOrNames = Field(default=(), alias="if")
     unless: fields.NameOrNames = ()
@@ -235,6 +236,8 @@ class ObjectConfig(Section):
         for word in ("by", "grasp"):  # with `reachable: false`, these words have no effect but are kept
             if word in said and getattr(self, word) is not None and "reachable" not in said:
                 raise wrong(f"should have '{word}' only together with 'reachable'")
+        if "margin" in said and self.reachable != "path":
+            raise wrong("should have 'margin' only together with 'reachable: path'")
         if not words and any(relation.reference_frame == "support" for relation in self.relations):
             raise wrong("should name its support ('on', 'inside' or 'in'), because a relation has 'frame: support'")
         return self

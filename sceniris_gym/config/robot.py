@@ -8,7 +8,20 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, ConfigDict, Field, PrivateAttr, ValidationError, model_validator
 
-from sceniris_gym.config.fields import ROBOT, Clearance, Gap, Length, Number, Point3, Turn, listed, must, within, wrong
+from sceniris_gym.config.fields import (
+    ROBOT,
+    Clearance,
+    FractionInterval,
+    Gap,
+    Length,
+    Number,
+    Point3,
+    Turn,
+    listed,
+    must,
+    within,
+    wrong,
+)
 from sceniris_gym.config.loader import ROBOT_FORMS
 from sceniris_gym.config.objects import JointConfig, ObjectConfig, RegionConfig
 from sceniris_gym.config.orientation import Orientation
@@ -167,9 +180,10 @@ class StartConfig(Section):
     Attributes:
         weight: The weight of this kind among all kinds.
         robot: The pose of the arm: its start pose ('home'), the pre-grasp of an object ('pregrasp'), or the grasp with
-            the fingers closed on the object ('grasp').
-        of: The object of the grasp or pre-grasp. It may have variants.
+            the fingers closed on the object ('grasp'), or a point of the path to a grasp, with open fingers ('path').
+        of: The object of the grasp, pre-grasp or path. It may have variants.
         grasp: A glob for the names of grasp sites, written with or without 'grasp_'. None selects all grasps.
+        share: Minimum and maximum share of the path's length, for 'path'. 0 is the start pose, 1 the grasp.
         lift: Minimum and maximum height [m] that the object is lifted straight up.
         robot_joints: Draws of the arm's joints, by name or pattern. The hand holds the object in the drawn pose.
         place: Object -> the marker at which the object starts. The object may have variants.
@@ -177,9 +191,10 @@ class StartConfig(Section):
     """
 
     weight: _Weight = 1.0
-    robot: Literal["home", "pregrasp", "grasp"] = "home"
+    robot: Literal["home", "pregrasp", "path", "grasp"] = "home"
     of: str | None = None
     grasp: str | None = None
+    share: FractionInterval | None = None
     lift: _Heights | None = None
     robot_joints: dict[str, JointConfig] = Field(default_factory=dict)
     place: dict[str, str] = Field(default_factory=dict)
@@ -197,9 +212,11 @@ class StartConfig(Section):
     @model_validator(mode="after")
     def _agrees_with_itself(self) -> StartConfig:
         if (self.of is None) != (self.robot == "home"):
-            raise wrong("should have 'of' if 'robot' is 'pregrasp' or 'grasp', and no 'of' if 'robot' is 'home'")
+            raise wrong("should have 'of' if 'robot' takes the arm to an object, and no 'of' if 'robot' is 'home'")
         if self.grasp is not None and self.of is None:
             raise wrong("should have 'grasp' only together with 'of'")
+        if self.share is not None and self.robot != "path":
+            raise wrong("should have 'share' only if 'robot' is 'path'")
         if self.is_held and self.robot != "grasp":
             raise wrong("should have 'lift' or 'robot_joints' only if 'robot' is 'grasp'")
         if self.lift is not None and self.robot_joints:

@@ -3,7 +3,7 @@
 from enum import IntEnum
 from typing import Literal, Self
 
-TierWord = Literal["map", "map_strict", "ik", "clear"]
+TierWord = Literal["map", "map_strict", "ik", "clear", "path"]
 """The tiers as words of scene files and commands, from fastest to most thorough."""
 
 
@@ -30,6 +30,8 @@ class Tier(IntEnum):
     """Joints within limits bring the TCP within 1 mm and 0.5 degrees, without self-collision of the arm."""
     CLEAR = 3
     """In grasp and pre-grasp, the arm does not collide with the layout. In the grasp, the hand may touch the object."""
+    PATH = 4
+    """As `CLEAR`, and a polyline in joint space leads from the start pose to the grasp without collisions."""
 
     @classmethod
     def of(cls, word: str) -> Self:

@@ -21,6 +21,7 @@ BANK_STREAM = (1 << STREAM_BITS) - 1
 GROUP_STREAM = (1 << STREAM_BITS) - 2
 REACH_STREAM = (1 << STREAM_BITS) - 3
 START_STREAM = (1 << STREAM_BITS) - 4
+PATH_STREAM = (1 << STREAM_BITS) - 6
 REDRAW_STREAM = (1 << STREAM_BITS) - 5  # with the number of the redraw as trial, it seeds all draws of that redraw
 
 _M0 = wp.constant(wp.uint32(0xD2511F53))

@@ -30,8 +30,8 @@ _UNDECIDED = 1.0e-6  # [m] beyond margin and skin: geoms at this distance may st
 # From this number of placed objects on, a full support is called too small.
 _CROWD = 5
 # Causes that only occur after all objects are placed.
-_LATE = (Cause.NO_IK.name.lower(), Cause.BLOCKED.name.lower())
-AT_ONCE = (Cause.EMPTY, Cause.REGION, Cause.NO_IK, Cause.BLOCKED, Cause.UNSOUND)
+_LATE = tuple(cause.name.lower() for cause in (Cause.NO_IK, Cause.BLOCKED, Cause.NO_PATH))
+AT_ONCE = (Cause.EMPTY, Cause.REGION, Cause.NO_IK, Cause.BLOCKED, Cause.NO_PATH, Cause.UNSOUND)
 """Causes that end a layout without further attempts."""
 _PLAIN = "Give the object a larger region or support, a smaller clearance, or fewer neighbours."
 _MOST_NAMED = 3  # objects of a message
@@ -41,7 +41,7 @@ _REMEDIES = {
     "unsound": "Layouts had non-finite numbers, or numbers out of all bounds. Look for such numbers in the model.",
     "falls": "Narrow the ranges of its 'mass' or 'ipos', give it a wider support or a region further from the edge, or "
     "write 'stands: false' if it may fall.",
-    **dict.fromkeys(("unreachable", "no_ik", "blocked"), _CLOSER),
+    **dict.fromkeys(("unreachable", "no_ik", "blocked", "no_path"), _CLOSER),
 }
 
 

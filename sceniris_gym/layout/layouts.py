@@ -62,6 +62,7 @@ class LayoutsView:
     grasp: wp.array2d[int]
     grasp_qpos: wp.array3d[float]
     pregrasp_qpos: wp.array3d[float]
+    path: wp.array3d[float]
     # Counts
     status: wp.array[int]
     attempts: wp.array[int]
@@ -196,6 +197,8 @@ def copy_layout(source: Any, row: int, layouts: LayoutsView, worldid: int, i: in
         for j in range(source.grasp_qpos.shape[2]):
             layouts.grasp_qpos[worldid, i, j] = source.grasp_qpos[row, i, j]
             layouts.pregrasp_qpos[worldid, i, j] = source.pregrasp_qpos[row, i, j]
+        for j in range(source.path.shape[2]):
+            layouts.path[worldid, i, j] = source.path[row, i, j]
 
 
 def allocate_record(view: LayoutsView, length: int) -> None:
@@ -249,6 +252,8 @@ class Layouts(StaysHere):
         grasp_qpos: Joint positions [rad, m] of the target's arm in this grasp, shape (nworld, nreach, MAX_JOINTS). NaN
             beyond the arm's joints, and everywhere if reach was judged only by the arm's map.
         pregrasp_qpos: The same for the pre-grasp, shape (nworld, nreach, MAX_JOINTS). NaN for tiers below `clear`.
+        path: The arm's joints at the start and the two vias of the path to the pre-grasp, MAX_JOINTS numbers each,
+            shape (nworld, nreach, 24). NaN without a path, and of width 0 without a target of the tier `path`.
         status: A `LayoutStatus` per world, shape (nworld,), int32.
         attempts: Candidates drawn for the row, summed over objects and restarts, shape (nworld,), int32.
         first_pass_valid: 1 for rows that needed no restart, shape (nworld,), int32.
@@ -265,7 +270,7 @@ class Layouts(StaysHere):
 
     seed, episode, param, draw_seed, draw_episode, draw_stream = (TensorView(column_of) for _ in range(6))
     qpos, mocap_pos, mocap_quat, start, present = (TensorView(column_of) for _ in range(5))
-    grasp, grasp_qpos, pregrasp_qpos = (TensorView(column_of) for _ in range(3))
+    grasp, grasp_qpos, pregrasp_qpos, path = (TensorView(column_of) for _ in range(4))
     status, attempts, first_pass_valid = (TensorView(column_of) for _ in range(3))
     rejections = TensorView(lambda layouts, name: layouts.view.rejections)
 

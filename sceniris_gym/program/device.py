@@ -50,10 +50,11 @@ class Cause(IntEnum):
     BLOCKED = 8
     UNSOUND = 9
     FALLS = 10
+    NO_PATH = 11
 
 
-REACH_CAUSES = (Cause.UNREACHABLE, Cause.NO_IK, Cause.BLOCKED)
-"""The causes of a missed reach target: the map, inverse kinematics, or an obstacle."""
+REACH_CAUSES = (Cause.UNREACHABLE, Cause.NO_IK, Cause.BLOCKED, Cause.NO_PATH)
+"""The causes of a missed reach target: the map, inverse kinematics, an obstacle, or no path."""
 
 
 class OrientationType(IntEnum):

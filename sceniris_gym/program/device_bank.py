@@ -20,6 +20,7 @@ class Bank:
     grasp: wp.array2d[int]
     grasp_qpos: wp.array3d[float]
     pregrasp_qpos: wp.array3d[float]
+    path: wp.array3d[float]
 
 
 def empty_bank(device: str) -> Bank:

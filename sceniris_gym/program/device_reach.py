@@ -33,6 +33,9 @@ class Reach:
     hand_body: wp.array[int]  # the bodies that the arm's last joint moves, the joint's body first
     hand_pos: wp.vec3  # pose of that first body in the TCP's frame
     hand_quat: wp.vec4
+    # Upper bounds of the motion [m] of each body's points if a joint of the arm turns by 1 rad or slides by 1 m.
+    arm_moves: wp.array2d[float]
+    arm_longest: wp.array[float]  # the largest of all bodies for each joint
     mapped: bool  # the arm has a map. Without a map, placing accepts all candidates.
     map: MapView
     arm: ArmView
@@ -60,6 +63,7 @@ class Reach:
     reach_late: wp.array[bool]  # it is placed before the base of its arm
     reach_early: wp.array[bool]  # each object placed after it has to leave it a free grasp
     reach_tier: wp.array[int]
+    reach_margin: wp.array[float]  # least distance [m] on its path
     reach_least: wp.array[int]  # the lowest Verdict of the map that placing accepts
     reach_below: wp.array[bool]  # it stands on a support, so grasps from below are not tried
     reach_graspadr: wp.array[int]
@@ -93,11 +97,13 @@ class StartPose(IntEnum):
 
     HOME = 0
     PREGRASP = 1
-    STANDING = 2
+    PATH = 2
+    """On the path to the grasp, with open fingers."""
+    STANDING = 3
     """In the grasp, with the object in its placed pose."""
-    LIFTED = 3
+    LIFTED = 4
     """In the grasp, with the object straight above its placed pose."""
-    HELD = 4
+    HELD = 5
     """In the grasp, with the object wherever the drawn arm joints move the hand."""
 
 
@@ -112,6 +118,7 @@ class Starts:
     grasp: wp.array2d[bool]  # the selected grasps, among all grasps of `Reach`
     press: wp.array2d[float]  # how firmly the controls close the fingers on each target, 0 for targets in no hand
     lift: wp.array[wp.vec2]
+    share: wp.array[wp.vec2]  # of the path's length
     arm_range: wp.array2d[wp.vec2]  # of the arm's joints, with low > high for joints that the start does not draw
     draw_range: wp.array2d[wp.vec2]  # of the draws of `Program`, with low > high for draws that the start keeps
     marker: wp.array2d[int]  # for each object in placement order, the number of its marker in placement order, or -1
@@ -131,8 +138,8 @@ def is_drawn(interval: wp.vec2) -> bool:
 def reaches(starts: Starts, kind: int, column: int) -> bool:
     """Return True if a kind of start moves the arm to the reach target `column`, or holds the target above its place.
 
-    This can only be true for the poses `PREGRASP`, `STANDING` and `LIFTED`. For `HOME` and `HELD`, the arm need not
-    reach the place of the target.
+    This can only be true for the poses `PREGRASP`, `PATH`, `STANDING` and `LIFTED`. For `HOME` and `HELD`, the arm need
+    not reach the place of the target.
     """
     pose = starts.pose[kind]
     return starts.target[kind, column] and pose != StartPose.HOME and pose != StartPose.HELD

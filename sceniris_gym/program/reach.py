@@ -29,6 +29,7 @@ class ReachTarget(NamedTuple):
         late: Whether it is placed before the base of its arm, so its test comes late.
         early: Whether each object that is placed later must leave at least one grasp of this target free.
         tier: The test that decides whether it is reachable.
+        margin: Least distance [m] on its path, for the tier `path`.
         grasp_set: Its grasps.
     """
 
@@ -38,6 +39,7 @@ class ReachTarget(NamedTuple):
     late: bool
     early: bool
     tier: Tier
+    margin: float
     grasp_set: GraspSet
 
 
@@ -123,8 +125,8 @@ def plan_reaching(scene: SceneModel, objects: list[PlacedObject], pieces: list[P
         tier = tier if default.needs_map or not tier.needs_map else default
         grasps = Graspable(scene, o.name, pieces, one.gripper, one.arm.turns_tool).grasp_set(o.stable_poses)
         late = i < base and objects[base].config.is_placed
-        early = tier == Tier.CLEAR and base < i < len(objects) - 1
-        targets.append(ReachTarget(o.name, i, [*arms].index(robot), late, early, tier, grasps))
+        early = tier >= Tier.CLEAR and base < i < len(objects) - 1
+        targets.append(ReachTarget(o.name, i, [*arms].index(robot), late, early, tier, o.config.margin, grasps))
     return Reaching(tuple(arms.values()), tuple(targets))
 
 

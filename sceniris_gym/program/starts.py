@@ -144,6 +144,7 @@ def _kind(plan: Plan, grips: tuple[Grip, ...], number: int, config: StartConfig)
         "grasp": np.concatenate(counts) > 0.0,
         "press": [each.max(initial=0.0) * (pose in _FITS) for each in counts[1:]],
         "lift": config.lift or (0.0, 0.0),
+        "share": config.share or (0.0, 1.0),
         "arm_range": arm_range,
         "draw_range": _draw_ranges(plan, config.joints, f"{where}.joints"),
         "marker": [order[markers[name]] if name in markers else -1 for name in order],

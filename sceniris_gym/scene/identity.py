@@ -99,7 +99,7 @@ def scene_hash(config: SceneConfig, mjm: mujoco.MjModel, home_qpos: np.ndarray) 
         for robot in config.all_robots.values():
             path = map_of(robot)  # the arm's reach affects the layouts
             digest.update(path.read_bytes() if path is not None and path.is_file() else b"")
-    if any(part.reachable == "clear" for part in config.objects.values()):
+    if any(part.reachable in ("clear", "path") for part in config.objects.values()):
         digest.update(_CLEAR_LAW.encode())
     if any(config.joined_by_root(name, r) for name, part in config.objects.items() for r in part.relations):
         digest.update(_ROOT_LAW.encode())

@@ -67,6 +67,8 @@ class LayoutTable:
         grasp_qpos: The arm's joints [rad or m] in the accepted grasp, nan for tiers that use only the arm's map, shape
             (nrow, nreach, njoint), float32.
         pregrasp_qpos: The arm's joints in the pre-grasp, nan below `clear` or if not needed, shaped as `grasp_qpos`.
+        path: The start and the two vias of the path to the pre-grasp, 8 joints each, nan without a path, shape (nrow,
+            nreach, 24). Of width 0 without a target of the tier `path`.
         param: Values of the params, shape (nrow, nvalue), float32.
         present: Whether each object is present, not left out by its group. The objects come in the order of the scene
             file, then the robots, shape (nrow, nslot), bool.
@@ -92,6 +94,7 @@ class LayoutTable:
     grasp_pose: Annotated[np.ndarray, Column("table", "float32", ("nreach", 7))]
     grasp_qpos: Annotated[np.ndarray, Column("grasp", "float32", ("nreach", "njoint"), blank=np.nan)]
     pregrasp_qpos: Annotated[np.ndarray, Column("grasp", "float32", ("nreach", "njoint"), blank=np.nan)]
+    path: Annotated[np.ndarray, Column("grasp", "float32", ("nreach", "npath"), blank=np.nan)]
     param: Annotated[np.ndarray, Column("key", "float32", ("nvalue",))]
     present: Annotated[np.ndarray, Column("pose", "bool", ("nslot",))]
     valid: Annotated[np.ndarray, Column("table", "bool")]

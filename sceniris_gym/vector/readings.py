@@ -9,7 +9,7 @@ import warp as wp
 from torch import Tensor
 
 from sceniris_gym.device.fixed import RefusesOldNames
-from sceniris_gym.errors import check_names
+from sceniris_gym.errors import ArgumentError, check_names
 from sceniris_gym.layout.layouts import Layouts
 from sceniris_gym.program.plan import slot_names
 from sceniris_gym.scene.support import subtree
@@ -205,9 +205,29 @@ class Readings(RefusesOldNames):
         """Return the arm's joint positions [rad or m] at the pre-grasp, shape (num_envs, joints).
 
         The pre-grasp is 8 cm before the grasp, along the approach. The result is NaN where `grasp_qpos` is NaN. It is
-        also NaN for objects whose tier of `reachable` is not `clear`.
+        also NaN for objects whose tier of `reachable` is not `clear` or `path`.
         """
         return self._target(name, "pregrasp_qpos").joints("pregrasp_qpos")
+
+    def path(self, name: str) -> tuple[Tensor, Tensor]:
+        """Return a path of the arm's joints to `grasp` at the object's start pose, as corners and their number.
+
+        The path is a polyline from the arm's drawn home pose over up to two vias to the pre-grasp and the grasp, with
+        the fingers open. It keeps clear of the layout.
+
+        Returns:
+            Corners [rad or m], shape (num_envs, 5, joints): home, two vias, pre-grasp, grasp. A via that is not used
+            repeats the pre-grasp. Their number without such repetitions, 3 to 5, shape (num_envs,), int32. NaN and 0
+            where the object is absent.
+
+        Raises:
+            UnknownNameError: The scene has no such reachable object.
+            ArgumentError: The object's `reachable` is not `path`.
+        """
+        target = self._target(name, "path")
+        if not target.has_path:
+            raise ArgumentError(f"State.path: '{name}' should have 'reachable: path' in the scene file.")
+        return target.path()
 
     def jacobian(self, site: str, name: Joints) -> Tensor:
         """Return the Jacobian of a site, shape (num_envs, 6, number of joints): three linear, then three angular rows.

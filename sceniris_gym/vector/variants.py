@@ -6,6 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from sceniris_gym.config.tier import Tier
 from sceniris_gym.errors import NotSupportedError
 from sceniris_gym.geometry.pieces import extract_pieces
 from sceniris_gym.layout.layouts import Layouts
@@ -123,8 +124,9 @@ class TargetGrasps:
             valid = {scene.config.owners.get(target.name, target.name) for target in targets}
             raise unknown(scene, "reachable object", name, where, valid)
         self._grasp, self._columns = layouts.grasp, torch.tensor(found, device=device)
-        self._qpos = {array: getattr(layouts, array) for array in ("grasp_qpos", "pregrasp_qpos")}
+        self._qpos = {array: getattr(layouts, array) for array in ("grasp_qpos", "pregrasp_qpos", "path")}
         self._joints = len(reaching.arm_of(targets[found[0]]).arm.joints)
+        self.has_path = all(targets[i].tier == Tier.PATH for i in found)
         self._rows = torch.arange(len(layouts.grasp), device=device)
         sets = [targets[i].grasp_set.grasps for i in found]
         grasps = [grasp for one in sets for grasp in one]
@@ -153,5 +155,15 @@ class TargetGrasps:
 
     def joints(self, array: str) -> Tensor:
         """Return the named array, 'grasp_qpos' or 'pregrasp_qpos', of the present variant, shape (num_envs, joints)."""
+        return self._present(array)[:, : self._joints]
+
+    def path(self) -> tuple[Tensor, Tensor]:
+        """Return the corners of the path to the grasp and their number, see `Readings.path`."""
+        corners = self._present("path").unflatten(1, (3, -1))[..., : self._joints]
+        ends = torch.stack([self.joints("pregrasp_qpos"), self.joints("grasp_qpos")], dim=1)
+        vias = (corners[:, 1:] != ends[:, :1]).any(dim=2).sum(dim=1, dtype=torch.int32)
+        return torch.cat([corners, ends], dim=1), torch.where(ends[:, 0, 0].isnan(), 0, 3 + vias)
+
+    def _present(self, array: str) -> Tensor:
         there = self._grasp[:, self._columns].argmax(dim=1)  # absent variants have -1
-        return self._qpos[array][self._rows, self._columns[there], : self._joints]
+        return self._qpos[array][self._rows, self._columns[there]]

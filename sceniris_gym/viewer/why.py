@@ -26,6 +26,7 @@ CAUSES = {
     "region": "its relations do not hold at any point of the remaining region",
     "unreachable": "all of its grasps are out of the arm's reach",
     "no_ik": "inverse kinematics found no joints for its grasps",
+    "no_path": "none of the paths that were tried to its grasps is free",
     "blocked": "the arm would hit an obstacle in all of its grasps",
     "falls": "it would fall, or make its support fall",
     "unsound": "the layout has non-finite numbers",

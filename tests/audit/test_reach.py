@@ -13,8 +13,10 @@ from sceniris_gym.audit.auditor import Auditor
 from sceniris_gym.audit.reach import ReachAudit
 from sceniris_gym.commands.audit import judge_reach, judge_rows, make_rows, reach_claims
 from sceniris_gym.geometry.rotations import quaternion
+from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.tables import make_table
 from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.reach.arm import MAX_JOINTS
 from sceniris_gym.scene.layout_table import LayoutTable
 from tests.layout.crane import RADIUS, crane_map, crane_mjcf, crane_scene
 from tests.layout.scenes import box_mjcf, compile_on_cpu
@@ -76,6 +78,21 @@ def test_every_fault_is_named(compiled: CompiledScene, table: LayoutTable):
         (5, "thing", "pre-grasp: another pose"),
         (6, "other", "no joints found"),
     }
+
+
+def test_a_path_is_walked():
+    """Paths as they were made, one without corners, and one whose via swings the arm through the table."""
+    compiled = compile_scene({"base": "tabletop_lift", "objects": {"can": {"reachable": "path"}}}, "cpu")
+    table = make_table(compiled, 6, 3)
+    assert causes(compiled, table) == set()
+    assert compiled.reaching is not None
+    path, column = table.path.copy(), compiled.reaching.names.index("can")
+    path[0, column, 0] = np.nan
+    path[1, column, MAX_JOINTS + 1] += 1.5
+    found = causes(compiled, replace(table, path=path))
+    assert {(row, name) for row, name, _ in found} == {(0, "can"), (1, "can")}
+    assert (0, "can", "no path") in found
+    assert all(cause.startswith("path: hits") for row, _, cause in found if row == 1)
 
 
 @pytest.mark.parametrize("pattern", ["rim*", "grasp_rim*"])

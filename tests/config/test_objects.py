@@ -102,7 +102,7 @@ WRONG: dict[str, tuple] = {
     "reachable with an unknown word": (
         {"objects.apple.reachable": {"teir": "ik"}},
         SceneKeyError,
-        ["objects.apple", "should have only the keys tier, by, grasp in 'reachable'", "Did you mean 'tier'"],
+        ["objects.apple", "should have only the keys tier, by, grasp, margin in 'reachable'", "Did you mean 'tier'"],
     ),
     "by twice": (
         {"objects.apple.reachable": {"by": "robot"}, "objects.apple.by": "robot"},

@@ -24,9 +24,9 @@ STARTS = 8
 """Starts of the inverse kinematics per grasp: the arm's present pose, joints from its map, then random joints."""
 MOST_AT_ONCE = 64 * STARTS
 """Maximum number of a row's candidates in a wave. At the end of the wave, a single lane goes through them."""
-IN_HAND = Tier.CLEAR + 1
+IN_HAND = max(Tier) + 1
 """The tier of a target whose start is tested with the target in the robot's hand, away from its place."""
-GRASPED = Tier.CLEAR + 2
+GRASPED = max(Tier) + 2
 """The tier of a target whose start needs a grasp as for `clear`, but no pre-grasp."""
 
 
@@ -55,7 +55,9 @@ class ReachStep(IntEnum):
     SELF_AT_PREGRASP = 8
     SCENE_AT_PREGRASP = 9
     TARGET_AT_PREGRASP = 10
-    PASSED = 11
+    PATH = 11
+    """A path leads from the start pose to the grasp."""
+    PASSED = 12
 
 
 @wp.struct
@@ -68,6 +70,7 @@ class ReachSearch:
     number: wp.array[int]  # number of the next start, counted over all grasps from the first that the map accepts
     total: wp.array[int]  # total number of candidates of this target
     tried: wp.array[int]  # starts of this target that have failed so far
+    paths: wp.array[int]  # candidates of this target without a path so far
     tier: wp.array2d[int]  # the required tier of each target, from the scene file or the start of the row's world
     furthest: wp.array[int]  # the last step that any candidate of this target reached
     first: wp.array[int]  # the row's first candidate in this wave
@@ -85,6 +88,7 @@ class ReachSearch:
     failed: wp.array[int]  # the failed step, PASSED if all steps passed, or DEFERRED if the candidate is tried again
     grasp_qpos: wp.array[vec8]  # the arm's joints: first the start, then the solution for the grasp
     pregrasp_qpos: wp.array[vec8]
+    path: wp.array2d[vec8]  # the start and two vias of a path
     # The state of the robot, posed for a test: first of all candidates in the grasp, then in the pre-grasp, see
     # `pose_index`. Entries of other bodies are not used.
     qpos: wp.array2d[float]
@@ -123,6 +127,7 @@ def queue_target(reach_search: ReachSearch, row: int, column: int, total: int):
     reach_search.number[row] = 0
     reach_search.total[row] = total
     reach_search.tried[row] = 0
+    reach_search.paths[row] = 0
     reach_search.furthest[row] = ReachStep.MAP
     queue_row(reach_search, row)
 
@@ -143,6 +148,12 @@ def fail_grasp(reach_search: ReachSearch, c: int, step: int):
 
 
 @wp.func
+def needs_pregrasp(tier: int) -> bool:
+    """Return True if a tier tests the pre-grasp, too."""
+    return tier == Tier.CLEAR or tier == Tier.PATH
+
+
+@wp.func
 def takes_step(reach_search: ReachSearch, c: int, step: int) -> bool:
     """Return True if a candidate has to take `step` and has passed all steps before `step`.
 
@@ -158,7 +169,7 @@ def takes_step(reach_search: ReachSearch, c: int, step: int) -> bool:
     tier = reach_search.tier[row, reach_search.column[row]]
     if step == ReachStep.HAND_AT_GRASP or step == ReachStep.SCENE_AT_GRASP:
         return tier >= Tier.CLEAR
-    return tier == Tier.CLEAR
+    return needs_pregrasp(tier)
 
 
 def create_reach_search(compiled: CompiledScene, nrow: int, size: SearchSize, early: int = 0) -> ReachSearch:
@@ -169,11 +180,12 @@ def create_reach_search(compiled: CompiledScene, nrow: int, size: SearchSize, ea
     ncand, mjm, reaching = min(size.grasps, nrow * MOST_AT_ONCE), compiled.mjm, compiled.reaching
     assert reaching is not None
     shapes = {
-        "arm column number total tried furthest first trials": nrow,
+        "arm column number total tried paths furthest first trials": nrow,
         "queue": (2, nrow),
         "tier": (nrow, len(reaching.targets)),
         "rows_left source rows candidates": 1,
         "row grasp ik_start failed grasp_qpos pregrasp_qpos": ncand,
+        "path": (ncand if Tier.PATH in (t.tier for t in reaching.targets) else 0, 3),
         "qpos": (2 * ncand, mjm.nq),
         "body_pos body_quat": (2 * ncand, mjm.nbody),
         "hand_qpos": (early, mjm.nq),

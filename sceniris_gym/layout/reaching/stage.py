@@ -1,7 +1,7 @@
-"""The reach stage of a reset, for the tiers `ik` and `clear`: find joints for a grasp of every reach target.
+"""The reach stage of a reset, for the tiers `ik`, `clear` and `path`: find joints for a grasp of every reach target.
 
 The stage follows placing. If no joints are found for a target, the world continues with its next restart. After the
-last restart, the world falls back to the bank. The stage plans no path to the joints that it finds.
+last restart, the world falls back to the bank. Only the tier `path` finds a path to these joints, too.
 """
 
 from functools import partial
@@ -11,6 +11,7 @@ from sceniris_gym.device.sequence import launch_beside, repeat_launches
 from sceniris_gym.layout.reaching.free_grasps import launch_pose_hands, launch_test_hands
 from sceniris_gym.layout.reaching.hits import launch_test_arm
 from sceniris_gym.layout.reaching.ik import launch_ik
+from sceniris_gym.layout.reaching.paths import launch_test_paths
 from sceniris_gym.layout.reaching.poses import launch_pose
 from sceniris_gym.layout.reaching.search import STARTS, ReachStep, create_reach_search
 from sceniris_gym.layout.reaching.start import TRIALS, launch_accept_starts, launch_pose_start, launch_queue_starts
@@ -32,7 +33,7 @@ class ReachStage:
 
     def __init__(self, work: Workspace, reaching: Reaching) -> None:
         self._work = work
-        asked = [t.arm for t in reaching.targets if t.tier == Tier.CLEAR or work.compiled.starts is not None]
+        asked = [t.arm for t in reaching.targets if t.tier >= Tier.CLEAR or work.compiled.starts is not None]
         self._arms = [(one.view, number in asked) for number, one in enumerate(reaching.arms)]
         self.search = create_reach_search(work.compiled, work.nrow, work.size, work.search.free.shape[1])
         self._early = [reach for reach, clear in self._arms if clear and work.search.free.shape[1] > 0]
@@ -79,6 +80,8 @@ class ReachStage:
         else:
             solve()
             self._test(reach, ReachStep.SELF_AT_GRASP, None, ReachStep.SELF_AT_GRASP)
+        if search.path.shape[0] > 0:
+            launch_test_paths(work, reach, search)
         launch_accept_grasps(work, reach, search)
 
     def _test(self, reach: Reach, first: ReachStep, second: ReachStep | None, last: ReachStep) -> None:

@@ -38,6 +38,7 @@ TRIALS = 64
 # Greatest distance [m] of the TCP from a grasp. The tier `ik` accepts up to a millimetre at the limit of a joint, but
 # the fingers would then penetrate the held object by a millimetre.
 _EXACT = wp.constant(1.0e-4)
+_mat58 = wp.types.matrix(shape=(5, MAX_JOINTS), dtype=float)
 # Indices of a trial's random numbers for height and grasp, after the indices of the joints.
 _HEIGHT, _GRASP = MAX_JOINTS, MAX_JOINTS + 1
 
@@ -50,7 +51,7 @@ def _queue_starts(
     layouts: LayoutsView,
     # Search in: worlds*, restarts_at_once
     search: Search,
-    # ReachSearch in: source; out: column, number, total, tried, tier, furthest, queue; both: rows_left
+    # ReachSearch in: source; out: column, number, total, tried, paths, tier, furthest, queue; both: rows_left
     reach_search: ReachSearch,
 ):
     worldid = wp.tid()
@@ -77,6 +78,29 @@ def _grip_pose(reach: Reach, starts: Starts, layouts: LayoutsView, row: int, gra
     quat = layouts.body_quat[row, body]
     pos = layouts.body_pos[row, body] + rot_vec_quat(starts.grip_pos[grasp], quat)
     return pos, mul_quat(quat, reach.grasp_quat[grasp])
+
+
+@wp.func
+def _on_path(layouts: LayoutsView, row: int, column: int, njoint: int, share: float) -> vec8:
+    """Return the joints at a share of a path's length. The length of a piece is the largest change of a joint."""
+    corners = _mat58()
+    for i in range(MAX_JOINTS):
+        if i < njoint:
+            for k in range(3):
+                corners[k, i] = layouts.path[row, column, k * MAX_JOINTS + i]
+            corners[3, i] = layouts.pregrasp_qpos[row, column, i]
+            corners[4, i] = layouts.grasp_qpos[row, column, i]
+    total = float(0.0)
+    for k in range(4):
+        total += wp.max(wp.abs(corners[k + 1] - corners[k]))
+    left = share * total
+    joints = corners[0]
+    for k in range(4):
+        length = wp.max(wp.abs(corners[k + 1] - corners[k]))
+        if left > 0.0 and length > 0.0:
+            joints = corners[k] + wp.min(left / length, 1.0) * (corners[k + 1] - corners[k])
+        left -= length
+    return joints
 
 
 @wp.func
@@ -154,7 +178,11 @@ def _pose(
                 joints[i] = layouts.grasp_qpos[row, column, i]
                 if pose == StartPose.PREGRASP:
                     joints[i] = layouts.pregrasp_qpos[row, column, i]
-        if pose == StartPose.PREGRASP:
+        if pose == StartPose.PATH:
+            share = starts.share[kind]
+            u = _uniform(layouts, search, split, row, trial, wp.static(_HEIGHT))
+            joints = _on_path(layouts, row, column, reach.arm.njoint, share[0] + u * (share[1] - share[0]))
+        if pose == StartPose.PREGRASP or pose == StartPose.PATH:
             open_gripper(reach, grasp, qpos)
         elif pose == StartPose.HELD:
             u = _uniform(layouts, search, split, row, trial, wp.static(_GRASP))
@@ -205,7 +233,7 @@ def _accept(
     # Search in: row_world; both: best
     search: Search,
     # ReachSearch in: column, total, tier, first, trials, source, rows, grasp, ik_start, failed, grasp_qpos,
-    #   pregrasp_qpos, qpos, body_pos, body_quat; out: candidates; both: number, tried, furthest, queue, rows_left
+    #   pregrasp_qpos, path, qpos, body_pos, body_quat; out: candidates; both: number, tried, furthest, queue, rows_left
     reach_search: ReachSearch,
 ):
     if wp.tid() == 0:

@@ -19,6 +19,7 @@ from sceniris_gym.layout.reaching.search import (
     begin_reach_wave,
     candidate_num,
     fail_grasp,
+    needs_pregrasp,
     queue_row,
     queue_target,
     takes_step,
@@ -124,6 +125,8 @@ def _ask_tiers(starts: Starts, reach: Reach, layouts: LayoutsView, search: Searc
         for i in range(MAX_JOINTS):
             layouts.grasp_qpos[row, column, i] = wp.nan
             layouts.pregrasp_qpos[row, column, i] = wp.nan
+        for i in range(layouts.path.shape[2]):
+            layouts.path[row, column, i] = wp.nan
 
 
 @wp.kernel
@@ -131,11 +134,12 @@ def _open_rows(
     program: Program,
     reach: Reach,
     starts: Starts,
-    # Layouts in: state*, choices*, stable, bodies*; out: grasp_qpos, pregrasp_qpos; both: grasp
+    # Layouts in: state*, choices*, stable, bodies*; out: grasp_qpos, pregrasp_qpos, path; both: grasp
     layouts: LayoutsView,
     # Search in: ticket, restarts*, row_free, restarts_at_once; both: best, waiting
     search: Search,
-    # ReachSearch in: source; out: column, number, total, tried, furthest, queue, candidates; both: arm, tier, rows_left
+    # ReachSearch in: source; out: column, number, total, tried, paths, furthest, queue, candidates; both: arm, tier,
+    #   rows_left
     reach_search: ReachSearch,
 ):
     row = wp.tid()
@@ -245,11 +249,15 @@ def launch_look_up(work: Workspace, reach: Reach, reach_search: ReachSearch) -> 
 def keep_grasp(reach: Reach, layouts: LayoutsView, reach_search: ReachSearch, row: int, column: int, c: int):
     """Write the grasp and the joints of a candidate that passed. Only the tier `clear` has pre-grasps."""
     layouts.grasp[row, column] = reach_search.grasp[c] - reach.reach_graspadr[column]
-    clear = reach_search.tier[row, column] == Tier.CLEAR
+    clear = needs_pregrasp(reach_search.tier[row, column])
     for i in range(MAX_JOINTS):
         there = i < reach.arm.njoint
         layouts.grasp_qpos[row, column, i] = wp.where(there, reach_search.grasp_qpos[c][i], wp.nan)
         layouts.pregrasp_qpos[row, column, i] = wp.where(there and clear, reach_search.pregrasp_qpos[c][i], wp.nan)
+    if reach_search.tier[row, column] == wp.static(int(Tier.PATH)):
+        for corner in range(3):
+            for i in range(reach.arm.njoint):
+                layouts.path[row, column, corner * MAX_JOINTS + i] = reach_search.path[c, corner][i]
 
 
 @wp.func
@@ -283,12 +291,14 @@ def first_passed(reach_search: ReachSearch, row: int) -> int:
 
 @wp.func
 def _reject_cause(reach: Reach, reach_search: ReachSearch, row: int) -> int:
-    """Return the cause for which the current target of a row failed: NO_IK or BLOCKED.
+    """Return the cause for which the current target of a row failed: NO_IK, BLOCKED or NO_PATH.
 
     The cause is BLOCKED only from the tier `clear` on: if all candidates failed before the inverse kinematics, or if at
     least one candidate passed the robot's test for self-collision.
     """
     furthest = reach_search.furthest[row]
+    if furthest == ReachStep.PATH:
+        return Cause.NO_PATH
     if reach_search.tier[row, reach_search.column[row]] >= Tier.CLEAR and (
         furthest < ReachStep.IK_AT_GRASP or furthest > ReachStep.SELF_AT_GRASP
     ):
@@ -300,12 +310,12 @@ def _reject_cause(reach: Reach, reach_search: ReachSearch, row: int) -> int:
 def _accept(
     lanes: int,
     reach: Reach,
-    # Layouts in: present, stable, bodies*; out: grasp_qpos, pregrasp_qpos; both: grasp, row_rejections
+    # Layouts in: present, stable, bodies*; out: grasp_qpos, pregrasp_qpos, path; both: grasp, row_rejections
     layouts: LayoutsView,
     # Search in: ticket, restarts*, row_free, restarts_at_once; both: best, waiting
     search: Search,
-    # ReachSearch in: tier, first, trials, source, rows, grasp, ik_start, failed, grasp_qpos, pregrasp_qpos; out: arm,
-    #   candidates; both: column, number, total, tried, furthest, queue, rows_left
+    # ReachSearch in: tier, first, trials, source, rows, grasp, ik_start, failed, grasp_qpos, pregrasp_qpos, path; out:
+    #   arm, paths, candidates; both: column, number, total, tried, furthest, queue, rows_left
     reach_search: ReachSearch,
 ):
     if wp.tid() == 0:

@@ -119,7 +119,7 @@ def check_reach(plan: Plan) -> None:
 
     Raises:
         MapError: A tier needs a map, and the arm has no map.
-        SceneKeyError: The tier is `ik` or `clear`, which pose the arm, but the robot has `in_scene: false`.
+        SceneKeyError: The tier is `ik`, `clear` or `path`, which pose the arm, but the robot has `in_scene: false`.
     """
     config, where = plan.scene.config, plan.scene.config.where
     for i, one in enumerate(plan.reaching.arms):

@@ -17,6 +17,7 @@ from sceniris_gym.geometry.rotations import matrix, product, quaternion
 from sceniris_gym.grasping.gripper import carried
 from sceniris_gym.program.device import Cover, Measure, ObjectKind, OrientationType, fill_struct
 from sceniris_gym.program.device_reach import BASE, UNASKED, Reach
+from sceniris_gym.program.pack.moves import moves_of
 from sceniris_gym.program.pack.pairs import PairRules
 from sceniris_gym.program.pack.relations import JoinedSites
 from sceniris_gym.program.placed_object import COS_MAX_TILT_32, PlacedObject
@@ -261,10 +262,13 @@ def _arm_fields(scene: SceneModel, home: mujoco.MjData, one: ReachingArm) -> dic
         back = home.site_xmat[site].reshape(3, 3).T
         view.hand_pos = wp.vec3(*(back @ (home.xpos[body] - home.site_xpos[site])))
         view.hand_quat = wp.vec4(*product(quaternion(back), home.xquat[body]))
+    moves = moves_of(scene, one.robot, one.arm) if present else np.zeros((scene.mjm.nbody, len(one.arm.joints)))
     return {
         "arm_qposadr": one.arm.qposadr if present else np.zeros(0, int),
         "arm_body": np.array(scene.moving(one.robot), int),
         "hand_body": np.array(hand, int),
+        "arm_moves": moves,
+        "arm_longest": moves.max(axis=0),
         "grip_qposadr": gripper.qposadr,
         "grip_closed": gripper.closed_qpos,
         "grip_open": gripper.open_qpos,
@@ -289,7 +293,7 @@ def _target_arrays(plan: Plan, bases: list[int]) -> dict[str, np.ndarray]:
         "stable_graspnum": all_spans[:, 1],
         "reach_obj": np.array([t.number for t in targets], int),
         "reach_slot": np.array([plan.slots.index(t.name) for t in targets], int),
-        **columns("reach", targets, arm=1, late=1, early=1, tier=1),
+        **columns("reach", targets, arm=1, late=1, early=1, tier=1, margin=1),
         "reach_least": np.array([t.tier.least_verdict for t in targets], int),
         "reach_below": np.array([plan.objects[t.number].ground is not None for t in targets], int),
         **fields,

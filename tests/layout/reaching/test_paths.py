@@ -1,0 +1,226 @@
+"""Paths to a grasp, walked in MuJoCo C, which shares no code with their search."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+import torch
+
+from sceniris_gym import cli
+from sceniris_gym.commands.replay import replay
+from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.dataset.reader import LayoutDataset
+from sceniris_gym.errors import ArgumentError, InfeasibleSceneError, SceneKeyError
+from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.layout.generate import LayoutGenerator
+from sceniris_gym.layout.layout_id import LayoutId
+from sceniris_gym.layout.layouts import LayoutStatus
+from sceniris_gym.layout.stored import StoredLayouts
+from sceniris_gym.layout.tables import make_table
+from sceniris_gym.layout.wave.search import default_size
+from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.reach.arm import MAX_JOINTS
+from sceniris_gym.scene.build import build_model
+from sceniris_gym.vector.vector_env import SceneVectorEnv
+
+NWORLD = 24
+LIFT: dict[str, Any] = {
+    "base": "tabletop_lift",
+    "objects": {n: {"reachable": "path"} for n in ("can", "lemon", "block")},
+}
+CUPBOARD: dict[str, Any] = {
+    "floor": {"size": [2.4, 2.0]},
+    "robot": {"asset": "panda", "base": [0, 0, 0.3]},
+    "objects": {
+        "cupboard": {
+            "asset": "cupboard",
+            "kind": "fixture",
+            "on": "floor",
+            "region": {"box": [[0.55, -0.1], [0.65, 0.1]]},
+            "orientation": {"yaw": [-100, -80]},
+            "joints": {"door": {"fraction": [0.7, 1.0]}},
+        },
+        "can": {"asset": "can", "inside": "cupboard", "ratio_on_support": 1, "reachable": "path"},
+    },
+}
+
+
+@pytest.fixture(scope="module", params=["lift", "cupboard"])
+def made(request: pytest.FixtureRequest) -> tuple[CompiledScene, LayoutGenerator]:
+    """Return a scene and its layouts with paths."""
+    compiled = compile_scene({"lift": LIFT, "cupboard": CUPBOARD}[request.param], "cpu")
+    generator = LayoutGenerator(compiled, NWORLD)
+    generator.generate()
+    return compiled, generator
+
+
+def corners_of(generator: LayoutGenerator, column: int, njoint: int) -> np.ndarray:
+    """Return start, vias, pre-grasp and grasp of each world, shape (nworld, 5, njoint)."""
+    layouts = generator.layouts
+    path = layouts.path[:, column].reshape(-1, 3, MAX_JOINTS)
+    ends = torch.stack([layouts.pregrasp_qpos[:, column], layouts.grasp_qpos[:, column]], dim=1)
+    return torch.cat([path, ends], dim=1)[..., :njoint].numpy()
+
+
+def test_no_point_of_a_path_touches_anything(made: tuple[CompiledScene, LayoutGenerator]):
+    """At 400 points, interpolated here; only the hand may touch the target, on the last piece."""
+    compiled, generator = made
+    scene, mjm, data = compiled.scene, compiled.mjm, mujoco.MjData(compiled.mjm)
+    robot, layouts = set(scene.subtree("robot")), generator.layouts
+    assert compiled.reaching is not None
+    slides = mjm.jnt_qposadr[[j for j in range(mjm.njnt) if mjm.jnt_bodyid[j] in robot and mjm.jnt_type[j] == 2]]
+    bent = 0
+    for column, target in enumerate(compiled.reaching.targets):
+        arm, gripper = compiled.reaching.arms[0].arm, compiled.reaching.arms[0].gripper
+        own, joints = set(scene.subtree(target.name)), corners_of(generator, column, len(arm.joints))
+        for world in np.flatnonzero(layouts.status.numpy() == LayoutStatus.VALID).tolist():
+            data.qpos[:] = layouts.qpos[world].numpy()
+            data.mocap_pos[:] = layouts.mocap_pos[world, : mjm.nmocap].numpy()
+            data.mocap_quat[:] = layouts.mocap_quat[world, : mjm.nmocap].numpy()
+            np.testing.assert_array_equal(joints[world, 0], data.qpos[arm.qposadr].astype(np.float32))
+            grasp = target.grasp_set.grasps[int(layouts.grasp[world, column])]
+            data.qpos[slides] = 0.5 * min(grasp.opening + 0.01, gripper.opening)
+            bent += not np.array_equal(joints[world, 1], joints[world, 3])
+            for piece in range(4):
+                for share in np.linspace(0.0, 1.0, 101):
+                    data.qpos[arm.qposadr] = (1 - share) * joints[world, piece] + share * joints[world, piece + 1]
+                    mujoco.mj_kinematics(mjm, data)
+                    mujoco.mj_comPos(mjm, data)
+                    mujoco.mj_collision(mjm, data)
+                    for pair, dist in zip(mjm.geom_bodyid[data.contact.geom], data.contact.dist, strict=True):
+                        touching = set(pair.tolist())
+                        mine = touching & robot and not (piece == 3 and touching & own)
+                        assert not mine or dist > 0.0, (world, piece, share, touching, dist)
+    assert bent > 0
+
+
+@pytest.mark.parametrize("words", [{"rows": 32, "grasps": 40}, {"grasps": 900, "busy": 3}])
+def test_how_much_is_tried_at_once_changes_no_bit(made: tuple[CompiledScene, LayoutGenerator], words: dict[str, int]):
+    """Capacities and the number of worlds; a world's layouts depend on its seed alone."""
+    compiled, generator = made
+    other = LayoutGenerator(compiled, NWORLD - 5, size=dataclasses.replace(default_size("cpu"), **words))
+    other.generate()
+    for name in ("qpos", "path", "pregrasp_qpos", "grasp_qpos", "status"):
+        ours, theirs = (getattr(each.layouts, name).numpy()[: NWORLD - 5] for each in (generator, other))
+        np.testing.assert_array_equal(ours, theirs, err_msg=name)
+
+
+@pytest.mark.parametrize(("margin", "found"), [(0.001, True), (0.003, False)])
+def test_a_start_pose_nearer_than_the_margin_has_no_path(tmp_path: Path, margin: float, found: bool):
+    """A ball is 2 mm in front of the hand at home, measured by MuJoCo C."""
+    can = {"asset": "can", "on": "floor", "region": {"box": [[0.4, -0.1], [0.5, 0.1]]}}
+    words: dict[str, Any] = {
+        "floor": {"size": [2.4, 2.0]},
+        "restarts": 0,
+        "bank": 1,
+        "robot": {"asset": "panda", "base": [0, 0, 0]},
+    }
+    words["objects"] = {
+        "ball": {"asset": str(tmp_path / "ball.xml"), "kind": "static"},
+        "can": {**can, "reachable": "path", "margin": margin},
+    }
+    x, gap = 0.8, 1.0
+    while abs(gap - 0.002) > 2e-5:
+        ball = f"<body name='ball' pos='{x} 0 .55'><geom type='sphere' size='.01'/></body>"
+        (tmp_path / "ball.xml").write_text(f"<mujoco><worldbody>{ball}</worldbody></mujoco>")
+        scene = build_model(SceneConfig.load(words))
+        mjm, robot = scene.mjm, scene.subtree("robot")
+        own = np.flatnonzero(np.isin(mjm.geom_bodyid, robot) & (mjm.geom_contype > 0)).tolist()
+        (other,) = np.flatnonzero(np.isin(mjm.geom_bodyid, scene.subtree("ball"))).tolist()
+        gap = min(mujoco.mj_geomDistance(mjm, scene.home, geom, other, 1.0, None) for geom in own)
+        x -= gap - 0.002
+    if found:
+        generator = LayoutGenerator(compile_scene(words, "cpu"), 4)
+        generator.generate()
+        assert (generator.layouts.status.numpy() == LayoutStatus.VALID).all()
+    else:
+        with pytest.raises(InfeasibleSceneError, match="no_path"):
+            compile_scene(words, "cpu")
+
+
+def test_starts_are_on_the_path():
+    """At the drawn share of its length by the largest change of a joint, fingers open, at rest."""
+    starts = [{"robot": "path", "of": "can", "share": [0.0, 1.0]}, {"robot": "path", "of": "can", "share": [1.0, 1.0]}]
+    compiled = compile_scene({**LIFT, "start": starts}, "cpu")
+    generator = LayoutGenerator(compiled, 64)
+    generator.generate()
+    assert compiled.reaching is not None
+    layouts, arm = generator.layouts, compiled.reaching.arms[0].arm
+    column = compiled.reaching.names.index("can")
+    joints, shares = corners_of(generator, column, 7), []
+    for world in range(64):
+        lengths = np.abs(np.diff(joints[world], axis=0)).max(axis=1)
+        found = layouts.qpos[world].numpy()[arm.qposadr]
+        dense = np.concatenate(
+            [np.linspace(a, b, 2000) for a, b in zip(joints[world], joints[world, 1:], strict=False)]
+        )
+        at = np.concatenate([np.linspace(0, n, 2000) + lengths[:i].sum() for i, n in enumerate(lengths)])
+        nearest = np.abs(dense - found).max(axis=1).argmin()
+        assert np.abs(dense[nearest] - found).max() < 2e-3
+        shares.append(at[nearest] / lengths.sum())
+    ends = layouts.start.numpy() == 1
+    assert np.allclose(np.array(shares)[ends], 1.0, atol=2e-3)
+    assert np.array(shares)[~ends].min() < 0.2
+    assert 0.35 < np.mean(np.array(shares)[~ends]) < 0.65
+
+
+def test_stored_layouts_data_sets_and_ids_keep_the_path(tmp_path: Path):
+    """A table on the device, a data set on disk, and the layout that an id gives in another batch."""
+    compiled = compile_scene(LIFT, "cpu")
+    generator = LayoutGenerator(compiled, 6, seed=5)
+    generator.generate()
+    path = generator.layouts.path.numpy()
+    assert np.isfinite(path).any()
+    table = make_table(compiled, 6, 5)
+    stored = StoredLayouts(compiled, table, 6)
+    stored.generate()
+    np.testing.assert_array_equal(stored.layouts.path.numpy(), table.path)
+    (tmp_path / "lift.yaml").write_text(json.dumps(LIFT))
+    words = ["generate", str(tmp_path / "lift.yaml"), "-n", "6", "--seed", "5", "--device", "cpu", "-o"]
+    cli.main([*words, str(tmp_path / "set")])
+    np.testing.assert_array_equal(LayoutDataset(tmp_path / "set").table().path, table.path)
+    again = replay(compiled, LayoutId.parse(generator.layouts.ids("train")[3]))
+    np.testing.assert_array_equal(again.path[0], path[3])
+
+
+def test_a_task_reads_the_corners_and_their_number():
+    """Of all worlds, in the order home, vias, pre-grasp, grasp; a name without a path is refused."""
+    envs = SceneVectorEnv("sceniris_gym.envs.tabletop_lift:TabletopLift", 8, scene=LIFT, device="cpu")
+    envs.reset(seed=0)
+    s = envs.state
+    corners, number = s.path("can")
+    assert corners.shape == (8, 5, 7)
+    assert torch.equal(corners[:, 3], s.pregrasp_qpos("can"))
+    assert torch.equal(corners[:, 4], s.grasp_qpos("can"))
+    vias = (corners[:, 1:3] != corners[:, 3:4]).any(dim=2).sum(dim=1)
+    assert torch.equal(number.long(), 3 + vias)
+    envs.close()
+    envs = SceneVectorEnv("sceniris_gym.envs.tabletop_lift:TabletopLift", 2, device="cpu")
+    envs.reset(seed=0)
+    with pytest.raises(ArgumentError, match="'can' should have 'reachable: path'"):
+        envs.state.path("can")
+    envs.close()
+
+
+@pytest.mark.parametrize(
+    ("overrides", "error"),
+    [
+        ({"objects.can.margin": 0.002, "objects.can.reachable": "clear"}, "'margin' only together with"),
+        ({"objects.can.margin": 0.0}, "margin"),
+        ({"start": [{"robot": "path", "of": "can", "share": [0.5, 1.2]}]}, "share"),
+        ({"start": [{"robot": "grasp", "of": "can", "share": [0.5, 1.0]}]}, "'share' only if 'robot' is 'path'"),
+        ({"start": [{"robot": "path"}]}, "'of'"),
+        ({"objects.can.reachable": "clear", "start": [{"robot": "path", "of": "can"}]}, "needs 'reachable: path'"),
+        ({"start": [{"robot": "grasp", "of": "can", "lift": [0.1, 0.2]}]}, "held in the air"),
+    ],
+)
+def test_words_that_cannot_be_together_are_refused(overrides: dict[str, Any], error: str):
+    """By name, before anything is compiled."""
+    with pytest.raises(SceneKeyError, match=error):
+        SceneConfig.load(SceneConfig.load(LIFT), overrides)
