@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 
 from sceniris_gym.audit import relations
-from sceniris_gym.audit.collisions import CollisionAudit, Conflict, FalseAlarm, judged_pairs, takes_part
+from sceniris_gym.audit.collisions import CollisionAudit, Conflict, FalseAlarm, JudgedPairs, takes_part
 from sceniris_gym.audit.contacts import ROUNDING, Allowed, Contact, ContactAudit, ContactTally
 from sceniris_gym.audit.geometry import Poses, poses_of, solids_of, subtree
 from sceniris_gym.audit.physics import FAST, STILL, limp_joints, settle
@@ -100,7 +100,7 @@ class Auditor:
         self.contacts, heaps = ContactAudit(scene.tree, drawn, scene.markers), HeapAudit(scene)
         self.heaped = heaps.may_touch()
         self.contacts.at_home |= self.heaped
-        pairs = judged_pairs(
+        pairs = JudgedPairs(
             scene.tree, scene.solids, config.geometry, clearances, jointed, self.contacts.at_home, placed=drawn
         )
         self.collisions = CollisionAudit(scene.tree, scene.solids, pairs)
@@ -129,11 +129,11 @@ class Auditor:
         for start, some in table.chunks(CHUNK):
             poses, there = poses_of(self.scene.mjm, some), presence(self.scene.config, some)
             grasped, moved, sides = self.starts.grasped(some), self.starts.moved(some, there), {}
-            found, supporting = self.standing.check(poses)
+            found, supporting = self.standing.check(poses, there)
             found = [m for m in found if m.name not in moved or not moved[m.name][m.row]]
             nearer = {
                 (c.row, c.geoms): replace(c, row=start + c.row)
-                for c in self.collisions.missed(poses, supporting)
+                for c in self.collisions.missed(poses, supporting, there)
                 if all(there[owner][c.row] for owner in c.owners if owner in there)
                 and not self.starts.excuses(some, c, grasped)
             }
@@ -245,8 +245,9 @@ class Auditor:
         rank = {name: i for i, name in enumerate(order)}
         for start, some in table.chunks(CHUNK):
             poses, mine = poses_of(self.scene.mjm, some), names[start : start + len(some)]
-            _, supporting = self.standing.check(poses)
-            found = self.collisions.false_alarms(poses, supporting, mine, rank)
+            there = presence(self.scene.config, some)
+            _, supporting = self.standing.check(poses, there)
+            found = self.collisions.false_alarms(poses, supporting, mine, rank, there)
             if found and self.scene.config.geometry == "physics":
                 rows = np.array([a.row for a in found])
                 carrying = {name: bodies[rows] for name, bodies in supporting.items()}

@@ -1,7 +1,8 @@
 """Checks the distances between solids: missed collisions of layouts, and false alarms among rejected candidates."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import combinations_with_replacement, product
 
 import mujoco
 import numpy as np
@@ -51,16 +52,8 @@ class Tree:
             self.owner.append(roots.get(body, inherited))
 
 
-def judged_pairs(
-    tree: Tree,
-    solids: list[Solid],
-    geometry: str,
-    clearances: Mapping[str, float],
-    jointed: Collection[str] = (),
-    at_home: Collection[tuple[int, int]] = (),
-    placed: Collection[str] | None = None,
-) -> list[Judged]:
-    """List the pairs of solids that a layout must keep apart.
+class JudgedPairs:
+    """The pairs of solids that a layout must keep apart, by the two objects that own them.
 
     MuJoCo's `<pair>` and `<exclude>` apply. With "physics", contact bits also apply. Two bodies that no layout moves
     are not judged. Fixtures must be apart from each other and from the static scene, although MuJoCo reports no
@@ -77,40 +70,75 @@ def judged_pairs(
         placed: Names of the objects that layouts place, None for all. Two objects that are not placed keep no
             clearance. If their joints are not drawn either, the objects never leave the start pose. They are left out,
             because `ContactAudit` judges them.
+
+    Attributes:
+        of: Owner -> indices of its solids.
+        clearances: As above.
     """
-    mjm = tree.mjm
-    contype, conaffinity, margins = mjm.geom_contype.tolist(), mjm.geom_conaffinity.tolist(), mjm.geom_margin.tolist()
-    body_of, excludes = mjm.geom_bodyid.tolist(), {*mjm.exclude_signature.tolist()}
-    touching = {frozenset(mjm.geom_bodyid[list(geoms)].tolist()) for geoms in at_home if geometry == "visual"}
-    explicit = {frozenset(p): float(m) for *p, m in zip(mjm.pair_geom1, mjm.pair_geom2, mjm.pair_margin, strict=True)}
-    moved = None if placed is None else {*placed, *jointed}
-    judged = []
-    for first in range(len(solids)):
-        for second in range(first + 1, len(solids)):
-            geoms = solids[first].geom, solids[second].geom
-            body1, body2 = (body_of[g] for g in geoms)
-            owners = tree.owner[body1], tree.owner[body2]
-            own = owners[0] == owners[1]
-            if not (tree.movable[body1] or tree.movable[body2]) or (own and owners[0] not in jointed):
-                continue
-            if geoms in at_home or frozenset((body1, body2)) in touching:
-                continue
-            if moved is not None and not moved.intersection(owners):
-                continue
-            margin = explicit.get(frozenset(geoms))
-            if margin is None:
-                excluded = (min(body1, body2) << 16) + max(body1, body2) in excludes
-                g, h = geoms
-                bits = contype[g] & conaffinity[h] | contype[h] & conaffinity[g]
-                if excluded or (geometry == "physics" and not bits):
-                    continue
-                if (own or not (tree.fixture[body1] or tree.fixture[body2])) and _filtered(mjm, body1, body2):
-                    continue
-                margin = margins[g] + margins[h]
-            keeps = not own and (placed is None or bool({*owners} & {*placed}))
-            clearance = max(clearances.get(owner, 0.0) for owner in owners) if keeps else 0.0
-            judged.append(Judged(first, second, clearance, owners, margin if geometry == "physics" else 0.0))
-    return judged
+
+    def __init__(
+        self,
+        tree: Tree,
+        solids: list[Solid],
+        geometry: str,
+        clearances: Mapping[str, float],
+        jointed: Collection[str] = (),
+        at_home: Collection[tuple[int, int]] = (),
+        placed: Collection[str] | None = None,
+    ) -> None:
+        mjm = tree.mjm
+        self.tree, self.solids, self.geometry, self.clearances = tree, solids, geometry, clearances
+        self._jointed, self._at_home, self._placed = jointed, at_home, placed
+        self._moved = None if placed is None else {*placed, *jointed}
+        self._bits, self._body = (mjm.geom_contype.tolist(), mjm.geom_conaffinity.tolist()), mjm.geom_bodyid.tolist()
+        self._margins, self._excludes = mjm.geom_margin.tolist(), {*mjm.exclude_signature.tolist()}
+        pairs = zip(mjm.pair_geom1, mjm.pair_geom2, mjm.pair_margin, strict=True)
+        self._explicit = {frozenset(pair): float(margin) for *pair, margin in pairs}
+        visual = at_home if geometry == "visual" else ()
+        self._touching = {frozenset(mjm.geom_bodyid[list(geoms)].tolist()) for geoms in visual}
+        self._found: dict[tuple[str, str], list[Judged]] = {}
+        self.of: dict[str, list[int]] = {}
+        for i, solid in enumerate(solids):
+            self.of.setdefault(tree.owner[self._body[solid.geom]], []).append(i)
+
+    def __iter__(self) -> Iterator[Judged]:
+        """Yield all pairs."""
+        for owners in combinations_with_replacement(self.of, 2):
+            yield from self.between(*owners)
+
+    def between(self, one: str, other: str) -> list[Judged]:
+        """Return the pairs of two objects, or of the parts of one object."""
+        if (one, other) not in self._found:
+            still = one == other and one not in self._jointed
+            still |= self._moved is not None and not self._moved.intersection((one, other))
+            pairs = {tuple(sorted(pair)) for pair in product(self.of[one], self.of[other]) if pair[0] != pair[1]}
+            judged = [self._judged(*pair) for pair in sorted(pairs)] if not still else []
+            self._found[one, other] = [pair for pair in judged if pair is not None]
+        return self._found[one, other]
+
+    def _judged(self, first: int, second: int) -> Judged | None:
+        """Return a pair of solids if a layout must keep it apart."""
+        tree, (g, h) = self.tree, (self.solids[i].geom for i in (first, second))
+        body1, body2 = self._body[g], self._body[h]
+        owners = tree.owner[body1], tree.owner[body2]
+        own = owners[0] == owners[1]
+        if not (tree.movable[body1] or tree.movable[body2]):
+            return None
+        if (g, h) in self._at_home or frozenset((body1, body2)) in self._touching:
+            return None
+        margin = self._explicit.get(frozenset((g, h)))
+        if margin is None:
+            excluded = (min(body1, body2) << 16) + max(body1, body2) in self._excludes
+            contype, conaffinity = self._bits
+            bits = contype[g] & conaffinity[h] | contype[h] & conaffinity[g]
+            if excluded or (self.geometry == "physics" and not bits):
+                return None
+            if (own or not (tree.fixture[body1] or tree.fixture[body2])) and _filtered(tree.mjm, body1, body2):
+                return None
+            margin = self._margins[g] + self._margins[h]
+        keeps = not own and (self._placed is None or bool({*owners} & {*self._placed}))
+        clearance = max(self.clearances.get(owner, 0.0) for owner in owners) if keeps else 0.0
+        return Judged(first, second, clearance, owners, margin if self.geometry == "physics" else 0.0)
 
 
 def _filtered(mjm: mujoco.MjModel, body1: int, body2: int) -> bool:
@@ -172,13 +200,13 @@ class CollisionAudit:
         pairs: The pairs of solids that must be apart.
     """
 
-    def __init__(self, tree: Tree, solids: list[Solid], pairs: list[Judged]) -> None:
+    def __init__(self, tree: Tree, solids: list[Solid], pairs: JudgedPairs) -> None:
         self.tree, self.solids, self.pairs = tree, solids, pairs
         self._narrow = Narrow(solids)
         self._body = [int(tree.mjm.geom_bodyid[s.geom]) for s in solids]
         self._reach = [float(np.linalg.norm(s.center) + np.linalg.norm(s.half)) for s in solids]
 
-    def missed(self, poses: Poses, supporting: Rows) -> list[Conflict]:
+    def missed(self, poses: Poses, supporting: Rows, there: Rows) -> list[Conflict]:
         """Return all pairs of solids that are nearer than their clearance.
 
         An object may touch the body that supports it, but not intersect it. FCL returns no penetration depth for
@@ -187,26 +215,57 @@ class CollisionAudit:
         Args:
             poses: World poses of the rows.
             supporting: Object name -> id of the supporting body in each row, shape (nrow,), -1 without support.
+            there: Object name -> mask of the rows with the object, shape (nrow,).
         """
         conflicts = []
-        for pair in self.pairs:
-            bound = self._lower_bound(pair, poses)
-            lifted = self._lifted(pair, supporting, np.arange(len(bound)))
-            clearance = np.where(lifted != 0, 0.0, pair.clearance)
-            allowed = clearance - MISSED_TOLERANCE
-            if self._over_halfspace(pair) is not None:
-                found = [(row, bound[row]) for row in np.flatnonzero(bound < allowed)]
-            else:
-                near = np.flatnonzero(bound < np.where(lifted != 0, MISSED_TOLERANCE, allowed))
-                exact = [(int(row), self._exact(pair, poses, int(row), lifted[row])) for row in near]
-                found = [(row, d) for row, d in exact if (d <= 0 if lifted[row] else d < allowed[row])]
-            conflicts += [
-                Conflict(int(row), self._geoms(pair), pair.owners, float(d), float(clearance[row])) for row, d in found
-            ]
+        spheres = {owner: self._spheres(solids, poses) for owner, solids in self.pairs.of.items()}
+        wholes = {owner: around(*found) for owner, found in spheres.items()}
+        for owners, rows in self._together(there, len(poses.xpos)):
+            near = MISSED_TOLERANCE + max(self.pairs.clearances.get(owner, 0.0) for owner in owners)
+            (one, radius), (other, size) = (wholes[owner] for owner in owners)
+            apart = np.linalg.norm(one[rows] - other[rows], axis=1) - radius[rows] - size[rows]
+            rows = rows[apart < near]
+            if not len(rows):
+                continue
+            (ones, radii), (others, sizes) = (spheres[owner] for owner in owners)
+            apart = np.linalg.norm(ones[rows, :, None] - others[rows, None], axis=3).min(axis=0)
+            first, second = (np.array(self.pairs.of[owner]) for owner in owners)
+            i, j = np.nonzero(apart - radii[:, None] - sizes < near)
+            close = {frozenset(pair) for pair in zip(first[i].tolist(), second[j].tolist(), strict=True)}
+            for pair in self.pairs.between(*owners):
+                if frozenset((pair.first, pair.second)) in close:
+                    conflicts += self._missed(pair, poses, supporting, rows)
         return sorted(conflicts, key=lambda c: (c.row, c.geoms))
 
+    def _missed(self, pair: Judged, poses: Poses, supporting: Rows, rows: np.ndarray) -> list[Conflict]:
+        """Return the conflicts of one pair in some rows."""
+        bound, lifted = self._lower_bound(pair, poses, rows), self._lifted(pair, supporting, rows)
+        clearance = np.where(lifted != 0, 0.0, pair.clearance)
+        allowed = clearance - MISSED_TOLERANCE
+        if self._over_halfspace(pair) is not None:
+            found = [(i, bound[i]) for i in np.flatnonzero(bound < allowed)]
+        else:
+            near = np.flatnonzero(bound < np.where(lifted != 0, MISSED_TOLERANCE, allowed))
+            exact = [(i, self._exact(pair, poses, int(rows[i]), lifted[i])) for i in near]
+            found = [(i, d) for i, d in exact if (d <= 0 if lifted[i] else d < allowed[i])]
+        return [Conflict(int(rows[i]), self._geoms(pair), pair.owners, float(d), float(clearance[i])) for i, d in found]
+
+    def _together(self, there: Rows, nrow: int) -> Iterator[tuple[tuple[str, str], np.ndarray]]:
+        """Yield two owners of solids, or one owner twice, and the rows that have both, unless there are none."""
+        names = [*self.pairs.of]
+        masks = np.array([there.get(name, np.ones(nrow, bool)) for name in names])
+        for i, j in zip(*np.triu(masks.astype(int) @ masks.T.astype(int)).nonzero(), strict=True):
+            yield (names[i], names[j]), np.flatnonzero(masks[i] & masks[j])
+
+    def _spheres(self, solids: list[int], poses: Poses) -> tuple[np.ndarray, np.ndarray]:
+        """Return spheres around n solids in each row: centres [m], shape (nrow, n, 3), and radii, shape (n,)."""
+        geoms = [self.solids[i].geom for i in solids]
+        offsets = np.array([self.solids[i].center for i in solids])
+        centers = poses.geom_xpos[:, geoms] + np.einsum("ngij,gj->ngi", poses.geom_xmat[:, geoms], offsets)
+        return centers, np.array([np.linalg.norm(self.solids[i].half) for i in solids])
+
     def false_alarms(
-        self, poses: Poses, supporting: Rows, candidate: np.ndarray, rank: Mapping[str, int]
+        self, poses: Poses, supporting: Rows, candidate: np.ndarray, rank: Mapping[str, int], there: Rows
     ) -> list[FalseAlarm]:
         """Return the rejected candidates whose distances all exceed the clearance by more than the tolerance.
 
@@ -215,11 +274,27 @@ class CollisionAudit:
             supporting: Object name -> id of the supporting body in each row, shape (nrow,), -1 without support.
             candidate: Name of the rejected object in each row, shape (nrow,).
             rank: Placed object -> its number in placement order. Objects after the candidate are ignored.
+            there: Object name -> mask of the rows with the object, shape (nrow,).
         """
         free = np.ones(len(candidate), bool)
         nearest = [FalseAlarm(row, None, np.inf) for row in range(len(candidate))]
-        for pair in self.pairs:
-            rows = np.flatnonzero(free & takes_part(pair.owners, candidate, rank))
+        for owners, both in self._together(there, len(candidate)):
+            taking = both[takes_part(owners, candidate[both], rank)]
+            for pair in self.pairs.between(*owners) if len(taking) else ():
+                self._raise_alarms(pair, poses, supporting, taking[free[taking]], free, nearest)
+        return [nearest[row] for row in np.flatnonzero(free)]
+
+    def _raise_alarms(
+        self,
+        pair: Judged,
+        poses: Poses,
+        supporting: Rows,
+        rows: np.ndarray,
+        free: np.ndarray,
+        nearest: list[FalseAlarm],
+    ) -> None:
+        """Update for one pair the rows that are `free` of collisions, and the `nearest` pair of each row."""
+        if len(rows):
             kept = max(pair.clearance, pair.margin)
             required = np.where(self._lifted(pair, supporting, rows) != 0, 0.0, kept)
             surplus = self._lower_bound(pair, poses, rows) - required
@@ -231,7 +306,6 @@ class CollisionAudit:
                 if surplus[i] < nearest[row].surplus:
                     nearest[row] = FalseAlarm(row, pair.owners, float(surplus[i]))
             free[rows] = surplus > tolerance
-        return [nearest[row] for row in np.flatnonzero(free)]
 
     def _lifted(self, pair: Judged, supporting: Rows, rows: np.ndarray) -> np.ndarray:
         """Return for each row: 1 if the first solid stands on the second solid's body, 2 for the reverse, else 0."""
@@ -275,6 +349,12 @@ class CollisionAudit:
             for side, geom in enumerate(self._geoms(pair), start=1)
         )
         return self._narrow.distance(pair.first, pair.second, first, second)
+
+
+def around(centers: np.ndarray, radii: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return a sphere around n spheres in each row: centres [m], shape (nrow, 3), and radii, shape (nrow,)."""
+    middle = centers.mean(axis=1)
+    return middle, (np.linalg.norm(centers - middle[:, None], axis=2) + radii).max(axis=1)
 
 
 def takes_part(owners: tuple[str, str], candidate: np.ndarray, rank: Mapping[str, int]) -> np.ndarray:

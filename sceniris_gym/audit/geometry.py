@@ -87,6 +87,10 @@ class Poses:
     xpos: np.ndarray
     xmat: np.ndarray
 
+    def take(self, rows: np.ndarray) -> "Poses":
+        """Return the poses of some rows."""
+        return Poses(self.geom_xpos[rows], self.geom_xmat[rows], self.xpos[rows], self.xmat[rows])
+
 
 def poses_of(mjm: mujoco.MjModel, table: LayoutTable) -> Poses:
     """Return the poses of all geoms and bodies in each row of a table, from MuJoCo C's forward kinematics."""

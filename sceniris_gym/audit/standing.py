@@ -8,9 +8,9 @@ import numpy as np
 import shapely
 
 from sceniris_gym.audit import supports
-from sceniris_gym.audit.collisions import Judged
+from sceniris_gym.audit.collisions import JudgedPairs
 from sceniris_gym.audit.distance import Narrow
-from sceniris_gym.audit.geometry import Form, Poses, Solid, rotation
+from sceniris_gym.audit.geometry import Form, Poses, Rows, Solid, rotation
 from sceniris_gym.audit.scene import Carrier, JudgedScene, Outlines
 from sceniris_gym.audit.supports import EDGE_TOLERANCE, HEIGHT_TOLERANCE, LevelSurface, inside, surface_of
 from sceniris_gym.config.bounds import LEAST_GAP
@@ -98,21 +98,21 @@ class StandingAudit:
             carrier, in the frame of the carrier's body.
     """
 
-    def __init__(self, scene: JudgedScene, outlines: Outlines, heaps: HeapAudit, pairs: list[Judged]) -> None:
+    def __init__(self, scene: JudgedScene, outlines: Outlines, heaps: HeapAudit, pairs: JudgedPairs) -> None:
         self.scene, self.outlines, self._heaps = scene, outlines, heaps
         self._planes = [s.geom for s in scene.solids if s.form is Form.HALFSPACE]
         ray = Solid(-1, Form.ROUNDED, np.array([[0, 0, 0], [0, 0, _HIGH]]), np.zeros((0, 3), int), 0.0, np.zeros(3))
         self._narrow = Narrow([*scene.solids, ray])
         self.hulls = scene.hulls(scene.solids)
         self.surfaces = cache(self._surfaces)
-        self._touch: dict[tuple[str, int], float] = {}  # (object, carrying body) -> distance [m] of their contact
-        for pair, ends in ((p, ends) for p in pairs for ends in ((p.first, p.second), (p.second, p.first))):
-            one, other = (scene.solids[i] for i in ends)
-            key = scene.owner(one), int(scene.mjm.geom_bodyid[other.geom])
-            self._touch[key] = max(pair.margin, self._touch.get(key, 0.0))
+        self._pairs, self._touch = pairs, cache(self._touching)
 
-    def check(self, poses: Poses) -> tuple[list[Misplaced], dict[str, np.ndarray]]:
-        """Judge all placed objects in all rows.
+    def check(self, poses: Poses, there: Rows) -> tuple[list[Misplaced], dict[str, np.ndarray]]:
+        """Judge all placed objects in the rows where they are present.
+
+        Args:
+            poses: World poses of the rows.
+            there: Object name -> mask of the rows with the object, shape (nrow,).
 
         Returns:
             The misplaced objects, and object name -> id of the supporting body in each row, shape (nrow,), -1 without
@@ -123,20 +123,29 @@ class StandingAudit:
         for name, part in self.scene.placed.items():
             if name in elsewhere:
                 continue
-            outline = self.outlines.outline(name, poses)
-            pivots, erosion = outline.pivot, part.ratio_on_support / 2 * (outline.high - outline.low).min(1)
-            if part.support is None:
-                wrong[name, "support"] = ~_in_space(part, pivots)
-                continue
-            if name in self.scene.config.all_robots:  # a robot stands on its lowest point, which may not be its origin
-                pivots = np.column_stack([pivots[:, :2], self._corners(name, poses)[:, :, 2].min(axis=1)])
-            carrier = self.scene.carrier(part.support.parent)
-            supporting[name], stands = self._supporting(name, part, carrier, poses, pivots, erosion)
-            wrong[name, "support"] = supporting[name] < 0
-            wrong[name, "footprint"] = (supporting[name] >= 0) & ~stands
-            wrong[name, "overhead"] = self._wrongly_covered(part.support.word, carrier, poses, pivots)
+            rows = np.flatnonzero(there[name])
+            body, found = self._check(name, part, poses.take(rows)) if len(rows) else (np.zeros(0, int), {})
+            if part.support is not None:
+                supporting[name] = np.full(len(there[name]), -1)
+                supporting[name][rows] = body
+            for cause, mask in found.items():
+                wrong[name, cause] = np.zeros(len(there[name]), bool)
+                wrong[name, cause][rows] = mask
         found = [Misplaced(int(row), *key) for key, rows in wrong.items() for row in np.flatnonzero(rows)]
         return sorted(found, key=lambda m: (m.row, m.name)), supporting
+
+    def _check(self, name: str, part: ObjectConfig, poses: Poses) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """Judge a placed object. Return its supporting body in each row, and a mask of the rows for each cause."""
+        outline = self.outlines.outline(name, poses)
+        pivots, erosion = outline.pivot, part.ratio_on_support / 2 * (outline.high - outline.low).min(1)
+        if part.support is None:
+            return np.full(len(pivots), -1), {"support": ~_in_space(part, pivots)}
+        if name in self.scene.config.all_robots:  # a robot stands on its lowest point, which may not be its origin
+            pivots = np.column_stack([pivots[:, :2], self._corners(name, poses)[:, :, 2].min(axis=1)])
+        carrier = self.scene.carrier(part.support.parent)
+        body, stands = self._supporting(name, part, carrier, poses, pivots, erosion)
+        covered = self._wrongly_covered(part.support.word, carrier, poses, pivots)
+        return body, {"support": body < 0, "footprint": (body >= 0) & ~stands, "overhead": covered}
 
     def _supporting(
         self, name: str, part: ObjectConfig, carrier: Carrier, poses: Poses, pivots: np.ndarray, erosion: np.ndarray
@@ -168,8 +177,17 @@ class StandingAudit:
 
     def gap(self, name: str, carrier: Carrier) -> float:
         """Return an object's height [m] above its support: `gap` in the scene file, or more to avoid a contact."""
-        touch = self._touch.get((name, carrier.body), 0.0)
+        touch = self._touch(name, carrier.body)
         return max(self.scene.placed[name].gap, touch + LEAST_GAP if touch > 0.0 else 0.0)
+
+    def _touching(self, name: str, body: int) -> float:
+        """Return the distance [m] at which contacts of an object with a carrying body act, 0 without contacts."""
+        of, owners = self.scene.mjm.geom_bodyid, (name, self.scene.tree.owner[body])
+        pairs = self._pairs.between(*owners) if self._pairs.of.keys() >= {*owners} else ()
+        ends = [
+            (pair.margin, {int(of[self.scene.solids[i].geom]) for i in (pair.first, pair.second)}) for pair in pairs
+        ]
+        return max((margin for margin, bodies in ends if body in bodies), default=0.0)
 
     def in_frame(self, body: int, poses: Poses, points: np.ndarray) -> np.ndarray:
         """Return world points (nrow, n, 3) in the frame of a body, NaN in rows where the body is tilted."""

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sceniris_gym.audit.auditor import Auditor
-from sceniris_gym.audit.collisions import Tree, judged_pairs
+from sceniris_gym.audit.collisions import JudgedPairs, Tree
 from sceniris_gym.audit.geometry import solids_of
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.scene.build import build_model
@@ -90,7 +90,7 @@ def test_geoms_of_different_objects_are_judged_where_mujoco_collides_them():
     tree, solids = Tree(mjm, {name: mjm.body(name).id for name in HEAPED}), solids_of(mjm, "physics")
     judged = [
         frozenset(mjm.geom(solids[i].geom).name for i in (pair.first, pair.second))
-        for pair in judged_pairs(tree, solids, "physics", {})
+        for pair in JudgedPairs(tree, solids, "physics", {})
     ]
     owner = {mjm.geom(g).name: tree.owner[mjm.geom_bodyid[g]] for g in range(mjm.ngeom)}
     reported = {frozenset(mjm.geom(g).name for g in contact.geom) for contact in data.contact[: data.ncon]}
@@ -107,7 +107,7 @@ def test_parts_of_an_object_are_judged_where_its_joints_are_drawn():
     tree, solids = Tree(mjm, {name: mjm.body(name).id for name in ("arm", "a", "b", "c")}), solids_of(mjm, "physics")
     judged = {
         frozenset(mjm.geom(solids[i].geom).name for i in (pair.first, pair.second)): pair
-        for pair in judged_pairs(tree, solids, "physics", {"arm": 0.01}, jointed=["arm"])
+        for pair in JudgedPairs(tree, solids, "physics", {"arm": 0.01}, jointed=["arm"])
     }
     reported = {frozenset(mjm.geom(g).name for g in contact.geom) for contact in data.contact[: data.ncon]}
     assert set(judged) == reported
@@ -115,7 +115,7 @@ def test_parts_of_an_object_are_judged_where_its_joints_are_drawn():
     assert len(own) >= 3
     assert {judged[pair].clearance for pair in own} == {0.0}
     assert judged[frozenset(("base", "upper"))].margin == 0.01
-    assert not judged_pairs(tree, solids, "physics", {}, jointed=["arm"], at_home=_all_pairs(mjm))
+    assert not list(JudgedPairs(tree, solids, "physics", {}, jointed=["arm"], at_home=_all_pairs(mjm)))
 
 
 def _all_pairs(mjm: mujoco.MjModel) -> set[tuple[int, int]]:
@@ -127,7 +127,7 @@ def test_what_is_seen_collides_whatever_its_bits_are():
     mjm = mujoco.MjModel.from_xml_string(HEAP)
     mjm.geom_contype[:] = mjm.geom_conaffinity[:] = 0
     tree, solids = Tree(mjm, {name: mjm.body(name).id for name in HEAPED}), solids_of(mjm, "visual")
-    found = {frozenset(pair.owners) for pair in judged_pairs(tree, solids, "visual", {})}
+    found = {frozenset(pair.owners) for pair in JudgedPairs(tree, solids, "visual", {})}
     assert {frozenset(("a", "b")), frozenset(("a", "world")), frozenset(("a", "post"))} <= found
     assert frozenset(("a", "c")) not in found
 
@@ -136,7 +136,7 @@ def test_a_pair_keeps_the_larger_clearance():
     """The clearance of a pair is that of the pickier object; an object without one asks for nothing."""
     mjm = mujoco.MjModel.from_xml_string(HEAP)
     tree = Tree(mjm, {name: mjm.body(name).id for name in HEAPED})
-    judged = judged_pairs(tree, solids_of(mjm, "physics"), "physics", {"a": 0.01, "b": 0.03})
+    judged = JudgedPairs(tree, solids_of(mjm, "physics"), "physics", {"a": 0.01, "b": 0.03})
     clearance = {frozenset(pair.owners): pair.clearance for pair in judged}
     assert clearance[frozenset(("a", "b"))] == 0.03
     assert clearance[frozenset(("a", "post"))] == 0.01

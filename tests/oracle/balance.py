@@ -49,7 +49,7 @@ class Balance:
     def falling(self, table: LayoutTable) -> list[tuple[int, str]]:
         """Return the objects that fall over, or make what is below them fall, with their rows."""
         poses, there = poses_of(self._scene.mjm, table), presence(self._scene.config, table)
-        _, supporting = self._standing.check(poses)
+        _, supporting = self._standing.check(poses, there)
         moved = self._starts.moved(table, there)
         weight = {name: self._weight(name, poses) * there[name][:, None] for name in self._owner}
         load = {name: np.sum([weight[other] for other in others], axis=0) for name, others in self._loads.items()}
