@@ -218,8 +218,8 @@ def judge_poses(
     """
     if tier >= Tier.CLEAR:
         raise NotSupportedError(
-            f"reach --tier {tier.word}: this tier needs a layout, whose objects the arm has to avoid, but --poses has "
-            f"none. Use `reachable: {tier.word}` in a scene, or --tier ik here."
+            f"reach --tier {tier.word}: this tier needs a layout, whose objects the arm has to avoid, but --poses "
+            f"gives none. Use `reachable: {tier.word}` in a scene, or --tier ik here."
         )
     if tier == Tier.IK:
         return _solvable(mjm, arm, poses, device)

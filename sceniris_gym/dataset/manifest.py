@@ -69,7 +69,9 @@ class DatasetPlan:
         left_out = ["param", *([] if compiled.config.start else ["start"])]
         left_out += [] if compiled.scene.draws else columns("draw")
         left_out += [] if compiled.reaching is not None else [*columns("grasp"), "grasp_pose"]
-        types = {name: form for name, form in row_types(compiled).items() if name not in left_out}
+        types = row_types(compiled)
+        left_out += [] if types["path"][1][-1] else ["path"]
+        types = {name: form for name, form in types.items() if name not in left_out}
         fields = {
             "format": FORMAT,
             "scene": compiled.config.name,

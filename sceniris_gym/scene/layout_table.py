@@ -6,7 +6,7 @@ This module depends only on MuJoCo states, so that code that judges layouts shar
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from numbers import Integral
 from typing import Annotated, Any, NamedTuple, get_origin, get_type_hints
 
@@ -94,7 +94,9 @@ class LayoutTable:
     grasp_pose: Annotated[np.ndarray, Column("table", "float32", ("nreach", 7))]
     grasp_qpos: Annotated[np.ndarray, Column("grasp", "float32", ("nreach", "njoint"), blank=np.nan)]
     pregrasp_qpos: Annotated[np.ndarray, Column("grasp", "float32", ("nreach", "njoint"), blank=np.nan)]
-    path: Annotated[np.ndarray, Column("grasp", "float32", ("nreach", "npath"), blank=np.nan)]
+    path: Annotated[np.ndarray, Column("grasp", "float32", ("nreach", "npath"), blank=np.nan)] = field(
+        default_factory=lambda: np.zeros((0, 0, 0), np.float32), kw_only=True
+    )
     param: Annotated[np.ndarray, Column("key", "float32", ("nvalue",))]
     present: Annotated[np.ndarray, Column("pose", "bool", ("nslot",))]
     valid: Annotated[np.ndarray, Column("table", "bool")]
@@ -102,6 +104,12 @@ class LayoutTable:
     scene: str = ""
     split: str = "train"
     params: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Complete tables without paths: files of earlier versions lack the column."""
+        shape = np.shape(self.grasp)[:2]
+        if np.size(self.path) == 0 and np.shape(self.path)[:2] != shape:
+            object.__setattr__(self, "path", np.zeros((*shape, 0), np.float32))
 
     @classmethod
     def from_states(

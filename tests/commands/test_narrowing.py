@@ -29,7 +29,7 @@ def test_narrowing_is_the_share_that_is_left_however_many_are_looked_at(crane: C
     assert figures["thing"]["candidates"] > 0.9 * layouts
     assert figures["thing"]["kept"] == pytest.approx(share, abs=4 * np.sqrt(share * (1 - share) / layouts))
     assert figures["thing"]["unreachable"] > 0
-    assert [*figures["thing"]] == ["kept", "candidates", "unreachable", "no_ik", "blocked"]
+    assert [*figures["thing"]] == ["kept", "candidates", "unreachable", "no_ik", "blocked", "no_path"]
 
 
 def test_narrowing_counts_what_later_stages_refuse(tmp_path: Path):

@@ -63,7 +63,7 @@ def test_a_data_set_is_a_table_in_parts_and_a_model_that_fit(tmp_path: Path):
         assert rows[name].dtype == getattr(table, name).dtype, name
     left_out = set(COLUMNS) - set(rows.dtype.names or ())
     drawn = {"draw_seed", "draw_episode", "draw_stream", "param"}
-    assert left_out == {"start", "grasp", "grasp_pose", "grasp_qpos", "pregrasp_qpos"} | drawn
+    assert left_out == {"start", "grasp", "grasp_pose", "grasp_qpos", "pregrasp_qpos", "path"} | drawn
     with (folder / "scene.zip").open("rb") as file:
         mjm = mujoco.MjSpec.from_zip(file).compile()
     assert (mjm.nq, mjm.nmocap) == (rows["qpos"].shape[1], 1)

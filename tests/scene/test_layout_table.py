@@ -24,7 +24,7 @@ def _table(nrow: int, seed: int) -> LayoutTable:
     """A table in which every field of every row holds numbers that no other row has."""
     draws = np.random.default_rng(seed)
     shapes = {"qpos": (8,), "mocap_pos": (2, 3), "mocap_quat": (2, 4), "present": (3,), "grasp": (2,)}
-    shapes |= {"grasp_pose": (2, 7), "grasp_qpos": (2, 6), "pregrasp_qpos": (2, 6)}
+    shapes |= {"grasp_pose": (2, 7), "grasp_qpos": (2, 6), "pregrasp_qpos": (2, 6), "path": (2, 24)}
     columns: dict[str, Any] = {name: draws.random((nrow, *shapes.get(name, ()))) for name in COLUMNS}
     return LayoutTable(**columns)
 
@@ -47,6 +47,14 @@ def test_concatenated_tables_are_all_their_rows_in_order():
     rows = [row for table in tables for row in _rows(table)]
     assert _same(_rows(LayoutTable.concatenate(tables)), rows)
     assert _same(_rows(LayoutTable.concatenate(tables[:1])), _rows(tables[0]))
+
+
+def test_a_table_of_an_earlier_version_has_no_paths():
+    """Files that lack the column are read, as the policies that ship; without targets and with them."""
+    columns = {name: getattr(_table(3, 0), name) for name in COLUMNS if name != "path"}
+    assert LayoutTable(**columns).path.shape == (3, 2, 0)
+    state = _table(3, 0)
+    assert LayoutTable.from_states(state.qpos, state.mocap_pos, state.mocap_quat, state.present).path.shape == (3, 0, 0)
 
 
 def test_chosen_rows_are_whole():
