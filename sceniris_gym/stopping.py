@@ -2,7 +2,7 @@
 
 The signals raise no exception, because some libraries would catch an exception during their import, and because Python
 would not raise it until the running C function returns. Instead a thread receives the signal, ends the processes that
-`multiprocessing` has started, removes temporary files, and exits.
+this process has started, removes temporary files, and exits.
 """
 
 import multiprocessing
@@ -36,6 +36,11 @@ def _end(heard: int, numbers: tuple[int, ...]) -> None:
         pass
     for child in multiprocessing.active_children():
         child.kill()
+    # a library may wait for a program that it has started, whose complaint about the end would be the last line
+    for children in Path("/proc/self/task").glob("*/children"):
+        for child in children.read_text().split():
+            with suppress(OSError):
+                os.kill(int(child), signal.SIGKILL)
     for file in Path("/proc/self/fd").glob("*"):
         with suppress(OSError):
             if (path := file.readlink()).match(f".*-{os.getpid()}.*.tmp"):  # as `files.replacing` names them

@@ -61,6 +61,15 @@ def test_a_signal_ends_a_program_whatever_it_does(tmp_path: Path, number: int, b
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("number", STOPS)
+def test_programs_that_it_started_end_too(tmp_path: Path, number: int):
+    """Before the pipe to them closes, so that none complains of its end, as the one by which glfw finds its library."""
+    child = "subprocess.Popen([sys.executable, '-c', 'print(1, flush=True); input()'], stdin=-1, stdout=-1)"
+    begin = f"import subprocess\nchild = {child}\nchild.stdout.readline()"
+    program = f"{START}\nend_at_signals()\n{begin}\nprint('ready', flush=True)\ntime.sleep(60)"
+    assert ended(program, number, tmp_path / "file") == (128 + number, "")
+
+
 def test_a_forked_child_ends_alone(tmp_path: Path):
     """With the status of shells; its parent hears nothing of it, and keeps its file."""
     program = f"""{START}
