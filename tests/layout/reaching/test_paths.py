@@ -208,6 +208,24 @@ def test_a_task_reads_the_corners_and_their_number():
     envs.close()
 
 
+def test_variants_and_redraws_have_paths():
+    """The path of the present variant starts at home; a redraw of its target finds one from the arm's present pose."""
+    scene = {"base": "tabletop_lift_any", "objects": {"target": {"reachable": "path"}}}
+    envs = SceneVectorEnv("sceniris_gym.envs.tabletop_lift_any:TabletopLiftAny", 12, scene=scene, device="cpu")
+    envs.reset(seed=0)
+    s = envs.state
+    home, (corners, number) = s.qpos("panda")[:, :7].clone(), s.path("target")
+    assert len(envs.randomizer.variants.unique()) > 2
+    np.testing.assert_array_equal(corners[:, 0].numpy(), home.numpy())
+    assert ((number >= 3) & (number <= 5)).all()
+    before = s.pose("target").clone()
+    envs.redraw(["target"], np.arange(12) < 6)
+    moved = (s.pose("target") != before).any(dim=1)
+    assert moved[:6].all()
+    assert not moved[6:].any()
+    envs.close()
+
+
 @pytest.mark.parametrize(
     ("overrides", "error"),
     [
