@@ -116,8 +116,12 @@ def main(options: Options) -> None:
     settings = settings_of(TASK)
     changes = tuple(f"{name}={getattr(settings, name)}" for name in ("gamma", "entropy", "steps"))
     found = train(task_of(options.things, options.seed), options, "target", changes)
-    line = {"things": options.things, **found}
-    with replacing(options.out / "lift_any.json") as file:
+    tell({"things": options.things, **found}, options.out / "lift_any.json")
+
+
+def tell(line: dict[str, Any], path: Path) -> None:
+    """Print a line of JSON, and write it to a file."""
+    with replacing(path) as file:
         file.write_text(json.dumps(line))
     print(json.dumps(line), flush=True)
 

@@ -12,7 +12,6 @@ share of each unit.
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,7 +22,6 @@ import tyro
 import sceniris_gym
 from benchmarks import lift_any
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.files import replacing
 from sceniris_gym.registration import ENTRY_POINTS
 
 TASK = "OpenAny-v0"
@@ -78,10 +76,7 @@ def register(options: Options) -> str:
 def main(options: Options) -> None:
     """Train, judge and print."""
     found = lift_any.train(register(options), options, "unit", CHANGES, options.minutes)
-    line = {"units": options.units, **found}
-    with replacing(options.out / "open_any.json") as file:
-        file.write_text(json.dumps(line))
-    print(json.dumps(line), flush=True)
+    lift_any.tell({"units": options.units, **found}, options.out / "open_any.json")
 
 
 if __name__ == "__main__":

@@ -134,8 +134,7 @@ class Auditor:
             nearer = {
                 (c.row, c.geoms): replace(c, row=start + c.row)
                 for c in self.collisions.missed(poses, supporting, there)
-                if all(there[owner][c.row] for owner in c.owners if owner in there)
-                and not self.starts.excuses(some, c, grasped)
+                if not self.starts.excuses(some, c, grasped)
             }
             contacts = self.contacts.contacts(some, supporting)
             for c in tally.add(start, self.starts.between(contacts, grasped, sides)):

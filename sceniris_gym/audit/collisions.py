@@ -281,7 +281,10 @@ class CollisionAudit:
         for owners, both in self._together(there, len(candidate)):
             taking = both[takes_part(owners, candidate[both], rank)]
             for pair in self.pairs.between(*owners) if len(taking) else ():
-                self._raise_alarms(pair, poses, supporting, taking[free[taking]], free, nearest)
+                taking = taking[free[taking]]
+                if not len(taking):
+                    break
+                self._raise_alarms(pair, poses, supporting, taking, free, nearest)
         return [nearest[row] for row in np.flatnonzero(free)]
 
     def _raise_alarms(
@@ -294,18 +297,17 @@ class CollisionAudit:
         nearest: list[FalseAlarm],
     ) -> None:
         """Update for one pair the rows that are `free` of collisions, and the `nearest` pair of each row."""
-        if len(rows):
-            kept = max(pair.clearance, pair.margin)
-            required = np.where(self._lifted(pair, supporting, rows) != 0, 0.0, kept)
-            surplus = self._lower_bound(pair, poses, rows) - required
-            forms = {self.solids[i].form for i in (pair.first, pair.second)}
-            tolerance = POLYHEDRON_TOLERANCE if forms <= {Form.POLYHEDRON, Form.HALFSPACE} else CURVED_TOLERANCE
-            for i, row in enumerate(rows.tolist()):
-                if surplus[i] <= max(nearest[row].surplus, tolerance) and self._over_halfspace(pair) is None:
-                    surplus[i] = self._exact(pair, poses, row, 0) - required[i]
-                if surplus[i] < nearest[row].surplus:
-                    nearest[row] = FalseAlarm(row, pair.owners, float(surplus[i]))
-            free[rows] = surplus > tolerance
+        kept = max(pair.clearance, pair.margin)
+        required = np.where(self._lifted(pair, supporting, rows) != 0, 0.0, kept)
+        surplus = self._lower_bound(pair, poses, rows) - required
+        forms = {self.solids[i].form for i in (pair.first, pair.second)}
+        tolerance = POLYHEDRON_TOLERANCE if forms <= {Form.POLYHEDRON, Form.HALFSPACE} else CURVED_TOLERANCE
+        for i, row in enumerate(rows.tolist()):
+            if surplus[i] <= max(nearest[row].surplus, tolerance) and self._over_halfspace(pair) is None:
+                surplus[i] = self._exact(pair, poses, row, 0) - required[i]
+            if surplus[i] < nearest[row].surplus:
+                nearest[row] = FalseAlarm(row, pair.owners, float(surplus[i]))
+        free[rows] = surplus > tolerance
 
     def _lifted(self, pair: Judged, supporting: Rows, rows: np.ndarray) -> np.ndarray:
         """Return for each row: 1 if the first solid stands on the second solid's body, 2 for the reverse, else 0."""

@@ -109,6 +109,8 @@ class LayoutGenerator(Fixed, LayoutSource):
         reaches = [Reach()] if reaching is None else [one.view for one in reaching.arms]
         ahead, view = 0 if self._boxes is not None else count_ahead(compiled, size), self.layouts.view
         self._work = Workspace(compiled, program, statics, ahead, reaches, SPLITS[split], size, view, search)
+        few = replace(size, lanes=min(size.lanes, SearchSize.lanes), blocks=min(size.blocks, SearchSize.blocks))
+        self._few_rows = replace(self._work, size=few)  # with few rows, more lanes and blocks would be idle
         staged = reaching is not None and (reaching.staged or compiled.starts is not None)
         self._stage = ReachStage(self._work, reaching) if reaching is not None and staged else None
         self._stacks_are_low = statics is not None and statics.obj_levelnum.numpy().max() <= _LOW_STACK
@@ -191,14 +193,13 @@ class LayoutGenerator(Fixed, LayoutSource):
 
     def _round(self, stage: ReachStage | None) -> None:
         """Try the next restarts of every pending world: place all objects, then find joints for the reach targets."""
-        work, size, wave = self._work, self.size, partial(self._wave, stage is not None)
+        work, wave = self._work, partial(self._wave, stage is not None)
         launch_open_rows(work, stage is not None)
         if work.ahead > 0:
             launch_draw_ahead(work)
-        few = replace(size, lanes=min(size.lanes, SearchSize.lanes), blocks=min(size.blocks, SearchSize.blocks))
-        if few != size:  # few rows leave most of these lanes and blocks idle
+        if self._few_rows.size != work.size:
             repeat_launches(work.search.many_rows, partial(wave, work), self._most_waves)
-        repeat_launches(work.search.rows_left, partial(wave, replace(work, size=few)), self._most_waves)
+        repeat_launches(work.search.rows_left, partial(wave, self._few_rows), self._most_waves)
         if stage is not None:
             stage.launch()
         launch_settle(work)

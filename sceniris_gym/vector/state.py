@@ -96,8 +96,11 @@ class State(Readings):
             UnknownNameError: The scene has no such body.
             ArgumentError: The body is a robot, a fixture or a static object, or hangs on joints.
         """
-        body = find_body(self.scene, name, "State.put_pose")
-        writer = self._once(lambda: PoseWriter(self._batch, body, self.device), "pose", name)
+
+        def make() -> PoseWriter:
+            return PoseWriter(self._batch, find_body(self.scene, name, "State.put_pose"), self.device)
+
+        writer = self._once(make, "pose", name)
         pose = torch.cat([pose[:, :3], torch.nn.functional.normalize(pose[:, 3:], dim=1, eps=0.0)], dim=1)
         given = mask & pose.isfinite().all(dim=1)
         if writer.owner in self.scene.config.objects:

@@ -16,13 +16,11 @@ def moves_of(scene: SceneModel, robot: str, arm: SerialArm) -> np.ndarray:
     """
     mjm = scene.mjm
     joints = [int(np.flatnonzero(mjm.jnt_qposadr == adr)[0]) for adr in arm.qposadr]
-    radius, anchor, travel = np.zeros(mjm.nbody), np.zeros(mjm.nbody), np.zeros(mjm.nbody)
+    radius, slides = np.zeros(mjm.nbody), mjm.jnt_type == int(mujoco.mjtJoint.mjJNT_SLIDE)
     np.maximum.at(radius, mjm.geom_bodyid, np.linalg.norm(mjm.geom_pos, axis=1) + mjm.geom_rbound)
-    slides = mjm.jnt_type == int(mujoco.mjtJoint.mjJNT_SLIDE)
-    np.add.at(anchor, mjm.jnt_bodyid, np.linalg.norm(mjm.jnt_pos, axis=1))
-    np.add.at(
-        travel, mjm.jnt_bodyid, np.where(slides, np.abs(mjm.jnt_range - mjm.qpos0[mjm.jnt_qposadr, None]).max(1), 0.0)
-    )
+    furthest = np.where(slides, np.abs(mjm.jnt_range - mjm.qpos0[mjm.jnt_qposadr, None]).max(axis=1), 0.0)
+    lengths = np.linalg.norm(mjm.jnt_pos, axis=1), furthest
+    anchor, travel = (np.bincount(mjm.jnt_bodyid, length, mjm.nbody) for length in lengths)
     found = np.zeros((mjm.nbody, len(joints)))
     for body in scene.moving(robot):
         reached = radius[body]
