@@ -24,6 +24,7 @@ from benchmarks.timing import spread
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import ResetRandomizer
+from sceniris_gym.sim.variants import fields_of_variants
 
 _ARM = {"asset": "panda", "base": [-0.6, 0.0, 0.0]}
 _STEPS = 100
@@ -31,6 +32,10 @@ _EVERY = 50
 """One world in so many is reset in a step, each of them in turn."""
 _BANK = 16
 """Episodes of each world that are replayed."""
+_WAYS = ("ahead", "in_place", "replayed")
+
+State = list[tuple[wp.array, wp.array]]
+"""Arrays of Data, of the Model where variants differ, and their values at the beginning of a step."""
 
 
 def main() -> None:
@@ -41,34 +46,37 @@ def main() -> None:
     parser.add_argument("--num-envs", type=int, default=4096)
     parser.add_argument("--settle", action="store_true", help="let steps follow each other")
     parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--ways", nargs="+", choices=_WAYS, default=_WAYS)
     parser.add_argument("--device", default=None)
     words = parser.parse_args()
     wp.config.quiet = True
     overlay = {"robot": _ARM} if words.arm else {}
     compiled = compile_scene({"base": words.scene, **overlay}, words.device)
     n = words.num_envs
-    table = episodes(compiled, list(range(0, n * _BANK, _BANK)), _BANK)
     device = wp.get_device(compiled.device)
     turns = [wp.array(np.arange(n) % _EVERY == turn, dtype=wp.bool, device=device) for turn in range(_EVERY)]
     masks = {"with": turns, "without": [wp.zeros(n, dtype=wp.bool, device=device)]}
-    ways: dict[str, dict[str, Any]] = {
-        "ahead": {"prefetch": True},
-        "in_place": {"prefetch": False},
-        "replayed": {"layout_source": replayed(table)(compiled, n)},
-    }
-    worlds, starts = {}, {}
+    ways: dict[str, dict[str, Any]] = {"ahead": {"prefetch": True}, "in_place": {"prefetch": False}, "replayed": {}}
+    ways = {name: ways[name] for name in words.ways}
+    if "replayed" in ways:
+        table = episodes(compiled, list(range(0, n * _BANK, _BANK)), _BANK)
+        ways["replayed"] = {"layout_source": replayed(table)(compiled, n)}
+    worlds: dict[str, tuple[Batch, ResetRandomizer]] = {}
+    starts: dict[str, State] = {}
     for name, arguments in ways.items():
         batch = Batch(compiled.scene, n, compiled.device, substeps=4)
         worlds[name] = batch, ResetRandomizer(compiled, batch.model, batch.data, **arguments)
         worlds[name][1].reset()
         for _ in range(20):
             batch.step()
-        starts[name] = {field: wp.clone(getattr(batch.data, field)) for field in ResetRandomizer.STATE_FIELDS}
+        state = [getattr(batch.data, field) for field in ResetRandomizer.STATE_FIELDS]
+        state += [getattr(batch.model, field) for field in fields_of_variants(batch.full_scene)]
+        starts[name] = [(array, wp.clone(array)) for array in state if array.size]
     times: dict[tuple[str, str], list[float]] = {}
     for _ in range(words.rounds + 1):
         for name, (batch, randomizer) in worlds.items():
             for which, given in masks.items():
-                start = None if words.settle else starts[name]
+                start = [] if words.settle else starts[name]
                 times.setdefault((name, which), []).append(_time(batch, randomizer, given, start))
     for name in ways:
         both = {which: np.array(times[name, which][1:]) for which in masks}
@@ -76,13 +84,13 @@ def main() -> None:
         print(json.dumps({"way": name, "num_envs": n, **{k: spread(v, 1) for k, v in both.items()}}), flush=True)
 
 
-def _time(batch: Batch, randomizer: ResetRandomizer, masks: list[wp.array], state: dict[str, wp.array] | None) -> float:
-    """Return the mean time of a step and a reset [us], each from this state if there is one."""
+def _time(batch: Batch, randomizer: ResetRandomizer, masks: list[wp.array], state: State) -> float:
+    """Return the mean time of a step and a reset [us], each from this state if it is not empty."""
     wp.synchronize_device(batch.device)
     start = time.perf_counter()
     for step in range(_STEPS):
-        for field, values in (state or {}).items():
-            wp.copy(getattr(batch.data, field), values)
+        for array, values in state:
+            wp.copy(array, values)
         batch.step()
         randomizer.reset(masks[step % len(masks)])
     wp.synchronize_device(batch.device)

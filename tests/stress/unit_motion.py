@@ -17,10 +17,8 @@ from pathlib import Path
 from typing import Any
 
 import mujoco
-import mujoco_warp as mjw
 import numpy as np
 import tyro
-import warp as wp
 
 import sceniris_gym
 from sceniris_gym.layout.compile import compile_scene
@@ -66,9 +64,8 @@ def scene_of(asset: Any, *, things: bool, moves: bool = True) -> dict[str, Any]:
 
 def run(batch: Batch, steps: int) -> tuple[np.ndarray, np.ndarray]:
     """Step worlds, and return qpos and qvel."""
-    with wp.ScopedDevice(batch.device):
-        for _ in range(steps):
-            mjw.step(batch.model, batch.data)
+    for _ in range(steps):
+        batch.step()
     return batch.data.qpos.numpy(), batch.data.qvel.numpy()
 
 
