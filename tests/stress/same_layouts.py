@@ -26,14 +26,16 @@ from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.draws import drawn_fields
 from sceniris_gym.sim.fit import make_worlds
 from sceniris_gym.sim.randomizer import ResetRandomizer
+from tests.layout.reaching.test_paths import CUPBOARD
 from tests.layout.starting import SCENE
 
 _LAYOUTS = ("qpos", "mocap_pos", "mocap_quat", "attempts", "status", "present", "start")
-_GRASPS = ("grasp", "grasp_qpos", "pregrasp_qpos")
+_GRASPS = ("grasp", "grasp_qpos", "pregrasp_qpos", "path")
 _STATE = ("qpos", "mocap_pos", "mocap_quat", "ctrl")
 _NOISE = {"*": {"noise": 0.02}}
 MIXED: dict[str, dict[str, Any]] = {
     "every_start": SCENE,
+    "paths": {**CUPBOARD, "start": [{}, {"robot": "path", "of": "can", "share": [0.0, 1.0]}]},
     "drawn_masses": {
         "robot": {"asset": "panda", "base": [-0.5, 0.0, 0.0], "joints": _NOISE},
         "objects": {
