@@ -22,7 +22,7 @@ from sceniris_gym.config.randomize import DrawConfig, ObjectWord
 from sceniris_gym.config.relations import RELATION_WORDS, Joined, Relations
 from sceniris_gym.config.section import Section
 
-_REACH_WORDS = ("tier", "by", "grasp", "margin")
+_REACH_WORDS = ("tier", "by", "grasp", "firm", "margin")
 
 
 class JointConfig(Section):
@@ -106,6 +106,7 @@ class ObjectConfig(Section):
     reachable: fields.Reachable = False
     by: str = ROBOT
     grasp: str | None = None
+    firm: bool = False
     margin: Annotated[float, Field(ge=1e-4, le=0.1)] = 0.003
     randomize: dict[ObjectWord, DrawConfig] = Field(default_factory=dict)
     if_: fields.NameOrNames = Field(default=(), alias="if")
@@ -233,9 +234,11 @@ class ObjectConfig(Section):
         if self.reachable and not self.is_placed:
             raise wrong("should have a support ('on', 'inside' or 'in') or a 3D region, because it is 'reachable'")
         said = self.model_fields_set
-        for word in ("by", "grasp"):  # with `reachable: false`, these words have no effect but are kept
+        for word in ("by", "grasp", "firm"):  # with `reachable: false`, these words have no effect but are kept
             if word in said and getattr(self, word) is not None and "reachable" not in said:
                 raise wrong(f"should have '{word}' only together with 'reachable'")
+        if self.firm and self.kind != "free":
+            raise wrong(f"should have 'firm' only if its kind is 'free': no hand lifts a {self.kind}")
         if "margin" in said and self.reachable != "path":
             raise wrong("should have 'margin' only together with 'reachable: path'")
         if not words and any(relation.reference_frame == "support" for relation in self.relations):

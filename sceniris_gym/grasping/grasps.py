@@ -8,9 +8,12 @@ degrees, and also from the side if the object is taller than wide. A round objec
 turn. Grasps that need more than the gripper's widest opening are dropped.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Iterable
 from fnmatch import fnmatchcase
+from itertools import compress
 from typing import NamedTuple
 
 import numpy as np
@@ -72,6 +75,12 @@ class GraspSet(NamedTuple):
 
     grasps: tuple[Grasp, ...]
     spans: tuple[tuple[int, int], ...]
+
+    def among(self, kept: np.ndarray) -> GraspSet:
+        """Return only the grasps that a mask keeps, shape (ngrasp,), bool."""
+        before = [0, *np.cumsum(kept).tolist()]
+        spans = tuple((before[first], before[first + num] - before[first]) for first, num in self.spans)
+        return GraspSet(tuple(compress(self.grasps, kept)), spans)
 
 
 class Graspable:

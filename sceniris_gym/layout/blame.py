@@ -41,7 +41,8 @@ _REMEDIES = {
     "unsound": "Layouts had non-finite numbers, or numbers out of all bounds. Look for such numbers in the model.",
     "falls": "Narrow the ranges of its 'mass' or 'ipos', give it a wider support or a region further from the edge, or "
     "write 'stands: false' if it may fall.",
-    **dict.fromkeys(("unreachable", "no_ik", "blocked", "no_path"), _CLOSER),
+    **dict.fromkeys(("unreachable", "no_ik", "blocked"), _CLOSER),
+    "no_path": "Keep the robot's start pose further from other geoms than the object's 'margin'. " + _CLOSER,
 }
 
 

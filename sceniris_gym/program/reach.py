@@ -4,6 +4,8 @@ import json
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+import numpy as np
+
 from sceniris_gym.config.fields import ROBOT
 from sceniris_gym.config.robot import RobotConfig
 from sceniris_gym.config.tier import Tier
@@ -12,6 +14,7 @@ from sceniris_gym.geometry.pieces import Piece
 from sceniris_gym.grasping.grasps import Graspable, GraspSet
 from sceniris_gym.grasping.gripper import Gripper
 from sceniris_gym.program.device_reach import Reach
+from sceniris_gym.program.grips import firmest, tested_grips
 from sceniris_gym.program.placed_object import PlacedObject, obstacles
 from sceniris_gym.reach.arm import SerialArm
 from sceniris_gym.reach.map import ReachMap, build_command, default_tier
@@ -109,6 +112,7 @@ def plan_reaching(scene: SceneModel, objects: list[PlacedObject], pieces: list[P
         UnknownNameError: A robot has no site `tcp`, or an object has no grasp with a name that `grasp` selects.
         MapError: A map belongs to another arm, or is damaged.
         GraspError: The gripper cannot grasp an object.
+        NotSupportedError, SceneKeyError: It cannot hold an object with `firm`.
     """
     config = scene.config
     asked = {i: config.robot_for(o.name) for i, o in enumerate(objects) if o.config.reachable}
@@ -124,6 +128,11 @@ def plan_reaching(scene: SceneModel, objects: list[PlacedObject], pieces: list[P
         tier = Tier.MAP if o.config.reachable is True else Tier.of(str(o.config.reachable))
         tier = tier if default.needs_map or not tier.needs_map else default
         grasps = Graspable(scene, o.name, pieces, one.gripper, one.arm.turns_tool).grasp_set(o.stable_poses)
+        if o.config.firm:
+            key = f"{config.where}: {config.key(o.name)}.firm"
+            grips = tested_grips(scene, one.arm, one.gripper, o, grasps, ["lifts"], key)
+            every = np.ones(len(grips), bool)
+            grasps = grasps.among(firmest(grips, "lifts", every, key, o.name, "Without 'firm', it may slip.") > 0.0)
         late = i < base and objects[base].config.is_placed
         early = tier >= Tier.CLEAR and base < i < len(objects) - 1
         targets.append(ReachTarget(o.name, i, [*arms].index(robot), late, early, tier, o.config.margin, grasps))

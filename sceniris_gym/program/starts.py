@@ -1,39 +1,28 @@
 """The kinds of starts of a scene (entries of `start`), as arrays: the targets, grasps and joints of each kind."""
 
 from collections.abc import Iterator, Mapping
-from itertools import product
 
-import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
 from sceniris_gym.config.objects import JointConfig
 from sceniris_gym.config.robot import StartConfig
-from sceniris_gym.errors import NotSupportedError, SceneKeyError, UnknownNameError
-from sceniris_gym.geometry.rotations import matrix
+from sceniris_gym.errors import SceneKeyError, UnknownNameError
 from sceniris_gym.grasping.grasps import PREFIX, selected
-from sceniris_gym.grasping.grip import SLIPS, Fingers, Grip
-from sceniris_gym.program.device import ObjectKind
+from sceniris_gym.grasping.grip import Grip
 from sceniris_gym.program.device_reach import StartPose
-from sceniris_gym.program.placed_object import JointRange, PlacedObject
+from sceniris_gym.program.grips import firmest, tested_grips
+from sceniris_gym.program.placed_object import JointRange
 from sceniris_gym.program.plan import Plan, joint_range
 from sceniris_gym.program.reach import ReachingArm, ReachTarget
 from sceniris_gym.reach.arm import MAX_JOINTS
-from sceniris_gym.scene.draws import WEAK, at_ends, corners
-from sceniris_gym.scene.model import SceneModel
 
 _ANY = 6
 """An arm with fewer joints than this cannot move its hand in every direction without turning it."""
 _UNDRAWN = (1.0, -1.0)
 """The interval of a joint that a kind does not draw."""
-_CARRIED = np.zeros((1, 3))
-_ALL_WAYS = np.concatenate([np.eye(3), -np.eye(3)])
-_FITS = {
-    StartPose.STANDING: ("fits", "from both sides"),
-    StartPose.LIFTED: ("lifts", "upright in the air"),
-    StartPose.HELD: ("holds", "in every orientation"),
-}
-"""For each pose of the arm, the attribute of a Grip that has to be positive, and the words for it in errors."""
+_FITS = {StartPose.STANDING: "fits", StartPose.LIFTED: "lifts", StartPose.HELD: "holds"}
+"""For each pose of the arm, the attribute of a Grip that has to be positive."""
 
 
 def plan_grips(plan: Plan) -> tuple[Grip, ...]:
@@ -42,51 +31,21 @@ def plan_grips(plan: Plan) -> tuple[Grip, ...]:
     If no kind of start holds a target, the grips of the target are not computed. Their `fits` is 0.
 
     Raises:
-        NotSupportedError: A start holds a target with an arm that has no fingers to close.
+        SceneKeyError, NotSupportedError: A start holds a target, but its robot is not in the scene or has no fingers.
     """
     config = plan.scene.config
     kinds = [(kind, kind.targets(config.variants)) for kind in config.start if kind.robot == "grasp"]
     found: list[Grip] = []
     for target in plan.reaching.targets:
-        grasps, one = target.grasp_set.grasps, plan.reaching.arm_of(target)
+        one = plan.reaching.arm_of(target)
         poses = {_pose(kind) for kind, names in kinds if target.name in names}
         if not poses:
-            found += [Grip(0.0, grasp.pos) for grasp in grasps]
+            found += [Grip(0.0, grasp.pos) for grasp in target.grasp_set.grasps]
             continue
-        if not len(one.gripper.qposadr):
-            raise NotSupportedError(
-                f"{config.where}: start: the tool of '{one.robot}' has no fingers that close on '{target.name}'. Start "
-                "from 'home' or 'pregrasp'."
-            )
-        scene, bodies = plan.scene, plan.scene.subtree(target.name)
-        fingers = Fingers(weakest(scene), one.arm, one.gripper, scene.home)
-        is_free = plan.objects[target.number].kind == ObjectKind.FREE
-        for i, (grasp, grip) in enumerate(zip(grasps, fingers.grips(bodies, grasps), strict=True)):
-            ways = {"fits": _CARRIED, "lifts": _downs(plan.objects[target.number], target, i), "holds": _ALL_WAYS}
-            asked = {"fits", *(_FITS[pose][0] for pose in poses)} if grip.fits and is_free else ()
-            # pyrefly: ignore[bad-argument-type]
-            found.append(grip._replace(**{fit: fingers.hold(bodies, grasp, grip, ways[fit]) for fit in asked}))
+        placed, asked = plan.objects[target.number], {"fits", *(_FITS[pose] for pose in poses)}
+        where = f"{config.where}: start"
+        found += tested_grips(plan.scene, one.arm, one.gripper, placed, target.grasp_set, asked, where)
     return tuple(found)
-
-
-def weakest(scene: SceneModel) -> list[mujoco.MjModel]:
-    """Return models with the drawn physics parameters at which a gripper holds an object least well.
-
-    Joint friction and joint stiffness are greatest, because they resist the closing of the fingers. For the constant
-    force of actuators and for centres of mass, the worst value is unknown. The result has a model for each combination
-    of their least and greatest values.
-    """
-    ends, draws = WEAK | {"dof_frictionloss": "most", "jnt_stiffness": "most"}, scene.draws
-    unknown = product(corners(draws, "actuator_biasprm"), corners(draws, "body_ipos"))
-    return [at_ends(scene.mjm, draws, **ends, actuator_biasprm=bias, body_ipos=center) for bias, center in unknown]
-
-
-def _downs(placed: PlacedObject, target: ReachTarget, grasp: int) -> np.ndarray:
-    """Return the direction of gravity in the object's frame for each stable pose that allows `grasp`, shape (n, 3)."""
-    if placed.orientation == "any":
-        return _ALL_WAYS
-    spans = zip(placed.stable_poses, target.grasp_set.spans, strict=True)
-    return np.array([-matrix(v.quat)[2] for v, (first, num) in spans if first <= grasp < first + num])
 
 
 def plan_starts(plan: Plan, grips: tuple[Grip, ...]) -> dict[str, np.ndarray]:
@@ -117,20 +76,9 @@ def _kind(plan: Plan, grips: tuple[Grip, ...], number: int, config: StartConfig)
     for target in targets:
         own = _counting(plan, config, target, f"{where}.grasp") & (target.name in names)
         if pose in _FITS and target.name in names:
-            fit, how = _FITS[pose]
             first = sum(map(len, counts))
-            tried = grips[first : first + len(own)]
-            firm = own * [getattr(grip, fit) for grip in tried]
-            slips, own = -firm[firm < 0.0], firm * (firm == firm.max(initial=0.0))
-            if not own.any():
-                least = slips.min(initial=np.inf)
-                why = f": in the best it moves by {1e3 * least:.1f} mm (limit {1e3 * SLIPS:g})" * bool(len(slips))
-                lower = " It can be lifted by 0 m, so start it where it stands." * any(g.fits > 0.0 for g in tried)
-                raise SceneKeyError(
-                    f"{where}: no selected grasp can hold '{target.name}' {how} for all values of 'randomize'{why}."
-                    f"{lower} Select other grasps, or use a stronger gripper (its actuators should drive all fingers), "
-                    "a lighter object, or narrower draws."
-                )
+            lower = "It can be lifted by 0 m, so start it where it stands."
+            own = firmest(grips[first : first + len(own)], _FITS[pose], own, where, target.name, lower)
         counts.append(own)
         if target.name in names:
             arm = target.arm

@@ -102,7 +102,31 @@ WRONG: dict[str, tuple] = {
     "reachable with an unknown word": (
         {"objects.apple.reachable": {"teir": "ik"}},
         SceneKeyError,
-        ["objects.apple", "should have only the keys tier, by, grasp, margin in 'reachable'", "Did you mean 'tier'"],
+        [
+            "objects.apple",
+            "should have only the keys tier, by, grasp, firm, margin in 'reachable'",
+            "Did you mean 'tier'",
+        ],
+    ),
+    "firm without reachable": (
+        {"objects.apple.firm": True},
+        SceneKeyError,
+        ["objects.apple", "'firm' only together with 'reachable'"],
+    ),
+    "firm misspelt": (
+        {"objects.apple.reachable": {"tier": "ik", "frim": True}},
+        SceneKeyError,
+        ["objects.apple", "Did you mean 'firm'"],
+    ),
+    "firm that is no boolean": (
+        {"objects.apple.reachable": "ik", "objects.apple.firm": "very"},
+        SceneKeyError,
+        ["objects.apple.firm", "very"],
+    ),
+    "firm of what no hand lifts": (
+        {"objects.apple.kind": "fixture", "objects.apple.reachable": "ik", "objects.apple.firm": True},
+        SceneKeyError,
+        ["objects.apple", "'firm' only if its kind is 'free'"],
     ),
     "by twice": (
         {"objects.apple.reachable": {"by": "robot"}, "objects.apple.by": "robot"},

@@ -9,7 +9,7 @@ import pytest
 import trimesh
 
 from sceniris_gym.errors import GraspError
-from sceniris_gym.grasping.grasps import section
+from sceniris_gym.grasping.grasps import Grasp, GraspSet, section
 from sceniris_gym.grasping.gripper import Gripper
 from tests.grasping.scenes import Scene, rotation
 from tests.layout.scenes import box_mjcf, write_mjcf
@@ -187,3 +187,12 @@ def test_a_point_is_approached_without_a_width():
     grasps = Scene(None, kind="marker").grasp_set().grasps
     assert len(grasps) == 32
     assert all(g.opening == 0.0 and np.allclose(g.pos, 0.0) for g in grasps)
+
+
+def test_grasps_that_are_kept_keep_their_stable_poses():
+    """Spans may be apart, equal or empty."""
+    grasps = tuple(Grasp(name, 1, np.zeros(3), np.eye(4)[0], 0.0) for name in "abcdef")
+    found = GraspSet(grasps, ((0, 2), (2, 0), (2, 3), (5, 1), (2, 3))).among(np.array([0, 1, 1, 0, 1, 0], bool))
+    names = [[grasp.name for grasp in found.grasps[first : first + num]] for first, num in found.spans]
+    assert names == [["b"], [], ["c", "e"], [], ["c", "e"]]
+    assert len(found.grasps) == 3

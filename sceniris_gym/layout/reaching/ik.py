@@ -57,10 +57,10 @@ def _drawn(arm: ArmView, seed: wp.uint64, episode: int, stream: wp.uint32, trial
 
 
 @wp.func
-def _nearest_turns(arm: ArmView, there: vec8, before: vec8):
-    """Shift the freely turning joints of a pre-grasp by multiples of 2 pi towards the joints of the grasp.
+def nearest_turns(arm: ArmView, there: vec8, before: vec8):
+    """Shift the freely turning joints of a pose, such as a pre-grasp, by multiples of 2 pi towards another pose.
 
-    Return the shifted joints, and whether every joint of the pre-grasp is then near its position in the grasp.
+    Return the shifted joints, and whether every joint is then near its position in the other pose.
     """
     near = bool(True)
     q = before
@@ -121,7 +121,7 @@ def _solve(
         found = refine(reach.arm, pos, quat, reach_search.grasp_qpos[c], wp.static(ITERATIONS))
         passed = accepted(found)
         if step == ReachStep.IK_AT_PREGRASP:
-            q, near = _nearest_turns(reach.arm, reach_search.grasp_qpos[c], found.q)
+            q, near = nearest_turns(reach.arm, reach_search.grasp_qpos[c], found.q)
             reach_search.pregrasp_qpos[c] = q
             passed = passed and near
         else:

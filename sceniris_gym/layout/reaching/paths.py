@@ -1,8 +1,9 @@
 """Paths to a grasp, for the tier `path`: polylines in joint space without collisions, of the robot with itself too.
 
 A path leads from the drawn start pose over at most two vias to the pre-grasp, and on to the grasp. First the straight
-path is tried, then paths over a via behind the pre-grasp, then paths over drawn vias. The first free path counts, so
-the result does not depend on how many rows are tried in parallel.
+path is tried, then paths over a via behind the pre-grasp, then paths over drawn vias. Before the pre-grasp, drawn vias
+lead to it, to a free via behind it, or to another drawn via. The first free path counts, so the result does not depend
+on how many rows are tried in parallel.
 
 A piece of a path is proven by halving. If all distances in the middle of an interval exceed the robot's motion from
 there to the ends, the interval is free. Otherwise, its two halves are tested. An interval is not halved if all points
@@ -18,6 +19,7 @@ from sceniris_gym.device.blocks import block_any, block_sync
 from sceniris_gym.device.random import PATH_STREAM, uniforms
 from sceniris_gym.device.transforms import z_axis
 from sceniris_gym.layout.layouts import LayoutsView
+from sceniris_gym.layout.reaching.ik import nearest_turns
 from sceniris_gym.layout.reaching.poses import in_base, open_gripper, pose_arm, take_joints
 from sceniris_gym.layout.reaching.search import PREGRASP_DISTANCE, ReachSearch, ReachStep, pose_index
 from sceniris_gym.layout.wave.search import Search, Workspace, numbered_stream
@@ -197,7 +199,7 @@ def _is_free(
 def _drawn_via(reach: Reach, seed: wp.uint64, episode: int, stream: wp.uint32, trial: int, k: int, a: vec8, b: vec8):
     """Draw a via about the piece from `a` to `b`. A sum of four uniform numbers is nearly normally distributed."""
     first = (MAX_JOINTS + 1) * k
-    share = 0.3 + 0.6 * uniforms(seed, episode, stream, trial, first)[0]
+    share = uniforms(seed, episode, stream, trial, first)[0]
     via = vec8()
     for j in range(MAX_JOINTS):
         if j < reach.arm.njoint:
@@ -219,15 +221,16 @@ def _find_path(
     c: int,
     lane: int,
 ) -> bool:
-    """Find the first free path to the grasp of a candidate, and write its start and vias."""
+    """Find the first free path to the grasp of a candidate, and write its corners. Freely turning joints turn least."""
     row = reach_search.row[c]
     column = reach_search.column[row]
     grasp = reach_search.grasp[c]
-    pregrasp = reach_search.pregrasp_qpos[c]
     start = vec8()
     for j in range(MAX_JOINTS):
         if j < reach.arm.njoint:
             start[j] = layouts.qpos[row, reach.arm_qposadr[j]]
+    pregrasp, _near = nearest_turns(reach.arm, start, reach_search.pregrasp_qpos[c])
+    there, _near = nearest_turns(reach.arm, pregrasp, reach_search.grasp_qpos[c])
     at = pose_index(reach_search, c, 1)
     if lane == 0:
         take_joints(program, reach.arm_body, layouts.qpos[row], reach_search.qpos[at])
@@ -240,31 +243,39 @@ def _find_path(
     stream = numbered_stream(split, wp.static(PATH_STREAM))
     trial = search.row_restart[row] * layouts.grasp.shape[1] + column
     retreat = pregrasp
+    ends = _mat58()  # the pre-grasp, and vias behind it from which the way to it is free
+    ends[0] = pregrasp
+    nend = int(1)
     for k in range(-1, wp.static(PATHS)):
         via = pregrasp
         end = pregrasp  # the second via
+        pieces = int(1)  # that are not proven yet
         if k > 0 and k <= wp.static(RETREATS):
             back = wp.static(PREGRASP_DISTANCE) + float(k) * _RETREAT
             found = refine(reach.arm, pos - back * z_axis(quat), quat, retreat, wp.static(ITERATIONS))
             if not accepted(found):
                 continue
-            retreat = found.q
+            retreat, _near = nearest_turns(reach.arm, retreat, found.q)
             via = retreat
+            ends[nend] = retreat
+            back_on = _mat58()
+            back_on[0] = retreat
+            back_on[1] = pregrasp
+            if not _is_free(program, reach, layouts, reach_search, c, back_on, 1, reach.reach_margin[column], 3, lane):
+                continue
+            nend += 1
         elif k > wp.static(RETREATS):
-            if k % 2 == 1:
-                end = retreat
+            end = ends[k % nend]
+            pieces = 2
+            if (k // nend) % 2 == 1:
+                pieces = 3
+                end = _drawn_via(reach, seed, episode, stream, trial, wp.static(PATHS) + k, start, end)
             via = _drawn_via(reach, seed, episode, stream, trial, k, start, end)
         corners = _mat58()
-        for j in range(MAX_JOINTS):
-            corners[0, j] = wp.where(k < 0, pregrasp[j], start[j])
-            corners[1, j] = wp.where(k < 0, reach_search.grasp_qpos[c][j], via[j])
-            corners[2, j] = end[j]
-            corners[3, j] = pregrasp[j]
-        pieces = int(3)
-        if k <= 0:
-            pieces = 1
-        elif end == pregrasp:
-            pieces = 2
+        corners[0] = wp.where(k < 0, pregrasp, start)
+        corners[1] = wp.where(k < 0, there, via)
+        corners[2] = end
+        corners[3] = pregrasp
         hand_margin = wp.where(k < 0, wp.static(HAND_MARGIN), reach.reach_margin[column])
         lists = wp.where(k < 0, 2, 3)
         free = _is_free(program, reach, layouts, reach_search, c, corners, pieces, hand_margin, lists, lane)
@@ -275,6 +286,8 @@ def _find_path(
                 reach_search.path[c, 0] = start
                 reach_search.path[c, 1] = via
                 reach_search.path[c, 2] = end
+                reach_search.pregrasp_qpos[c] = pregrasp
+                reach_search.grasp_qpos[c] = there
             return True
     return False
 
@@ -289,8 +302,8 @@ def _test_paths(
     layouts: LayoutsView,
     # Search in: restarts*
     search: Search,
-    # ReachSearch in: column, tier, first, trials, queue, source, rows, row, grasp, grasp_qpos, pregrasp_qpos; out:
-    #   path; both: paths, failed, qpos, body_pos, body_quat
+    # ReachSearch in: column, tier, first, trials, queue, source, rows, row, grasp; out: path; both: paths, failed,
+    #   grasp_qpos, pregrasp_qpos, qpos, body_pos, body_quat
     reach_search: ReachSearch,
 ):
     block, lane = wp.tid()

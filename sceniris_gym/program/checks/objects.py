@@ -140,6 +140,7 @@ def check_reach(plan: Plan) -> None:
         if solved and not robot.in_scene:
             instead = "Build a finer map" if one.map is not None and one.map.coarse else "Use 'map'"
             raise SceneKeyError(
-                f"{where}: objects.{solved[0]}.reachable: 'ik' and 'clear' need the robot, but it has 'in_scene: false'"
-                f"{'' if why_not is None else f', and {why_not}'}. {instead}, or put the robot into the scene."
+                f"{where}: objects.{solved[0]}.reachable: 'ik', 'clear' and 'path' need the robot, but it has "
+                f"'in_scene: false'{'' if why_not is None else f', and {why_not}'}. {instead}, or put the robot into "
+                "the scene."
             )

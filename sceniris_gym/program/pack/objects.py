@@ -27,7 +27,6 @@ from sceniris_gym.reach.arm import chain_up, fixed_base
 from sceniris_gym.reach.lookup import MapView
 from sceniris_gym.reach.solve import arm_view
 from sceniris_gym.scene.couplings import coupling_arrays
-from sceniris_gym.scene.model import SceneModel
 
 _ORIENTATIONS = {"any": OrientationType.ANY, "face_to": OrientationType.FACE_TO}
 # A piece that rises above a surface by less than this [m] does not cover it: half of the height of a ray's origin.
@@ -240,7 +239,7 @@ def fill_views(plan: Plan, arm_lists: Mapping[str, np.ndarray], device: str) -> 
     for i, one in enumerate(arms):
         set_map_and_arm(one, device)
         one.view.number, one.view.last, one.view.base_obj = i, len(arms) - 1, bases[i]
-        own = _arm_fields(plan.scene, plan.scene.home, one)
+        own = _arm_fields(plan, plan.scene.home, one)
         fill_struct(Reach, one.view, {**arm_lists, **shared, **own}, device)
 
 
@@ -250,9 +249,9 @@ def set_map_and_arm(one: ReachingArm, device: str) -> None:
     one.view.arm = arm_view(one.arm, device)
 
 
-def _arm_fields(scene: SceneModel, home: mujoco.MjData, one: ReachingArm) -> dict[str, np.ndarray]:
+def _arm_fields(plan: Plan, home: mujoco.MjData, one: ReachingArm) -> dict[str, np.ndarray]:
     """Set the scalar fields of `one.view`, and return the values of its arrays that differ between arms."""
-    view, gripper, present = one.view, one.gripper, one.robot not in scene.apart
+    scene, view, gripper, present = plan.scene, one.view, one.gripper, one.robot not in plan.scene.apart
     hand = sorted(carried(scene.mjm, one.arm)) if present else []
     view.base_body = fixed_base(scene.mjm, scene.bodies[one.robot]) if one.arm.base_body else 0
     view.mapped = one.map is not None
@@ -262,7 +261,7 @@ def _arm_fields(scene: SceneModel, home: mujoco.MjData, one: ReachingArm) -> dic
         back = home.site_xmat[site].reshape(3, 3).T
         view.hand_pos = wp.vec3(*(back @ (home.xpos[body] - home.site_xpos[site])))
         view.hand_quat = wp.vec4(*product(quaternion(back), home.xquat[body]))
-    moves = moves_of(scene, one.robot, one.arm) if present else np.zeros((scene.mjm.nbody, len(one.arm.joints)))
+    moves = moves_of(plan, one) if present else np.zeros((scene.mjm.nbody, len(one.arm.joints)))
     return {
         "arm_qposadr": one.arm.qposadr if present else np.zeros(0, int),
         "arm_body": np.array(scene.moving(one.robot), int),

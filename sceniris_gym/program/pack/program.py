@@ -139,9 +139,9 @@ def pack_starts(plan: Plan, bounds: np.ndarray, device: str) -> Starts | None:
     is_drawn = draws[..., :1] <= draws[..., 1:]
     bounds[adr] = np.maximum(bounds[adr], np.where(is_drawn, np.abs(draws), 0.0).max(axis=(0, 2), initial=0.0))
     for one in plan.reaching.arms:
-        limits = np.abs([one.arm.lower, one.arm.upper])
-        most = np.where(np.isfinite(limits), limits, np.pi).max(axis=0)
-        bounds[one.arm.qposadr] = np.maximum(bounds[one.arm.qposadr], most)
+        limits, adr = np.abs([one.arm.lower, one.arm.upper]), one.arm.qposadr
+        most = np.where(np.isfinite(limits), limits, bounds[adr] + 2.0 * np.pi).max(axis=0)  # on a path of such joints
+        bounds[adr] = np.maximum(bounds[adr], most)
         adr, qpos = one.gripper.poses(np.linspace(0.0, 1.0, 17))
         bounds[adr] = np.maximum(bounds[adr], np.abs(qpos).max(axis=0, initial=0.0))
     return fill_struct(Starts, Starts(), fields, device)  # pyrefly: ignore[missing-argument]

@@ -61,7 +61,7 @@ def _shift(
     arm: ArmView, there: wp.array[vec8], before: wp.array[vec8], q_out: wp.array[vec8], near_out: wp.array[bool]
 ):
     i = wp.tid()
-    q, near = ik._nearest_turns(arm, there[i], before[i])
+    q, near = ik.nearest_turns(arm, there[i], before[i])
     q_out[i] = q
     near_out[i] = near
 

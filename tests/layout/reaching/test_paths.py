@@ -25,9 +25,10 @@ from sceniris_gym.layout.stored import StoredLayouts
 from sceniris_gym.layout.tables import make_table
 from sceniris_gym.layout.wave.search import default_size
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.reach.arm import MAX_JOINTS
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.vector.vector_env import SceneVectorEnv
+from tests.layout.scenes import prefetched
+from tests.layout.walked import corners_of, walked
 
 NWORLD = 24
 LIFT: dict[str, Any] = {
@@ -60,44 +61,12 @@ def made(request: pytest.FixtureRequest) -> tuple[CompiledScene, LayoutGenerator
     return compiled, generator
 
 
-def corners_of(generator: LayoutGenerator, column: int, njoint: int) -> np.ndarray:
-    """Return start, vias, pre-grasp and grasp of each world, shape (nworld, 5, njoint)."""
-    layouts = generator.layouts
-    path = layouts.path[:, column].reshape(-1, 3, MAX_JOINTS)
-    ends = torch.stack([layouts.pregrasp_qpos[:, column], layouts.grasp_qpos[:, column]], dim=1)
-    return torch.cat([path, ends], dim=1)[..., :njoint].numpy()
-
-
 def test_no_point_of_a_path_touches_anything(made: tuple[CompiledScene, LayoutGenerator]):
     """At 400 points, interpolated here; only the hand may touch the target, on the last piece."""
     compiled, generator = made
-    scene, mjm, data = compiled.scene, compiled.mjm, mujoco.MjData(compiled.mjm)
-    robot, layouts = set(scene.subtree("robot")), generator.layouts
-    assert compiled.reaching is not None
-    slides = mjm.jnt_qposadr[[j for j in range(mjm.njnt) if mjm.jnt_bodyid[j] in robot and mjm.jnt_type[j] == 2]]
-    bent = 0
-    for column, target in enumerate(compiled.reaching.targets):
-        arm, gripper = compiled.reaching.arms[0].arm, compiled.reaching.arms[0].gripper
-        own, joints = set(scene.subtree(target.name)), corners_of(generator, column, len(arm.joints))
-        for world in np.flatnonzero(layouts.status.numpy() == LayoutStatus.VALID).tolist():
-            data.qpos[:] = layouts.qpos[world].numpy()
-            data.mocap_pos[:] = layouts.mocap_pos[world, : mjm.nmocap].numpy()
-            data.mocap_quat[:] = layouts.mocap_quat[world, : mjm.nmocap].numpy()
-            np.testing.assert_array_equal(joints[world, 0], data.qpos[arm.qposadr].astype(np.float32))
-            grasp = target.grasp_set.grasps[int(layouts.grasp[world, column])]
-            data.qpos[slides] = 0.5 * min(grasp.opening + 0.01, gripper.opening)
-            bent += not np.array_equal(joints[world, 1], joints[world, 3])
-            for piece in range(4):
-                for share in np.linspace(0.0, 1.0, 101):
-                    data.qpos[arm.qposadr] = (1 - share) * joints[world, piece] + share * joints[world, piece + 1]
-                    mujoco.mj_kinematics(mjm, data)
-                    mujoco.mj_comPos(mjm, data)
-                    mujoco.mj_collision(mjm, data)
-                    for pair, dist in zip(mjm.geom_bodyid[data.contact.geom], data.contact.dist, strict=True):
-                        touching = set(pair.tolist())
-                        mine = touching & robot and not (piece == 3 and touching & own)
-                        assert not mine or dist > 0.0, (world, piece, share, touching, dist)
-    assert bent > 0
+    found = walked(compiled, generator.layouts)
+    assert [walk for walk in found if walk.hit] == []
+    assert any(not np.array_equal(walk.corners[1], walk.corners[3]) for walk in found)
 
 
 @pytest.mark.parametrize("words", [{"rows": 32, "grasps": 40}, {"grasps": 900, "busy": 3}])
@@ -153,7 +122,7 @@ def test_starts_are_on_the_path():
     assert compiled.reaching is not None
     layouts, arm = generator.layouts, compiled.reaching.arms[0].arm
     column = compiled.reaching.names.index("can")
-    joints, shares = corners_of(generator, column, 7), []
+    joints, shares = corners_of(layouts, column, 7), []
     for world in range(64):
         lengths = np.abs(np.diff(joints[world], axis=0)).max(axis=1)
         found = layouts.qpos[world].numpy()[arm.qposadr]
@@ -171,21 +140,27 @@ def test_starts_are_on_the_path():
 
 
 def test_stored_layouts_data_sets_and_ids_keep_the_path(tmp_path: Path):
-    """A table on the device, a data set on disk, and the layout that an id gives in another batch."""
+    """A table on the device, a data set on disk, layouts made ahead, and an id's layout in another batch."""
     compiled = compile_scene(LIFT, "cpu")
     generator = LayoutGenerator(compiled, 6, seed=5)
     generator.generate()
-    path = generator.layouts.path.numpy()
+    path = generator.layouts.path.numpy().copy()
     assert np.isfinite(path).any()
-    table = make_table(compiled, 6, 5)
+    table, first = make_table(compiled, 6, 5), generator.layouts.ids("train")[3]
     stored = StoredLayouts(compiled, table, 6)
     stored.generate()
     np.testing.assert_array_equal(stored.layouts.path.numpy(), table.path)
+    ahead = prefetched(LayoutGenerator(compiled, 6, seed=5), graph=False)
+    for _ in range(2):
+        ahead.generate()
+    generator.generate()
+    np.testing.assert_array_equal(ahead.layouts.path.numpy(), generator.layouts.path.numpy())
+    assert (generator.layouts.path.numpy() != path).any()
     (tmp_path / "lift.yaml").write_text(json.dumps(LIFT))
     words = ["generate", str(tmp_path / "lift.yaml"), "-n", "6", "--seed", "5", "--device", "cpu", "-o"]
     cli.main([*words, str(tmp_path / "set")])
     np.testing.assert_array_equal(LayoutDataset(tmp_path / "set").table().path, table.path)
-    again = replay(compiled, LayoutId.parse(generator.layouts.ids("train")[3]))
+    again = replay(compiled, LayoutId.parse(first))
     np.testing.assert_array_equal(again.path[0], path[3])
 
 
