@@ -39,7 +39,7 @@ import numpy as np
 import torch
 import tyro
 import warp as wp
-from mujoco_warp._src.warp_util import EventTracer, mark_batched
+from mujoco_warp._src.warp_util import EventTracer
 
 from benchmarks.timing import spread
 from sceniris_gym.config.scene_words import Floor
@@ -314,8 +314,9 @@ class Worlds:
                 self.unused[chosen[:, None], slot.write(self.mjm, rows, f"unit{i}", chosen, piece)] = True
         rows["body_subtreemass"][:, 0] = rows["body_mass"].sum(axis=1)
         for field, values in rows.items():
-            setattr(m, field, wp.array(values, dtype=getattr(m, field).dtype))
-        mark_batched(m)
+            array: Any = wp.array(values, dtype=getattr(m, field).dtype)
+            array._is_batched = True  # the mark that mujoco_warp sets on its batched arrays
+            setattr(m, field, array)
         return sum(values[0].nbytes for values in rows.values())
 
     def _place(self, kind: str, filled: bool) -> None:

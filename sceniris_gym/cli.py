@@ -84,7 +84,7 @@ def generate(
     split: Split = "train",
     chunk: Annotated[int | None, COUNT] = None,
     shard: Annotated[str | None, tyro.conf.arg(metavar="R/K")] = None,
-    format_: Annotated[str | None, tyro.conf.arg(name="format", metavar="npz,usd,json")] = None,
+    format_: Annotated[str | None, tyro.conf.arg(name="format", metavar="npz,usd,json,mjcf")] = None,
     resume: Flag = False,
     verify: Flag = False,
     device: Device = None,

@@ -1,13 +1,14 @@
 """The `check` command: reports whether a scene has valid layouts, and rejected candidates by object and cause."""
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from sceniris_gym.commands.answer import OK, verdict
 from sceniris_gym.commands.narrowing import narrow
 from sceniris_gym.commands.options import replay_command
+from sceniris_gym.config.member_names import object_of
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import FallbackWarning, InfeasibleSceneError
 from sceniris_gym.layout.blame import obstructions, recording
@@ -67,7 +68,9 @@ def check(compiled: CompiledScene, layouts: int, seed: int, picture: Path | None
 
 def report(found: Mapping, scene: str, changes: Sequence[str] = ()) -> str:
     """Return the findings of `check` as text, with the command that draws a layout of the changed scene."""
-    ways = [f"most in the way of {name}: {pair}" for name, pair in found["in_the_way"].items() if found["valid"] < 1.0]
+    pairs = found["in_the_way"] if found["valid"] < 1.0 else {}
+    collided = {label: [pairs[name] for name in names if name in pairs] for label, names in _alike(found["rejections"])}
+    ways = [f"most in the way of {label}: {told[0]}" for label, told in collided.items() if told]
     if "error" in found:
         return "\n".join([verdict(found, found["error"]), table_of_rejections(found["rejections"]), *ways])
     valid = (
@@ -82,17 +85,37 @@ def report(found: Mapping, scene: str, changes: Sequence[str] = ()) -> str:
         table_of_rejections(found["rejections"]),
         *ways,
     ]
-    reach = found.get("narrowing", {}).items()
-    lines += [f"{name}: {part['kept']:.1%} of {part['candidates']} candidates are within reach" for name, part in reach]
+    reach = found.get("narrowing", {})
+    for label, names in _folded({name: part["candidates"] > 0 for name, part in reach.items()}):
+        kept, candidates = zip(*((reach[name]["kept"], reach[name]["candidates"]) for name in names), strict=True)
+        ends = " to ".join(dict.fromkeys(f"{end(kept):.1%}" for end in (min, max)))
+        lines.append(f"{label}: {ends} of {sum(candidates)} candidates are within reach")
     lines += [f"picture: {found['picture']}"] if "picture" in found else []
     return "\n".join([*lines, f"draw the first one: {replay_command(found['first_id'], scene, changes)}"])
 
 
 def table_of_rejections(counts: Mapping[str, Mapping[str, int]]) -> str:
-    """Return rejection counts as a table: a row for each object with some, a column for each cause."""
+    """Return rejection counts as a table: a row for each object with some, a column for each cause.
+
+    Variants of an object with the same most frequent cause share a row, `thing/can +2`.
+    """
     causes = list(next(iter(counts.values()), {}))
-    counts = {name: by_cause for name, by_cause in counts.items() if any(by_cause.values())}
-    width = max([14, *(len(name) + 1 for name in counts)])
-    lines = [f"{'rejected':<{width}}" + "".join(f"{cause:>12}" for cause in causes)]
-    lines += [f"{name:<{width}}" + "".join(f"{by_cause[c]:>12}" for c in causes) for name, by_cause in counts.items()]
+    rows = {label: [sum(counts[name][cause] for name in names) for cause in causes] for label, names in _alike(counts)}
+    width = max([14, *(len(label) + 1 for label in rows)])
+    lines = [
+        f"{label:<{width}}" + "".join(f"{n:>12}" for n in row) for label, row in {"rejected": causes, **rows}.items()
+    ]
     return "\n".join(lines)
+
+
+def _alike(counts: Mapping[str, Mapping[str, int]]) -> list[tuple[str, list[str]]]:
+    """Return the objects with rejections, and fold variants of an object with the same most frequent cause."""
+    return _folded({name: max(each, key=each.__getitem__) for name, each in counts.items() if any(each.values())})
+
+
+def _folded(kinds: Mapping[str, Hashable]) -> list[tuple[str, list[str]]]:
+    """Fold the variants of an object that are of one kind. Return a label and the names of each set of variants."""
+    found: dict[Hashable, list[str]] = {}
+    for name, kind in kinds.items():
+        found.setdefault((object_of(name), kind), []).append(name)
+    return [(f"{names[0]} +{len(names) - 1}".removesuffix(" +0"), names) for names in found.values()]

@@ -1,4 +1,4 @@
-"""Formats in which a part of a data set is also written, next to its `.npy` file: npz, JSON and USD.
+"""Formats in which a part of a data set is also written, next to its `.npy` file: npz, JSON, MJCF and USD.
 
 The bytes of a file depend only on the rows of the part, so every process writes the same bytes.
 """
@@ -131,8 +131,16 @@ def as_usd(compiled: CompiledScene, rows: np.ndarray) -> bytes:
     return usd_stage.part_bytes(compiled, rows)
 
 
+def as_mjcf(compiled: CompiledScene, rows: np.ndarray) -> bytes:
+    """Return the bytes of a zip file with a model of each row for stock MuJoCo, see `own_models.part_bytes`."""
+    from sceniris_gym.dataset import own_models
+
+    return own_models.part_bytes(compiled, rows)
+
+
 FORMATS: dict[str, tuple[str, Encoder]] = {
     "json": (".json", as_json),
+    "mjcf": (".zip", as_mjcf),
     "npz": (".npz", as_npz),
     "usd": (".usdc", as_usd),
 }

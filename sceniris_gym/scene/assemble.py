@@ -34,6 +34,10 @@ _AT_ONCE = 24
 """Number of variants per intermediate model: about the square root of the largest number of variants."""
 
 
+Loaded = dict[str, mujoco.MjSpec]
+"""Assets by the words that name them, so that each file is read once."""
+
+
 class Home(NamedTuple):
     """A start pose: joint positions by joint name and controls by actuator name."""
 
@@ -42,12 +46,7 @@ class Home(NamedTuple):
 
 
 def attach_object(
-    spec: mujoco.MjSpec,
-    name: str,
-    config: ObjectConfig,
-    where: str,
-    owner: str = "",
-    loaded: dict[str, mujoco.MjSpec] | None = None,
+    spec: mujoco.MjSpec, name: str, config: ObjectConfig, where: str, owner: str = "", loaded: Loaded | None = None
 ) -> Home:
     """Attach the asset of an object as a body of the object's kind, and return its start pose.
 
@@ -93,7 +92,7 @@ def attach_object(
 
 
 def attach_variants(
-    spec: mujoco.MjSpec, owner: str, members: Mapping[str, ObjectConfig], where: str, *, bodies: bool
+    spec: mujoco.MjSpec, owner: str, members: Mapping[str, ObjectConfig], where: str, loaded: Loaded, *, bodies: bool
 ) -> list[Home]:
     """Attach the variants of an object, as in `attach_object`, and return their start poses.
 
@@ -101,9 +100,9 @@ def attach_variants(
     each time it attaches another model or deletes a body. So groups of variants are first collected in small models.
 
     Raises:
-        NotSupportedError: Actuators, tendons or equalities refer to joints of variants. Variants lose their joints.
+        NotSupportedError: Actuators, tendons or equalities refer to joints at the roots of variants, which lose them.
     """
-    homes, names, loaded = [], list(members), {}
+    homes, names = [], list(members)
     for first in range(0, len(names), _AT_ONCE):
         some = mujoco.MjSpec()
         some.default.name, some.option, some.visual = str(first), spec.option, spec.visual
@@ -118,8 +117,8 @@ def attach_variants(
         # MuJoCo silently leaves out elements that name a missing joint
         if lost := [kind for kind, count in wanted.items() if bodies and len(getattr(spec, kind)) < count]:
             raise NotSupportedError(
-                f"{where}: objects.{owner}: {' and '.join(lost)} refer to joints of variants, but variants lose their "
-                "joints, because they share one body. Make the variants separate objects in a group instead."
+                f"{where}: objects.{owner}: {' and '.join(lost)} refer to root joints of variants, but variants lose "
+                "these joints: 'kind' decides how their roots move. Remove these elements from the assets."
             )
     return homes
 

@@ -18,6 +18,7 @@ from sceniris_gym.geometry.rotations import matrix, quaternion
 from sceniris_gym.progress import tell
 from sceniris_gym.scene import assemble, backdrop, number_check, parking, tcp
 from sceniris_gym.scene.adopt import HOME, adopt_body, check_additions, check_bodies
+from sceniris_gym.scene.assemble import Home, Loaded
 from sceniris_gym.scene.couplings import follow, joint_couplings, reversed_for
 from sceniris_gym.scene.draws import field_draws, simple_bodies
 from sceniris_gym.scene.identity import scene_hash
@@ -89,26 +90,26 @@ def build_variants(config: SceneConfig, simulated: SceneConfig) -> SceneModel:
 
 def build_carriers(config: SceneConfig) -> SceneModel:
     """Build a scene of only those objects whose level bodies are the supports `{any: NAME}` of another scene."""
-    return _built(config.carriers())
+    return _built(config.carriers(), {})
 
 
 def _with_shared_bodies(config: SceneConfig) -> SceneModel:
     """Build a scene from files or a MjSpec. If objects have variants, also build the scene for the simulation."""
-    scene = _built(config)
+    scene = _built(config, loaded := {})
     if not config.variants:
         return scene
     assert scene.spec is not None
     check_variants(scene.spec, scene.mjm, config.variants, config.where)
-    return replace(scene, shared=_built(config, scene))
+    return replace(scene, shared=_built(config, loaded, scene))
 
 
-def _built(config: SceneConfig, full: SceneModel | None = None) -> SceneModel:
-    """Build a scene from files or a MjSpec, with a body for each variant.
+def _built(config: SceneConfig, loaded: Loaded, full: SceneModel | None = None) -> SceneModel:
+    """Build a scene from files or a MjSpec, with a body for each variant. `loaded` collects assets.
 
     With `full`, the result of an earlier call, build the scene for the simulation instead: variants share one body.
     """
     shared = None if full is None else SharedBodies(full)
-    spec, homes = _assemble(config, shared)
+    spec, homes = _assemble(config, loaded, shared)
     if full is not None:
         config = config.with_shared_objects()
     try:
@@ -209,7 +210,7 @@ def _tcps(spec: mujoco.MjSpec | None, mjm: mujoco.MjModel, qpos: np.ndarray, con
     return found
 
 
-def _assemble(config: SceneConfig, shared: SharedBodies | None = None) -> tuple[mujoco.MjSpec, list[assemble.Home]]:
+def _assemble(config: SceneConfig, loaded: Loaded, shared: SharedBodies | None) -> tuple[mujoco.MjSpec, list[Home]]:
     if config.model is None:
         spec = mujoco.MjSpec()
         backdrop.set_options(spec)
@@ -246,12 +247,12 @@ def _assemble(config: SceneConfig, shared: SharedBodies | None = None) -> tuple[
                 "use that body, or give the object another name."
             )
         elif name not in owners:
-            homes.append(assemble.attach_object(spec, name, part, config.where))
+            homes.append(assemble.attach_object(spec, name, part, config.where, loaded=loaded))
         elif name == (members := config.variants[owner := owners[name]])[-1]:
             if shared is not None:
                 shared.add(spec, owner)
             parts = {member: config.objects[member] for member in members}
-            homes += assemble.attach_variants(spec, owner, parts, config.where, bodies=shared is None)
+            homes += assemble.attach_variants(spec, owner, parts, config.where, loaded, bodies=shared is None)
     if shared is not None:
         shared.name_meshes(spec)
     add_cameras(spec, config)
@@ -263,7 +264,7 @@ def _keyframe(mjm: mujoco.MjModel, config: SceneConfig) -> int:
     return mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_KEY, config.home or HOME)
 
 
-def _home(mjm: mujoco.MjModel, homes: list[assemble.Home], config: SceneConfig) -> _Home:
+def _home(mjm: mujoco.MjModel, homes: list[Home], config: SceneConfig) -> _Home:
     """Return the start pose, shape (nq,), and its controls, shape (nu,)."""
     keyframe = _keyframe(mjm, config)
     if keyframe < 0 and config.home is not None:

@@ -120,7 +120,8 @@ def _written(
         for key, draw in part.randomize.items():
             word, path = WORDS["object"][key], f"{config.key(name)}.randomize.{key}"
             rows = rows_inside(mjm, word.field, bodies[name])
-            yield f"{config.owners.get(name, name)}.{key}", path, word, draw, rows
+            if rows or name not in config.owners:  # a variant may lack joints that others have
+                yield f"{config.owners.get(name, name)}.{key}", path, word, draw, rows
     if config.randomize is None:
         return
     for key, word in WORDS["scene"].items():

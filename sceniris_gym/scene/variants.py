@@ -133,8 +133,10 @@ class SharedBodies:
         added.axis, added.range, added.limited = mjm.jnt_axis[first], mjm.jnt_range[first], bool(mjm.jnt_limited[first])
         added.actfrcrange, added.actfrclimited = mjm.jnt_actfrcrange[first], bool(mjm.jnt_actfrclimited[first])
         added.actgravcomp = bool(mjm.jnt_actgravcomp[first])
-        # mujoco_warp counts the joints with friction to size its arrays
-        added.frictionloss = float(mjm.dof_frictionloss[mjm.jnt_dofadr[joints]].max())
+        # mujoco_warp counts the joints with friction to size its arrays, and draws skip values of 0
+        dofs = mjm.jnt_dofadr[joints]
+        added.frictionloss, added.damping[0] = float(mjm.dof_frictionloss[dofs].max()), mjm.dof_damping[dofs].max()
+        added.stiffness[0] = mjm.jnt_stiffness[joints].max()
 
     def _add_geoms(self, shared: mujoco.MjsBody, bodies: Sequence[int]) -> None:
         """Add the geoms that the bodies of variants share."""
@@ -221,6 +223,7 @@ def check_variants(
             raise SceneKeyError(
                 f"{where}: objects.{name}: the model has a body of this name already. Give the object another name."
             )
+    rigid = "one rigid body, or a 'kind: fixture' with joints," if jointed else "one rigid body"
     named = [
         (kind, str(getattr(element, field, "") or ""))
         for kind, fields in _REFERENCES.items()
@@ -232,12 +235,12 @@ def check_variants(
     for name in owners_of(variants):
         at, body = f"{where}: objects.{without_support(name)}", mjm.body(name).id
         cure = (
-            "an object with variants or several supports should be one rigid body of plain geoms that no element "
-            "refers to. Use objects in a group"
+            f"an object with variants or several supports should be {rigid} of plain geoms that no element refers to. "
+            "Use objects in a group"
         )
         bodies = subtree(mjm, body)
         if len(bodies) > 1 and not (jointed and mjm.body_mocapid[body] >= 0):
-            raise NotSupportedError(f"{at}: has several bodies, but {cure}, or 'kind: fixture'.")
+            raise NotSupportedError(f"{at}: has several bodies, but {cure}.")
         if wrong := misfit(mjm, body):
             raise NotSupportedError(f"{at}: {wrong}, because the variants of a fixture share their joints.")
         geoms = np.flatnonzero(np.isin(mjm.geom_bodyid, bodies))
@@ -271,7 +274,7 @@ def without_broken(config: SceneConfig) -> SceneConfig:
             tell("files of a folder", i + 1, len(members))
             alone = mujoco.MjSpec()
             try:
-                attach_variants(alone, name, {member: config.objects[member]}, config.where, bodies=True)
+                attach_variants(alone, name, {member: config.objects[member]}, config.where, {}, bodies=True)
                 mjm = compile_spec(alone, f"{config.where}: objects.{member}.asset")
                 check_variants(alone, mjm, {name: (member,)}, config.where)
             except ScenirisError as error:

@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 from benchmarks.slots_cost import ASSETS, BACK, VARIANTS, Options, Worlds, arrangement, main
+from tests.versions import since_3_12
 
+pytestmark = since_3_12("meshes lose the names by which slots choose them, and objects at rest creep")
 SPEED = {mujoco.mjtJoint.mjJNT_SLIDE: (0.6, 0.4), mujoco.mjtJoint.mjJNT_HINGE: (8.0,)}
 """Initial velocities of the first joint of a type, the second, and so on [m/s or rad/s]."""
 STEPS = 60

@@ -16,6 +16,7 @@ from sceniris_gym.builders.furniture import KINDS
 from tests.assets.test_grasps import HELD, Hand
 from tests.builders.unit_scenes import layouts_of, reach_of, words_of
 from tests.builders.units import DEEPEST, bounds, deepest, is_handle, load, mixed, opened
+from tests.versions import since_3_12
 
 KIND = {name: i for i, name in enumerate(KINDS)}
 
@@ -135,7 +136,7 @@ def test_the_judge_finds_a_part_that_touches(units: list[Path]):
     assert "front_0_floor" in where
 
 
-@pytest.mark.skipif(mujoco.__version__ == "3.11.0", reason="MuJoCo 3.11: boxes 5 mm apart have the distance 0")
+@since_3_12("boxes 5 mm apart have the distance 0")
 def test_units_join_into_a_row(units: list[Path]):
     """Closed, only handles leave the root's bounds; drawers and doors pass those of neighbours 4 mm apart."""
     for path in units:

@@ -198,6 +198,36 @@ def test_the_report_has_shares_causes_and_the_picture():
     assert "most in the way" not in report({**found, "valid": 1.0}, "desk")
 
 
+def test_variants_that_fail_by_the_same_cause_share_a_row():
+    """Sums, the first name and the number of the others; a variant that differs keeps its row, and JSON has all."""
+    rejections = {
+        "mug/a": {"collision": 3, "roof": 1},
+        "mug/b": {"collision": 0, "roof": 9},
+        "mug/c": {"collision": 5, "roof": 0},
+        "mug/d": {"collision": 0, "roof": 0},
+        "mug/@desk": {"collision": 6, "roof": 6},
+        "pan": {"collision": 8, "roof": 0},
+    }
+    assert [line.split() for line in table_of_rejections(rejections).split("\n")] == [
+        ["rejected", "collision", "roof"],
+        ["mug/a", "+2", "14", "7"],
+        ["mug/b", "0", "9"],
+        ["pan", "8", "0"],
+    ]
+    found: dict[str, Any] = {"ok": True, "scene": "desk", "first_id": "0:train:0:0", "layouts": 8, "attempts": 40}
+    found |= {"valid": 0.9, "first_pass_valid": 0.5, "attempts_per_layout": 2.0, "rejections": rejections}
+    found["in_the_way"] = {"mug/b": "a lamp", "mug/c": "a pan", "mug/@desk": "a pot"}
+    kept = {"mug/a": (0.25, 40), "mug/b": (0.0, 0), "mug/c": (0.5, 2), "pan": (0.75, 4)}
+    found["narrowing"] = {name: {"kept": share, "candidates": n} for name, (share, n) in kept.items()}
+    lines = report(found, "desk").split("\n")
+    assert lines[7:9] == ["most in the way of mug/a +2: a pan", "most in the way of mug/b: a lamp"]
+    assert lines[9:-1] == [
+        "mug/a +1: 25.0% to 50.0% of 42 candidates are within reach",
+        "mug/b: 0.0% of 0 candidates are within reach",
+        "pan: 75.0% of 4 candidates are within reach",
+    ]
+
+
 def test_a_scene_without_an_object_to_place_is_told(tmp_path: Path, capsys: pytest.CaptureFixture):
     """Its layouts are valid, but they all are the same."""
     table = {"asset": box_mjcf(tmp_path, "table", 0.5, 0.5, 0.4), "kind": "static"}

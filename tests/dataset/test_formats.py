@@ -22,7 +22,7 @@ from sceniris_gym.program.compiled import CompiledScene
 from tests.layout.scenes import compile_on_cpu
 
 ASSETS = shipped("assets", ".xml")
-ALL = ("json", "npz", "usd")
+ALL = ("json", "mjcf", "npz", "usd")
 
 
 @pytest.fixture(autouse=True)
@@ -139,7 +139,7 @@ def test_all_formats_are_resumed_shared_and_verified(tmp_path: Path):
     pytest.importorskip("pxr", reason="usd-core is not installed (extra 'import')")
     compiled, alone, shared = compile_on_cpu("mid"), tmp_path / "alone", tmp_path / "shared"
     assert write(compiled, alone, ALL)
-    names = [f"layouts-{i:05}{end}" for i in range(3) for end in (".json", ".npy", ".npz", ".usdc")]
+    names = [f"layouts-{i:05}{end}" for i in range(3) for end in (".json", ".npy", ".npz", ".usdc", ".zip")]
     assert sorted(path.name for path in alone.iterdir()) == ["dataset.json", *names, "scene.usdc", "scene.zip"]
     for number in (1, 0):
         write(compiled, shared, ALL, Shard(number, 2))
@@ -155,7 +155,7 @@ def test_all_formats_are_resumed_shared_and_verified(tmp_path: Path):
         (alone / name).unlink()
     write(compiled, alone, ALL, resume=True)
     assert contents(alone) == before
-    with pytest.raises(DatasetError, match=r"formats = \['json', 'npz', 'usd'\], not \['npz'\]"):
+    with pytest.raises(DatasetError, match=r"formats = \['json', 'mjcf', 'npz', 'usd'\], not \['npz'\]"):
         write(compiled, alone, ("npz",), resume=True)
     assert len(LayoutDataset(alone)) == 40
 

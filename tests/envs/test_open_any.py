@@ -112,16 +112,16 @@ def test_a_script_opens_what_is_there(compiled: CompiledScene):
             wanted[:, :3] -= back * approach
             way = module.between(task.arm.tool(envs.state), wanted)
             action = torch.full((NUM, 7), gripper)
-            action[:, :6] = (way * torch.tensor([10.0] * 3 + [3.0] * 3)).clamp(-0.5, 0.5)
+            action[:, :6] = (way * torch.tensor([10.0] * 3 + [3.0] * 3)).clamp(-1.0, 1.0)
             total += envs.step(action)[1]
             opened |= task.success(envs.state)
         rewards.append(total / steps)
 
-    go(100, 1.0, back=0.1)
-    go(50, 1.0)
-    go(20, -1.0)
+    go(60, 1.0, back=0.1)
+    go(40, 1.0)
+    go(15, -1.0)
     np.testing.assert_array_equal(task.touching(envs.state).numpy(), touched(envs))
     assert task.touching(envs.state).all(dim=1).float().mean() >= 0.6
-    go(150, -1.0, ahead=(0.06, 0.15))
+    go(90, -1.0, ahead=(0.06, 0.15))
     assert opened.float().mean() >= 0.6
     assert (rewards[-1] > rewards[0]).float().mean() >= 0.6

@@ -233,7 +233,7 @@ def test_a_file_is_left_out_for_the_reason_that_a_variant_is_refused_for(tmp_pat
         found = build_model(config)
     assert found.config.variants == {"thing": ("thing/a", "thing/b")}
     assert "objects.thing/soft: is soft" in str(told[0].message)
-    assert "actuators refer to joints of variants, but variants lose their joints" in str(told[0].message)
+    assert "actuators refer to root joints of variants, but variants lose these joints" in str(told[0].message)
 
 
 def test_files_of_each_folder_are_left_out(tmp_path: Path):

@@ -14,6 +14,7 @@ import warp as wp
 
 import sceniris_gym
 from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.tables import make_table
 from sceniris_gym.program.compiled import CompiledScene
@@ -84,13 +85,13 @@ def test_a_unit_moves_as_its_own_asset(compiled: CompiledScene):
     """Drawers, doors and lids that are pushed, in each world to the last bit; joints that it lacks stay at 0."""
     randomizer, sim = simulated(compiled), compiled.sim_mjm
     drawn, data = randomizer.variants.cpu().numpy(), randomizer.data
-    assert {tuple(row) for row in drawn.tolist()} >= {(0, 1), (1, 2), (2, 0)}
+    assert {tuple(row) for row in drawn.tolist()} >= {(0, 1), (1, 2), (2, 0), (2, 2)}
     pushed = np.where(used(compiled, drawn), 0.3, 0.0) * np.array([sim.jnt_type[j] != 0 for j in sim.dof_jntid])
     start = {name: getattr(data, name).numpy().copy() for name in ("qpos", "mocap_pos", "mocap_quat")}
     data.qvel.assign(pushed.astype(np.float32))
     step(randomizer.model, data, 60)
     ours = data.qpos.numpy(), data.qvel.numpy()
-    for pair in sorted(set(map(tuple, drawn.tolist()))):
+    for pair in ((0, 1), (1, 2), (2, 0), (2, 2)):  # each unit in each place
         rows = (drawn == pair).all(axis=1)
         own = build_model(SceneConfig.load(words(*(UNITS[i] for i in pair))))
         alone, mjm, places = Batch(own, NWORLD, compiled.device), own.mjm, {}
@@ -216,3 +217,24 @@ def test_generated_furniture_is_one_object(tmp_path: Path):
         for label, joint in own_joints(compiled.mjm, members[number]).items():
             shared = own_joints(sim, "unit0")[label]
             np.testing.assert_array_equal(ranges[world, shared], compiled.mjm.jnt_range[joint].astype(np.float32))
+
+
+def test_drawn_physics_of_joints_scales_what_the_present_unit_has():
+    """Damping and stiffness, with a factor of its own for each world; a shelf has no joints, and is no error."""
+    scene = words([*UNITS, "shelf"])
+    scene["objects"]["unit0"] |= {"joints": {}, "randomize": {"damping": {"scale": [0.5, 1.5]}}}
+    compiled = compile_scene(scene, "cpu")
+    randomizer, sim, full = simulated(compiled), compiled.sim_mjm, compiled.mjm
+    found, factors = randomizer.model.dof_damping.numpy(), []
+    for world, number in enumerate(randomizer.variants.numpy()[:, 0]):
+        own = own_joints(full, compiled.config.variants["unit0"][number])
+        rest = dict.fromkeys(own_joints(sim, "unit0"), 0.0)
+        value = {label: found[world, sim.jnt_dofadr[joint]] for label, joint in own_joints(sim, "unit0").items()}
+        nominal = rest | {label: full.dof_damping[full.jnt_dofadr[joint]] for label, joint in own.items()}
+        factor = max((value[label] / nominal[label] for label in own), default=1.0)
+        assert value == pytest.approx({label: factor * nominal[label] for label in rest}, rel=1e-5)
+        factors += [factor] if own else []
+    assert 0.5 <= min(factors) < 0.8 < 1.2 < max(factors) <= 1.5
+    scene["objects"]["unit0"]["asset"] = ["shelf", "counter"]
+    with pytest.raises(SceneKeyError, match=r"unit0\.randomize\.damping: .* no selected element"):
+        build_model(SceneConfig.load(scene))

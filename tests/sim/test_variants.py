@@ -27,6 +27,7 @@ from sceniris_gym.sim.fit import check_model, make_worlds
 from sceniris_gym.sim.randomizer import ResetRandomizer
 from sceniris_gym.sim.variants import VariantReader, fields_of_variants
 from tests.layout.scenes import write_mjcf
+from tests.versions import OLDEST, since_3_12
 
 THINGS = ("can", "mug", "book", "brick")
 STANDS = ("tin", "bowl")
@@ -93,6 +94,9 @@ def test_a_world_moves_as_a_model_of_its_own_variants(compiled: CompiledScene):
         alone = Batch(build_model(own), NWORLD, "cpu")
         for name, values in zip(("qpos", "mocap_pos", "mocap_quat"), start, strict=True):
             getattr(alone.data, name).assign(values)
+        if OLDEST:  # its solver rounds by this scale, which all worlds of a model share
+            models: tuple[Any, Any] = alone.model, batch.model
+            models[0].stat.meaninertia = models[1].stat.meaninertia
         rows = (drawn == pair).all(axis=1)
         for one, other in zip(ours, stepped(alone, 30), strict=True):
             assert one[rows].tobytes() == other[rows].tobytes()
@@ -178,6 +182,7 @@ def test_rejections_are_told_by_variant(compiled: CompiledScene):
     assert set(counts) >= {f"target/{name}" for name in THINGS} | {f"stand/{name}" for name in STANDS}
 
 
+@since_3_12("round objects rock for seconds before they rest")
 def test_one_world_has_one_variant_at_a_time(compiled: CompiledScene):
     """A single world, whose model has one row anyway, rests on the table with whatever it gets."""
     batch, randomizer = simulated(compiled, 1)
@@ -242,7 +247,7 @@ def test_what_cannot_share_a_body_is_refused(tmp_path):
     slide, key = '<joint name="slide" type="slide"/>', '<keyframe><key name="home" qpos="0.1" ctrl="0.2"/></keyframe>'
     motor = f'<actuator><motor joint="slide"/></actuator>{key}'
     stand = {"variants": {"a": {"asset": "tin"}, "b": {"asset": write_mjcf(tmp_path, "driven", slide + geom, motor)}}}
-    with pytest.raises(NotSupportedError, match=r"objects\.stand: actuators refer to joints"):
+    with pytest.raises(NotSupportedError, match=r"objects\.stand: actuators refer to root joints"):
         build_model(SceneConfig.load(words({"asset": "can"}, stand)))
     own["objects"]["target"]["variants"]["b"]["asset"] = write_mjcf(tmp_path, "plain", geom)
     own["objects"]["target"]["variants"]["c"] = {"asset": "mug"}
@@ -352,6 +357,7 @@ def test_a_loop_with_one_model_for_all_worlds_is_refused(compiled: CompiledScene
         check_model(compiled, compiled.sim_mjm, "loop", "")
 
 
+@since_3_12("its compiler rounds otherwise, and bits are promised per version")
 def test_variants_and_poses_have_the_same_bits_on_a_cpu_and_a_gpu(anywhere: CompiledScene):
     """After resets of all worlds and of some, in layouts and in the simulation: `BITS`, found on a CPU."""
     batch = Batch(anywhere.scene, NWORLD, anywhere.device)
