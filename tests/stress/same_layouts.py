@@ -115,7 +115,8 @@ def rows_of(compiled: CompiledScene, nworld: int) -> dict[str, np.ndarray]:
     drawn = tuple(drawn_fields(compiled.scene.sim.draws))
     names = {"layouts": _LAYOUTS if compiled.reaching is None else _LAYOUTS + _GRASPS, "data": _STATE, "model": drawn}
     sources = {"layouts": randomizer.layouts, "data": data, "model": model}
-    return {f"{key}_{name}": getattr(sources[key], name).numpy() for key in names for name in names[key]}
+    arrays = {f"{key}_{name}": getattr(sources[key], name) for key in names for name in names[key]}
+    return {name: (array if isinstance(array, wp.array) else array.cpu()).numpy() for name, array in arrays.items()}
 
 
 def differing(a: np.ndarray, b: np.ndarray) -> np.ndarray:
