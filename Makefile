@@ -9,11 +9,12 @@ RECIPES := skrl torchrl
 MJLAB := .venv-mjlab
 JAX := .venv-jax
 NEWTON := .venv-newton
+LEROBOT := .venv-lerobot
 
 # What the first import compiles is kept for all others.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: setup test check test-changed test-suite test-marked-oldest test-oldest lint types docs test-recipes test-mjlab test-jax test-newton demo bench clean
+.PHONY: setup test check test-changed test-suite test-marked-oldest test-oldest lint types docs test-recipes test-mjlab test-jax test-newton test-lerobot demo bench clean
 
 setup: $(STAMP)
 
@@ -95,6 +96,13 @@ test-newton:
 	$(NEWTON)/bin/python -m pytest -q --durations=5 -m oldest $$(grep -rl 'mark\.oldest' tests)
 	$(NEWTON)/bin/python -m pytest -q --durations=5 tests/adapters/test_newton.py
 
+# LeRobot needs an older torch. It takes demonstrations from files, and nothing else of this package.
+test-lerobot:
+	test -x $(LEROBOT)/bin/python || $(PYTHON) -m venv $(LEROBOT)
+	$(LEROBOT)/bin/python -m pip install "$$(sed -n 's/^lerobot = \["\(.*\)"\]/\1/p' pyproject.toml)" lazy-loader pytest
+	$(LEROBOT)/bin/python -m pip install --no-deps -e .
+	$(LEROBOT)/bin/python -m pytest -q --noconftest tests/dataset/test_lerobot.py
+
 demo: $(STAMP)
 	$(BIN)/sceniris-gym demo
 
@@ -102,4 +110,4 @@ bench: $(STAMP)
 	$(BIN)/sceniris-gym bench mid --num-envs 4096
 
 clean:
-	rm -rf $(VENV) $(OLDEST) $(addprefix $(VENV)-,$(RECIPES)) $(MJLAB) $(JAX) $(NEWTON) build dist demo site *.egg-info .pytest_cache .ruff_cache
+	rm -rf $(VENV) $(OLDEST) $(addprefix $(VENV)-,$(RECIPES)) $(MJLAB) $(JAX) $(NEWTON) $(LEROBOT) build dist demo site *.egg-info .pytest_cache .ruff_cache

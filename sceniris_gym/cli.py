@@ -16,6 +16,7 @@ from sceniris_gym.commands.options import (
     LAYOUTS,
     OUT,
     Changes,
+    Demos,
     Device,
     Evaluation,
     Flag,
@@ -38,6 +39,7 @@ from sceniris_gym.commands.options import (
 from sceniris_gym.config.bounds import COUNT, MOST_WORLDS
 from sceniris_gym.config.settings import read_changes
 from sceniris_gym.config.tier import Tier, TierWord
+from sceniris_gym.dataset.lerobot import MANIFEST
 from sceniris_gym.errors import ArgumentError, NotSupportedError, ScenirisError, check_names
 from sceniris_gym.files import check_new, check_picture, redirected, write_text
 from sceniris_gym.progress import shown
@@ -531,6 +533,19 @@ def evaluate(options: Annotated[Evaluation, tyro.conf.arg(name="")], json: Json 
 
 
 @_command
+def demos(options: Annotated[Demos, tyro.conf.arg(name="")], json: Json = False) -> Answer:
+    """Write demonstrations of a task: the arm follows its path to a grasp, closes the gripper, and lifts the object.
+
+    The exit status is 1 if too few episodes end in success.
+    """
+    check_numbers(Demos, vars(options))
+    checked_target(options.out / MANIFEST)
+    from sceniris_gym.commands import demos as tool
+
+    return answer(tool.demos(options), json, tool.report)
+
+
+@_command
 def compile_(
     names: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="SCENE|TASK")],
     num_envs: NumEnvs = 16,
@@ -553,7 +568,7 @@ def compile_(
 
 ABOUT = "Fresh, collision-free scene layouts for every reset of batched MuJoCo-Warp environments."
 _SCENES = (demo, generate, audit, bench, replay, check, compile_, reach)
-_ALL = (*_SCENES, import_, furniture, init, new_task, settle, train, evaluate, view, play)
+_ALL = (*_SCENES, import_, furniture, init, new_task, settle, train, evaluate, demos, view, play)
 COMMANDS = {command.__name__.rstrip("_").replace("_", "-"): command for command in _ALL}
 
 

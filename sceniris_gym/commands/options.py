@@ -74,6 +74,34 @@ class Evaluation:
     device: Device = None
 
 
+@dataclass(frozen=True)
+class Demos:
+    """Options of demonstrations.
+
+    Attributes:
+        task: a registered task, or your own as MODULE:ID
+        episodes: number of demonstrations. All of them end in success
+        out: folder for demos.json and demos-*.npz
+        target: object to grasp, needed if several objects are reachable and the task does not name its `targets`
+        camera: camera whose pictures are also written (repeatable)
+        size: width and height of the pictures [pixels]
+        format: lerobot also writes a LeRobot data set to the subfolder lerobot (extra `lerobot`)
+    """
+
+    task: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="TASK")]
+    episodes: Annotated[int, COUNT] = 2000
+    out: Annotated[Path, OUT] = Path("demos")
+    target: str | None = None
+    camera: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="NAME")] = ()
+    size: tuple[int, int] = (128, 128)
+    format: Literal["npz", "lerobot"] = "npz"
+    num_envs: NumEnvs = 1024
+    seed: Seed = 0
+    split: Split = "train"
+    device: Device = None
+    changes: Changes = ()
+
+
 def parsed(name: str, command: Callable[..., Any], words: Sequence[str]) -> Callable[[], Any]:
     """Parse the words after the name of a command, and return the call of the command.
 

@@ -47,6 +47,8 @@ class PositionActuators:
     Attributes:
         lower, upper: Limits of the targets [rad or m], shape (njoint,). They are within the limits of the controls and
             of the joints.
+        lag: Time by which a joint without inertia follows its target [s], shape (njoint,): (kv g^2 + d) / (kp g^2) for
+            the joint's damping d and an actuator of gear g.
 
     Raises:
         ArmError: A joint does not have exactly one position actuator that drives only this joint.
@@ -78,7 +80,9 @@ class PositionActuators:
         i, dofs, loss = self._actuators, mjm.jnt_dofadr[self._joints], self._speed_gain * self._gear
         self._force = np.where(mjm.actuator_forcelimited[i], mjm.actuator_forcerange[i, 1], np.inf)
         light = (loss * self._gear * mjm.opt.timestep > _JUMPS * mjm.dof_M0[dofs]) & (_QUICK * loss < self._force)
-        self._damping, unlimited = mjm.dof_damping[dofs], np.where(light & np.isfinite(self._force), 0.0, np.inf)
+        self._damping = mjm.dof_damping[dofs]
+        self.lag = (self._damping / self._gear**2 + self._speed_gain) / self._stiffness
+        unlimited = np.where(light & np.isfinite(self._force), 0.0, np.inf)
         servo = -(self._gear**2), self._speed_gain / kp, _FORCE_PART * self._gear, unlimited
         self._servo = [tensor(values) for values in servo]
 
@@ -113,10 +117,9 @@ class PositionActuators:
         """Return how far targets have to lead, per distance to go, to approach it at a rate [1/s], shape (njoint,).
 
         In a control step of `dt` [s], a joint without inertia covers the part 1 - exp(-dt / lag) of the way to its
-        target, with the lag (kv g^2 + d) / (kp g^2) of its damping d and its actuator of gear g.
+        target.
         """
-        lag = (self._damping / self._gear**2 + self._speed_gain) / self._stiffness
-        return np.expm1(-rate * dt) / np.expm1(-dt / np.maximum(lag, 1e-9))
+        return np.expm1(-rate * dt) / np.expm1(-dt / np.maximum(self.lag, 1e-9))
 
     def bearing(self, s: State) -> Tensor | float:
         """Return how far targets are off the joints that bear an arm's weight [rad or m], shape (num_envs, njoint).
