@@ -211,7 +211,9 @@ def _read_yaml(path: Path) -> dict:
         raise SceneFileError(f"{path}: the file cannot be read: {error.strerror}.") from None
     if not isinstance(data, dict):
         found = "nothing" if data is None else f"a {type(data).__name__}"
-        raise SceneFileError(f"{path}: a scene should be a mapping with keys such as 'objects', found {found}.")
+        wanted = "a scene should be a mapping with keys such as 'objects'"
+        cure = "For a model or a problem file, `sceniris-gym init` writes one."
+        raise SceneFileError(f"{path}: {wanted}, found {found}. {cure}")
     return data
 
 

@@ -18,7 +18,7 @@ from sceniris_gym.config.fields import FLOOR
 from sceniris_gym.files import replacing
 from sceniris_gym.pictures.context import Looks, Shot, in_model_order, picture_context
 from sceniris_gym.scene.layout_table import LayoutTable
-from sceniris_gym.scene.overview import VISIBLE_GROUPS, frame, geom_corners
+from sceniris_gym.scene.overview import VISIBLE_GROUPS, frame, framed, geom_corners
 from sceniris_gym.scene.parking import is_parked
 
 CAMERA = "overview"
@@ -35,7 +35,7 @@ def render(
 ) -> np.ndarray:
     """Render all layouts with one camera.
 
-    The camera is as near as possible, but sees all visible geoms of all layouts.
+    The camera is as near as possible, but sees all visible geoms of all layouts, except scenery (`framed`).
 
     Args:
         mjm: The model. Its camera 'overview' gives the field of view.
@@ -114,14 +114,14 @@ def _seen(mjm: mujoco.MjModel, table: LayoutTable) -> tuple[dict[str, np.ndarray
     Returns:
         The arrays of MjData that the ray caster reads, by name, shape (nrow, ...), and the corners [m] of the bounding
         boxes of the visible geoms, world frame, shape (n, 3). The corners leave out geoms of absent objects, which are
-        parked far away and would make everything else a few pixels wide, and planes if there are other geoms, as
-        grounds may be large.
+        parked far away and would make everything else a few pixels wide, and grounds and scenery if there are other
+        geoms.
     """
     data, corners = mujoco.MjData(mjm), []
     names = ("geom_xpos", "geom_xmat", "cam_xpos", "cam_xmat", "light_xpos", "light_xdir")
     poses = {name: np.empty((len(table), *getattr(data, name).shape)) for name in names}
     visible = np.isin(mjm.geom_group, VISIBLE_GROUPS)
-    solid = visible & (mjm.geom_type != mujoco.mjtGeom.mjGEOM_PLANE)
+    solid = visible & framed(mjm)
     geoms = np.flatnonzero(solid if solid.any() else visible)
     for i in range(len(table)):
         table.put(data, i)

@@ -72,10 +72,19 @@ def local_corners(mjm: mujoco.MjModel, geom: int) -> np.ndarray:
 
 def geom_corners(mjm: mujoco.MjModel, data: mujoco.MjData, geoms: np.ndarray) -> np.ndarray:
     """Return the corners [m] of the bounding boxes of n geoms, world frame, shape (8 n, 3)."""
-    found = [np.zeros((0, 3))]
-    for geom in geoms:
-        found.append(local_corners(mjm, geom) @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom])
-    return np.concatenate(found)
+    found = [local_corners(mjm, i) @ data.geom_xmat[i].reshape(3, 3).T + data.geom_xpos[i] for i in geoms]
+    return np.concatenate([np.zeros((0, 3)), *found])
+
+
+def framed(mjm: mujoco.MjModel) -> np.ndarray:
+    """Return which geoms a camera has to see whole, shape (ngeom,): no grounds (planes), and no scenery.
+
+    Scenery, such as the walls of a room, is a tree of bodies that cannot move and does not collide.
+    """
+    roots = mjm.body_rootid[mjm.geom_bodyid]
+    collide = (mjm.geom_contype != 0) | (mjm.geom_conaffinity != 0)
+    moved = mjm.body_rootid[[*mjm.jnt_bodyid, *np.flatnonzero(mjm.body_mocapid >= 0)]]
+    return (mjm.geom_type != mujoco.mjtGeom.mjGEOM_PLANE) & np.isin(roots, [*roots[collide], *moved])
 
 
 def upright_box(mjm: mujoco.MjModel, data: mujoco.MjData, geoms: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -113,7 +122,7 @@ _Box = tuple[np.ndarray, np.ndarray]
 
 
 class Overview:
-    """The view of the overview camera. It shows all places that objects may have, and all geoms outside placed objects.
+    """The view of the overview camera: all places that objects may have, and all other geoms except scenery.
 
     Args:
         config: The scene.
@@ -138,19 +147,20 @@ class Overview:
         slides = np.isin(self.mjm.jnt_bodyid[self.mjm.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE], carriers).any()
         steep = _INTO_DRAWERS if slides else _ELSEWHERE
         backward = [np.array([x, y, steep * np.hypot(x, y)]) for x, y in _HEADINGS]
-        points = self.seen()
+        points = self.seen(framed(self.mjm))
         cameras = [frame(points, direction, FOVY, _ASPECT) for direction in backward]
-        if not self.config.all_robots:
+        if not self.config.all_robots or not self.places:
             return cameras[0]
         shares = self._shares_seen([eye for eye, _ in cameras])
         return cameras[int(np.flatnonzero(shares >= shares.max() - _NEARLY)[0])]
 
-    def seen(self) -> np.ndarray:
-        """Return points that the camera has to see [m], shape (n, 3): corners of boxes.
+    def seen(self, geoms: np.ndarray | bool = True) -> np.ndarray:
+        """Return points that a camera has to see [m], shape (n, 3): corners of boxes.
 
-        The boxes enclose the places that objects may have, and the geoms that are not part of a placed object.
+        The boxes enclose the places that objects may have, and the geoms that are not part of a placed object, of those
+        in the mask `geoms`, shape (ngeom,).
         """
-        corners = geom_corners(self.mjm, self.data, np.flatnonzero(self.shown & ~self.of_placed))
+        corners = geom_corners(self.mjm, self.data, np.flatnonzero(self.shown & ~self.of_placed & geoms))
         boxes = [box_corners((low + high) / 2.0, (high - low) / 2.0) for low, high in self.places]
         if not len(corners) and not boxes:
             half = [0.5, 0.5] if self.config.floor is None else np.array(self.config.floor.size) / 2.0
@@ -167,18 +177,12 @@ class Overview:
         mjm = copy.copy(self.mjm)
         mjm.geom_group[self.of_placed] = HIDDEN_GROUP
         groups, hit = np.isin(np.arange(6), _SHOWN).astype(np.uint8), np.zeros(1, np.int32)
-        if not self.places:
-            return np.ones(len(eyes))
         # many objects have the same place: on each body of each variant of a support
         boxes, counts = np.unique(self.places, axis=0, return_counts=True)
         shares = np.array([[x, y, 0.9] for x in _GRID for y in _GRID])
         points = [low + (high - low) * share for low, high in boxes for share in shares]
-
-        def free(at: np.ndarray, eye: np.ndarray) -> bool:
-            return mujoco.mj_ray(mjm, self.data, at, eye - at, groups, 1, -1, hit, None) < 0.0
-
-        weights = counts.repeat(len(shares))
-        return np.array([weights @ [free(at, eye) for at in points] / weights.sum() for eye in eyes])
+        far = [[mujoco.mj_ray(mjm, self.data, at, eye - at, groups, 1, -1, hit, None) for at in points] for eye in eyes]
+        return np.average(np.array(far) < 0.0, axis=1, weights=counts.repeat(len(shares)))
 
     def _box(self, name: str) -> _Box | None:
         """Return a box around all places of an object: the range of the pivot, enlarged by part of the object's size.

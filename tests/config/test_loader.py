@@ -126,6 +126,7 @@ BAD_FILES = {
     "nested without end": ("floor: " + 20_000 * "[" + 20_000 * "]", r"scene\.yaml: .*nested too deeply"),
     "empty": ("", r"a mapping with keys.*found nothing"),
     "a list": ("- 1\n", r"a mapping with keys.*found a list"),
+    "a problem file": ("(define (problem P)\n  (:domain robosuite))\n", r"found a str.*`sceniris-gym init`"),
 }
 
 

@@ -56,6 +56,17 @@ def test_a_large_ground_does_not_move_the_camera_away():
         assert 0.9 * most < np.ptp(corners, axis=0).max() < most
 
 
+def test_a_room_does_not_move_the_camera_away():
+    """Walls of 6 m around a scene of 1 m, which nothing touches, are not framed. A visual goal of an object is."""
+    wall = "<body><geom type='box' size='3 .1 1.5' pos='0 3 1.5' contype='0' conaffinity='0'/></body>"
+    goal = "<body mocap='true' pos='.8 0 0'><geom type='sphere' size='.1' contype='0' conaffinity='0'/></body>"
+    text = f"<mujoco><worldbody><geom type='box' size='.5 .5 .5'/>{wall}{goal}</worldbody></mujoco>"
+    mjm = mujoco.MjModel.from_xml_string(text)
+    at, turn = np.array([[[0.8, 0.0, 0.0]]]), np.array([[[1.0, 0.0, 0.0, 0.0]]])
+    _, corners = _seen(mjm, LayoutTable.from_states(mjm.qpos0[None], at, turn, np.zeros((1, 0), bool)))
+    np.testing.assert_allclose(np.ptp(corners, axis=0), [1.4, 1.0, 1.0])
+
+
 def test_a_model_without_the_camera_is_refused():
     """The error names the camera that is missing."""
     with pytest.raises(UnknownNameError, match="overview"):

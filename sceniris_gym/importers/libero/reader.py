@@ -21,6 +21,7 @@ from sceniris_gym.importers.libero.problem import Problem, read_problem
 from sceniris_gym.scene import adopt, assemble, backdrop
 
 _CLUTTER = "clutter"
+_REMEDY = "Give `assets`, the folder libero/libero/assets of LIBERO's repository."
 _ZONE = 0.007  # half height [m] of the zone over a rectangle: a goal counts an object in it as on the rectangle
 _LEAST = 1e-6  # half edge [m] of the zone over a point
 _THICK = 0.05  # thickness of a work surface [m]
@@ -129,9 +130,7 @@ def _workspace(problem: Problem) -> tuple[str, Workspace]:
 def _model(problem: Problem, surface: str, space: Workspace, assets: Path | None) -> mujoco.MjSpec:
     """Build an MjSpec with the work surface, sites for its regions, and all objects and fixtures at the origin."""
     if assets is not None and not assets.is_dir():
-        raise SceneFileError(
-            f"read_bddl: assets: there is no folder '{assets}'. Give the folder that has 'stable_hope_objects'."
-        )
+        raise SceneFileError(f"read_bddl: assets: there is no folder '{assets}'. {_REMEDY}")
     spec = mujoco.MjSpec()
     spec.modelname = "scene"
     backdrop.set_options(spec)
@@ -147,8 +146,8 @@ def _model(problem: Problem, surface: str, space: Workspace, assets: Path | None
         assemble.make_kind(spec, root, name, "fixture" if name in problem.fixtures else "free", where)
     if boxes:
         sizes = ", ".join(f"{word} ({' x '.join(f'{s:g}' for s in kind.size)} m)" for word, kind in boxes.items())
-        remedy = "Give `assets`, LIBERO's folder of models." if assets is None else f"'{assets}' lacks these."
-        warnings.warn(ModelWarning(f"{problem.path}: boxes stand in for {sizes}. {remedy}"), stacklevel=3)
+        lack = "" if assets is None else f" '{assets}' lacks these."
+        warnings.warn(ModelWarning(f"{problem.path}: boxes stand in for {sizes}.{lack} {_REMEDY}"), stacklevel=3)
     return spec
 
 

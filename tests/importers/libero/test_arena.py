@@ -59,6 +59,13 @@ def test_layouts_are_the_same_with_and_without_an_arena(tmp_path: Path):
     np.testing.assert_allclose(start, [0, -0.161037, 0, -2.444597, 0, 2.226752, np.pi / 4], atol=1e-6)
 
 
+def test_the_overview_looks_at_the_objects_and_not_at_the_room(tmp_path: Path):
+    """With the arena's walls, which are 6 m apart, the camera is as near to the table as without them."""
+    models = [compile_scene(read_bddl(write(tmp_path), arena=arena).scene, "cpu").mjm for arena in (False, True)]
+    plain, shown = (np.linalg.norm(mjm.camera("overview").pos - mjm.body("kitchen_table").pos) for mjm in models)
+    assert shown < 1.1 * plain
+
+
 def test_cameras_look_as_those_of_libero(tmp_path: Path):
     """Poses as LIBERO's code has them: of `agentview` in the world, of the camera at the hand in the hand's frame."""
     mjm = compile_scene(read_bddl(write(tmp_path), robot="panda", arena=True).scene, "cpu").mjm

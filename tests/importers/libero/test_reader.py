@@ -42,7 +42,7 @@ def test_the_notice_names_the_classes_and_their_sizes(tmp_path: Path):
     (text,) = (str(warning.message) for warning in told)
     assert "plate (0.138 x 0.137 x 0.019 m)" in text
     assert "akita_black_bowl" in text
-    assert text.endswith("Give `assets`, LIBERO's folder of models.")
+    assert text.endswith("Give `assets`, the folder libero/libero/assets of LIBERO's repository.")
 
 
 @pytest.mark.filterwarnings("ignore::sceniris_gym.errors.ModelWarning")
@@ -75,9 +75,9 @@ def test_wrong_arguments_are_refused(arguments: dict[str, Any], message: str, tm
 
 def test_a_folder_of_models_has_to_exist(tmp_path: Path):
     """A class that it lacks is a notice, a folder that is not there an error."""
-    with pytest.raises(SceneFileError, match=r"there is no folder .*Give the folder that has 'stable_hope_objects'"):
+    with pytest.raises(SceneFileError, match=r"there is no folder .*Give .* libero/libero/assets"):
         read_bddl(write(tmp_path), assets=tmp_path / "models")
-    with pytest.warns(ModelWarning, match="lacks these"):
+    with pytest.warns(ModelWarning, match=r"lacks these\. Give .* libero/libero/assets"):
         read_bddl(write(tmp_path), assets=tmp_path)
 
 
