@@ -57,8 +57,8 @@ ELSEWHERE += ("check --picture",)
 NOT_REFUSED = {
     "an entry of a dict, a value or a placeholder": """layout_knobs layout_seed layout_episode layout_fallback
         layout_level layout_start layout_variants layout_redraw layout_kept verified fallback_share roof panda N
-        lambda""",
-    "a module or a program that is gone": "randomizer tools dataset train_rsl_rl judging write_dataset",
+        lambda stages""",
+    "a module or a program that is gone": "randomizer tools dataset reader train_rsl_rl judging write_dataset",
     "of another library, or in a place where its class is gone": "make_data level serve",
     "an attribute that is now a tensor": "kept",
     "a constant of a module that is not public": "TURN_STEP TURN_LEAD TURN_LIMIT",
