@@ -1,6 +1,6 @@
 """Paths to grasps, followed by position actuators in MuJoCo C.
 
-    python -m tests.stress.followed_paths lift extract drawer shelf cupboard --layouts 200 -o followed.jsonl
+    python -m tests.stress.followed_paths tabletop_lift clutter_extract drawer_pick shelf cupboard --layouts 200
 
 The targets of the arm's actuators move along the path, and slow down at its corners. They lead by the damping of the
 actuators, and bear the arm's weight. The fingers are open as for `reachable: clear`. At the end, the TCP has to be
@@ -19,35 +19,16 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.reach import Reaching
-from sceniris_gym.reach.arm import MAX_JOINTS
+from tests.layout.walked import opened, rows_of
+from tests.stress.paths import scene_of
 
 SPEED = 0.75  # rad/s or m/s, mean of the fastest joint on a piece of a path
 GRASP_SPEED = 0.25  # from the pre-grasp on
 NEAR = 5e-3  # m
-_CAN = {"asset": "can", "ratio_on_support": 1, "reachable": "path"}
-
-
-def _furniture(name: str, x: float, height: float, **more: Any) -> dict[str, Any]:
-    unit = {"asset": name, "kind": "fixture", "on": "floor", "orientation": {"yaw": [-100, -80]}, **more}
-    unit["region"] = {"box": [[x, -0.1], [x + 0.1, 0.1]]}
-    robot = {"asset": "panda", "base": [0, 0, height]}
-    return {"floor": {"size": [2.4, 2.0]}, "robot": robot, "objects": {name: unit, "can": {**_CAN, "inside": name}}}
-
-
-SHELF = _furniture("shelf", 0.6, 0.4)
-SHELF["objects"] |= {f"bottle_{i}": {"asset": "bottle", "inside": "shelf", "ratio_on_support": 1} for i in range(3)}
-SCENES: dict[str, Any] = {
-    "lift": {"base": "tabletop_lift", "objects": {name: {"reachable": "path"} for name in ("can", "lemon", "block")}},
-    "extract": {"base": "clutter_extract", "objects": {"target": {"reachable": "path"}}},
-    "drawer": {"base": "drawer_pick", "objects": {"banana": {"reachable": "path"}}},
-    "shelf": SHELF,
-    "cupboard": _furniture("cupboard", 0.55, 0.3, joints={"door": {"fraction": [0.7, 1.0]}}),
-}
 
 
 class Follower:
@@ -113,42 +94,22 @@ class Follower:
         return ""
 
 
-def open_fingers(follower: Follower, qpos: np.ndarray, column: int, grasp: int) -> np.ndarray:
-    """Return `qpos` with the fingers 1 cm wider open than the grasp needs, or as far as they open."""
-    qpos, gripper, target = qpos.copy(), follower.reaching.arms[0].gripper, follower.reaching.targets[column]
-    gap = min(target.grasp_set.grasps[grasp].opening + 0.01, gripper.opening)
-    share = np.clip((gap - gripper.closed) / (gripper.opening - gripper.closed), 0.0, 1.0)
-    driven = gripper.closed_qpos + share * (np.array(gripper.open_qpos) - gripper.closed_qpos)
-    slides = np.flatnonzero(
-        (follower.m.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE) & follower.robot[follower.m.jnt_bodyid]
-    )
-    qpos[follower.m.jnt_qposadr[slides]] = driven[0]  # a Panda's fingers
-    return qpos
-
-
 def followed(name: str, layouts: int, seed: int) -> dict[str, Any]:
     """Follow all paths of some layouts of a scene, and return the counts."""
-    compiled = compile_scene(SceneConfig.load(SCENES[name]), "cpu")
+    compiled = compile_scene(scene_of(name), "cpu")
     generator = LayoutGenerator(compiled, layouts, seed=seed)
     generator.generate()
-    rows = {key: getattr(generator.layouts, key).numpy() for key in ("qpos", "mocap_pos", "mocap_quat", "grasp")}
-    rows |= {key: getattr(generator.layouts, key).numpy() for key in ("path", "pregrasp_qpos", "grasp_qpos")}
     follower, found = Follower(compiled), []
-    joints = len(follower.adr)
-    for row, column in np.argwhere(rows["grasp"] >= 0).tolist():
-        vias = rows["path"][row, column].reshape(3, MAX_JOINTS)[:, :joints]
-        ends = [rows[key][row, column, :joints] for key in ("pregrasp_qpos", "grasp_qpos")]
-        qpos = open_fingers(follower, rows["qpos"][row], column, int(rows["grasp"][row, column]))
-        mocap = rows["mocap_pos"][row][: follower.m.nmocap], rows["mocap_quat"][row][: follower.m.nmocap]
-        target = follower.reaching.targets[column].name
-        found.append(follower.follow(qpos, mocap, np.vstack([vias, *ends]), target))
+    for row in opened(compiled, rows_of(compiled, generator.layouts)):
+        target = follower.reaching.targets[row.column].name
+        found.append(follower.follow(row.qpos, (row.mocap_pos, row.mocap_quat), row.corners, target))
     wrong = [what for what in found if what]
     return {"scene": name, "paths": len(found), "share": 1.0 - len(wrong) / len(found), "wrong": wrong[:10]}
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("scenes", nargs="+", choices=SCENES)
+    parser.add_argument("scenes", nargs="+")
     parser.add_argument("--layouts", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1000)
     parser.add_argument("-o", "--out", type=Path)

@@ -25,6 +25,7 @@ from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.program.compiled import CompiledScene
+from tests.layout.walked import open_fingers
 from tests.oracle.rrt_connect import Arm, connect
 from tests.stress.paths import scene_of
 
@@ -89,13 +90,9 @@ def _chain(mjm: mujoco.MjModel, body: int) -> Iterator[int]:
         body = int(mjm.body_parentid[body])
 
 
-def open_fingers(compiled: CompiledScene, arm: Arm, opening: float) -> None:
-    """Open the fingers 1 cm wider than a grasp needs. They are slides, each for half of the gap."""
+def _open_fingers(compiled: CompiledScene, arm: Arm, opening: float) -> None:
     assert compiled.reaching is not None
-    mjm, most = arm.mjm, compiled.reaching.arms[0].gripper.opening
-    own = compiled.scene.subtree("robot")
-    slides = [j for j in range(mjm.njnt) if mjm.jnt_bodyid[j] in own and mjm.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE]
-    arm.data.qpos[mjm.jnt_qposadr[slides]] = 0.5 * min(opening + 0.01, most)
+    open_fingers(compiled, compiled.reaching.arms[0], opening, arm.data.qpos)
 
 
 def goals_of(
@@ -114,7 +111,7 @@ def goals_of(
         mat, pos = np.zeros(9), arm.data.xpos[grasp.body] + body @ grasp.pos
         mujoco.mju_quat2Mat(mat, grasp.quat)
         mat = body @ mat.reshape(3, 3)
-        open_fingers(compiled, arm, grasp.opening)
+        _open_fingers(compiled, arm, grasp.opening)
         for trial in range(_TRIALS):
             first = row["grasp_qpos"][0, :number] if i == row["grasp"][0] else start
             at = arm.solve(pos, mat, rng.uniform(arm.low, arm.high) if trial else first)
@@ -138,7 +135,7 @@ def is_solved(compiled: CompiledScene, row: dict[str, np.ndarray], margin: int, 
     if not goals or not arm.is_free(start, margins[0]):
         return None
     for opening, some in goals.items():
-        open_fingers(compiled, arm, opening)
+        _open_fingers(compiled, arm, opening)
         way = connect(
             start,
             np.array(some),
@@ -156,7 +153,7 @@ def is_tight(compiled: CompiledScene, row: dict[str, np.ndarray]) -> bool:
     """Return whether the hand is within its margin in the grasp that `clear` accepts."""
     assert compiled.reaching is not None
     arm = arm_of(compiled, row)
-    open_fingers(compiled, arm, compiled.reaching.targets[0].grasp_set.grasps[int(row["grasp"][0])].opening)
+    _open_fingers(compiled, arm, compiled.reaching.targets[0].grasp_set.grasps[int(row["grasp"][0])].opening)
     return not arm.is_free(row["grasp_qpos"][0, : len(arm.adr)], 0.0, MARGINS[0][1])
 
 
