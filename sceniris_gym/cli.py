@@ -394,8 +394,7 @@ def import_(
     if thing.is_dir():
         return answer(tool.import_many(thing, out, options, jobs, device), json)
     checked_target(out)
-    found = tool.import_one(thing, out, options, None if json else ask_on_terminal(), device)
-    return answer(found, json, tool.report)
+    return answer(tool.import_one(thing, out, options, None if json else ask_on_terminal(), device), json, tool.report)
 
 
 @_command

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from functools import partial
 
 import pytest
@@ -58,8 +59,8 @@ def test_bars_are_for_terminals(capsys: pytest.CaptureFixture, monkeypatch: pyte
     with shown():
         tell("work", 1, 2)
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
-    with shown(quiet=True):
-        tell("work", 1, 2)
+    with shown(quiet=True), shown():  # as for kernels, which a command with --json compiles
+        tell("work", 0, 2)
     with shown():
         tell("work", 1, 2)
     assert "work" not in capsys.readouterr().err
@@ -70,3 +71,21 @@ def test_bars_are_for_terminals(capsys: pytest.CaptureFixture, monkeypatch: pyte
     with shown():
         tell("work", 1, 2)
     assert "work" in capsys.readouterr().err
+
+
+def test_a_log_gets_a_line_after_some_seconds(capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch):
+    """A line every few seconds, and rarer the longer the same work takes."""
+    now = 0.0
+    monkeypatch.setattr(time, "monotonic", lambda: now)
+    times = {"first": [], "second": []}
+    with shown():
+        for what, seconds in (("first", 600), ("second", 10)):
+            for done in range(seconds):
+                now += 1.0
+                tell(what, done, seconds)
+                times[what] += [now] * len(lines := capsys.readouterr().err.splitlines())
+                assert lines in ([], [f"sceniris_gym: {what}: {done} of {seconds}"])
+    assert times["first"][:4] == [4.0, 8.0, 12.0, 16.0]
+    assert times["first"][-1] - times["first"][-2] > 50.0
+    assert len(times["first"]) < 40
+    assert times["second"] == [603.0, 607.0]

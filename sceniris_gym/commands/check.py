@@ -1,6 +1,5 @@
 """The `check` command: reports whether a scene has valid layouts, and rejected candidates by object and cause."""
 
-import warnings
 from collections.abc import Hashable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from sceniris_gym.layout.blame import obstructions, recording
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.program.compiled import CompiledScene
+from sceniris_gym.program.notices import noting
 
 # The verdict is bad if a smaller share of layouts is valid, because the others repeat the layouts of the bank.
 _LEAST_VALID = 0.5
@@ -29,16 +29,13 @@ def judge(config: SceneConfig, device: str | None, *options: Any, strict: bool =
         options: The arguments of `check` after the scene.
         strict: Whether a FallbackWarning makes the verdict bad.
     """
-    with warnings.catch_warnings(record=True) as warned:
-        warnings.simplefilter("always")
+    with noting() as noted:
         try:
             found: dict = check(compile_scene(config, device), *options)
         except InfeasibleSceneError as error:
             counted = {"rejections": error.counts, "in_the_way": error.in_the_way}
             found = {"scene": config.name, "valid": 0.0, "error": str(error), **counted}
-    for warning in warned:
-        warnings.warn(warning.message, stacklevel=2)
-    often = strict and any(isinstance(warning.message, FallbackWarning) for warning in warned)
+    often = strict and any(isinstance(warning, FallbackWarning) for warning in noted)
     return {OK: found["valid"] >= _LEAST_VALID and not often, **found}
 
 

@@ -64,8 +64,7 @@ def summary(scene: FirstScene, out: Path | None) -> dict[str, Any]:
 def report(found: dict[str, Any]) -> str:
     """Return a summary as text."""
     robot = "no robot" if found["robot"] is None else f"robot '{found['robot']}'"
-    left = ", ".join(found["commented_out"])
-    commented = f"; commented out, with reasons: {left}" if left else ""
+    commented = f"; commented out, with reasons: {', '.join(left)}" if (left := found["commented_out"]) else ""
     return f"{found['scene']}: {robot}; placed: {', '.join(found['placed']) or 'nothing'}{commented}"
 
 

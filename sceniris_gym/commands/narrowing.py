@@ -217,6 +217,5 @@ def _corners(points: list[np.ndarray], floor: Sequence[float] | None) -> tuple[n
     """Return the corners of the smallest rectangle around points and the floor, plus a margin."""
     ends = [] if floor is None else [0.5 * np.outer([-1.0, 1.0], floor)]
     every = np.concatenate([*points, *ends])
-    if len(every) == 0:  # no valid layout, no robot and no floor
-        every = np.zeros((1, 2))
+    every = every if len(every) else np.zeros((1, 2))  # no valid layout, no robot and no floor
     return every.min(axis=0) - 0.05, every.max(axis=0) + 0.05

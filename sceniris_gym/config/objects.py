@@ -177,8 +177,7 @@ class ObjectConfig(Section):
     def needs(self) -> tuple[str, ...]:
         """Names that have to be placed before this object: its support, then the objects and robots it refers to."""
         owner = [] if self.support is None else [object_of(self.support.parent)]
-        names = [*owner, *(name for _, name in self.references)]
-        return tuple(dict.fromkeys(name for name in names if name != FLOOR))
+        return tuple(dict.fromkeys(name for name in (*owner, *(of for _, of in self.references)) if name != FLOOR))
 
     @classmethod
     def _problem(cls, key: Any, valid: list[str]) -> PydanticCustomError:

@@ -27,8 +27,8 @@ _CONDITIONS = ("if", "unless")
 # Words that all variants have to share, and the advice for errors.
 _SHARED = {
     "kind": "should be the same for all variants, because they share one body",
-    "randomize": "should be the same for all variants, because they share one body. A task can draw for a single "
-    "variant by State.scale_field, in on_reset",
+    "randomize": "should be the same for all variants, which share one body: write it next to 'variants'. For a single "
+    "variant, a task can call State.scale_field, or write to State.model_field, in on_reset",
 }
 
 

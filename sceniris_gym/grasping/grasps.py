@@ -110,7 +110,8 @@ class Graspable:
         """Return the grasps that fit the gripper, from the asset's sites or generated from its geometry.
 
         A stable pose without a suitable grasp has 0 grasps in `GraspSet.spans`, so no layout accepts it. If the object
-        has the key `grasp`, the names of its grasps match this glob, or they are at the part with this name.
+        has the key `grasp`, the names of its grasps match this glob, or they are at the part with this name. If no site
+        does, generated grasps are used.
 
         Args:
             poses: Stable poses of the object.
@@ -119,11 +120,15 @@ class Graspable:
             UnknownNameError: No grasp matches `grasp`.
             GraspError: No grasp fits the gripper.
         """
-        config, gripper, own = self.scene.config.objects[self.name], self._gripper, self._sites()
+        config, gripper, sites = self.scene.config.objects[self.name], self._gripper, self._sites()
         is_any = config.drawn_orientation.kind == "any"  # any side may be up
-        groups = [own] if own else [self._made(pose, is_any) for pose in poses]
-        if config.grasp is not None:
-            groups = self._named(groups, config.grasp)
+        word = "*" if config.grasp is None else config.grasp
+        own = selected(self.scene, self.name, sites, word)
+        made = [] if own else [self._made(pose, is_any) for pose in poses]
+        groups = [own] if own else [selected(self.scene, self.name, group, word) for group in made]
+        known = {g.name.removesuffix(_ROLLED).removeprefix(PREFIX) for group in (sites, *made) for g in group}
+        if known and not any(groups):
+            raise UnknownNameError("grasp", word, f"{self.scene.config.where}: objects.{self.name}.grasp", known)
         kept = [[g for g in group if g.opening <= gripper.opening] for group in groups]
         if not any(kept):
             needed = min((g.opening for group in groups for g in group), default=None)
@@ -141,15 +146,6 @@ class Graspable:
             return GraspSet(tuple(kept[0]), ((0, len(kept[0])),) * len(poses))
         grasps, adr, num = ranges(kept)
         return GraspSet(tuple(grasps), tuple(zip(adr.tolist(), num.tolist(), strict=True)))
-
-    def _named(self, groups: list[list[Grasp]], pattern: str) -> list[list[Grasp]]:
-        """Drop the grasps whose names do not match a glob. If a site's name matches, both grasps of the site stay."""
-        known = {g.name: g.name.removesuffix(_ROLLED) for group in groups for g in group}
-        found = {g.name for group in groups for g in selected(self.scene, self.name, group, pattern)}
-        if known and not found:
-            where = f"{self.scene.config.where}: objects.{self.name}.grasp"
-            raise UnknownNameError("grasp", pattern, where, {site.removeprefix(PREFIX) for site in known.values()})
-        return [[g for g in group if g.name in found] for group in groups]
 
     def _sites(self) -> list[Grasp]:
         mjm, found = self.scene.mjm, []

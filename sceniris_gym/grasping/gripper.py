@@ -372,6 +372,4 @@ def _beside(low: np.ndarray, high: np.ndarray, fingers: np.ndarray) -> np.ndarra
         fingers: Mask of the boxes of fingers, shape (n,).
     """
     at = (low[:, 2] <= 0.0) & (high[:, 2] >= 0.0)
-    if at.any() or not fingers.any():
-        return at
-    return fingers & (high[:, 2] > high[fingers, 2].max() - _TIPS)
+    return at if at.any() or not fingers.any() else fingers & (high[:, 2] > high[fingers, 2].max() - _TIPS)

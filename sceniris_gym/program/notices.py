@@ -2,6 +2,7 @@
 
 import os
 import sys
+import sysconfig
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -9,31 +10,37 @@ from contextvars import ContextVar
 
 from sceniris_gym import errors
 
-_PACKAGE = os.path.join(os.path.dirname(errors.__file__), "")
+# Files of this package, and of libraries that call it for the user, such as Gymnasium.
+_OTHERS = (os.path.join(os.path.dirname(errors.__file__), ""), sysconfig.get_path("purelib"))
 # A context variable, because a warning is issued far below the compilation that stores it, in the same thread.
 _noted: ContextVar[list[UserWarning] | None] = ContextVar("noted", default=None)
 
 
 def warn(warning: UserWarning) -> None:
-    """Issue a warning that points at the line that called this package. Inside a `noting` block, also collect it."""
+    """Issue a warning that points at the user's line, not at a library's. Inside a `noting` block, also collect it."""
     noted = _noted.get()
     if noted is not None:
         noted.append(warning)
     level, frame = 1, sys._getframe()
-    while frame is not None and frame.f_code.co_filename.startswith(_PACKAGE):
+    while frame is not None and frame.f_code.co_filename.startswith(_OTHERS):
         level, frame = level + 1, frame.f_back
     warnings.warn(warning, stacklevel=level)
 
 
 @contextmanager
 def noting() -> Iterator[list[UserWarning]]:
-    """Yield a list that collects all warnings that this thread issues through `warn` inside the block."""
+    """Yield a list that collects all warnings that this thread issues through `warn` inside the block.
+
+    At the end of a block inside another block, the list of the other block gets them too.
+    """
     noted: list[UserWarning] = []
     token = _noted.set(noted)
     try:
         yield noted
     finally:
         _noted.reset(token)
+        if (outer := _noted.get()) is not None:
+            outer += noted
 
 
 def to_record(warning: UserWarning) -> list:

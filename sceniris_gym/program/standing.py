@@ -170,8 +170,7 @@ class Stance(NamedTuple):
     @property
     def is_certain(self) -> bool:
         """True if the object stands wherever it is placed. Only objects on top of it then need the test of standing."""
-        is_alone = len(self.levels) < 2 and self.is_whole and not self.tilt
-        return is_alone and all(f.margin > 0.0 for f in self.feet)
+        return len(self.levels) < 2 and self.is_whole and not self.tilt and all(f.margin > 0.0 for f in self.feet)
 
 
 NO_STANCE = Stance([], [], 0.0, 0.0, 0.0, 0.0, is_whole=True, sinks={})

@@ -1,5 +1,6 @@
 """Assembly of assets into one MuJoCo specification. An object's root body is `name`, its elements are `name/...`."""
 
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
@@ -11,7 +12,7 @@ from sceniris_gym.config.loader import SHIPPED_NAME, shipped
 from sceniris_gym.config.objects import ObjectConfig
 from sceniris_gym.config.robot import RobotConfig
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import MeshError, NotSupportedError, SceneFileError, SceneKeyError, check_names
+from sceniris_gym.errors import MeshError, ModelWarning, NotSupportedError, SceneFileError, SceneKeyError, check_names
 from sceniris_gym.geometry.rotations import of_angles
 from sceniris_gym.scene.model_files import load_model, renamed
 from sceniris_gym.scene.number_check import check_numbers
@@ -165,7 +166,14 @@ def _load_asset(asset: str, where: str) -> mujoco.MjSpec:
                 f"{where}: '{asset}' is a folder and should be an MJCF or URDF file. To use each file of the folder as "
                 f"a variant, write '{asset}/*'."
             )
-        return load_model(Path(asset), where)
+        whole = load_model(Path(asset), where)
+        spec = whole.copy()  # without elements that name a missing one. MuJoCo leaves them out silently
+        if any(len(getattr(spec, kind)) < len(getattr(whole, kind)) for kind in _OF_JOINTS):
+            try:
+                compile_spec(whole, where)
+            except SceneFileError as error:  # also in parts of a larger model
+                warnings.warn(ModelWarning(f"{error}. The scene leaves out such elements."), stacklevel=2)
+        return spec
     assets = shipped("assets", ".xml")
     check_names("asset", [asset], where, assets)
     return load_model(assets[asset], where)

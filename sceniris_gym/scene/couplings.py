@@ -123,9 +123,7 @@ def reversed_for(mjm: mujoco.MjModel, couplings: Iterable[Coupling], drawn: Iter
 def active_equalities(mjm: mujoco.MjModel) -> list[int]:
     """Return the ids of the equalities that MuJoCo enforces from the start."""
     disabled = int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT) | int(mujoco.mjtDisableBit.mjDSBL_EQUALITY)
-    if mjm.opt.disableflags & disabled:
-        return []
-    return [eq for eq in range(mjm.neq) if mjm.eq_active0[eq]]
+    return [] if mjm.opt.disableflags & disabled else np.flatnonzero(mjm.eq_active0).tolist()
 
 
 def equality_label(mjm: mujoco.MjModel, eq: int) -> str:

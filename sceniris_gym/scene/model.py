@@ -232,8 +232,7 @@ class SceneModel(RefusesOldNames):
 
     def sites(self, name: str) -> dict[str, int]:
         """Return the ids of the sites inside an object or a robot, by their names inside it."""
-        found = self._inside(name, self.mjm.site_bodyid, self.mjm.site)
-        return {local: i for local, i in found.items() if local}
+        return {local: i for local, i in self._inside(name, self.mjm.site_bodyid, self.mjm.site).items() if local}
 
     def _inside(self, name: str, bodies: np.ndarray, element: Callable[[int], Any]) -> dict[str, int]:
         """Return ids of elements inside an object or robot, by local name. `bodies` has the body of each element."""

@@ -59,8 +59,7 @@ def camera_axes(backward: np.ndarray, up: np.ndarray = _UP) -> np.ndarray:
 
 def box_corners(center: np.ndarray, half: np.ndarray) -> np.ndarray:
     """Return the eight corners [m] of an upright box, shape (8, 3)."""
-    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
-    return center + signs * half
+    return center + half * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
 
 
 def local_corners(mjm: mujoco.MjModel, geom: int) -> np.ndarray:

@@ -87,8 +87,7 @@ def runner_of(env: RslRlVecEnvWrapper, settings: Settings, seed: int) -> OnPolic
         **(_imitation if imitates else _ppo)(settings, names, sight),
     }
     with redirect_stdout(None):  # the runner prints its networks
-        made = DistillationRunner if imitates else OnPolicyRunner
-        return made(env, config, log_dir=None, device=str(env.device))
+        return (DistillationRunner if imitates else OnPolicyRunner)(env, config, log_dir=None, device=str(env.device))
 
 
 def load_checkpoint(runner: OnPolicyRunner, file: Path, device: str, *, trust: bool = False) -> Any:

@@ -133,8 +133,7 @@ def _is_numeric(name: str) -> bool:
 
 
 def _is_loopback(name: str) -> bool:
-    local = name == "::1" or (name.startswith("127.") and _is_numeric(name))
-    return local or f".{name}".endswith(".localhost")
+    return name == "::1" or (name.startswith("127.") and _is_numeric(name)) or f".{name}".endswith(".localhost")
 
 
 @contextlib.contextmanager

@@ -59,8 +59,7 @@ class ShownWorld:
     def own(self, name: str) -> str:
         """Return the present variant of an object, or the name of an object without variants."""
         members = self.compiled.config.variants.get(name, (name,))
-        there = self.table.present[0, [self.compiled.slots.index(member) for member in members]]
-        return members[int(there.argmax())]
+        return members[int(self.table.present[0, list(map(self.compiled.slots.index, members))].argmax())]
 
     def is_shown(self, name: str) -> bool:
         """Return True if an object is present and has a place."""

@@ -19,7 +19,7 @@ from sceniris_gym.scene.assemble import MARK_GROUP
 from sceniris_gym.scene.backdrop import OVERVIEW
 from sceniris_gym.scene.draws import COLOUR_ROLES, mean_colours, nominal_values
 from sceniris_gym.scene.model import SceneModel
-from sceniris_gym.scene.overview import FOVY, VISIBLE_GROUPS, Overview, camera_axes, frame
+from sceniris_gym.scene.overview import FOVY, VISIBLE_GROUPS, Overview, camera_axes, frame, framed
 from sceniris_gym.viewer.server import MOST_SHOWN, address, close_server, light, open_server
 
 if TYPE_CHECKING:
@@ -62,10 +62,11 @@ class Worlds:
 
         self.mjm, self.num, self._server = scene.mjm, num, server
         mjm = scene.mjm
-        self._seen = Overview(scene.config, mjm, scene.home_qpos).seen()
+        overview = Overview(scene.config, mjm, scene.home_qpos)
+        self._seen = overview.seen(framed(mjm))
         self.low, self.high = self._seen.min(axis=0), self._seen.max(axis=0)
         self.size = float((self.high - self.low).max())
-        size = (self.high - self.low)[:2]
+        size = np.ptp(overview.seen(), axis=0)[:2]
         if scene.config.floor is not None:
             size = np.maximum(size, scene.config.floor.size)
         self.origins = grid_origins(num, (1.0 + _GAP) * size)
@@ -160,7 +161,7 @@ class Worlds:
         self._scene._sync_visibilities()
 
     def aim(self, open_pages: bool = True) -> None:
-        """Set the view of the page so that all worlds are visible, from the direction of the camera 'overview'.
+        """Set the view of the page so that all worlds are visible, except scenery, as from the camera 'overview'.
 
         Browser windows that are opened later start with this view. With `open_pages`, windows that are open now also
         change to this view.
@@ -227,9 +228,7 @@ class Window:
 def view_direction(mjm: mujoco.MjModel) -> np.ndarray:
     """Return the unit vector from a scene to its camera 'overview', shape (3,). Without this camera, use a default."""
     camera = mujoco.mj_name2id(mjm, mujoco.mjtObj.mjOBJ_CAMERA, OVERVIEW)
-    if camera < 0:
-        return camera_axes(np.array([0.5, -1.0, 1.0]))[:, 2]
-    return matrix(mjm.cam_quat[camera])[:, 2]
+    return camera_axes(np.array([0.5, -1.0, 1.0]))[:, 2] if camera < 0 else matrix(mjm.cam_quat[camera])[:, 2]
 
 
 def grid_origins(num: int, size: np.ndarray) -> np.ndarray:
@@ -239,10 +238,8 @@ def grid_origins(num: int, size: np.ndarray) -> np.ndarray:
     """
     columns = math.ceil(math.sqrt(num))
     rows = math.ceil(num / columns)
-    i = np.arange(num)
-    x = (i % columns - 0.5 * (columns - 1)) * size[0]
-    y = (0.5 * (rows - 1) - i // columns) * size[1]
-    return np.stack([x, y, np.zeros(num)], axis=1)
+    i, j = np.divmod(np.arange(num), columns)
+    return np.stack([(j - 0.5 * (columns - 1)) * size[0], (0.5 * (rows - 1) - i) * size[1], np.zeros(num)], axis=1)
 
 
 def drawn_model(mjm: mujoco.MjModel, textures: bool = True) -> mujoco.MjModel:
@@ -266,8 +263,7 @@ def drawn_model(mjm: mujoco.MjModel, textures: bool = True) -> mujoco.MjModel:
     drawn.geom_group[drawn.geom_group == MARK_GROUP] = 2
     planes = drawn.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
     drawn.geom_rgba[planes] = _FLOOR
-    endless = planes & (drawn.geom_size[:, 0] <= 0.0)
-    drawn.geom_size[endless, :2] = _ENDLESS / 2.0
+    drawn.geom_size[planes & (drawn.geom_size[:, 0] <= 0.0), :2] = _ENDLESS / 2.0
     return drawn
 
 
@@ -286,8 +282,7 @@ def painted_geoms(scene: SceneModel, drawn: mujoco.MjModel) -> list[int]:
 def _triangles(mjm: mujoco.MjModel, body: int) -> int:
     """Return the number of triangles of a body's visible meshes."""
     seen = (mjm.geom_bodyid == body) & np.isin(mjm.geom_group, VISIBLE_GROUPS)
-    meshes = mjm.geom_dataid[seen & (mjm.geom_type == mujoco.mjtGeom.mjGEOM_MESH)]
-    return int(mjm.mesh_facenum[meshes].sum())
+    return int(mjm.mesh_facenum[mjm.geom_dataid[seen & (mjm.geom_type == mujoco.mjtGeom.mjGEOM_MESH)]].sum())
 
 
 def body_mesh(mjm: mujoco.MjModel, geoms: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:

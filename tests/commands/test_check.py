@@ -71,6 +71,26 @@ def test_a_start_that_few_layouts_allow_is_named_and_its_scene_is_not_ok(tmp_pat
     assert advice in found["error"]
 
 
+def test_warnings_before_an_error_are_told(tmp_path: Path, capsys: pytest.CaptureFixture):
+    """They may tell why the scene is refused."""
+    body = '<body name="arm"><joint name="slide" type="slide" range="0 1"/><geom size="0.1"/></body>'
+    wrong = '<equality><joint joint1="slide" joint2="slyde"/></equality>'
+    (tmp_path / "arm.xml").write_text(f"<mujoco><worldbody>{body}</worldbody>{wrong}</mujoco>")
+    cube = {"asset": box_mjcf(tmp_path, "cube", 0.04, 0.04, 0.04), "on": "floor", "reachable": "ik"}
+    scene = {
+        "floor": {"size": [1.0, 1.0]},
+        "robot": {"asset": "arm.xml", "base": [0, 0, 0.2]},
+        "objects": {"cube": cube},
+    }
+    with (tmp_path / "cell.yaml").open("w") as stream:
+        YAML().dump(scene, stream)
+    with pytest.raises(SystemExit):
+        main(["check", str(tmp_path / "cell.yaml"), "-n", "8", "--device", "cpu"])
+    warned, refused = capsys.readouterr().err.splitlines()
+    assert warned.startswith(f"warning: {tmp_path / 'cell.yaml'}: robot.asset: ") and "slyde" in warned
+    assert refused.startswith("error: ")
+
+
 def test_layouts_are_made_once_and_their_rejections_name_what_is_in_the_way(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):

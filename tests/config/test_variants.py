@@ -177,7 +177,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "two draws": (
         {"objects.target.variants.mug.randomize": {"mass": {"scale": [0.5, 2]}}},
-        r"objects\.target\.variants\.mug\.randomize: .*the same for all variants.*State\.scale_field",
+        r"objects\.target\.variants\.mug\.randomize: .*for all variants.*next to 'variants'.*State\.model_field",
     ),
     "two kinds by the names of variants": (
         {"objects.target/mug.kind": "fixture"},

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from sceniris_gym.errors import GraspError
+from sceniris_gym.errors import GraspError, UnknownNameError
 from sceniris_gym.grasping.grasps import Grasp, GraspSet, section
 from sceniris_gym.grasping.gripper import Gripper
 from tests.grasping.scenes import Scene, rotation
@@ -145,6 +145,21 @@ def test_sites_of_an_asset_take_the_place_of_made_grasps(tmp_path: Path):
     assert found.spans == ((0, 4),)
     for own, rolled in zip(found.grasps[:2], found.grasps[2:], strict=True):
         assert np.allclose(rotation(rolled.quat), rotation(own.quat) @ np.diag([-1.0, -1.0, 1.0]))
+
+
+def test_a_pattern_that_no_site_has_selects_generated_grasps(tmp_path: Path):
+    """An arm of five joints reaches them where it reaches no site. An unknown name gets the sites' names."""
+    site = '<site name="grasp_rim" pos="0 0.06 0.05" quat="0 1 0 0"/>'
+    asset = write_mjcf(tmp_path, "block", '<geom type="box" size="0.02 0.02 0.02" pos="0 0 0.02"/>' + site)
+    made = Scene(asset, reachable="ik", grasp="top*").grasp_set()
+    assert {g.name for g in made.grasps} == {f"top {yaw}" for yaw in range(0, 360, 45)}
+    assert made.spans == ((0, 8),)
+    assert {g.name for g in Scene(asset, reachable="ik", grasp="r*").grasp_set().grasps} == {
+        "grasp_rim",
+        "grasp_rim rolled",
+    }
+    with pytest.raises(UnknownNameError, match="rim"):
+        Scene(asset, reachable="ik", grasp="rims").grasp_set()
 
 
 def test_what_is_wider_than_the_gripper_opens_is_refused(tmp_path: Path):

@@ -6,6 +6,7 @@ import json
 import warnings
 
 import pytest
+import torch
 
 from sceniris_gym.errors import FallbackWarning, ModelWarning
 from sceniris_gym.program.notices import from_record, noting, to_record, warn
@@ -23,6 +24,26 @@ def test_a_warning_is_issued_at_its_level_and_noted():
     with pytest.warns(ModelWarning):
         warn(ModelWarning("odd as well"))
     assert len(noted) == 1
+
+
+def test_a_warning_points_past_the_libraries_between():
+    """As when Gymnasium, or a decorator of torch, calls this package."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        torch.no_grad()(warn)(ModelWarning("odd"))
+    assert caught[0].filename == __file__
+
+
+@pytest.mark.filterwarnings("ignore::sceniris_gym.errors.ModelWarning")
+def test_a_block_around_another_notes_its_warnings_too():
+    """In their order."""
+    with noting() as outer:
+        warn(ModelWarning("first"))
+        with noting() as inner:
+            warn(ModelWarning("second"))
+        warn(ModelWarning("third"))
+    assert [str(warning) for warning in outer] == ["first", "second", "third"]
+    assert [str(warning) for warning in inner] == ["second"]
 
 
 @pytest.mark.parametrize("warning", [ModelWarning("odd"), HELD])

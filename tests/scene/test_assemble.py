@@ -10,7 +10,7 @@ import pytest
 from ruamel.yaml import YAML
 
 from sceniris_gym.config.scene import SceneConfig
-from sceniris_gym.errors import MeshError, SceneFileError, SceneKeyError, ScenirisError, UnknownNameError
+from sceniris_gym.errors import MeshError, ModelWarning, SceneFileError, SceneKeyError, ScenirisError, UnknownNameError
 from sceniris_gym.geometry.pieces import extract_pieces
 from sceniris_gym.scene.build import build_model
 from tests.scene.assets import BALL, build, names
@@ -48,6 +48,25 @@ def test_sizes_of_buffers_of_an_asset_stay_behind(folder: Path, capfd: pytest.Ca
         (folder / f"{name}.xml").write_text(BALL.replace("<worldbody>", f"<size {sizes}/><worldbody>", 1))
     build(folder, {name: {"asset": name, "on": "floor"} for name in "ab"})
     assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize(
+    "element",
+    [
+        '<actuator><position joint="slyde"/></actuator>',
+        '<equality><joint joint1="slide" joint2="slyde"/></equality>',
+        '<tendon><fixed><joint joint="slyde" coef="1"/></fixed></tendon>',
+    ],
+)
+@pytest.mark.parametrize("key", ["robot", "objects.a"])
+def test_an_element_that_names_a_missing_joint_is_warned_of(folder: Path, element: str, key: str):
+    """In MuJoCo's words, as it refuses the file: when it attaches the file, it leaves out the element silently."""
+    joint = '<body name="arm"><joint name="slide" type="slide" range="0 1"/><geom size="0.1"/></body>'
+    (folder / "a.xml").write_text(f"<mujoco><worldbody>{joint}</worldbody>{element}</mujoco>")
+    asset = {"asset": str(folder / "a.xml")}
+    scene = {"robot": asset} if key == "robot" else {"objects": {"a": asset | {"kind": "static"}}}
+    with pytest.warns(ModelWarning, match=rf"{key}\.asset: MuJoCo cannot compile the model: .*slyde"):
+        build_model(SceneConfig.load({"floor": {"size": [1.0, 1.0]}, "objects": {}} | scene))
 
 
 def test_each_kind_is_the_body_it_should_be(folder: Path):

@@ -17,11 +17,13 @@ from PIL import Image
 
 from sceniris_gym.commands.replay import drawn
 from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.importers.libero.reader import read_bddl
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.scene.build import build_model
 from sceniris_gym.viewer.deck import LayoutDeck, Where
 from sceniris_gym.viewer.shown import ShownWorld
 from sceniris_gym.viewer.worlds import Window, Worlds, body_mesh, drawn_model, grid_origins, view_direction
+from tests.importers.libero.problems import write
 from tests.layout.scenes import box_mjcf
 from tests.viewer.pages import drawn_body, page
 from tests.viewer.worlds_on_show import compiled_scene, world_of
@@ -76,6 +78,19 @@ def test_the_users_model_stays_as_it_is():
         np.testing.assert_array_equal(getattr(mjm, name), values)
     assert mjm.vis.scale.framewidth == width
     assert not np.any(drawn_model(mjm).body_weldid == 0)
+
+
+def test_the_view_is_of_the_objects_and_not_of_the_room(tmp_path: Path):
+    """The walls of an arena are 6 m apart: the page opens as near as without them, and two rooms do not overlap."""
+    eyes = []
+    for arena in (False, True):
+        scene = build_model(SceneConfig.load(read_bddl(write(tmp_path), arena=arena).scene))
+        with page() as server:
+            Worlds(server, scene, 1).aim()
+            eyes.append(np.linalg.norm(server.initial_camera.position - scene.mjm.body("kitchen_table").pos))
+            apart = np.ptp(Worlds(server, scene, 2).origins, axis=0).max()
+    assert eyes[1] < 1.1 * eyes[0]
+    assert apart > 6.0
 
 
 def test_many_worlds_are_coarser_from_afar():

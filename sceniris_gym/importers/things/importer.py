@@ -102,8 +102,7 @@ def moved(mjm: mujoco.MjModel, points: np.ndarray, quat: np.ndarray) -> float:
     start = data.qpos[:3] + local @ matrix(quat).T
     while data.time < SECONDS:
         mujoco.mj_step(mjm, data)
-    end = data.qpos[:3] + local @ matrix(data.qpos[3:7]).T
-    return float(np.linalg.norm(end - start, axis=1).max())
+    return float(np.linalg.norm(data.qpos[:3] + local @ matrix(data.qpos[3:7]).T - start, axis=1).max())
 
 
 SUFFIXES = (*meshes.SUFFIXES, ".usd", ".usda", ".usdc", ".usdz", ".urdf")

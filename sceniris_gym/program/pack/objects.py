@@ -211,9 +211,7 @@ def _measured(plan: Plan, o: PlacedObject) -> Measure:
 
 def _address(mjm: mujoco.MjModel, body: int, kind: ObjectKind) -> int:
     """Return the address of a free object's pose in qpos. For other objects, return the mocap id of the body."""
-    if kind == ObjectKind.FREE:
-        return int(mjm.jnt_qposadr[mjm.body_jntadr[body]])
-    return int(mjm.body_mocapid[body])
+    return int(mjm.jnt_qposadr[mjm.body_jntadr[body]] if kind == ObjectKind.FREE else mjm.body_mocapid[body])
 
 
 def _box(config: ObjectConfig) -> tuple:
