@@ -364,6 +364,7 @@ def test_the_next_layouts_are_made_after_a_reset_that_nothing_follows():
     source = prefetched(LayoutGenerator(compile_scene("mid", "cuda:0"), NWORLD))
     missing = []
     for _ in range(3):
+        wp.synchronize_device(device)  # also before the first reset, which may otherwise queue behind other programs
         source.generate()
         wp.synchronize_device(device)
         missing.append(int(source.ahead.missing.numpy().sum()))
