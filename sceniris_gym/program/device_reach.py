@@ -35,7 +35,7 @@ class Reach:
     hand_quat: wp.vec4
     # Upper bounds of the motion [m] of each body's points if a joint of the arm turns by 1 rad or slides by 1 m.
     arm_moves: wp.array2d[float]
-    arm_longest: wp.array[float]  # the largest of all bodies for each joint
+    arm_link: wp.array[int]  # number of the arm's joints that move each body
     mapped: bool  # the arm has a map. Without a map, placing accepts all candidates.
     map: MapView
     arm: ArmView

@@ -30,8 +30,8 @@ RESTARTS = 64
 
 vec8 = wp.types.vector(length=MAX_JOINTS, dtype=float)
 """Joint positions [rad, m] of one arm, padded with zeros after `njoint` entries."""
+mat83 = wp.types.matrix(shape=(MAX_JOINTS, 3), dtype=float)
 _vec6 = wp.types.vector(length=6, dtype=float)
-_mat83 = wp.types.matrix(shape=(MAX_JOINTS, 3), dtype=float)
 _mat86 = wp.types.matrix(shape=(MAX_JOINTS, 6), dtype=float)
 _mat66 = wp.types.matrix(shape=(6, 6), dtype=float)
 
@@ -113,10 +113,10 @@ def turns_freely(view: ArmView, i: int) -> bool:
 
 
 @wp.func
-def _frames(view: ArmView, q: vec8):
+def frames(view: ArmView, q: vec8):
     """Return the TCP position and orientation, and the origins and axes of all joints, in the base frame."""
-    origin = _mat83()
-    axis = _mat83()
+    origin = mat83()
+    axis = mat83()
     pos = view.link_pos[0]
     quat = view.link_quat[0]
     for i in range(MAX_JOINTS):
@@ -137,7 +137,7 @@ def _frames(view: ArmView, q: vec8):
 @wp.func
 def forward(view: ArmView, q: vec8):
     """Return the TCP position [m] and orientation (wxyz) in the base frame at joints `q`."""
-    pos, quat, _origin, _axis = _frames(view, q)
+    pos, quat, _origin, _axis = frames(view, q)
     return pos, quat
 
 
@@ -177,7 +177,7 @@ def _solve_positive(a: _mat66, b: _vec6) -> _vec6:
 
 
 @wp.func
-def _descend(view: ArmView, q: vec8, origin: _mat83, axis: _mat83, pos: wp.vec3, dpos: wp.vec3, drot: wp.vec3) -> vec8:
+def _descend(view: ArmView, q: vec8, origin: mat83, axis: mat83, pos: wp.vec3, dpos: wp.vec3, drot: wp.vec3) -> vec8:
     """Take one damped step from `q` to reduce the pose error (dpos, drot). Joints do not move beyond their limits."""
     e = _vec6(dpos[0], dpos[1], dpos[2], _LEVER * drot[0], _LEVER * drot[1], _LEVER * drot[2])
     col = _mat86()
@@ -230,7 +230,7 @@ def refine(view: ArmView, pos: wp.vec3, quat: wp.vec4, q0: vec8, iterations: int
     result = IkResult()  # pyrefly: ignore[missing-argument]
     k = int(0)
     while k <= iterations:
-        at, rotation, origin, axis = _frames(view, q)
+        at, rotation, origin, axis = frames(view, q)
         dpos = pos - at
         drot = rotation_vector(mul_quat(quat, neg_quat(rotation)))
         result.pos_err = wp.length(dpos)

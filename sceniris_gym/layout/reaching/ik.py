@@ -32,7 +32,7 @@ _PI = wp.constant(wp.pi)
 
 
 @wp.func
-def _target(reach: Reach, layouts: LayoutsView, row: int, grasp: int):
+def tcp_in_base(reach: Reach, layouts: LayoutsView, row: int, grasp: int):
     """Return position and orientation of the TCP in a grasp, in the frame of the arm's base."""
     pos, quat = tcp_of(reach, grasp, layouts.body_pos[row], layouts.body_quat[row])
     return in_base(reach, layouts, row, pos, quat)
@@ -76,6 +76,16 @@ def nearest_turns(arm: ArmView, there: vec8, before: vec8):
 
 
 @wp.func
+def present_joints(reach: Reach, layouts: LayoutsView, row: int) -> vec8:
+    """Return the present joint positions of a row's arm."""
+    q = vec8()
+    for i in range(MAX_JOINTS):
+        if i < reach.arm.njoint:
+            q[i] = layouts.qpos[row, reach.arm_qposadr[i]]
+    return q
+
+
+@wp.func
 def start_joints(
     reach: Reach, layouts: LayoutsView, search: Search, reach_search: ReachSearch, split: wp.uint32, c: int
 ) -> vec8:
@@ -86,11 +96,9 @@ def start_joints(
     start = reach_search.ik_start[c]
     q = vec8()
     if start == 0:
-        for i in range(MAX_JOINTS):
-            if i < reach.arm.njoint:
-                q[i] = layouts.qpos[row, reach.arm_qposadr[i]]
+        q = present_joints(reach, layouts, row)
     elif reach.mapped != 0 and start <= wp.static(WITNESSES):
-        pos, quat = _target(reach, layouts, row, grasp)
+        pos, quat = tcp_in_base(reach, layouts, row, grasp)
         q = witness(reach.map, pos, quat, start - 1)
     else:
         stream = numbered_stream(split, REACH_STREAM)
@@ -115,7 +123,7 @@ def _solve(
     for c in range(wp.tid(), candidate_num(reach_search), lanes):
         if not takes_step(reach_search, c, step):
             continue
-        pos, quat = _target(reach, layouts, reach_search.row[c], reach_search.grasp[c])
+        pos, quat = tcp_in_base(reach, layouts, reach_search.row[c], reach_search.grasp[c])
         if step == ReachStep.IK_AT_PREGRASP:
             pos = pos - wp.static(PREGRASP_DISTANCE) * z_axis(quat)
         found = refine(reach.arm, pos, quat, reach_search.grasp_qpos[c], wp.static(ITERATIONS))

@@ -16,6 +16,7 @@ from sceniris_gym.config.tier import Tier
 from sceniris_gym.layout.wave.search import SearchSize
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import allocate
+from sceniris_gym.reach.arm import MAX_JOINTS
 from sceniris_gym.reach.solve import vec8
 
 PREGRASP_DISTANCE = 0.08
@@ -89,6 +90,10 @@ class ReachSearch:
     grasp_qpos: wp.array[vec8]  # the arm's joints: first the start, then the solution for the grasp
     pregrasp_qpos: wp.array[vec8]
     path: wp.array2d[vec8]  # the start and two vias of a path
+    # Blocks: the path that is tested, and the robot in its pre-grasp
+    corner: wp.array3d[float]  # joints at the start, two vias, the pre-grasp and the grasp
+    joint_pos: wp.array2d[wp.vec3]  # origins [m] and axes of the joints in the world
+    joint_axis: wp.array2d[wp.vec3]
     # The state of the robot, posed for a test: first of all candidates in the grasp, then in the pre-grasp, see
     # `pose_index`. Entries of other bodies are not used.
     qpos: wp.array2d[float]
@@ -179,13 +184,16 @@ def create_reach_search(compiled: CompiledScene, nrow: int, size: SearchSize, ea
     """
     ncand, mjm, reaching = min(size.grasps, nrow * MOST_AT_ONCE), compiled.mjm, compiled.reaching
     assert reaching is not None
+    paths = Tier.PATH in (t.tier for t in reaching.targets)
     shapes = {
         "arm column number total tried paths furthest first trials": nrow,
         "queue": (2, nrow),
         "tier": (nrow, len(reaching.targets)),
         "rows_left source rows candidates": 1,
         "row grasp ik_start failed grasp_qpos pregrasp_qpos": ncand,
-        "path": (ncand if Tier.PATH in (t.tier for t in reaching.targets) else 0, 3),
+        "path": (ncand if paths else 0, 3),
+        "corner": (size.blocks if paths else 0, 5, MAX_JOINTS),
+        "joint_pos joint_axis": (size.blocks if paths else 0, MAX_JOINTS),
         "qpos": (2 * ncand, mjm.nq),
         "body_pos body_quat": (2 * ncand, mjm.nbody),
         "hand_qpos": (early, mjm.nq),

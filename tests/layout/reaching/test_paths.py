@@ -7,7 +7,6 @@ import json
 from pathlib import Path
 from typing import Any
 
-import mujoco
 import numpy as np
 import pytest
 import torch
@@ -16,16 +15,14 @@ from sceniris_gym import cli
 from sceniris_gym.commands.replay import replay
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.dataset.reader import LayoutDataset
-from sceniris_gym.errors import ArgumentError, InfeasibleSceneError, SceneKeyError
+from sceniris_gym.errors import ArgumentError, SceneKeyError
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layout_id import LayoutId
-from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.layout.stored import StoredLayouts
 from sceniris_gym.layout.tables import make_table
 from sceniris_gym.layout.wave.search import default_size
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.scene.build import build_model
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 from tests.layout.scenes import prefetched
 from tests.layout.walked import corners_of, walked
@@ -78,39 +75,6 @@ def test_how_much_is_tried_at_once_changes_no_bit(made: tuple[CompiledScene, Lay
     for name in ("qpos", "path", "pregrasp_qpos", "grasp_qpos", "status"):
         ours, theirs = (getattr(each.layouts, name).numpy()[: NWORLD - 5] for each in (generator, other))
         np.testing.assert_array_equal(ours, theirs, err_msg=name)
-
-
-@pytest.mark.parametrize(("margin", "found"), [(0.001, True), (0.003, False)])
-def test_a_start_pose_nearer_than_the_margin_has_no_path(tmp_path: Path, margin: float, found: bool):
-    """A ball is 2 mm in front of the hand at home, measured by MuJoCo C."""
-    can = {"asset": "can", "on": "floor", "region": {"box": [[0.4, -0.1], [0.5, 0.1]]}}
-    words: dict[str, Any] = {
-        "floor": {"size": [2.4, 2.0]},
-        "restarts": 0,
-        "bank": 1,
-        "robot": {"asset": "panda", "base": [0, 0, 0]},
-    }
-    words["objects"] = {
-        "ball": {"asset": str(tmp_path / "ball.xml"), "kind": "static"},
-        "can": {**can, "reachable": "path", "margin": margin},
-    }
-    x, gap = 0.8, 1.0
-    while abs(gap - 0.002) > 2e-5:
-        ball = f"<body name='ball' pos='{x} 0 .55'><geom type='sphere' size='.01'/></body>"
-        (tmp_path / "ball.xml").write_text(f"<mujoco><worldbody>{ball}</worldbody></mujoco>")
-        scene = build_model(SceneConfig.load(words))
-        mjm, robot = scene.mjm, scene.subtree("robot")
-        own = np.flatnonzero(np.isin(mjm.geom_bodyid, robot) & (mjm.geom_contype > 0)).tolist()
-        (other,) = np.flatnonzero(np.isin(mjm.geom_bodyid, scene.subtree("ball"))).tolist()
-        gap = min(mujoco.mj_geomDistance(mjm, scene.home, geom, other, 1.0, None) for geom in own)
-        x -= gap - 0.002
-    if found:
-        generator = LayoutGenerator(compile_scene(words, "cpu"), 4)
-        generator.generate()
-        assert (generator.layouts.status.numpy() == LayoutStatus.VALID).all()
-    else:
-        with pytest.raises(InfeasibleSceneError, match="no_path"):
-            compile_scene(words, "cpu")
 
 
 def test_starts_are_on_the_path():
