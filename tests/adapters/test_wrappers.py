@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
+
+import gymnasium
+import numpy as np
 import pytest
 import torch
 
@@ -49,3 +53,35 @@ def test_skrl_takes_numpy_too(reach_scene: CompiledScene):
     for _ in range(4):
         observation, *_ = wrapped.step(torch.zeros(3, 5))
     assert observation.shape == (3, 47)
+
+
+def _from_polyline(corners: np.ndarray, joints: np.ndarray) -> float:
+    """Return the distance of joints from a polyline, by 20,000 points on each piece."""
+    pieces = [np.linspace(a, b, 20000) for a, b in itertools.pairwise(corners)]
+    return float(np.abs(np.concatenate(pieces) - joints).max(axis=1).min())
+
+
+@pytest.mark.parametrize("wrapper", ["rsl_rl", "sb3"])
+def test_episodes_of_other_libraries_start_on_paths(wrapper: str):
+    """Each of two episodes starts on its own path, also where the wrapper's library resets it."""
+    words = {f"objects.{name}.reachable": "path" for name in ("can", "lemon", "block")}
+    words["start"] = [{"robot": "path", "of": name, "share": [0.1, 0.9]} for name in ("can", "lemon", "block")]
+    envs = gymnasium.make_vec("sceniris_gym/TabletopLift-v0", num_envs=3, overrides=words, max_episode_steps=2)
+    raw, seen = envs.unwrapped, []
+    if wrapper == "rsl_rl":
+        env = pytest.importorskip("sceniris_gym.adapters.rsl_rl").RslRlVecEnvWrapper(raw, seed=3)
+    else:
+        env = pytest.importorskip("sceniris_gym.adapters.sb3").Sb3VecEnvWrapper(raw)
+        env.seed(3)
+        env.reset()
+    for _ in range(2):
+        s = raw.state
+        paths = [s.path(name)[0].numpy() for name in ("can", "lemon", "block")]
+        joints = s.qpos("robot").numpy()[:, :7]
+        for world in range(3):
+            assert min(_from_polyline(path[world], joints[world]) for path in paths) < 1e-4
+        seen.append(joints.copy())
+        for _ in range(2):
+            zeros = torch.zeros(3, raw.single_action_space.shape[0])
+            env.step(zeros if wrapper == "rsl_rl" else zeros.numpy())
+    assert (np.abs(seen[0] - seen[1]).max(axis=1) > 0.01).all()
