@@ -207,7 +207,9 @@ def _test(
         # time is halved first, as long as the motion exceeds the boxes
         extent = wp.max(wp.max(program.node_half[entry[1]]), wp.max(program.node_half[entry[2]]))
         near = step.inner and swept.motion > extent
-    if near and swept.motion > finest and (entry[3] >> _LEVEL_BITS) & 31 < _DEEPEST:
+    if near and swept.motion > finest and (entry[3] >> _LEVEL_BITS) & 31 == _DEEPEST:
+        following.blocked = True
+    elif near and swept.motion > finest:
         later = entry[3] + (1 << _LEVEL_BITS) + (entry[3] & 0xFFFF)
         following.split = True
         following.left = wp.vec4i(entry[0], entry[1], entry[2], later)
