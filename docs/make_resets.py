@@ -14,7 +14,7 @@ from PIL import Image
 import sceniris_gym  # noqa: F401, registers the environments
 from docs.make_worlds import grid
 from sceniris_gym.config.loader import shipped
-from sceniris_gym.viewer.env_view import policy_of
+from sceniris_gym.training.policies import policy_of
 
 PICTURE = Path(__file__).parent / "resets.gif"
 _ENV = "sceniris_gym/ClutterExtract-v0"

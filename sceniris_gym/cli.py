@@ -316,7 +316,7 @@ def view(
         split: training or evaluation layouts, by default the split of the --layout ids, or train if there are none
         env: environment instead of a scene, e.g. sceniris_gym/TabletopLift-v0, or your own as MODULE:ID
         policy: an rsl-rl checkpoint (.pt), an SB3 model (.zip), or module:function, by default random actions
-        layout: id of a layout to play, or a file with one id per line
+        layout: id of a layout to play, a file with one id per line, or rows of `suite run` (.jsonl), for failed cases
         host: address to listen on, 0.0.0.0 for all addresses of this machine
         port: port to listen on. If it is in use, the next free port is taken
         allow_origin: address under which a browser on another machine opens the page, e.g. https://hub.example.org
@@ -330,6 +330,11 @@ def view(
         raise NotSupportedError("view: --seed and --episode need a SCENE. With --env, choose layouts by --layout.")
     from sceniris_gym.viewer import command
 
+    if len(layout) == 1 and layout[0].endswith(".jsonl"):
+        from sceniris_gym.suites.running import failures
+
+        widened, failed = failures(Path(layout[0]), split)
+        changes, layout = (*widened, *changes), tuple(failed)
     overrides, ids = read_changes(changes), read_ids(layout)
     if scene is None:
         options = {"num_envs": num_envs, "split": split, "device": device, "overrides": overrides, "trust": trust}
@@ -545,6 +550,100 @@ def demos(options: Annotated[Demos, tyro.conf.arg(name="")], json: Json = False)
 
 
 @_command
+def suite_make(
+    task: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="TASK")],
+    out: Annotated[Path, OUT] = Path("suite.jsonl"),
+    axes: Annotated[str, tyro.conf.arg(metavar="AXIS,AXIS,...")] = "",
+    grades: Annotated[int, range(1, 6)] = 5,  # the last factors are 0.25 and 1.75
+    cases: Annotated[int, range(1, MOST_WORLDS // 4)] = 40,
+    cumulative: Flag = False,
+    device: Device = None,
+    changes: Changes = (),
+    json: Json = False,
+) -> Answer:
+    """Make a suite: cases of a task that change one axis at a time, in grades.
+
+    Args:
+        task: a registered task, or your own as MODULE:ID
+        out: file to write, one line per case. Edited layouts are in an .npz file of the same name
+        axes: robot, clutter, joint, variant, mass, friction, light, camera, shift, turn, by default all that the task
+            has without shift and turn
+        grades: number of grades
+        cases: number of cases for each axis and grade
+        cumulative: also make cases that change the params of all axes at once
+    """
+    from sceniris_gym.commands import suite as tool
+
+    checked_target(out)
+    options = {"grades": grades, "number": cases, "cumulative": cumulative, "device": device, "changes": changes}
+    return answer(tool.make_suite(task, axes, out, **options), json)
+
+
+@_command
+def suite_run(
+    suite: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SUITE")],
+    policy: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="POLICY")],
+    out: Annotated[Path, OUT] = Path("rows.jsonl"),
+    num_envs: NumEnvs = 1024,
+    trust: Flag = False,
+    device: Device = None,
+    json: Json = False,
+) -> Answer:
+    """Run a policy on each case of a suite once. The same command continues after an interruption.
+
+    Args:
+        suite: file of a suite, or the name of a shipped one: clutter_extract, drawer_pick or tabletop_lift_any
+        policy: folder of a run, rsl-rl checkpoint or TorchScript (.pt), ONNX (.onnx), SB3 model (.zip), module:function
+        out: file to write, one line per case
+        trust: read a policy's .zip, or import the suite's MODULE:ID, although this executes their code
+    """
+    from sceniris_gym.commands import suite as tool
+
+    options = {"num_envs": num_envs, "trust": trust, "device": device}
+    return answer(tool.run_suite(suite, policy, out, **options), json, tool.report)
+
+
+@_command
+def suite_compare(
+    a: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="ROWS")],
+    b: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="ROWS")],
+    measure: Literal["success", "success_once"] = "success",
+    picture: Annotated[Path | None, tyro.conf.arg(help="PNG to write: shares over grades (extra `plots`)")] = None,
+    json: Json = False,
+) -> Answer:
+    """Compare two policies case by case: difference with interval, McNemar's exact test, number of cases needed.
+
+    Args:
+        measure: success at the last step, or at any step
+    """
+    check_picture(picture)
+    from sceniris_gym.commands import suite as tool
+
+    return answer(tool.compare_suites(a, b, measure, picture), json, tool.report)
+
+
+@_command
+def suite_film(
+    rows: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="ROWS")],
+    out: Annotated[Path, OUT] = Path("films"),
+    failed: Flag = False,
+    trust: Flag = False,
+    device: Device = None,
+    json: Json = False,
+) -> Answer:
+    """Write videos of the cases in a file of rows, 16 cases each, with axis and id (extra `video`).
+
+    Args:
+        out: folder of the MP4 files
+        failed: only cases without success
+        trust: as in `suite run`
+    """
+    from sceniris_gym.commands import suite as tool
+
+    return answer(tool.film_suite(rows, out, failed=failed, device=device, trust=trust), json)
+
+
+@_command
 def compile_(
     names: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="SCENE|TASK")],
     num_envs: NumEnvs = 16,
@@ -568,7 +667,9 @@ def compile_(
 ABOUT = "Fresh, collision-free scene layouts for every reset of batched MuJoCo-Warp environments."
 _SCENES = (demo, generate, audit, bench, replay, check, compile_, reach)
 _ALL = (*_SCENES, import_, furniture, init, new_task, settle, train, evaluate, demos, view, play)
+_SUITES = (suite_make, suite_run, suite_compare, suite_film)
 COMMANDS = {command.__name__.rstrip("_").replace("_", "-"): command for command in _ALL}
+COMMANDS |= {command.__name__.replace("_", " "): command for command in _SUITES}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -586,8 +687,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         with warnings.catch_warnings():
             warnings.showwarning = each_once()
             if arguments and not arguments[0].startswith("-"):  # so that usage errors name this command's --help
-                check_names("command", arguments[:1], "sceniris-gym", COMMANDS)
-                said = parsed(arguments[0], COMMANDS[arguments[0]], arguments[1:])()
+                words = 2 if arguments[0] == "suite" else 1
+                check_names("command", [name := " ".join(arguments[:words])], "sceniris-gym", COMMANDS)
+                said = parsed(name, COMMANDS[name], arguments[words:])()
             else:
                 said = tyro.extras.subcommand_cli_from_dict(
                     COMMANDS, prog="sceniris-gym", description=about, args=arguments

@@ -40,6 +40,7 @@ ORDER = {  # a module imports its own part of the house and those with a smaller
             ["vector"],
             ["adapters", "dataset", "libero"],
             ["training"],
+            ["suites"],
             ["commands"],
             ["viewer"],
             ["cli"],
@@ -48,7 +49,7 @@ ORDER = {  # a module imports its own part of the house and those with a smaller
     )
     for name in names
 }
-WITH_TORCH = {"vector", "adapters", "dataset", "libero", "training", "commands", "viewer"}
+WITH_TORCH = {"vector", "adapters", "dataset", "libero", "training", "suites", "commands", "viewer"}
 TORCH_LATER = {"audit/chain.py", "sim/snapshot.py"}
 """Files that import torch where it is used: a judged arm is a SerialChain, and a snapshot's rows are tensors."""
 OUTSIDE = {"__init__", "registration"}  # the door of the package: looked at below, by what it loads

@@ -8,15 +8,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sceniris_gym.audit.auditor import Auditor
-from sceniris_gym.audit.chain import Chain
 from sceniris_gym.audit.physics import equalities, without_log
-from sceniris_gym.audit.reach import Claim, ReachAudit, Unreached
 from sceniris_gym.commands.answer import OK, listing, verdict
 from sceniris_gym.errors import SceneFileError, check_names
 from sceniris_gym.files import UNREADABLE, read_arrays, replacing
+from sceniris_gym.layout.claims import judge_reach, reach_claims
 from sceniris_gym.layout.columns import columns, row_types
 from sceniris_gym.layout.generate import LayoutGenerator
-from sceniris_gym.layout.reaching.poses import OPENING_MARGIN
 from sceniris_gym.layout.tables import make_table, read_rejected
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.layout_table import COLUMNS, LayoutTable
@@ -50,50 +48,6 @@ def rejected_candidates(compiled: CompiledScene, n: int, seed: int, split: str) 
             break
     rejected = read_rejected(generator)
     return rejected.states, [compiled.placed[i] for i in rejected.objects]
-
-
-def reach_claims(compiled: CompiledScene, table: LayoutTable) -> list[Claim]:
-    """Return a claim for each reach target: a table's grasps and arm joints. Fingers are 1 cm wider than needed."""
-    if compiled.reaching is None:
-        return []
-    claims = []
-    for k, target in enumerate(compiled.reaching.targets):
-        one = compiled.reaching.arm_of(target)
-        gripper, joints = one.gripper, slice(0, len(one.arm.joints))
-        needed = np.array([g.opening for g in target.grasp_set.grasps])[np.maximum(table.grasp[:, k], 0)]
-        gap = np.minimum(needed + OPENING_MARGIN, gripper.opening)
-        share = np.clip((gap - gripper.closed) / max(gripper.opening - gripper.closed, 1e-6), 0.0, 1.0)
-        finger_adr, fingers = gripper.poses(share)
-        claims.append(
-            Claim(
-                name=target.name,
-                robot=one.robot,
-                tier=target.tier,
-                pose=table.grasp_pose[:, k],
-                qpos=table.grasp_qpos[:, k, joints],
-                pregrasp_qpos=table.pregrasp_qpos[:, k, joints],
-                path=table.path[:, k].reshape(len(table), 3, table.path.shape[2] // 3)[..., joints],
-                fingers=fingers,
-                finger_adr=finger_adr,
-                pattern=compiled.scene.config.objects[target.name].grasp,
-            )
-        )
-    return claims
-
-
-def judge_reach(compiled: CompiledScene, table: LayoutTable, claims: list[Claim]) -> list[Unreached]:
-    """Test the claims of `reach_claims` with MuJoCo C, and return the failures."""
-    scene, found = compiled.scene, []
-    # An arm that starts with a held object would have to put it down first.
-    full = np.isin(table.start, [i for i, kind in enumerate(compiled.config.start) if kind.is_held])
-    present = {claim.name: table.present[:, compiled.slots.index(claim.name)] & ~full for claim in claims}
-    for robot in dict.fromkeys(claim.robot for claim in claims):
-        home, name = scene.home_of(robot)
-        tcp = home.tcps[name]
-        chain = None if home is scene else Chain(home.mjm, home.bodies[name], home.mjm.site(tcp).id)
-        audit = ReachAudit(compiled.mjm, scene.bodies[robot], scene.bodies, tcp, chain)
-        found += audit.judge(table, [claim for claim in claims if claim.robot == robot], present)
-    return found
 
 
 class Rows(NamedTuple):

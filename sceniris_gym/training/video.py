@@ -1,10 +1,11 @@
 """Videos of the first worlds of an environment while a policy plays (extra `video`)."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from pathlib import Path
 
 import numpy as np
+from PIL import Image, ImageDraw
 from torch import Tensor
 
 from sceniris_gym.errors import import_extra
@@ -19,7 +20,7 @@ PICTURES = RenderConfig(num_envs=COLUMNS**2, size=(240, 180))
 
 
 @contextmanager
-def filming(path: Path, envs: SceneVectorEnv) -> Iterator[Callable[[Tensor], None]]:
+def filming(path: Path, envs: SceneVectorEnv, captions: Sequence[str] = ()) -> Iterator[Callable[[Tensor], None]]:
     """Write a video with a grid of the first worlds, and yield a function that adds a frame in real time.
 
     The function takes booleans of shape (num_envs,), and waits for the device. Where the boolean is False, the frame
@@ -28,6 +29,7 @@ def filming(path: Path, envs: SceneVectorEnv) -> Iterator[Callable[[Tensor], Non
     Args:
         path: The .mp4 file.
         envs: Environment with the render_mode "rgb_array" and the `PICTURES`.
+        captions: Texts for the pictures of the first worlds.
 
     Raises:
         OutputError: The file cannot be written.
@@ -45,7 +47,9 @@ def filming(path: Path, envs: SceneVectorEnv) -> Iterator[Callable[[Tensor], Non
         def add(running: Tensor) -> None:
             for i, picture in enumerate(envs.render() or ()):
                 if running[i]:
-                    tiles[divmod(i, COLUMNS)] = picture
+                    drawn = Image.fromarray(picture)
+                    ImageDraw.Draw(drawn).text((4, 4), "".join(captions[i : i + 1]), "black")
+                    tiles[divmod(i, COLUMNS)] = np.asarray(drawn)
             writer.send(np.ascontiguousarray(tiles.swapaxes(1, 2)))
 
         yield add

@@ -1,7 +1,7 @@
 """`evaluate`: runs a policy on layouts of your choice, and returns the result of each episode."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,9 @@ from sceniris_gym.layout.masks import as_count
 from sceniris_gym.vector.arguments import LAYOUTS
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 
+Policy = Callable[[Any], Any]
+Film = Callable[[Tensor], object]
+
 
 @dataclass(frozen=True)
 class EpisodeResult(RefusesOldNames):
@@ -29,6 +32,8 @@ class EpisodeResult(RefusesOldNames):
         total_reward: Sum of the rewards.
         length: Number of control steps.
         fallback: The search for this seed and episode failed, so the layout came from the fallback bank.
+        broken: The episode ended because its state was not finite.
+        terms: Sum of each term of the reward, by name.
     """
 
     id: str
@@ -37,6 +42,8 @@ class EpisodeResult(RefusesOldNames):
     total_reward: float
     length: int
     fallback: bool
+    broken: bool = False
+    terms: Mapping[str, float] = field(default_factory=dict)
 
 
 @torch.inference_mode()
@@ -67,6 +74,17 @@ def evaluate(
             number of layouts is negative. An id is malformed.
         SceneMismatchError: An id is from another scene or split.
     """
+    return [result for batch in episodes(policy, envs, layouts) for result in batch]
+
+
+@torch.inference_mode()
+def episodes(
+    policy: Policy, envs: VectorEnv, layouts: Any, film: Film = lambda _: None
+) -> Iterator[list[EpisodeResult]]:
+    """Yield the results of each batch of `evaluate`.
+
+    `film` is called after each reset and each step, with True for each world whose episode runs.
+    """
     if not callable(policy):
         raise ArgumentError(f"evaluate: policy should be a function of the observations, got {short(policy)}.")
     inner = envs.unwrapped if isinstance(envs, VectorEnv) else None
@@ -77,10 +95,9 @@ def evaluate(
         )
     if inner.max_episode_steps is None:
         raise ArgumentError("evaluate: envs should have max_episode_steps, so that every episode ends.")
-    results = []
     for batch, count in _batches(layouts, inner):
-        results += _run(policy, envs, inner, batch)[:count]
-    return results
+        counted = torch.arange(inner.num_envs, device=inner.device) < count
+        yield _run(policy, envs, inner, batch, lambda running, counted=counted: film(running & counted))[:count]
 
 
 def _batches(layouts: Any, inner: SceneVectorEnv) -> Iterator[tuple[Any, int]]:
@@ -105,26 +122,34 @@ def _batches(layouts: Any, inner: SceneVectorEnv) -> Iterator[tuple[Any, int]]:
         yield found.of_rows(rows), min(number, len(found.seed) - first)
 
 
-def _run(policy: Callable[[Any], Any], envs: VectorEnv, inner: SceneVectorEnv, layouts: Any) -> list[EpisodeResult]:
+def _run(policy: Policy, envs: VectorEnv, inner: SceneVectorEnv, layouts: Any, film: Film) -> list[EpisodeResult]:
     """Run one episode in each world, and return its result."""
     observation, info = envs.reset(options={LAYOUTS: layouts})
     names, fallback = inner.layout_ids(), _tensor(info["layout"]["fallback"], inner)
     running = torch.ones_like(fallback)
-    last, ever = torch.zeros_like(running), torch.zeros_like(running)
-    total, length = torch.zeros(len(names), dtype=torch.float64, device=inner.device), torch.zeros_like(running).long()
+    last, ever, broken = (torch.zeros_like(running) for _ in range(3))
+    length, terms = torch.zeros_like(running).long(), dict[str, Tensor]()
+    film(running)
     for _ in range(inner.max_episode_steps or 0):
         observation, reward, terminated, truncated, info = envs.step(policy(observation))
         success = _tensor(info["success"], inner)
         done = _tensor(terminated, inner) | _tensor(truncated, inner)
-        total += torch.where(running, _tensor(reward, inner).double(), 0.0)
+        gained = {"": reward, **info["reward_terms"]}
+        for name, term in gained.items():
+            terms[name] = terms.get(name, 0.0) + torch.where(running, _tensor(term, inner).double(), 0.0)
         length += running
+        broken |= running & _tensor(info["broken"], inner)
         ever |= running & success
         last = torch.where(running, success, last)
         running = running & ~done
+        film(running)
         if not running.any():
             break
-    columns = (last.tolist(), ever.tolist(), total.tolist(), length.tolist(), fallback.tolist())
-    return [EpisodeResult(*row) for row in zip(names, *columns, strict=True)]
+    sums = {name: term.tolist() for name, term in terms.items()}
+    total = sums.pop("")
+    columns = (last.tolist(), ever.tolist(), total, length.tolist(), fallback.tolist(), broken.tolist())
+    each = [dict(zip(sums, row, strict=True)) for row in zip(*sums.values(), strict=True)]
+    return [EpisodeResult(*row) for row in zip(names, *columns, each, strict=True)]
 
 
 def _tensor(value: Any, envs: SceneVectorEnv) -> Tensor:

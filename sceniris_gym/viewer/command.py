@@ -67,9 +67,11 @@ def view_env(
     import sceniris_gym  # noqa: F401, registers the environments
     from sceniris_gym.device.kernel_log import start_warp
     from sceniris_gym.layout.layout_id import LayoutId
+    from sceniris_gym.layout.params import params_in
     from sceniris_gym.progress import listening
+    from sceniris_gym.training.policies import policy_of
     from sceniris_gym.training.task_scenes import spec_of
-    from sceniris_gym.viewer.env_view import EnvView, policy_of
+    from sceniris_gym.viewer.env_view import EnvView
 
     start_warp()
     spec = spec_of(env, f"--env {env}")
@@ -78,7 +80,9 @@ def view_env(
     def tell(what: str, done: int, total: int) -> None:
         said.content = f"**{env}** is being compiled ({what}: {done} of {total}). {_KERNELS}"
 
-    options["split"] = options.get("split") or (LayoutId.parse(ids[0]).split if ids else "train")
+    found = [LayoutId.parse(name) for name in ids]
+    options["split"] = options.get("split") or (found[0].split if ids else "train")
+    options |= {"params": names} if (names := sorted({name for one in found for name in params_in(one.params)})) else {}
     with listening(tell):
         envs: Any = gymnasium.make_vec(spec, autoreset_mode="Disabled", **options).unwrapped
     plays = None if policy is None else policy_of(policy, envs.device, trust=trust)
@@ -100,7 +104,8 @@ def play(server: viser.ViserServer, name: str) -> EnvView:
     said = server.gui.add_markdown(f"**{name}** is being loaded.")
     from sceniris_gym.config.loader import shipped
     from sceniris_gym.device.kernel_log import start_warp
-    from sceniris_gym.viewer.env_view import EnvView, policy_of
+    from sceniris_gym.training.policies import policy_of
+    from sceniris_gym.viewer.env_view import EnvView
     from sceniris_gym.viewer.played import PlayedWorld
 
     start_warp()

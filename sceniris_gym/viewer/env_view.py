@@ -1,145 +1,25 @@
-"""The page of an environment, where a policy plays one layout after another.
+"""The page of an environment, where a policy plays one layout after another."""
 
-A policy is a checkpoint of rsl-rl, a model of Stable-Baselines3, or a user's function.
-"""
-
-import pickle
 import sys
 import time
 import traceback
-import zipfile
 from collections.abc import Callable, Sequence
 from functools import partial
-from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 import viser
-from torch import Tensor
 
-from sceniris_gym.errors import ArgumentError, ScenirisError, import_extra
-from sceniris_gym.files import no_file
+from sceniris_gym.errors import ScenirisError
 from sceniris_gym.layout.layout_id import LayoutId
 from sceniris_gym.layout.reading import read_layouts
-from sceniris_gym.training.settings import PICKLE, of_a_run, read_checkpoint
-from sceniris_gym.training.task_scenes import import_here
+from sceniris_gym.training.policies import GROUP, Policy
 from sceniris_gym.vector.arguments import LAYOUTS
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 from sceniris_gym.viewer.plots import Plots
 from sceniris_gym.viewer.server import Requests
 from sceniris_gym.viewer.worlds import Window
-
-Policy = Callable[[dict[str, Tensor]], Any]
-"""Takes the observation groups of all worlds, each (num_envs, size), and returns actions, (num_envs, action size)."""
-GROUP = "policy"
-"""The observation group that a policy gets."""
-FORMS = "a checkpoint of rsl-rl (.pt), a model of Stable-Baselines3 (.zip), or 'module:function'"
-
-_ALGORITHMS = ("PPO", "A2C", "SAC", "TD3", "DDPG")
-_NORMALIZATIONS = ("normalize.pkl", "vecnormalize.pkl")
-# rsl-rl's EmpiricalNormalization: the prefix of its tensors, and the number that it adds to standard deviations.
-_NORMAL, _LEAST_STD = "obs_normalizer.", 0.01
-
-
-def policy_of(name: str, device: str = "cpu", *, trust: bool = False) -> Policy:
-    """Return a policy by its name.
-
-    Args:
-        name: The path of a .pt or .zip file, or 'module:function'. A .pt file should be a checkpoint of rsl-rl's
-            MLPModel with its default activation. A .zip file should be a model of Stable-Baselines3. If the folder of a
-            .zip file has a normalize.pkl or vecnormalize.pkl, the VecNormalize in it normalises the observations.
-        device: The device of the observations, as torch names it.
-        trust: Whether a .zip file and its VecNormalize may be read. Reading them executes the code in these files.
-
-    Raises:
-        ArgumentError: The name has another form, the file cannot be used, or the file is a .zip file and `trust` is
-            False.
-        MissingExtraError: The library of the policy is not installed.
-    """
-    path = Path(name)
-    if path.suffix in (".pt", ".zip") and not path.is_file():
-        raise ArgumentError(f"--policy {name}: {no_file(path)}. Give {FORMS}.")
-    if path.suffix == ".pt":
-        return _of_rsl_rl(path, device)
-    if path.suffix == ".zip":
-        if not trust:
-            raise ArgumentError(f"--policy {name}: a model of Stable-Baselines3 {PICKLE}")
-        return _of_stable_baselines(path, device)
-    module, colon, function = name.partition(":")
-    if not colon:
-        raise ArgumentError(f"--policy {name}: should be {FORMS}.")
-    try:
-        policy = getattr(import_here(module), function)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise ArgumentError(f"--policy {name}: cannot be imported: {error}. Give {FORMS}.") from None
-    if not callable(policy):
-        raise ArgumentError(f"--policy {name}: should be a function that takes observations and returns actions.")
-    return policy
-
-
-def _of_rsl_rl(path: Path, device: str) -> Policy:
-    with of_a_run(path):
-        stored = read_checkpoint(path, device)["actor_state_dict"]
-        weights = [value for key, value in stored.items() if key.startswith("mlp.") and key.endswith(".weight")]
-        if not weights:
-            raise ArgumentError(f"--policy {path}: should hold an MLPModel of rsl-rl, got {', '.join(stored)}.")
-        sizes = [weights[0].shape[1], *(w.shape[0] for w in weights)]
-        layers = [part for pair in pairwise(sizes) for part in (torch.nn.Linear(*pair), torch.nn.ELU())]
-        network = torch.nn.Sequential(*layers[:-1]).to(device)
-        network.load_state_dict({k.removeprefix("mlp."): v for k, v in stored.items() if k.startswith("mlp.")})
-        mean, scale = 0.0, 1.0
-        if _NORMAL + "_mean" in stored:
-            mean, scale = stored[_NORMAL + "_mean"], stored[_NORMAL + "_std"] + _LEAST_STD
-
-    @torch.inference_mode()
-    def policy(observation: dict[str, Tensor]) -> Tensor:
-        seen = observation[GROUP]
-        if seen.shape[1] != sizes[0]:
-            raise ArgumentError(f"--policy {path}: takes {sizes[0]} observations, but this task has {seen.shape[1]}.")
-        return network((seen - mean) / scale)
-
-    return policy
-
-
-def _of_stable_baselines(path: Path, device: str) -> Policy:
-    stable_baselines3 = import_extra("stable_baselines3", "sb3")
-    if not zipfile.is_zipfile(path):
-        raise ArgumentError(f"--policy {path}: should be a .zip that Stable-Baselines3 saved.")
-    why = ""
-    for name in _ALGORITHMS:  # the file does not name its algorithm
-        try:
-            model = getattr(stable_baselines3, name).load(path, device=device)
-            break
-        except Exception as error:
-            why = str(error).splitlines()[0] if str(error) else type(error).__name__
-    else:
-        raise ArgumentError(f"--policy {path}: should be a model of {', '.join(_ALGORITHMS)}. Loading failed: {why}.")
-    normalized = _normalization(path)
-
-    def policy(observation: dict[str, Tensor]) -> Any:
-        return model.predict(normalized(observation[GROUP].cpu().numpy()), deterministic=True)[0]
-
-    return policy
-
-
-def _normalization(path: Path) -> Callable[[np.ndarray], Any]:
-    """Return the function that normalises the observations for the model at `path`.
-
-    The function is from the VecNormalize in the model's folder. Without such a file, it returns its argument.
-    """
-    beside = [path.with_name(name) for name in _NORMALIZATIONS if path.with_name(name).is_file()]
-    if not beside:
-        return lambda seen: seen
-    try:
-        with beside[0].open("rb") as file:
-            normalize: Callable[[np.ndarray], Any] = pickle.load(file).normalize_obs  # as trusted as the model
-    except Exception as error:
-        raise ArgumentError(f"--policy {path}: {beside[0]}: should be a saved VecNormalize: {error}.") from None
-    print(f"sceniris_gym: {beside[0]} normalises the observations of the policy", file=sys.stderr, flush=True)
-    return normalize
-
 
 _IDLE = 0.25  # s
 _LOOK = 1.0  # s between the end of all episodes and the next start

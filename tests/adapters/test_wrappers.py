@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -64,10 +65,11 @@ def _from_polyline(corners: np.ndarray, joints: np.ndarray) -> float:
 @pytest.mark.parametrize("wrapper", ["rsl_rl", "sb3"])
 def test_episodes_of_other_libraries_start_on_paths(wrapper: str):
     """Each of two episodes starts on its own path, also where the wrapper's library resets it."""
-    words = {f"objects.{name}.reachable": "path" for name in ("can", "lemon", "block")}
+    words: dict[str, Any] = {f"objects.{name}.reachable": "path" for name in ("can", "lemon", "block")}
     words["start"] = [{"robot": "path", "of": name, "share": [0.1, 0.9]} for name in ("can", "lemon", "block")]
     envs = gymnasium.make_vec("sceniris_gym/TabletopLift-v0", num_envs=3, overrides=words, max_episode_steps=2)
     raw, seen = envs.unwrapped, []
+    assert isinstance(raw, SceneVectorEnv)
     if wrapper == "rsl_rl":
         env = pytest.importorskip("sceniris_gym.adapters.rsl_rl").RslRlVecEnvWrapper(raw, seed=3)
     else:
@@ -82,6 +84,6 @@ def test_episodes_of_other_libraries_start_on_paths(wrapper: str):
             assert min(_from_polyline(path[world], joints[world]) for path in paths) < 1e-4
         seen.append(joints.copy())
         for _ in range(2):
-            zeros = torch.zeros(3, raw.single_action_space.shape[0])
+            zeros = torch.zeros(raw.action_space.shape or 0)
             env.step(zeros if wrapper == "rsl_rl" else zeros.numpy())
     assert (np.abs(seen[0] - seen[1]).max(axis=1) > 0.01).all()

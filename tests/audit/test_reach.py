@@ -11,8 +11,9 @@ import pytest
 
 from sceniris_gym.audit.auditor import Auditor
 from sceniris_gym.audit.reach import ReachAudit
-from sceniris_gym.commands.audit import judge_reach, judge_rows, make_rows, reach_claims
+from sceniris_gym.commands.audit import judge_rows, make_rows
 from sceniris_gym.geometry.rotations import quaternion
+from sceniris_gym.layout.claims import judge_reach, reach_claims
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.tables import make_table
 from sceniris_gym.program.compiled import CompiledScene

@@ -12,8 +12,8 @@ import torch
 from benchmarks.ship_policy import ship
 from sceniris_gym.errors import SceneMismatchError
 from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.training.policies import policy_of
 from sceniris_gym.training.settings import settings_of
-from sceniris_gym.viewer.env_view import policy_of
 from sceniris_gym.viewer.played import PlayedWorld
 
 TASK = "TabletopReach-v0"

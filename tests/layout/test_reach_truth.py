@@ -8,9 +8,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from sceniris_gym.commands.audit import judge_reach, reach_claims
 from sceniris_gym.config.loader import shipped
 from sceniris_gym.errors import ArmError
+from sceniris_gym.layout.claims import judge_reach, reach_claims
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import LayoutStatus
 from sceniris_gym.layout.tables import make_table

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from sceniris_gym.audit.auditor import Auditor
-from sceniris_gym.commands.audit import judge_reach, reach_claims
 from sceniris_gym.config.loader import shipped
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.errors import SceneKeyError, UnknownNameError
 from sceniris_gym.geometry.rotations import pose_matrix
+from sceniris_gym.layout.claims import judge_reach, reach_claims
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.tables import make_table

@@ -31,10 +31,10 @@ from sceniris_gym.audit.auditor import CHUNK
 from sceniris_gym.audit.chain import Chain
 from sceniris_gym.audit.collisions import Tree
 from sceniris_gym.audit.contacts import ContactAudit, ContactTally
-from sceniris_gym.commands.audit import judge_reach, reach_claims
 from sceniris_gym.commands.reach import judge_poses
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.config.tier import Tier
+from sceniris_gym.layout.claims import judge_reach, reach_claims
 from sceniris_gym.layout.compile import compile_scene, device_name
 from sceniris_gym.layout.tables import make_table
 from sceniris_gym.program.reach import robot_arm

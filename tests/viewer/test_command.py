@@ -15,11 +15,13 @@ import pytest
 from sceniris_gym.cli import main
 from sceniris_gym.commands.options import read_ids
 from sceniris_gym.errors import ArgumentError, ScenirisError, UnknownNameError
+from sceniris_gym.layout.compile import compile_scene
+from sceniris_gym.layout.params import ParamTable
 from sceniris_gym.vector.vector_env import SceneVectorEnv
 from sceniris_gym.viewer import env_view
 from sceniris_gym.viewer.command import view_env
 from tests.training.scenes import write_task
-from tests.viewer.pages import free_port
+from tests.viewer.pages import free_port, page
 
 
 @pytest.mark.skipif(importlib.util.find_spec("mjviser") is None, reason="needs the extra 'viewer'")
@@ -122,6 +124,20 @@ def test_chosen_layouts_decide_the_split(split: str | None, shown: str, monkeypa
             **{"num_envs": 1, "split": split, "device": "cpu"},
         )
     assert found == [shown]
+
+
+@pytest.mark.skipif(importlib.util.find_spec("mjviser") is None, reason="needs the extra 'viewer'")
+def test_layouts_with_params_are_shown():
+    """The page makes worlds with the params that the ids have, so it shows the layout of each."""
+    compiled = compile_scene("tabletop_reach", "cpu")
+    names = ("objects.apple.region", "objects.can.region")
+    table = ParamTable(compiled, names)
+    rows = table.rows({names[0]: [[0.0, -0.1], [0.1, 0.0]]}, 1), table.rows({names[1]: [[0.3, 0.0], [0.4, 0.2]]}, 1)
+    ids = [compiled.layout_id(i, 0, "eval", table.text(row[0])) for i, row in enumerate(rows)]
+    with page() as server:
+        view = view_env(server, "sceniris_gym/TabletopReach-v0", None, ids, num_envs=2, device="cpu")
+        assert view.envs.layout_ids() == ids
+        view.envs.close()
 
 
 @pytest.mark.parametrize(

@@ -32,6 +32,7 @@ def envs() -> Iterator[SceneVectorEnv]:
 def test_layouts_are_played_one_after_another(envs: SceneVectorEnv, monkeypatch: pytest.MonkeyPatch):
     """Two at a time, from the ids that were chosen; after the episodes of both the next two begin."""
     monkeypatch.setattr(env_view, "_LOOK", 0.0)
+    torch.manual_seed(0)  # an action above 0.9 ends an episode
     ids = [envs.compiled.layout_id(seed, seed % 2) for seed in (5, 8, 9)]
     seen: list[tuple[list[int], list[int], str]] = []
     with page() as server:

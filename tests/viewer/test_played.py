@@ -20,10 +20,10 @@ from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.layout_id import LayoutId
 from sceniris_gym.layout.tables import make_table
 from sceniris_gym.scene.build import build_model
+from sceniris_gym.training.policies import policy_of
 from sceniris_gym.training.settings import read_checkpoint
 from sceniris_gym.training.task_scenes import make_env, scene_of
 from sceniris_gym.viewer import command
-from sceniris_gym.viewer.env_view import policy_of
 from sceniris_gym.viewer.played import PlayedWorld
 from tests.viewer.pages import control, page, press, text
 

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 
 from sceniris_gym.audit.auditor import Auditor
-from sceniris_gym.commands.audit import judge_reach, reach_claims
+from sceniris_gym.layout.claims import judge_reach, reach_claims
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.reading import read_layouts

@@ -6,13 +6,14 @@ import importlib
 import os
 import sys
 from pathlib import Path
+from typing import Any
 
 import gymnasium as gym
 import pytest
 import torch
 
-from sceniris_gym.errors import ArgumentError
-from sceniris_gym.viewer.env_view import policy_of
+from sceniris_gym.errors import ArgumentError, MissingExtraError
+from sceniris_gym.training.policies import policy_of
 
 
 def zeros(observation: dict[str, torch.Tensor]) -> torch.Tensor:
@@ -70,9 +71,49 @@ def test_a_model_sees_observations_as_in_its_training(tmp_path: Path, capsys: py
         policy_of(str(tmp_path / "model.zip"), trust=True)
 
 
+def test_exported_networks_act_as_they_do(tmp_path: Path):
+    """As TorchScript and ONNX; what is neither is refused, and a missing library is named."""
+    observation = torch.randn(3, 6)
+    network = torch.nn.Sequential(torch.nn.Linear(6, 8), torch.nn.Tanh(), torch.nn.Linear(8, 2))
+    script: Any = torch.jit.trace(network, observation)
+    script.save(str(tmp_path / "net.pt"))
+    expected = network(observation).detach()
+    with torch.no_grad():
+        assert policy_of(str(tmp_path / "net.pt"))({"policy": observation}) == pytest.approx(expected, abs=1e-6)
+    (tmp_path / "net.onnx").touch()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(sys.modules, "onnxruntime", None)
+        with pytest.raises(MissingExtraError, match=r"onnxruntime .*\[onnx\]"):
+            policy_of(str(tmp_path / "net.onnx"))
+    pytest.importorskip("onnxruntime", reason="needs the extra 'onnx'")
+    with pytest.raises(ArgumentError, match=r"net\.onnx: should be an ONNX model"):
+        policy_of(str(tmp_path / "net.onnx"))
+    batch = {"dynamic_shapes": ({0: torch.export.Dim("n")},)}
+    torch.onnx.export(network, (observation,), str(tmp_path / "net.onnx"), dynamo=True, verbose=False, **batch)
+    assert policy_of(str(tmp_path / "net.onnx"))({"policy": observation}) == pytest.approx(expected.numpy(), abs=1e-5)
+
+
+def test_a_row_does_not_depend_on_the_number_of_rows(tmp_path: Path):
+    """Bit for bit: networks see full blocks."""
+    network = torch.nn.Sequential(torch.nn.Linear(47, 256), torch.nn.ELU(), torch.nn.Linear(256, 5))
+    script: Any = torch.jit.trace(network, torch.zeros(1, 47))
+    script.save(str(tmp_path / "net.pt"))
+    policy, seen = policy_of(str(tmp_path / "net.pt")), torch.randn(200, 47)
+    with torch.no_grad():
+        whole = policy({"policy": seen})
+        for n in (1, 7, 64, 100):
+            assert torch.equal(policy({"policy": seen[:n]}), whole[:n])
+
+
+def test_a_run_is_the_folder_of_its_checkpoint(tmp_path: Path):
+    """A missing checkpoint is named."""
+    with pytest.raises(ArgumentError, match=r"model\.pt: there is no such file"):
+        policy_of(str(tmp_path))
+
+
 def test_a_function_is_a_policy():
     """By the name of its module."""
-    policy = policy_of("tests.viewer.test_policies:zeros")
+    policy = policy_of("tests.training.test_policies:zeros")
     assert policy({"policy": torch.ones(3, 4)}).shape == (3, 2)
 
 
@@ -80,10 +121,10 @@ def test_a_function_is_a_policy():
     ("name", "words"),
     [
         ("none.pt", "there is no such file"),
-        ("nothing", "should be a checkpoint of rsl-rl"),
-        ("tests.viewer.test_policies:no", "cannot be imported"),
+        ("nothing", "should be the folder of a run"),
+        ("tests.training.test_policies:no", "cannot be imported"),
         ("no.such.module:f", "cannot be imported"),
-        ("tests.viewer.test_policies:__name__", "should be a function"),
+        ("tests.training.test_policies:__name__", "should be a function"),
     ],
 )
 def test_what_is_no_policy_is_refused(name: str, words: str):
