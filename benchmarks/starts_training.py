@@ -1,11 +1,11 @@
-"""DrawerOpenPick-v0 trained with and without mixed starts, judged from the start pose on layouts not seen.
+"""DrawerOpenPick-v0 trained with and without other starts, judged from the start pose on layouts not seen.
 
     python -m benchmarks.starts_training results/starts --million-steps 100 --seeds 0 1 2
 
-Trains `DrawerOpenPickStarts-v0`, which is DrawerOpenPick-v0 whose layouts have mixed starts, and DrawerOpenPick-v0
-itself, for equal numbers of control steps with the same settings. Both are judged in the first episodes of the layouts
-of DrawerOpenPick-v0 in the split "eval", which all begin in the arm's start pose. Runs that are interrupted go on where
-they were at the next call; `--minutes` ends a call earlier. The result is in `starts.json` of the folder.
+Trains DrawerOpenPick-v0 with each of `STARTS`, and as it is, for equal numbers of control steps with the same settings.
+All are judged in the first episodes of the layouts of DrawerOpenPick-v0 in the split "eval", which all begin in the
+arm's start pose. Runs that are interrupted go on where they were at the next call; `--minutes` ends a call earlier. The
+result is in `starts.json` of the folder.
 """
 
 from __future__ import annotations
@@ -23,37 +23,45 @@ from sceniris_gym.registration import ENTRY_POINTS
 from sceniris_gym.training.settings import Options, evaluations
 from sceniris_gym.training.train import Run
 
-TASK, STARTS = "DrawerOpenPick-v0", "DrawerOpenPickStarts-v0"
+TASK = "DrawerOpenPick-v0"
 OPEN = {"cabinet/upper": {"fraction": [0.9, 1.0]}}
-MIXED = [
-    {"weight": 4, "robot": "home"},
-    {"weight": 1, "robot": "grasp", "of": "cabinet", "grasp": "upper_handle*"},
-    {
-        "weight": 2,
-        "robot": "grasp",
-        "of": "cabinet",
-        "grasp": "upper_handle*",
-        "joints": {"cabinet/upper": {"fraction": [0.1, 0.85]}},
-    },
-    {"weight": 1, "robot": "home", "joints": OPEN},
-    {"weight": 1, "robot": "pregrasp", "of": "banana", "joints": OPEN},
-    {"weight": 1, "robot": "grasp", "of": "banana", "joints": OPEN},
-    {"weight": 1, "robot": "grasp", "of": "banana", "lift": [0.02, 0.25], "joints": OPEN},
-]
+HANDLE = {"of": "cabinet", "grasp": "upper_handle*"}
+PULLING = {"weight": 2, "robot": "grasp", **HANDLE, "joints": {"cabinet/upper": {"fraction": [0.1, 0.85]}}}
+LIFTED = {"weight": 1, "robot": "grasp", "of": "banana", "lift": [0.02, 0.25], "joints": OPEN}
+STARTS = {
+    "DrawerOpenPickStarts-v0": [
+        {"weight": 4, "robot": "home"},
+        {"weight": 1, "robot": "grasp", **HANDLE},
+        PULLING,
+        {"weight": 1, "robot": "home", "joints": OPEN},
+        {"weight": 1, "robot": "pregrasp", "of": "banana", "joints": OPEN},
+        {"weight": 1, "robot": "grasp", "of": "banana", "joints": OPEN},
+        LIFTED,
+    ],
+    "DrawerOpenPickPaths-v0": [
+        {"weight": 4, "robot": "home"},
+        {"weight": 2, "robot": "path", **HANDLE, "share": [0.0, 1.0]},
+        PULLING,
+        {"weight": 3, "robot": "path", "of": "banana", "share": [0.0, 1.0], "joints": OPEN},
+        LIFTED,
+    ],
+}
+"""For each task, its kinds of start: at grasps and pre-grasps, or on paths to the handle and to the banana."""
 CHANGES = ("gamma=0.985", "entropy=0.005", "steps=32")
 """The settings of DrawerPick-v0, fixed before the first run."""
 
 _known = gymnasium.spec(f"sceniris_gym/{TASK}")
-if STARTS not in gymnasium.registry:
-    kwargs = {**_known.kwargs, "overrides": {"start": MIXED}}
-    gymnasium.register(id=STARTS, **ENTRY_POINTS, max_episode_steps=_known.max_episode_steps, kwargs=kwargs)
+for _id, _kinds in STARTS.items():
+    if _id not in gymnasium.registry:
+        _words = {**_known.kwargs, "overrides": {"start": _kinds}}
+        gymnasium.register(id=_id, **ENTRY_POINTS, max_episode_steps=_known.max_episode_steps, kwargs=_words)
 
 
 def train(task: str, seed: int, words: argparse.Namespace, minutes: float) -> None:
     """Train a task further, for some minutes at most."""
     out = words.folder / f"{task}-{seed}"
     options = Options(
-        f"benchmarks.starts_training:{task}" if task == STARTS else task,
+        f"benchmarks.starts_training:{task}" if task in STARTS else task,
         seed=seed,
         num_envs=words.num_envs,
         minutes=_seconds_of(out) / 60.0 + minutes,
@@ -78,14 +86,14 @@ def _seconds_of(out: Path) -> float:
 def found(words: argparse.Namespace) -> dict[str, Any]:
     """Return the last evaluation of all runs that there are, and whether they took all steps."""
     runs = []
-    for task in (TASK, STARTS):
+    for task in (TASK, *STARTS):
         for seed in words.seeds:
             told = evaluations(words.folder / f"{task}-{seed}") if (words.folder / f"{task}-{seed}").is_dir() else []
             if told:
                 curve = [(line["env_steps"], line["valid"]["success"]) for line in told]
                 done = told[-1]["env_steps"] >= 1e6 * words.million_steps
                 runs.append({"task": task, "seed": seed, "done": done, "valid": told[-1]["valid"], "curve": curve})
-    return {"million_steps": words.million_steps, "changes": CHANGES, "starts": MIXED, "runs": runs}
+    return {"million_steps": words.million_steps, "changes": CHANGES, "starts": STARTS, "runs": runs}
 
 
 def main() -> None:
@@ -94,7 +102,7 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--million-steps", type=float, default=100.0)
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
-    parser.add_argument("--tasks", nargs="+", choices=(TASK, STARTS), default=[TASK, STARTS])
+    parser.add_argument("--tasks", nargs="+", choices=(TASK, *STARTS), default=[TASK, *STARTS])
     parser.add_argument("--minutes", type=float, default=600.0, help="of this call, compiling left out")
     parser.add_argument("--num-envs", type=int, default=4096)
     parser.add_argument("--layouts", type=int, default=4096)

@@ -37,11 +37,12 @@ _STARTS, _STEPS = 64, 40  # of inverse kinematics
 
 @dataclass(frozen=True)
 class Claim:
-    """Claim that a robot reaches an object. Arrays have one entry per row, NaN in rows without a claim.
+    """Claim that a robot reaches an object. Arrays have one entry per row of a table.
 
     Attributes:
         name: The object.
         robot: The robot.
+        rows: Mask of the rows that make this claim, shape (nrow,).
         tier: The definition of "reachable" that the claim uses.
         pose: TCP in the world frame, position [m] and orientation (w, x, y, z), shape (nrow, 7).
         qpos: Joint positions of the arm in the grasp [rad or m], from the base to the TCP, shape (nrow, njoint).
@@ -54,6 +55,7 @@ class Claim:
 
     name: str
     robot: str
+    rows: np.ndarray
     tier: Tier
     pose: np.ndarray
     qpos: np.ndarray
@@ -94,17 +96,11 @@ class ReachAudit:
         self._hand = subtree(mjm, int(mjm.jnt_bodyid[self.joints[-1]])) if chain is None else set()
         self._at_home = self._touching_at_home()
 
-    def judge(self, table: LayoutTable, claims: Sequence[Claim], present: dict[str, np.ndarray]) -> list[Unreached]:
-        """Check the claims about layouts, and return the wrong claims.
-
-        Args:
-            table: The layouts.
-            claims: One claim for each object that this robot has to reach.
-            present: Object name -> mask of the rows with the object, shape (nrow,).
-        """
+    def judge(self, table: LayoutTable, claims: Sequence[Claim]) -> list[Unreached]:
+        """Check the claims about layouts and about this robot, and return the wrong claims."""
         found, asked = [], []
         for claim in claims:
-            for row in np.flatnonzero(present[claim.name]).tolist():
+            for row in np.flatnonzero(claim.rows).tolist():
                 table.put(self.data, row)
                 mujoco.mj_kinematics(self.mjm, self.data)
                 cause = self._wrong(claim, row)

@@ -38,8 +38,6 @@ def _check_target(scene: SceneWords, start: StartConfig, name: str, where: str) 
     """Check that an arm can start at the grasp or pre-grasp of an object."""
     if not scene.objects[name].reachable:
         raise SceneKeyError(f"{where}.of: object '{name}' needs the key 'reachable', because the arm starts at it.")
-    if start.robot == "path" and scene.objects[name].reachable != "path":
-        raise SceneKeyError(f"{where}: object '{name}' needs 'reachable: path', because the arm starts on its path.")
     if start.is_held and scene.objects[name].reachable == "path":
         raise SceneKeyError(
             f"{where}: '{name}' is held in the air, and its 'reachable: path' leads to a grasp where it lies. Write "

@@ -3,7 +3,6 @@
 The fields of `LayoutTable` are the only list of columns. A second list, written by hand, would miss new columns.
 """
 
-from sceniris_gym.config.tier import Tier
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.reach.arm import MAX_JOINTS
 from sceniris_gym.scene.layout_table import COLUMNS
@@ -35,6 +34,6 @@ def row_types(compiled: CompiledScene, **widths: int) -> dict[str, tuple[str, tu
     mjm, reaching = compiled.mjm, compiled.reaching
     of_scene = {"nq": mjm.nq, "nmocap": mjm.nmocap, "nslot": len(compiled.slots)}
     if reaching is not None:
-        npath = 3 * MAX_JOINTS if Tier.PATH in (target.tier for target in reaching.targets) else 0
+        npath = 3 * MAX_JOINTS if reaching.on_path else 0
         of_scene |= {"nreach": len(reaching.targets), "njoint": reaching.njoint, "npath": npath}
     return {name: (column.dtype, column.row(of_scene | widths)) for name, column in COLUMNS.items()}

@@ -32,7 +32,8 @@ class ReachTarget(NamedTuple):
         late: Whether it is placed before the base of its arm, so its test comes late.
         early: Whether each object that is placed later must leave at least one grasp of this target free.
         tier: The test that decides whether it is reachable.
-        margin: Least distance [m] on its path, for the tier `path`.
+        on_path: Whether layouts have paths to it: all of them for the tier `path`, or those of a kind of start.
+        margin: Least distance [m] on its path.
         grasp_set: Its grasps.
     """
 
@@ -42,6 +43,7 @@ class ReachTarget(NamedTuple):
     late: bool
     early: bool
     tier: Tier
+    on_path: bool
     margin: float
     grasp_set: GraspSet
 
@@ -86,6 +88,11 @@ class Reaching(NamedTuple):
         return max(len(one.arm.joints) for one in self.arms)
 
     @property
+    def on_path(self) -> bool:
+        """True if layouts have paths."""
+        return any(target.on_path for target in self.targets)
+
+    @property
     def staged(self) -> bool:
         """True if a reach target has to be tested after placing, due to its tier or because its arm is placed later."""
         return not all(target.tier.needs_map and not target.late for target in self.targets)
@@ -122,6 +129,7 @@ def plan_reaching(scene: SceneModel, objects: list[PlacedObject], pieces: list[P
         gripper = Gripper.from_model(own.mjm, arm, own.home_qpos, pieces if own is scene else obstacles(own))
         arms[robot] = ReachingArm(robot, arm, gripper, load_map(arm, config.all_robots[robot], config.where))
     targets, numbers = [], {o.name: i for i, o in enumerate(objects)}
+    begun = {name for start in config.start if start.robot == "path" for name in start.targets(config.variants)}
     for i, robot in asked.items():
         o, one, base = objects[i], arms[robot], numbers.get(robot, -1)
         default = default_tier(one.arm, one.map)
@@ -135,7 +143,8 @@ def plan_reaching(scene: SceneModel, objects: list[PlacedObject], pieces: list[P
             grasps = grasps.among(firmest(grips, "lifts", every, key, o.name, "Without 'firm', it may slip.") > 0.0)
         late = i < base and objects[base].config.is_placed
         early = tier >= Tier.CLEAR and base < i < len(objects) - 1
-        targets.append(ReachTarget(o.name, i, [*arms].index(robot), late, early, tier, o.config.margin, grasps))
+        on_path, number = tier == Tier.PATH or o.name in begun, [*arms].index(robot)
+        targets.append(ReachTarget(o.name, i, number, late, early, tier, on_path, o.config.margin, grasps))
     return Reaching(tuple(arms.values()), tuple(targets))
 
 

@@ -6,7 +6,6 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from sceniris_gym.config.tier import Tier
 from sceniris_gym.errors import NotSupportedError
 from sceniris_gym.geometry.pieces import extract_pieces
 from sceniris_gym.layout.layouts import Layouts
@@ -126,7 +125,7 @@ class TargetGrasps:
         self._grasp, self._columns = layouts.grasp, torch.tensor(found, device=device)
         self._qpos = {array: getattr(layouts, array) for array in ("grasp_qpos", "pregrasp_qpos", "path")}
         self._joints = len(reaching.arm_of(targets[found[0]]).arm.joints)
-        self.has_path = all(targets[i].tier == Tier.PATH for i in found)
+        self.has_path = all(targets[i].on_path for i in found)
         self._rows = torch.arange(len(layouts.grasp), device=device)
         sets = [targets[i].grasp_set.grasps for i in found]
         grasps = [grasp for one in sets for grasp in one]

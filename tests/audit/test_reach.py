@@ -160,7 +160,6 @@ def test_only_the_hand_may_touch_its_target_and_only_in_the_grasp(tmp_path_facto
     assert compiled.scene.spec is not None
     spec = compiled.scene.spec.copy()
     bodies = compiled.scene.bodies
-    present = {"thing": np.ones(5, bool)}
 
     def judged(body: str, at: float) -> set[str]:
         changed = spec.copy()
@@ -170,7 +169,7 @@ def test_only_the_hand_may_touch_its_target_and_only_in_the_grasp(tmp_path_facto
         return {
             u.cause
             for u in ReachAudit(changed.compile(), bodies["robot"], bodies, compiled.scene.tcps["robot"]).judge(
-                table, claims, present
+                table, claims
             )
         }
 
@@ -195,8 +194,7 @@ def test_hits_of_the_arm_with_itself_are_seen(
     mjm: mujoco.MjModel = spec.compile()
     audit = ReachAudit(mjm, compiled.scene.bodies["robot"], compiled.scene.bodies, compiled.scene.tcps["robot"])
     claims = reach_claims(compiled, table)[:1]
-    present = {"thing": np.ones(N, bool)}
-    assert {u.cause for u in audit.judge(table, claims, present)} == cause
+    assert {u.cause for u in audit.judge(table, claims)} == cause
 
 
 @pytest.fixture(scope="module")

@@ -184,7 +184,7 @@ def create_reach_search(compiled: CompiledScene, nrow: int, size: SearchSize, ea
     """
     ncand, mjm, reaching = min(size.grasps, nrow * MOST_AT_ONCE), compiled.mjm, compiled.reaching
     assert reaching is not None
-    paths = Tier.PATH in (t.tier for t in reaching.targets)
+    paths = reaching.on_path
     shapes = {
         "arm column number total tried paths furthest first trials": nrow,
         "queue": (2, nrow),

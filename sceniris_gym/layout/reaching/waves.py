@@ -29,7 +29,7 @@ from sceniris_gym.layout.wave.search import Search, Workspace
 from sceniris_gym.layout.wave.settle import is_sound
 from sceniris_gym.placement.grasps import first_accepted, passes_map
 from sceniris_gym.program.device import Cause, Program
-from sceniris_gym.program.device_reach import Reach, Starts, reaches
+from sceniris_gym.program.device_reach import Reach, StartPose, Starts, reaches
 from sceniris_gym.reach.arm import MAX_JOINTS
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -113,7 +113,7 @@ def _ask_tiers(starts: Starts, reach: Reach, layouts: LayoutsView, search: Searc
     """Set the required tier of each target of a row, and reset the joints of the grasps to NaN.
 
     If the kind of start takes the arm to a target, this target requires the tier `clear`, or only its tests of the
-    grasp. Other targets keep the tier of the scene file.
+    grasp, or a path. Other targets keep the tier of the scene file.
     """
     kind = layouts.start[search.row_world[row]]
     for column in range(reach_search.tier.shape[1]):
@@ -122,6 +122,8 @@ def _ask_tiers(starts: Starts, reach: Reach, layouts: LayoutsView, search: Searc
             if reaches(starts, kind, column) and reach.reach_tier[column] < Tier.CLEAR:
                 tier = wp.where(starts.pregrasp[kind], int(Tier.CLEAR), wp.static(GRASPED))
                 reach_search.tier[row, column] = tier
+            if reaches(starts, kind, column) and starts.pose[kind] == StartPose.PATH:
+                reach_search.tier[row, column] = int(Tier.PATH)
         for i in range(MAX_JOINTS):
             layouts.grasp_qpos[row, column, i] = wp.nan
             layouts.pregrasp_qpos[row, column, i] = wp.nan

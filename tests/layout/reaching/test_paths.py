@@ -16,6 +16,7 @@ from sceniris_gym.commands.replay import replay
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.dataset.reader import LayoutDataset
 from sceniris_gym.errors import ArgumentError, SceneKeyError
+from sceniris_gym.layout.claims import judge_reach, reach_claims
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layout_id import LayoutId
@@ -75,6 +76,34 @@ def test_how_much_is_tried_at_once_changes_no_bit(made: tuple[CompiledScene, Lay
     for name in ("qpos", "path", "pregrasp_qpos", "grasp_qpos", "status"):
         ours, theirs = (getattr(each.layouts, name).numpy()[: NWORLD - 5] for each in (generator, other))
         np.testing.assert_array_equal(ours, theirs, err_msg=name)
+
+
+def test_a_start_proves_its_own_path():
+    """Paths to a handle and to a banana are needed only where a world starts on them, whatever `reachable` says."""
+    opened = {"cabinet/upper": {"fraction": [0.9, 1.0]}}
+    handle = {"robot": "path", "of": "cabinet", "grasp": "upper_handle*"}
+    starts = [{}, handle, {"robot": "path", "of": "banana", "joints": opened}]
+    compiled = compile_scene({"base": "drawer_open_pick", "start": starts}, "cpu")
+    generator = LayoutGenerator(compiled, 96)
+    generator.generate()
+    table = generator.table()
+    assert compiled.reaching is not None
+    for name, kind in (("cabinet", 1), ("banana", 2)):
+        column = compiled.reaching.names.index(name)
+        has = np.isfinite(corners_of(generator.layouts, column, 7)).all(axis=(1, 2))
+        np.testing.assert_array_equal(has, table.start == kind)
+        assert has.sum() > 10
+    assert (table.start == 0).any()
+    claims = reach_claims(compiled, table)
+    assert [(claim.name, claim.tier.word) for claim in claims] == [
+        *(("cabinet", "clear"), ("cabinet", "path")),
+        *(("banana", "map"), ("banana", "path")),
+    ]
+    assert judge_reach(compiled, table, claims) == []
+    table.path[table.start == 2] += 0.2
+    found = judge_reach(compiled, table, reach_claims(compiled, table))
+    assert {u.name for u in found} <= {"banana"}
+    assert found
 
 
 def test_starts_are_on_the_path():
@@ -173,7 +202,7 @@ def test_variants_and_redraws_have_paths():
         ({"start": [{"robot": "path", "of": "can", "share": [0.5, 1.2]}]}, "share"),
         ({"start": [{"robot": "grasp", "of": "can", "share": [0.5, 1.0]}]}, "'share' only if 'robot' is 'path'"),
         ({"start": [{"robot": "path"}]}, "'of'"),
-        ({"objects.can.reachable": "clear", "start": [{"robot": "path", "of": "can"}]}, "needs 'reachable: path'"),
+        ({"objects.can.reachable": False, "start": [{"robot": "path", "of": "can"}]}, "needs the key 'reachable'"),
         ({"start": [{"robot": "grasp", "of": "can", "lift": [0.1, 0.2]}]}, "held in the air"),
     ],
 )
