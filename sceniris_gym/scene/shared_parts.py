@@ -1,7 +1,8 @@
 """The bodies of the tree that all variants of an object share in the simulation."""
 
 from collections.abc import Mapping, Sequence
-from itertools import count
+from graphlib import CycleError, TopologicalSorter
+from itertools import count, pairwise
 from typing import NamedTuple
 
 import mujoco
@@ -52,10 +53,26 @@ def shared_parts(mjm: mujoco.MjModel, roots: Sequence[int], named: Mapping[int, 
                 free = (i for i in count() if below.get((label, i), unused)[variant] < 0)
                 place = next(free) if name is None else same.index(name)
                 below.setdefault((label, place), [-1] * len(roots))[variant] = child
-        for (label, place), bodies in below.items():
-            name = f"{label}_{place}"
+        for label, place in _in_order(below):
+            name, bodies = f"{label}_{place}", below[label, place]
             parts.append(SharedPart(f"{part.label}/{name}" if part.label else name, number, tuple(bodies)))
     return parts
+
+
+def _in_order(below: Mapping[tuple[str, int], Sequence[int]]) -> list[tuple[str, int]]:
+    """Return the keys of matched bodies in the order that the bodies have in each variant, if these orders agree.
+
+    Sums over bodies, such as a centre of mass, then have the same bits as in the variant's own model.
+    """
+    sorter = TopologicalSorter({key: () for key in below})
+    for variant in zip(*below.values(), strict=True):
+        own = sorted((body, key) for body, key in zip(variant, below, strict=True) if body >= 0)
+        for (_, first), (_, second) in pairwise(own):
+            sorter.add(second, first)
+    try:
+        return [*sorter.static_order()]
+    except CycleError:
+        return [*below]
 
 
 def misfit(mjm: mujoco.MjModel, root: int) -> str | None:

@@ -24,7 +24,10 @@ def tree(name: str, *parts: str) -> str:
 
 
 def test_bodies_are_matched_in_order_by_their_joints():
-    """A door with a handle, two drawers, and a door without limits beside a body without a joint."""
+    """A door with a handle, two drawers, and a door without limits beside a body without a joint.
+
+    Parts are in the order that the bodies have in each of these trees.
+    """
     handle = f"<body>{DOOR}{BODY}</body>"
     trees = tree("a", DOOR + handle), tree("b", DRAWER, DRAWER), tree("c", "<joint/>", "", DOOR, DRAWER)
     mjm = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{''.join(trees)}</worldbody></mujoco>")
@@ -32,17 +35,20 @@ def test_bodies_are_matched_in_order_by_their_joints():
     a, b, c = roots
     assert [(part.label, part.parent, part.bodies) for part in shared_parts(mjm, roots, {})] == [
         ("", -1, (a, b, c)),
+        ("free_hinge_0", 0, (-1, -1, c + 1)),
+        ("fixed_0", 0, (-1, -1, c + 2)),
         ("hinge_0", 0, (a + 1, -1, c + 3)),
         ("slide_0", 0, (-1, b + 1, c + 4)),
         ("slide_1", 0, (-1, b + 2, -1)),
-        ("free_hinge_0", 0, (-1, -1, c + 1)),
-        ("fixed_0", 0, (-1, -1, c + 2)),
-        ("hinge_0/hinge_0", 1, (a + 2, -1, -1)),
+        ("hinge_0/hinge_0", 3, (a + 2, -1, -1)),
     ]
 
 
 def test_bodies_are_matched_by_their_names_first():
-    """The second drawer of one tree and the only drawer of another; others fill the places that are left."""
+    """The second drawer of one tree and the only drawer of another; others fill the places that are left.
+
+    These trees do not agree about an order of the parts.
+    """
     trees = tree("a", DRAWER, DRAWER, DRAWER), tree("b", DRAWER, DRAWER), tree("c", DOOR, DRAWER)
     mjm = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{''.join(trees)}</worldbody></mujoco>")
     a, b, c = (mjm.body(name).id for name in "abc")
