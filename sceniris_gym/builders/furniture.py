@@ -298,9 +298,11 @@ def _write(folder: Path, name: str, seed: int, height: float, turning: bool) -> 
     builder = Builder(name, Draws(f"{seed}/{i}"), height, turning)
     KINDS[kind](builder)
     unit = builder.unit
-    manifest = {"file": f"{name}.xml", "kind": kind, "seed": seed, "size": builder.size, "joints": unit.joints}
-    tags = [*kind.split("_"), *(["graspable", builder.handle.shape] if unit.joints else ["rigid"])]
-    manifest |= {"parts": unit.parts, "tags": tags}
+    parts = unit.sort_parts()
+    joints = {part: unit.joints[part] for part in parts if part in unit.joints}
+    manifest = {"file": f"{name}.xml", "kind": kind, "seed": seed, "size": builder.size, "joints": joints}
+    tags = [*kind.split("_"), *(["graspable", builder.handle.shape] if joints else ["rigid"])]
+    manifest |= {"parts": parts, "tags": tags}
     write_text(folder / f"{name}.xml", unit.text())
     write_text(folder / name / MANIFEST, json.dumps(manifest, indent=1) + "\n")
     return manifest

@@ -94,7 +94,7 @@ class Unit:
     """
 
     def __init__(self, name: str, colours: Mapping[str, str]) -> None:
-        self.joints, self.parts = dict[str, dict[str, Any]](), list[str]()
+        self.joints = dict[str, dict[str, Any]]()
         self._tree = ET.Element("mujoco", model=name)
         add(self._tree, "compiler", angle="radian", autolimits="true")
         defaults, assets = add(self._tree, "default"), add(self._tree, "asset")
@@ -107,7 +107,6 @@ class Unit:
 
     def part(self, name: str, origin: Point, parent: Part | None = None, **more: object) -> Part:
         """Add a part to the root or to another part. It is fixed if no joint is added to it."""
-        self.parts.append(name)
         return Part(parent or self.root, name, origin, **more)
 
     def opening(self, name: str, origin: Point, opens: str, most: float, **more: Any) -> Part:
@@ -124,6 +123,17 @@ class Unit:
         add(part.element, "joint", name=name, class_=type_, axis=_AXES[opens], range=(0, most))
         self.joints[name] = {"type": type_, "range": [0.0, most]}
         return part
+
+    def sort_parts(self) -> list[str]:
+        """Put fixed parts first, then hinges, then slides: variants with the same order share bodies in this order.
+
+        Return the names of all parts.
+        """
+        parts = self.root.element.findall("body")
+        for part in sorted(parts, key=lambda part: [joint.get("class") for joint in part.findall("joint")]):
+            self.root.element.remove(part)
+            self.root.element.append(part)
+        return [part.get("name", "") for part in self.root.element.iter("body")][1:]
 
     def text(self) -> str:
         """Return the document as text."""

@@ -64,7 +64,7 @@ def _in_order(below: Mapping[tuple[str, int], Sequence[int]]) -> list[tuple[str,
 
     Sums over bodies, such as a centre of mass, then have the same bits as in the variant's own model.
     """
-    sorter = TopologicalSorter({key: () for key in below})
+    sorter = TopologicalSorter(dict.fromkeys(below, ()))
     for variant in zip(*below.values(), strict=True):
         own = sorted((body, key) for body, key in zip(variant, below, strict=True) if body >= 0)
         for (_, first), (_, second) in pairwise(own):

@@ -51,7 +51,7 @@ def test_a_unit_depends_on_the_seed_and_its_number(folder: Path, tmp_path: Path)
 
 
 def test_the_manifest_names_what_the_files_have(folder: Path, units: list[Path]):
-    """Joints with types and ranges, parts, and the bounds of the root."""
+    """Joints with types and ranges, parts, and the bounds of the root. Fixed parts come first, then hinges and slides."""
     manifest = sceniris_gym.furniture(folder, n=24, seed=7)
     assert [unit["file"] for unit in manifest["units"]] == [path.name for path in units]
     for unit, path in zip(manifest["units"], units, strict=True):
@@ -62,6 +62,8 @@ def test_the_manifest_names_what_the_files_have(folder: Path, units: list[Path])
         for joint, told in zip(joints, unit["joints"].values(), strict=True):
             assert told["type"] == {2: "slide", 3: "hinge"}[int(joint.type[0])]
             assert told["range"] == joint.range.tolist()
+        below = [unit["joints"].get(part, {"type": ""})["type"] for part in unit["parts"] if "_handle" not in part]
+        assert below == sorted(below)  # "" of fixed parts, "hinge", "slide"
         root = [geom for geom in range(model.ngeom) if model.geom_bodyid[geom] == 1]
         np.testing.assert_allclose(np.diff(bounds(model, data, root), axis=0)[0], unit["size"], atol=1e-9)
 
