@@ -51,7 +51,7 @@ def test_a_unit_depends_on_the_seed_and_its_number(folder: Path, tmp_path: Path)
 
 
 def test_the_manifest_names_what_the_files_have(folder: Path, units: list[Path]):
-    """Joints with types and ranges, parts, and the bounds of the root. Fixed parts come first, then hinges and slides."""
+    """Joints with types and ranges, parts in the order of the files (fixed, hinges, slides), and the root's bounds."""
     manifest = sceniris_gym.furniture(folder, n=24, seed=7)
     assert [unit["file"] for unit in manifest["units"]] == [path.name for path in units]
     for unit, path in zip(manifest["units"], units, strict=True):

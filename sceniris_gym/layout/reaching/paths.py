@@ -11,7 +11,7 @@ from typing import Any
 import warp as wp
 
 from sceniris_gym.config.tier import Tier
-from sceniris_gym.device.blocks import block_sync
+from sceniris_gym.device.blocks import block_any, block_sync
 from sceniris_gym.device.random import PATH_STREAM, uniforms
 from sceniris_gym.device.transforms import z_axis
 from sceniris_gym.layout.layouts import LayoutsView
@@ -32,8 +32,11 @@ RETREATS = 3
 """Number of paths over a via behind the pre-grasp, after the straight path. Each via is 0.1 m further back."""
 MOST_TRIED = 8
 """Maximum number of grasps with joints to search paths for, per object and restart."""
+MOST_BLOCKS = 31
+"""Maximum number of blocks that share the drawn paths of a candidate."""
 
 _RETREAT = wp.constant(0.1)
+_NUMBER_BITS = wp.constant(16)  # of the number of a block
 _mat58 = wp.types.matrix(shape=(5, MAX_JOINTS), dtype=float)
 # Drawn vias spread by this about the straight path: hinges [rad], slides [m].
 _SPREAD = wp.constant(0.6)
@@ -56,6 +59,30 @@ def _drawn_via(reach: Reach, seed: wp.uint64, episode: int, stream: wp.uint32, t
 
 
 @wp.func
+def _drawn_vias(
+    reach: Reach,
+    split: wp.uint32,
+    layouts: LayoutsView,
+    search: Search,
+    reach_search: ReachSearch,
+    row: int,
+    k: int,
+    two: bool,
+    start: vec8,
+    end: vec8,
+):
+    """Draw a via between `start` and `end`. If `two`, another drawn via replaces `end`. Return both."""
+    seed = layouts.pending_seed[search.row_world[row]]
+    episode = layouts.pending_episode[search.row_world[row]]
+    stream = numbered_stream(split, wp.static(PATH_STREAM))
+    trial = search.row_restart[row] * layouts.grasp.shape[1] + reach_search.column[row]
+    last = end
+    if two:
+        last = _drawn_via(reach, seed, episode, stream, trial, wp.static(PATHS) + k, start, end)
+    return _drawn_via(reach, seed, episode, stream, trial, k, start, last), last
+
+
+@wp.func
 def _write_corners(
     reach_search: ReachSearch, block: int, start: vec8, via: vec8, end: vec8, pregrasp: vec8, grasp: vec8
 ):
@@ -69,7 +96,33 @@ def _write_corners(
 
 
 @wp.func
-def _find_path(
+def _keep_path(reach_search: ReachSearch, c: int, block: int):
+    """Let a candidate have the path that a block has tested."""
+    corners = _mat58()
+    for k in range(5):
+        for j in range(MAX_JOINTS):
+            corners[k, j] = reach_search.corner[block, k, j]
+    for k in range(3):
+        reach_search.path[c, k] = corners[k]
+    reach_search.pregrasp_qpos[c] = corners[3]
+    reach_search.grasp_qpos[c] = corners[4]
+
+
+@wp.func
+def _reject_path(reach_search: ReachSearch, c: int):
+    """Let a candidate fail, because none of its paths is free."""
+    reach_search.failed[c] = ReachStep.PATH
+    reach_search.paths[reach_search.row[c]] += 1
+
+
+@wp.func
+def _blocks_of_path(reach_search: ReachSearch, blocks: int) -> int:
+    """Return how many blocks share the drawn paths of a candidate."""
+    return wp.clamp(blocks // wp.max(reach_search.hard_num[0], 1), 1, wp.static(MOST_BLOCKS))
+
+
+@wp.func
+def _first_free(
     program: Program,
     reach: Reach,
     split: wp.uint32,
@@ -81,78 +134,97 @@ def _find_path(
     c: int,
     block: int,
     lane: int,
-) -> bool:
-    """Find the first free path to the grasp of a candidate, and write its corners. Freely turning joints turn least."""
+    drawn: bool,
+    offset: int,
+    stride: int,
+) -> int:
+    """Find the first free path to the grasp of a candidate, and write its corners. Freely turning joints turn least.
+
+    If `drawn`, each `stride`-th drawn path from `offset` on is tried, otherwise the paths before. Return the number of
+    the path, -1 if the way from the pre-grasp to the grasp is not free, or PATHS if no path is free.
+    """
     row = reach_search.row[c]
-    column = reach_search.column[row]
     start = present_joints(reach, layouts, row)
     pregrasp, _near = nearest_turns(reach.arm, start, reach_search.pregrasp_qpos[c])
     there, _near = nearest_turns(reach.arm, pregrasp, reach_search.grasp_qpos[c])
     if lane == 0:
         write_joints(reach, layouts, reach_search, c, block)
     pos, quat = tcp_in_base(reach, layouts, row, reach_search.grasp[c])
-    worldid = search.row_world[row]
-    seed = layouts.pending_seed[worldid]
-    episode = layouts.pending_episode[worldid]
-    stream = numbered_stream(split, wp.static(PATH_STREAM))
-    trial = search.row_restart[row] * layouts.grasp.shape[1] + column
     ends = _mat58()  # the pre-grasp, and vias behind it from which the way to it is free
     ends[0] = pregrasp
     nend = int(1)
     retreat = pregrasp
-    is_behind = bool(False)  # the piece from `retreat` to the pre-grasp is proven
-    k = int(-1)
-    while k < wp.static(PATHS):
+    behind = int(wp.where(drawn, reach_search.behind[row], 0))  # bits of the paths whose via leads to the pre-grasp
+    k = int(wp.where(drawn, 1, -1))
+    while k <= wp.where(drawn, wp.static(PATHS - 1), wp.static(RETREATS)):
         via = pregrasp
         end = pregrasp  # the second via
         first = int(0)
         pieces = int(1)  # to prove, from `first`
+        is_tried = bool(not drawn)
         if k < 0:
             first = wp.static(APPROACH)
         elif k > wp.static(RETREATS):
+            is_tried = True
+            if block_any(int(lane == 0 and reach_search.best_path[row] >> _NUMBER_BITS < k)) != 0:
+                return PATHS  # another block has found an earlier path
             end = ends[k % nend]
-            pieces = 2
-            if (k // nend) % 2 == 1:
-                pieces = 3
-                end = _drawn_via(reach, seed, episode, stream, trial, wp.static(PATHS) + k, start, end)
-            via = _drawn_via(reach, seed, episode, stream, trial, k, start, end)
+            pieces = 2 + (k // nend) % 2
+            via, end = _drawn_vias(reach, split, layouts, search, reach_search, row, k, pieces == 3, start, end)
         elif k > 0:
-            if not is_behind:
+            if (behind >> k) % 2 == 0 or drawn:
                 back = wp.static(PREGRASP_DISTANCE) + float(k) * _RETREAT
                 found = refine(reach.arm, pos - back * z_axis(quat), quat, retreat, wp.static(ITERATIONS))
-                if not accepted(found):
-                    k += 1
-                    continue
-                retreat, _near = nearest_turns(reach.arm, retreat, found.q)
+                is_tried = is_tried and accepted(found)
+                if accepted(found):
+                    retreat, _near = nearest_turns(reach.arm, retreat, found.q)
                 first = 1
             via = retreat
-        block_sync()
-        if lane == 0:
-            _write_corners(reach_search, block, start, via, end, pregrasp, there)
-        block_sync()
-        free = not sweep_touches(program, reach, layouts, reach_search, nodes, leaves, c, block, first, pieces, lane)
-        if free and first == 0:
+        free = bool(False)
+        if is_tried:
+            block_sync()
             if lane == 0:
-                reach_search.path[c, 0] = start
-                reach_search.path[c, 1] = via
-                reach_search.path[c, 2] = end
-                reach_search.pregrasp_qpos[c] = pregrasp
-                reach_search.grasp_qpos[c] = there
-            return True
-        if k < 0 and not free:
-            return False  # all paths end with this piece
-        is_behind = k > 0 and free
-        if is_behind:
-            ends[nend] = retreat
-            nend += 1
+                _write_corners(reach_search, block, start, via, end, pregrasp, there)
+            block_sync()
+            free = not sweep_touches(
+                program, reach, layouts, reach_search, nodes, leaves, c, block, first, pieces, lane
+            )
+            if (free and first == 0) or (k < 0 and not free):
+                return k
+        if k > 0 and free:
+            behind += 1 << k
         else:
-            k += 1
-    return False
+            if drawn and k <= wp.static(RETREATS) and (behind >> k) % 2 == 1:
+                ends[nend] = retreat
+                nend += 1
+            k += wp.where(k > wp.static(RETREATS), stride, 1) + wp.where(k == wp.static(RETREATS), offset, 0)
+    if lane == 0 and not drawn:
+        reach_search.behind[row] = behind
+    return PATHS
+
+
+@wp.func
+def _note_path(reach_search: ReachSearch, c: int, last: int, block: int, drawn: bool, share: int, k: int):
+    """Note what `_first_free` returned for a candidate."""
+    row = reach_search.row[c]
+    if k < 0:
+        _reject_path(reach_search, c)
+    elif k < wp.static(PATHS):
+        if share == 1:
+            _keep_path(reach_search, c, block)
+        if drawn:
+            wp.atomic_min(reach_search.best_path, row, (k << _NUMBER_BITS) + block)
+    elif not drawn:
+        reach_search.hard[wp.atomic_add(reach_search.hard_num, 0, 1)] = c
+        reach_search.best_path[row] = wp.static(PATHS) << _NUMBER_BITS
+        if c + 1 < last:
+            reach_search.failed[c + 1] = ReachStep.DEFERRED
 
 
 @wp.kernel(grid_stride=False)
 def _test_paths(
     blocks: int,
+    drawn: bool,
     program: Program,
     reach: Reach,
     split: wp.uint32,
@@ -161,38 +233,84 @@ def _test_paths(
     # Search in: restarts*
     search: Search,
     # ReachSearch in: column, tier, first, trials, queue, source, rows, row, grasp, body_pos, body_quat; out: path;
-    #   both: paths, failed, grasp_qpos, pregrasp_qpos, blocks*
+    #   both: paths, behind, best_path, failed, grasp_qpos, pregrasp_qpos, hard_num, hard, blocks*
     reach_search: ReachSearch,
 ):
     block, lane = wp.tid()
     nodes = wp.tile_stack(capacity=wp.static(NODE_STACK), dtype=wp.vec4i)
     leaves = wp.tile_stack(capacity=wp.static(LEAF_STACK), dtype=wp.vec4i)
-    for i in range(block, reach_search.rows[0], blocks):
-        row = reach_search.queue[reach_search.source[0], i]
-        if reach_search.tier[row, reach_search.column[row]] == wp.static(int(Tier.PATH)):
-            c = int(reach_search.first[row])
-            last = c + reach_search.trials[row]
-            while c < last:
-                failed = reach_search.failed[c]
-                if failed == ReachStep.DEFERRED:
-                    c = last
-                elif failed == ReachStep.PASSED:
-                    free = bool(False)
-                    if reach_search.paths[row] < wp.static(MOST_TRIED):
-                        free = _find_path(
-                            program, reach, split, layouts, search, reach_search, nodes, leaves, c, block, lane
-                        )
-                    block_sync()
-                    if free:
-                        c = last
-                    elif lane == 0:
-                        reach_search.failed[c] = ReachStep.PATH
-                        reach_search.paths[row] += 1
-                    block_sync()
-                c += 1
+    share = int(1)
+    items = int(reach_search.rows[0])
+    if drawn:
+        share = _blocks_of_path(reach_search, blocks)
+        items = share * reach_search.hard_num[0]
+    for i in range(block, items, blocks):
+        c = int(0)
+        last = int(0)
+        if drawn:
+            c = reach_search.hard[i // share]
+            last = c + 1
+        else:
+            row = reach_search.queue[reach_search.source[0], i]
+            if reach_search.tier[row, reach_search.column[row]] == wp.static(int(Tier.PATH)):
+                c = reach_search.first[row]
+                last = c + reach_search.trials[row]
+        while c < last:
+            failed = reach_search.failed[c]
+            row = reach_search.row[c]
+            following = int(c + 1)
+            if failed == ReachStep.DEFERRED:
+                following = last
+            elif failed == ReachStep.PASSED:
+                k = int(-1)
+                if reach_search.paths[row] < wp.static(MOST_TRIED):
+                    k = _first_free(
+                        program,
+                        reach,
+                        split,
+                        layouts,
+                        search,
+                        reach_search,
+                        nodes,
+                        leaves,
+                        c,
+                        block,
+                        lane,
+                        drawn,
+                        i % share,
+                        share,
+                    )
+                following = wp.where(k < 0, following, last)
+                block_sync()
+                if lane == 0:
+                    _note_path(reach_search, c, last, block, drawn, share, k)
+                block_sync()
+            c = following
+
+
+@wp.kernel(grid_stride=False)
+def _keep_paths(
+    lanes: int,
+    blocks: int,
+    # ReachSearch in: best_path, row, hard_num, hard, corner; out: failed, grasp_qpos, pregrasp_qpos, path; both: paths
+    reach_search: ReachSearch,
+):
+    for i in range(wp.tid(), reach_search.hard_num[0], lanes):
+        c = reach_search.hard[i]
+        best = reach_search.best_path[reach_search.row[c]]
+        if best >> _NUMBER_BITS == wp.static(PATHS):
+            _reject_path(reach_search, c)
+        elif _blocks_of_path(reach_search, blocks) > 1:
+            _keep_path(reach_search, c, best % (1 << _NUMBER_BITS))
 
 
 def launch_test_paths(work: Workspace, reach: Reach, reach_search: ReachSearch) -> None:
-    """Find a path for the first candidate of each row that has passed all other steps. Candidates without one fail."""
+    """Find a path for the first candidate of each row that has passed all other steps. Candidates without one fail.
+
+    First, a block tries the paths before the drawn paths of a row, one candidate after the other. Then several blocks
+    share the drawn paths of each candidate without a path so far. The row's later candidates wait for the next wave.
+    """
     state = work.layouts, work.search, reach_search
-    work.launch_blocks(_test_paths, work.program, reach, work.split, *state)
+    for drawn in (False, True):
+        work.launch_blocks(_test_paths, drawn, work.program, reach, work.split, *state)
+    work.launch_lanes(_keep_paths, work.size.blocks, reach_search)

@@ -72,6 +72,8 @@ class ReachSearch:
     total: wp.array[int]  # total number of candidates of this target
     tried: wp.array[int]  # starts of this target that have failed so far
     paths: wp.array[int]  # candidates of this target without a path so far
+    behind: wp.array[int]  # bits of the paths of the current candidate whose via leads to the pre-grasp
+    best_path: wp.array[int]  # the first free path of the current candidate so far, and the block that found it
     tier: wp.array2d[int]  # the required tier of each target, from the scene file or the start of the row's world
     furthest: wp.array[int]  # the last step that any candidate of this target reached
     first: wp.array[int]  # the row's first candidate in this wave
@@ -90,6 +92,8 @@ class ReachSearch:
     grasp_qpos: wp.array[vec8]  # the arm's joints: first the start, then the solution for the grasp
     pregrasp_qpos: wp.array[vec8]
     path: wp.array2d[vec8]  # the start and two vias of a path
+    hard_num: wp.array[int]  # candidates whose drawn paths are tried
+    hard: wp.array[int]
     # Blocks: the path that is tested, and the robot in its pre-grasp
     corner: wp.array3d[float]  # joints at the start, two vias, the pre-grasp and the grasp
     joint_pos: wp.array2d[wp.vec3]  # origins [m] and axes of the joints in the world
@@ -116,6 +120,7 @@ def begin_reach_wave(reach_search: ReachSearch):
     """Begin a wave with the queued rows. A single lane calls this after the rows have got their candidates."""
     reach_search.rows[0] = reach_search.rows_left[0]
     reach_search.rows_left[0] = 0
+    reach_search.hard_num[0] = 0
     reach_search.source[0] = 1 - reach_search.source[0]
 
 
@@ -186,11 +191,12 @@ def create_reach_search(compiled: CompiledScene, nrow: int, size: SearchSize, ea
     assert reaching is not None
     paths = reaching.on_path
     shapes = {
-        "arm column number total tried paths furthest first trials": nrow,
+        "arm column number total tried paths behind best_path furthest first trials": nrow,
         "queue": (2, nrow),
         "tier": (nrow, len(reaching.targets)),
-        "rows_left source rows candidates": 1,
+        "rows_left source rows candidates hard_num": 1,
         "row grasp ik_start failed grasp_qpos pregrasp_qpos": ncand,
+        "hard": nrow if paths else 0,
         "path": (ncand if paths else 0, 3),
         "corner": (size.blocks if paths else 0, 5, MAX_JOINTS),
         "joint_pos joint_axis": (size.blocks if paths else 0, MAX_JOINTS),

@@ -157,8 +157,8 @@ def _pose(
     layouts: LayoutsView,
     # Search in: restarts*
     search: Search,
-    # ReachSearch in: column, number, first, candidates, row; out: rows, failed, grasp_qpos; both: rows_left, source,
-    #   grasp, qpos, body_pos, body_quat
+    # ReachSearch in: column, number, first, candidates, row; out: rows, failed, grasp_qpos, hard_num; both: rows_left,
+    #   source, grasp, qpos, body_pos, body_quat
     reach_search: ReachSearch,
 ):
     if wp.tid() == 0:

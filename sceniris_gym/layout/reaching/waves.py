@@ -209,8 +209,8 @@ def _look_up(
     layouts: LayoutsView,
     # Search in: restarts*
     search: Search,
-    # ReachSearch in: column, tier, first, trials, candidates, row, grasp, ik_start; out: rows, grasp_qpos; both:
-    #   rows_left, source, failed
+    # ReachSearch in: column, tier, first, trials, candidates, row, grasp, ik_start; out: rows, grasp_qpos, hard_num;
+    #   both: rows_left, source, failed
     reach_search: ReachSearch,
 ):
     if wp.tid() == 0:
