@@ -53,7 +53,8 @@ def test_lerobot_reads_what_was_written(tmp_path: Path):
     lerobot = pytest.importorskip("lerobot.datasets.lerobot_dataset", reason="needs lerobot: make test-lerobot")
     rows = write_demos(tmp_path / "demos")
     convert(tmp_path / "demos", tmp_path / "out")
-    data = lerobot.LeRobotDataset("out", root=tmp_path / "out")
+    # PyAV brings its own FFmpeg, and torchcodec needs one of the system
+    data = lerobot.LeRobotDataset("out", root=tmp_path / "out", video_backend="pyav")
     assert (data.num_episodes, data.num_frames, data.fps) == (3, 12, 50)
     assert data.features["observation.state"]["names"] == ["arm.0", "arm.1", "width.0"]
     frames = [data[i] for i in range(12)]
