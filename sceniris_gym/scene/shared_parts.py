@@ -1,8 +1,7 @@
 """The bodies of the tree that all variants of an object share in the simulation."""
 
 from collections.abc import Mapping, Sequence
-from graphlib import CycleError, TopologicalSorter
-from itertools import count, pairwise
+from itertools import combinations, count
 from typing import NamedTuple
 
 import mujoco
@@ -64,15 +63,20 @@ def _in_order(below: Mapping[tuple[str, int], Sequence[int]]) -> list[tuple[str,
 
     Sums over bodies, such as a centre of mass, then have the same bits as in the variant's own model.
     """
-    sorter = TopologicalSorter(dict.fromkeys(below, ()))
-    for variant in zip(*below.values(), strict=True):
-        own = sorted((body, key) for body, key in zip(variant, below, strict=True) if body >= 0)
-        for (_, first), (_, second) in pairwise(own):
-            sorter.add(second, first)
-    try:
-        return [*sorter.static_order()]
-    except CycleError:
-        return [*below]
+    before = {
+        (first, second)
+        for variant in zip(*below.values(), strict=True)
+        for (body, first), (_, second) in combinations(sorted(zip(variant, below, strict=True)), 2)
+        if body >= 0
+    }
+    left, ordered = [*below], list[tuple[str, int]]()
+    while left:
+        following = next((key for key in left if not any((other, key) in before for other in left)), None)
+        if following is None:
+            return [*below]
+        left.remove(following)
+        ordered.append(following)
+    return ordered
 
 
 def misfit(mjm: mujoco.MjModel, root: int) -> str | None:

@@ -19,6 +19,7 @@ from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.tables import make_table
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.scene.build import build_model
+from sceniris_gym.scene.model import SceneModel
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import ResetRandomizer
 from sceniris_gym.sim.variants import fields_of_variants
@@ -45,9 +46,17 @@ def compiled(request: pytest.FixtureRequest) -> CompiledScene:
     return compile_scene(words(list(UNITS), list(UNITS)), request.param)
 
 
+def batch_of(scene: SceneModel, device: str) -> Batch:
+    """Return worlds whose steps have the same bits in every run."""
+    batch = Batch(scene, NWORLD, device)
+    if device != "cpu":
+        batch.model.opt.deterministic = int(mjw.DeterminismType.ALL)
+    return batch
+
+
 def simulated(compiled: CompiledScene) -> ResetRandomizer:
     """Return worlds after a reset."""
-    batch = Batch(compiled.scene, NWORLD, compiled.device)
+    batch = batch_of(compiled.scene, compiled.device)
     randomizer = ResetRandomizer.of_batch(batch, compiled, seed=5)
     randomizer.reset()
     return randomizer
@@ -94,7 +103,7 @@ def test_a_unit_moves_as_its_own_asset(compiled: CompiledScene):
     for pair in ((0, 1), (1, 2), (2, 0), (2, 2)):  # each unit in each place
         rows = (drawn == pair).all(axis=1)
         own = build_model(SceneConfig.load(words(*(UNITS[i] for i in pair))))
-        alone, mjm, places = Batch(own, NWORLD, compiled.device), own.mjm, {}
+        alone, mjm, places = batch_of(own, compiled.device), own.mjm, {}
         for i in range(2):
             joints = own_joints(mjm, f"unit{i}")
             places |= {joint: own_joints(sim, f"unit{i}")[label] for label, joint in joints.items()}
