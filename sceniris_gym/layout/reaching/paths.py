@@ -150,56 +150,49 @@ def _first_free(
     if lane == 0:
         write_joints(reach, layouts, reach_search, c, block)
     pos, quat = tcp_in_base(reach, layouts, row, reach_search.grasp[c])
-    ends = _mat58()  # the pre-grasp, and vias behind it from which the way to it is free
-    ends[0] = pregrasp
-    nend = int(1)
+    if lane == 0 and not drawn:
+        reach_search.ends[row, 0] = pregrasp
+        reach_search.end_num[row] = 1
     retreat = pregrasp
-    behind = int(wp.where(drawn, reach_search.behind[row], 0))  # bits of the paths whose via leads to the pre-grasp
-    k = int(wp.where(drawn, 1, -1))
-    while k <= wp.where(drawn, wp.static(PATHS - 1), wp.static(RETREATS)):
+    is_behind = bool(False)  # the piece from `retreat` to the pre-grasp is free
+    k = int(wp.where(drawn, wp.static(RETREATS) + 1 + offset, -1))
+    while k <= wp.where(drawn, wp.static(PATHS) - 1, wp.static(RETREATS)):
         via = pregrasp
         end = pregrasp  # the second via
         first = int(0)
         pieces = int(1)  # to prove, from `first`
-        is_tried = bool(not drawn)
         if k < 0:
             first = wp.static(APPROACH)
-        elif k > wp.static(RETREATS):
-            is_tried = True
+        elif drawn:
             if block_any(int(lane == 0 and reach_search.best_path[row] >> _NUMBER_BITS < k)) != 0:
                 return PATHS  # another block has found an earlier path
-            end = ends[k % nend]
-            pieces = 2 + (k // nend) % 2
+            end_num = reach_search.end_num[row]
+            end = reach_search.ends[row, k % end_num]
+            pieces = 2 + (k // end_num) % 2
             via, end = _drawn_vias(reach, split, layouts, search, reach_search, row, k, pieces == 3, start, end)
         elif k > 0:
-            if (behind >> k) % 2 == 0 or drawn:
+            if not is_behind:
                 back = wp.static(PREGRASP_DISTANCE) + float(k) * _RETREAT
                 found = refine(reach.arm, pos - back * z_axis(quat), quat, retreat, wp.static(ITERATIONS))
-                is_tried = is_tried and accepted(found)
-                if accepted(found):
-                    retreat, _near = nearest_turns(reach.arm, retreat, found.q)
+                if not accepted(found):
+                    k += 1
+                    continue
+                retreat, _near = nearest_turns(reach.arm, retreat, found.q)
                 first = 1
             via = retreat
-        free = bool(False)
-        if is_tried:
-            block_sync()
-            if lane == 0:
-                _write_corners(reach_search, block, start, via, end, pregrasp, there)
-            block_sync()
-            free = not sweep_touches(
-                program, reach, layouts, reach_search, nodes, leaves, c, block, first, pieces, lane
-            )
-            if (free and first == 0) or (k < 0 and not free):
-                return k
-        if k > 0 and free:
-            behind += 1 << k
-        else:
-            if drawn and k <= wp.static(RETREATS) and (behind >> k) % 2 == 1:
-                ends[nend] = retreat
-                nend += 1
-            k += wp.where(k > wp.static(RETREATS), stride, 1) + wp.where(k == wp.static(RETREATS), offset, 0)
-    if lane == 0 and not drawn:
-        reach_search.behind[row] = behind
+        block_sync()
+        if lane == 0:
+            _write_corners(reach_search, block, start, via, end, pregrasp, there)
+        block_sync()
+        touches = sweep_touches(program, reach, layouts, reach_search, nodes, leaves, c, block, first, pieces, lane)
+        if (k < 0 and touches) or (first == 0 and not touches):
+            return k
+        is_behind = k > 0 and not touches
+        if is_behind and lane == 0:
+            reach_search.ends[row, reach_search.end_num[row]] = retreat
+            reach_search.end_num[row] += 1
+        if not is_behind:
+            k += stride
     return PATHS
 
 
@@ -233,7 +226,7 @@ def _test_paths(
     # Search in: restarts*
     search: Search,
     # ReachSearch in: column, tier, first, trials, queue, source, rows, row, grasp, body_pos, body_quat; out: path;
-    #   both: paths, behind, best_path, failed, grasp_qpos, pregrasp_qpos, hard_num, hard, blocks*
+    #   both: paths, ends, end_num, best_path, failed, grasp_qpos, pregrasp_qpos, hard_num, hard, blocks*
     reach_search: ReachSearch,
 ):
     block, lane = wp.tid()
@@ -311,6 +304,7 @@ def launch_test_paths(work: Workspace, reach: Reach, reach_search: ReachSearch) 
     share the drawn paths of each candidate without a path so far. The row's later candidates wait for the next wave.
     """
     state = work.layouts, work.search, reach_search
-    for drawn in (False, True):
-        work.launch_blocks(_test_paths, drawn, work.program, reach, work.split, *state)
-    work.launch_lanes(_keep_paths, work.size.blocks, reach_search)
+    work.launch_blocks(_test_paths, False, work.program, reach, work.split, *state)
+    blocks = max(work.size.blocks // 4, 1)  # most waves have few such candidates, and idle blocks only take time
+    work.launch_blocks(_test_paths, True, work.program, reach, work.split, *state, blocks=blocks)
+    work.launch_lanes(_keep_paths, blocks, reach_search)

@@ -72,7 +72,8 @@ class ReachSearch:
     total: wp.array[int]  # total number of candidates of this target
     tried: wp.array[int]  # starts of this target that have failed so far
     paths: wp.array[int]  # candidates of this target without a path so far
-    behind: wp.array[int]  # bits of the paths of the current candidate whose via leads to the pre-grasp
+    ends: wp.array2d[vec8]  # the pre-grasp of the current candidate, and vias from which the way to it is free
+    end_num: wp.array[int]
     best_path: wp.array[int]  # the first free path of the current candidate so far, and the block that found it
     tier: wp.array2d[int]  # the required tier of each target, from the scene file or the start of the row's world
     furthest: wp.array[int]  # the last step that any candidate of this target reached
@@ -191,11 +192,12 @@ def create_reach_search(compiled: CompiledScene, nrow: int, size: SearchSize, ea
     assert reaching is not None
     paths = reaching.on_path
     shapes = {
-        "arm column number total tried paths behind best_path furthest first trials": nrow,
+        "arm column number total tried paths end_num best_path furthest first trials": nrow,
         "queue": (2, nrow),
         "tier": (nrow, len(reaching.targets)),
         "rows_left source rows candidates hard_num": 1,
         "row grasp ik_start failed grasp_qpos pregrasp_qpos": ncand,
+        "ends": (nrow if paths else 0, 4),
         "hard": nrow if paths else 0,
         "path": (ncand if paths else 0, 3),
         "corner": (size.blocks if paths else 0, 5, MAX_JOINTS),

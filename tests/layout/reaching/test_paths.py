@@ -67,7 +67,7 @@ def test_no_point_of_a_path_touches_anything(made: tuple[CompiledScene, LayoutGe
     assert any(not np.array_equal(walk.corners[1], walk.corners[3]) for walk in found)
 
 
-@pytest.mark.parametrize("words", [{"rows": 32, "grasps": 40}, {"grasps": 900, "busy": 3, "blocks": 64}])
+@pytest.mark.parametrize("words", [{"rows": 32, "grasps": 40}, {"grasps": 900, "busy": 3, "blocks": 256}])
 def test_how_much_is_tried_at_once_changes_no_bit(made: tuple[CompiledScene, LayoutGenerator], words: dict[str, int]):
     """Capacities and the number of worlds; a world's layouts depend on its seed alone."""
     compiled, generator = made
