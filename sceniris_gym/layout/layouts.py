@@ -253,7 +253,7 @@ class Layouts(StaysHere):
             beyond the arm's joints, and everywhere if reach was judged only by the arm's map.
         pregrasp_qpos: The same for the pre-grasp, shape (nworld, nreach, MAX_JOINTS). NaN for tiers below `clear`.
         path: The arm's joints at the start and the two vias of the path to the pre-grasp, MAX_JOINTS numbers each,
-            shape (nworld, nreach, 24). NaN without a path, and of width 0 without a target of the tier `path`.
+            shape (nworld, nreach, 24). NaN without a path, and of width 0 if no layout has a path.
         status: A `LayoutStatus` per world, shape (nworld,), int32.
         attempts: Candidates drawn for the row, summed over objects and restarts, shape (nworld,), int32.
         first_pass_valid: 1 for rows that needed no restart, shape (nworld,), int32.

@@ -68,7 +68,7 @@ class LayoutTable:
             (nrow, nreach, njoint), float32.
         pregrasp_qpos: The arm's joints in the pre-grasp, nan below `clear` or if not needed, shaped as `grasp_qpos`.
         path: The start and the two vias of the path to the pre-grasp, 8 joints each, nan without a path, shape (nrow,
-            nreach, 24). Of width 0 without a target of the tier `path`.
+            nreach, 24). Of width 0 if no layout has a path.
         param: Values of the params, shape (nrow, nvalue), float32.
         present: Whether each object is present, not left out by its group. The objects come in the order of the scene
             file, then the robots, shape (nrow, nslot), bool.

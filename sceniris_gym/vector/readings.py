@@ -218,11 +218,11 @@ class Readings(RefusesOldNames):
         Returns:
             Corners [rad or m], shape (num_envs, 5, joints): home, two vias, pre-grasp, grasp. A via that is not used
             repeats the pre-grasp. Their number without such repetitions, 3 to 5, shape (num_envs,), int32. NaN and 0
-            where the object is absent.
+            where the layout has no path to the object: it is absent, or only some kinds of `start` have paths.
 
         Raises:
             UnknownNameError: The scene has no such reachable object.
-            ArgumentError: The object's `reachable` is not `path`.
+            ArgumentError: No layout has a path to the object.
         """
         target = self._target(name, "path")
         if not target.has_path:

@@ -160,8 +160,9 @@ class TargetGrasps:
         """Return the corners of the path to the grasp and their number, see `Readings.path`."""
         corners = self._present("path").unflatten(1, (3, -1))[..., : self._joints]
         ends = torch.stack([self.joints("pregrasp_qpos"), self.joints("grasp_qpos")], dim=1)
-        vias = (corners[:, 1:] != ends[:, :1]).any(dim=2).sum(dim=1, dtype=torch.int32)
-        return torch.cat([corners, ends], dim=1), torch.where(ends[:, 0, 0].isnan(), 0, 3 + vias)
+        vias, none = (corners[:, 1:] != ends[:, :1]).any(dim=2).sum(dim=1, dtype=torch.int32), corners[:, 0, 0].isnan()
+        joints = torch.cat([corners, ends], dim=1).masked_fill(none[:, None, None], torch.nan)
+        return joints, torch.where(none, 0, 3 + vias)
 
     def _present(self, array: str) -> Tensor:
         there = self._grasp[:, self._columns].argmax(dim=1)  # absent variants have -1

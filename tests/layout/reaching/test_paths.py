@@ -100,6 +100,14 @@ def test_a_start_proves_its_own_path():
         *(("banana", "map"), ("banana", "path")),
     ]
     assert judge_reach(compiled, table, claims) == []
+    envs = SceneVectorEnv("sceniris_gym.envs.drawer_open_pick:DrawerOpenPick", 24, scene=compiled)
+    envs.reset(seed=0)
+    corners, number = envs.state.path("cabinet")
+    begun = envs.state.start == 1
+    assert begun.any()
+    assert torch.equal(corners.isfinite().all(dim=2).all(dim=1), begun)
+    assert torch.equal(number > 0, begun)
+    envs.close()
     table.path[table.start == 2] += 0.2
     found = judge_reach(compiled, table, reach_claims(compiled, table))
     assert {u.name for u in found} <= {"banana"}
