@@ -565,7 +565,7 @@ def suite_make(
 
     Args:
         task: a registered task, or your own as MODULE:ID
-        out: file to write, one line per case. Edited layouts are in an .npz file of the same name
+        out: file to write, one line per case
         axes: robot, clutter, joint, variant, mass, friction, light, camera, shift, turn, by default all that the task
             has without shift and turn
         grades: number of grades

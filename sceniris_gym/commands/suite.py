@@ -21,11 +21,11 @@ from sceniris_gym.vector.vector_env import SceneVectorEnv
 def make_suite(task: str, axes: str, out: Path, **options: Any) -> dict[str, Any]:
     """Make a suite, write it, and return the number of cases by axis and grade, and of refused edits by cause."""
     check_new(out, "suite make")
-    suite, refused = make(task, tuple(filter(None, axes.split(","))), **options)
+    suite, refused = make(task, tuple(dict.fromkeys(axes.split(","))) if axes else (), **options)
     suite.write(out)
-    clipped = sum("clipped" in case.tags for case in suite.cases)
-    found = {"suite": str(out), "hash": suite.head.hash, "cases": len(suite.cases), "clipped": clipped}
-    return found | {"by_grade": dict(Counter(f"{c.axis} {c.grade}" for c in suite.cases)), "refused": dict(refused)}
+    found = {"suite": str(out), "hash": suite.head.hash, "cases": len(suite.cases)}
+    tags, grades = (tag for c in suite.cases for tag in c.tags), (f"{c.axis} {c.grade}" for c in suite.cases)
+    return found | {"tags": dict(Counter(tags)), "by_grade": dict(Counter(grades)), "refused": dict(refused)}
 
 
 def run_suite(suite: str, policy: str, out: Path, **options: Any) -> dict[str, Any]:
@@ -54,6 +54,7 @@ def film_suite(rows: Path, out: Path, *, failed: bool, **options: Any) -> dict[s
     """
     head, done = read_rows(rows)
     suite, files = read_suite(Path(head["file"]), trust=options["trust"]), []
+    ends = {row["case"]: "success" if row["success"] else "failure" for row in done}
     some = [suite.cases[row["case"]] for row in done if suite.digest == head["of"] and not (failed and row["success"])]
     if not some:
         why = "has no such case" if suite.digest == head["of"] else f"{head['file']} changed since. Run it again"
@@ -64,7 +65,9 @@ def film_suite(rows: Path, out: Path, *, failed: bool, **options: Any) -> dict[s
         cameras = [envs.compiled.mjm.camera(i).name for i in range(envs.compiled.mjm.ncam)]
         check_names("camera", [PICTURES.camera], "suite film", cameras)
         files.append(str(out / f"film-{len(files):04}.mp4"))
-        captions = ["\n".join((f"{c.case}: {c.axis} {c.grade}", *c.id.split(":")[:4])) for c in cases]
+        captions = [
+            f"case {c.case}, {c.axis} {c.grade}: {ends[c.case]}\n{':'.join(c.id.split(':')[:4])}" for c in cases
+        ]
         with filming(Path(files[-1]), envs, captions) as add:
             yield add
 

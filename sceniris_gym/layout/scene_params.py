@@ -13,7 +13,7 @@ from sceniris_gym.config.relations import Sector
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.masks import as_numbers
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.program.device import OWN_A, OWN_B, ObjectKind
+from sceniris_gym.program.device import OWN_A, OWN_B, ObjectKind, OrientationType
 
 STARTS = "start.weights"
 """Name of the param for the weights of the kinds of starts."""
@@ -101,7 +101,7 @@ class Param(NamedTuple):
 
 def scene_params(compiled: CompiledScene) -> dict[str, Param | str]:
     """Return all params of a scene by name. If a value cannot be a param, its name maps to a text with the reason."""
-    finders = (_joints, _groups, _starts, _distances, _regions, _randomize, _clearances)
+    finders = (_joints, _groups, _starts, _distances, _yaws, _regions, _randomize, _clearances)
     params: dict[str, Param | str] = {}
     for name, found in itertools.chain(*(find(compiled) for find in finders)):
         params[name] = _joined(params[name], found) if name in params else found
@@ -185,6 +185,20 @@ def _distances(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:
                 yield name, Param(name, np.array([low[k], high[k]], np.float32), copies=copies)
             else:
                 yield name, "its relation has no greatest distance. Give 'max' or 'equal' in the scene file."
+
+
+def _yaws(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:
+    """Yield the intervals of rotations about the vertical [rad]."""
+    program = compiled.program
+    yaws, heaps, kinds = program.obj_yaw.numpy()[0], program.obj_heap.numpy()[:, 0], program.obj_orientation.numpy()
+    for i, owner in enumerate(compiled.placed):
+        name, part = f"{compiled.config.key(owner)}.orientation.yaw", compiled.config.parts.get(owner)
+        if part is None or not part.is_placed:
+            continue
+        if kinds[i] == OrientationType.ANY or heaps[i] >= 0:
+            yield name, "its orientation is 'any' or comes from a heap. Give {yaw: [low, high]} in the scene file."
+        else:
+            yield name, Param(name, yaws[i], copies=(("obj_yaw", 2 * i, 0), ("obj_yaw", 2 * i + 1, 1)))
 
 
 def _regions(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:

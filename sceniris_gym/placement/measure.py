@@ -58,7 +58,7 @@ def _any_quat(u: wp.vec4) -> wp.vec4:
 
 
 @wp.func
-def draw_stable(program: Program, obj: int, u: wp.vec4, w: wp.vec4) -> StableDraw:
+def draw_stable(program: Program, worldid: int, obj: int, u: wp.vec4, w: wp.vec4) -> StableDraw:
     """Draw an orientation of an object from the uniform random numbers `u` and `w`.
 
     `u[0]` gives the yaw, and `w[3]` selects the stable pose. With `orientation: any`, `w` instead gives the whole
@@ -70,7 +70,8 @@ def draw_stable(program: Program, obj: int, u: wp.vec4, w: wp.vec4) -> StableDra
     while stable < last and w[3] >= program.stable_cdf[stable]:
         stable += 1
     quat = program.stable_quat[stable]
-    yaw = program.obj_yaw[obj][0] + u[0] * (program.obj_yaw[obj][1] - program.obj_yaw[obj][0])
+    interval = program.obj_yaw[worldid, obj]
+    yaw = interval[0] + u[0] * (interval[1] - interval[0])
     if program.obj_orientation[obj] == OrientationType.ANY:
         rotation = _any_quat(w)
         yaw = heading_of(rotation)

@@ -143,7 +143,7 @@ class Program:
     # Objects: orientation, and the stable poses to draw from, each at heading 0.
     obj_orientation: wp.array[int]  # an OrientationType
     obj_target: wp.array[int]  # column of the object that it faces
-    obj_yaw: wp.array[wp.vec2]  # interval
+    obj_yaw: wp.array2d[wp.vec2]  # interval, by world
     obj_with: wp.array[int]  # column whose heading is the origin of the yaw, or -1 for the heading of the support
     obj_stableadr: wp.array[int]
     obj_stablenum: wp.array[int]
@@ -284,7 +284,7 @@ class Program:
 
 WORLD_FIELDS = (
     *("draw_range", "rel_low", "rel_high", "group", "group_uniform", "group_weight", "start_weight"),
-    *("obj_box_lower", "obj_box_upper", "pair_margin"),
+    *("obj_yaw", "obj_box_lower", "obj_box_upper", "pair_margin"),
 )
 """Fields of `Program` that may differ between worlds. A single row for all worlds has the stride SHARED."""
 SHARED = 0

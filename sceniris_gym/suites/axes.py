@@ -20,6 +20,8 @@ START = 0.1
 """Norm of the change of the arm's joints per grade [rad]."""
 OPENING = 0.05
 """Change of a joint's position per grade, as a fraction of its limits."""
+CONFOUNDERS = ("lemon", "block", "orange", "tin", "can")
+"""Assets that `clutter` adds to a scene without groups, one more per grade."""
 CAMERA = {"pos": 0.02, "quat": 2.0}
 """Shift [m] and rotation [degrees] of cameras per grade."""
 
@@ -106,19 +108,23 @@ def _factor(draws: Mapping[str, Any], base: Base) -> Axis | str:
     return Axis(widened, nominal, lambda grade, r: dict.fromkeys(nominal, [1 + FACTOR * grade * r.choice((-1, 1))] * 2))
 
 
-def _things(word: str, base: Base) -> dict[str, Any]:
-    """Return draws of objects by key: of `reachable` objects, or of all free objects if no object is `reachable`."""
-    config = base.compiled.config
-    free = {name: part for name, part in config.objects.items() if part.kind == "free"}
-    names = [name for name, part in free.items() if part.reachable] or free
-    return {f"objects.{config.owners.get(n, n)}.randomize.{word}": free[n].randomize.get(word) for n in names}
+def _things(base: Base) -> dict[str, Any]:
+    """Return the `reachable` objects by name, or all free objects if no object is `reachable`."""
+    free = {name: part for name, part in base.compiled.config.objects.items() if part.kind == "free"}
+    return {name: part for name, part in free.items() if part.reachable} or free
+
+
+def _draws(word: str, base: Base) -> dict[str, Any]:
+    """Return draws of these objects by key."""
+    owners = base.compiled.config.owners
+    return {f"objects.{owners.get(n, n)}.randomize.{word}": one.randomize.get(word) for n, one in _things(base).items()}
 
 
 def _friction(base: Base) -> Axis | str:
     # in a grasp, the friction of the fingers applies
     robots = [robot for robot in base.compiled.config.all_robots.values() if robot.in_scene]
     fingers = {f"{one.section}.randomize.friction": one.randomize.get("friction") for one in robots}
-    return _factor(_things("friction", base) | fingers, base)
+    return _factor(_draws("friction", base) | fingers, base)
 
 
 def _robot(base: Base) -> Axis | str:
@@ -152,16 +158,25 @@ def _joint(base: Base) -> Axis | str:
 
 
 def _clutter(base: Base) -> Axis | str:
-    """Return the axis of the number of group members, from the least to the greatest."""
-    ends = {name: one.default.tolist() for name, one in base.params.items() if one.form == "count"}
+    """Return the axis of the number of group members, from the least to the greatest.
+
+    Without a group, each grade adds an object to the support of an object that the task is about.
+    """
+    ends, widened = {name: one.default.tolist() for name, one in base.params.items() if one.form == "count"}, {}
     ends = {name: (low, high - low) for name, (low, high) in ends.items() if low < high}
     if not ends:
-        return "the scene has no group with a count from low to high. Give another axis."
+        support = next((one.support for one in _things(base).values() if one.support is not None), None)
+        if support is None:
+            return "the scene has no group with a count from low to high, and no object on a support."
+        added = {f"confounder_{asset}": {"asset": asset, support.word: support.parent} for asset in CONFOUNDERS}
+        widened = {f"objects.{name}": words for name, words in added.items()}
+        widened |= {"groups.confounders": {"of": [*added], "count": [0, base.grades]}}
+        ends = {"groups.confounders.count": (0, base.grades)}
 
     def draw(grade: int, _: np.random.Generator) -> Values:
         return {name: [low + round(grade / base.grades * more)] * 2 for name, (low, more) in ends.items()}
 
-    return Axis({}, {name: [low, low + more] for name, (low, more) in ends.items()}, draw)
+    return Axis(widened, {name: [low, low + (0 if widened else more)] for name, (low, more) in ends.items()}, draw)
 
 
 def _variant(base: Base) -> Axis | str:
@@ -213,7 +228,7 @@ AXES: dict[str, Callable[[Base], Axis | str]] = {
     "clutter": _clutter,
     "joint": _joint,
     "variant": _variant,
-    "mass": lambda base: _factor(_things("mass", base), base),
+    "mass": lambda base: _factor(_draws("mass", base), base),
     "friction": _friction,
     "light": _light,
     "camera": _camera,

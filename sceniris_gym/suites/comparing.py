@@ -5,6 +5,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from sceniris_gym.errors import ArgumentError, import_extra
 from sceniris_gym.files import replacing
 from sceniris_gym.suites.running import read_rows
@@ -80,15 +82,17 @@ def plot(found: Mapping[str, Rows], path: Path) -> None:
     """
     figure = import_extra("matplotlib.figure", "plots", "matplotlib").Figure
     axes = list(dict.fromkeys(row["axis"] for one in found.values() for row in one if row["grade"])) or ["nominal"]
-    drawn = figure(figsize=(2.2 * len(axes) + 1.0, 3.0), layout="constrained")
-    for panel, axis in zip(drawn.subplots(1, len(axes), sharey=True, squeeze=False)[0], axes, strict=True):
-        for name, one in found.items():
+    drawn = figure(figsize=(2.2 * len(axes) + 1.0, 3.2), layout="constrained")
+    panels = drawn.subplots(1, len(axes), sharey=True, squeeze=False)[0]
+    for panel, axis in zip(panels, axes, strict=True):
+        for k, (name, one) in enumerate(found.items()):
             some = [row for row in one if row["axis"] in (axis, "nominal") and row["grade"] is not None]
-            grades = [row["grade"] for row in some]
-            panel.plot(grades, [row["success"] for row in some], marker="o", label=name)
-            panel.fill_between(grades, *zip(*(row["interval"] for row in some), strict=True), alpha=0.2)
-        panel.set(title=axis, xlabel="grade", ylabel="success", ylim=(0.0, 1.0))
-        panel.legend(fontsize="small")
+            success, ends = np.array([row["success"] for row in some]), np.array([row["interval"] for row in some]).T
+            grades = np.array([row["grade"] for row in some])
+            panel.errorbar(grades + 0.15 * k, success, np.abs(ends - success), marker="o", capsize=2.0, label=name)
+            panel.set(title=axis, xlabel="grade", ylim=(-0.03, 1.03), xticks=grades)
+    panels[0].set_ylabel("success, 95% intervals")
+    drawn.legend(*panels[0].get_legend_handles_labels(), loc="outside upper left", ncols=len(found), frameon=False)
     with replacing(path) as file:
         drawn.savefig(file, format="png")
 

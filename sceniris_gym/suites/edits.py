@@ -1,163 +1,201 @@
-"""Edits of nominal layouts: objects shifted or rotated on their supports, proven by the audit and stored as rows."""
+"""Edits of nominal layouts: free objects shifted or rotated on their supports.
 
-from dataclasses import replace
+An edit is written as params, which fix each object at its edited place. The generator then makes the edited layout with
+all checks of the scene, and the layout's id suffices to make it again.
+"""
+
+from collections import Counter
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from sceniris_gym.audit.auditor import Auditor
-from sceniris_gym.audit.chain import Chain
-from sceniris_gym.audit.geometry import frame
-from sceniris_gym.audit.reach import BACK
 from sceniris_gym.errors import ArgumentError
-from sceniris_gym.layout.claims import judge_reach, reach_claims
+from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.scene_params import Param, scene_params
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.program.reach import ReachTarget
+from sceniris_gym.program.device import Cause, OrientationType
+from sceniris_gym.progress import tell
 from sceniris_gym.scene.layout_table import LayoutTable
+from sceniris_gym.scene.poses import body_poses, product, rotated
+from sceniris_gym.suites.suite import Case
 
-STEPS = {"shift": 0.03, "turn": 18.0}
-"""Shift [m] and rotation [degrees] of each object per grade, by axis."""
+STEPS = {"shift": 0.03, "turn": float(np.radians(18.0))}
+"""Shift [m] and rotation [rad] of each object per grade, by axis."""
 TRIES = 8
-"""Number of random edits of a layout. If all of them fail a check, the layout is refused."""
-_STARTS, _ITERATIONS = 16, 40  # of inverse kinematics
+"""Number of random edits of a layout. If all of them fail, the layout is refused."""
+_HALF = 1.0e-5
+"""Half the width of the box that fixes an object [m]."""
+_EXACT = 1.0e-4
+"""Tolerance of places [m and rad]."""
+_COLUMNS = {"shift": slice(0, 2), "turn": slice(3, 4)}
+"""Columns of a place that an axis changes."""
+_INVERSE = np.array([1.0, -1.0, -1.0, -1.0])
 
 
-class _Movable(NamedTuple):
-    """A free object: its slot, its address in qpos, the body and owner of its support, and the box of its region.
+class _Object(NamedTuple):
+    """A placed object or robot: its name, the bodies of its root and its support, and its pivot in its root's frame.
 
-    An object without a box moves with its support, which is another free object.
+    `pins` are the params that fix its region and its yaw, by axis. `joints` are the params that fix its joints, each
+    with the joint's address in qpos. `moves` is whether edits move the object on its support.
     """
 
-    slot: int
-    adr: int
-    support: int
-    owner: str | None
-    box: np.ndarray | None
+    name: str
+    body: int
+    ground: int
+    pivot: np.ndarray
+    pins: dict[str, Param]
+    joints: list[tuple[Param, int]]
+    moves: bool
 
-
-class Edited(NamedTuple):
-    """An edited layout.
-
-    Attributes:
-        row: The layout, as a table of one row.
-        edits: {object: {"shift": [x, y]}} [m] in the frame of the support, or {object: {"turn": degrees}}.
-        clipped: Whether an object reached an edge of its region, which shortened its shift.
-    """
-
-    row: LayoutTable
-    edits: dict[str, dict[str, Any]]
-    clipped: bool
+    @property
+    def middle(self) -> float:
+        """The middle of its yaw [rad]."""
+        return float(self.pins["turn"].default.mean()) if "turn" in self.pins else 0.0
 
 
 class Editor:
-    """Edits layouts of one scene.
+    """Edits the nominal layouts of one scene.
 
     Args:
         compiled: The scene.
+        nominal: Values of params in nominal layouts, by name.
+        number: Number of nominal layouts.
+        seed: Seed of the first layout.
+        split: Split of the layouts.
+
+    Attributes:
+        params: The params in `nominal`, and the params that edits set.
 
     Raises:
-        ArgumentError: The scene has starts, or has no object that can be moved.
+        ArgumentError: The scene has starts, or no object that can be moved.
     """
 
-    def __init__(self, compiled: CompiledScene) -> None:
-        scene, config = compiled.scene, compiled.config
-        if config.start or not all(robot.in_scene for robot in config.all_robots.values()):
-            raise ArgumentError("--axes shift, turn: the scene should have no 'start', and no 'in_scene: false'.")
-        self._compiled, self._auditor = compiled, Auditor(compiled.mjm, config, scene.bodies)
-        self._data, self._chains, self._movable = mujoco.MjData(compiled.mjm), dict[str, Chain](), dict[str, _Movable]()
-        params = scene_params(compiled)
-        for name in compiled.placed:  # supports come first
-            part, region = config.parts.get(name), params.get(f"{config.key(name)}.region")
-            if part is None or part.kind != "free" or part.support is None:
-                continue
-            carrier, slot = self._auditor.scene.carrier(part.support.parent), compiled.slots.index(name)
-            adr = int(compiled.mjm.jnt_qposadr[compiled.mjm.body_jntadr[scene.bodies[name]]])
-            if carrier.owner in self._movable:
-                self._movable[name] = _Movable(slot, adr, carrier.body, carrier.owner, None)
-            elif isinstance(region, Param):
-                box = region.default.reshape(2, 2).astype(float)
-                self._movable[name] = _Movable(slot, adr, carrier.body, None, box)
-        if not self._movable:
-            raise ArgumentError("--axes shift, turn: the scene should have a free object whose region is a box.")
+    def __init__(
+        self, compiled: CompiledScene, nominal: Mapping[str, Any], number: int, seed: int, split: str = "eval"
+    ) -> None:
+        if compiled.config.start:
+            raise ArgumentError("--axes shift, turn: the scene should have no 'start'.")
+        self._objects = _objects(compiled)
+        if not any(one.moves for one in self._objects):
+            raise ArgumentError("--axes shift, turn: the scene should have a free object with a box and a yaw to draw.")
+        pins = [pin for one in self._objects for pin in (*one.pins.values(), *(param for param, _ in one.joints))]
+        names = (*nominal, *(pin.name for pin in pins))
+        self._generator, self._seed = LayoutGenerator(compiled, number, seed=seed, split=split, params=names), seed
+        self._generator.set_params(nominal)
+        self._generator.generate()
+        self._table, self.params = self._generator.table(), self._generator.layouts.params
+        self._nominal = self._places(self._table)
+        self._hinges = compiled.mjm.jnt_qposadr[compiled.mjm.jnt_type >= int(mujoco.mjtJoint.mjJNT_SLIDE)]
 
-    def edit(self, row: LayoutTable, axis: str, grade: int, random: np.random.Generator) -> Edited | str:
-        """Return an edit of a layout that passes all checks of the audit, or why the last edit failed.
+    def edits(self, axis: str, grade: int, number: int) -> tuple[list[Case], Counter[str]]:
+        """Return at most `number` cases, and the number of layouts without an edit by cause.
 
-        An edit that is not clipped is preferred. `axis` is a key of STEPS.
+        Edits with few tags are preferred, then the first layouts. `axis` is a key of STEPS.
         """
-        kept, why = None, ""
+        generator, names = self._generator, [one.name for one in self._objects]
+        moves = np.array([[one.moves] for one in self._objects])
+        found, refused, random = dict[int, Case](), dict[int, str](), np.random.default_rng([grade, *axis.encode()])
         for _ in range(TRIES):
-            found = self._moved(row, axis, grade, random)
-            why = self._wrong(found.row)
-            if not why and not found.clipped:
-                return found
-            kept = found if not why and kept is None else kept
-        return why if kept is None else kept
+            left = self._table.valid & [i not in found or bool(found[i].tags) for i in range(generator.nworld)]
+            if not left.any() or sum(not case.tags for case in found.values()) >= number:
+                break
+            wanted, clipped = self._moved(axis, STEPS[axis] * grade, random)
+            generator.set_params(self._pins(wanted))
+            generator.reseed(seed=self._seed)
+            generator.generate(left)
+            made, rejected = generator.table(), generator.layouts.view.row_rejections.numpy()
+            by, wrong = _around(wanted - self._nominal, 0.0), _around(self._places(made) - wanted, 0.0)
+            moved, away = (np.abs(difference).max(axis=2) > _EXACT for difference in (by, wrong))
+            hinges = np.abs(made.qpos - self._table.qpos)[:, self._hinges] > _EXACT
+            redrawn = (away & ~moves).any(axis=0) | hinges.any(axis=1)
+            moved &= ~(away & moves).any(axis=0)
+            for i in np.flatnonzero(left).tolist():
+                if made.valid[i] and moved[:, i].any():
+                    xy, turn = by[:, i, :2].tolist(), np.degrees(by[:, i, 3]).tolist()
+                    edits = {
+                        names[k]: {axis: (xy if axis == "shift" else turn)[k]} for k in np.flatnonzero(moved[:, i])
+                    }
+                    tags = ("clipped",) * int(clipped[i]) + ("redrawn",) * int(redrawn[i])
+                    text = self.params.text(made.param[i])
+                    name = generator.compiled.layout_id(self._seed + i, 0, made.split, text)
+                    case = Case(0, name, axis, grade, tags, edits)
+                    found[i] = min(found.get(i, case), case, key=lambda one: len(one.tags))
+                else:
+                    k, cause = np.unravel_index(rejected[i].argmax(), rejected[i].shape)
+                    why = "no object has room" if made.valid[i] else f"{names[k]}: {Cause(cause).name.lower()}"
+                    refused[i] = f"{axis} {grade}: {why}"
+            tell(f"{axis} {grade}", min(number, len(found)), number)
+        chosen = sorted(found, key=lambda i: (len(found[i].tags), found[i].tags, i))[:number]
+        return [found[i] for i in chosen], Counter(why for i, why in refused.items() if i not in found)
 
-    def _moved(self, row: LayoutTable, axis: str, grade: int, random: np.random.Generator) -> Edited:
-        row.put(self._data, 0)
-        mujoco.mj_kinematics(self._compiled.mjm, self._data)
-        qpos, edits, clipped, moves = self._data.qpos.copy(), {}, False, dict[str, np.ndarray]()
-        for name, one in self._movable.items():
-            angle, sign, by = random.uniform(0.0, 2.0 * np.pi), random.choice((-1.0, 1.0)), STEPS[axis] * grade
-            if not row.present[0, one.slot]:
-                continue
-            old, axes = frame(qpos[one.adr : one.adr + 7]), self._data.xmat[one.support].reshape(3, 3)
-            new, at = old.copy(), (axes.T @ (old[:3, 3] - self._data.xpos[one.support]))[:2]
-            if one.box is None:
-                new = moves[str(one.owner)] @ old
-            elif axis == "turn":
-                new[:3, :3] = Rotation.from_rotvec(np.radians(sign * by) * axes[:, 2]).as_matrix() @ old[:3, :3]
-                edits[name] = {axis: float(sign * by)}
-            else:
-                wanted = at + by * np.array([np.cos(angle), np.sin(angle)])
-                to = np.clip(wanted, np.minimum(one.box[0], at), np.maximum(one.box[1], at))
-                new[:3, 3] += axes[:, :2] @ (to - at)
-                clipped, edits[name] = clipped | bool((to != wanted).any()), {axis: (to - at).tolist()}
-            moves[name], qpos[one.adr : one.adr + 3] = new @ np.linalg.inv(old), new[:3, 3]
-            if axis == "turn":
-                mujoco.mju_mat2Quat(qpos[one.adr + 3 : one.adr + 7], new[:3, :3].ravel())
-        moved = replace(row, qpos=qpos[None].astype(np.float32))
-        return Edited(self._regrasped(moved, moves), edits, clipped)
+    def _places(self, table: LayoutTable) -> np.ndarray:
+        """Return each object's pivot [m], heading [rad] and vertical, shape (nobject, nrow, 7), NaN for absent objects.
 
-    def _regrasped(self, row: LayoutTable, moves: dict[str, np.ndarray]) -> LayoutTable:
-        """Return the row with grasps that moved with their objects. The arm's joints are solved again."""
-        reaching = self._compiled.reaching
-        columns = {n: getattr(row, n).copy() for n in ("grasp_pose", "grasp_qpos", "pregrasp_qpos", "path")}
-        for k, target in enumerate(() if reaching is None else reaching.targets):
-            grasp = columns["grasp_pose"][0, k]
-            if target.name not in moves or np.isnan(grasp).any():
-                continue
-            pose, quat = moves[target.name] @ frame(grasp.astype(float)), np.zeros(4)
-            mujoco.mju_mat2Quat(quat, pose[:3, :3].ravel())
-            grasp[:], columns["path"][0, k] = [*pose[:3, 3], *quat], np.nan
-            for name, back in (("grasp_qpos", 0.0), ("pregrasp_qpos", BACK)):
-                if not np.isnan(columns[name][0, k, 0]):
-                    pose[:3, 3] -= back * pose[:3, 2]
-                    found = self._joints(target, pose, columns[name][0, k])
-                    columns[name][0, k, : len(found)] = found
-        return replace(row, **columns)
+        The vertical is in the frame of the object's root, and the rest in the frame of its support.
+        """
+        found, compiled = [], self._generator.compiled
+        for one in self._objects:
+            (pos, quat), (origin, frame) = (
+                body_poses(compiled.mjm, body, table.qpos, table.mocap_pos, table.mocap_quat)
+                for body in (one.body, one.ground)
+            )
+            quat = product(frame * _INVERSE, quat)
+            pivot = rotated(pos - origin, frame * _INVERSE) + rotated(one.pivot, quat)
+            x, up = rotated(np.eye(3)[0], quat), rotated(np.eye(3)[2], quat * _INVERSE)
+            heading = _around(np.arctan2(x[:, 1], x[:, 0]), one.middle)
+            place = np.column_stack([pivot, heading, up])
+            found.append(np.where(table.present[:, [compiled.slots.index(one.name)]], place, np.nan))
+        return np.stack(found)
 
-    def _joints(self, target: ReachTarget, pose: np.ndarray, start: np.ndarray) -> np.ndarray:
-        """Return joints of the arm that reach a TCP pose, from a start or random joints. NaN if the search fails."""
-        compiled = self._compiled
-        robot = compiled.reaching.arm_of(target).robot  # pyrefly: ignore[missing-attribute]
-        if robot not in self._chains:
-            site = compiled.mjm.site(compiled.scene.tcps[robot]).id
-            self._chains[robot] = Chain(compiled.mjm, compiled.scene.bodies[robot], site)
-        chain = self._chains[robot]
-        base = frame(np.hstack([self._data.xpos[chain.base], self._data.xquat[chain.base]]))
-        starts = np.vstack([start[: len(chain.joints)], chain.random_joints(_STARTS)])
-        return chain.ik((np.linalg.inv(base) @ pose)[None], starts, _ITERATIONS)[0]
+    def _moved(self, axis: str, by: float, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        """Return edited places, and whether a region or yaw shortens an edit of a row, shape (nrow,)."""
+        wanted, clipped = self._nominal.copy(), np.zeros(self._nominal.shape[1], bool)
+        for place, one in zip(wanted, self._objects, strict=True):
+            angle = random.uniform(0.0, 2.0 * np.pi, len(place))
+            if one.moves:
+                (low, high), at = one.pins[axis].default.reshape(2, -1), place[:, _COLUMNS[axis]]
+                away = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+                to = at + by * (away if axis == "shift" else np.sign(away[:, :1]))
+                at[:] = to if axis == "turn" and high[0] - low[0] > 2.0 * np.pi - _EXACT else to.clip(low, high)
+                clipped |= (np.abs(to - at) > 0.0).any(axis=1)
+        return wanted, clipped
 
-    def _wrong(self, row: LayoutTable) -> str:
-        """Return the first finding of the audit, or ""."""
-        report, claims = self._auditor.judge(row), reach_claims(self._compiled, row)
-        found = [f"{' and '.join(map(str, c.owners))} collide" for c in report.conflicts]
-        found += [f"{m.name}: {m.cause}" for m in report.misplaced]
-        found += [f"{k.name}: {k.word}" for k in report.kept if k.broken]
-        found = found or [f"{u.name}: {u.cause}" for u in judge_reach(self._compiled, row, claims)]
-        return found[0] if found else ""
+    def _pins(self, places: np.ndarray) -> dict[str, np.ndarray]:
+        """Return the params that fix all present objects at their places, by name, one row per layout."""
+        pins = {}
+        for place, one in zip(places, self._objects, strict=True):
+            place[:, 3] = _around(place[:, 3], one.middle)
+            fixed = [(param, place[:, _COLUMNS[axis]]) for axis, param in one.pins.items()]
+            for param, at in (*fixed, *((param, self._table.qpos[:, [adr]]) for param, adr in one.joints)):
+                (low, high), half = param.default.reshape(2, -1), _HALF * (param.form == "box")
+                ends = [np.maximum(at.clip(low, high) - half, low), np.minimum(at.clip(low, high) + half, high)]
+                pins[param.name] = np.where(np.isnan(place[:, :1]), param.default, np.hstack(ends))
+        return pins
+
+
+def _objects(compiled: CompiledScene) -> list[_Object]:
+    """Return the objects and robots with a drawn pose or joints. A support comes before the objects on it."""
+    scene, program, config, found = compiled.scene, compiled.program, compiled.config, list[_Object]()
+    params = {name: one for name, one in scene_params(compiled).items() if isinstance(one, Param)}
+    ground, first, pivots = (getattr(program, f).numpy() for f in ("obj_ground", "obj_stableadr", "stable_pivot"))
+    single, moving = program.obj_stablenum.numpy() == 1, set[str | None]()
+    turned = (program.obj_with.numpy() < 0) & (program.obj_orientation.numpy() == OrientationType.YAW)
+    for i, name in enumerate(compiled.placed):
+        part, key, carried = config.parts.get(name), config.key(name), scene.owners.get(int(ground[i])) in moving
+        fits = {"shift": ("region", single[i] and ground[i] >= 0), "turn": ("orientation.yaw", turned[i])}
+        pins = {axis: params[f"{key}.{w}"] for axis, (w, fit) in fits.items() if fit and f"{key}.{w}" in params}
+        named = {f"{key}.joints.{joint}": scene.mjm.jnt_qposadr[j] for joint, j in scene.joints(name).items()}
+        joints = [(params[joint], adr) for joint, adr in named.items() if joint in params]
+        moves = part is not None and part.kind == "free" and len(pins) == len(fits)
+        moving |= {name} if moves or carried else set()
+        pivot = pivots[first[i]] if single[i] else np.zeros(3)
+        where = scene.bodies[name], max(int(ground[i]), 0)
+        found.append(_Object(name, *where, pivot, pins, joints, moves and not carried))
+    return found
+
+
+def _around(angle: np.ndarray, middle: float) -> np.ndarray:
+    """Return angles [rad] as numbers at most half a turn from the middle."""
+    return middle + np.remainder(angle - middle + np.pi, 2.0 * np.pi) - np.pi

@@ -1,6 +1,6 @@
 """Makes the cases of a suite."""
 
-from collections import Counter
+from collections import ChainMap, Counter
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -11,14 +11,12 @@ from sceniris_gym.config.settings import read_changes
 from sceniris_gym.errors import ArgumentError, check_names
 from sceniris_gym.files import as_json
 from sceniris_gym.layout.compile import compile_scene
-from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.params import ParamTable
-from sceniris_gym.progress import tell
-from sceniris_gym.scene.layout_table import LayoutTable
-from sceniris_gym.suites.axes import AXES, Axis, Base, Values, axes_of
-from sceniris_gym.suites.edits import STEPS, Edited, Editor
+from sceniris_gym.suites.axes import AXES, Axis, Base, axes_of
+from sceniris_gym.suites.edits import STEPS, Editor
 from sceniris_gym.suites.suite import LAW, Case, Head, Suite
-from sceniris_gym.training.task_scenes import scene_of, spec_of
+from sceniris_gym.training.policies import GROUP
+from sceniris_gym.training.task_scenes import make_env, scene_of, spec_of
 from sceniris_gym.vector.arguments import as_task
 
 FIRST_SEED = 1 << 62
@@ -64,56 +62,32 @@ def make(
     nominal = {key: value for axis in axes.values() for key, value in axis.nominal.items()}
     axes = {"nominal": Axis({}, {}, lambda *_: {}, (0,)), **axes}
     if cumulative:
-        axes["cumulative"] = _all_at_once([*axes.values()])
+        split, draws = max(axis.split for axis in axes.values()), [axis.draw for axis in axes.values()]
+        axes["cumulative"] = Axis(
+            {}, {}, lambda grade, r: dict(ChainMap(*(draw(grade, r) for draw in draws))), split=split
+        )
     compiled = compile_scene(SceneConfig.load(config, widened), device)
-    table, found, rows, refused = ParamTable(compiled, tuple(nominal)), [], [], Counter[str]()
-    split = "train" if any(config.groups[name].splits for name in config.variants) else "eval"
+    if "objects.confounder_can" in widened:
+        seen = [make_env(task, 1, scene).observation_names.get(GROUP) for scene in (base.compiled, compiled)]
+        if seen[0] != seen[1]:
+            raise ArgumentError(f"--axes clutter: a policy of {task} observes the added objects. Give other --axes.")
+    split, refused = "train" if any(config.groups[name].splits for name in config.variants) else "eval", Counter[str]()
+    editor = Editor(compiled, nominal, _SPARE * number, FIRST_SEED, split) if edited else None
+    table, cases = ParamTable(compiled, tuple(nominal)) if editor is None else editor.params, list[Case]()
     for name, axis in axes.items():
         for grade in axis.grades or range(1, grades + 1):
             for i in range(number):
-                random = np.random.default_rng([grade, i, *name.encode()])
-                text = table.text(table.rows({**nominal, **axis.draw(grade, random)}, 1)[0])
-                found.append(Case(0, compiled.layout_id(FIRST_SEED + i, 0, axis.split or split, text), name, grade))
-    if edited:
-        generator = LayoutGenerator(compiled, _SPARE * number, split=split, params=table.names)
-        generator.set_params(nominal)
-        generator.reseed(seed=FIRST_SEED)
-        generator.generate()
-        editor, layouts = Editor(compiled), generator.table()
-        for axis in edited:
-            made = [one for g in range(1, grades + 1) for one in _edits(editor, layouts, axis, g, number, refused)]
-            if not made:
-                why = next((why for why, _ in refused.most_common() if why.startswith(axis)), "no layout is valid")
-                raise ArgumentError(f"--axes {axis}: no edit of a layout passes the checks ({why}).")
-            for i, (case, row) in enumerate(made, len(rows)):
-                name = compiled.layout_id(int(row.seed[0]), 0, split, table.text(row.param[0]))
-                found.append(replace(case, id=name, row=i))
-                rows.append(row)
+                drawn = axis.draw(grade, np.random.default_rng([grade, i, *name.encode()]))
+                text = table.text(table.rows({**nominal, **drawn}, 1)[0])
+                cases.append(Case(0, compiled.layout_id(FIRST_SEED + i, 0, axis.split or split, text), name, grade))
+    if editor is not None:
+        for name in edited:
+            made = [editor.edits(name, grade, number) for grade in range(1, grades + 1)]
+            cases += [case for found, _ in made for case in found]
+            refused += sum((causes for _, causes in made), Counter[str]())
+            if cases[-1].axis != name:
+                why = next((why for why, _ in refused.most_common() if why.startswith(name)), "no layout is valid")
+                raise ArgumentError(f"--axes {name}: no edit of a layout passes the checks ({why}).")
     changes = (*changes, *(f"{key}={as_json(value)}" for key, value in widened.items()))
     head = Head(LAW, task, config.name, compiled.hash, changes, table.names)
-    cases = [replace(case, case=i) for i, case in enumerate(found)]
-    return Suite(head, cases, LayoutTable.concatenate(rows) if rows else None), refused
-
-
-def _all_at_once(axes: Sequence[Axis]) -> Axis:
-    def draw(grade: int, random: np.random.Generator) -> Values:
-        return {key: value for axis in axes for key, value in axis.draw(grade, random).items()}
-
-    return Axis({}, {}, draw, split=max(axis.split for axis in axes))
-
-
-def _edits(
-    editor: Editor, layouts: LayoutTable, axis: str, grade: int, number: int, refused: Counter[str]
-) -> list[tuple[Case, LayoutTable]]:
-    """Return at most `number` cases of one axis and grade with their rows, and count refused edits."""
-    random, made = np.random.default_rng([grade, *axis.encode()]), []
-    for i in np.flatnonzero(layouts.valid):
-        one = editor.edit(layouts[i], axis, grade, random)
-        if isinstance(one, Edited):
-            made.append((Case(0, "", axis, grade, ("clipped",) * one.clipped, one.edits), one.row))
-        else:
-            refused[f"{axis} {grade}: {one}"] += 1
-        tell(f"{axis} {grade}", len(made), number)
-        if len(made) == number:
-            break
-    return made
+    return Suite(head, [replace(case, case=i) for i, case in enumerate(cases)]), refused

@@ -9,7 +9,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from torch import Tensor
 
 from sceniris_gym.errors import ArgumentError
@@ -97,19 +96,15 @@ def played(
     Worlds that have finished wait for the others without a new episode. `words` are more arguments of the environment.
     """
     compiled, done = suite.compiled(device), 0
-    for kind in dict.fromkeys((case.split, case.row is None) for case in cases):
-        some = [case for case in cases if (case.split, case.row is None) == kind]
-        source = {"params": suite.head.params} if kind[1] else {"params": (), "layout_source": suite.table}
-        given = {"split": kind[0], "autoreset_mode": "Disabled", "curriculum": None, **source, **words}
+    for split in dict.fromkeys(case.split for case in cases):
+        some = [case for case in cases if case.split == split]
+        given = {"split": split, "params": suite.head.params, "autoreset_mode": "Disabled", "curriculum": None, **words}
         envs = make_env(suite.head.task, min(num_envs, len(some)), compiled, **given)
         acts = fitted(policy_of(policy, str(envs.device), trust=trust), policy, envs)
         for first in range(0, len(some), envs.num_envs):
             batch = some[first : first + envs.num_envs]
-            chosen = [c.id for c in batch] if kind[1] else {"seed": np.array([c.row for c in batch]), "episode": 0}
             with film(batch, envs) as add:
-                (results,) = episodes(acts, envs, chosen, add)
-            if wrong := [c for c, result in zip(batch, results, strict=True) if c.id != result.id]:
-                raise ArgumentError(f"case {wrong[0].case}: its row has another layout than {wrong[0].id}.")
+                (results,) = episodes(acts, envs, [case.id for case in batch], add)
             yield batch, results
             tell("cases", done := done + len(batch), len(cases))
         envs.close()
@@ -131,15 +126,14 @@ def read_rows(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
 def failures(path: Path, split: str | None) -> tuple[list[str], list[str]]:
     """Return the changes of the scene in a file of rows, and the layout ids of cases without success.
 
-    Edited layouts are left out, because they share the ids of nominal layouts. If `split` is None, it is the split of
-    the first id.
+    If `split` is None, it is the split of the first id.
 
     Raises:
         ArgumentError: The file has another form, or no such id.
     """
     head, rows = read_rows(path)
-    ids = [row["id"] for row in rows if not row["success"] and row.get("row") is None]
+    ids = [row["id"] for row in rows if not row["success"]]
     ids = [name for name in ids if name.split(":")[1] == (split or ids[0].split(":")[1])]
     if not ids:
-        raise ArgumentError(f"{path}: has no failed case with a layout id.")
+        raise ArgumentError(f"{path}: has no failed case.")
     return head["changes"], ids

@@ -1,4 +1,4 @@
-"""Files of suites: a line about the scene, a line for each case, and rows of edited layouts in a second file."""
+"""Files of suites: a line about the scene, and a line for each case."""
 
 import hashlib
 import json
@@ -6,17 +6,15 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
-import numpy as np
 from pydantic import ConfigDict, NonNegativeInt, TypeAdapter
 
 from sceniris_gym.config.fields import reading
 from sceniris_gym.config.scene import SceneConfig
 from sceniris_gym.config.settings import read_changes
 from sceniris_gym.errors import ArgumentError, SceneMismatchError
-from sceniris_gym.files import UNREADABLE, as_json, read_arrays, read_bytes, replacing, write_text
+from sceniris_gym.files import as_json, read_bytes, write_text
 from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.scene.layout_table import COLUMNS, LayoutTable
 from sceniris_gym.training.task_scenes import scene_of
 
 LAW = 1
@@ -29,12 +27,12 @@ class Case:
 
     Attributes:
         case: Number of the case in its suite.
-        id: Id of the layout. For an edited layout, the id of the nominal layout.
+        id: Id of the layout, with the params that the case changes.
         axis: The axis that the case changes, or "nominal".
         grade: Grade of the change, 0 for nominal cases.
-        tags: Words about the case: "clipped" for a shift that ends at an edge of a region.
+        tags: Words about the case: "clipped" for an edit that ends at an edge of a region, or at an end of a yaw, and
+            "redrawn" if an edit gave other objects, such as objects with relations, new places.
         edits: Edits of the nominal layout, by object: "shift" [m] in the support's frame, or "turn" [degrees].
-        row: The row of the edited layout in the suite's .npz file, None for a layout that the id gives.
     """
 
     __pydantic_config__ = ConfigDict(extra="forbid")
@@ -45,7 +43,6 @@ class Case:
     grade: NonNegativeInt
     tags: tuple[str, ...] = ()
     edits: dict[str, dict[str, Any]] | None = None
-    row: NonNegativeInt | None = None
 
     @property
     def split(self) -> str:
@@ -76,29 +73,25 @@ class Head:
 
 
 class Suite(NamedTuple):
-    """Cases of one task. `table` has the edited layouts, and `digest` is a hash of the files of a suite."""
+    """Cases of one task. `digest` is a hash of the file."""
 
     head: Head
     cases: list[Case]
-    table: LayoutTable | None = None
     digest: str = ""
 
     def write(self, path: Path) -> None:
-        """Write the suite and, if it has edited layouts, an .npz file with the same name."""
-        if self.table is not None:
-            with replacing(path.with_suffix(".npz")) as file, file.open("wb") as opened:
-                np.savez(opened, **{name: getattr(self.table, name) for name in COLUMNS})
+        """Write the suite."""
         write_text(path, "".join(as_json(asdict(line)) + "\n" for line in (self.head, *self.cases)))
 
     @classmethod
     def read(cls, path: Path) -> Self:
-        """Read a suite from its files.
+        """Read a suite.
 
         Raises:
-            ArgumentError: A file is missing or damaged, or the suite has another law.
+            ArgumentError: The file is missing or damaged, or the suite has another law.
             SceneKeyError: A line has other keys or types.
         """
-        (first, *lines), beside, table = read_lines(path, "suite"), path.with_suffix(".npz"), None
+        first, *lines = read_lines(path, "suite")
         if first["suite"] != LAW:
             raise ArgumentError(f"{path}: should have law {LAW} of suites, got {first['suite']}. Make the suite again.")
         with reading(str(path)):
@@ -106,16 +99,7 @@ class Suite(NamedTuple):
             cases = TypeAdapter(list[Case]).validate_python(lines)
         if not cases or any(case.case != i or case.id.count(":") < 3 for i, case in enumerate(cases)):
             raise ArgumentError(f"{path}: should have cases with layout ids, numbered from 0 on. Make the suite again.")
-        digest = hashlib.sha256(read_bytes(path))
-        if rows := [case.row for case in cases if case.row is not None]:
-            try:
-                columns: Any = read_arrays(beside)
-                table = LayoutTable(**columns, scene=head.hash, split=cases[0].split, params=head.params)
-                table[rows]
-            except UNREADABLE as error:
-                raise ArgumentError(f"{beside}: should have the edited layouts of {path}: {error}") from None
-            digest.update(read_bytes(beside))
-        return cls(head, cases, table, digest.hexdigest()[:16])
+        return cls(head, cases, hashlib.sha256(read_bytes(path)).hexdigest()[:16])
 
     def compiled(self, device: str | None) -> CompiledScene:
         """Compile the widened scene.

@@ -46,6 +46,7 @@ def test_params_at_their_defaults_change_nothing(param_scene: CompiledScene):
 NARROWED = {
     "objects.cabinet.joints.door": ({"objects__cabinet__joints__door__range": [0.25, 0.5]}, [0.25, 0.5]),
     "groups.some.count": ({"groups__some__count": [1, 2]}, [1, 2]),
+    "objects.spot.orientation.yaw": ({"objects__spot__orientation": {"yaw": [30, 60]}}, [np.pi / 6, np.pi / 3]),
     "start.weights": ({"start": [{"weight": 7.0}, {"joints": {"cabinet/door": {"range": [0.9, 0.95]}}}]}, [7.0, 1.0]),
     "objects.spot.clearance": ({"objects__spot__clearance": 0.2}, 0.2),
     "objects.cabinet.clearance": ({"objects__cabinet__clearance": 0.15}, [0.15]),

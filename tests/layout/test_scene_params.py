@@ -22,6 +22,9 @@ def test_what_cannot_be_a_param_says_so(param_scene: CompiledScene):
     """By its name, with the reason or the nearest names; and values that a param cannot have are refused."""
     with pytest.raises(ArgumentError, match=r"'objects\.near\.region' cannot be a param: .*relations"):
         LayoutGenerator(param_scene, 2, params=["objects.near.region"])
+    tumbled = compile_scene(SceneConfig.load(param_scene.config, {"objects.a.orientation": "any"}), "cpu")
+    with pytest.raises(ArgumentError, match=r"'objects\.a\.orientation\.yaw' cannot be a param: .*any"):
+        LayoutGenerator(tumbled, 2, params=["objects.a.orientation.yaw"])
     with pytest.raises(UnknownNameError, match=r"'groups\.same\.count'.* Did you mean 'groups\.some\.count'"):
         LayoutGenerator(param_scene, 2, params=["groups.same.count"])
     generator = LayoutGenerator(param_scene, 2, params=["groups.*", "objects.cabinet.joints.*", "objects.a.clearance"])
@@ -121,6 +124,7 @@ WRITTEN = {
     "objects.wide.region": [[-0.4, -0.36], [0.56, 0.36]],
     "objects.wide.randomize.mass": [0.8, 1.2],
     "objects.wide.randomize.friction": [[0.1, 0.003, 1e-7], [0.7, 0.006, 1.1e-4]],
+    "objects.wide.orientation.yaw": [-np.pi, np.pi],
     "objects.level.region": [[-0.3, -0.3, 0.7], [0.3, 0.3, 0.7]],
     "objects.level.clearance": 0.0033,
     "objects.near.relations.0.distance": [0.1, 0.7],

@@ -92,7 +92,6 @@ def test_light_and_cameras_are_axes_of_tasks_with_pictures():
     ("name", "why"),
     [
         ("robot", "draws no joint of its robot"),
-        ("clutter", "no group with a count"),
         ("variant", "no object with variants"),
         ("light", "sees no pictures"),
         ("camera", "sees no pictures"),
@@ -104,6 +103,18 @@ def test_a_task_without_an_axis_is_told_why(name: str, why: str):
     with pytest.raises(ArgumentError, match=rf"--axes {name}: .*{why}"):
         axes_of(small, [name])
     assert name not in axes_of(small)
+
+
+def test_clutter_without_groups_adds_objects():
+    """On the support of the object to reach, one more per grade. Without a support, there is no place for them."""
+    axis = axes_of(base(scene=SCENE), ["clutter"])["clutter"]
+    assert axis.nominal == {"groups.confounders.count": [0, 0]}
+    assert axis.draw(3, np.random.default_rng(0)) == {"groups.confounders.count": [3, 3]}
+    assert axis.widened["objects.confounder_can"] == {"asset": "can", "on": "floor"}
+    assert axis.widened["groups.confounders"]["count"] == [0, 5]
+    still = {"spot": {"asset": "can"}}
+    with pytest.raises(ArgumentError, match=r"--axes clutter: .*no object on a support"):
+        axes_of(base(scene={**SCENE, "objects": still}), ["clutter"])
 
 
 def test_a_joint_without_room_is_no_axis():

@@ -15,10 +15,8 @@ import torch
 from sceniris_gym import LevelReplay, SceneVectorEnv, cli, compile_scene
 from sceniris_gym.config.settings import read_changes
 from sceniris_gym.errors import ArgumentError, SceneMismatchError, UnknownNameError
-from sceniris_gym.files import read_arrays
 from sceniris_gym.importers.libero.reader import read_bddl
 from sceniris_gym.layout.tables import make_table
-from sceniris_gym.scene.layout_table import LayoutTable
 from sceniris_gym.suites import running
 from sceniris_gym.suites.making import make
 from sceniris_gym.suites.running import failures, played, read_rows, run
@@ -35,16 +33,10 @@ def serial(path: Path) -> list[tuple]:
     """Return success, success ever, length and return of each case, one world at a time."""
     head, *cases = map(json.loads, path.read_text().splitlines())
     words = {"scene": WIDE, "overrides": read_changes(head["changes"]), "device": "cpu", "max_episode_steps": STEPS}
-    plain = SceneVectorEnv(Timed, 1, **words, split="eval", params=head["params"], autoreset_mode="Disabled")
-    table = LayoutTable(
-        **read_arrays(path.with_suffix(".npz")), scene=head["hash"], split="eval", params=tuple(head["params"])
-    )
-    edited = SceneVectorEnv(Timed, 1, **words, split="eval", layout_source=table, autoreset_mode="Disabled")
+    envs = SceneVectorEnv(Timed, 1, **words, split="eval", params=head["params"], autoreset_mode="Disabled")
     found = []
     for case in cases:
-        row = case["row"]
-        envs, chosen = (plain, [case["id"]]) if row is None else (edited, {"seed": [row], "episode": [0]})
-        observation, _ = envs.reset(options={"layouts": chosen})
+        observation, _ = envs.reset(options={"layouts": [case["id"]]})
         success, ever, total, done, length = False, False, 0.0, False, 0
         while not done:
             observation, reward, ended, cut, info = envs.step(act(observation))
@@ -55,7 +47,7 @@ def serial(path: Path) -> list[tuple]:
 
 
 def test_outcomes_are_those_of_a_serial_script(suite: Path, tmp_path: Path):
-    """Case by case, of ids with params and of edited rows, with finished worlds that wait for the others."""
+    """Case by case, also of edits, with finished worlds that wait for the others."""
     rows = run(suite, ACT, tmp_path / "rows.jsonl", num_envs=7, device="cpu")
     found = [(row["success"], row["success_once"], row["length"], row["total_reward"]) for row in rows]
     assert found == serial(suite)
@@ -154,7 +146,7 @@ def short(observation: dict[str, torch.Tensor]) -> torch.Tensor:
 
 
 def test_suites_of_another_scene_and_foreign_code_are_refused(suite: Path, tmp_path: Path):
-    """A hash that the task's scene does not have, a row of another layout, and a task of a module without trust."""
+    """A hash that the task's scene does not have, and a task of a module without trust."""
     head, *lines = suite.read_text().splitlines()
     told = json.loads(head)
     suite.write_text("\n".join([json.dumps(told | {"hash": "0" * 16}), *lines]))
@@ -166,24 +158,16 @@ def test_suites_of_another_scene_and_foreign_code_are_refused(suite: Path, tmp_p
     suite.write_text("\n".join([json.dumps(told | {"task": "os:X-v0"}), *lines]))
     with pytest.raises(ArgumentError, match=r"Python code.*--trust"):
         run(suite, ACT, tmp_path / "rows.jsonl", device="cpu")
-    first = next(i for i, line in enumerate(lines) if json.loads(line)["row"] is not None)
-    wrong = json.loads(lines[first])
-    lines[first] = json.dumps(wrong | {"id": wrong["id"].replace(":0:", ":1:", 1)})
-    suite.write_text("\n".join([head, *lines]))
-    with pytest.raises(ArgumentError, match="its row has another layout"):
-        run(suite, ACT, tmp_path / "more.jsonl", device="cpu")
 
 
 def test_failures_are_ids_for_the_viewer(tmp_path: Path):
-    """Of one split, without edited layouts and successes."""
+    """Of one split, without successes."""
     row = {"axis": "b", "grade": 1, "success_once": 0, "fallback": 0}
-    ids = ("h:eval:1:0", "h:eval:2:0", "h:train:3:0", "h:eval:4:0")
-    rows = [
-        {**row, "case": i, "id": name, "success": i == 1, "row": 7 if i == 3 else None} for i, name in enumerate(ids)
-    ]
+    ids = ("h:eval:1:0", "h:eval:2:0", "h:train:3:0", "h:eval:4:0:a=00000000")
+    rows = [{**row, "case": i, "id": name, "success": i == 1} for i, name in enumerate(ids)]
     path = tmp_path / "rows.jsonl"
     path.write_text("\n".join(map(json.dumps, ({"rows": 4, "changes": ["a=1"]}, *rows))))
-    assert failures(path, None) == (["a=1"], ["h:eval:1:0"])
+    assert failures(path, None) == (["a=1"], ["h:eval:1:0", "h:eval:4:0:a=00000000"])
     assert failures(path, "train") == (["a=1"], ["h:train:3:0"])
     path.write_text("\n".join(map(json.dumps, ({"rows": 4, "changes": []}, rows[1]))))
     with pytest.raises(ArgumentError, match="no failed case"):
@@ -223,6 +207,37 @@ def test_settings_of_a_registered_task_do_not_change_its_cases(tmp_path: Path, m
     (tmp_path / "rows.jsonl").unlink()
     with pytest.raises(ArgumentError, match="params only apply without a layout_source"):
         ran(name, tmp_path, "mass")
+
+
+class Redrawing(SceneVectorEnv):
+    """Worlds in which the block jumps in the middle of each episode."""
+
+    def step(self, actions):
+        """Step, and redraw the block after the first step of an episode."""
+        result = super().step(actions)
+        self.redraw("block", self.state.elapsed == 1)
+        return result
+
+
+def test_redraws_give_the_same_rows_on_any_number_of_worlds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Also of edits. Redraws have the places of the scene file, not of the edit."""
+    name = register(monkeypatch, task=Timed, scene=WIDE)
+    made, _ = make(name, ("mass", "shift"), 2, 2, device="cpu")
+    made.write(tmp_path / "s.jsonl")
+    monkeypatch.setattr(gym.registry[name], "vector_entry_point", "tests.suites.test_running:Redrawing")
+    rows = [run(tmp_path / "s.jsonl", ACT, tmp_path / f"{n}.jsonl", num_envs=n, device="cpu") for n in (3, 16)]
+    assert rows[0] == rows[1]
+    monkeypatch.setattr(gym.registry[name], "vector_entry_point", "sceniris_gym:SceneVectorEnv")
+    still = run(tmp_path / "s.jsonl", ACT, tmp_path / "still.jsonl", device="cpu")
+    assert all(row["total_reward"] != other["total_reward"] for row, other in zip(rows[0], still, strict=True))
+
+
+def test_held_out_variants_and_edits_share_a_suite(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Nominal cases and edits have trained variants, and one axis has the others."""
+    name = register(monkeypatch, task=Timed, scene=WIDE)
+    rows = ran(name, tmp_path, "variant", "shift", changes=("objects.thing.holdout=0.5",))
+    splits = {row["axis"]: row["id"].split(":")[1] for row in rows}
+    assert splits == {"nominal": "train", "variant": "eval", "shift": "train"}
 
 
 def test_problems_of_libero_are_tasks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

@@ -116,7 +116,7 @@ def draw_candidate(program: Program, split: wp.uint32, layouts: LayoutsView, sea
     w = wp.vec4(0.0)
     if program.obj_orientation[obj] == OrientationType.ANY or program.obj_stablenum[obj] > 1:
         w = uniforms(seed, episode, stream, trial, 1)
-    drawn = draw_stable(program, obj, u, w)
+    drawn = draw_stable(program, worldid, obj, u, w)
     if program.obj_heap[obj][0] >= 0:
         search.stable_draw[c] = drawn
         of_heap = numbered_stream(split, program.obj_heap[obj][2])

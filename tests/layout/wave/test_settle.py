@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import warp as wp
 from scipy import stats
 
 from sceniris_gym.errors import InfeasibleSceneError
@@ -22,7 +21,7 @@ from sceniris_gym.layout.wave.rounds import NEVER, launch_begin_episodes
 from sceniris_gym.layout.wave.search import default_size
 from sceniris_gym.layout.wave.settle import launch_settle
 from sceniris_gym.program.compiled import CompiledScene
-from sceniris_gym.program.device import Program, copied
+from sceniris_gym.program.device import WORLD_FIELDS, Program, copied, fill_struct
 from sceniris_gym.program.device_bank import Bank
 from tests.layout.scenes import FLOOR, Rows, bank_rows, box_mjcf, compile_on_cpu, full_tray, make, posed, read
 from tests.oracle.solids import Solids
@@ -196,8 +195,9 @@ def compiled(tmp_path_factory: pytest.TempPathFactory) -> CompiledScene:
 
 def _with(compiled: CompiledScene, name: str, change: Callable[[np.ndarray], np.ndarray]) -> CompiledScene:
     program = copied(Program, compiled.program)
-    field = getattr(program, name)
-    setattr(program, name, wp.array(change(field.numpy()), dtype=field.dtype, device=compiled.device))
+    values = getattr(program, name).numpy()
+    changed = change(values[0] if name in WORLD_FIELDS else values)
+    fill_struct(Program, program, {name: changed}, compiled.device)
     return replace(compiled, program=program)
 
 
