@@ -121,7 +121,7 @@ class Comparison:
     def differences(self, number: int, file: str) -> tuple[int, float]:
         """Return how many joint positions differ from a variant's own model, and the greatest difference of positions.
 
-        The solver's tolerance has one scale for all joints of a world. So contacts and limits change the last bits.
+        On a GPU, a block sums over all joints of the shared model in another order. Contacts enlarge differences.
         """
         things = {"on": "floor", "region": {"box": [[-1.0, -2.4], [1.0, -2.0]]}} if self.options.things else None
         scene = build_model(scene_of(file, things=things, moves=bool(self.joints(number))))
