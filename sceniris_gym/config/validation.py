@@ -1,5 +1,7 @@
 """Checks of names in a scene: each reference exists, is suitable, and can be placed before the object that names it."""
 
+from typing import Any
+
 from sceniris_gym.config.absence import check_presence
 from sceniris_gym.config.fields import FLOOR, in_memory
 from sceniris_gym.config.groups import PLACING, HeapConfig
@@ -21,6 +23,7 @@ def check_names(scene: SceneWords, where: str) -> None:
         UnknownNameError: A name is not in the scene.
     """
     _check_members(scene, where)
+    _check_splits(scene, where)
     _check_bodies(scene, where)
     for name, part in scene.objects.items():
         _check_body(scene, name, part, where)
@@ -170,6 +173,21 @@ def _check_members(scene: SceneWords, where: str) -> None:
                         f"{path}: '{name}' is also in the {owners[name]}. Leave it out in one of the two places."
                     )
                 owners[name] = f"{kind} '{label}'"
+
+
+def _check_splits(scene: SceneWords, where: str) -> None:
+    """Check that no asset is held out from the variants of one object, and in training a variant of another object."""
+    owners: dict[tuple[str, Any, str], str] = {}
+    for owner in scene.variants:
+        for member, split in scene.groups[owner].splits.items():
+            part = scene.objects[member]
+            owners.setdefault((str(part.asset), part.scale, split), owner)
+    for (asset, scale, split), owner in owners.items():
+        if split == "eval" and (other := owners.get((asset, scale, "train"))) is not None:
+            raise SceneKeyError(
+                f"{where}: objects.{owner}: '{asset}' is held out here, and a variant of '{other}' in training. Give "
+                "both objects the same variants and 'holdout', or each variant of both its 'split'."
+            )
 
 
 def _check_heaps(scene: SceneWords, where: str) -> None:

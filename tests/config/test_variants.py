@@ -204,6 +204,15 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
         r": objects\.target/can\.split: .*should be 'train' or 'eval'",
     ),
     "all in one split": ({"objects.target.holdout": 1}, r"objects\.target\.holdout: 1 should be above 0"),
+    "one that another object trains with": (
+        {
+            "objects.target.holdout": 0.5,
+            "objects.other": {"asset": ["can", "mug", "bowl"], "on": "table"},
+            "objects.other/can.split": "train",
+            "objects.other/mug.split": "train",
+        },
+        r"objects\.target: '.*(can|mug).*' is held out here, and a variant of 'other' in training",
+    ),
     "one to hold out": ({"objects.other": {"asset": ["can"], "on": "table", "holdout": 0.5}}, "at least two variants"),
     "no place": (
         {"objects.other": {"asset": ["can", "mug"]}},
