@@ -35,7 +35,7 @@ OF_VARIANTS = VARIANTS, HOLDOUT, TAGS = "variants", "holdout", "tags"
 # Groups of exclusive keys: at most one may be given. When scenes are merged, a later key replaces an earlier key.
 SUPPORT_WORDS = ("on", "inside", "in")
 REGION_FORMS = ("box", "fraction", "polygon", "points")
-JOINT_FORMS = ("fraction", "range", "choice", "value", "noise")
+JOINT_FORMS = ("fraction", "range", "choice", "value", "noise", "noise_norm")
 DRAW_FORMS = ("scale", "add", "abs", "choice")
 ORIENTATION_FORMS = ("yaw", "any", "stable", "face_to", "with")
 ROBOT_FORMS = ("asset", "in_model")

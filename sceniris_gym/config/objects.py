@@ -30,7 +30,9 @@ class JointConfig(Section):
 
     `fraction`: [low, high] as fractions of the joint's limits. `range`: [low, high] in m or rad. `choice`: a list of
     values in m or rad. `value`: one value in m or rad. `noise`: a number n in m or rad, for a uniform draw between
-    home - n and home + n that is clipped to the joint's limits.
+    home - n and home + n that is clipped to the joint's limits. `noise_norm`: a number n in m or rad: all joints
+    of the object or robot with this key differ from home by a vector with norm n in a uniform direction, and are
+    clipped to their limits.
     """
 
     one_of = JOINT_FORMS
@@ -39,6 +41,12 @@ class JointConfig(Section):
     choice: fields.Choice | None = None
     value: fields.JointPosition | None = None
     noise: fields.Noise | None = None
+    noise_norm: fields.Noise | None = None
+
+    @property
+    def most_noise(self) -> float | None:
+        """The largest deviation from home, or None for a draw that does not depend on home."""
+        return self.noise_norm if self.noise is None else self.noise
 
 
 class RegionConfig(Section):

@@ -222,6 +222,6 @@ class StartConfig(Section):
         if self.lift is not None and self.robot_joints:
             raise wrong("should have 'lift' or 'robot_joints', not both")
         for words in (*self.robot_joints.values(), *self.joints.values()):
-            if words.choice is not None:
-                raise wrong("should have no 'choice' for a joint: draw it by 'fraction', 'range', 'value' or 'noise'")
+            if words.choice is not None or words.noise_norm is not None:
+                raise wrong("should draw a joint by 'fraction', 'range', 'value' or 'noise'")
         return self

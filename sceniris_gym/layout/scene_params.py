@@ -9,6 +9,7 @@ import numpy as np
 
 from sceniris_gym.config.bounds import BOUNDS
 from sceniris_gym.config.fields import short
+from sceniris_gym.config.loader import JOINT_FORMS
 from sceniris_gym.config.relations import Sector
 from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.masks import as_numbers
@@ -120,16 +121,15 @@ def _joined(one: Param | str, other: Param | str) -> Param | str:
 def _joints(compiled: CompiledScene) -> Iterator[tuple[str, Param | str]]:
     """Yield the intervals of drawn joints."""
     scene, program = compiled.scene, compiled.program
-    first, choices = program.obj_drawadr.numpy(), program.draw_choicenum.numpy()
-    ranges = program.draw_range.numpy()[0]
+    first, ranges = program.obj_drawadr.numpy(), program.draw_range.numpy()[0]
     for i, owner in enumerate(compiled.placed):
         names = {joint: name for name, joint in scene.joints(owner).items()}
         for k, (joint, words) in enumerate(scene.joint_configs(owner).items(), first[i]):
             name = f"{compiled.config.key(owner)}.joints.{names[joint]}"
             home = float(scene.home_qpos[scene.mjm.jnt_qposadr[joint]])
             written = () if words.noise is None else (home - words.noise, home + words.noise)
-            if choices[k] > 0:
-                yield name, "it is a 'choice' of positions. Give a 'range' in the scene file."
+            if ranges[k, 0] > ranges[k, 1]:
+                yield name, f"its draw is a '{words.given(JOINT_FORMS)[0]}'. Give a 'range' in the scene file."
             else:
                 copies = (("draw_range", 2 * k, 0), ("draw_range", 2 * k + 1, 1))
                 yield name, Param(name, ranges[k], copies=copies, written=written)

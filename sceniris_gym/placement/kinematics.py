@@ -3,11 +3,21 @@
 import warp as wp
 
 from sceniris_gym.device.random import uniforms
-from sceniris_gym.device.transforms import axis_angle_quat, mul_quat, rot_vec_quat
+from sceniris_gym.device.transforms import axis_angle_quat, log_of, mul_quat, rot_vec_quat, unit_circle
 from sceniris_gym.program.device import ObjectKind, Program
 
 # Index of the first draw for joints in a trial. Each draw has four random numbers.
 _FIRST_DRAW = wp.constant(2)
+# Half the distance between two uniform numbers, which keeps logarithms finite.
+_HALF_STEP = wp.constant(2.0**-25)
+
+
+@wp.func(inline=False)
+def _normal(u: wp.vec4, i: int) -> float:
+    """Return one of four normal numbers from four uniform numbers, by the Box-Muller transform."""
+    square = -2.0 * log_of(wp.where(i < 2, u[0], u[2]) + _HALF_STEP)
+    at = unit_circle(2.0 * wp.pi * wp.where(i < 2, u[1], u[3]))
+    return wp.sqrt(square) * wp.where(i % 2 == 0, at[0], at[1])
 
 
 @wp.func
@@ -23,19 +33,33 @@ def draw_joints(
 ):
     """Draw the joint positions of an object in a world, and write them to `qpos`.
 
-    This also sets the joints that equality constraints couple to the drawn joints.
+    Joints with `noise_norm` differ from home by a vector of normal numbers that is scaled to this norm, so that its
+    direction is uniform. This also sets the joints that equality constraints couple to the drawn joints.
     """
     adr = program.obj_drawadr[obj]
     u = wp.vec4(0.0)
+    square = float(0.0)
     for i in range(program.obj_drawnum[obj]):
         if i % 4 == 0:
             u = uniforms(seed, episode, stream, trial, _FIRST_DRAW + i // 4)
         interval = program.draw_range[worldid, adr + i]
         value = interval[0] + u[i % 4] * (interval[1] - interval[0])
-        num = program.draw_choicenum[adr + i]
-        if num > 0 and interval[0] > interval[1]:
-            value = program.choice[program.draw_choiceadr[adr + i] + wp.min(int(u[i % 4] * float(num)), num - 1)]
+        if interval[0] > interval[1]:
+            num = program.draw_choicenum[adr + i]
+            if num > 0:
+                value = program.choice[program.draw_choiceadr[adr + i] + wp.min(int(u[i % 4] * float(num)), num - 1)]
+            else:
+                value = _normal(u, i % 4)
+                square += value * value
         qpos[program.draw_qposadr[adr + i]] = value
+    if square > 0.0:
+        for i in range(adr, adr + program.obj_drawnum[obj]):
+            interval = program.draw_range[worldid, i]
+            if interval[0] > interval[1] and program.draw_choicenum[i] == 0:
+                q = program.draw_qposadr[i]
+                at = program.draw_choiceadr[i]
+                value = program.choice[at] + program.choice[at + 1] * qpos[q] / wp.sqrt(square)
+                qpos[q] = wp.clamp(value, program.choice[at + 2], program.choice[at + 3])
     follow_joints(program, obj, qpos)
 
 

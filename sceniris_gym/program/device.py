@@ -111,12 +111,12 @@ class Program:
     jnt_qposadr: wp.array[int]
     jnt_qpos0: wp.array[float]
 
-    # Draws of joint positions: uniform in [low, high], or one value of a list.
+    # Draws of joint positions: uniform in [low, high], one value of a list, or by the norm of a vector of joints.
     draw_qposadr: wp.array[int]
     draw_range: wp.array2d[wp.vec2]  # by world
     draw_choiceadr: wp.array[int]
     draw_choicenum: wp.array[int]
-    choice: wp.array[float]
+    choice: wp.array[float]  # the values of lists, and home, norm, low and high of draws by a norm
 
     # Joints that follow drawn joints by equalities, see `Coupling`: origin, offset and a1 to a4. Double precision,
     # because MuJoCo multiplies a violation by a thousand and more.

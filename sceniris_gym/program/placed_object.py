@@ -30,13 +30,15 @@ _COVERS = {"in": Cover.EITHER, "on": Cover.OPEN, "inside": Cover.COVERED}
 class JointRange:
     """The draw of a joint position [m or rad]: uniform in [low, high], or one of `choice` if `choice` is not empty.
 
-    `qposadr` is the joint's address in qpos.
+    `qposadr` is the joint's address in qpos. `norm` is the joint's home and the norm of the vector by which joints with
+    `noise_norm` differ from home, clipped to [low, high].
     """
 
     qposadr: int
     low: float
     high: float
     choice: tuple[float, ...] = ()
+    norm: tuple[float, float] | None = None
 
     @property
     def intervals(self) -> list[tuple[float, float]]:

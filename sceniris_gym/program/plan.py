@@ -13,6 +13,7 @@ import numpy as np
 from sceniris_gym.config.objects import JointConfig, ObjectConfig
 from sceniris_gym.config.relations import Relation
 from sceniris_gym.config.scene import SceneConfig
+from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.geometry.pieces import Piece, PieceType
 from sceniris_gym.geometry.resting_poses import HomeShape, StablePose, heading_of, of_heading_zero
 from sceniris_gym.geometry.rotations import matrix
@@ -181,6 +182,9 @@ def _placed_object(scene: SceneModel, name: str, pieces: list[Piece], heap: Heap
         config = ObjectConfig(kind="static", clearance=scene.config.all_robots[name].clearance)
     drawn = [joint_range(scene, joint, words) for joint, words in scene.joint_configs(name).items()]
     followers = tuple(driven_by(scene.couplings, scene.joint_configs(name)))
+    where = f"{scene.config.where}: {scene.config.key(name)}"
+    if len({d.norm[1] for d in drawn if d.norm}) > 1:
+        raise SceneKeyError(f"{where}.joints: all joints with 'noise_norm' form one vector. Give all the same value.")
     # random streams: the first robot has 0, then come the objects, then the other robots
     first, *robots = scene.config.all_robots or [None]
     stream = 0 if name == first else 1 + [*scene.config.objects, *robots].index(name)
@@ -195,7 +199,6 @@ def _placed_object(scene: SceneModel, name: str, pieces: list[Piece], heap: Heap
         resting = [shape.stable_pose(*pose) for pose in poses]
         return replace(step, stable_poses=resting, support=heap.support, surfaces=[[heap.surface]], heap=heap)
     word, orientation = config.support, config.drawn_orientation.kind
-    where = f"{scene.config.where}: {scene.config.key(name)}"
     support = None if word is None else scene.support(word.parent, f"{where}.{word.word}")
     step = replace(step, support=support, tilts=support is not None and may_lean(scene, support))
     if orientation == "stable":
@@ -229,9 +232,10 @@ def joint_range(scene: SceneModel, joint: int, words: JointConfig) -> JointRange
         return JointRange(adr, *words.range)
     if words.value is not None:
         return JointRange(adr, words.value, words.value)
-    if words.noise is not None:
-        start = scene.home_qpos[adr]
+    if words.most_noise is not None:
+        start, most = scene.home_qpos[adr], words.most_noise
         low, high = free_range(mjm, scene.couplings, joint, scene.home_qpos)
-        return JointRange(adr, max(start - words.noise, low), min(start + words.noise, high))
+        norm = None if words.noise_norm is None else (start, most)
+        return JointRange(adr, max(start - most, low), min(start + most, high), norm=norm)
     low, high = mjm.jnt_range[joint]
     return JointRange(adr, *(low + np.array(words.fraction) * (high - low)))

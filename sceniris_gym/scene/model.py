@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 
 from sceniris_gym.config.fields import FLOOR, ROBOT
+from sceniris_gym.config.loader import JOINT_FORMS
 from sceniris_gym.config.member_names import split_support, variant_of
 from sceniris_gym.config.objects import JointConfig
 from sceniris_gym.config.scene import SceneConfig
@@ -328,7 +329,7 @@ def check_joint(
     Raises:
         NotSupportedError: The joint is a ball joint.
         SceneKeyError: `config` gives a `fraction` for a joint without limits, or values outside the joint's limits. Or
-            it gives `noise`, although the start pose is outside the limits.
+            it gives `noise` or `noise_norm`, although the start pose is outside the limits.
     """
     if mjm.jnt_type[joint] == mujoco.mjtJoint.mjJNT_BALL:
         raise NotSupportedError(f"{where}: '{name}' is a ball joint, which cannot be drawn yet. Leave out this key.")
@@ -338,10 +339,10 @@ def check_joint(
         return
     low, high = mjm.jnt_range[joint]
     start = home_qpos[mjm.jnt_qposadr[joint]]
-    if config.noise is not None and not low - 1e-6 <= start <= high + 1e-6:
+    if config.most_noise is not None and not low - 1e-6 <= start <= high + 1e-6:
         raise SceneKeyError(
-            f"{where}.noise: '{name}' starts at {start:g}, which should be inside its limits [{low:g}, {high:g}]. "
-            "Correct the start pose, or give a 'range'."
+            f"{where}.{config.given(JOINT_FORMS)[0]}: '{name}' starts at {start:g}, which should be inside its limits "
+            f"[{low:g}, {high:g}]. Correct the start pose, or give a 'range'."
         )
     for word in ("range", "choice", "value"):
         values = getattr(config, word)

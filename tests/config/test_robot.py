@@ -165,11 +165,8 @@ WRONG_START: dict[str, tuple[dict[str, Any], type[ScenirisError], str]] = {
     "a lift by nothing": (GRASP | {"lift": [0, 0]}, SceneKeyError, "high above 0"),
     "a lift without a grasp": ({"robot": "pregrasp", "of": "block", "lift": [0, 0.1]}, SceneKeyError, "only if"),
     "a lift and joints": (GRASP | {"lift": [0, 0.1], "robot_joints": {"*": {"noise": 0.1}}}, SceneKeyError, "not both"),
-    "a choice": (
-        GRASP | {"robot_joints": {"*": {"choice": [0.1]}}},
-        SceneKeyError,
-        "should have no 'choice' for a joint",
-    ),
+    "a choice": (GRASP | {"robot_joints": {"*": {"choice": [0.1]}}}, SceneKeyError, "should draw a joint by"),
+    "a norm": ({"joints": {"cabinet/upper": {"noise_norm": 0.1}}}, SceneKeyError, "should draw a joint by"),
     "an unknown object": (GRASP | {"of": "blok"}, UnknownNameError, "start.0.of"),
     "one that is out of reach": (GRASP | {"of": "apple"}, SceneKeyError, "'apple' needs the key 'reachable'"),
     "a lifted fixture": (GRASP | {"of": "cabinet", "lift": [0, 0.1]}, SceneKeyError, "'cabinet' is not a free object"),

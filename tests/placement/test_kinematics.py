@@ -4,7 +4,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import stats
 
+from sceniris_gym.errors import ArgumentError
 from sceniris_gym.layout.generate import LayoutGenerator
 from tests.layout.scenes import ANYWHERE, compile_on_cpu, posed, read, write_mjcf
 
@@ -73,6 +75,41 @@ def test_body_poses_are_those_of_mujoco_for_the_cabinet_and_the_arm():
     generator.generate()
     rows = read(generator.layouts)
     assert _largest_error(compiled, rows[rows.status == 1], generator) < 1e-5
+
+
+@pytest.mark.parametrize(("norm", "pattern", "size"), [(0.3, "joint*", 7), (0.2, "joint[1-3]", 3), (0.1, "joint1", 1)])
+def test_a_norm_is_that_of_a_vector_in_a_uniform_direction(norm: float, pattern: str, size: int):
+    """The squares of its coordinates have a beta distribution. Other joints have draws of their own."""
+    words = {pattern: {"noise_norm": norm}, "finger_joint1": {"range": [0.01, 0.02]}}
+    compiled = compile_on_cpu({"floor": {"size": [1, 1]}, "robot": {"asset": "panda", "joints": words}})
+    generator = LayoutGenerator(compiled, 4096, seed=3)
+    generator.generate()
+    away = read(generator.layouts).qpos - compiled.scene.home_qpos
+    moved = away[:, :size] / norm
+    np.testing.assert_allclose(np.linalg.norm(moved, axis=1), 1.0, atol=1e-5)
+    assert np.abs(away[:, size:7]).max(initial=0.0) < 1e-6
+    assert np.ptp(away[:, 7]) > 0.009
+    for coordinate in moved.T:
+        assert stats.binomtest(int((coordinate > 0).sum()), 4096).pvalue > 1e-4
+        if size > 1:
+            assert stats.kstest(coordinate**2, stats.beta(0.5, (size - 1) / 2).cdf).pvalue > 1e-4
+    assert np.abs(np.corrcoef(moved.T) - np.eye(size)).max() < 0.07
+
+
+def test_a_norm_is_cut_off_at_limits_and_gives_way_to_a_start():
+    """A drawer is limited to 0 to 25 cm. A start that draws it does so uniformly. It is no param."""
+    words = {"asset": "cabinet", "kind": "static", "joints": {"*": {"noise_norm": 0.3}}}
+    start = [{"joints": {"cabinet/upper": {"range": [0.1, 0.2]}}}]
+    config = {"floor": {"size": [1, 1]}, "objects": {"cabinet": words}}
+    for scene, low, high in ((config, 0.0, 0.25), ({**config, "start": start}, 0.1, 0.2)):
+        compiled = compile_on_cpu(scene)
+        generator = LayoutGenerator(compiled, 256, seed=3)
+        generator.generate()
+        upper = read(generator.layouts).qpos[:, compiled.scene.joints("cabinet")["upper"]]
+        assert low <= upper.min() < low + 0.01
+        assert high - 0.02 < upper.max() <= high + 1e-6
+    with pytest.raises(ArgumentError, match=r"'noise_norm'\. Give a 'range'"):
+        LayoutGenerator(compiled, 1, params=["objects.cabinet.joints.upper"])
 
 
 @pytest.mark.parametrize("kind", ["static", "free"])

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from sceniris_gym.errors import SceneKeyError
 from sceniris_gym.program.device import ObjectKind
 from sceniris_gym.program.plan import build_plan, placement_order
 from tests.program.scenes import scene_of
@@ -65,6 +66,7 @@ def test_a_stream_belongs_to_a_place_in_the_file(folder: Path):
         ({"slide": {"fraction": [0.25, 0.5]}, "hinge": {"range": [0.1, 0.2]}}, (0.0, 0.1), (0.1, 0.2)),
         ({"slide": {"value": 0.2}, "hinge": {"value": -0.5}}, (0.2, 0.2), (-0.5, -0.5)),
         ({"slide": {"noise": 0.1}, "hinge": {"noise": 0.1}}, (0.15, 0.3), (0.4, 0.6)),
+        ({"*": {"noise_norm": 0.1}}, (0.15, 0.3), (0.4, 0.6)),
     ],
 )
 def test_joint_ranges_are_intervals_in_metres_and_radians(folder: Path, joints: dict, slide: tuple, hinge: tuple):
@@ -73,6 +75,14 @@ def test_joint_ranges_are_intervals_in_metres_and_radians(folder: Path, joints: 
     (placed,) = build_plan(scene_of({"gadget": gadget})).objects
     np.testing.assert_allclose([(d.low, d.high) for d in placed.joint_ranges], [slide, hinge], atol=1e-12)
     assert [d.qposadr for d in placed.joint_ranges] == [0, 1]
+
+
+def test_joints_with_a_norm_form_one_vector(folder: Path):
+    """Two norms of one object are refused by name."""
+    joints = {"slide": {"noise_norm": 0.1}, "hinge": {"noise_norm": 0.2}}
+    gadget = {"asset": str(folder / "gadget.xml"), "kind": "fixture", "on": "floor", "joints": joints}
+    with pytest.raises(SceneKeyError, match=r"objects.gadget.joints: all joints with 'noise_norm' .* same value"):
+        build_plan(scene_of({"gadget": gadget}))
 
 
 def test_a_pivot_is_the_bottom_centre_of_the_bounds_at_home(folder: Path):

@@ -122,6 +122,8 @@ def test_noise_around_a_start_pose_beyond_the_limits_is_refused(folder: Path):
                 SceneKeyError, match=r"pot\.joints\.\*\.noise: 'pot/lid' starts at .* limits \[0, 0\.2\]"
             ):
                 build(folder, {"pot": dict(pot)})
+            with pytest.raises(SceneKeyError, match=r"pot\.joints\.\*\.noise_norm: 'pot/lid' starts at"):
+                build(folder, {"pot": {**pot, "joints": {"*": {"noise_norm": 0.15}}}})
         build(folder, {"pot": {**pot, "joints": {"lid": {"range": [0, 0.1]}}}})
 
 

@@ -75,13 +75,14 @@ def _heaps(objects: list[PlacedObject]) -> dict[str, np.ndarray]:
 def _joint_ranges(objects: list[PlacedObject]) -> dict[str, np.ndarray]:
     """Return the fields `obj_draw*`, `draw_*` and `choice`: the ranges or choices of each drawn joint."""
     drawn, draws = addressed("obj_draw", (o.joint_ranges for o in objects))
-    choice, choices = addressed("draw_choice", (r.choice for r in drawn))
+    choice, choices = addressed("draw_choice", ((*r.norm, r.low, r.high) if r.norm else r.choice for r in drawn))
     return {
         **draws,
         **choices,
+        "draw_choicenum": np.array([len(r.choice) for r in drawn], int),
         "draw_qposadr": np.array([r.qposadr for r in drawn], int),
-        # low > high marks a draw by choice
-        "draw_range": np.reshape([(1.0, -1.0) if r.choice else (r.low, r.high) for r in drawn], (-1, 2)),
+        # low > high marks a draw by choice, or by a norm
+        "draw_range": np.reshape([(1.0, -1.0) if r.choice or r.norm else (r.low, r.high) for r in drawn], (-1, 2)),
         "choice": np.array(choice, float),
     }
 
