@@ -134,7 +134,7 @@ def _check_columns(
     for part, rows in (("layouts", table), ("rejected", rejected)):
         n = len(np.atleast_1d(rows.valid))
         for name, (dtype, shape) in row_types(compiled).items():
-            if rows is table or "grasp" not in name:  # the audit does not read the grasps of candidates
+            if rows is table or "nreach" not in COLUMNS[name].shape:  # the audit reads no grasps or paths of candidates
                 check(f"{part}_{name}", getattr(rows, name), (n, *shape), dtype)
     check_names("object", names.tolist(), f"--load {path}: rejected_object", compiled.placed)
 

@@ -173,14 +173,15 @@ def test_saved_rows_are_judged_as_fresh_ones(tmp_path: Path):
     assert [path.name for path in tmp_path.iterdir()] == ["rows.npz"]
 
 
-def test_layouts_that_are_reached_can_be_saved_without_candidates(tmp_path: Path):
-    """Then the empty table of candidates has columns of grasps, which nothing reads."""
+@pytest.mark.parametrize("candidates", [0, 2])
+def test_layouts_that_are_reached_can_be_saved_with_candidates_or_without(tmp_path: Path, candidates: int):
+    """The columns of the candidates' grasps and paths may be empty: nothing reads them."""
     compiled = compile_scene("tabletop_reach", "cpu")
-    rows = make_rows(compiled, 3, 0, 5)
+    rows = make_rows(compiled, 3, candidates, 5)
     save_rows(compiled, rows, tmp_path / "rows.npz")
     again = load_rows(compiled, tmp_path / "rows.npz")
     assert again.table.grasp.shape == rows.table.grasp.shape != (3, 0)
-    assert (len(again.rejected), again.names) == (0, [])
+    assert (len(again.rejected), again.names) == (candidates, rows.names)
 
 
 def test_rows_of_another_scene_are_refused(tmp_path: Path):
