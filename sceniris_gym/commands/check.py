@@ -98,6 +98,8 @@ def table_of_rejections(counts: Mapping[str, Mapping[str, int]]) -> str:
     """
     causes = list(next(iter(counts.values()), {}))
     rows = {label: [sum(counts[name][cause] for name in names) for cause in causes] for label, names in _alike(counts)}
+    if not rows:
+        return "no candidate was rejected"
     width = max([14, *(len(label) + 1 for label in rows)])
     lines = [
         f"{label:<{width}}" + "".join(f"{n:>12}" for n in row) for label, row in {"rejected": causes, **rows}.items()

@@ -156,17 +156,20 @@ def report(found: Mapping) -> str:
 def _text(found: Mapping) -> str:
     """Return one layout as text."""
     lines = [f"{found['id']} of scene '{found['scene']}': {found['status']}, {found['attempts']} candidates"]
-    lines += [f"  {'start':<12} {found['start']}"] if "start" in found else []
+    width = max([12, *map(len, (*found["objects"], *found["absent"]))])
+    lines += [f"  {'start':<{width}} {found['start']}"] if "start" in found else []
     for name, part in found["objects"].items():
         (x, y, z), turn = part["pos"], matrix(part["quat"])
         yaw, tilt = np.degrees([np.arctan2(turn[1, 0], turn[0, 0]), np.arccos(np.clip(turn[2, 2], -1.0, 1.0))])
         tilted = f"  tilt {tilt:.1f} deg" if tilt > 0.1 else ""
         joints = "".join(f"  {joint} {value:.4f}" for joint, value in part["joints"].items())
         grasp = f"  grasp '{part['grasp']['name']}'" if "grasp" in part else ""
-        lines.append(f"  {name:<12} x {x:+.4f}  y {y:+.4f}  z {z:+.4f} m  yaw {yaw:+7.1f} deg{tilted}{joints}{grasp}")
-    lines += [f"  {name:<12} absent" for name in found["absent"]]
+        lines.append(
+            f"  {name:<{width}} x {x:+.4f}  y {y:+.4f}  z {z:+.4f} m  yaw {yaw:+7.1f} deg{tilted}{joints}{grasp}"
+        )
+    lines += [f"  {name:<{width}} absent" for name in found["absent"]]
     for name, numbers in found.get("drawn", {}).items():
-        lines.append(f"  {name:<12} {' '.join(f'{number:.4g}' for number in numbers)}")
+        lines.append(f"  {name:<{width}} {' '.join(f'{number:.4g}' for number in numbers)}")
     return "\n".join(lines)
 
 

@@ -212,7 +212,7 @@ def test_the_report_has_shares_causes_and_the_picture():
     assert lines[6:] == ["mug: 25.0% of 40 candidates are within reach", f"draw the first one: {replay}"]
     with_picture = report({**found, "picture": "a.png"}, "desk").split("\n")
     assert with_picture[7:] == ["picture: a.png", "draw the first one: sceniris-gym replay 0123:train:4:0 --scene desk"]
-    assert table_of_rejections({}).split() == ["rejected"]
+    assert table_of_rejections({"mug": {"collision": 0}}) == "no candidate was rejected"
     found |= {"in_the_way": {"mug": "geom 'a' and geom 'b'"}}
     assert "most in the way of mug: geom 'a' and geom 'b'" in report(found, "desk").split("\n")
     assert "most in the way" not in report({**found, "valid": 1.0}, "desk")

@@ -105,6 +105,9 @@ def test_poses_are_told_in_words_and_numbers():
     assert found["objects"]["cabinet"]["joints"]["upper"] == data.joint("cabinet/upper").qpos[0]
     lines = report({"layouts": [{"id": "x", **found}], "picture": "y"}).split("\n")
     (apple,) = [line for line in lines if line.split()[0] == "apple"]
+    found["objects"]["a_name_of_twenty_ch"] = found["objects"]["apple"]
+    listed = report({"layouts": [{"id": "x", **found}], "picture": "y"}).split("\n")[1:-1]
+    assert len({line.index(" x ") for line in listed}) == 1
     x = data.body("apple").xmat.reshape(3, 3)[:, 0]
     assert f"yaw {np.degrees(np.arctan2(x[1], x[0])):+7.1f} deg" in apple
     assert "tilt" not in apple
