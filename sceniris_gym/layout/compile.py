@@ -23,6 +23,7 @@ from sceniris_gym.layout.columns import BANKED
 from sceniris_gym.layout.generate import LayoutGenerator
 from sceniris_gym.layout.layouts import LayoutStatus, column_of
 from sceniris_gym.layout.scene_cache import UNREADABLE, from_arrays, load_arrays, scene_key, store_arrays, to_arrays
+from sceniris_gym.layout.wave.ahead import launch_draw_ahead
 from sceniris_gym.program.compiled import CompiledScene, upload_scene
 from sceniris_gym.program.device import Cause, Program, copied, fill_struct
 from sceniris_gym.program.device_bank import Bank
@@ -193,6 +194,13 @@ class _Probe:
         self.generator = recording(LayoutGenerator(compiled, _probed_worlds(compiled, size), seed=0, split=split))
         self.found: list[tuple[np.ndarray, ...]] = []
         self.made = self.failed = self.first = 0
+        if self.generator.size.busy > 1 and len(compiled.placed) > 1:
+            self.generator._generate_graph[0].ahead = self._launch_with_ahead
+
+    def _launch_with_ahead(self) -> None:
+        """Launch the kernels of `generate`, and the kernel that most later generators also need."""
+        self.generator._generate_graph[0].launches()
+        launch_draw_ahead(self.generator._work)
 
     def fill(self, rounds: int, most: int = 0) -> list[tuple[np.ndarray, ...]]:
         """Make layouts until the bank is full, and return the rows of the bank.
