@@ -51,6 +51,7 @@ class Claim:
         fingers: Positions of the finger joints, shape (nrow, nfinger).
         finger_adr: Addresses of the finger joints in qpos, shape (nfinger,).
         pattern: The glob that selects grasps of the object, from the key `grasp` in the scene file. None for all.
+        part: The name or glob of the joint, or of its body, if `grasp` is one of the object's `parts`. None otherwise.
     """
 
     name: str
@@ -64,6 +65,7 @@ class Claim:
     fingers: np.ndarray
     finger_adr: np.ndarray
     pattern: str | None = None
+    part: str | None = None
 
 
 class Unreached(Misplaced):
@@ -156,17 +158,27 @@ class ReachAudit:
         return None
 
     def _is_chosen(self, claim: Claim, pose: np.ndarray) -> bool:
-        """Return whether a TCP pose (4, 4) is at one of the object's sites `grasp_*` that match the claim's pattern.
+        """Return whether a TCP pose (4, 4) is at one of the sites `grasp_*` that the claim's pattern or part selects.
 
-        The pose may be turned by half a rotation about the approach axis. If the object has no site `grasp_*`, return
-        True.
+        The pose may be turned by half a rotation about the approach axis. If no site is selected, return True.
         """
-        sites = np.flatnonzero(np.isin(self.mjm.site_bodyid, list(self._of[claim.name]))).tolist()
+        bodies = self._of[claim.name] if claim.part is None else self._moved_with(claim.name, claim.part)
+        sites = np.flatnonzero(np.isin(self.mjm.site_bodyid, list(bodies))).tolist()
         names = {s: self.mjm.site(s).name.rsplit("/", 1)[-1] for s in sites}
         own = {s: name for s, name in names.items() if name.startswith("grasp_")}
         chosen = [s for s, name in own.items() if any(fnmatchcase(n, claim.pattern or "*") for n in (name, name[6:]))]
         swapped = pose @ np.diag([-1.0, -1.0, 1.0, 1.0])
-        return not own or any(self._meets(s, pose) or self._meets(s, swapped) for s in chosen)
+        return not chosen or any(self._meets(s, pose) or self._meets(s, swapped) for s in chosen)
+
+    def _moved_with(self, name: str, part: str) -> set[int]:
+        """Return the bodies that the first joint of an object that matches `part` moves."""
+        mjm = self.mjm
+        joints = np.flatnonzero(np.isin(mjm.jnt_bodyid, list(self._of[name]))).tolist()
+        for named in (lambda j: mjm.joint(j).name, lambda j: mjm.body(mjm.jnt_bodyid[j]).name):
+            for joint in joints:
+                if fnmatchcase(f"/{named(joint)}", f"*/{part}"):
+                    return subtree(mjm, int(mjm.jnt_bodyid[joint]))
+        return set()
 
     def _wrong_joints(self, claim: Claim, qpos: np.ndarray, pose: np.ndarray, *, grasping: bool = True) -> str | None:
         mjm, data = self.mjm, self.data

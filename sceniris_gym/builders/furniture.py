@@ -5,12 +5,13 @@ Ranges of sizes are those of kitchens that shops sell: widths in steps of 5 or 1
 
 import json
 from collections.abc import Sequence
+from numbers import Integral, Real
 from pathlib import Path
 from random import Random
 from typing import Any, NamedTuple, TypeVar
 
 from sceniris_gym.builders.unit import Handle, Hinge, Point, Unit
-from sceniris_gym.errors import ArgumentError
+from sceniris_gym.errors import ArgumentError, ArgumentTypeError, refuses_old_names
 from sceniris_gym.files import write_text
 
 T = TypeVar("T")
@@ -255,6 +256,7 @@ KINDS = {kind.__name__: kind for kind in (base_drawers, base_doors, base_lid, ba
 """The kinds of units, which take turns. Their names are the beginnings of the files' names."""
 
 
+@refuses_old_names
 def furniture(
     folder: str | Path, n: int = 64, seed: int = 0, height: float = 0.9, turning: bool = False
 ) -> dict[str, Any]:
@@ -276,10 +278,14 @@ def furniture(
         ranges [m or rad], parts and tags.
 
     Raises:
+        ArgumentTypeError: An argument has another type or name.
         ArgumentError: A number is out of its range, or the folder has other MJCF files.
         OutputError: A file cannot be written.
     """
     for name, value, low, high in (("n", n, 1, 10_000), ("seed", seed, 0, 2**64 - 1), ("height", height, 0.7, 1.1)):
+        kind, told = (Real, "a number") if name == "height" else (Integral, "an integer")
+        if not isinstance(value, kind):
+            raise ArgumentTypeError(f"furniture: {name} should be {told}, got {value!r}.")
         if not low <= value <= high:
             raise ArgumentError(f"furniture: {name} should be from {low} to {high}, got {value}.")
     folder, kinds = Path(folder), list(KINDS)

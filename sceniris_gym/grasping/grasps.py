@@ -128,6 +128,7 @@ class Graspable:
         groups = [own] if own else [selected(self.scene, self.name, group, word) for group in made]
         known = {g.name.removesuffix(_ROLLED).removeprefix(PREFIX) for group in (sites, *made) for g in group}
         if known and not any(groups):
+            known |= {*config.parts} - {word}
             raise UnknownNameError("grasp", word, f"{self.scene.config.where}: objects.{self.name}.grasp", known)
         kept = [[g for g in group if g.opening <= gripper.opening] for group in groups]
         if not any(kept):

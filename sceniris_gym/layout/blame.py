@@ -301,8 +301,10 @@ def _room(compiled: CompiledScene, name: str) -> str | None:
     names twice the required area, which is enough for most of the other worlds.
     """
     (one,) = (o for o in compiled.plan.objects if o.name == name)
-    crowd = [o.name for o in compiled.plan.objects if o.support is not None and o.support == one.support]
-    placed = crowd.index(name) if name in crowd else 0
+    same = [o.name for o in compiled.plan.objects if o.support is not None and o.support == one.support]
+    owners = compiled.config.owners
+    crowd = list(dict.fromkeys(owners.get(other, other) for other in same))  # one variant of an object is there
+    placed = crowd.index(owners.get(name, name)) if name in same else 0
     if placed < _CROWD:
         return None
     area = sum(surface.outline.area for surface in one.surfaces[0])

@@ -6,6 +6,7 @@ import numpy as np
 
 from sceniris_gym.audit.chain import Chain
 from sceniris_gym.audit.reach import Claim, ReachAudit, Unreached
+from sceniris_gym.config.member_names import variant_of
 from sceniris_gym.config.tier import Tier
 from sceniris_gym.layout.reaching.poses import OPENING_MARGIN
 from sceniris_gym.program.compiled import CompiledScene
@@ -23,7 +24,8 @@ def reach_claims(compiled: CompiledScene, table: LayoutTable) -> list[Claim]:
     # an arm that starts with a held object would have to put it down first
     full = np.isin(table.start, [i for i, kind in enumerate(kinds) if kind.is_held])
     for k, target in enumerate(compiled.reaching.targets):
-        one = compiled.reaching.arm_of(target)
+        one, config = compiled.reaching.arm_of(target), compiled.config.objects[target.name]
+        word = config.grasp
         gripper, joints = one.gripper, slice(0, len(one.arm.joints))
         needed = np.array([g.opening for g in target.grasp_set.grasps])[np.maximum(table.grasp[:, k], 0)]
         gap = np.minimum(needed + OPENING_MARGIN, gripper.opening)
@@ -41,7 +43,8 @@ def reach_claims(compiled: CompiledScene, table: LayoutTable) -> list[Claim]:
                 path=table.path[:, k].reshape(len(table), 3, table.path.shape[2] // 3)[..., joints],
                 fingers=fingers,
                 finger_adr=finger_adr,
-                pattern=compiled.scene.config.objects[target.name].grasp,
+                pattern=None if word in config.parts else word,
+                part=config.joint_of(word, variant_of(target.name)) if word in config.parts else None,
             )
         )
         begun = [i for i, kind in enumerate(kinds) if kind.robot == "path" and target.name in kind.targets(variants)]

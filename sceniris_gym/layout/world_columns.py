@@ -26,7 +26,7 @@ from sceniris_gym.layout.write_columns import (
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.program.device import Program, copied, fill_struct
 from sceniris_gym.program.device_statics import Statics
-from sceniris_gym.scene.draws import FieldDraw
+from sceniris_gym.scene.draws import CONSTRAINING, FieldDraw
 
 Masses = tuple[wp.array, wp.array]
 """The fields `body_mass` and `body_ipos` of the Model of some worlds, with their current values."""
@@ -66,7 +66,7 @@ class WorldColumns:
         self._nworld, self._draws, self._kept = nworld, draws, (arrays, nominal)  # keeps the arrays' memory alive
         places = {name: (i, element_size(array)) for i, (name, array) in enumerate(arrays.items())}
         numbers, elements, table = _tables(draws, places)
-        elements += [(places[n][0], i, FORMS.index("scale"), k, 0, places[n][0], at, 0.0) for n, i, at, k in scaled]
+        elements += [(places[n][0], i, FORMS.index("scale"), k, 0, places[n][0], at, -np.inf) for n, i, at, k in scaled]
         elements += [] if params is None else _bounds(params, arrays)
         memory = [memory_of(array, nominal.get(name)) for name, array in arrays.items()]
         with wp.ScopedDevice(next((array.device for array in arrays.values()), None)):
@@ -180,15 +180,17 @@ def _tables(
             numbers.append((name, index, distribution, first, nlow or nchoice, -1))
         table += [*config.ends[0], *config.ends[1], *range(nchoice if several else 0)]
         form = FORMS.index("rotation" if draw.is_rotation else "abs" if config.choice and not several else config.form)
+        # a shared body or joint of variants is 0 in worlds whose variant lacks it, and stays 0
+        least = 0.0 if draw.word.field in CONSTRAINING else -np.inf
         components = range(4) if draw.is_rotation else draw.components.tolist()
         for element, own in zip(draw.rows.tolist(), draw.numbers.tolist(), strict=True):
             for k, component in enumerate(components):
                 number, at = begin + own[0 if draw.is_rotation else k], (array, size * element + component)
-                elements.append((*at, form, number, len(table) + k * nchoice, *at, 0.0))
+                elements.append((*at, form, number, len(table) + k * nchoice, *at, least))
             for other, start, count in draw.word.follow:
                 written, at = places[other], (array, size * element + draw.word.first)
                 offsets = range(written[1] * element + start, written[1] * element + start + count)
-                elements += [(written[0], k, form, begin + own[0], len(table), *at, 0.0) for k in offsets]
+                elements += [(written[0], k, form, begin + own[0], len(table), *at, least) for k in offsets]
         table += draw.choice.T.ravel().tolist()
     return numbers, elements, table
 

@@ -87,7 +87,8 @@ class Element:
         drawn: Index of the drawn array. If it differs from `array`, the written number keeps its nominal ratio to the
             drawn number.
         drawn_offset: Index in a row of the drawn array.
-        least: The least value of a bound.
+        least: The least value of a bound. A number keeps its nominal value if the drawn array's nominal number is at
+            most `least`.
     """
 
     array: int
@@ -180,6 +181,8 @@ def _value(
     nominal = float(0.0)
     if drawn.kind == _FLOAT:
         nominal = _nominal(drawn, worldid, element.drawn_offset)
+        if nominal <= element.least:
+            return _nominal(arrays[element.array], worldid, element.offset)
     value = numbers[element.number]
     if element.form == _SCALE:
         value = nominal * numbers[element.number]

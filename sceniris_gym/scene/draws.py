@@ -17,6 +17,8 @@ from sceniris_gym.scene.support import subtree
 
 COLOUR_ROLES = [int(mujoco.mjtTextureRole.mjTEXROLE_RGB), int(mujoco.mjtTextureRole.mjTEXROLE_RGBA)]
 """Roles of the textures that colour a geom."""
+CONSTRAINING = ("body_mass", "dof_frictionloss")
+"""Fields of which MuJoCo's compiler leaves out zeros, so draws do not change a zero."""
 _PHYSICS = [word for kind in ("object", "scene") for word in WORDS[kind].values() if word.field != "geom_rgba"]
 LEAST: dict[str, Ends] = {word.field: "least" for word in _PHYSICS}
 MOST: dict[str, Ends] = {word.field: "most" for word in _PHYSICS}
@@ -159,7 +161,7 @@ def _resolved(
     if given not in counts:
         _refuse(f"{where}.{config.form}", f"it should have {' or '.join(map(str, counts))} numbers, got {given}.")
     count = given if given > 1 else (word.shared or word.width)
-    constrains = word.field in {"body_mass", "dof_frictionloss"}  # MuJoCo's compiler leaves out zeros
+    constrains = word.field in CONSTRAINING
     needed = config.scale is not None or constrains
     part = slice(word.first, word.first + word.width)
     kept = np.array([row for row in rows if not needed or np.any(values[row, part])], int)

@@ -2,12 +2,15 @@
 
 MuJoCo computes these fields in `mj_setConst`. For bodies (at their centres of mass), joints and tendons with Jacobian
 J, inverse weights are the diagonal of J M^-1 J^T at qpos0, with the mass matrix M. For actuators, `actuator_acc0` is
-the norm of M^-1 J^T. All worlds have the same poses at qpos0, so the Jacobians at the origins of bodies are computed
-once, on the host. M couples degrees of freedom only within a kinematic tree.
+the norm of M^-1 J^T. M couples degrees of freedom only within a kinematic tree.
+
+All worlds have the same poses at qpos0, so the Jacobians at the origins of bodies are computed once, on the host. The
+exception are trees that variants share, because the poses and axes of their joints differ by world.
 """
 
 from collections.abc import Container
 
+import mujoco
 import mujoco_warp as mjw
 import warp as wp
 
@@ -21,6 +24,7 @@ _LEAST = wp.constant(1.0e-15)
 """Smallest divisor in MuJoCo (mjMINVAL)."""
 _SLIDES = wp.constant(2)
 """Value of `body_simple` for a single body on slides. MuJoCo computes the weights of this body without armature."""
+_SLIDE = wp.constant(int(mujoco.mjtJoint.mjJNT_SLIDE))
 _LANES = 128
 """Lanes that share a world."""
 
@@ -45,18 +49,57 @@ def _mass(w: Derived, worldid: int, bodyid: int) -> float:
 
 
 @wp.func
+def _pose(w: Derived, worldid: int, bodyid: int):
+    """Return the position and the rotation matrix of a body at qpos0."""
+    root = w.shared_root[bodyid]
+    if root == 0:
+        return w.xpos[bodyid], w.xmat[bodyid]
+    pos = wp.vec3(0.0)
+    mat = wp.identity(3, dtype=float)
+    above = int(bodyid)
+    while above != root:
+        q = w.body_quat[worldid % w.body_quat.shape[0], above]
+        turn = quat_mat(wp.vec4(q[0], q[1], q[2], q[3]))
+        pos = w.body_pos[worldid % w.body_pos.shape[0], above] + turn * pos
+        mat = turn * mat
+        above = w.body_parentid[above]
+    return w.xpos[root] + w.xmat[root] * pos, w.xmat[root] * mat
+
+
+@wp.func
+def _motion(w: Derived, worldid: int, row: int, dofid: int) -> wp.vec3:
+    """Return the entry of `Derived.jacobian` for a row and a degree of freedom, in one world."""
+    nbody = w.body_end.shape[0]
+    bodyid, moved = row % nbody, w.dof_bodyid[dofid]
+    if row >= 2 * nbody or w.shared_root[moved] == 0 or w.shared_root[bodyid] != w.shared_root[moved]:
+        return w.jacobian[row, dofid]
+    if bodyid < moved or bodyid >= w.body_end[moved]:
+        return wp.vec3(0.0)
+    jointid = w.dof_jntid[dofid]
+    pos, mat = _pose(w, worldid, moved)
+    axis = mat * w.jnt_axis[worldid % w.jnt_axis.shape[0], jointid]
+    is_slide = w.jnt_type[jointid] == _SLIDE
+    if row >= nbody:
+        return wp.where(is_slide, wp.vec3(0.0), axis)
+    at, _ = _pose(w, worldid, bodyid)
+    anchor = pos + mat * w.jnt_pos[worldid % w.jnt_pos.shape[0], jointid]
+    return wp.where(is_slide, axis, wp.cross(axis, at - anchor))
+
+
+@wp.func
 def _arm(w: Derived, worldid: int, bodyid: int) -> wp.vec3:
     """Return the vector from a body's origin to the body's centre of mass, at qpos0."""
-    return w.xmat[bodyid] * w.body_ipos[worldid % w.body_ipos.shape[0], bodyid]
+    _, mat = _pose(w, worldid, bodyid)
+    return mat * w.body_ipos[worldid % w.body_ipos.shape[0], bodyid]
 
 
 @wp.func
 def _jacobian(w: Derived, worldid: int, row: int, dofid: int) -> wp.vec3:
-    """Return the entry of a row of `Derived.jacobian` for one degree of freedom, in one world."""
+    """Return the entry of a Jacobian's row, of a body at its centre of mass, and of an actuator with its gear."""
     nbody, nactuator = w.body_end.shape[0], w.actuator_gear.shape[1]
-    jac = w.jacobian[row, dofid]
+    jac = _motion(w, worldid, row, dofid)
     if row < nbody:
-        jac += wp.cross(w.jacobian[nbody + row, dofid], _arm(w, worldid, row))
+        jac += wp.cross(_motion(w, worldid, nbody + row, dofid), _arm(w, worldid, row))
     actuatorid = row + 2 * nactuator - w.jacobian.shape[0]
     if actuatorid >= 0:
         gear = w.actuator_gear[worldid % w.actuator_gear.shape[0], actuatorid]
@@ -85,9 +128,10 @@ def _mass_matrix(w: Derived, worldid: int, i: int, j: int) -> float:
     for bodyid in range(lower, w.body_end[lower]):  # bodies that i moves, but bodies that j does not move add 0
         q = w.body_iquat[worldid % w.body_iquat.shape[0], bodyid]
         inertia = w.body_inertia[worldid % w.body_inertia.shape[0], bodyid]
-        rotation = wp.transpose(w.xmat[bodyid] * quat_mat(wp.vec4(q[0], q[1], q[2], q[3])))
-        jacr_i = rotation * w.jacobian[w.body_end.shape[0] + bodyid, i]
-        jacr_j = rotation * w.jacobian[w.body_end.shape[0] + bodyid, j]
+        _, mat = _pose(w, worldid, bodyid)
+        rotation = wp.transpose(mat * quat_mat(wp.vec4(q[0], q[1], q[2], q[3])))
+        jacr_i = rotation * _motion(w, worldid, w.body_end.shape[0] + bodyid, i)
+        jacr_j = rotation * _motion(w, worldid, w.body_end.shape[0] + bodyid, j)
         jacp = wp.dot(_jacobian(w, worldid, bodyid, i), _jacobian(w, worldid, bodyid, j))
         total += _mass(w, worldid, bodyid) * jacp + wp.dot(wp.cw_mul(inertia, jacr_i), jacr_j)
     if i == j:
@@ -148,7 +192,8 @@ def _subtree(w: Derived, worldid: int, bodyid: int) -> wp.vec4:
     total = float(0.0)
     for i in range(bodyid, w.body_end[bodyid]):
         mass = _mass(w, worldid, i)
-        moment += mass * (w.xpos[i] + _arm(w, worldid, i))
+        pos, _ = _pose(w, worldid, i)
+        moment += mass * (pos + _arm(w, worldid, i))
         total += mass
     center = w.xpos[bodyid] + _arm(w, worldid, bodyid)
     if total >= _LEAST:

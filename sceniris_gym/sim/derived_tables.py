@@ -1,6 +1,7 @@
 """Constants for derived fields: poses and Jacobians at qpos0, and the memory layout of the mass matrix M."""
 
 import copy
+from collections.abc import Sequence
 
 import mujoco
 import numpy as np
@@ -23,6 +24,8 @@ class Derived:
         body_end: End of a body's subtree: the id after the last body of the subtree, shape (nbody,).
         dof_block: For each degree of freedom, the range of all degrees of freedom in its tree: the first, and the one
             after the last, shape (nv,).
+        shared_root: For each body below the root of a tree that variants share, the root, otherwise 0, shape (nbody,).
+            In rows and columns of these bodies, kernels compute poses and Jacobians from fields of each world.
         xpos, xmat: Poses of bodies, shape (nbody,).
         jacobian: Rows of Jacobians, shape (nrow, nv), vec3. The three degrees of freedom of a ball joint share one
             inverse weight, and so do the three rotations and the three translations of a free joint. The row of such a
@@ -37,6 +40,7 @@ class Derived:
     # Tables
     body_end: wp.array[int]
     dof_block: wp.array[wp.vec2i]
+    shared_root: wp.array[int]
     xpos: wp.array[wp.vec3]
     xmat: wp.array[wp.mat33]
     jacobian: wp.array2d[wp.vec3]
@@ -46,7 +50,14 @@ class Derived:
     inverse: wp.array4d[float]
     # Fields
     body_simple: wp.array[int]
+    body_parentid: wp.array[int]
+    body_pos: wp.array2d[wp.vec3]
+    body_quat: wp.array2d[wp.quat]
     dof_bodyid: wp.array[int]
+    dof_jntid: wp.array[int]
+    jnt_type: wp.array[int]
+    jnt_pos: wp.array2d[wp.vec3]
+    jnt_axis: wp.array2d[wp.vec3]
     cam_bodyid: wp.array[int]
     cam_targetbodyid: wp.array[int]
     light_bodyid: wp.array[int]
@@ -77,8 +88,11 @@ class Derived:
     light_dir0: wp.array2d[wp.vec3]
 
 
-def derived_tables(mjm: mujoco.MjModel, nworld: int) -> Derived:
-    """Return the `Derived` of a model, with scratch memory for `nworld` worlds, on the current device."""
+def derived_tables(mjm: mujoco.MjModel, nworld: int, roots: Sequence[int] = ()) -> Derived:
+    """Return the `Derived` of a model, with scratch memory for `nworld` worlds, on the current device.
+
+    `roots` has the root bodies of objects with variants.
+    """
     data = mujoco.MjData(mjm)  # at qpos0
     mujoco.mj_fwdPosition(mjm, data)
     trees = np.stack([mjm.tree_dofadr, mjm.tree_dofadr + mjm.tree_dofnum], axis=1)[mjm.dof_treeid]
@@ -88,6 +102,10 @@ def derived_tables(mjm: mujoco.MjModel, nworld: int) -> Derived:
     t = Derived()  # pyrefly: ignore[missing-argument]
     t.body_end = wp.array([subtree(mjm, b)[-1] + 1 for b in range(mjm.nbody)], dtype=int)
     t.dof_block = wp.array(trees, dtype=wp.vec2i, ndim=1)
+    shared_root = np.zeros(mjm.nbody, int)
+    for root in roots:
+        shared_root[subtree(mjm, root)[1:]] = root
+    t.shared_root = wp.array(shared_root, dtype=int)
     t.xpos, t.xmat = wp.array(data.xpos, dtype=wp.vec3), wp.array(data.xmat.reshape(-1, 3, 3), dtype=wp.mat33)
     rows = _jacobians(mjm, data)
     t.jacobian = wp.array(rows, dtype=wp.vec3, ndim=2)

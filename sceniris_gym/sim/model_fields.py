@@ -44,6 +44,7 @@ class ModelFields:
     """
 
     def __init__(self, scene: SceneModel, m: mjw.Model, d: mjw.Data, *, grow: bool) -> None:
+        self._roots = [scene.sim.bodies[name] for name in scene.config.variants]
         names, scene = fields_of_variants(scene), scene.sim
         self._scene, self._model, self._data, self._nworld, self._grow = scene, m, d, d.nworld, grow
         self.varied = {name: self._before(name, every=True) for name in names}
@@ -100,7 +101,7 @@ class ModelFields:
             self._known[each] = widen(self._model, each, self._nworld)
         with wp.ScopedDevice(self._model.qpos0.device):
             if self._derived is None and not self._nominal.keys().isdisjoint(FOLLOWS):
-                self._derived = derived_tables(self._scene.mjm, self._nworld)
+                self._derived = derived_tables(self._scene.mjm, self._nworld, self._roots)
         return self._known[name]
 
     def _before(self, name: str, *, every: bool = False) -> wp.array:

@@ -107,12 +107,13 @@ class _Bodies:
 
     def __init__(self, s: State, names: Sequence[str]) -> None:
         config, of_body, self._parts = s.variants.scene.config, np.full(s.mjm.nbody, -1), dict[int, PartBody]()
-        for i, (owner, _, part) in enumerate(name.partition("/") for name in names):
-            members = config.variants.get(owner, (owner,))
-            if any(part in config.objects[one].parts for one in members if one in config.objects):
+        known = {f"{config.owners.get(one, one)}/{part}" for one, of in config.objects.items() for part in of.parts}
+        for i, name in enumerate(names):
+            if name in known:
+                owner, _, part = name.partition("/")
                 self._parts[i] = PartBody(s.variants, owner, part, "ContactSensor")
             else:
-                of_body[find_body(s.scene, names[i], "ContactSensor")] = i
+                of_body[find_body(s.scene, name, "ContactSensor", known)] = i
         bodies = torch.tensor(s.mjm.geom_bodyid, dtype=torch.int64, device=s.device)
         self._number, self._body = torch.tensor(of_body, device=s.device)[bodies], bodies
 

@@ -21,10 +21,11 @@ def unknown(scene: SceneModel, kind: str, name: str, where: str, valid: Iterable
     return UnknownNameError(kind, name, f"scene '{scene.config.name}': {where}", valid)
 
 
-def find_body(scene: SceneModel, name: str, where: str) -> int:
+def find_body(scene: SceneModel, name: str, where: str, others: Iterable[str] = ()) -> int:
     """Return the id of a body, by the name of an object or a robot in the scene, or by the body's name in the model.
 
-    All lookups of this module take the name of their caller as `where`, for error messages.
+    All lookups of this module take the name of their caller as `where`, for error messages. Messages also list the
+    names `others`, which the caller looks up first.
 
     Raises:
         UnknownNameError: The scene has no such body.
@@ -32,8 +33,8 @@ def find_body(scene: SceneModel, name: str, where: str) -> int:
     check_type(name, str, f"{where}: name")
     body = _body(scene, name)
     if body < 0:
-        mjm = scene.mjm
-        raise unknown(scene, "body", name, where, {*scene.bodies, *(mjm.body(i).name for i in range(1, mjm.nbody))})
+        known = {*scene.bodies, *others, *(scene.mjm.body(i).name for i in range(1, scene.mjm.nbody))}
+        raise unknown(scene, "body", name, where, known)
     return body
 
 

@@ -122,6 +122,34 @@ def test_only_chosen_grasps_count(tmp_path_factory: pytest.TempPathFactory, patt
     pose[6, 0, 3:] = turned(pose[6, 0, 3:], 0.5)
     wrong = replace(table, grasp_pose=pose)
     assert causes(compiled, wrong) == {(4, "thing", "another grasp"), (6, "thing", "another grasp")}
+    scene["objects"]["thing"]["reachable"]["grasp"] = "top*"  # generated, because no site has such a name
+    compiled = compile_on_cpu(scene, bank=4)
+    assert causes(compiled, make_table(compiled, N, 3)) == set()
+
+
+def test_only_grasps_at_the_part_count(tmp_path_factory: pytest.TempPathFactory):
+    """A claim in a grasp at the root, or at a lid that is another joint, is named, where `grasp` is a part."""
+    folder = tmp_path_factory.mktemp("part")
+    asset, cube = crane_mjcf(folder), box_mjcf(folder, "cube", 0.04, 0.04, 0.04)
+    crane_map(asset)
+    site, geom = '<site name="grasp_{}" pos="{} 0 0.02" quat="0 1 0 0"/>', '<geom size="0.005" pos="0 0 0.03"/>'
+    lid = '<body name="{0}"><joint name="{0}" type="slide" axis="0 0 1" range="0 0.01" limited="true"/>{1}</body>'
+    lids = "".join(lid.format(f"lid_{i}", geom + site.format(f"lid_{i}", 0.005 * i)) for i in range(2))
+    text = Path(cube).read_text()
+    Path(cube).write_text(text.replace("</body>", f"{site.format('root', -0.005)}{lids}</body>", 1))
+    scene = crane_scene(asset, cube, reachable={"tier": "map", "grasp": "top"})
+    scene["objects"]["thing"] |= {"kind": "fixture", "parts": {"top": "lid_*"}}
+    compiled = compile_on_cpu(scene, bank=4)
+    table = make_table(compiled, N, 3)
+    assert causes(compiled, table) == set()
+    pose, data = table.grasp_pose.copy(), mujoco.MjData(compiled.mjm)
+    for row, name in ((4, "root"), (5, "lid_0"), (6, "lid_1")):
+        table.put(data, row)
+        mujoco.mj_kinematics(compiled.mjm, data)
+        at = compiled.mjm.site(f"thing/grasp_{name}").id
+        pose[row, 0] = np.hstack([data.site_xpos[at], quaternion(data.site_xmat[at].reshape(3, 3))])
+    expected = {(4, "thing", "another grasp"), (6, "thing", "another grasp")}
+    assert causes(compiled, replace(table, grasp_pose=pose)) == expected
 
 
 def turned(quat: np.ndarray, angle: float) -> np.ndarray:

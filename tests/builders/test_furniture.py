@@ -222,6 +222,10 @@ def test_numbers_out_of_range_are_refused(tmp_path: Path):
         sceniris_gym.furniture(tmp_path, n=0)
     with pytest.raises(errors.ArgumentError, match="height should be from"):
         sceniris_gym.furniture(tmp_path, height=3.0)
+    wrong: list[tuple[dict[str, Any], str]] = [({"n": 2.5}, "n should be an integer"), ({"num": 6}, "argument 'num'")]
+    for words, told in wrong:
+        with pytest.raises(errors.ArgumentTypeError, match=told):
+            sceniris_gym.furniture(tmp_path, **words)
     sceniris_gym.furniture(tmp_path, n=12)
     with pytest.raises(errors.ArgumentError, match="has other files, such as base_doors_0007"):
         sceniris_gym.furniture(tmp_path, n=6)

@@ -6,8 +6,11 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
+import pytest
 
+from sceniris_gym.errors import InfeasibleSceneError
 from sceniris_gym.layout.blame import _REMEDIES, Blame, _least_likely, _of_collision, _of_leaning, _rejections
+from sceniris_gym.layout.compile import compile_scene
 from sceniris_gym.layout.generate import LayoutGenerator
 from tests.layout.scenes import full_tray, make, posed, valid
 
@@ -46,6 +49,20 @@ def test_nothing_is_to_blame_in_a_layout(tmp_path: Path):
     assert len(rows.qpos) > 10
     for data in posed(compiled, rows):
         assert not any(blame.hits(data, number) for number in range(3))
+
+
+def test_variants_of_an_object_do_not_crowd_a_floor_together():
+    """A can that has no place in front of a wall of six variants is not told that the floor is full."""
+    assets = ["bottle", "can", "cereal_box", "mug", "orange", "tin"]
+    spot = {"on": "floor", "region": {"points": [[0.0, 0.0]]}}
+    scene = {
+        "floor": {"size": [4, 4]},
+        "objects": {"first": {"asset": assets, **spot}, "other": {"asset": "can", **spot}},
+    }
+    with pytest.raises(InfeasibleSceneError) as raised:
+        compile_scene(scene, "cpu")
+    assert "'other' could not be placed, mostly because of collision" in str(raised.value)
+    assert "were full" not in str(raised.value)
 
 
 def test_rejections_are_listed_by_object_and_cause():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import json
 from pathlib import Path
 from typing import Any
@@ -247,3 +248,62 @@ def test_drawn_physics_of_joints_scales_what_the_present_unit_has():
     scene["objects"]["unit0"]["asset"] = ["shelf", "counter"]
     with pytest.raises(SceneKeyError, match=r"unit0\.randomize\.damping: .* no selected element"):
         build_model(SceneConfig.load(scene))
+
+
+@pytest.mark.parametrize(("form", "ends"), [("scale", [0.5, 2.0]), ("abs", [4.0, 5.0]), ("add", [1.0, 2.0])])
+def test_drawn_masses_leave_out_what_the_present_unit_lacks(form: str, ends: list[float]):
+    """A body that a world does not use stays massless and at rest, and its joint without friction."""
+    scene = words([*UNITS])
+    scene["objects"]["unit0"] |= {"randomize": {"mass": {form: ends}, "frictionloss": {form: ends}}}
+    compiled = compile_scene(scene, "cpu")
+    randomizer, sim, full = simulated(compiled), compiled.sim_mjm, compiled.mjm
+    mass, inertia, friction = (
+        getattr(randomizer.model, name).numpy() for name in ("body_mass", "body_inertia", "dof_frictionloss")
+    )
+    for world, number in enumerate(randomizer.variants.numpy()[:, 0]):
+        own = own_joints(full, compiled.config.variants["unit0"][number])
+        for label, shared in own_joints(sim, "unit0").items():
+            body, dof = sim.jnt_bodyid[shared], sim.jnt_dofadr[shared]
+            theirs = own.get(label)
+            weight = 0.0 if theirs is None else full.body_mass[full.jnt_bodyid[theirs]]
+            turned = np.zeros(3) if theirs is None else full.body_inertia[full.jnt_bodyid[theirs]]
+            factor = mass[world, body] / weight if weight else 1.0
+            np.testing.assert_allclose(inertia[world, body], factor * turned, rtol=1e-5)
+            assert (mass[world, body] != weight) == (weight > 0.0)
+            nominal = 0.0 if theirs is None else full.dof_frictionloss[full.jnt_dofadr[theirs]]
+            assert (friction[world, dof] > 0.0) == (nominal > 0.0)
+    unused = ~used(compiled, randomizer.variants.numpy())
+    randomizer.data.qvel.assign(np.where(unused, 0.0, 0.2).astype(np.float32))
+    step(randomizer.model, randomizer.data, 20)
+    qvel = randomizer.data.qvel.numpy()
+    assert np.isfinite(qvel).all()
+    assert not qvel[unused].any()
+
+
+def test_weights_follow_drawn_masses_as_in_the_present_unit(tmp_path: Path):
+    """Inverse weights are those that MuJoCo C computes of each unit with the drawn mass, at its own poses and axes."""
+    geom = '<geom type="box" size=".1 .2 .05" pos=".1 .02 0" mass="2"/>'
+    knob = f'<body pos="0 .1 .2" euler="0 40 0"><joint type="slide" axis="0 1 1"/>{geom}</body>'
+    door = f'<body pos=".2 0 .3" euler="20 0 30"><joint pos="0 .3 .1" axis="1 2 0"/>{geom}{knob}</body>'
+    door += f'<body euler="9 0 5">{geom}{knob}</body>'
+    for name, body in (("odd", door), ("other", door.replace("20 0 30", "0 70 0").replace("1 2 0", "0 1 3"))):
+        text = f'<mujoco><worldbody><body name="{name}">{geom}{body}</body></worldbody></mujoco>'
+        (tmp_path / f"{name}.xml").write_text(text)
+    scene = words([*UNITS, str(tmp_path / "odd.xml"), str(tmp_path / "other.xml")])
+    scene["objects"]["unit0"] |= {"joints": {}, "randomize": {"mass": {"scale": [0.5, 2.0]}}}
+    compiled = compile_scene(scene, "cpu")
+    randomizer, full, bodies_of = simulated(compiled), compiled.mjm, compiled.scene.sim_bodies
+    mass, of_bodies, of_dofs = (
+        getattr(randomizer.model, name).numpy() for name in ("body_mass", "body_invweight0", "dof_invweight0")
+    )
+    members = compiled.config.variants["unit0"]
+    for world, number in enumerate(randomizer.variants.numpy()[:, 0]):
+        bodies, own = np.array(compiled.scene.subtree(members[number])), copy.copy(full)
+        own.body_mass[bodies] = mass[world, bodies_of[bodies]]
+        own.body_inertia[bodies] *= (own.body_mass / np.maximum(full.body_mass, 1e-9))[bodies, None]
+        mujoco.mj_setConst(own, mujoco.MjData(own))
+        np.testing.assert_allclose(of_bodies[world, bodies_of[bodies]], own.body_invweight0[bodies], rtol=1e-4)
+        for joint in np.flatnonzero(np.isin(full.jnt_bodyid, bodies)):
+            dof = compiled.sim_mjm.jnt_dofadr[compiled.scene.sim_joint(joint)]
+            assert of_dofs[world, dof] == pytest.approx(own.dof_invweight0[full.jnt_dofadr[joint]], rel=1e-4)
+    assert {*range(len(members))} == {*randomizer.variants.numpy()[:, 0].tolist()}

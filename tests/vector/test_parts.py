@@ -20,6 +20,7 @@ from sceniris_gym.layout.tables import make_table
 from sceniris_gym.program.compiled import CompiledScene
 from sceniris_gym.sim.batch import Batch
 from sceniris_gym.sim.randomizer import ResetRandomizer
+from sceniris_gym.vector.bodies import ContactSensor
 from sceniris_gym.vector.state import State
 from sceniris_gym.vector.task import Observation, Task
 from sceniris_gym.vector.vector_env import SceneVectorEnv
@@ -238,6 +239,8 @@ def test_wrong_names_of_joints(worlds: tuple[ResetRandomizer, State]):
         s.joint("unit", "opening")
     with pytest.raises(UnknownNameError, match="unknown joint of 'cabinet' 'opening'"):
         s.grasp("cabinet", part="opening")
+    with pytest.raises(UnknownNameError, match=r"ContactSensor: .* 'unit_1/openin'\. Did you mean 'unit_1/opening'"):
+        ContactSensor(s, "unit_2/opening", ["cabinet/top", "unit_1/openin"])
 
 
 def test_a_part_without_grasps(tmp_path: Path):
@@ -294,4 +297,7 @@ def test_an_arm_reaches_and_starts_at_a_part(folder: Path):
         compile_scene(scene | {"start": [{"robot": "home"}, closed | {"joints": {"unit/lid": {"value": 0.0}}}]}, "cpu")
     unit |= {"parts": {"opening": {"default": "front_*", "base_drawers_0000": None}}}
     with pytest.raises(UnknownNameError, match=r"objects\.unit/base_drawers_0000\.grasp: unknown grasp 'opening'"):
+        compile_scene(scene, "cpu")
+    unit |= {"parts": {"opening": "front_*"}, "reachable": {"tier": "ik", "grasp": "openin"}}
+    with pytest.raises(UnknownNameError, match=r"unknown grasp 'openin'\. Did you mean 'opening'"):
         compile_scene(scene, "cpu")
